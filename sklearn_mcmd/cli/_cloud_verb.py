@@ -1,6 +1,6 @@
 """What ``denoise``, ``normals``, ``segment`` and ``edges`` share: options, help, and the run."""
 
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from inspect import signature
 from types import SimpleNamespace
@@ -14,8 +14,9 @@ from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.io._formats import TILED_NAMES
 from sklearn_mcmd.io._point_cloud import has_colors
+from sklearn_mcmd.io._rehearsal import rehearse
 
-__all__ = ["BY_TILES", "CloudVerb", "counts", "tiles_row"]
+__all__ = ["BY_TILES", "CloudVerb", "tiles_row"]
 
 BY_TILES = """
 LAS and LAZ that need more than --memory, and folders, get tiles, with the same results; --dry-run
@@ -107,8 +108,8 @@ class CloudVerb:
     def write(self, cloud, found):
         _files.write(self.target, *self.written(cloud, found))
 
-    def told(self, cloud, found):
-        """The `counts` of what was found."""
+    def counts(self, cloud, found):
+        """Numbers of what was found in memory, by the names of `RunReport`."""
 
     def contents(self, cloud, found, told):
         """The `Contents` of a report."""
@@ -130,10 +131,10 @@ class CloudVerb:
 
     def in_memory(self):
         cloud = _files.read(self.source, self.target, self.results, columns=self.columns)
-        _files.rehearse(self.target, *self.written(cloud), whole=self.writes_all)
+        rehearse(self.target, *self.written(cloud), whole=self.writes_all)
         with _files.working(self.source):
             found = self.find(cloud)
-            told = self.told(cloud, found)
+            told = SimpleNamespace(n_points=len(cloud), n_tiles=0, **self.counts(cloud, found))
         self.write(cloud, found)
         return told, lambda: self.contents(cloud, found, told)
 
@@ -154,38 +155,28 @@ class CloudVerb:
 
     def run(self):
         from sklearn_mcmd._sklearn import check_parameters
-
-        check_parameters(self.estimator())
-        if self.scheduler is None:
-            engine = nullcontext()
-        else:
-            from sklearn_mcmd.cli._scheduler import joblib_by
-
-            engine = joblib_by(self.scheduler)
-        with engine:
-            self._run(_messages.stopwatch())
-
-    def _run(self, seconds):
         from sklearn_mcmd.cli._large import large_catalog, print_plan
 
-        catalog = large_catalog(self)
-        self.check(catalog)
-        if self.dry_run:
-            print_plan(self, catalog)
-            return
-        there = {"report": self.report, "catalog": catalog}
-        _files.refuse_existing(self.no_clobber, *self.outputs(), **there)
-        with progress(type(self).__name__.lower(), self.quiet):
-            told, contents = self.in_memory() if catalog is None else self.by_tiles(catalog)
-            write_report_of(self, seconds, contents)
-        if not self.quiet:
-            files = self.source, self.target
-            _messages.print_summary(*files, told.n_points, seconds(), **self.rows(told))
+        check_parameters(self.estimator())
+        seconds = _messages.stopwatch()
+        with ExitStack() as stack:
+            if self.scheduler is not None:
+                from sklearn_mcmd.cli._scheduler import joblib_by
 
-
-def counts(n_points, **others):
-    """What was found in memory, by the names of `RunReport`; there are no tiles."""
-    return SimpleNamespace(n_points=n_points, n_tiles=0, **others)
+                stack.enter_context(joblib_by(self.scheduler))
+            catalog = large_catalog(self)
+            self.check(catalog)
+            if self.dry_run:
+                print_plan(self, catalog)
+                return
+            there = {"report": self.report, "catalog": catalog}
+            _files.refuse_existing(self.no_clobber, *self.outputs(), **there)
+            with progress(type(self).__name__.lower(), self.quiet):
+                told, contents = self.in_memory() if catalog is None else self.by_tiles(catalog)
+                write_report_of(self, seconds, contents)
+            if not self.quiet:
+                files = self.source, self.target
+                _messages.print_summary(*files, told.n_points, seconds(), **self.rows(told))
 
 
 def tiles_row(told):

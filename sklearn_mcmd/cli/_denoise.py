@@ -10,19 +10,42 @@ import typer
 
 import sklearn_mcmd
 from sklearn_mcmd._choices import Mode, OutlierMethod, Strictness
-from sklearn_mcmd.cli import _files, _options, _point_selection, _sensor
-from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, counts, tiles_row
+from sklearn_mcmd.cli import _options, _sensor
+from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._options import length, option
-from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
-from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
+from sklearn_mcmd.io._classes import LOW_NOISE, Choice, class_numbers, noise_classes
+from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._point_cloud import (
+    PointFileError,
+    denoised_before,
+    with_results,
+    without_outliers,
+)
 from sklearn_mcmd.io._sensor import rows_of_sensor
+from sklearn_mcmd.planes._resolution import in_own_precision
 
 __all__ = ["denoise"]
 
 PAPER = "paper"  # the level that is None in Python
 MANY_EXACT = 0.01  # share of points without a scale that is warned of
+
+
+def _classes(text):
+    """Classes, separated by commas."""
+    try:
+        numbers = [int(part) for part in text.split(",")]
+    except ValueError:
+        numbers = [None]
+    try:
+        return class_numbers(numbers)
+    except ValueError as err:
+        raise typer.BadParameter(f"{text} {err}, such as 6,9") from err
+
+
+HEIGHT = {"metavar": "HEIGHT", "hidden": True, "signed": True}
+CLASSES = {"parser": _classes, "metavar": "CLASSES"}
 
 
 @dataclass
@@ -74,18 +97,22 @@ class Denoise(CloudVerb):
         "Share of outliers, up to 0.5, in place of --cutoff.",
         metavar="SHARE",
     )
-    ignore_class: tuple | None = _point_selection.classes_option(
-        "Leave points of these classes alone, such as 6,9."
+    ignore_class: tuple | None = option(
+        None, "Leave points of these classes alone, such as 6,9.", **CLASSES
     )
-    only_class: tuple | None = _point_selection.classes_option(
-        "Leave all but points of these classes alone."
+    only_class: tuple | None = option(
+        None, "Leave all but points of these classes alone.", **CLASSES
     )
-    above: float | None = _point_selection.height_option(
+    above: float | None = length(
+        None,
         "Judge only points that are higher than this over the ground (class 2): over the mean of "
-        "the three ground points that are nearest in plan. All are used."
+        "the three ground points that are nearest in plan. All are used.",
+        **HEIGHT,
     )
-    below: float | None = _point_selection.height_option(
-        "Judge only points that are lower than this over the ground; -0.5 is half a unit under it."
+    below: float | None = length(
+        None,
+        "Judge only points that are lower than this over the ground; -0.5 is half a unit under it.",
+        **HEIGHT,
     )
     low_groups: bool = option(
         False,
@@ -144,11 +171,19 @@ class Denoise(CloudVerb):
         """What is `Found`."""
         if cloud.metadata.get("denoised"):
             warnings.warn(denoised_before(self.source), stacklevel=2)
-        points = _point_selection.judged_points(self.source, cloud, self.choice, **self.heights)
+        points = judged_points(self.source, cloud, self.choice, **self.heights)
         some = cloud if points.used.all() else cloud.subset(points.used)
         detector, sensed = self._detect(cloud, some, points.used)
         classes, score, under = _verdict(cloud, points, detector, self.low_groups)
-        return Found(some, points, detector, classes, score, under, sensed)
+        return Found(
+            some=some,
+            points=points,
+            detector=detector,
+            classes=classes,
+            score=score,
+            under=under,
+            sensed=sensed,
+        )
 
     def _detect(self, cloud, some, used):
         """The detector that judged some of the points, and rows on the sensor."""
@@ -160,7 +195,7 @@ class Denoise(CloudVerb):
             self.asked.recognize or self.asked.sensor == _sensor.AUTO
         )
         detector = self.estimator().set_params(sensor_origin=_sensor.AUTO if doubted else None)
-        detector.fit(_files.coordinates(some), sensor_origin=origins, intensity=light)
+        detector.fit(in_own_precision(some.xyz), sensor_origin=origins, intensity=light)
         judged = judged_cloud(detector)
         where = "" if judged.rays is None else where  # it is not used
         return detector, rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
@@ -173,7 +208,7 @@ class Denoise(CloudVerb):
             return with_results(cloud, {"outlier_score": score}), classes
         return without_outliers(cloud, classes == 0), None
 
-    def told(self, cloud, found):
+    def counts(self, cloud, found):
         from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
         from sklearn_mcmd.outliers._volumes import losses_of
 
@@ -183,14 +218,13 @@ class Denoise(CloudVerb):
         together = losses_of(found.detector, lambda: [(found.some.xyz, removed)], len(found.some))
         if together:
             warnings.warn(together, stacklevel=2)
-        return counts(
-            len(cloud),
-            n_judged=np.count_nonzero(found.points.judged),
-            n_used=len(found.some),
-            n_outliers=np.count_nonzero(is_outlier),
-            together=together,
-            sensor=found.sensed,
-        )
+        return {
+            "n_judged": np.count_nonzero(found.points.judged),
+            "n_used": len(found.some),
+            "n_outliers": np.count_nonzero(is_outlier),
+            "together": together,
+            "sensor": found.sensed,
+        }
 
     def rows(self, told):
         rows = {}
@@ -244,18 +278,47 @@ class Denoise(CloudVerb):
         from sklearn_mcmd.report._denoise import Verdict, denoise_contents
 
         n_others = told.n_points - told.n_used
-        verdict = Verdict(n_outliers, told.n_used, n_others, cutoff, told.sensor)
+        verdict = Verdict(
+            n=n_outliers, n_all=told.n_used, n_others=n_others, cutoff=cutoff, sensor=told.sensor
+        )
         return denoise_contents(shown, verdict, marked=self.marks, together=told.together, **judged)
 
 
 denoise = command_of(Denoise, more=BY_TILES)
 
 
+class Judged(NamedTuple):
+    """Points of a cloud (n,)."""
+
+    used: np.ndarray  # bool: they are judged, or others are judged by them
+    judged: np.ndarray  # bool: they may be outliers
+    ground: np.ndarray | None  # bool, where heights are asked for
+
+
+def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):
+    """The `Judged` points of a cloud; errors name its source."""
+    from sklearn_mcmd.io._ground import NONE_JUDGED, HeightLimits, ground_of, heights_over_ground
+
+    with one_clear_line(source, "read"):
+        used, ground = choice.of(cloud), None
+        if used is None:
+            used = np.ones(len(cloud), bool)
+        judged = used
+        if low_groups or above is not None or below is not None:
+            ground = ground_of(cloud)
+        if above is not None or below is not None:
+            heights = heights_over_ground(cloud.xyz, ground)
+            judged = used & HeightLimits(above, below).judged(heights)
+        if not judged.any():
+            raise PointFileError(NONE_JUDGED)
+    return Judged(used, judged, ground)
+
+
 class Found(NamedTuple):
     """What was found in a cloud in memory."""
 
     some: object  # the points that were used, as a cloud
-    points: _point_selection.Judged
+    points: Judged
     detector: object
     classes: np.ndarray  # of each outlier as noise, 0 of others
     score: np.ndarray  # NaN where none is judged

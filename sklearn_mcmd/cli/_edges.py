@@ -6,12 +6,13 @@ import numpy as np
 
 import sklearn_mcmd
 from sklearn_mcmd._choices import Criterion
-from sklearn_mcmd.cli import _files, _options
-from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, counts, tiles_row
+from sklearn_mcmd.cli import _options
+from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._options import option
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.planes._resolution import in_own_precision
 
 __all__ = ["edges"]
 
@@ -56,7 +57,7 @@ class Edges(CloudVerb):
         return self.made(sklearn_mcmd.SharpFeatureDetector, outlier_detector=detector)
 
     def find(self, cloud):
-        return self.estimator().fit(_files.coordinates(cloud))
+        return self.estimator().fit(in_own_precision(cloud.xyz))
 
     def written(self, cloud, detector=None):
         from sklearn_mcmd.plotting._still import edge_columns
@@ -66,8 +67,8 @@ class Edges(CloudVerb):
             is_edge, score = _verdict(detector)
         return with_results(cloud, edge_columns(is_edge, score, self.colored(cloud))), None
 
-    def told(self, cloud, detector):
-        return counts(len(cloud), n_edges=np.count_nonzero(_verdict(detector)[0]))
+    def counts(self, cloud, detector):
+        return {"n_edges": np.count_nonzero(_verdict(detector)[0])}
 
     def tile_options(self):
         return {"colors": self.colors}

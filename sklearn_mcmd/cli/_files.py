@@ -1,33 +1,27 @@
 """Reading and writing by the verbs. Errors of writing appear before the long work."""
 
 import os
-import tempfile
 import warnings
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.io._files import check_writable, one_clear_line, system_error
 from sklearn_mcmd.io._formats import ALL, INDEX, TILED, format_of, supported_extensions
-from sklearn_mcmd.io._grid import scale_of
 from sklearn_mcmd.io._no_returns import TOLD
 from sklearn_mcmd.io._point_cloud import joined
+from sklearn_mcmd.io._rehearsal import naming, rehearse
 from sklearn_mcmd.planes._resolution import coarse_warning, in_own_precision
 from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = [
-    "coordinates",
     "files_of",
     "is_several",
     "naming",
     "read",
     "read_all",
     "refuse_existing",
-    "rehearse",
-    "standing_in",
     "warn_if_coarse",
     "working",
     "write",
@@ -38,27 +32,13 @@ USUAL_NEIGHBORS = 50
 WORKING = (0.04, 0.97)
 
 
-def coordinates(cloud):
-    """Coordinates in their real precision. The estimators warn if float32 is too coarse."""
-    return in_own_precision(cloud.xyz)
-
-
 def warn_if_coarse(cloud):
     """Warn as estimators with neighborhoods do, for a verb whose estimator has none."""
-    if coordinates(cloud).dtype == np.float32:
+    if in_own_precision(cloud.xyz).dtype == np.float32:
         from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
         if coarse := coarse_warning(NeighborIndex(cloud.xyz, USUAL_NEIGHBORS)):
             warnings.warn(coarse, stacklevel=2)
-
-
-@contextmanager
-def naming(path):
-    """Name the file in the system's errors of writing."""
-    try:
-        yield
-    except OSError as err:
-        raise system_error(path, "written", err) from err
 
 
 def is_several(source):
@@ -141,35 +121,5 @@ def working(source, stage=None):
 
 
 def write(target, cloud, noise=None):
-    with progress_part(WORKING[1], 1.0, "writing"), naming(target):
+    with progress_part(WORKING[1], 1.0, "writing"):
         write_points(target, cloud, noise=noise)
-
-
-def rehearse(target, cloud, noise=None, *, whole=True):
-    """Write one point beside `target`, so that errors appear before the long work.
-
-    `whole` says that all points will be written.
-    """
-    if whole and target.suffix.lower() in TILED and "las_header" not in cloud.metadata:
-        with one_clear_line(target, "written"):
-            scale_of(cloud.xyz)
-    first = cloud.subset(slice(0, 1))
-    with standing_in(target) as stand_in:
-        write_points(stand_in, first, noise=None if noise is None else noise[:1])
-
-
-@contextmanager
-def standing_in(target):
-    """A path beside `target` for trial writing; errors name `target` itself."""
-    real = check_writable(target)
-    with (
-        naming(target),
-        tempfile.TemporaryDirectory(prefix=".mcmd-", dir=real.parent) as folder,
-        warnings.catch_warnings(),
-    ):
-        warnings.simplefilter("ignore")  # the real writing will give them
-        stand_in = Path(folder) / target.name
-        try:
-            yield stand_in
-        except ValueError as err:
-            raise ValueError(str(err).replace(str(stand_in), str(target))) from err

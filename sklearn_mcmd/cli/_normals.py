@@ -9,12 +9,13 @@ import typer
 
 import sklearn_mcmd
 from sklearn_mcmd._choices import RuleMethod
-from sklearn_mcmd.cli import _files, _options, _sensor
-from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, counts, tiles_row
+from sklearn_mcmd.cli import _options, _sensor
+from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._options import length, option
 from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.planes._resolution import in_own_precision
 
 __all__ = ["normals"]
 
@@ -120,7 +121,7 @@ class Normals(CloudVerb):
     def find(self, cloud):
         """The fitted estimator, and a row of the summary on the sensor."""
         origins, sensed = self.asked.of_normals(cloud)
-        fitted = self.estimator().fit(_files.coordinates(cloud), sensor_origin=origins)
+        fitted = self.estimator().fit(in_own_precision(cloud.xyz), sensor_origin=origins)
         return fitted, sensed
 
     def written(self, cloud, found=None):
@@ -131,18 +132,17 @@ class Normals(CloudVerb):
             results = _results(found[0])
         return with_results(cloud, results), None
 
-    def told(self, cloud, found):
+    def counts(self, cloud, found):
         from sklearn_mcmd.planes._orientation import count_upright
 
         fitted, sensed = found
         results = _results(fitted)
-        return counts(
-            len(cloud),
-            removed_fraction=results["removed_fraction"].mean(dtype=np.float64),
-            n_upright=count_upright(fitted.normals_),
-            variation=np.median(results["surface_variation"]),
-            sensor=sensed,
-        )
+        return {
+            "removed_fraction": results["removed_fraction"].mean(dtype=np.float64),
+            "n_upright": count_upright(fitted.normals_),
+            "variation": np.median(results["surface_variation"]),
+            "sensor": sensed,
+        }
 
     def tile_options(self):
         return {"sensor_origin": self.asked.path()}

@@ -77,12 +77,6 @@ def _columns(text):
     return columns
 
 
-def _not_zero(value):
-    if value == 0:
-        raise typer.BadParameter("0 threads cannot work; -1 is one a processor")
-    return value
-
-
 InFiles = Annotated[
     Path,
     typer.Argument(
@@ -110,10 +104,7 @@ RandomState = Annotated[
     ),
 ]
 NJobs = Annotated[
-    int,
-    typer.Option(
-        callback=_not_zero, help="Number of threads. -1: one for each processor.", hidden=True
-    ),
+    int, typer.Option(help="Number of threads. -1: one for each processor.", hidden=True)
 ]
 Columns = Annotated[
     dict | None,

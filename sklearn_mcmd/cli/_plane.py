@@ -25,6 +25,7 @@ from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import writing_parts
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.io._rehearsal import rehearse, standing_in
 from sklearn_mcmd.planes._resolution import coordinate_step
 
 __all__ = ["plane"]
@@ -225,7 +226,7 @@ class Plane:
 
             targets_of(catalog, self.target)
         for path in (text,) if catalog is not None else (self.target, text):
-            with _files.standing_in(path):
+            with standing_in(path):
                 pass
         try:
             import_extra("matplotlib", "plot", "the figure")
@@ -234,7 +235,7 @@ class Plane:
                 raise
             warnings.warn(f"{err}; the text alone is written", stacklevel=2)
             return text, None
-        with _files.standing_in(plot):
+        with standing_in(plot):
             pass
         return text, plot
 
@@ -247,7 +248,7 @@ class Plane:
             return PointCloud(np.concatenate([cloud.xyz for cloud in clouds]))
         cloud = _files.read(self.source, self.target, "results of a test", columns=self.columns)
         none = np.zeros(len(cloud))
-        _files.rehearse(self.target, *_tested(cloud, none > 0, none, none))
+        rehearse(self.target, *_tested(cloud, none > 0, none, none))
         return cloud
 
     def _further(self, detector, cloud):
@@ -274,14 +275,12 @@ class Plane:
         with ExitStack() as stack:
             temporary = stack.enter_context(replacing(text_file))
             text = text_report(detector, cloud.xyz, title=title, unit=self.unit, **more)
-            with _files.naming(text_file):
-                text += _record(self.source, self.target, plot)
-                temporary.write_text(text, encoding="utf-8", errors="replace")
+            text += _record(self.source, self.target, plot)
+            temporary.write_text(text, encoding="utf-8", errors="replace")
             if plot is not None:
                 temporary = stack.enter_context(replacing(plot))
                 figure = plot_report(detector, cloud.xyz, title=title, unit=self.unit)
-                with _files.naming(plot):
-                    figure.savefig(temporary, dpi=150)
+                figure.savefig(temporary, dpi=150)
             results = (detector.labels_ == -1, detector.test_statistic_, residuals)
             if catalog is None:
                 _files.write(self.target, *_tested(cloud, *results))

@@ -8,7 +8,7 @@ import os
 import numpy as np
 import typer
 
-from sklearn_mcmd.cli._files import standing_in
+from sklearn_mcmd.io._rehearsal import standing_in
 
 __all__ = ["check_regions_file", "write_regions"]
 

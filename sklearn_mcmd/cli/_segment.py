@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 
 import sklearn_mcmd
-from sklearn_mcmd.cli import _files, _options
-from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, counts, tiles_row
+from sklearn_mcmd.cli import _options
+from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._options import length, option
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.planes._resolution import in_own_precision
 
 __all__ = ["segment"]
 
@@ -89,7 +90,7 @@ class Segment(CloudVerb):
         return self.made(sklearn_mcmd.RegionGrowing, **own)
 
     def find(self, cloud):
-        return self.estimator().fit(_files.coordinates(cloud))
+        return self.estimator().fit(in_own_precision(cloud.xyz))
 
     def written(self, cloud, fitted=None):
         from sklearn_mcmd.plotting._still import region_columns
@@ -104,13 +105,12 @@ class Segment(CloudVerb):
         from sklearn_mcmd.cli._region_files import write_regions
 
         with replacing(self.regions) as temporary:  # no file is replaced before both are written
-            with _files.naming(self.regions):
-                write_regions(temporary, fitted.regions_)
+            write_regions(temporary, fitted.regions_)
             super().write(cloud, fitted)
 
-    def told(self, cloud, fitted):
+    def counts(self, cloud, fitted):
         n_inside, sizes = np.count_nonzero(fitted.labels_ >= 0), fitted.region_sizes_
-        return counts(len(cloud), n_regions=len(sizes), n_inside=n_inside, largest=sizes)
+        return {"n_regions": len(sizes), "n_inside": n_inside, "largest": sizes}
 
     def tile_options(self):
         return {"colors": self.colors}

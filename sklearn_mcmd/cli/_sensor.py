@@ -70,8 +70,7 @@ class Asked(NamedTuple):
 
     def work(self, work, *, rays):
         """The name of some work by tiles, as of `plan_run`, where the sensor may be known."""
-        known = self.sensor is not None or self.trajectory is not None
-        if rays and (known or (self.recognize and self._may_be_seen())):
+        if rays and (self.sensor is not None or self.trajectory is not None or self._may_be_seen()):
             work = f"{work}, rays"
         if self.trajectory is not None:
             return f"{work}, trajectory"
@@ -82,7 +81,8 @@ class Asked(NamedTuple):
         far away. What it shows is known when it is read."""
         from sklearn_mcmd.outliers._rays import one_far_position
 
-        if not self.source.is_file() or self.source.suffix.lower() not in TILED:
+        is_tiled = self.source.is_file() and self.source.suffix.lower() in TILED
+        if not (self.recognize and is_tiled):
             return False
         try:
             header = read_header(self.source)

@@ -12,6 +12,7 @@ from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._options import option
 from sklearn_mcmd.cli._progress_bar import progress
+from sklearn_mcmd.io._rehearsal import standing_in
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -75,7 +76,7 @@ class View:
         from sklearn_mcmd.view._page import check_suffix, cloud_page
 
         check_suffix(self.page)
-        with _files.standing_in(self.page) as stand_in:
+        with standing_in(self.page) as stand_in:
             stand_in.touch()
         clouds, n = [], len(self.sources)
         for number, source in enumerate(self.sources):

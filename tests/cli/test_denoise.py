@@ -43,16 +43,6 @@ def test_mark_keeps_all_points_and_gives_outliers_class_7_or_18_in_laz(room, roo
     np.testing.assert_array_equal(out.attributes["intensity"], np.arange(len(outlier)))
 
 
-@pytest.mark.parametrize("extension", ["csv", "npz", "pcd", "ply"])
-def test_mark_writes_an_outlier_column_in_other_formats(extension, room, room_file, tmp_path):
-    path = tmp_path / f"out.{extension}"
-    if extension in ("pcd", "ply"):
-        pytest.importorskip({"pcd": "pypcd4", "ply": "plyfile"}[extension])
-    assert run("denoise", room_file, path, "--mode", "mark").exit_code == 0
-    marked = read_points(path).attributes["outlier"].astype(bool)
-    np.testing.assert_array_equal(marked, expected_outliers(room.xyz))
-
-
 @pytest.fixture
 def mixed(room):
     """The room, a plane in coarse steps, and a ghost of twelve points in the air."""
@@ -104,16 +94,6 @@ def test_the_summary_states_points_share_removed_and_seconds(room, room_file, tm
     assert lines[2][0] == "seconds"
     assert float(lines[2][1]) >= 0
     assert result.stderr == ""
-
-
-def test_few_points_give_one_warning_line_and_an_answer(room, tmp_path):
-    write_points(tmp_path / "few.csv", room.subset(slice(0, 30)))
-    result = run("denoise", tmp_path / "few.csv", tmp_path / "out.csv")
-    assert result.exit_code == 0
-    assert result.stderr == (
-        "mcmd: warning: --n-neighbors 50 is more than the number of distinct points, 30 of 30 "
-        "points: neighborhoods of all of them are used.\n"
-    )
 
 
 @pytest.mark.parametrize("strictness", ["surfaces", "paper"])

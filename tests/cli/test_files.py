@@ -74,16 +74,6 @@ def test_single_precision_fine_enough_is_taken_without_a_word(verb, room, tmp_pa
     assert (result.exit_code, result.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("verb", [*VERBS, "view", "info"])
-def test_degrees_beside_meters_are_warned_of(verb, tmp_path):
-    X = np.random.default_rng(0).normal(size=(200, 3)) * [1, 1, 0.003]
-    write_points(tmp_path / "in.csv", X / [111_000, 111_000, 1] * [1, 1, 300] + [13.4, 52.5, 9])
-    target = {"view": ["-o", tmp_path / "out.html"], "info": []}.get(verb, [tmp_path / "out.npy"])
-    result = run(verb, tmp_path / "in.csv", *target)
-    assert "x and y seem to be degrees and heights are not" in result.stderr, result.output
-    assert "project the cloud first" in result.stderr
-
-
 # ---- bad input: exit code 1, one line, nothing written --------------------------------------
 
 

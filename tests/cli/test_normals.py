@@ -122,10 +122,6 @@ def test_where_noise_decides_the_side_of_many_the_option_is_named(small_machine,
         ["--sensor", "1,2,3"],
         ["--trajectory", "path.csv"],
         ["--orientation", "sensor", "--sensor", "1,2,3", "--trajectory", "path.csv"],
-        ["--orientation", "sensor", "--sensor", "1,2"],
-        ["--orientation", "sensor", "--sensor", "1,2,here"],
-        ["--orientation", "sensor", "--sensor", "1,2,nan"],
-        ["--orientation", "down"],
     ],
 )
 def test_a_wrong_sensor_is_wrong_usage(options, room_file, tmp_path):

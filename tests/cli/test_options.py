@@ -74,7 +74,6 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("denoise", "--above", ["nan", "high"]),
         ("denoise", "--ignore-class", ["a"]),
         ("denoise", "--only-class", ["3,256"]),
-        ("denoise", "--n-jobs", ["0"]),
         ("denoise", "--sensor", ["1,2", "1,2,x", "0,0,nan", "", "origin"]),
         ("normals", "--radius", ["0", "-1", "nan"]),
         ("normals", "--cutoff", ["0", "nan"]),

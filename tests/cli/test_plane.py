@@ -324,18 +324,3 @@ def test_without_an_output_nothing_can_be_written(options, wall_file, tmp_path):
     assert result.exit_code == 2
     assert "is missing. It can be left out if there are no" in " ".join(result.stderr.split())
     assert files_in(tmp_path) == ["wall.laz"]
-
-
-@pytest.mark.parametrize(
-    ("width", "unit"), [("0.05", "m"), ("50mm", "m"), ("5 cm", "m"), ("50", "mm")]
-)
-def test_a_tolerance_has_the_unit_of_the_file_or_its_own(width, unit, wall_file, tmp_path):
-    result = run(
-        *("plane", wall_file, tmp_path / "out.laz", "--sigma0", 0.004),
-        *("--tolerance", width, "--unit", unit),
-    )
-    assert result.exit_code == 0, result.output
-    assert ("exceeded" in result.stdout) == (unit == "m")  # 60 points bulge by 32 to 120 mm
-    shown = 50 if unit == "mm" else 0.05
-    text = (tmp_path / "out_report.txt").read_text(encoding="utf-8")
-    assert f"tolerance             {shown:g} {unit} between" in text

@@ -177,12 +177,3 @@ def test_what_a_run_warned_of_stands_on_its_page(verb, room_file, tmp_path):
     result = run(verb, room_file, tmp_path / "o.laz", "--report", tmp_path / "r")
     assert "warning" not in result.stderr
     assert warnings_on(tmp_path / "r" / "index.html") == []  # of another run
-
-
-def test_what_a_run_by_tiles_warned_of_stands_on_its_page(small_machine, tmp_path):
-    options = ("--memory", "2MB", "--n-jobs", 1, "--report", tmp_path / "r")
-    result = run("denoise", degrees_file(tmp_path, 6_000), tmp_path / "o.laz", *options)
-    assert "tiles" in result.stdout, result.output
-    warned = warnings_on(tmp_path / "r" / "index.html")
-    assert [f"mcmd: warning: {text}" for text in warned] == result.stderr.splitlines()
-    assert "x and y seem to be degrees" in warned[0]

@@ -104,16 +104,7 @@ def outcome_of(moment, *args, **variables):
     return done.returncode, done.stdout, done.stderr
 
 
-def printed_by(code):
-    """What a program prints in whose name signals are handled, and what it says of errors."""
-    begin = (
-        "from sklearn_mcmd.runtime._interrupts import *\nhandle_signals('mcmd')\nimport signal\n"
-    )
-    done = subprocess.run([sys.executable, "-c", begin + code], capture_output=True, text=True)
-    return done.stdout, done.stderr
-
-
-@pytest.mark.parametrize("name", ["sklearn_mcmd._extras", "typer", "numpy", "sklearn"])
+@pytest.mark.parametrize("name", ["sklearn_mcmd._extras", "numpy"])
 def test_ctrl_c_ends_in_one_line_while_modules_are_imported(name, room_file, tmp_path):
     moment = IMPORTING.format(name=name)
     outcome = outcome_of(moment, "denoise", room_file, tmp_path / "out.npy")
@@ -165,63 +156,70 @@ def test_ctrl_c_does_not_change_how_a_command_has_ended_while_python_clears_up(r
     assert (code, err) == (1, f"mcmd: error: {tmp_path / 'none.laz'}: no such file\n")
 
 
-def test_a_verb_within_another_one_does_not_end_its_interrupts():
-    code = (
-        "with raise_interrupts():\n"
-        "    with raise_interrupts():\n"
-        "        ignore_interrupts()\n"
-        "    try:\n"
-        "        signal.raise_signal(signal.SIGINT)\n"
-        "    except KeyboardInterrupt:\n"
-        "        print('interrupted')\n"
-        "    ignore_interrupts()\n"
-        "    signal.raise_signal(signal.SIGINT)\n"
-        "signal.raise_signal(signal.SIGINT)\n"
-        "print('done')\n"
+WITHIN_ANOTHER = """
+with raise_interrupts():
+    with raise_interrupts():
+        ignore_interrupts()
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        print("interrupted")
+    ignore_interrupts()
+    signal.raise_signal(signal.SIGINT)
+signal.raise_signal(signal.SIGINT)
+"""
+TURNED_INTO_ANOTHER_ERROR = """
+import typer
+from sklearn_mcmd.cli._messages import clear_exits
+try:
+    with clear_exits():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except BaseException:
+            raise ImportError("cannot import half of it")
+except typer.Exit as end:
+    print(end.exit_code)
+"""
+FORGOTTEN_BY_A_CALLBACK = """
+import time
+class Forgets:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+try:
+    with raise_interrupts():
+        Forgets()
+        begin = time.monotonic()
+        time.sleep(600)
+        print("forgotten")
+except KeyboardInterrupt:
+    print("came again", time.monotonic() - begin < 500)
+"""
+IGNORED = """
+both = signal.SIGINT, signal.SIGHUP  # as of nohup
+for number in both:
+    signal.signal(number, signal.SIG_IGN)
+handle_signals("mcmd")
+for number in both:
+    signal.raise_signal(number)
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "printed", "error"),
+    [
+        (WITHIN_ANOTHER, "interrupted\n", ""),
+        (TURNED_INTO_ANOTHER_ERROR, "130\n", "mcmd: interrupted\n"),
+        (FORGOTTEN_BY_A_CALLBACK, "came again True\n", ""),
+        (IGNORED, "", ""),
+    ],
+    ids=["within", "turned", "forgotten", "ignored"],
+)
+def test_ctrl_c_is_an_interruption_where_and_while_it_may_be(code, printed, error):
+    """A verb within another one does not end its interrupts; libraries may turn one into another
+    error, or a callback forget it; and what a process ignores stays ignored."""
+    begin = (
+        "import signal\nfrom sklearn_mcmd.runtime._interrupts import *\nhandle_signals('mcmd')\n"
     )
-    assert printed_by(code) == ("interrupted\ndone\n", "")
-
-
-def test_ctrl_c_that_a_library_turns_into_another_error_is_still_an_interruption():
-    code = (
-        "import typer\n"
-        "from sklearn_mcmd.cli._messages import clear_exits\n"
-        "try:\n"
-        "    with clear_exits():\n"
-        "        try:\n"
-        "            signal.raise_signal(signal.SIGINT)\n"
-        "        except BaseException:\n"
-        "            raise ImportError('cannot import half of it')\n"
-        "except typer.Exit as end:\n"
-        "    print(end.exit_code)\n"
-    )
-    assert printed_by(code) == ("130\n", "mcmd: interrupted\n")
-
-
-def test_ctrl_c_that_a_callback_forgets_comes_again():
-    code = (
-        "import time\n"
-        "class Forgets:\n"
-        "    def __del__(self):\n"
-        "        signal.raise_signal(signal.SIGINT)\n"
-        "try:\n"
-        "    with raise_interrupts():\n"
-        "        Forgets()\n"
-        "        begin = time.monotonic()\n"
-        "        time.sleep(600)\n"
-        "        print('forgotten')\n"
-        "except KeyboardInterrupt:\n"
-        "    print('came again', time.monotonic() - begin < 500)\n"
-    )
-    assert printed_by(code) == ("came again True\n", "")
-
-
-def test_signals_that_a_process_ignores_stay_ignored():
-    code = (
-        "both = signal.SIGINT, signal.SIGHUP\n"  # as of nohup
-        "for number in both: signal.signal(number, signal.SIG_IGN)\n"
-        "handle_signals('mcmd')\n"
-        "for number in both: signal.raise_signal(number)\n"
-        "print('goes on')\n"
-    )
-    assert printed_by(code) == ("goes on\n", "")
+    command = [sys.executable, "-c", f"{begin}{code}\nprint('goes on')"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == (f"{printed}goes on\n", error)

@@ -10,8 +10,7 @@ from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.cli._denoise import Denoise, _verdict
-from sklearn_mcmd.cli._point_selection import judged_points
+from sklearn_mcmd.cli._denoise import Denoise, _verdict, judged_points
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.io._ground import Ground
