@@ -18,7 +18,7 @@ def joblib_by(scheduler):
 
     try:
         # A client that fails to connect leaves threads and messages, so one asks before.
-        asyncio.run(_ask(distributed, scheduler))
+        asyncio.run(_connect(distributed, scheduler))
     except (OSError, ValueError) as err:
         raise ValueError(f"--scheduler {scheduler}: no scheduler of dask answers: {err}") from err
     with distributed.Client(scheduler, timeout=SECONDS, set_as_default=False) as client:
@@ -32,7 +32,7 @@ def joblib_by(scheduler):
             yield
 
 
-async def _ask(distributed, scheduler):
+async def _connect(distributed, scheduler):
     arguments = distributed.Security().get_connection_args("client")
     connection = await distributed.core.connect(scheduler, timeout=SECONDS, **arguments)
     await connection.close()

@@ -88,12 +88,16 @@ def listen_to_progress(listener):
         _listeners.remove(listener)
 
 
-@contextmanager
 def heard_by(listener):
     """The same but for compilation, which all programs that show progress hear of."""
-    token = _span.set(None if listener is None else Span(listener))
+    return _in_span(None if listener is None else Span(listener))
+
+
+@contextmanager
+def _in_span(span):
+    token = _span.set(span)
     try:
-        yield
+        yield span
     finally:
         _span.reset(token)
 
@@ -105,14 +109,10 @@ def progress_part(low, high, stage=None):
     if whole is None:
         yield
         return
-    span = whole.within(low, high, stage)
-    token = _span.set(span)
-    try:
+    with _in_span(whole.within(low, high, stage)) as span:
         span.report(0.0)
         yield
         span.report(1.0)
-    finally:
-        _span.reset(token)
 
 
 def current_span():
@@ -129,10 +129,7 @@ def report_share(share, note=""):
 @cache
 def watch_compilation():
     """Tell listeners when Numba compiles. Call this after Numba is imported."""
-    try:
-        from numba.core import event
-    except ImportError:  # this place is documented, but may change
-        return
+    from numba.core import event
 
     class Compilation(event.Listener):
         depth = 0  # compiling a function compiles those that it calls

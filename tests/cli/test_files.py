@@ -202,9 +202,12 @@ HOLD_RESULTS = [e for e in supported_extensions(written=True) if format_of(f"a{e
 
 
 RESULTS = {
-    "denoise": "outlier_score", "normals": "normal_z", "segment": "region", "edges": "edge_score",
+    "denoise": "outlier_score",
+    "normals": "normal_z",
+    "segment": "region",
+    "edges": "edge_score",
     "plane": "test_statistic",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(

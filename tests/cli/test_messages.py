@@ -53,6 +53,7 @@ def test_work_that_ends_in_an_error_keeps_the_old_file(error, code, line, failin
     [
         ("edges", ("--threshold", 30), "--threshold 30 is in spacings"),
         ("normals", ("--max-outlier-rate", 0.99), "--max-outlier-rate 0.99 in 3D asks for 9210336"),
+        ("denoise", ("--false-positive-rate", 1e-5), "--false-positive-rate 1e-05 is less than"),
     ],
 )
 def test_values_out_of_reach_are_told_in_words_of_options(verb, option, words, room_file, tmp_path):
