@@ -32,7 +32,11 @@ def command_of(kind, *, without=(), more=""):
     taken.sort(key=lambda one: (one.name not in ("source", "target"), one.name in shared))
     parameters = []
     for one in taken:
-        hint = Annotated[one.type, *one.metadata.values()] if one.metadata else one.type
+        hint = one.type
+        if one.metadata:
+            option = one.metadata["option"]
+            option.metavar = option.metavar or _metavar(hint)
+            hint = Annotated[hint, option]
         default = Parameter.empty if one.default is MISSING else one.default
         parameters.append(
             Parameter(one.name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=hint)
@@ -49,3 +53,8 @@ def command_of(kind, *, without=(), more=""):
     command.__signature__ = signature
     command.__annotations__ = {one.name: one.annotation for one in parameters}
     return command
+
+
+def _metavar(hint):
+    """A short word for what an option takes; None where Typer's own is short."""
+    return "WORD" if "Literal" in str(hint) else "NUMBER" if hint in (float, float | None) else None

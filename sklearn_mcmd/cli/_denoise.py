@@ -60,7 +60,6 @@ class Denoise(CloudVerb):
         "drop",
         "drop: remove outliers. mark: add outlier_score, and class 7 (low noise) or 18, or an "
         "attribute outlier.",
-        metavar="WORD",
     )
     n_neighbors: _options.NNeighbors = 50
     method: OutlierMethod = option(
@@ -74,16 +73,12 @@ class Denoise(CloudVerb):
         "groups",
         "isolated: single points and pairs. groups: small groups, too; foliage and wires stay. "
         "surfaces: all that is on no surface. paper: all off their own plane.",
-        metavar="WORD",
     )
     noise_scale: float | None = length(
         None, "Noise of the scanner.", show_default="that around each point"
     )
     cutoff: float | None = option(
-        None,
-        "Least score of an outlier; 10 for clear errors.",
-        metavar="NUMBER",
-        show_default="3; paper: 2.5",
+        None, "Least score of an outlier; 10 for clear errors.", show_default="3; paper: 2.5"
     )
     false_positive_rate: float | None = option(
         None,
@@ -93,9 +88,7 @@ class Denoise(CloudVerb):
         hidden=True,
     )
     contamination: float | None = option(
-        None,
-        "Share of outliers, up to 0.5, in place of --cutoff.",
-        metavar="SHARE",
+        None, "Share of outliers, up to 0.5, in place of --cutoff.", metavar="SHARE"
     )
     ignore_class: tuple | None = option(
         None, "Leave points of these classes alone, such as 6,9.", **CLASSES

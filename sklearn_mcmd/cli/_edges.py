@@ -31,16 +31,14 @@ class Edges(CloudVerb):
         "crease",
         "crease: the distance to the line where two faces meet. eigenvalue, surface_variation, "
         "removed_fraction: how much the neighborhood differs from a plane.",
-        metavar="WORD",
     )
     threshold: float | None = option(
         None,
         "Limit of an edge: the largest distance to a crease, in spacings of the points, or the "
         "least value of another criterion.",
-        metavar="NUMBER",
         show_default="2; for the others median + 3 robust standard deviations",
     )
-    min_angle: float = option(20.0, "Least angle of a crease, in degrees.", metavar="NUMBER")
+    min_angle: float = option(20.0, "Least angle of a crease, in degrees.")
     denoise: bool = option(True, "Whether outliers are removed before edges are searched.")
     colors: bool | None = option(
         None,

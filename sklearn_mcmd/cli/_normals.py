@@ -52,7 +52,6 @@ class Normals(CloudVerb):
         "mcmd_z",
         "How outliers of a neighborhood are found before its plane is fitted. mcmd_z: by their "
         "distance to the plane. mcmd_md: by their distance within it as well. pca: not at all.",
-        metavar="WORD",
     )
     radius: float | None = length(None, "Largest distance of a neighbor.")
     orientation: Literal["none", "up", "sensor", "mst"] = option(
@@ -60,7 +59,6 @@ class Normals(CloudVerb):
         "Which of two opposite normals to take. none, up: the one with positive z, which for "
         "upright faces noise decides from point to point. sensor: the one toward --sensor or "
         "--trajectory. mst: the one that agrees with the neighbors.",
-        metavar="WORD",
     )
     sensor: tuple | None = _sensor.position_option(
         f"auto: as the file states, by {SENSORS}, if the cloud looks as if measured from there.",
@@ -82,7 +80,6 @@ class Normals(CloudVerb):
     cutoff: float | None = option(
         None,
         "Distance from which on a neighbor is an outlier, in robust standard deviations.",
-        metavar="NUMBER",
         show_default="2.5, for mcmd_md 3.06",
     )
     max_outlier_rate: _options.MaxOutlierRate = 0.5

@@ -29,7 +29,7 @@ class Segment(CloudVerb):
     """
 
     max_angle: float = option(
-        15.0, "Largest angle between normals of neighbors, in degrees, up to 90.", metavar="NUMBER"
+        15.0, "Largest angle between normals of neighbors, in degrees, up to 90."
     )
     max_distance: float | None = length(
         None,
