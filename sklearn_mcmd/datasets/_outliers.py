@@ -4,11 +4,9 @@ import numpy as np
 
 from sklearn_mcmd.datasets._surfaces import Soft
 
-#: Outliers keep this many noise standard deviations from every true surface.
-CLEARANCE = 4.0
-
-#: Below this share of usable proposals, among enough of them, there is no room to draw in.
-_LEAST_ACCEPTANCE, _ENOUGH = 0.005, 5000
+CLEARANCE = 4.0  # outliers keep so many noise standard deviations from every true surface
+_LEAST_ACCEPTANCE = 0.005  # below this share of usable proposals there is no room to draw in
+_ENOUGH = 5000  # proposals that tell so
 
 
 def gaussian(scene, n, clearance, rng):
@@ -104,16 +102,6 @@ def draw_clear(distance, n, clearance, propose):
         kept.append(clear[:missing])
         missing -= len(kept[-1])
     return np.concatenate(kept) if kept else np.empty((0, 3))
-
-
-def check_kinds(kinds, possible, without="outliers"):
-    """Raise unless kinds of outliers are some of the possible ones, each once."""
-    unknown = [kind for kind in kinds if kind not in possible]
-    if unknown or len(set(kinds)) < len(kinds) or not kinds:
-        raise ValueError(
-            f"outlier_kinds={kinds!r} must name, once each, one or more of {list(possible)}; "
-            f"for a cloud without {without} set outlier_share=0."
-        )
 
 
 def cluster_sizes(n, rng):
