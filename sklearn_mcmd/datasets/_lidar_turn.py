@@ -16,10 +16,9 @@ from sklearn_mcmd.datasets._surfaces import Patch
 from sklearn_mcmd.datasets._things import World, box, capped, car, house
 from sklearn_mcmd.datasets._vegetation import Grass, hedge, leaves, tree
 
-# Meters; the sensor is the origin, and this the ground.
-_GROUND, _REACH = -1.5, 100.0
-_ELEVATIONS = np.radians([-30.67, 10.67])
-_PASSING = 0.1
+_GROUND, _REACH = -1.5, 100.0  # meters; the sensor is the origin
+_ELEVATIONS = np.radians([-30.67, 10.67])  # of the lowest and the highest ring
+_PASSING = 0.1  # chance that a beam goes on behind leaves
 
 
 @validate_params(

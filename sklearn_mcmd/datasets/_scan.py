@@ -11,6 +11,7 @@ from sklearn_mcmd.datasets._beams import REGULAR
 from sklearn_mcmd.datasets._labels import labeled_cloud, outlier_sizes, streams
 from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS
 from sklearn_mcmd.datasets._scan_lines import effective_area, scan_lines
+from sklearn_mcmd.datasets._surfaces import facing_normals
 
 #: Constraints of the parameters that all makers share.
 SHARED_PARAMETERS = {
@@ -62,7 +63,10 @@ def scan(make_scene, n_samples, scanning, random_state):
         deviations = noise_rng.standard_normal((n_echoes, 3))
     scale = scale_of(local)
     points = scene.to_scene(local, bay) + scale[:, None] * deviations
-    normals, edge_distance = _truth(scene, places, surface, bay)
+    edge_distance = np.empty(n_echoes)
+    for number, part in enumerate(scene.parts):
+        mine = np.flatnonzero(surface == number)
+        edge_distance[mine] = scene.over_bays(part.edge_distance, places[mine], bay[mine])
 
     def clearance(points):
         return CLEARANCE * noise_at(points)
@@ -83,7 +87,7 @@ def scan(make_scene, n_samples, scanning, random_state):
         },
         regular={
             "true_points": (scene.to_scene(places, bay), np.nan),
-            "normals": (normals, np.nan),
+            "normals": (facing_normals(scene.parts, places, surface, scene.scanner), np.nan),
             "surface": (surface, -1),
             "bay": (bay, -1),
             "edge_distance": (edge_distance, np.nan),
@@ -99,16 +103,3 @@ def points_per_bay(scene, spacing, scanning):
     if scanning.sampling == "scan_lines":
         return effective_area(scene) / spacing**2
     return scene.effective_area(scanning.spacing_growth) / spacing**2
-
-
-def _truth(scene, local, surface, bay):
-    """Normal and distance to the nearest sharp edge of the own surface, for each point."""
-    normals = np.empty_like(local)
-    edge_distance = np.empty(len(local))
-    for number, part in enumerate(scene.parts):
-        mine = np.flatnonzero(surface == number)
-        normals[mine] = part.normals(local[mine])
-        view = np.einsum("ij,ij->i", normals[mine], scene.scanner - local[mine])
-        normals[mine[view < 0]] *= -1.0  # a panel is seen from either side
-        edge_distance[mine] = scene.over_bays(part.edge_distance, local[mine], bay[mine])
-    return normals, edge_distance

@@ -10,6 +10,7 @@ from sklearn_mcmd.datasets._labels import labeled_cloud, streams
 from sklearn_mcmd.datasets._outliers import CLEARANCE
 from sklearn_mcmd.datasets._sensor_outliers import MAKERS
 from sklearn_mcmd.datasets._snow import flake_echoes
+from sklearn_mcmd.datasets._surfaces import facing_normals
 
 _PILOT = 1 << 14  # beams that measure how many echoes a beam has
 _SURPLUS = 0.03  # share of echoes that are lost at random, as those of dark surfaces are
@@ -52,6 +53,7 @@ def sense(make_world, sensor, n_samples, sizes, random_state, makers=MAKERS):
     scale = sensor.noise_at(echoes.ranges)
     ranges = echoes.ranges + scale * sensor.deviate(beams, echoes.beam, noise_rng)
     points = sensor.record(origins, directions, ranges, beams.stretch[echoes.beam])
+    normals = facing_normals(world.parts, echoes.place, echoes.part, origins)
     order = order_rng.permutation(n_samples)
 
     regular = echoes.take(echoes.kind == REGULAR)
@@ -76,7 +78,7 @@ def sense(make_world, sensor, n_samples, sizes, random_state, makers=MAKERS):
         },
         regular={
             "true_points": (echoes.place, np.nan),
-            "normals": (_normals(world, echoes.place, origins, echoes.part), np.nan),
+            "normals": (normals, np.nan),
             "surface": (echoes.part, -1),
             "classification": (world.class_of[echoes.part], -1),
             "echo": (echoes.order, 0),
@@ -147,14 +149,3 @@ def _let_it_snow(world, sensor, beams, target, echoes, rng):
         kind=np.full(n, SNOW, np.int8),
     )
     return join_echoes([echoes.take(~np.isin(echoes.beam, flakes.beam)), flakes])
-
-
-def _normals(world, points, sensor_origins, part):
-    """True normals toward the sensor, NaN where there is no surface."""
-    normals = np.empty_like(points)
-    for number in np.unique(part):
-        mine = np.flatnonzero(part == number)
-        normals[mine] = world.parts[number].normals(points[mine])
-    away = np.einsum("ij,ij->i", normals, sensor_origins - points) < 0
-    normals[away] *= -1.0
-    return normals

@@ -13,8 +13,8 @@ from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, Scanning, points_per_
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
 
-UP = np.array([0, 0, 1.0])
 # Meters; x runs along the road, y across it, z up.
+UP = np.array([0, 0, 1.0])
 KERB_Y, PATH_Z = 3.0, 0.10
 CROWN_RADIUS, CROWN_Z = 75.0, 0.03  # of the cambered road: a cylinder, and its top
 
@@ -28,8 +28,8 @@ class Opening(NamedTuple):
     z1: float
 
 
-_BAY = 5.0
-_BAY_MIN, _BAY_MAX = 4.2, 7.5
+# Meters.
+_BAY, _BAY_MIN, _BAY_MAX = 5.0, 4.2, 7.5  # length of a bay: usual, least, greatest
 _WALL_Y, _WALL_TOP = 4.5, 2.7
 _WINDOW = Opening(0.4, 1.6, 0.95, 2.15)
 _DOOR = Opening(2.2, 3.1, PATH_Z, 2.1)
@@ -192,7 +192,6 @@ def make_street(
     >>> len(np.unique(long_street.sensor_origins, axis=0)), round(long_street.spacing, 3)
     (5, 0.1)
     """
-
     scanning = Scanning(
         noise=noise,
         outlier_share=outlier_share,

@@ -29,6 +29,8 @@ def test_rays_leave_in_rings_of_equal_elevation(n_rings):
 def test_rings_on_the_ground_part_a_hundredfold():
     scan, _ = scanned("make_lidar_turn", 60_000)
     ground = scan.true_points[scan.classification == 0]
+    assert_array_equal(scan.sensor_origins, 0.0)
+    assert_allclose(ground[:, 2], -1.5, atol=1e-12)
     rings = np.unique(np.round(np.hypot(ground[:, 0], ground[:, 1]), 3))
     gaps = np.diff(rings)
     gaps = gaps[gaps > 0.01]
@@ -44,14 +46,6 @@ def test_points_of_a_ring_lie_at_equal_steps_of_azimuth():
     steps = np.diff(azimuth)
     step = np.median(steps)
     assert_allclose(steps / step, np.round(steps / step), atol=1e-6)
-
-
-def test_the_sensor_is_the_origin_above_the_ground():
-    scan, world = scanned("make_lidar_turn")
-    assert_array_equal(scan.sensor_origins, 0.0)
-    ground = scan.true_points[scan.classification == 0]
-    assert_allclose(ground[:, 2], -1.5, atol=1e-12)
-    assert world.distance(np.zeros((1, 3)))[0] == pytest.approx(1.5)
 
 
 def test_rings_are_told_of_regular_points_and_of_outliers_on_beams():
@@ -96,31 +90,19 @@ def test_true_points_stay_whatever_the_noise():
         assert_array_equal(usual[array], loud[array])
 
 
-def test_true_points_lie_on_their_part_and_in_their_class():
+def test_true_points_are_the_first_of_their_part_that_the_sensor_sees_and_normals_face_it():
     scan, world = scanned("make_lidar_turn")
     assert scan.surface_names == [part.name for part in world.parts]
-    for number in np.unique(scan.surface[scan.surface >= 0]):
-        mine = scan.surface == number
-        assert_allclose(world.parts[number].distance(scan.true_points[mine]), 0, atol=1e-6)
-        assert (scan.classification[mine] == world.class_of[number]).all()
-
-
-def test_no_surface_hides_a_point_from_the_sensor():
-    scan, world = scanned("make_lidar_turn")
     regular = scan.target == 1
-    sensor_origins, points = scan.sensor_origins[regular], scan.true_points[regular]
-    for part in world.parts:
-        if not isinstance(part, Soft):  # beams go past these
-            before = part.hit(
-                sensor_origins, sensor_origins + (1 - 1e-7) * (points - sensor_origins)
-            )
-            assert np.isinf(before).all(), part.name
-
-
-def test_normals_are_unit_vectors_toward_the_sensor_where_there_is_a_surface():
-    scan, world = scanned("make_lidar_turn")
-    regular = scan.target == 1
+    origins, points = scan.sensor_origins[regular], scan.true_points[regular]
     soft = np.array([isinstance(part, Soft) for part in world.parts])
+    for number, part in enumerate(world.parts):
+        mine = scan.surface == number
+        assert_allclose(part.distance(scan.true_points[mine]), 0, atol=1e-6)
+        assert (scan.classification[mine] == world.class_of[number]).all()
+        if not soft[number]:  # beams go past leaves
+            before = part.hit(origins, origins + (1 - 1e-7) * (points - origins))
+            assert np.isinf(before).all(), part.name
     has = regular & ~soft[scan.surface]
     assert_array_equal(np.isfinite(scan.normals).all(axis=1), has)
     assert_allclose(np.linalg.norm(scan.normals[has], axis=1), 1, rtol=1e-12)
