@@ -126,6 +126,26 @@ def _world(rng):
         Patch("kerb", (low, KERB_Y, gutter_z), along, (PATH_Z - gutter_z) * UP),
         Patch("footpath", (low, KERB_Y, PATH_Z), along, (0, _WALL_Y + 0.3 - KERB_Y, 0)),
     ]
+    facade = _facade(low, along, rng)
+    feet = (-1.0, -7.0), (5.0, -6.5), (10.5, -7.5), (17.0, -6.5), (2, -14), (9, -15), (15, -13)
+    trees = [tree("tree", (x, y, 0), rng.uniform(5, 8), rng.uniform(3, 4.5), rng) for x, y in feet]
+    bushes = [leaves("bush", (x, -11, 0.7), (1.0, 1.0, 0.7), 8, 0.4, rng) for x in (3.0, 7.5, 13.0)]
+    return WiredWorld(
+        {
+            "road": road,
+            "facade": facade,
+            **_posts_signs_and_wires(),
+            "vegetation": trees + bushes,
+            "grass": [Grass("grass", (low, -25, -0.02), along, (0, 25 - KERB_Y, 0), 0.08)],
+            "vehicle": [
+                car("car_1", (3.0, 1.9, -0.03), 0.03),
+                car("car_2", (12.5, 2.0, -0.03), np.pi + 0.02),
+            ],
+        }
+    )
+
+
+def _facade(low, along, rng):
     openings = [Opening(x, x + 1.1, z, z + 1.5) for x in np.arange(3.1, 20, 2.4) for z in _FLOORS]
     facade = [
         Patch(
@@ -135,7 +155,7 @@ def _world(rng):
             (_WALL_TOP - PATH_Z) * UP,
             holes=[(x0 - low, x1 - low, z0 - PATH_Z, z1 - PATH_Z) for x0, x1, z0, z1 in openings],
         ),
-        box("cornice", (low, _WALL_Y - 0.15, 3.35), (high - low, 0.15, 0.2)),
+        box("cornice", (low, _WALL_Y - 0.15, 3.35), (along[0], 0.15, 0.2)),
         box("balcony", (7.6, _WALL_Y - 0.9, 6.0), (3.2, 0.9, 0.15)),
         *(pole("downpipe", (x, _WALL_Y - 0.07), 0.05, _WALL_TOP) for x in (4.9, 14.5)),
         Patch("eaves", (low, _WALL_Y - 0.5, _WALL_TOP), (0, 0.5, 0), along),
@@ -147,6 +167,10 @@ def _world(rng):
             x, y, z = opening.x0 - 1.5, _WALL_Y + rng.uniform(1.5, 5.0), opening.z0 - 0.9
             frame[0] = Patch("room", (x, y, z), (4.0, 0, 0), (0, 0, 2.7))
         facade += frame
+    return facade
+
+
+def _posts_signs_and_wires():
     turn = np.radians(20)
     side, toward = facing(turn)
     post = np.array([4.0, 3.5])
@@ -175,21 +199,4 @@ def _world(rng):
         wire("wire", (14, -4, 6.9), (12, _WALL_Y, 6), 0.3, 0.03),
         *(wire("fence_wire", (-4, -9, z), (18, -9, z), 0.02, 0.02) for z in (0.5, 0.8, 1.1)),
     ]
-    feet = (-1.0, -7.0), (5.0, -6.5), (10.5, -7.5), (17.0, -6.5), (2, -14), (9, -15), (15, -13)
-    trees = [tree("tree", (x, y, 0), rng.uniform(5, 8), rng.uniform(3, 4.5), rng) for x, y in feet]
-    bushes = [leaves("bush", (x, -11, 0.7), (1.0, 1.0, 0.7), 8, 0.4, rng) for x in (3.0, 7.5, 13.0)]
-    return WiredWorld(
-        {
-            "road": road,
-            "facade": facade,
-            "post": posts,
-            "sign": signs,
-            "wire": wires,
-            "vegetation": trees + bushes,
-            "grass": [Grass("grass", (low, -25, -0.02), along, (0, 25 - KERB_Y, 0), 0.08)],
-            "vehicle": [
-                car("car_1", (3.0, 1.9, -0.03), 0.03),
-                car("car_2", (12.5, 2.0, -0.03), np.pi + 0.02),
-            ],
-        }
-    )
+    return {"post": posts, "sign": signs, "wire": wires}

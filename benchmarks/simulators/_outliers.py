@@ -5,7 +5,15 @@ import numpy as np
 from sklearn_mcmd.datasets._labels import outlier_sizes
 from sklearn_mcmd.datasets._outliers import draw_clear
 from sklearn_mcmd.datasets._sensing import sense
-from sklearn_mcmd.datasets._sensor_outliers import _OFF, MAKERS, clumps, draw, in_box, met, on_beams
+from sklearn_mcmd.datasets._sensor_outliers import (
+    _OFF,
+    SENSOR_OUTLIERS,
+    clumps,
+    draw,
+    in_box,
+    met,
+    on_beams,
+)
 
 _FAR = 0.1  # far outliers are so many diagonals of the cloud from every regular point
 
@@ -49,7 +57,7 @@ def _draw_far(scan, n, propose, more=0.0):
     )
 
 
-NEAR = MAKERS | {"low": low, "high": high}
+NEAR = SENSOR_OUTLIERS | {"low": low, "high": high}
 FAR = {"far_single": far_single, "far_clump": far_clump}
 
 

@@ -11,7 +11,7 @@ from sklearn_mcmd.datasets._beams import Beams, Sensor
 from sklearn_mcmd.datasets._labels import outlier_sizes
 from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS
 from sklearn_mcmd.datasets._sensing import sense
-from sklearn_mcmd.datasets._sensor_outliers import MAKERS
+from sklearn_mcmd.datasets._sensor_outliers import SENSOR_OUTLIERS
 from sklearn_mcmd.datasets._surfaces import Patch
 from sklearn_mcmd.datasets._things import World, box, capped, car, house
 from sklearn_mcmd.datasets._vegetation import Grass, hedge, leaves, tree
@@ -169,7 +169,7 @@ def make_lidar_turn(
         make_beams=lambda n, rng: _beams(n, n_rings, rng),
         extra=lambda scan, beams, beam: {"ring": _rings(scan, beams.line[beam], n_rings)},
     )
-    sizes = outlier_sizes(n_samples, outlier_share, outlier_kinds, MAKERS)
+    sizes = outlier_sizes(n_samples, outlier_share, outlier_kinds, SENSOR_OUTLIERS)
     return sense(_campus, sensor, n_samples, sizes, random_state)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from sklearn_mcmd._sklearn import Interval
 from sklearn_mcmd.datasets._beams import REGULAR
 from sklearn_mcmd.datasets._labels import labeled_cloud, outlier_sizes, streams
-from sklearn_mcmd.datasets._outliers import CLEARANCE, MAKERS
+from sklearn_mcmd.datasets._outliers import CLEARANCE, SCENE_OUTLIERS
 from sklearn_mcmd.datasets._scan_lines import effective_area, scan_lines
 from sklearn_mcmd.datasets._surfaces import facing_normals
 
@@ -27,7 +27,7 @@ class Scanning(NamedTuple):
 
     noise: float
     outlier_share: float
-    outlier_kinds: Sequence[str] = tuple(MAKERS)
+    outlier_kinds: Sequence[str] = tuple(SCENE_OUTLIERS)
     sampling: str = "uniform"
     spacing_growth: float = 1.0
     noise_growth: float = 1.0
@@ -39,7 +39,7 @@ def scan(make_scene, n_samples, scanning, random_state):
 
     ``make_scene(n)`` is the scene of n regular points.
     """
-    sizes = outlier_sizes(n_samples, scanning.outlier_share, scanning.outlier_kinds, MAKERS)
+    sizes = outlier_sizes(n_samples, scanning.outlier_share, scanning.outlier_kinds, SCENE_OUTLIERS)
     n_echoes = n_samples - sum(sizes.values())
     scene = make_scene(n_echoes)
     points_rng, noise_rng, outlier_rng, order_rng = streams(random_state, 4)
@@ -71,14 +71,14 @@ def scan(make_scene, n_samples, scanning, random_state):
     def clearance(points):
         return CLEARANCE * noise_at(points)
 
-    outliers = [MAKERS[name](scene, n, clearance, outlier_rng) for name, n in sizes.items()]
+    outliers = [SCENE_OUTLIERS[name](scene, n, clearance, outlier_rng) for name, n in sizes.items()]
     outliers = np.concatenate(outliers)
     scanners = scene.scanners
     cloud = labeled_cloud(
         scene.parts,
         kind,
         sizes,
-        ["regular", *MAKERS],
+        ["regular", *SCENE_OUTLIERS],
         order_rng.permutation(n_samples),
         both={
             "data": (points, outliers),

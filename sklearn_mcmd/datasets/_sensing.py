@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.datasets._beams import REGULAR, SNOW, Beams, Echoes, Sensor, cast, join_echoes
 from sklearn_mcmd.datasets._labels import labeled_cloud, streams
 from sklearn_mcmd.datasets._outliers import CLEARANCE
-from sklearn_mcmd.datasets._sensor_outliers import MAKERS
+from sklearn_mcmd.datasets._sensor_outliers import SENSOR_OUTLIERS
 from sklearn_mcmd.datasets._snow import flake_echoes
 from sklearn_mcmd.datasets._surfaces import facing_normals
 
@@ -39,7 +39,7 @@ class Scan(NamedTuple):
         return np.linalg.norm(np.ptp(self.points, axis=0))
 
 
-def sense(make_world, sensor, n_samples, sizes, random_state, makers=MAKERS):
+def sense(make_world, sensor, n_samples, sizes, random_state, makers=SENSOR_OUTLIERS):
     """A cloud of n_samples points with the truth of each, as the makers of scenes document it.
 
     ``make_world(rng)`` is the `World`, ``sizes`` are the numbers of outliers by kind, and

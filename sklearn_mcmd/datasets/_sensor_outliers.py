@@ -71,7 +71,7 @@ def no_return(scan, n, rng):
 
 
 #: Maker of each kind. The order sets the codes: position + 1, as 0 means no outlier.
-MAKERS = {
+SENSOR_OUTLIERS = {
     "mixed_pixel": mixed_pixel,
     "range_error": range_error,
     "ghost": ghost,

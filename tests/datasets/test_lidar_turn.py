@@ -10,7 +10,7 @@ from scipy.stats import kstest
 
 from scenes import scanned
 from sklearn_mcmd.datasets import make_lidar_turn
-from sklearn_mcmd.datasets._sensor_outliers import MAKERS
+from sklearn_mcmd.datasets._sensor_outliers import SENSOR_OUTLIERS
 from sklearn_mcmd.datasets._surfaces import Soft
 
 
@@ -142,7 +142,7 @@ def test_later_echoes_lie_behind_earlier_ones_on_one_ray():
 
 @cache
 def with_outliers():
-    return scanned("make_lidar_turn", outlier_share=0.1, outlier_kinds=tuple(MAKERS))
+    return scanned("make_lidar_turn", outlier_share=0.1, outlier_kinds=tuple(SENSOR_OUTLIERS))
 
 
 def with_kind(kind):
