@@ -10,8 +10,9 @@ from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
+from benchmarks.simulators import make_mobile_scan
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn, make_mobile_scan, make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 from sklearn_mcmd.outliers._kinds import reasons_of
 from sklearn_mcmd.outliers._rays import RayLimits, Rays, one_far_position
 

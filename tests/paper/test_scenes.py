@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from benchmarks._furniture import make_bus_stop
 from benchmarks.paper import (
     figure9,
     figure10,
@@ -28,6 +27,7 @@ from benchmarks.paper._printed import DENOISING, SEGMENTATION
 from benchmarks.paper._runs import stream
 from benchmarks.paper._scene_methods import SCENE_METHODS, summary
 from benchmarks.paper._sharp import edge_detector
+from benchmarks.simulators import make_bus_stop
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_box
 from sklearn_mcmd.metrics import segmentation_scores

@@ -9,7 +9,7 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn.model_selection import ParameterGrid
 from sklearn.pipeline import Pipeline, make_pipeline
 
-from benchmarks._furniture import make_bus_stop, make_traffic_furniture
+from benchmarks.simulators import make_bus_stop, make_traffic_furniture
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import read_points

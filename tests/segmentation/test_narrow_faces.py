@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from benchmarks._furniture import make_bus_stop
+from benchmarks.simulators import make_bus_stop
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.planes._columns import split_columns

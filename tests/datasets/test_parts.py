@@ -1,4 +1,4 @@
-"""The parts of a scene, surfaces and panels: truth against brute force."""
+"""The parts of a scene: truth against brute force, and leaves and grass against their laws."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,8 @@ from scipy.stats import kstest
 
 from sklearn_mcmd.datasets._panels import Bilinear, Disc, Polygon
 from sklearn_mcmd.datasets._scene import Scene
-from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
+from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch, first_hits
+from sklearn_mcmd.datasets._vegetation import Crown, Grass
 
 PARTS = {
     "patch": Patch("patch", (1, 2, 3), (0.6, 0.8, 0), (-1.6, 1.2, 0)),
@@ -24,7 +25,6 @@ PARTS = {
     "arc": Cylinder("arc", (0, 0, 0), (2, 0, 0), 1.5, start=(0, 0, 1), arc=1.0, sharp=("stop",)),
     "polygon": Polygon("kite", [(0, 0, 0), (1, 0, 0.5), (1.2, 1, 0.6), (0.3, 1.4, 0.15)]),
     "disc": Disc("lid", (1, 2, 3), (1, -2, 2), 0.8),
-    "ring": Disc("ring", (1, 2, 3), (0, -1, 1), 0.9, inner=0.4),
     "bilinear": Bilinear("roof", [(0, 0, 0), (1, 0, 0.8), (1.1, 1.2, 0), (0, 1, 0.9)]),
     "flat bilinear": Bilinear("floor", [(0, 0, 1), (1.5, 0, 1), (1, 1, 1), (0, 0.5, 1)]),
 }
@@ -53,14 +53,9 @@ def along(edges, n=4001):
 
 
 @each_part
-def test_samples_of_a_part_lie_on_it(part):
-    points = part.sample(2000, np.random.default_rng(0))
-    assert_allclose(part.distance(points), 0, atol=1e-12)
-
-
-@each_part
-def test_samples_lie_within_the_bounds_and_reach_them(part):
+def test_samples_lie_on_their_part_and_reach_its_bounds(part):
     points = part.sample(20_000, np.random.default_rng(0))
+    assert_allclose(part.distance(points), 0, atol=1e-12)
     assert_allclose(points.min(axis=0), part.bounds[0], atol=0.03)
     assert_allclose(points.max(axis=0), part.bounds[1], atol=0.03)
     assert (points >= part.bounds[0] - 1e-6).all()
@@ -117,14 +112,6 @@ def test_a_pole_has_its_circles_and_an_arc_its_side_as_edges():
     assert_allclose(arc.edge_distance(points), np.linalg.norm(points[:, 1:] - side, axis=1))
 
 
-def test_the_distance_to_a_circle_is_that_to_a_dense_sample_of_it():
-    circle = Circle((1, 2, 3), (0, 0, 2), 0.5)
-    angle = np.linspace(0, 2 * np.pi, 20_000)
-    ring = np.column_stack([1 + 0.5 * np.cos(angle), 2 + 0.5 * np.sin(angle), np.full(20_000, 3)])
-    queries = np.random.default_rng(7).uniform(0, 4, (300, 3))
-    assert_allclose(circle.distance(queries), cKDTree(ring).query(queries)[0], atol=1e-4)
-
-
 @each_part
 def test_rays_meet_a_part_where_its_distance_is_zero_and_nowhere_before(part):
     rng = np.random.default_rng(8)
@@ -149,15 +136,6 @@ def test_rays_meet_a_part_where_its_distance_is_zero_and_nowhere_before(part):
     assert (traced[~hits] > 1).mean() > 0.98
 
 
-def test_outline_points_of_a_pole_are_where_the_rays_touch_it():
-    pole = Cylinder("pole", (1, 2, 0), (0, 0, 3), 0.2)
-    viewpoint = np.array([-2.0, 0.5, 1.5])
-    outline = pole.sample_outline(200, np.random.default_rng(9), viewpoint)
-    assert_allclose(pole.distance(outline), 0, atol=1e-12)
-    across = np.einsum("ij,ij->i", pole.normals(outline), viewpoint - outline)
-    assert_allclose(across, 0, atol=1e-12)
-
-
 def test_foliage_fills_its_ball_evenly_and_has_no_normal_or_edge():
     ball = Foliage("foliage", (1, 2, 3), 0.7)
     points = ball.sample(5000, np.random.default_rng(10))
@@ -174,3 +152,67 @@ def test_distances_over_bays_are_the_least_over_all_copies():
     queries = np.random.default_rng(11).uniform((-3, -3, -3), (11, 3, 3), (1000, 3))
     copies = [part.distance(queries - [2.0 * bay, 0, 0]) for part in parts for bay in range(4)]
     assert_allclose(scene.distance(queries), np.min(copies, axis=0), rtol=1e-12)
+
+
+def test_samples_of_a_bilinear_surface_are_uniform_over_its_area():
+    part = PARTS["bilinear"]
+    points = part.sample(40_000, np.random.default_rng(0))
+    # Area of a half by triangles of a fine grid, independent of the parametrization's Jacobian.
+    u = np.linspace(0, 1, 201)
+    grid = part._surface(*(g.ravel() for g in np.meshgrid(u, u))).reshape(201, 201, 3)
+    a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
+    cells = sum(
+        np.linalg.norm(np.cross(y - x, z - x), axis=-1) / 2 for x, y, z in ((a, b, c), (d, c, b))
+    )
+    assert part.area == pytest.approx(cells.sum(), rel=1e-4)
+    in_half = part._foot(points)[0] < 0.5
+    share = cells[:, :100].sum() / cells.sum()
+    assert in_half.mean() == pytest.approx(share, abs=5 * np.sqrt(0.25 / 40_000))
+
+
+def test_leaves_of_balls_that_overlap_stop_beams_at_the_sum_of_their_rates():
+    crown = Crown("crown", [Foliage("a", (0, 0, 0), 1.0), Foliage("b", (0, 0, 0), 0.5)])
+    n = 200_000
+    ends = np.tile([0.0, 0, -5], (n, 1))
+    stops = crown.scatter(np.array([0.0, 0, 5]), ends, np.random.default_rng(0))
+    # 2 m in a ball of free paths of .7 m and 1 m in one of .35 m.
+    assert_allclose(np.isinf(stops).mean(), np.exp(-2 / 0.7 - 1 / 0.35), atol=4e-4)
+    heights = 5 - 10 * stops[np.isfinite(stops)]
+    assert_allclose((heights > 0.5).mean(), 1 - np.exp(-0.5 / 0.7), atol=5e-3)
+
+
+def test_blades_of_grass_have_heights_of_a_rayleigh_law():
+    grass = Grass("grass", (-1, -1, 0.5), (2, 0, 0), (0, 2, 0), 0.1)
+    n = 20_000
+    # On this line the waves of the height are nought.
+    y = np.random.default_rng(0).uniform(-1, 1, n)
+    ends = np.column_stack([np.full(n, -1.0), y, np.zeros(n)])
+    stops = grass.scatter(ends + np.array([0, 0, 2.0]), ends, np.random.default_rng(1))
+    height = 2.0 * (1 - stops) - 0.5
+    assert kstest(height[height < 0.29], "rayleigh", args=(0, 0.1 / np.sqrt(2))).pvalue > 1e-3
+    assert (height <= 0.3 + 1e-12).all()
+    assert (height > 0).all()
+
+
+def test_beams_end_on_grass_over_its_ground_only():
+    grass = Grass("grass", (0, 0, 0), (1, 0, 0), (0, 1, 0), 0.05)
+    rng = np.random.default_rng(0)
+    origins = rng.uniform((-3, -3, 2), (4, 4, 9), (5000, 3))
+    ends = np.column_stack([rng.uniform(-0.5, 1.5, (5000, 2)), np.full(5000, -1.0)])
+    stops = grass.scatter(origins, ends, rng)
+    met = np.isfinite(stops)
+    place = origins[met] + stops[met, None] * (ends - origins)[met]
+    assert 500 < met.sum() < 4500
+    assert ((place[:, :2] > -1e-9) & (place[:, :2] < 1 + 1e-9)).all()
+    assert_allclose(grass.distance(place), 0, atol=1e-9)
+    assert_allclose(grass.distance(np.array([[0.5, 0.5, 0.35], [2.0, 0.5, 0.1]])), [0.2, 1.0])
+
+
+def test_the_first_of_several_parts_ends_a_segment():
+    low, high = (Patch("p", (-1, -1, z), (2, 0, 0), (0, 2, 0)) for z in (0.0, 1.0))
+    origin = np.array([0.0, 0, 3])
+    fraction, met = first_hits(
+        [low, high], origin, np.array([[0.0, 0, -1], [3.0, 0, 0.5]]), np.random.default_rng(0)
+    )
+    assert_allclose(fraction, [0.5, np.inf])
+    assert met.tolist() == [1, -1]

@@ -1,174 +1,39 @@
-"""Simulated counterparts of the two roadside scenes in the paper's Section 5.2.3."""
+"""Simulated counterparts of the two roadside scenes in the paper's Section 5.2.3.
 
-from collections.abc import Sequence
-from typing import Literal
+Sharp edges are the lines where surfaces meet at an angle, and the free ends of things, as in
+`make_street`. There is none where only the scene ends. Arrays are those of `make_street`.
+"""
 
 import numpy as np
-from sklearn.utils import Bunch
 
-from sklearn_mcmd._sklearn import validate_params
 from sklearn_mcmd.datasets._panels import Disc, Polygon
-from sklearn_mcmd.datasets._road import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
-from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, Scanning, scan
+from sklearn_mcmd.datasets._scan import Scanning, scan
 from sklearn_mcmd.datasets._scene import Scene
+from sklearn_mcmd.datasets._street import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
 from sklearn_mcmd.datasets._surfaces import Circle, Foliage, Patch
 
 
-@validate_params(dict(SCAN_PARAMETERS), prefer_skip_nested_validation=True)
-def make_traffic_furniture(
-    n_samples: int = 127_898,
-    *,
-    sampling: Literal["uniform", "scan_lines"] = "uniform",
-    spacing_growth: float = 1.0,
-    noise: float = 0.005,
-    noise_growth: float = 1.0,
-    outlier_share: float = 0.0,
-    outlier_kinds: Sequence[str] = ("gaussian", "uniform", "mixed_pixel", "ghost"),
-    random_state: int | np.random.RandomState | None = None,
-) -> Bunch:
-    """Make a scan of traffic furniture: the counterpart of the paper's Fig. 14.
+def make_traffic_furniture(n_samples=127_898, *, noise=0.005, outlier_share=0.0, random_state=None):
+    """10 m of a road with traffic furniture: the counterpart of the paper's Fig. 14.
 
-    The scene has 21 surfaces, like the paper's data set. Ten are flat (road, kerb, footpath, five
-    sign plates, two lids of litter bins) and eleven are round (six sign posts, two light poles, two
-    litter bins, an advertising column). It is 10 m of a road, scanned from 2.2 m above it.
-
-    Parameters
-    ----------
-    n_samples : int, default=127_898
-        Number of points, outliers included. The default is that of the paper's data set and gives
-        a spacing of 2.2 cm.
-    sampling : {"uniform", "scan_lines"}, default="uniform"
-        Sampling of the surface that the scanner sees, as in :func:`make_street`.
-    spacing_growth : float, default=1.0
-        Spacing at the far end of the scene over that at its near end, at least 1.
-    noise : float, default=0.005
-        Standard deviation of the noise, in metres, where the scanner is nearest: on each axis
-        or, on scan lines, along the ray.
-    noise_growth : float, default=1.0
-        Noise at the far end of the scene over that at its near end, at least 1.
-    outlier_share : float, default=0.0
-        Share of outliers in [0, 1), rounded to a whole number of points.
-    outlier_kinds : list or tuple of str
-        Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
-    random_state : int, RandomState instance or None, default=None
-        Seed. The same seed gives the same cloud.
-
-    Returns
-    -------
-    scene : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_street`, in meters. Every flat or round part is a surface
-        of its own in ``surface``.
-
-    Raises
-    ------
-    ValueError
-        As :func:`make_street`.
-
-    See Also
-    --------
-    make_bus_stop : The paper's second scene.
-    make_street : A street of any length.
-
-    Notes
-    -----
-    Sharp edges are the lines where surfaces meet at an angle, and the free ends of things, as in
-    :func:`make_street`. There is none where only the scene ends.
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.datasets import make_traffic_furniture
-    >>> scene = make_traffic_furniture(20_000, random_state=0)
-    >>> len(scene.surface_names), scene.surface_names[:3]
-    (21, ['road', 'kerb', 'footpath'])
+    It has 21 surfaces, like the paper's data set. Ten are flat (road, kerb, footpath, five sign
+    plates, two lids of litter bins) and eleven are round (six sign posts, two light poles, two
+    litter bins, an advertising column). The default number of points is the paper's.
     """
-    scanning = Scanning(
-        sampling=sampling,
-        spacing_growth=spacing_growth,
-        noise=noise,
-        noise_growth=noise_growth,
-        outlier_share=outlier_share,
-        outlier_kinds=outlier_kinds,
-    )
+    scanning = Scanning(noise, outlier_share)
     return scan(lambda _: _traffic_furniture(), n_samples, scanning, random_state)
 
 
-@validate_params(dict(SCAN_PARAMETERS), prefer_skip_nested_validation=True)
-def make_bus_stop(
-    n_samples: int = 33_719,
-    *,
-    sampling: Literal["uniform", "scan_lines"] = "uniform",
-    spacing_growth: float = 1.0,
-    noise: float = 0.005,
-    noise_growth: float = 1.0,
-    outlier_share: float = 0.0,
-    outlier_kinds: Sequence[str] = ("gaussian", "uniform", "mixed_pixel", "ghost"),
-    random_state: int | np.random.RandomState | None = None,
-) -> Bunch:
-    """Make a scan of a bus stop: the counterpart of the paper's Fig. 15.
+def make_bus_stop(n_samples=33_719, *, noise=0.005, outlier_share=0.0, random_state=None):
+    """9 m of a road with a bus stop: the counterpart of the paper's Fig. 15.
 
     The scanner sees 31 surfaces, like the paper's data set: road, kerb, footpath; a shelter (three
     panels, roof and its fascia, four posts) with a bench (front, seat, back); two umbrellas on
     poles, three panels each; a light pole; a bus sign and a timetable on a post; a litter bin with
-    its lid; a tree of trunk and foliage. It is 9 m of a road, scanned from 2.2 m above it.
-
-    Parameters
-    ----------
-    n_samples : int, default=33_719
-        Number of points, outliers included. The default is that of the paper's data set and gives
-        a spacing of about 4 cm.
-    sampling : {"uniform", "scan_lines"}, default="uniform"
-        Sampling of the surface that the scanner sees, as in :func:`make_street`.
-    spacing_growth : float, default=1.0
-        Spacing at the far end of the scene over that at its near end, at least 1.
-    noise : float, default=0.005
-        Standard deviation of the noise, in metres, where the scanner is nearest: on each axis
-        or, on scan lines, along the ray.
-    noise_growth : float, default=1.0
-        Noise at the far end of the scene over that at its near end, at least 1.
-    outlier_share : float, default=0.0
-        Share of outliers in [0, 1), rounded to a whole number of points.
-    outlier_kinds : list or tuple of str
-        Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
-    random_state : int, RandomState instance or None, default=None
-        Seed. The same seed gives the same cloud.
-
-    Returns
-    -------
-    scene : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_street`, in meters. The back panels of the umbrellas are in
-        ``surface_names`` too, but have no points: the scanner does not see them.
-
-    Raises
-    ------
-    ValueError
-        As :func:`make_street`.
-
-    See Also
-    --------
-    make_traffic_furniture : The paper's first scene.
-    make_street : A street of any length.
-
-    Notes
-    -----
-    Sharp edges are the lines where surfaces meet at an angle, and the free ends of things, as in
-    :func:`make_street`. There is none where only the scene ends.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sklearn_mcmd.datasets import make_bus_stop
-    >>> scene = make_bus_stop(random_state=0)
-    >>> len(np.unique(scene.surface))
-    31
+    its lid; a tree of trunk and foliage. The back panels of the umbrellas have a name, but no
+    points. The default number of points is the paper's.
     """
-    scanning = Scanning(
-        sampling=sampling,
-        spacing_growth=spacing_growth,
-        noise=noise,
-        noise_growth=noise_growth,
-        outlier_share=outlier_share,
-        outlier_kinds=outlier_kinds,
-    )
+    scanning = Scanning(noise, outlier_share)
     return scan(lambda _: _bus_stop(), n_samples, scanning, random_state)
 
 

@@ -116,8 +116,17 @@ def make_contaminated_plane(
     10
     """
     center, scale = _gaussian(regular_mean, regular_variances, "regular")
-    normal = _least_axis(scale)
-    low, high = _increasing_pair(uniform_range)
+    least = scale == scale.min()
+    if least.sum() > 1:
+        raise ValueError(
+            f"regular_variances={(scale**2).tolist()} has no single least value, so the plane "
+            "has no normal: make one variance smaller than the others."
+        )
+    low_high = np.asarray(uniform_range, float)
+    if low_high.shape != (2,) or not np.isfinite(low_high).all() or low_high[0] >= low_high[1]:
+        raise ValueError(
+            f"uniform_range={low_high.tolist()} must be two increasing finite numbers."
+        )
     if outliers == "clustered":
         outlier_center, outlier_scale = _gaussian(outlier_mean, outlier_variances, "outlier")
         if outlier_center.shape != center.shape:
@@ -133,7 +142,7 @@ def make_contaminated_plane(
     if outliers == "clustered":
         intruders = outlier_center + outlier_scale * rng.standard_normal(shape)
     else:
-        intruders = rng.uniform(low, high, shape)
+        intruders = rng.uniform(*low_high, shape)
     data = np.concatenate([clean[: n_samples - n_outliers], intruders])
     target = np.repeat([1, -1], [n_samples - n_outliers, n_outliers])
     if shuffle:
@@ -142,7 +151,9 @@ def make_contaminated_plane(
     if return_X_y:
         return data, target
     names = list("xyz") if center.size == 3 else [f"x{i}" for i in range(center.size)]
-    return Bunch(data=data, target=target, clean=clean, normal=normal, feature_names=names)
+    return Bunch(
+        data=data, target=target, clean=clean, normal=least.astype(float), feature_names=names
+    )
 
 
 def _gaussian(mean, variances, kind):
@@ -158,20 +169,3 @@ def _gaussian(mean, variances, kind):
     if not (np.isfinite(variances).all() and (variances >= 0).all()):
         raise ValueError(f"{kind}_variances={variances.tolist()} must be finite and not negative.")
     return mean, np.sqrt(variances)
-
-
-def _least_axis(scale):
-    least = scale == scale.min()
-    if least.sum() > 1:
-        raise ValueError(
-            f"regular_variances={(scale**2).tolist()} has no single least value, so the plane "
-            "has no normal: make one variance smaller than the others."
-        )
-    return least.astype(float)
-
-
-def _increasing_pair(pair):
-    pair = np.asarray(pair, float)
-    if pair.shape != (2,) or not np.isfinite(pair).all() or pair[0] >= pair[1]:
-        raise ValueError(f"uniform_range={pair.tolist()} must be two increasing finite numbers.")
-    return pair

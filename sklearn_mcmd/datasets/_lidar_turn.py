@@ -7,30 +7,28 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
-from sklearn_mcmd.datasets._sensing import (
-    SENSOR_PARAMETERS,
-    WEATHER_PARAMETERS,
-    Beams,
-    Junk,
-    Sensor,
-    sense,
-)
+from sklearn_mcmd.datasets._beams import Beams, Sensor
+from sklearn_mcmd.datasets._labels import outlier_sizes
+from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS
+from sklearn_mcmd.datasets._sensing import sense
+from sklearn_mcmd.datasets._sensor_outliers import SENSOR_OUTLIERS
 from sklearn_mcmd.datasets._surfaces import Patch
 from sklearn_mcmd.datasets._things import World, box, capped, car, house
 from sklearn_mcmd.datasets._vegetation import Grass, hedge, leaves, tree
 
-# Meters; the sensor is the origin, and this the ground.
-_GROUND, _REACH = -1.5, 100.0
-_ELEVATIONS = np.radians([-30.67, 10.67])
-_PASSING = 0.1
+_GROUND, _REACH = -1.5, 100.0  # meters; the sensor is the origin
+_ELEVATIONS = np.radians([-30.67, 10.67])  # of the lowest and the highest ring
+_PASSING = 0.1  # chance that a beam goes on behind leaves
 
 
 @validate_params(
     {
-        **SENSOR_PARAMETERS,
-        **WEATHER_PARAMETERS,
+        **SHARED_PARAMETERS,
         "n_rings": [Interval(Integral, 2, None, closed="left")],
         "noise_growth": [Interval(Real, 1, None, closed="left")],
+        "outlier_kinds": [list, tuple],
+        "beam_divergence": [Interval(Real, 0, None, closed="left")],
+        "snow": [Interval(Real, 0, None, closed="left")],
     },
     prefer_skip_nested_validation=True,
 )
@@ -42,7 +40,6 @@ def make_lidar_turn(
     noise_growth: float = 4.0,
     outlier_share: float = 0.03,
     outlier_kinds: Sequence[str] = ("particle", "mixed_pixel", "ghost", "no_return"),
-    far_share: float = 0.0,
     beam_divergence: float = 0.0,
     snow: float = 0.0,
     random_state: int | np.random.RandomState | None = None,
@@ -67,13 +64,23 @@ def make_lidar_turn(
     outlier_share : float, default=0.03
         Share of outliers in [0, 1), rounded to a whole number of points.
     outlier_kinds : list or tuple of str
-        Kinds of outliers, in (nearly) equal shares, as in :func:`make_mobile_scan`; by default
-        particles, mixed pixels, ghosts and beams without an echo.
-    far_share : float, default=0.0
-        Share of far gross outliers in [0, 1), as in :func:`make_mobile_scan`.
+        Kinds of outliers, in (nearly) equal shares; by default all but range errors:
+
+        - ``"mixed_pixel"``: between two surfaces that neighboring beams meet, at least 15 cm and
+          5 median spacings apart, anywhere on the way;
+        - ``"range_error"``: 5 to 20 local spacings before or behind what the beam meets;
+        - ``"ghost"``: balls of 10 to 60 points, 1 to 3 median spacings in radius, anywhere in the
+          bounding box (in a cloud of few points: up to 1 % of its diagonal);
+        - ``"particle"``: alone, snow or dust near the sensor: half of them within 3.9 m;
+        - ``"no_return"``: where the sensor is, as some write down beams without an echo.
+
     beam_divergence : float, default=0.0
-        Full angle of each beam in radians, as in :func:`make_mobile_scan`: 0.002 to 0.003 is usual
-        here. Beams that are cut by outlines make mixed pixels.
+        Full angle of each beam in radians, to 1/e^2 of the intensity on its axis, as data sheets
+        state it: 0.002 to 0.003 is usual here. A beam has the mean range of what it meets within
+        0.75 m, the resolution of pulses of 5 ns, weighted by energy; of several such groups, that
+        of the strongest. Where it is farther than four standard deviations of the noise
+        from every surface, the point is an outlier of kind ``"mixed_pixel"``, besides those of
+        `outlier_share`.
     snow : float, default=0.0
         Snowfall in mm of water an hour: 1 is light, 2.5 heavy snow. Flakes take the place of what
         beams meet, or of nothing: outliers of kind ``"snow"``, besides those of `outlier_share`.
@@ -83,21 +90,35 @@ def make_lidar_turn(
     Returns
     -------
     scan : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_mobile_scan`, but for times; ``stretch`` is 0 for regular
-        points. ``ring``, int64 (n_samples,), is the number of each point's ring, from below; of
-        outliers that lie on no beam, of the ring nearest in elevation.
+        With the arrays of :func:`make_street` but ``bay``, ``edge_distance``, ``spacing`` and
+        ``length``. True points are where beams end; ``normals`` are NaN in leaves and grass, too;
+        parts of one thing may share a name in ``surface_names``. Besides them
+
+        - ``classification``, int64 (n_samples,): number of the class in ``class_names``; -1 for
+          outliers;
+        - ``echo``, int8 (n_samples,): 1 for the first echo of a beam, 2 for what it meets behind,
+          and so on; 0 for outliers;
+        - ``ring``, int64 (n_samples,): number of each point's ring, from below; of outliers that
+          lie on no beam, of the ring nearest in elevation.
 
     Raises
     ------
     ValueError
-        As :func:`make_mobile_scan`.
+        If a kind of outlier is unknown or given twice, if no regular point is left, if the points
+        are too few to show an edge for mixed pixels, or if the noise is so large that nothing
+        is an outlier.
 
     See Also
     --------
-    make_mobile_scan : Says what all scanned scenes have in common.
+    make_street : A street of even density, with the distance to the nearest edge.
 
     Notes
     -----
+    An outlier keeps four standard deviations of the noise from every surface, and out of leaves
+    and grass, so the labels have no error. Flakes and mixed pixels of wide beams have noise
+    besides. Beams whose label would be in doubt are lost. Leaves differ between seeds; other
+    surfaces do not.
+
     The rings are those of a scanner with 32 beams, of which one turn on a campus (``fast_gicp``,
     69,792 points) is the model. There the median distance to the nearest other point is 1.3, 3.9
     and 13.6 cm at ranges of 3 to 6, 10 to 15 and 40 to 70 m, here 1.4, 3.8 and 13.5 cm. Half the
@@ -139,21 +160,17 @@ def make_lidar_turn(
     >>> int((winter.outlier_kind == winter.outlier_kind_names.index("snow")).sum())
     446
     """
-    return sense(
-        _campus,
-        Sensor(
-            make_beams=lambda n, rng: _beams(n, n_rings, rng),
-            noise_at=lambda ranges: noise * (1 + (noise_growth - 1) * ranges / _REACH),
-            reach=_REACH,
-            passing=_PASSING,
-            divergence=beam_divergence,
-            snow=snow,
-            tell=lambda scan, beams, beam: {"ring": _rings(scan, beams.line[beam], n_rings)},
-        ),
-        n_samples,
-        Junk(outlier_share, list(outlier_kinds), far_share),
-        random_state,
+    sensor = Sensor(
+        noise_at=lambda ranges: noise * (1 + (noise_growth - 1) * ranges / _REACH),
+        reach=_REACH,
+        passing=_PASSING,
+        divergence=beam_divergence,
+        snow=snow,
+        make_beams=lambda n, rng: _beams(n, n_rings, rng),
+        extra=lambda scan, beams, beam: {"ring": _rings(scan, beams.line[beam], n_rings)},
     )
+    sizes = outlier_sizes(n_samples, outlier_share, outlier_kinds, SENSOR_OUTLIERS)
+    return sense(_campus, sensor, n_samples, sizes, random_state)
 
 
 def _beams(n, n_rings, rng):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-KINDS = ("gable", "hip", "mansard", "barrel")
+ROOFS = ("gable", "hip", "mansard", "barrel")
 
 
 def make_roof(kind, n, crease, noise, seed=0):
@@ -12,7 +12,7 @@ def make_roof(kind, n, crease, noise, seed=0):
     have half that slope. A barrel turns by twice `crease`. `noise` is its standard deviation over
     the spacing.
     """
-    rng = np.random.default_rng([seed, n, round(crease), KINDS.index(kind)])
+    rng = np.random.default_rng([seed, n, round(crease), ROOFS.index(kind)])
     half, whole = np.tan(np.radians(crease / 2)), np.tan(np.radians(crease))
     length = 3.0 if kind == "hip" else 2.0
     x, y = rng.uniform(-1, 1, n), rng.uniform(-length / 2, length / 2, n)

@@ -10,21 +10,15 @@ from sklearn_mcmd.datasets import make_contaminated_plane
 from sklearn_mcmd.metrics import bias_angle
 
 
-def test_regular_points_have_the_means_and_variances_of_section_5_1():
+def test_both_laws_have_the_means_and_variances_that_are_stated():
     X, y = make_contaminated_plane(40_000, outlier_share=0.5, random_state=0)
-    regular = X[y == 1]
-    variances = np.array([6, 6, 0.01])
-    # Five standard errors: of a mean sqrt(v/n), of a variance v sqrt(2/n).
-    assert (np.abs(regular.mean(axis=0) - 2) < 5 * np.sqrt(variances / 20_000)).all()
-    assert_allclose(regular.var(axis=0), variances, rtol=5 * np.sqrt(2 / 20_000))
-
-
-def test_clustered_outliers_have_the_means_and_variances_of_section_5_1():
-    X, y = make_contaminated_plane(40_000, outlier_share=0.5, random_state=1)
-    variances = np.array([2, 2, 1.5])
-    error = np.abs(X[y == -1].mean(axis=0) - [7, 6, 8])
-    assert (error < 5 * np.sqrt(variances / 20_000)).all()
-    assert_allclose(X[y == -1].var(axis=0), variances, rtol=5 * np.sqrt(2 / 20_000))
+    laws = {1: ([2, 2, 2], [6, 6, 0.01]), -1: ([7, 6, 8], [2, 2, 1.5])}
+    for label, (mean, variances) in laws.items():
+        points = X[y == label]
+        # Five standard errors: of a mean sqrt(v/n), of a variance v sqrt(2/n).
+        error = np.abs(points.mean(axis=0) - mean)
+        assert (error < 5 * np.sqrt(np.array(variances) / 20_000)).all()
+        assert_allclose(points.var(axis=0), variances, rtol=5 * np.sqrt(2 / 20_000))
 
 
 def test_uniform_outliers_fill_their_range_on_every_axis():
@@ -57,26 +51,16 @@ def test_the_clean_twin_differs_exactly_where_the_outliers_are(shuffle):
     assert_array_equal((cloud.data != cloud.clean).any(axis=1), cloud.target == -1)
 
 
-def test_the_clean_twin_has_the_regular_law_at_replaced_rows_too():
-    cloud = make_contaminated_plane(20_000, outlier_share=0.5, return_X_y=False, random_state=4)
-    replaced = cloud.clean[cloud.target == -1]
-    assert_allclose(replaced.var(axis=0), [6, 6, 0.01], rtol=5 * np.sqrt(2 / 10_000))
-
-
-def test_outliers_come_last_unless_shuffled():
-    assert_array_equal(make_contaminated_plane(random_state=0)[1], np.repeat([1, -1], [40, 10]))
-    assert (make_contaminated_plane(shuffle=True, random_state=0)[1][:40] == -1).any()
-
-
-@pytest.mark.parametrize("n_samples", [20, 50, 100, 1000, 10_000])
-@pytest.mark.parametrize("percent", [1, 5, 20, 45, 50, 80])
+@pytest.mark.parametrize("n_samples", [20, 1000])
+@pytest.mark.parametrize("percent", [1, 5, 45, 80])
 def test_the_number_of_outliers_is_the_nearest_to_the_share(n_samples, percent):
     X, y = make_contaminated_plane(n_samples, outlier_share=percent / 100, random_state=0)
     assert X.shape == (n_samples, 3)
     assert abs((y == -1).sum() - percent * n_samples / 100) <= 0.5
+    assert (np.diff(y) <= 0).all()  # outliers come last
 
 
-@pytest.mark.parametrize("variances", [(2, 1), (6, 2), (8, 4), (10, 6), (12, 8), (15, 10)])
+@pytest.mark.parametrize("variances", [(2, 1), (15, 10)])
 def test_the_variances_of_table_2_can_be_made(variances):
     regular, outlier = variances
     X, y = make_contaminated_plane(
@@ -105,12 +89,6 @@ def test_the_normal_is_the_axis_of_least_variance_in_any_dimension():
     )
     assert_array_equal(cloud.normal, [0, 1, 0, 0])
     assert cloud.data.shape == (50, 4)
-
-
-def test_planes_are_reproducible_and_differ_between_seeds():
-    first, again, other = (make_contaminated_plane(random_state=s)[0] for s in (0, 0, 1))
-    assert_array_equal(first, again)
-    assert (first != other).all()
 
 
 @pytest.mark.parametrize(
