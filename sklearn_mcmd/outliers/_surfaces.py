@@ -11,18 +11,18 @@ from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
 
-NEAREST = ExplainLimits(likely=False)
-
 
 class SurfaceLimits(NamedTuple):
     """What a surface is."""
 
-    explained: float = 3.0  # a plane explains points within this many of its standard deviations
     # Largest ratio of a plane's standard deviation to the radius of its neighborhood. A filled
     # ball has 0.45: a third of that.
     flat: float = 0.15
     angle: float = 25.0  # largest angle between the normals of linked points, in degrees
     n_links: int = 16  # linked points are among each other's nearest, this many
+    # A surface has as many points as a neighborhood: fewer cannot fill that of a plane of their
+    # own. In a small cloud surfaces and things have this share of it.
+    least_share: float = 1 / 5
 
 
 def find_surfaces(index, planes, distances, least, limits, barred=None):
@@ -33,11 +33,12 @@ def find_surfaces(index, planes, distances, least, limits, barred=None):
     are near each other, their planes explain each other's point and their normals agree. A surface
     is a connected part of at least `least` points. Those that are barred can be part of none.
     """
-    usable = are_flat(planes, limits.flat) & (distances <= limits.explained)
+    explained = ExplainLimits().explained
+    usable = are_flat(planes, limits.flat) & (distances <= explained)
     if barred is not None:
         usable &= ~barred
     cosine = float(np.cos(np.radians(limits.angle)))
-    links = LinkLimits(cosine, limits.explained, both_near=True)
+    links = LinkLimits(cosine, explained, both_near=True)
     width = min(limits.n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, width, planes, links, usable)
     return usable & (sizes >= least)[labels]
@@ -58,15 +59,14 @@ def distances_to_surfaces(queries, neighbors_of, planes, on_surface, floor, chun
     which those `on_surface` count. `floor` (m,) is a standard deviation that is added: the rounding
     error of the coordinates. A task takes `chunk` queries.
     """
-    m = len(queries)
+    m, nearest = len(queries), ExplainLimits(explained=np.inf)
     owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
 
     def task(rows):
-        part = queries[rows]
+        part, around = queries[rows], neighbors_of(rows)
         most = np.full(len(part), np.inf)
-        around = neighbors_of(rows)
         owners[rows], distances[rows] = explain(
-            part, around, planes, NEAREST, on_surface, floor[rows], most
+            part, around, planes, nearest, on_surface, floor[rows], most
         )
 
     each_slice(m, chunk, task, n_jobs)

@@ -18,8 +18,8 @@ class ExplainLimits(NamedTuple):
     point come first, others only where there is none.
     """
 
-    likely: bool
-    explained: float = np.inf  # standard deviations within which a plane explains points
+    likely: bool = False
+    explained: float = 3.0  # standard deviations within which a plane explains points
     # Costs that differ by no more than this share of one plus the cost are equal. The nearest of
     # equal planes is the owner: points that were lent one plane differ by rounding.
     tie: float = 1e-9

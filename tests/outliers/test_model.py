@@ -120,7 +120,7 @@ def test_scores_equal_those_of_the_literal_oracle(oracle, compiled, monkeypatch)
 
 # Small clouds
 
-SMALL = (5, 10, 20, 30, 50, 51, 200)
+SMALL = (10, 20, 30, 51, 200)
 CLEAN_RATE = 0.0027  # of a normal law beyond 3
 
 
@@ -149,14 +149,6 @@ def test_clean_planes_of_few_points_are_flagged_no_more_than_the_cutoff_says(d, 
         shares.append(np.mean([flagged(X, "surfaces") for X in clouds]))
     assert max(shares) <= CLEAN_RATE + 4 * np.sqrt(2 * CLEAN_RATE / 2_000)
     assert np.mean(shares) <= CLEAN_RATE
-
-
-@pytest.mark.filterwarnings("ignore:n_neighbors=50 is more than")
-@pytest.mark.parametrize("strictness", STRICTNESSES)
-def test_a_far_point_is_found_in_a_small_cloud(strictness):
-    for n in (10, 20, 30, 50, 80, 200):
-        X = np.vstack([clean_plane(n, 3, seed=0), [[0.5, 0.5, 5.0]]])
-        assert flagged(X, strictness)[-1]
 
 
 # What is kept and what is flagged
@@ -287,7 +279,7 @@ def test_far_outliers_come_before_all_real_points():
     crown = ball(500, [1.5, 1.5, 2.0], 0.4, rng)
     floor = rng.uniform(0, 3, (3000, 3)) * [1, 1, 0] + rng.normal(0, 0.004, (3000, 3))
     real = np.vstack([wall(3000, rng), floor, crown])
-    places = rng.uniform(0, 3, (5000, 3))
+    places = rng.uniform(0, 3, (1500, 3))
     gaps = np.min(np.linalg.norm(places[:, None] - real[None, ::5], axis=2), axis=1)
     X = np.vstack([real, places[gaps > 0.35][:100]])
     y = np.arange(len(X)) >= len(real)

@@ -145,12 +145,7 @@ def test_table_6_is_what_the_estimators_give(segmented):
     growing = RegionGrowing(
         50,
         max_angle=5,
-        mutual=False,
-        find_narrow_faces=False,
-        divide_at_creases=False,
-        join_coplanar=False,
-        join_curved=False,
-        assign_unlabeled=False,
+        refine=False,
         normals="precomputed",
     )
     scores = segmentation_scores(cloud.surface, growing.fit_predict(columns))
