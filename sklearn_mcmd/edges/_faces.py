@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gamma
 
-from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+from sklearn_mcmd.planes._explaining import explain
 from sklearn_mcmd.planes._flatness import are_flat
 
 __all__ = ["OFF", "Faces", "are_faces", "give_faces", "measure_spacing"]
@@ -19,8 +19,6 @@ OFF = 3.0
 # Most noise of a face, of its radius. It is more than that of surfaces in the search for outliers,
 # 0.15: a face that passes for foliage costs edges, but little foliage is left in a cleaned cloud.
 FLATNESS = 0.2
-# The plane of a face is the one under which a point is most likely.
-LIKELIEST = ExplainLimits(likely=True)
 
 
 class Faces(NamedTuple):
@@ -96,8 +94,7 @@ def give_faces(queries, around, planes, flat, usable):
 
 def _likeliest(queries, around, planes, usable, least):
     """Whose plane explains each query best, -1 where none does."""
-    most = np.full(len(queries), np.inf)
-    return explain(queries, around, planes, LIKELIEST, usable, least, most)[0]
+    return explain(queries, around, planes, usable, least, likely=True)[0]
 
 
 def _spacing(distances, d):

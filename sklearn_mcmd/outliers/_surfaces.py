@@ -4,14 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+from sklearn_mcmd.planes._explaining import explain
 from sklearn_mcmd.planes._flatness import are_flat
 from sklearn_mcmd.planes._linking import LinkLimits, connected_planes
 from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
-
-NEAREST = ExplainLimits(likely=False)
 
 
 class SurfaceLimits(NamedTuple):
@@ -62,11 +60,9 @@ def distances_to_surfaces(queries, neighbors_of, planes, on_surface, floor, chun
     owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
 
     def task(rows):
-        part = queries[rows]
-        most = np.full(len(part), np.inf)
         around = neighbors_of(rows)
         owners[rows], distances[rows] = explain(
-            part, around, planes, NEAREST, on_surface, floor[rows], most
+            queries[rows], around, planes, on_surface, floor[rows]
         )
 
     each_slice(m, chunk, task, n_jobs)

@@ -8,16 +8,14 @@ __all__ = ["explain_queries"]
 
 
 @kernel(cache=True)
-def explain_queries(queries, candidates, planes, limits, usable, scales, owners, distances):
-    """Fill owners and distances; `scales` are the least and the most of `explain`."""
+def explain_queries(queries, candidates, planes, usable, least, likely, tie, owners, distances):
+    """Fill owners and distances as `explain` returns them; costs within `tie` are equal."""
     d = queries.shape[1]
-    least, most = scales
     for i in range(len(queries)):
-        owners[i], distances[i] = -1, np.inf
-        least_cost, best_first = np.inf, False
+        owners[i], distances[i], least_cost = -1, np.inf, np.inf
         for j in range(candidates.sizes[i]):
             row = candidates.indices[i, j]
-            if not usable[row] or (limits.likely and not planes.scale[row] > 0.0):
+            if not usable[row] or (likely and not planes.scale[row] > 0.0):
                 continue
             height = reach = 0.0
             for axis in range(d):
@@ -29,13 +27,8 @@ def explain_queries(queries, candidates, planes, limits, usable, scales, owners,
             variance = planes.scale[row] * planes.scale[row] + least[i] * least[i]
             distance = abs(height) / np.sqrt(variance)
             cost = distance
-            if limits.likely:
+            if likely:
                 cost = 0.5 * (np.log(variance) + distance * distance)
                 cost -= np.log(planes.kept[row])
-            if not cost < np.inf:
-                continue
-            first = variance <= most[i] * most[i] and distance <= limits.explained
-            less = cost < least_cost - limits.tie * (1.0 + abs(cost))
-            if (first and not best_first) or (first == best_first and less):
-                owners[i], distances[i] = row, distance
-                least_cost, best_first = cost, first
+            if cost < np.inf and cost < least_cost - tie * (1.0 + abs(cost)):
+                owners[i], distances[i], least_cost = row, distance, cost

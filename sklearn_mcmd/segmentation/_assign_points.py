@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+from sklearn_mcmd.planes._explaining import explain
 from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.segmentation._graph import CUTOFF
 from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled, rows_of
@@ -13,8 +13,6 @@ __all__ = ["Claims"]
 CHUNK = 30_000
 # More neighbors than these are not kept from round to round.
 KEPT = 16_000_000
-# Of planes that claim a point the nearest does, in units of their limits.
-NEAREST = ExplainLimits(likely=False)
 
 
 class Claims:
@@ -91,11 +89,8 @@ class Claims:
         owner = np.full(len(rows), -1, dtype=labels.dtype)
 
         def task(part):
-            queries, m = self.index.points[rows[part]], len(rows[part])
-            found, share = explain(
-                queries, around.of(part), self.planes, NEAREST, usable,
-                np.zeros(m), np.full(m, np.inf),
-            )  # fmt: skip
+            queries, floor = self.index.points[rows[part]], np.zeros(len(rows[part]))
+            found, share = explain(queries, around.of(part), self.planes, usable, floor)
             owner[part] = np.where((found >= 0) & (share <= self.cutoff), labels[found], -1)
 
         step = max(1, CHUNK // self.index.n_neighbors)

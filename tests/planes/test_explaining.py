@@ -5,19 +5,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from scenes import random_planes
-from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+from sklearn_mcmd.planes._explaining import explain
 from sklearn_mcmd.planes._record import Neighborhoods
 
-LIMITS = {
-    "nearest": ExplainLimits(likely=False),
-    "nearest within 3": ExplainLimits(likely=False, explained=3.0),
-    "likeliest": ExplainLimits(likely=True),
-    "likeliest within 3": ExplainLimits(likely=True, explained=3.0),
-}
+KINDS = ["plain", "ties", "sizes", "zero scales", "no planes", "unusable", "far away"]
 
 
 def scene(kind, d, m=200, n=80, k=12, seed=0):
-    """Queries, candidates, planes, usable, least and most."""
+    """Queries, candidates, planes, usable and least."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(size=(n, d))
     planes = random_planes(points, rng)
@@ -25,7 +20,7 @@ def scene(kind, d, m=200, n=80, k=12, seed=0):
     queries = rng.uniform(-0.1, 1.1, (m, d))
     indices = np.argsort(np.linalg.norm(queries[:, None] - points, axis=2), axis=1)[:, :k]
     sizes = np.full(m, k)
-    least, most = rng.uniform(0, 0.02, m), np.full(m, np.inf)
+    least = rng.uniform(0, 0.02, m)
     if kind == "ties":  # of two copies of a plane the first candidate is the owner
         planes = planes.take(np.arange(n) // 2)
     elif kind == "sizes":
@@ -38,72 +33,56 @@ def scene(kind, d, m=200, n=80, k=12, seed=0):
         planes.scale[::3] = -1.0
     elif kind == "unusable":
         usable = rng.random(n) < 0.25
-    elif kind == "noisy ones last":
-        most = rng.uniform(0, 0.1, m)
     elif kind == "far away":
         queries += 10.0
     candidates = Neighborhoods(indices.astype(np.int32), sizes)
-    return queries, candidates, planes, usable, least, most
+    return queries, candidates, planes, usable, least
 
 
-KINDS = ["plain", "ties", "sizes", "zero scales", "no planes", "unusable", "noisy ones last",
-         "far away"]  # fmt: skip
-
-
-def literally(queries, candidates, planes, limits, usable, least, most):
+def literally(queries, candidates, planes, usable, least, likely):
     """One query and one plane at a time."""
     owners, distances = [], []
-    for query, row, size, add, limit in zip(queries, *candidates, least, most, strict=True):
-        best = (False, np.inf), -1, np.inf
+    for query, row, size, add in zip(queries, *candidates, least, strict=True):
+        best = np.inf, -1, np.inf
         for i in row[:size]:
             gap = query - planes.centroids[i]
             if not usable[i] or np.sqrt((gap**2).sum()) > planes.radius[i]:
                 continue
-            if limits.likely and planes.scale[i] <= 0:
-                continue
             deviation = np.hypot(planes.scale[i], add)
-            if deviation == 0:
+            if deviation == 0 or (likely and planes.scale[i] <= 0):
                 continue  # no distance is a number of its deviations
-            distance = abs(gap @ planes.normals[i]) / deviation
-            cost = distance
-            if limits.likely:  # minus the logarithm of a normal density, and of the share kept
+            distance = cost = abs(gap @ planes.normals[i]) / deviation
+            if likely:  # minus the logarithm of a normal density, and of the share kept
                 cost = np.log(deviation) + distance**2 / 2 - np.log(planes.kept[i])
-            last = not (deviation <= limit and distance <= limits.explained)
-            if best[1] < 0 or (last, cost) < best[0]:
-                best = (last, cost), i, distance
+            if cost < best[0]:
+                best = cost, i, distance
         owners.append(best[1])
         distances.append(best[2])
     return np.array(owners), np.array(distances)
 
 
-@pytest.mark.parametrize("limits", LIMITS.values(), ids=LIMITS)
+@pytest.mark.parametrize("likely", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_owner_is_the_one_that_a_literal_loop_finds(d, kind, limits):
-    queries, candidates, planes, *others = scene(kind, d)
-    owners, distances = explain(queries, candidates, planes, limits, *others)
-    expected, expected_distances = literally(queries, candidates, planes, limits, *others)
-    assert_array_equal(owners, expected)
-    assert_allclose(distances, expected_distances, rtol=1e-9, atol=1e-12)
+def test_the_owner_is_the_one_that_a_literal_loop_finds(d, kind, likely):
+    found = explain(*scene(kind, d), likely)
+    owners, distances = literally(*scene(kind, d), likely)
+    assert_array_equal(found[0], owners)
+    assert_allclose(found[1], distances, rtol=1e-9, atol=1e-12)
 
 
 def test_the_scenes_hold_what_they_are_made_for():
-    """Queries without an owner, with one that explains them, and with one that does not."""
-    limits = LIMITS["likeliest within 3"]
-    queries, candidates, planes, *others = scene("unusable", 3)
-    owners, distances = explain(queries, candidates, planes, limits, *others)
+    """Queries without an owner, near to its plane, and far from it."""
+    owners, distances = explain(*scene("unusable", 3), True)
     assert (owners == -1).sum() > 5
     assert_array_equal(np.isinf(distances), owners == -1)
     assert (distances <= 3).sum() > 50
     assert ((distances > 3) & (owners >= 0)).sum() > 5
-    assert (explain(*scene("far away", 3)[:3], limits, *others)[0] == -1).all()
+    assert (explain(*scene("far away", 3))[0] == -1).all()
 
 
 def test_no_queries_have_no_owners():
-    _, candidates, planes, usable, *_ = scene("plain", 3)
-    none = np.empty(0)
-    owners, distances = explain(
-        np.empty((0, 3)), candidates.take(slice(0, 0)), planes, LIMITS["nearest"], usable,
-        none, none,
-    )  # fmt: skip
+    _, candidates, planes, usable, _ = scene("plain", 3)
+    none = candidates.take(slice(0, 0))
+    owners, distances = explain(np.empty((0, 3)), none, planes, usable, np.empty(0))
     assert owners.shape == distances.shape == (0,)
