@@ -1,6 +1,5 @@
 """The changes that `ablation.py` makes, one at a time: of constants, limits and parameters."""
 
-import functools
 import importlib
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -43,7 +42,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Limit:
-    """A field of a record of limits that a module makes, else as a `Constant`."""
+    """A field of a record of limits: whoever makes one gets another default. Else as `Constant`."""
 
     module: str
     record: str
@@ -52,14 +51,18 @@ class Limit:
     most: float = np.inf
 
     def variants(self, factors):
-        home = importlib.import_module(f"sklearn_mcmd.{self.module}")
-        record = getattr(home, self.record)
-        changes = [*scaled(record._field_defaults[self.name], factors, self.most)]
+        record = getattr(importlib.import_module(f"sklearn_mcmd.{self.module}"), self.record)
+        kept = record._field_defaults
+        changes = [*scaled(kept[self.name], factors, self.most)]
         if self.off is not None:
             changes.append(("off", self.off))
         for label, value in changes:
-            made = functools.partial(record, **{self.name: value})
-            yield label, lambda made=made: replaced(home, self.record, made), {}
+            defaults = tuple({**kept, self.name: value}.values())
+            yield (
+                label,
+                lambda defaults=defaults: replaced(record.__new__, "__defaults__", defaults),
+                {},
+            )
 
     def __str__(self):
         return f"{self.record}.{self.name}"
@@ -95,10 +98,10 @@ class Parameter:
 
 
 @contextmanager
-def replaced(module, name, value):
-    kept = getattr(module, name)
-    setattr(module, name, value)
+def replaced(home, name, value):
+    kept = getattr(home, name)
+    setattr(home, name, value)
     try:
         yield
     finally:
-        setattr(module, name, kept)
+        setattr(home, name, kept)

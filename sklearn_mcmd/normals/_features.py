@@ -19,10 +19,10 @@ from scipy.special import entr
 
 __all__ = [
     "FEATURES",
+    "check_features",
     "evaluate_features",
     "feature_columns",
     "needs_curvatures",
-    "settle_features",
 ]
 
 
@@ -108,7 +108,7 @@ VECTORS = ("max_curvature_direction", "min_curvature_direction")
 SPATIAL = ("linearity", "planarity", *OF_CURVATURES)
 
 
-def settle_features(names, d=3):
+def check_features(names, d=3):
     """Check the names of features in d dimensions: a tuple of str.
 
     `names` is None, one name, a sequence of names, or "all" for all features that exist in d
@@ -126,7 +126,7 @@ def settle_features(names, d=3):
         if not isinstance(name, str) or name not in FEATURES:
             raise ValueError(f"features={name!r} is not known: take {', '.join(FEATURES)}, or all.")
         if name in SPATIAL and d != 3:
-            others = ", ".join(settle_features("all", d))
+            others = ", ".join(check_features("all", d))
             raise ValueError(
                 f"features={name!r} is defined in 3D only and X has {d} features: take {others}."
             )

@@ -37,7 +37,7 @@ CHUNK_ENTRIES = 2_000_000
 
 
 class Trials(NamedTuple):
-    """Arguments of the compiled Algorithm 1, with its constants; `RuleLimits` says why."""
+    """What the compiled Algorithm 1 knows: it would not notice a constant that changes."""
 
     positions: np.ndarray  # int32 (T, k), the table of `draw_trials`
     n_support: np.ndarray  # int64 (k + 1,), the paper's h of each size

@@ -1,13 +1,18 @@
 """Is a plane flat for its noise? For what is usual around it, and for its own extent."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sklearn_mcmd.planes._around import quantile_around
 
 __all__ = ["are_flat", "most_noise_around"]
 
-# Standard errors by which a plane may be noisier than is usual around.
-N_ERRORS = 3.0
+
+class NoiseLimits(NamedTuple):
+    """When a plane is noisier than others."""
+
+    n_errors: float = 3.0  # standard errors by which it may be noisier than is usual around
 
 
 def most_noise_around(noise, around, sizes, quiet, bend=0.0):
@@ -21,7 +26,7 @@ def most_noise_around(noise, around, sizes, quiet, bend=0.0):
     half of them have planes of their own face; among many outliers fewer have planes without any.
     """
     usual = np.hypot(quantile_around(noise, around, quiet), bend)
-    return (1 + N_ERRORS / np.sqrt(2 * sizes)) * usual
+    return (1 + NoiseLimits().n_errors / np.sqrt(2 * sizes)) * usual
 
 
 def are_flat(planes, most):

@@ -14,8 +14,8 @@ from sklearn_mcmd.planes._consistent_set import (
 )
 from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.planes._resolution import LEAST_STEPS, ROUNDING, least_scales
-from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
+from sklearn_mcmd.planes._resolution import RoundingLimits, least_scales
+from sklearn_mcmd.planes._rules import METHODS, RuleArguments, robust_distances
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
@@ -65,8 +65,8 @@ class LocalPlaneModel:
 
     def __init__(self, index, trials, settings):
         self.index, self.trials, self.settings = index, trials, settings
-        self.rounding = ROUNDING * float(settings.precision)  # a float32 would compile anew
-        self.least_scale = LEAST_STEPS * settings.step
+        self.rounding = _rounding(settings.precision)
+        self.least_scale = RoundingLimits().least_steps * settings.step
         n, d = index.points.shape
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
@@ -74,7 +74,7 @@ class LocalPlaneModel:
 
     def evaluate(self, queries, n_jobs=None):
         """Planes of the neighborhoods of queries (m, d), and robust distances (m,) to them."""
-        rounding = max(self.rounding, ROUNDING * float(np.finfo(queries.dtype).eps))
+        rounding = max(self.rounding, _rounding(np.finfo(queries.dtype).eps))
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
         if self.whole is not None:
@@ -114,7 +114,7 @@ class LocalPlaneModel:
 
         `precision` is the relative rounding error of the queries, where that is greater.
         """
-        rounding = max(self.rounding, ROUNDING * float(precision))
+        rounding = max(self.rounding, _rounding(precision))
         return self._evaluate_chunk(queries, neighborhoods, rounding)
 
     def least_scales(self, points):
@@ -155,8 +155,8 @@ class LocalPlaneModel:
         sizes = np.arange(neighborhoods.indices.shape[1] + 1)
         trials = Trials(self.trials, n_support_points(self.settings.support_fraction, sizes, 3))
         own = self.settings
-        limits = RuleLimits.of(own.cutoff, own.reweight, rounding, self.least_scale)
-        out = METHODS[own.method].form, limits, planes, directions, distance
+        rule = RuleArguments.of(own.cutoff, own.reweight, rounding, self.least_scale)
+        out = METHODS[own.method].form, rule, planes, directions, distance
         fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")
         fit(self.index.points, neighborhoods, queries, trials, *out)
 
@@ -252,3 +252,7 @@ class LocalPlaneModel:
         whitening[flat], scale[flat] = 0.0, -1.0
         inliers = valid & (robust_distances(local, centers, whitening) < self.settings.cutoff)
         return RuleFit(origin, radius, centers, whitening, radius * scale, inliers)
+
+
+def _rounding(precision):
+    return RoundingLimits().errors * float(precision)  # a float32 would compile anew

@@ -40,7 +40,7 @@ class Room(NamedTuple):
 def fit_neighborhoods_3d(points, around, queries, trials, form, rule, planes, directions, distance):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
-    Points and queries (m, 3) are float64, `form` is a key of `FORMS`, and `rule` a `RuleLimits`.
+    Points and queries (m, 3) are float64, `form` is a key of `FORMS`, and `rule` a `RuleArguments`.
     Filled are `planes`, except for extents and errors, `directions` (m, 3) with the axes of the
     largest eigenvalues, and `distance` (m,) with robust distances of the queries.
     """

@@ -13,17 +13,15 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.normals._adaptive_k import (
-    AROUND,
-    LEAST,
-    MOST,
-    QUIET,
-    TILT,
     ScaleFinder,
+    SizeLimits,
     are_turned,
     wanted_by,
 )
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._plane import normal_errors
+
+TILT, LEAST, MOST, QUIET, AROUND = SizeLimits()
 
 
 def sheet(n, noise, seed=0):
@@ -84,7 +82,7 @@ def test_sizes_are_those_of_the_literal_steps_on_a_cloud_of_three_noises():
     k, wanted = LEAST, np.full(450, np.inf)
     while np.isinf(wanted).any() and k <= MOST // 2:
         (errors, normals), (_, larger) = planes_by_numpy(X, k), planes_by_numpy(X, 2 * k)
-        error, found = wanted_by(quiet(errors), k, 3)
+        error, found = wanted_by(quiet(errors), k, 3, SizeLimits())
         cosine = np.minimum(np.abs(np.einsum("ij,ij->i", normals, larger)), 1)
         bent = (found > 2 * k) & are_turned(quiet(np.degrees(np.arccos(cosine))), error)
         found = np.maximum(np.where(bent, k, np.where(found > 2 * k, np.inf, found)), LEAST)

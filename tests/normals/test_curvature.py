@@ -167,14 +167,14 @@ def test_the_fit_is_least_squares_of_the_members_it_chose():
     tangents = np.array([[[1.0, 0, 0], [0, 1, 0]]])
     origin, floor = np.zeros((1, 3)), np.zeros(1)
     jets = Jets.undetermined(1)
-    fit_jets(points, around, origin, tangents, planes, floor, JetLimits(), jets)
+    fit_jets(points, around, origin, tangents, planes, floor, JetLimits.now(), jets)
     assert jets.n_used[0] == 37
     design = np.column_stack([np.ones(40), u, v, u * u, u * v, v * v])[3:]
     expected, squares, _, _ = np.linalg.lstsq(design, height[3:], rcond=None)
     assert_allclose(jets.slopes[0], expected[1:3], rtol=1e-9)
     assert_allclose(jets.bends[0], 2 * expected[3:], rtol=1e-9)  # in radii of 2
     deviation = np.sqrt(squares[0] / 31)
-    assert_allclose(2 * jets.noise[0], JetLimits().truncation * deviation, rtol=1e-9)
+    assert_allclose(2 * jets.noise[0], JetLimits.now().truncation * deviation, rtol=1e-9)
     covariance = np.linalg.inv(design.T @ design)[3:, 3:]
     lower = np.zeros((3, 3))
     lower[np.tril_indices(3)] = jets.factors[0]
@@ -185,7 +185,7 @@ def test_the_fit_is_least_squares_of_the_members_it_chose():
     found = _derive(flat, tangents, planes.normals, planes.radius)
     mean = (found.max_curvature[0] + found.min_curvature[0]) / 2
     assert_allclose(mean, expected[3] + expected[5], rtol=1e-9)
-    own = np.sqrt(gradient @ covariance @ gradient) * JetLimits().truncation * deviation
+    own = np.sqrt(gradient @ covariance @ gradient) * JetLimits.now().truncation * deviation
     assert 1.0 < found.mean_error[0] / own < 1.06  # Student's quantile of 31 over the normal one
 
 
@@ -195,14 +195,14 @@ def members_by_numpy(points, scale, rounds):
     design = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
     rest, noise, used = z, scale, np.zeros(len(z), dtype=bool)
     for _ in range(1 + rounds):
-        inside = np.abs(rest) <= JetLimits().explained * noise
+        inside = np.abs(rest) <= JetLimits.now().explained * noise
         if (inside == used).all():
             break
         used = inside
         if used.sum() < 8:
             return 0
         rest = z - design @ np.linalg.lstsq(design[used], z[used], rcond=None)[0]
-        noise = JetLimits().truncation * np.sqrt((rest[used] ** 2).sum() / (used.sum() - 6))
+        noise = JetLimits.now().truncation * np.sqrt((rest[used] ** 2).sum() / (used.sum() - 6))
     return used.sum()
 
 
@@ -218,7 +218,7 @@ def test_members_are_chosen_again_after_each_fit_up_to_the_last_round(n):
         around = Neighborhoods(np.arange(n, dtype=np.int32)[None], np.array([n]))
         tangents, origin = np.array([[[1.0, 0, 0], [0, 1, 0]]]), np.zeros((1, 3))
         for rounds in range(4):
-            jets, limits = Jets.undetermined(1), JetLimits(rounds=rounds)
+            jets, limits = Jets.undetermined(1), JetLimits.now()._replace(rounds=rounds)
             fit_jets(points, around, origin, tangents, planes, np.zeros(1), limits, jets)
             numbers.append((jets.n_used[0], members_by_numpy(points, 0.05, rounds)))
     found, expected = np.array(numbers).T

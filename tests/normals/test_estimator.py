@@ -16,7 +16,7 @@ from scenes import sphere
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._orientation import Sides
+from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.planes import _orientation
 from sklearn_mcmd.planes._consistent_set import draw_trials
 
@@ -244,7 +244,7 @@ def test_one_position_for_each_point_is_that_position(corridor):
 
 def test_one_point_is_enough_to_settle_where_the_sensor_is():
     """Commands in sweeps settle it before they read the cloud."""
-    sides = Sides.settled("sensor", [0, 0, 9], np.zeros((1, 3)))
+    sides = Sides.of("sensor", [0, 0, 9], np.zeros((1, 3)))
     assert_array_equal(sides.sensor_origin, [0, 0, 9])
 
 

@@ -11,7 +11,7 @@ from sklearn.tree import DecisionTreeClassifier
 from reference import plane, saliency
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.normals._features import OF_PLANES, feature_columns, settle_features
+from sklearn_mcmd.normals._features import OF_PLANES, check_features, feature_columns
 from sklearn_mcmd.planes._consistent_set import draw_trials
 
 NAMES = list(OF_PLANES)  # those of curvatures are tested in test_curvature.py
@@ -173,7 +173,7 @@ def test_features_are_columns_of_data_frames(street, library):
     X = frames.DataFrame({name: street.data[:200, i] for i, name in enumerate("xyz")})
     estimator = RobustNormalEstimator(20, features="all", random_state=0)
     frame = estimator.set_output(transform=library).fit_transform(X)
-    assert list(frame.columns)[12:] == feature_columns(settle_features("all"), "xyz")
+    assert list(frame.columns)[12:] == feature_columns(check_features("all"), "xyz")
     assert_array_equal(frame["roughness"].to_numpy(), estimator.features_[:, 7])
 
 
@@ -211,9 +211,9 @@ def test_wrong_names_are_named_and_the_right_ones_listed(d, features, message):
 
 def test_names_may_come_as_any_sequence():
     for names in (["linearity", "roughness"], ("linearity", "roughness"), np.array(NAMES[:1])):
-        assert settle_features(names) == tuple(names)
-    assert settle_features("roughness") == ("roughness",)
-    assert settle_features(None) == ()
+        assert check_features(names) == tuple(names)
+    assert check_features("roughness") == ("roughness",)
+    assert check_features(None) == ()
 
 
 def test_features_can_be_searched(street):

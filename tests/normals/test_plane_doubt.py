@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from normals.test_neighbor_planes import scene
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._plane_doubt import doubted_errors
+from sklearn_mcmd.normals._neighbor_planes import doubted_errors
 from sklearn_mcmd.planes._record import Planes
 
 

@@ -10,9 +10,8 @@ from scenes import corner, cylinder, sphere, torus
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._quadrics import CHANCE
-from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
-from sklearn_mcmd.normals._surface_planes import SurfacePlanes, _bends_too_much, _leans
+from sklearn_mcmd.normals._quadrics import QuadricLimits, is_smooth, whole_planes
+from sklearn_mcmd.normals._surface_planes import _bends_too_much, _leans, lend
 from sklearn_mcmd.planes._consistent_set import draw_trials
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
@@ -51,7 +50,7 @@ def test_normals_of_one_plane_lean_by_chance_alone():
     error = np.full(50_000, 3.0)
     tilts = np.random.default_rng(0).normal(0, 3.0 / np.sqrt(2), (2, 2, 50_000))
     angle = np.hypot(*(tilts[0] - tilts[1]))
-    assert_allclose(_leans(angle, error).mean(), CHANCE, rtol=0.05)
+    assert_allclose(_leans(angle, error).mean(), QuadricLimits().chance, rtol=0.05)
 
 
 def test_points_next_to_an_edge_borrow_the_plane_of_their_face():
@@ -239,7 +238,7 @@ def test_a_borrowed_plane_keeps_the_point_s_extents_and_the_larger_error():
     columns = [(8, *column.shape[1:]) for column in Planes.unknown(1, 3)]
     planes, members = (Planes(*(rng.uniform(size=shape) for shape in columns)) for _ in range(2))
     own, rows, lenders = planes.take(np.arange(8)), np.array([1, 4, 5]), np.array([7, 0, 2])
-    SurfacePlanes.lend(None, planes, rows, members, lenders)
+    lend(planes, rows, members, lenders)
     for name, column in planes._asdict().items():
         expected, lent = getattr(own, name), getattr(members, name)[lenders]
         if name == "normal_error":

@@ -8,9 +8,8 @@ from scipy.spatial import cKDTree
 from scenes import cylinder, sphere
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._crease_test import are_folded, quadric_normals
-from sklearn_mcmd.normals._quadrics import tangents_of
-from sklearn_mcmd.normals._smoothness import whole_planes
+from sklearn_mcmd.normals._folds import are_folded, quadric_normals
+from sklearn_mcmd.normals._quadrics import tangents_of, whole_planes
 from sklearn_mcmd.planes._plane import fit_planes, student_factors
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 

@@ -1,5 +1,7 @@
 """Which of its two sides a normal points to."""
 
+from typing import NamedTuple
+
 import numpy as np
 from joblib import effective_n_jobs
 from scipy.spatial import cKDTree
@@ -8,10 +10,13 @@ from sklearn.utils.validation import check_array
 from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.planes._orientation import orient_by_spanning_tree, orient_toward
 
-__all__ = ["Sides"]
+__all__ = ["Sides", "TreeLimits"]
 
-# Number of neighbors whose normals orientation="mst" makes agree.
-TREE_NEIGHBORS = 12
+
+class TreeLimits(NamedTuple):
+    """What the tree of ``orientation="mst"`` joins."""
+
+    n_neighbors: int = 12  # nearest points whose normals are to agree
 
 
 class Sides:
@@ -26,7 +31,7 @@ class Sides:
         self.direction, self.sensor_origin, self.tree = direction, sensor_origin, tree
 
     @classmethod
-    def settled(cls, orientation, sensor_origin, X):
+    def of(cls, orientation, sensor_origin, X):
         """Check the parameters for the fitted points X (n, d)."""
         d = X.shape[1]
         named = orientation if isinstance(orientation, str) else None
@@ -68,7 +73,7 @@ class Sides:
             return
         apart = np.empty_like(index.points)
         apart[index.nearest(X, effective_n_jobs(n_jobs))] = normals
-        k = min(TREE_NEIGHBORS, len(index.points))
+        k = min(TreeLimits().n_neighbors, len(index.points))
         neighbors = index.query_own(slice(None), k).indices
         self.tree_normals = orient_by_spanning_tree(apart, index.points, neighbors)
 

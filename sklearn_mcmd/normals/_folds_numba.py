@@ -1,4 +1,4 @@
-"""The folds and tangents of ``_crease_test``, compiled."""
+"""``_folds``, compiled."""
 
 import numpy as np
 
