@@ -184,7 +184,7 @@ def low_scores(echo, low):
 PARTS = {
     "growing": Part(
         tried=(
-            Limit("planes._flatness", "NoiseLimits", "n_errors", np.inf),
+            Limit("planes._around", "NoiseLimits", "n_errors", np.inf),
             Constant("segmentation._graph", "USUAL", 0.0),
             Constant("segmentation._graph", "BENT", 0.0),
             Constant("segmentation._assign_points", "CUTOFF", np.inf),
@@ -227,7 +227,7 @@ PARTS = {
         tried=(
             Limit("normals._surface_planes", "MendLimits", "removed", 1.0),
             Limit("normals._quadrics", "QuadricLimits", "chance"),
-            Limit("planes._flatness", "NoiseLimits", "n_errors", np.inf),
+            Limit("planes._around", "NoiseLimits", "n_errors", np.inf),
             Limit("normals._surface_planes", "MendLimits", "quiet"),
             Limit("normals._surface_planes", "MendLimits", "half_ball", np.inf),
             Limit("planes._explaining", "ExplainLimits", "explained", np.inf),

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gamma
 
+from sklearn_mcmd.planes._around import are_flat
 from sklearn_mcmd.planes._explaining import explain
-from sklearn_mcmd.planes._flatness import are_flat
 
 __all__ = ["OFF", "Faces", "are_faces", "give_faces", "measure_spacing"]
 

@@ -1,9 +1,9 @@
-"""How many neighbors a normal needs: as many as the noise asks for, and no more.
+"""How many neighbors a normal needs: as many as the noise requires, and no more.
 
 Noise tilts the normal of a large neighborhood less than that of a small one, and a small one
 follows the surface better. So each point gets the number of neighbors with which the noise tilts
 its normal by 2.5 degrees. The noise is what quadrics leave of small neighborhoods around the point.
-Where these are too noisy to tell, neighborhoods of twice as many points are asked; but only as
+Where these are too noisy, neighborhoods of twice as many points are taken; but only as
 long as the planes of twice as many points turn by no more than noise explains. Where they turn by
 more, the surface bends or folds within them.
 """
@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from sklearn_mcmd.normals._quadrics import QuadricLimits, noise_quantiles, whole_planes
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._plane import normal_errors
+from sklearn_mcmd.planes._principal_planes import normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -56,7 +56,7 @@ class ScaleFinder:
         errors, normals = self._fit(k, todo)
         while todo.any() and k <= min(most // 2, m):
             error, found = wanted_by(self._quiet(errors, todo), k, d, self.limits)
-            known = found <= 2 * k  # more than that the next, twice as large, can tell
+            known = found <= 2 * k  # larger sizes follow from the next, twice as large
             if not known.all():
                 errors, larger = self._fit(2 * k, self._reached(todo))
                 turns = self._quiet(angles(normals, larger), todo)
@@ -114,7 +114,7 @@ class ScaleFinder:
 
 
 def sized_index(xyz, radius, n_jobs):
-    """The `NeighborIndex` whose neighborhoods have the sizes that their noise asks for."""
+    """The `NeighborIndex` whose neighborhoods have the sizes that their noise requires."""
     finder = ScaleFinder(
         NeighborIndex(xyz, SizeLimits().around), n_jobs
     )  # whose index the next one shares

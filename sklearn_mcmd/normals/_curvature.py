@@ -14,7 +14,7 @@ from scipy.special import ndtri, stdtrit
 from sklearn_mcmd.normals._quadrics import QuadricLimits, tangents_of
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._orientation import point_up
-from sklearn_mcmd.planes._plane import CONFIDENCE
+from sklearn_mcmd.planes._principal_planes import CONFIDENCE
 from sklearn_mcmd.planes._rules import truncated_normal
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
@@ -89,14 +89,18 @@ class Jets(NamedTuple):
     def undetermined(cls, m):
         """A record to be filled in part."""
         return cls(
-            np.zeros((m, 2)), np.zeros((m, 3)), np.ones((m, 6)), np.zeros(m), np.zeros(m, np.int64)
+            slopes=np.zeros((m, 2)),
+            bends=np.zeros((m, 3)),
+            factors=np.ones((m, 6)),
+            noise=np.zeros(m),
+            n_used=np.zeros(m, np.int64),
         )
 
 
 def curvatures_of_fitted(model, planes, X, n_jobs=None):
     """The `Curvatures` at the points X (n, 3) that a model was fitted to.
 
-    `planes` has the plane of each row of X; their normals tell the signs of the curvatures.
+    `planes` has the plane of each row of X; the signs of the curvatures follow from their normals.
     """
     index = model.index
     if index.n_neighbors is None:
@@ -151,12 +155,8 @@ def _curvatures_of_one(model, planes, queries):
     one, m = planes.take(slice(0, 1)), len(queries)
     tangents = tangents_of(one.normals)
     around = model.index.query(one.centroids)
-    jets = Jets(
-        *(
-            np.broadcast_to(values, (m, *values.shape[1:]))
-            for values in _fit_jets(model, one, one.centroids, around, tangents)
-        )
-    )
+    jets = _fit_jets(model, one, one.centroids, around, tangents)
+    jets = Jets._make(np.broadcast_to(values, (m, *values.shape[1:])) for values in jets)
     radius = planes.radius[0] if planes.radius[0] > 0 else 1.0
     u, v = ((queries - one.centroids) / radius @ tangents[0].T).T
     uu, uv, vv = jets.bends.T
@@ -200,7 +200,15 @@ def _derive(jets, tangents, normals, radius):
     unit = jets.noise * _student(jets.n_used)
     errors = [unit * _length(jets.factors, gradient) for gradient in gradients]
     mean_error = unit * _length(jets.factors, (gradients[0] + gradients[1]) / 2)
-    found = Curvatures(mean + half, mean - half, *errors, mean_error, *directions)
+    found = Curvatures(
+        max_curvature=mean + half,
+        min_curvature=mean - half,
+        max_error=errors[0],
+        min_error=errors[1],
+        mean_error=mean_error,
+        max_direction=directions[0],
+        min_direction=directions[1],
+    )
     return _in_units(found, jets.n_used > 0, radius)
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.normals._quadrics import QuadricLimits, n_terms, tangents_of
-from sklearn_mcmd.planes._plane import student_factors
+from sklearn_mcmd.planes._principal_planes import student_factors
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["are_folded", "quadric_normals"]
@@ -19,9 +19,7 @@ __all__ = ["are_folded", "quadric_normals"]
 class FoldLimits(NamedTuple):
     """When a neighborhood is folded."""
 
-    evidence: float = (
-        1.0  # least ratio of what the quadric leaves to what two planes leave, squared
-    )
+    evidence: float = 1.0  # least ratio of squares that the quadric leaves to those of two planes
     best: float = 0.75  # share of the members whose squares count, as others may be outliers
     # Members farther from the robust plane than this number of its standard deviations are what the
     # second plane is fitted to first.
@@ -53,10 +51,10 @@ def quadric_normals(points, queries, around, planes, left):
     tangent plane is then the plane of all members.
     """
     m, d = queries.shape
-    tilt, (normals, centroids) = np.empty(m), np.empty((2, m, d))
+    normals, centroids, tilt = out = np.empty((m, d)), np.empty((m, d)), np.empty(m)
     find = compiled_function("normals._folds_numba", "find_quadric_normals")
     tangents = tangents_of(planes.normals)
-    find(points, queries, around, planes, tangents, QuadricLimits().pivot, normals, centroids, tilt)
+    find(points, queries, around, planes, tangents, QuadricLimits().pivot, out)
     freedom = around.sizes - n_terms(d)
     with np.errstate(invalid="ignore"):
         errors = np.degrees(tilt * left) * student_factors(freedom, d)

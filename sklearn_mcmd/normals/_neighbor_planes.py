@@ -3,7 +3,7 @@
 One point alone lies near many planes by chance, also near wrong ones. So a plane must explain the
 patch around the point as well: its nearest neighbors, of which most lie on the same face.
 
-The standard error of a plane tells how noise tilts it. It does not tell that another plane could
+The standard error of a plane says how noise tilts it. It does not say that another plane could
 have been chosen: across an edge, on a surface that is not quite flat, or after other points were
 removed. Those planes exist, one of each neighbor, and so do their probabilities.
 """

@@ -25,9 +25,10 @@ __all__ = [
     "whole_planes",
 ]
 
-# Mean absolute value of a standard normal variable. The mean absolute value of a sample, in its own
-# standard deviations, has the standard deviation GEARY_DEVIATION over the root of the sample size.
-GEARY, GEARY_DEVIATION = sqrt(2 / pi), sqrt(1 - 3 / pi)
+GEARY = sqrt(2 / pi)  # mean absolute value of a standard normal variable
+# The mean absolute value of a sample, in its own standard deviations, has this standard deviation
+# over the root of the sample size.
+GEARY_DEVIATION = sqrt(1 - 3 / pi)
 
 
 class QuadricLimits(NamedTuple):
@@ -102,7 +103,7 @@ def least_members(d):
 def noise_quantiles(share, sizes, d):
     """What quadrics leave of neighborhoods of noise of one, at most, in a share of cases: (m,).
 
-    The least of many deviations is small by chance. Divided by this, it tells the noise.
+    The least of many deviations is small by chance. Divided by this, it is the noise.
     """
     quantiles = np.ones(int(np.max(sizes, initial=0)) + 1)
     counts = np.flatnonzero(np.bincount(sizes))
@@ -133,7 +134,7 @@ def is_smooth(left, scale):
 
 
 def whole_planes(points, around, planes, directions):
-    """Fill planes of all members; what a quadric over them leaves tells whether they are smooth.
+    """Fill planes of all members, and find whether quadrics over them leave noise alone.
 
     Centroids, eigenvalues and normals of `planes` are filled, and `directions` (m, d) with the axes
     of the largest eigenvalues. The points (n, d) are in 2D or 3D.

@@ -3,7 +3,7 @@
 In 2D the third coordinate, and v with it, is zero. The terms of v then have the coefficient 0.
 
 A compiler takes one form of a loop where arrays may share memory, and another where they do not,
-and the two add numbers in another order. Parts of one array are told apart in the same way always.
+and the two add numbers in another order. For parts of one array it always takes the same form.
 So all arrays of a kernel with one number for each member are rows of one.
 """
 
@@ -19,12 +19,13 @@ __all__ = [
     "deviate",
     "fit_whole_planes",
     "frame",
+    "localize",
     "quadric_moments",
     "vector",
     "work_arrays",
 ]
 
-TERMS = 6
+TERMS = 6  # of a quadric over a plane in 3D
 
 
 def work_arrays(rows, k):
@@ -34,6 +35,14 @@ def work_arrays(rows, k):
     """
     equations = np.empty((TERMS + 2, TERMS))
     return np.zeros((rows, k)), (equations[:TERMS], equations[TERMS], equations[TERMS + 1])
+
+
+@kernel
+def localize(points, members, size, origin, local):
+    """Fill the coordinates of members from an origin."""
+    for j in range(size):
+        for axis in range(len(origin)):
+            local[axis, j] = points[members[j], axis] - origin[axis]
 
 
 @kernel(fastmath=FASTMATH)
@@ -167,11 +176,8 @@ def _whole_planes(points, around, limits, room, planes, directions, deviation, l
     terms = d * (d + 1) // 2
     local, height, weight, moments, right, forward = room
     for i in range(len(indices)):
-        size = sizes[i]
-        origin = indices[i, 0]
-        for j in range(size):
-            for axis in range(d):
-                local[axis, j] = points[indices[i, j], axis] - points[origin, axis]
+        size, origin = sizes[i], indices[i, 0]
+        localize(points, indices[i], size, points[origin], local)
         mean, covariance = weighted_covariance(local, size, weight)
         values, axes = principal_axes(covariance, d)
         for axis in range(d):

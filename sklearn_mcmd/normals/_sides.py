@@ -20,7 +20,7 @@ class TreeLimits(NamedTuple):
 
 
 class Sides:
-    """The sides of normals that `orientation` and `sensor_origin` of the estimator ask for.
+    """The sides of normals that `orientation` and `sensor_origin` of the estimator name.
 
     The direction is (d,) or None. The sensor's origin is None, one for all points (d,), or one for
     each of the points that are fitted (n, d). With `tree`, neighbors are to agree, along a spanning
@@ -29,6 +29,7 @@ class Sides:
 
     def __init__(self, direction=None, sensor_origin=None, tree=False):
         self.direction, self.sensor_origin, self.tree = direction, sensor_origin, tree
+        self.tree_normals = None  # of the fitted points, where neighbors are to agree
 
     @classmethod
     def of(cls, orientation, sensor_origin, X):
@@ -53,8 +54,7 @@ class Sides:
         return cls(direction=direction)
 
     def fit(self, index, normals, X, n_jobs):
-        """Flip the normals of the fitted points X (n, d) in place, and keep what `orient` asks."""
-        self.tree_normals = None
+        """Flip the normals of the fitted points X (n, d) in place, and keep what `orient` needs."""
         if self._moves():
             orient_toward(normals, self.sensor_origin - X)
             self.sensor_origin = self.sensor_origin[index.rows]  # of its points

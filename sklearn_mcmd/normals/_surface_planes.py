@@ -13,20 +13,19 @@ import numpy as np
 from sklearn_mcmd.normals._folds import are_folded, quadric_normals
 from sklearn_mcmd.normals._neighbor_planes import doubted_errors, find_lenders
 from sklearn_mcmd.normals._quadrics import QuadricLimits, is_smooth, whole_planes
-from sklearn_mcmd.planes._around import extents
-from sklearn_mcmd.planes._flatness import most_noise_around
-from sklearn_mcmd.planes._plane import flat_normals, normal_errors
+from sklearn_mcmd.planes._around import extents, most_noise_around
+from sklearn_mcmd.planes._principal_planes import flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["SurfacePlanes", "Surfaces", "mends_planes"]
+__all__ = ["SurfacePlanes", "Surfaces", "check_mending", "mends_planes"]
 
 # Forms of neighborhoods: ROUGH ones have a robust plane, and may borrow another. The others keep
 # all members: FLAT ones have the plane of these, BENT ones the tangent plane of a quadric.
 ROUGH, FLAT, BENT = range(3)
-# Field of the planes that no one asks of a member.
+# Field of the members' planes that nothing uses.
 UNUSED = "spacing"
 
 
@@ -306,6 +305,15 @@ def mends_planes(estimator):
     rule = METHODS.get(estimator.method)
     robust = rule is not None and rule.needs_consistent_set
     return robust and estimator.reweight and estimator.n_neighbors is not None
+
+
+def check_mending(estimator):
+    """Raise if an estimator asks for planes of neighbors but does not mend planes."""
+    if estimator.neighbor_planes and not mends_planes(estimator):
+        raise ValueError(
+            "neighbor_planes=True needs robust planes of neighborhoods that are refitted: "
+            'reweight=True, a method "mcmd_z" or "mcmd_md", and a number of neighbors.'
+        )
 
 
 def _moved(planes, places):

@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._explaining import explain
-from sklearn_mcmd.planes._flatness import are_flat
-from sklearn_mcmd.planes._linking import LinkLimits, connected_planes
+from sklearn_mcmd.planes._around import are_flat
+from sklearn_mcmd.planes._explaining import LinkLimits, connected_planes, explain
 from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
@@ -35,7 +34,13 @@ def find_surfaces(index, planes, distances, least, limits, barred=None):
     if barred is not None:
         usable &= ~barred
     cosine = float(np.cos(np.radians(limits.angle)))
-    links = LinkLimits(cosine, limits.explained, both_near=True)
+    links = LinkLimits(
+        min_cosine=cosine,
+        explained=limits.explained,
+        max_gap=np.inf,
+        mutual=True,
+        both_near=True,
+    )
     width = min(limits.n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, width, planes, links, usable)
     return usable & (sizes >= least)[labels]

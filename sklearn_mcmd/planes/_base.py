@@ -26,11 +26,10 @@ from sklearn_mcmd.planes._rules import METHODS, comparator_of
 
 __all__ = ["BaseLocalPlanes", "BasePlaneOutliers", "comparator_model_of", "model_of"]
 
+MAX_TRIALS = 10_000  # in 2D and 3D
 # Each further dimension doubles the trials of Eq. 13: 69 in 3D become 10 million in 20D.
-MAX_TRIALS = 10_000
-# Positions that a trial of one neighborhood of all points may read.
-LONGEST_TRIAL = 4096
 MAX_TRIALS_BEYOND_SPACE = 300
+LONGEST_TRIAL = 4096  # positions that a trial of one neighborhood of all points may read
 
 
 class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
@@ -179,7 +178,7 @@ def model_of(estimator, index, shape, precision, step, cutoff=None):
         length=LONGEST_TRIAL if estimator.n_neighbors is None else None,
     )
     settings = PlaneSettings(
-        estimator.method,
+        method=estimator.method,
         precision=precision,
         step=step,
         support_fraction=estimator.support_fraction,
@@ -193,5 +192,7 @@ def comparator_model_of(estimator, comparator, index, shape, precision, step):
     """The same of a registered method, which judges the neighborhoods in place of a rule."""
     n, d = shape
     estimator.n_trials_, _ = comparator.table_shape(index.n_neighbors or n, d)
-    settings = PlaneSettings(estimator.method, precision, step, comparator=comparator)
+    settings = PlaneSettings(
+        method=estimator.method, precision=precision, step=step, comparator=comparator
+    )
     return LocalPlaneModel(index, comparator.tables(estimator.random_state), settings)

@@ -39,7 +39,7 @@ class RoundingLimits(NamedTuple):
 class CoarseCoordinatesWarning(UserWarning):
     """float32 rounds coordinates by a visible share of a typical neighborhood.
 
-    It tells the coordinate of a typical point, the step of float32 there, and the radius of a
+    It has the coordinate of a typical point, the step of float32 there, and the radius of a
     typical neighborhood.
     """
 
@@ -117,8 +117,8 @@ def in_own_precision(X):
 def is_single(levels):
     """Whether float32 rounded coordinates that it holds exactly, from what `levels_of` gives.
 
-    Float32 holds whole meters, too, and rasters, whose own steps are longer than its steps. The
-    axis tells on which float32 is finest, of those on which its steps matter and values differ.
+    Float32 holds whole meters, too, and rasters, whose own steps are longer than its steps. Of
+    the axes on which its steps matter and values differ, the one decides on which it is finest.
     """
     axes, limits = [], RoundingLimits()
     for values, counts in levels:

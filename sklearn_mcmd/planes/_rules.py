@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 
 __all__ = [
     "METHODS",
@@ -41,10 +41,10 @@ class ReweightLimits(NamedTuple):
     # Times that a plane is refitted. Outliers raise the median of the first scale: 40 % of them
     # make it half as large again, and the first cut removes too little.
     steps: int = 2
-    # For odd and even neighborhoods, see `small_sample_inflation`: a compromise, by simulation,
-    # between planes without outliers and with 10 %, for 20 to 100 neighbors in 2D to 4D.
+    # See `small_sample_inflation`: a compromise, by simulation, between planes without outliers and
+    # with 10 %, for 20 to 100 neighbors in 2D to 4D, of neighborhoods of an odd number of points,
     odd_excess: float = 4.7
-    even_excess: float = 3.2
+    even_excess: float = 3.2  # and of an even number
 
 
 @dataclass(frozen=True)
@@ -72,11 +72,16 @@ class RuleArguments(NamedTuple):
     truncated_variance: float
 
     @classmethod
-    def of(cls, *own):
-        """With the limits as they are now, behind the first four."""
+    def of(cls, **own):
+        """The first four, with the limits as they are now."""
         limits = ReweightLimits()
-        variance = truncated_normal(limits.cutoff)[1]
-        return cls(*own, MAD_TO_SD, limits.cutoff, limits.steps, variance)
+        return cls(
+            **own,
+            mad_to_sd=MAD_TO_SD,
+            reweight_cutoff=limits.cutoff,
+            reweight_steps=limits.steps,
+            truncated_variance=truncated_normal(limits.cutoff)[1],
+        )
 
 
 def truncated_normal(cutoff):
@@ -220,11 +225,22 @@ def _inflation_md(cutoff, d, n_inliers, n_members):
     return _inflation_z(along, d, n_inliers, n_members)
 
 
+def _rule(apply, cutoff, inflation, needs_consistent_set=True):
+    """A rule that has a compiled form of its own name."""
+    return Rule(
+        apply=apply,
+        default_cutoff=cutoff,
+        needs_consistent_set=needs_consistent_set,
+        inflation=inflation,
+        form=apply.__name__,
+    )
+
+
 METHODS = {
-    "mcmd_z": Rule(mcmd_z, lambda d: 2.5, True, _inflation_z, "mcmd_z"),
+    "mcmd_z": _rule(mcmd_z, lambda d: 2.5, _inflation_z),
     # The paper prints 3.075 for d = 3; the root of chi-squared's quantile is 3.0575.
-    "mcmd_md": Rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md, "mcmd_md"),
-    "pca": Rule(pca, lambda d: 2.5, False, lambda *_: 1.0, "pca"),
+    "mcmd_md": _rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), _inflation_md),
+    "pca": _rule(pca, lambda d: 2.5, lambda *_: 1.0, needs_consistent_set=False),
 }
 # Registered methods, which judge neighborhoods in place of a rule, by name.
 _COMPARATORS: dict[str, type] = {}

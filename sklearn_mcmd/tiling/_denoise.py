@@ -20,7 +20,7 @@ from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, share_to_flag
 from sklearn_mcmd.outliers._kinds import judged_cloud
 from sklearn_mcmd.outliers._model import n_by_rays
 from sklearn_mcmd.outliers._volumes import losses_of
-from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
+from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._heights import Heights

@@ -19,7 +19,7 @@ from sklearn_mcmd.normals._sides import Sides, TreeLimits
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces, mends_planes
 from sklearn_mcmd.planes._base import model_of
 from sklearn_mcmd.planes._columns import joined_columns, split_columns
-from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
+from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_slice
