@@ -16,9 +16,8 @@ The detector is measured by what it keeps of real points, what it finds of outli
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
 into which outliers were put. ``--csv`` names a file for all numbers, one a line.
 
-``--cache`` names a folder where prepared clouds (normals) are kept. A limit is replaced in its
-record, where all rules that share it read it. Compiled kernels would not notice a change of an
-imported constant, so the kernels of these parts take constants as arguments.
+``--cache`` names a folder where prepared clouds (columns of planes) are kept. A limit is changed in
+its record, for all who make one. A constant is replaced in its module.
 """
 
 import argparse
@@ -31,7 +30,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from _ablation_changes import FACTORS, Constant, Limit, Parameter, Step
+from _ablation_changes import FACTORS, Limit, Parameter, Step
 from _ablation_clouds import (
     below_ground,
     contaminated,
@@ -48,7 +47,6 @@ from _ablation_clouds import (
 )
 from sklearn.metrics import average_precision_score
 
-from sklearn_mcmd.outliers._model import JudgedCloud
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.segmentation._steps import GrowthSteps
 
@@ -147,62 +145,26 @@ def edge_figures(truth, result):
     return {"F1": f1, "AP": average}
 
 
-class KnownPlanes(JudgedCloud):
-    """A judged cloud that keeps its planes: no constant of the detector's judgement changes them.
-
-    Its limits are those that the module has when it is made.
-    """
-
-    def __init__(self, model, X, known=None, origins=None):
-        super().__init__(model, strictness="groups", noise_scale=None, n_jobs=None, origins=origins)
-        self.rows_origins = origins
-        self.X, self.known = X, known
-
-    def measure_planes(self, own=slice(None)):
-        if self.known is None:
-            self.known = super().measure_planes(own)[0]
-        index = self.model.index
-        near = index.query_own(own, self.off_surface_limits.n_near + 1)
-        return self.known, *self._spacings(index.points[own], near.indices)
-
-
-def planes_of(X):
+def judged(X):
+    """Scores of points, which may be followed by positions of the sensor; and which are flagged."""
     from sklearn_mcmd import MCMDOutlierDetector
 
-    detector = MCMDOutlierDetector(random_state=0)
-    X = detector._fit_planes(X)
-    cloud = KnownPlanes(detector._model, X)
-    cloud.fit(X)
-    return cloud
+    positions = X[:, 3:] if X.shape[1] > 3 else None
+    points = np.ascontiguousarray(X[:, :3])
+    detector = MCMDOutlierDetector(random_state=0, n_jobs=-1).fit(points, sensor_origin=positions)
+    return -detector.scores_, detector.labels_ == -1
 
 
-def scores_of(cloud):
-    known = KnownPlanes(cloud.model, cloud.X, cloud.known, cloud.rows_origins)
-    return known.fit(cloud.X).scores
-
-
-def seen_planes_of(X):
-    from sklearn_mcmd import MCMDOutlierDetector
-
-    X, origins = np.hsplit(X, 2)
-    detector = MCMDOutlierDetector(random_state=0)
-    X = detector._fit_planes(np.ascontiguousarray(X))
-    cloud = KnownPlanes(detector._model, X, origins=origins)
-    cloud.fit(X)
-    return cloud
-
-
-def seen_scores(outlier, scores):
-    flagged = scores > ExplainLimits().explained
+def seen_scores(outlier, result):
+    flagged = result[1]
     found = 100 * flagged[outlier].mean() if outlier.any() else np.nan
     return {"kept": 100 * (~flagged[~outlier]).mean(), "TPR": found}
 
 
-def outlier_scores(outlier, scores):
-    flagged = scores > ExplainLimits().explained
+def outlier_scores(outlier, result):
+    scores, flagged = result
     return {
-        "kept": 100 * (~flagged[~outlier]).mean(),
-        "TPR": 100 * flagged[outlier].mean(),
+        **seen_scores(outlier, result),
         "AP": 100 * average_precision_score(outlier, scores),
         "right": 100 * (flagged == outlier).mean(),
     }
@@ -225,7 +187,7 @@ def low_scores(echo, low):
 PARTS = {
     "growing": Part(
         tried=(
-            Constant("planes._flatness", "N_ERRORS", np.inf),
+            Limit("planes._around", "NoiseLimits", "n_errors", np.inf),
             Limit("planes._explaining", "ExplainLimits", "explained"),
             Limit("segmentation._graph", "GrowthLimits", "usual", 0.0),
             Limit("segmentation._graph", "GrowthLimits", "bent", 0.0),
@@ -254,21 +216,21 @@ PARTS = {
     ),
     "normals": Part(
         tried=(
-            Constant("normals._surface_planes", "REMOVED", 1.0),
-            Constant("normals._surface_planes", "CHANCE"),
-            Constant("planes._flatness", "N_ERRORS", np.inf),
-            Constant("normals._surface_planes", "BEST"),
-            Constant("normals._surface_planes", "HALF_BALL", np.inf),
-            Constant("normals._neighbor_planes", "EXPLAINED", np.inf),
-            Constant("normals._neighbor_planes", "PATCH"),
-            Constant("normals._crease_test", "LEAST_EVIDENCE", np.inf),
-            Constant("normals._crease_test", "BEST", 1.0, most=1.0),
-            Constant("normals._crease_test", "OFF"),
-            Constant("normals._crease_test", "ROUNDS", 0),
-            Constant("normals._smoothness", "CURVED", 0.0),
-            Constant("normals._smoothness", "N_ERRORS", 0.0),
-            Constant("normals._smoothness", "PIVOT", 0.0),
-            Constant("planes._rules", "REWEIGHT_CUTOFF"),
+            Limit("normals._surface_planes", "MendLimits", "removed", 1.0),
+            Limit("normals._quadrics", "QuadricLimits", "chance"),
+            Limit("planes._around", "NoiseLimits", "n_errors", np.inf),
+            Limit("normals._surface_planes", "MendLimits", "quiet"),
+            Limit("normals._surface_planes", "MendLimits", "half_ball", np.inf),
+            Limit("planes._explaining", "ExplainLimits", "explained", np.inf),
+            Limit("normals._neighbor_planes", "PatchLimits", "patch"),
+            Limit("normals._folds", "FoldLimits", "evidence", np.inf),
+            Limit("normals._folds", "FoldLimits", "best", 1.0, most=1.0),
+            Limit("normals._folds", "FoldLimits", "off"),
+            Limit("normals._folds", "FoldLimits", "rounds", 0),
+            Limit("normals._quadrics", "SmoothnessLimits", "curved", 0.0),
+            Limit("normals._quadrics", "SmoothnessLimits", "n_errors", 0.0),
+            Limit("normals._quadrics", "QuadricLimits", "pivot", 0.0),
+            Limit("planes._rules", "ReweightLimits", "cutoff"),
             Parameter("reweight", (False,)),
             Parameter("neighbor_planes", (False,)),
             Parameter("n_neighbors", (20, 30, 80)),
@@ -282,12 +244,12 @@ PARTS = {
     ),
     "sizes": Part(
         tried=(
-            Constant("normals._adaptive_k", "TILT"),
-            Constant("normals._adaptive_k", "LEAST"),
-            Constant("normals._adaptive_k", "MOST"),
-            Constant("normals._adaptive_k", "QUIET", most=0.99),
-            Constant("normals._adaptive_k", "AROUND"),
-            Constant("normals._adaptive_k", "CHANCE", 0.0),
+            Limit("normals._adaptive_k", "SizeLimits", "tilt"),
+            Limit("normals._adaptive_k", "SizeLimits", "least"),
+            Limit("normals._adaptive_k", "SizeLimits", "most"),
+            Limit("normals._adaptive_k", "SizeLimits", "quiet", most=0.99),
+            Limit("normals._adaptive_k", "SizeLimits", "around"),
+            Limit("normals._quadrics", "QuadricLimits", "chance", 0.0),
             Parameter("n_neighbors", (16, 30, 50, 100, 200)),
         ),
         scenes=lambda options: chain(
@@ -344,8 +306,8 @@ PARTS = {
             ),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
-        prepare=planes_of,
-        run=scores_of,
+        prepare=lambda X: X,
+        run=judged,
         measure=outlier_scores,
     ),
     "rays": Part(
@@ -354,8 +316,8 @@ PARTS = {
             for name in ("n_beams", "searched", "usual", "alone", "sheet")
         ),
         scenes=seen,
-        prepare=seen_planes_of,
-        run=scores_of,
+        prepare=lambda X: X,
+        run=judged,
         measure=seen_scores,
     ),
     "ground": Part(

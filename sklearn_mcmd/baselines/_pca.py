@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, check, plane_scale
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes
 
 __all__ = ["Pca"]
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gamma
 
+from sklearn_mcmd.planes._around import are_flat
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.planes._flatness import are_flat
 
 __all__ = ["FaceLimits", "Faces", "are_faces", "give_faces", "measure_spacing"]
 
@@ -103,8 +103,7 @@ def give_faces(queries, around, planes, flat, usable):
 
 def _likeliest(queries, around, planes, usable, least):
     """Whose plane explains each query best, -1 where none does."""
-    limits, most = ExplainLimits(likely=True, explained=np.inf), np.full(len(queries), np.inf)
-    return explain(queries, around, planes, limits, usable, least, most)[0]
+    return explain(queries, around, planes, usable, least, likely=True)[0]
 
 
 def _spacing(distances, d):

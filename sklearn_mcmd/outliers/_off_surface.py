@@ -11,8 +11,7 @@ from sklearn_mcmd.outliers._groups import are_flat_groups, gaps_of_groups, separ
 from sklearn_mcmd.outliers._isolation import chosen_rows, mean_distance_to_rest
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._explaining import ExplainLimits
-from sklearn_mcmd.planes._linking import connected
+from sklearn_mcmd.planes._explaining import ExplainLimits, connected
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.runtime._progress import progress_part

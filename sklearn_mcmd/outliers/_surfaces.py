@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.planes._flatness import are_flat
-from sklearn_mcmd.planes._linking import LinkLimits, connected_planes
+from sklearn_mcmd.planes._around import are_flat
+from sklearn_mcmd.planes._explaining import ExplainLimits, LinkLimits, connected_planes, explain
 from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
@@ -38,7 +37,9 @@ def find_surfaces(index, planes, distances, least, limits, barred=None):
     if barred is not None:
         usable &= ~barred
     cosine = float(np.cos(np.radians(limits.angle)))
-    links = LinkLimits(cosine, explained, both_near=True)
+    links = LinkLimits(
+        min_cosine=cosine, explained=explained, max_gap=np.inf, mutual=True, both_near=True
+    )
     width = min(limits.n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, width, planes, links, usable)
     return usable & (sizes >= least)[labels]
@@ -59,14 +60,13 @@ def distances_to_surfaces(queries, neighbors_of, planes, on_surface, floor, chun
     which those `on_surface` count. `floor` (m,) is a standard deviation that is added: the rounding
     error of the coordinates. A task takes `chunk` queries.
     """
-    m, nearest = len(queries), ExplainLimits(explained=np.inf)
+    m = len(queries)
     owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
 
     def task(rows):
-        part, around = queries[rows], neighbors_of(rows)
-        most = np.full(len(part), np.inf)
+        around = neighbors_of(rows)
         owners[rows], distances[rows] = explain(
-            part, around, planes, nearest, on_surface, floor[rows], most
+            queries[rows], around, planes, on_surface, floor[rows]
         )
 
     each_slice(m, chunk, task, n_jobs)

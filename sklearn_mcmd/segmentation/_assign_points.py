@@ -83,13 +83,11 @@ class Claims:
 
     def _owners(self, labels, rows, around, usable):
         """Label of the neighbor, one of the usable, whose plane claims each of the rows, or -1."""
-        owner, nearest = np.full(len(rows), -1, dtype=labels.dtype), ExplainLimits(explained=np.inf)
+        owner = np.full(len(rows), -1, dtype=labels.dtype)
 
         def task(part):
-            queries, m = self.index.points[rows[part]], len(rows[part])
-            least, most = np.zeros(m), np.full(m, np.inf)
-            near = around.of(part)
-            found, share = explain(queries, near, self.planes, nearest, usable, least, most)
+            queries, floor = self.index.points[rows[part]], np.zeros(len(rows[part]))
+            found, share = explain(queries, around.of(part), self.planes, usable, floor)
             owner[part] = np.where((found >= 0) & (share <= self.cutoff), labels[found], -1)
 
         step = max(1, CHUNK // self.index.n_neighbors)

@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._flatness import most_noise_around
-from sklearn_mcmd.planes._linking import LinkLimits, farthest_neighbors, row_linker
+from sklearn_mcmd.planes._around import extents, most_noise_around, ratio
+from sklearn_mcmd.planes._explaining import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
@@ -74,12 +73,18 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     n, k, growth = len(index.points), n_linked(index, rules), GrowthLimits()
     radius, limit, links = index.empty(n), index.empty(n), index.empty((n, k), np.int32)
     max_gap = np.inf if rules.max_gap is None else rules.max_gap
-    limits = LinkLimits(rules.min_cosine, 1.0, max_gap, rules.mutual)
+    limits = LinkLimits(
+        min_cosine=rules.min_cosine,
+        explained=1.0,
+        max_gap=max_gap,
+        mutual=rules.mutual,
+        both_near=False,
+    )
     link = row_linker(index, k, planes._replace(scale=limit), limits, np.ones(n, bool))
 
     def measure(rows):
         around = index.query_own(rows, k)
-        radius[rows] = farthest_neighbors(index.points, around, rows.start)
+        radius[rows] = extents(index.points, index.points[rows], around)[1]
         if rules.max_distance is not None:
             limit[rows] = float(rules.max_distance)
         else:

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.segmentation._graph import (
