@@ -50,7 +50,7 @@ def find_creases(index, planes, min_angle, n_jobs=None, around=None):
     points = np.subtract(index.points, origin, out=index.empty(index.points.shape))
     planes.centroids[:] -= origin
     with progress_part(0.0, SEARCHED):
-        around = _search_own(index, n_jobs) if around is None else around
+        around = _search(index, index.points, n_jobs) if around is None else around
     with progress_part(SEARCHED, MEASURED):
         _measure_spacing(index, points, planes, around, n_jobs)
     cloud = _Cloud(index=index, points=points, planes=planes, flat=are_faces(planes), n_jobs=n_jobs)
@@ -111,7 +111,7 @@ class _Cloud:
         def give(part, around):
             faces.put(part, give_faces(queries[part], around, self.planes, self.flat, usable))
 
-        self._in_chunks(around, give)
+        _in_chunks(around, give, self.points.shape[1], self.n_jobs)
         return faces
 
     def meet(self, queries, own, faces, cosine, around):
@@ -123,7 +123,7 @@ class _Cloud:
                 queries[part], own.take(part), around, self.points, faces, cosine
             )
 
-        self._in_chunks(around, meet, width=min(self.index.n_neighbors, 1_000))
+        _in_chunks(around, meet, min(self.index.n_neighbors, 1_000), self.n_jobs)
         return distance, evidence
 
     def judge(self, faces, distance, evidence, around):
@@ -133,10 +133,7 @@ class _Cloud:
             pooled, most = pool_evidence(around, self.points, evidence)
             distance[part] = judged_distances(faces.take(part), distance[part], pooled, most)
 
-        self._in_chunks(around, judge)
-
-    def _in_chunks(self, around, work, width=None):
-        _in_chunks(around, work, self.points.shape[1] if width is None else width, self.n_jobs)
+        _in_chunks(around, judge, self.points.shape[1], self.n_jobs)
 
 
 def _in_chunks(around, work, width, n_jobs):
@@ -146,27 +143,20 @@ def _in_chunks(around, work, width, n_jobs):
     each_slice(n, step, lambda part: work(part, around.take(part)), n_jobs)
 
 
-def _search_own(index, n_jobs):
-    """The neighborhoods of all points: one search for all that follows."""
-    (n, d), k = index.points.shape, index.n_neighbors
-    indices = np.empty((n, k), dtype=np.int32)
-
-    def task(part):
-        indices[part] = index.query_own(part).indices
-
-    each_slice(n, max(1, CHUNK // (k * d)), task, n_jobs)
-    return Neighborhoods(indices, np.full(n, k))
-
-
 def _search(index, queries, n_jobs):
-    """The neighborhoods of queries."""
-    m, k = len(queries), index.n_neighbors
+    """The neighborhoods of queries, or of all points: one search for all that follows."""
+    own = queries is index.points
+    (m, d), k = queries.shape, index.n_neighbors
     indices = np.empty((m, k), dtype=np.int32)
 
     def task(rows):
-        indices[rows] = index.query(queries[rows]).indices
+        around = index.query_own(rows) if own else index.query(queries[rows])
+        indices[rows] = around.indices
 
-    each_chunk(queries, index.chunk, task, n_jobs)
+    if own:
+        each_slice(m, max(1, CHUNK // (k * d)), task, n_jobs)
+    else:
+        each_chunk(queries, index.chunk, task, n_jobs)
     return Neighborhoods(indices, np.full(m, k))
 
 

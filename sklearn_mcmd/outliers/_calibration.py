@@ -19,12 +19,12 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 __all__ = ["calibrated_cutoff", "sample_step"]
 
 SEED = 20_150  # of the simulated planes
-# Flagged points wanted in the simulation, and what it takes at least: its own error is 14 or 30 %.
-EXPECTED, LEAST_EXPECTED = 50, 10
-# Points that count, fewest and most, where compiled code does the work and where it doesn't.
-FEWEST, MOST = {True: 10_000, False: 1_000}, {True: 100_000, False: 10_000}
-# Of all points, with those near the border that do not count. In many dimensions all are.
-MOST_SIMULATED = {True: 400_000, False: 4_000}
+EXPECTED = 50  # flagged points wanted in the simulation, whose own error is 14 % then,
+LEAST_EXPECTED = 10  # and at least, where it is 30 %
+# Points that count, where compiled code does the work and where it doesn't.
+FEWEST = {True: 10_000, False: 1_000}  # at least
+MOST = {True: 100_000, False: 10_000}  # at most
+MOST_SIMULATED = {True: 400_000, False: 4_000}  # with those near the border; in many dimensions all
 MATCHED = 1_000  # points whose planes tell the noise
 MATCHING_STEPS = 4  # in which it is found
 BATCH = 20_000  # points a batch of planes of their own

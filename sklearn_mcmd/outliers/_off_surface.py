@@ -72,23 +72,12 @@ class Places(NamedTuple):
 
 @dataclass
 class OffSurface:
-    """The points that no surface explains: things such as foliage and wires, or errors.
-
-    No plane can tell these apart. What tells is how far a point, or the small group that it
-    belongs to, stands off from everything else, in units of its own size. The size of a point is
-    the usual spacing of the surfaces around. The size of a group is its standard deviation along
-    its longest axis.
+    """The points that no surface explains, as `MCMDOutlierDetector` judges their company.
 
     Scanners measure the skins of things, and where their lines are far apart, a thing lies in
-    pieces, which are flat. So flat groups that are nearer to each other than to anything real are
-    one group. Ghosts fill space.
-
-    The more points a group has, the less likely are all of them errors: n times as many as a thing
-    needs must stand off n times as far. A group of at least as many is a thing, unless it stands
-    off very far.
-
-    Of the m points of the `rest`, `groups` (m,) are their groups, from 0 on, where pieces of one
-    thing are one group, and `isolation` and `separation` (m,) are as in `measure`.
+    pieces, which are flat; ghosts fill space. Of the m points of the `rest`, `groups` (m,) are
+    their groups, from 0 on, where pieces of one thing are one group, and `isolation` and
+    `separation` (m,) are as in `measure`.
     """
 
     rest: "Rest"

@@ -147,7 +147,7 @@ class _Strips:
 
         def task(start):
             for i in range(start, min(start + CHUNK, len(borders))):
-                votes[i] = self.asked(borders[i])[0]
+                votes[i] = self.vote_on(borders[i])[0]
 
         run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
         return votes
@@ -159,7 +159,7 @@ class _Strips:
         """
 
         def task(i):
-            _, names, rows, first = self.asked(borders[i])
+            _, names, rows, first = self.vote_on(borders[i])
             parts[i % CHUNK] = rows, group[names], first
 
         for start in range(0, len(borders), CHUNK):
@@ -169,7 +169,7 @@ class _Strips:
                 own = np.isin(labels[rows], groups)
                 labels[rows[own]] = np.where(first[own], *groups)
 
-    def asked(self, border):
+    def vote_on(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
         names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
         centers = self.centers

@@ -15,12 +15,12 @@ from sklearn_mcmd.segmentation._region_sums import median_by_region, rows_of
 __all__ = ["region_table"]
 
 N_PLANE = 3  # parameters of a plane
-FIELDS = [
-    ("kind", "U8"), ("points", np.int64), ("area", float), ("centroid", float, 3),
-    ("normal", float, 3), ("dip", float), ("dip_direction", float), ("rms", float),
-    ("height_error", float), ("normal_error", float), ("axis_point", float, 3),
-    ("axis", float, 3), ("radius", float), ("outline", object),
-]  # fmt: skip
+NAMES = (
+    "kind points area centroid normal dip dip_direction rms height_error normal_error axis_point"
+)
+TYPES = {"kind": "U8", "points": np.int64, "outline": object}  # of columns; the others are numbers
+TYPES |= dict.fromkeys(("centroid", "normal", "axis_point", "axis"), "3f8")
+FIELDS = [(name, TYPES.get(name, "f8")) for name in f"{NAMES} axis radius outline".split()]
 
 
 def region_table(points, labels, around, moments):

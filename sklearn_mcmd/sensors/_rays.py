@@ -175,11 +175,11 @@ class Rays:
     def next_to(self, rows, on_surface):
         """The `Emptiness` of the places of some of the points."""
 
-        def ask(part):
+        def witnesses(part):
             own = rows[part]
             return self._witnesses(self._beams[own], self.ranges[own], self._step[own])
 
-        return self._sums(len(rows), ask, on_surface)
+        return self._sums(len(rows), witnesses, on_surface)
 
     def around(self, rows, groups, on_surface):
         """The `Emptiness` around groups of points: the beams next to them that are of others.
@@ -192,23 +192,23 @@ class Rays:
         cloud, k, ranges = self.cloud, self.n_beams, self.ranges[rows]
         n_searched = min(int(self.limits.searched * k), len(cloud.points) - 1)
 
-        def ask(part):
+        def witnesses(part):
             own = rows[part]
             angles, found = cloud.nearest(cloud.points[self._place_of[own]], n_searched + 1)
             angles, beams = angles[:, 1:], self.rows[found[:, 1:]]
             strange = group[beams] != group[own][:, None]
             strange &= np.cumsum(strange, axis=1) <= k
-            witnesses = self._witnesses(beams, ranges[part], self._step[own], angles)
-            return witnesses._replace(asked=strange)
+            found = self._witnesses(beams, ranges[part], self._step[own], angles)
+            return found._replace(asked=strange)
 
-        return self._sums(len(rows), ask, on_surface)
+        return self._sums(len(rows), witnesses, on_surface)
 
-    def _sums(self, m, ask, on_surface):
-        """The `Emptiness` of m points, of which ``ask(part)`` gives the `Witnesses` of a slice."""
+    def _sums(self, m, witnesses, on_surface):
+        """The `Emptiness` of m points, of which ``witnesses(part)`` gives the `Witnesses` of a slice."""
         sums = Emptiness(*np.empty((len(Emptiness._fields), m)))
 
         def add(part):
-            for field, values in zip(sums, Emptiness.of(ask(part), on_surface), strict=True):
+            for field, values in zip(sums, Emptiness.of(witnesses(part), on_surface), strict=True):
                 field[part] = values
 
         each_slice(m, CHUNK, add, self.n_jobs)

@@ -120,7 +120,7 @@ def test_scores_equal_those_of_the_literal_oracle(oracle, compiled, monkeypatch)
 
 # Small clouds
 
-SMALL = (10, 20, 30, 51, 200)
+SMALL = (5, 10, 20, 30, 50, 51, 200)
 CLEAN_RATE = 0.0027  # of a normal law beyond 3
 
 
@@ -138,14 +138,14 @@ def test_clean_planes_of_few_points_are_flagged_no_more_than_the_cutoff_says(d, 
 
     Points of one cloud share a plane, and where its scale is small several are flagged together:
     their number varies more than a binomial number, with up to twice its variance (measured, 20
-    points in 2D). Of 2,000 points of a size, four standard deviations above 0.27 % are 0.93 %.
+    points in 2D). Of 2,000 points of most sizes, four standard deviations above 0.27 % are 0.93 %.
     One size is above 0.27 %: 30 to 40 points in 2D have 0.4 to 0.6 % (12,000 points), as the scale
     of few points has a heavier tail than its correction. All sizes together are not.
     """
     monkeypatch.setattr("sklearn_mcmd.planes._local_planes.COMPILE_FROM", 0)  # in 3D it is quick
     shares = []
     for n in SMALL:
-        clouds = [clean_plane(n, d, seed) for seed in range(2_000 // n)]
+        clouds = [clean_plane(n, d, seed) for seed in range(min(2_000 // n, 100))]
         shares.append(np.mean([flagged(X, "surfaces") for X in clouds]))
     assert max(shares) <= CLEAN_RATE + 4 * np.sqrt(2 * CLEAN_RATE / 2_000)
     assert np.mean(shares) <= CLEAN_RATE
