@@ -79,7 +79,6 @@ class CylinderParts:
     of each part it leaves at most `most_noise` times what the best model of that part alone leaves.
     So the noise is measured on the parts themselves. Two narrow faces that meet in an edge stay
     apart, because no cylinder follows both to within their noise.
-
     """
 
     index: NeighborIndex  # of points in three dimensions

@@ -49,7 +49,6 @@ class NarrowFaces:
     the wrong face, count for nothing. Its deviation is the region's usual noise, so nothing
     depends on the unit. Planes of a face are, by the same measure, no noisier than those of the
     flattest region beside it.
-
     """
 
     index: NeighborIndex

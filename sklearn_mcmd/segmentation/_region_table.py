@@ -15,12 +15,12 @@ from sklearn_mcmd.segmentation._region_sums import median_by_region, rows_of
 __all__ = ["region_table"]
 
 N_PLANE = 3  # parameters of a plane
-NAMES = (
-    "kind points area centroid normal dip dip_direction rms height_error normal_error axis_point"
-)
-TYPES = {"kind": "U8", "points": np.int64, "outline": object}  # of columns; the others are numbers
+NAMES = "kind points area centroid normal dip dip_direction rms height_error normal_error"
+TYPES = {"kind": "U8", "points": np.int64, "outline": object}  # of columns; others are numbers
 TYPES |= dict.fromkeys(("centroid", "normal", "axis_point", "axis"), "3f8")
-FIELDS = [(name, TYPES.get(name, "f8")) for name in f"{NAMES} axis radius outline".split()]
+FIELDS = [
+    (name, TYPES.get(name, "f8")) for name in f"{NAMES} axis_point axis radius outline".split()
+]
 
 
 def region_table(points, labels, around, moments):

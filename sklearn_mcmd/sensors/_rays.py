@@ -204,7 +204,7 @@ class Rays:
         return self._sums(len(rows), witnesses, on_surface)
 
     def _sums(self, m, witnesses, on_surface):
-        """The `Emptiness` of m points, of which ``witnesses(part)`` gives the `Witnesses` of a slice."""
+        """The `Emptiness` of m points, from the `Witnesses` that a function gives of a slice."""
         sums = Emptiness(*np.empty((len(Emptiness._fields), m)))
 
         def add(part):
