@@ -12,7 +12,7 @@ from sklearn_mcmd.planes._consistent_set import (
     maximum_consistent_sets,
     n_trials_needed,
 )
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes
 
 __all__ = ["CUT", "half_of", "robust_start"]
 

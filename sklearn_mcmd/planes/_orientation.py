@@ -13,7 +13,7 @@ __all__ = [
     "spanning_forest",
 ]
 
-EDGES_AT_ONCE = 1_000_000
+EDGES_AT_ONCE = 1_000_000  # whose costs are computed; it limits the memory
 UPRIGHT = 80.0  # tilt in degrees from which on noise may decide which normal points up
 
 

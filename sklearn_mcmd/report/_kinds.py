@@ -2,20 +2,17 @@
 
 import numpy as np
 
-__all__ = ["KINDS", "judged_cloud", "kinds_of_outliers", "plane_scales", "reasons_of"]
+from sklearn_mcmd.outliers._detector import judged_cloud
+
+__all__ = ["KINDS", "kinds_of_outliers", "plane_scales", "reasons_of"]
 
 KINDS = ("isolated", "in groups", "off surfaces")
-
-
-def judged_cloud(detector):
-    """The `JudgedCloud` of a fitted detector."""
-    return detector._cloud
 
 
 def plane_scales(detector):
     """Standard deviations of the planes of a fitted detector; None where each point is judged by
     its own plane alone."""
-    cloud = detector._cloud
+    cloud = judged_cloud(detector)
     return None if cloud.own_planes_only else cloud.planes.scale
 
 
@@ -35,8 +32,9 @@ def kinds_of_outliers(detector):
 
 def reasons_of(detector, rows):
     """Why each of these rows is an outlier, in words with numbers: a list of str."""
-    cloud, groups, kinds = detector._cloud, detector.group_index_, kinds_of_outliers(detector)
-    at = np.searchsorted(cloud.off_surface.rows, cloud.model.index.places)
+    cloud, kinds = judged_cloud(detector), kinds_of_outliers(detector)
+    groups = detector.group_index_
+    at = np.searchsorted(cloud.off_surface.rest.rows, cloud.model.index.places)
     sizes, far = np.bincount(groups + 1), detector.separation_ > -detector.offset_
     reasons = []
     for row in rows:
@@ -53,7 +51,7 @@ def reasons_of(detector, rows):
         words = f"{who}, {float(f'{away:.2g}'):,g} {unit}"
         if kind == 2 and groups[row] >= 0:
             words = "off every surface"
-        elif kind == 0 and cloud.rays is not None and cloud.rays.by_sheet[at[row]]:
+        elif kind == 0 and cloud.rays is not None and cloud.rays.rest.by_sheet[at[row]]:
             words = "on a sheet of rays"
         reasons.append(words)
     return reasons

@@ -9,31 +9,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.normals._quadrics import PIVOT, n_terms, tangents_of
-from sklearn_mcmd.planes._plane import student_factors
+from sklearn_mcmd.normals._quadrics import QuadricLimits, n_terms, tangents_of
+from sklearn_mcmd.planes._principal_planes import student_factors
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["are_folded", "quadric_normals"]
 
-# A neighborhood is folded if what the quadric leaves exceeds this number of times what two planes
-# leave, in squares.
-LEAST_EVIDENCE = 1.0
-# Each leaves the sum of the least squares of this share of the members, since others may be
-# outliers.
-BEST = 0.75
-# Members farther from the robust plane than this number of its standard deviations are what the
-# second plane is fitted to first. Then members join the nearer plane and both are fitted anew.
-OFF = 1.5
-ROUNDS = 5
-
 
 class FoldLimits(NamedTuple):
-    """What the compiled form of `are_folded` is told."""
+    """When a neighborhood is folded."""
 
-    evidence: float
-    best: float
-    off: float
-    rounds: int
+    evidence: float = 1.0  # least ratio of squares that the quadric leaves to those of two planes
+    best: float = 0.75  # share of the members whose squares count, as others may be outliers
+    # Members farther from the robust plane than this number of its standard deviations are what the
+    # second plane is fitted to first.
+    off: float = 1.5
+    rounds: int = 5  # times that members join the nearer plane, and both are fitted anew
 
 
 def are_folded(points, around, planes, faces):
@@ -42,10 +33,9 @@ def are_folded(points, around, planes, faces):
     `planes` are those of all members, and `faces` the robust planes, each of the majority of the
     members. The points (n, d) are in 2D or 3D.
     """
-    limits = FoldLimits(LEAST_EVIDENCE, BEST, OFF, ROUNDS)
     folded = np.empty(len(around.sizes), dtype=bool)
-    find = compiled_function("normals._crease_test_numba", "find_folded")
-    find(points, around, planes, tangents_of(planes.normals), faces, limits, folded)
+    find = compiled_function("normals._folds_numba", "find_folded")
+    find(points, around, planes, tangents_of(planes.normals), faces, FoldLimits(), folded)
     return folded
 
 
@@ -61,10 +51,10 @@ def quadric_normals(points, queries, around, planes, left):
     tangent plane is then the plane of all members.
     """
     m, d = queries.shape
-    tilt, (normals, centroids) = np.empty(m), np.empty((2, m, d))
-    find = compiled_function("normals._crease_test_numba", "find_quadric_normals")
+    normals, centroids, tilt = out = np.empty((m, d)), np.empty((m, d)), np.empty(m)
+    find = compiled_function("normals._folds_numba", "find_quadric_normals")
     tangents = tangents_of(planes.normals)
-    find(points, queries, around, planes, tangents, PIVOT, normals, centroids, tilt)
+    find(points, queries, around, planes, tangents, QuadricLimits().pivot, out)
     freedom = around.sizes - n_terms(d)
     with np.errstate(invalid="ignore"):
         errors = np.degrees(tilt * left) * student_factors(freedom, d)

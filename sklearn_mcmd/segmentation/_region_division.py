@@ -11,30 +11,27 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.runtime._chunks import each_slice, run
 from sklearn_mcmd.runtime._compiling import compiled_function
-from sklearn_mcmd.segmentation._cylinder import N_STEPS, RIDGE
-from sklearn_mcmd.segmentation._graph import BENT, HEIGHT_BITS, USUAL, n_linked
-from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE
+from sklearn_mcmd.segmentation._cylinder import FitLimits
+from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, GrowthLimits, n_linked
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
 
 __all__ = ["VoteLimits", "divide_at_creases"]
 
-# A smooth surface, a quadric over a plane, has six numbers, and so have two planes. A strip has no
-# vote if its points are fewer than twice the numbers of both models. Patches of as many are large.
-LEAST_POINTS = 2 * (6 + 6)
-# Places of the six different numbers of a symmetric matrix in its nine, and the reverse.
-UPPER, WHOLE = [0, 1, 2, 4, 5, 8], [0, 1, 2, 1, 3, 4, 2, 4, 5]
-# Borders that are voted on in one task, and pairs of cells from which on trees are faster.
-CHUNK, FEW = 64, 2**16
-# Rows whose neighbors are looked at at once; it limits the memory.
-ROWS = 2**18
+UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in its nine
+WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
+CHUNK = 64  # borders that are voted on in one task
+FEW = 2**16  # pairs of cells from which on trees are faster
+ROWS = 2**18  # whose neighbors are looked at at once; it limits the memory
 
 
 class VoteLimits(NamedTuple):
-    """Limits of a vote. They reach the kernel as arguments: it would freeze imported constants."""
+    """When borders vote."""
 
-    n_steps: int
-    ridge: float
-    most_noise: float
+    # A smooth surface, a quadric over a plane, has six numbers, and so have two planes. A strip has
+    # no vote if its points are fewer than twice the numbers of both models. Patches of as many are
+    # large.
+    least_points: int = 24
 
 
 class _Cells(NamedTuple):
@@ -69,7 +66,7 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
     if not (labels >= 0).any() or not noise.min() * unit > 0:
         return labels
-    noise[:] = np.maximum(noise / unit, RIDGE)
+    noise[:] = np.maximum(noise / unit, FitLimits().ridge)
     # The flattest begin. Their order depends on no rounding error, and on no order of rows.
     flatness = np.rint(np.ldexp(ratio(planes.scale / unit, noise), HEIGHT_BITS))
     order = np.lexsort((*index.points.T, flatness))
@@ -84,7 +81,9 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     if len(first) == len(np.unique(labels[labels >= 0])):
         return labels
     normals = np.linalg.eigh(scatters[first][:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
-    large = found.sizes[first] >= LEAST_POINTS  # of the patches, since cells were joined
+    large = (
+        found.sizes[first] >= VoteLimits().least_points
+    )  # of the patches, since cells were joined
     borders = patch[edges]
     borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
     strips = _Strips(index.points, noise, unit, cells, patch, normals)
@@ -102,12 +101,13 @@ def _noise_and_neighbors(index, planes, rules, n_jobs):
     """Standard deviation (n,) that is usual around each point, and its neighbors (n, k)."""
     n, k = len(index.points), n_linked(index, rules)
     noise, near = index.empty(n), index.empty((n, k), np.int32)
-    bend = BENT * np.arccos(min(rules.min_cosine, 1.0))
+    limits = GrowthLimits()
+    bend = limits.bent * np.arccos(min(rules.min_cosine, 1.0))
 
     def measure(rows):
         around = index.query_own(rows, k)
         near[rows] = around.indices
-        usual = quantile_around(planes.scale, around, USUAL)
+        usual = quantile_around(planes.scale, around, limits.usual)
         noise[rows] = np.hypot(usual, bend * planes.radius[rows])
 
     each_slice(n, index.chunk, measure, n_jobs)
@@ -147,7 +147,7 @@ class _Strips:
 
         def task(start):
             for i in range(start, min(start + CHUNK, len(borders))):
-                votes[i] = self.asked(borders[i])[0]
+                votes[i] = self.vote_on(borders[i])[0]
 
         run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
         return votes
@@ -159,7 +159,7 @@ class _Strips:
         """
 
         def task(i):
-            _, names, rows, first = self.asked(borders[i])
+            _, names, rows, first = self.vote_on(borders[i])
             parts[i % CHUNK] = rows, group[names], first
 
         for start in range(0, len(borders), CHUNK):
@@ -169,7 +169,7 @@ class _Strips:
                 own = np.isin(labels[rows], groups)
                 labels[rows[own]] = np.where(first[own], *groups)
 
-    def asked(self, border):
+    def vote_on(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
         names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
         centers = self.centers
@@ -181,12 +181,12 @@ class _Strips:
         rows, cell = self.cells.rows(np.concatenate([small, large]))
         local = (self.points[rows] - centers[small[0]]) / self.unit
         n_first = (self.cells.starts[small + 1] - self.cells.starts[small]).sum()
-        first, limits = np.arange(len(rows)) < n_first, VoteLimits(N_STEPS, RIDGE, MOST_NOISE)
+        first, fit = np.arange(len(rows)) < n_first, FitLimits()
         sides, weights = first.copy(), 1.0 / self.noise[rows]
-        value = RIDGE  # too few to tell
-        if len(rows) >= LEAST_POINTS:
-            vote = _compiled("vote")
-            value = vote(local, weights, cell, first, self.normals[names], limits, sides)
+        value = fit.ridge  # too few to tell
+        if len(rows) >= VoteLimits().least_points:
+            normals, most_noise = self.normals[names], JoinLimits().most_noise
+            value = _compiled("vote")(local, weights, cell, first, normals, fit, most_noise, sides)
         return value, names, rows, sides
 
 
@@ -249,4 +249,4 @@ def _joined(n, borders, votes):
 
 
 def _compiled(name):
-    return compiled_function("segmentation._creases_numba", name)
+    return compiled_function("segmentation._region_division_numba", name)

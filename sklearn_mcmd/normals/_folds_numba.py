@@ -1,4 +1,4 @@
-"""The folds and tangents of ``_crease_test``, compiled."""
+"""``_folds``, compiled."""
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from sklearn_mcmd.normals._quadrics_numba import (
     decompose,
     deviate,
     frame,
+    localize,
     quadric_moments,
     vector,
     work_arrays,
@@ -39,7 +40,7 @@ def _are_folded(points, around, planes, tangents, faces, limits, room, folded):
     d = points.shape[1]
     for i in range(len(folded)):
         size = around.sizes[i]
-        _localize(points, around.indices[i], size, planes.centroids[i], local)
+        localize(points, around.indices[i], size, planes.centroids[i], local)
         face = vector(faces.normals[i])
         level = 0.0
         for axis in range(d):
@@ -95,13 +96,10 @@ def _heights_over_fitted(local, size, d, weight, heights):
     _height(local, size, axes[0], x * mean[0] + y * mean[1] + z * mean[2], heights)
 
 
-def find_quadric_normals(
-    points, queries, around, planes, tangents, pivot, normals, centroids, tilt
-):
-    """Fill the tangent planes of `quadric_normals`, and the errors for a noise of one."""
+def find_quadric_normals(points, queries, around, planes, tangents, pivot, out):
+    """Fill normals and centroids of `quadric_normals`, and the errors for a noise of one."""
     arrays, equations = work_arrays(4, around.indices.shape[1])
     room = arrays[:3], arrays[3], *equations, *np.empty((2, TERMS))
-    out = normals, centroids, tilt
     _quadric_normals(points, queries, around, planes, tangents, pivot, room, *out)
 
 
@@ -113,7 +111,7 @@ def _quadric_normals(
     d = points.shape[1]
     for i in range(len(queries)):
         size = around.sizes[i]
-        _localize(points, around.indices[i], size, planes.centroids[i], local)
+        localize(points, around.indices[i], size, planes.centroids[i], local)
         axes = frame(planes.normals[i], tangents[i])
         normal, tangent, other = axes
         extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
@@ -154,13 +152,6 @@ def _quadric_normals(
             along = first[row] * su + second[row] * sv
             variance += first[row] ** 2 + second[row] ** 2 - along * along / steep
         tilt[i] = np.sqrt(variance / steep) / extent
-
-
-@kernel
-def _localize(points, members, size, origin, local):
-    for j in range(size):
-        for axis in range(len(origin)):
-            local[axis, j] = points[members[j], axis] - origin[axis]
 
 
 @kernel(fastmath=FASTMATH)

@@ -9,19 +9,24 @@ from sklearn_mcmd.outliers._levels import LEVELS
 
 __all__ = ["LostVolume", "losses_of", "lost_volumes", "place_numbers", "words_of"]
 
-# Boxes overlap by half. If all removed points were strewn evenly, each would hold one. A box is
-# lost if it holds so many times that, and so large a share of its points is removed ...
-LEAST, SHARE = 4, 1 / 2
-# ... and if some of its points are kept, or it holds so many times what boxes hold by chance: where
-# nothing is kept, single errors and small groups are all that there is.
-DENSE = 40
-MANY = 400  # removed points in lost boxes that overlap or touch, from which on they are told
-# The whole leaves out this share of the points at each end of an axis, as known from a sample.
-TRIM, SAMPLE = 0.01, 200_000
-FLATTEST = 1e-3  # its least side, as a share of the longest
+SAMPLE = 200_000  # points that tell the ends of the whole
 MOST_CELLS = 2**20  # of an eighth of a box; it limits the memory
 # Odd numbers near fractions of 2 ** 64.
 FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+
+
+class VolumeLimits(NamedTuple):
+    """When a box of the cloud is lost. Boxes overlap by half, and if all removed points were strewn
+    evenly, each would hold one."""
+
+    least: int = 4  # a lost box holds this many times that
+    share: float = 1 / 2  # this share of its points is removed
+    # Some of its points are kept, or it holds this many times what boxes hold by chance: where
+    # nothing is kept, single errors and small groups are all that there is.
+    dense: int = 40
+    many: int = 400  # removed points in lost boxes that overlap or touch, from which on they count
+    trim: float = 0.01  # the whole leaves out this share of the points at each end of an axis
+    flattest: float = 1e-3  # its least side, as a share of the longest
 
 
 class LostVolume(NamedTuple):
@@ -49,7 +54,7 @@ def lost_volumes(parts, n_points):
     ``parts()`` iterates over the parts of a cloud of n points: points (m, 3), and which are
     removed. The order of points and parts does not matter.
     """
-    step = np.uint64(-(-n_points // SAMPLE))
+    step, limits = np.uint64(-(-n_points // SAMPLE)), VolumeLimits()
     n_removed, samples = 0, ([], [])
     for xyz, removed in parts():
         n_removed += int(np.count_nonzero(removed))
@@ -57,14 +62,14 @@ def lost_volumes(parts, n_points):
         for some, own in zip(samples, (removed, ~removed), strict=True):
             some.append(xyz[chosen & own])
     ends = [
-        np.quantile(own, [TRIM, 1 - TRIM], axis=0)
-        for own in map(np.concatenate, samples if n_removed >= MANY else ())
+        np.quantile(own, [limits.trim, 1 - limits.trim], axis=0)
+        for own in map(np.concatenate, samples if n_removed >= limits.many else ())
         if len(own)
     ]
     if not ends or not np.ptp(ends, axis=(0, 1)).any():
         return []
     low, extent = np.min(ends, axis=0)[0], np.ptp(ends, axis=(0, 1))
-    extent = np.maximum(extent, FLATTEST * extent.max())
+    extent = np.maximum(extent, limits.flattest * extent.max())
     side = extent.max() * np.cbrt(np.prod(extent / extent.max()) / min(8 * n_removed, MOST_CELLS))
     shape = np.ceil(extent / side).astype(int)
     counts = np.zeros((2, np.prod(shape)), np.int32)  # of removed points, and of all
@@ -77,14 +82,14 @@ def lost_volumes(parts, n_points):
     n_lost, n_all = counts.reshape(2, *shape)
     lost, whole = (_pairs(np.pad(own, 1), np.add) for own in (n_lost, n_all))
     even = max(1.0, 8 * n_removed / MOST_CELLS)
-    boxes = (lost >= LEAST * even) & (lost >= SHARE * whole)
+    boxes = (lost >= limits.least * even) & (lost >= limits.share * whole)
     # What boxes hold by chance: of points strewn at random, exp(-mean) of the boxes are empty.
     strewn = -np.log((1 + np.count_nonzero(lost == 0)) / (1 + lost.size))
-    boxes &= (lost < whole) | (lost >= DENSE * strewn)
+    boxes &= (lost < whole) | (lost >= limits.dense * strewn)
     volumes, _ = label(_pairs(boxes, np.logical_or), np.ones((3, 3, 3)))
     found = []
     sizes = np.bincount(volumes.ravel(), n_lost.ravel())
-    for number in 1 + np.flatnonzero(sizes[1:] >= MANY):
+    for number in 1 + np.flatnonzero(sizes[1:] >= limits.many):
         cells = volumes == number
         corners = side * np.argwhere(cells)
         low_there, high_there = low + corners.min(axis=0), low + corners.max(axis=0) + side

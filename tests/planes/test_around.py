@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sklearn_mcmd.planes._flatness import are_flat, most_noise_around
+from sklearn_mcmd.planes._around import are_flat, most_noise_around
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 

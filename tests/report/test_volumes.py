@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._volumes import lost_volumes, words_of
+from sklearn_mcmd.report._volumes import lost_volumes, words_of
 
 RNG = np.random.default_rng(0)
 WALL = RNG.uniform([0, 0, 0], [6, 0.01, 3], (20_000, 3))

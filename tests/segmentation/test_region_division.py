@@ -6,12 +6,20 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 from sklearn.metrics import adjusted_rand_score
 
+from growth import fitted_without
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
-from sklearn_mcmd.segmentation._creases import VoteLimits, _groups, _joined, _strip
-from sklearn_mcmd.segmentation._creases_numba import gather_cells, join_cells, strip_of, vote
+from sklearn_mcmd.segmentation._cylinder import FitLimits
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
+from sklearn_mcmd.segmentation._region_division import _groups, _joined, _strip
+from sklearn_mcmd.segmentation._region_division_numba import (
+    gather_cells,
+    join_cells,
+    strip_of,
+    vote,
+)
 
-LIMITS = VoteLimits(8, 1e-12, 1.5)
+FIT, MOST_NOISE = FitLimits(), JoinLimits().most_noise
 
 
 def roof(n, crease, noise, seed=0):
@@ -35,7 +43,7 @@ def barrel(n, noise, seed=0, turn=50.0):
 )
 def test_blunt_creases_divide_a_roof_that_growth_alone_leaves_whole(n, crease, noise):
     X, side = roof(n, crease, noise)
-    whole = RegionGrowing(random_state=0, divide_at_creases=False).fit_predict(X)
+    whole = fitted_without(X, "divide_at_creases").labels_
     assert adjusted_rand_score(side, whole) < 0.1
     # Cells at the ridge have points of both sides: 15 of 400 are some .1.
     assert adjusted_rand_score(side, RegionGrowing(random_state=0).fit_predict(X)) > 0.75
@@ -71,7 +79,7 @@ def test_rings_that_a_given_gap_joins_are_not_torn_without_a_vote():
     )
     X = np.column_stack([3 * np.cos(angle), 0.3 * along, 3 * np.sin(angle)])
     X += rng.normal(0, 0.003, X.shape)
-    whole = RegionGrowing(max_gap=0.5, divide_at_creases=False, random_state=0).fit(X)
+    whole = fitted_without(X, "divide_at_creases", max_gap=0.5)
     divided = RegionGrowing(max_gap=0.5, random_state=0).fit(X)
     assert divided.region_sizes_[0] >= whole.region_sizes_[0] - 10 > 0.7 * len(X)
 
@@ -96,29 +104,6 @@ def test_cells_hold_each_point_once_and_no_points_of_two_regions():
     members, starts, cell = gather_cells(order, near[:, :1], labels)
     assert_array_equal(members, order)
     assert_array_equal(starts, np.arange(len(order) + 1))
-
-
-def test_patches_of_a_roof_are_its_faces_and_have_their_weighted_moments():
-    X, side = roof(600, 60, 0.1)
-    noise = np.random.default_rng(0).uniform(0.005, 0.02, 30)
-    cells = X[np.argsort(side * 100 + np.floor(8 * X[:, 1]))].reshape(30, 20, 3)
-    weights, means = 20 / noise**2, cells.mean(axis=1)
-    gaps = (cells - means[:, None]) / noise[:, None, None]
-    scatters = np.einsum("nki,nkj->nij", gaps, gaps)[:, *np.triu_indices(3)]
-    sums = np.full(30, 20.0), weights.copy(), means.copy(), scatters
-    # All cells of a side hang together in a row, and the last of one with the first of the other.
-    patch = join_cells(*sums, np.column_stack([np.arange(29), np.arange(1, 30)]))
-    assert len(np.unique(patch)) in (2, 3)  # a cell may lie across the ridge
-    assert abs(np.bincount(patch).max() * 20 - max(side.sum(), 600 - side.sum())) <= 20
-    for root in np.unique(patch):
-        rows = patch == root
-        points, weight = cells[rows].reshape(-1, 3), np.repeat(weights[rows] / 20, 20)
-        mean = weight @ points / weight.sum()
-        scatter = (weight * (points - mean).T) @ (points - mean)
-        assert_allclose(sums[0][root], 20 * rows.sum())
-        assert_allclose(sums[1][root], weight.sum())
-        assert_allclose(sums[2][root], mean, atol=1e-12)
-        assert_allclose(sums[3][root], scatter[np.triu_indices(3)], rtol=1e-9, atol=1e-6)
 
 
 def join_by_numpy(points, edges):
@@ -183,7 +168,7 @@ def vote_by_numpy(points, weights, cells, first):
     step = np.square((z - np.where(first, one, other)) * weights).sum()
     choose = np.minimum if (np.where(first, one < other, other < one)).mean() > 0.5 else np.maximum
     side, left, rest, best_side = choose(one, other) == one, np.inf, smooth, first
-    for _ in range(LIMITS.n_steps):
+    for _ in range(FIT.n_steps):
         if min(side.sum(), (~side).sum()) <= 3:
             break
         one, other = fitted(plane, side), fitted(plane, ~side)
@@ -191,7 +176,7 @@ def vote_by_numpy(points, weights, cells, first):
         if crease @ crease < left:
             left, rest, best_side = crease @ crease, crease, choose(one, other) == one
         side = choose(one, other) == one
-    best = min(left, LIMITS.most_noise**2 * step)
+    best = min(left, MOST_NOISE**2 * step)
     best_side = best_side if left == best else first
     rest = smooth if smooth @ smooth <= best else rest
     effect = max(np.square(np.bincount(cells, rest)).sum() / (rest @ rest), 1.0)
@@ -212,23 +197,12 @@ def test_votes_are_those_of_general_least_squares(make, seed):
     cells, weights = np.arange(300) // 15, np.random.default_rng(seed).uniform(20, 60, 300)
     normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     sides = np.zeros(300, dtype=bool)
-    found = vote(X, weights, cells, first, normals, LIMITS, sides)
+    found = vote(X, weights, cells, first, normals, FIT, MOST_NOISE, sides)
     # The ridge of the normal equations is a millionth of a millionth.
     expected, expected_sides = vote_by_numpy(X, weights, cells, first)
     assert_allclose(found, expected, rtol=1e-6)
     assert_array_equal(sides, expected_sides)
     assert (found > 0) == (make in ("barrel", "plane"))
-
-
-def test_deviations_that_cells_share_count_as_fewer():
-    X, first = roof(300, 12, 0.2)
-    order = np.lexsort((np.floor(4 * X[:, 1]), np.floor(4 * X[:, 0])))
-    X, first = X[order], first[order]
-    cells, weights, normals = np.arange(300) // 15, np.full(300, 40.0), np.eye(3)[[2, 2]]
-    alone = vote(X, weights, cells, first, normals, LIMITS, first.copy())
-    X[:, 2] += 0.02 * np.repeat(np.random.default_rng(0).normal(size=20), 15)
-    assert alone < 0
-    assert vote(X, weights, cells, first, normals, LIMITS, first.copy()) > alone / 4
 
 
 def test_groups_are_joined_by_the_highest_sum_of_votes():

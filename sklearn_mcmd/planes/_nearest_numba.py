@@ -1,4 +1,4 @@
-"""``SelfSearch`` of ``_self_search``, compiled; three dimensions."""
+"""``SelfSearch`` of ``_nearest``, compiled; three dimensions."""
 
 from typing import NamedTuple
 
@@ -31,10 +31,10 @@ class Near(NamedTuple):
     @classmethod
     def of(cls, capacity):
         """Python makes the arrays, since Numba takes long to compile what makes them."""
-        x, y, z, squares = (np.empty(capacity) for _ in range(4))
-        rows, keys, places = (np.empty(capacity, np.int64) for _ in range(3))
-        bins = np.empty(N_BINS + 2, np.int64)
-        return cls(x, y, z, rows, squares, squares.view(np.int64), keys, places, bins)
+        numbers = {name: np.empty(capacity) for name in ("x", "y", "z", "squares")}
+        rows = {name: np.empty(capacity, np.int64) for name in ("rows", "keys", "places")}
+        bits, bins = numbers["squares"].view(np.int64), np.empty(N_BINS + 2, np.int64)
+        return cls(**numbers, **rows, bits=bits, bins=bins)
 
 
 def build_tree(points, leaf):
@@ -212,7 +212,7 @@ def _many(k):
 def _collect(tree, around, leaf, reach, near, stack):
     """How many points are within a reach, squared, of a leaf's box; -1 if too many to hold.
 
-    The leaf is one of the boxes `around`, those of the points that ask.
+    The leaf is one of the boxes `around`, those of the queries.
     """
     boxes, points = tree.boxes, tree.points
     low_x, low_y, low_z = around[leaf, 0], around[leaf, 1], around[leaf, 2]
@@ -282,7 +282,7 @@ def _sort(points, near, n, bound, k, found):
 
     By counting in bins of squared distance, of which a surface has about equal numbers in each;
     then by insertion, as far as the bin of the last that is wanted: of keys first, and of the
-    few whose keys do not tell.
+    few whose keys are equal.
     """
     squares, rows, places, bins = near.squares, near.rows, near.places, near.bins
     keys, scale = near.keys, N_BINS / bound if bound > 0.0 else 0.0

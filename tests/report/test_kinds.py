@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers, reasons_of
+from sklearn_mcmd.report._kinds import KINDS, kinds_of_outliers, reasons_of
 
 
 def cloud():

@@ -7,178 +7,176 @@ decided by the Bayesian information criterion (BIC): faces that meet in creases,
 without any. The verdict is pooled over the neighbors, as an edge is a line and not a point.
 """
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 
-from sklearn_mcmd.edges._faces import OFF, Faces, are_faces, give_faces, measure_spacing
+from sklearn_mcmd.edges._faces import Faces, are_faces, give_faces, measure_spacing
+from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._record import Neighborhoods
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["FAR", "CreaseModel"]
+__all__ = ["CreaseLimits", "Creases", "find_creases"]
 
-#: Largest distance, in spacings, that is told of a crease.
-FAR = 10.0
-
-# Entries of the largest array a task holds.
-CHUNK = 1_500_000
-# Shares of the time of the steps, for the display of progress.
-SEARCHING, MEASURING, GIVING, MEETING, JUDGING = (
-    (0.0, 0.1), (0.1, 0.15), (0.15, 0.3), (0.3, 0.9), (0.9, 1.0),
-)  # fmt: skip
-# Passes in which the spacing becomes the mean of those around.
-EVENING_STEPS = 2
-# Fits of a smooth surface, and the standard deviations beyond which points count less in it.
-SMOOTH_STEPS, HUBER = 3, 1.5
-# Radii of rounded edges, in spacings: what is rounded by less is sharp.
-RADII = (1.0, 1.5, 2.0, 3.0, 4.0)
-# Largest logarithm of a likelihood ratio: less than its inverse is rounding.
-CERTAIN = -np.log(np.finfo(float).eps)
+CHUNK = 1_500_000  # entries of the largest array a task holds
+# Ends of the steps, as shares of the time, for the display of progress.
+SEARCHED, MEASURED, GIVEN, MET = 0.1, 0.15, 0.3, 0.9
+CERTAIN = -np.log(np.finfo(float).eps)  # logarithm of the inverse of the rounding of a likelihood
 
 
-class CreaseModel:
-    """A fitted cloud that tells the distance of any point to the nearest crease.
+class CreaseLimits(NamedTuple):
+    """How creases are found."""
 
-    `min_angle` is the least between the planes of two faces, in degrees. `distances` are those of
-    the fitted points.
+    far: float = 10.0  # largest distance of a point from a crease that counts, in spacings
+    evening_steps: int = 2  # passes in which the spacing becomes the mean of those around
+    smooth_steps: int = 3  # fits of a smooth surface
+    huber: float = 1.5  # standard deviations beyond which points count less in such a fit
+    # Radii of rounded edges, in spacings: what is rounded by less is sharp.
+    radii: tuple = (1.0, 1.5, 2.0, 3.0, 4.0)
+
+
+def find_creases(index, planes, min_angle, n_jobs=None, around=None):
+    """The `Creases` of the points of an index, or of what answers as one, and their distances.
+
+    Of the planes, of these points, centroids, normals and scale are known, and are changed. Those
+    of two faces meet at `min_angle` degrees at least. `around` are the points' `Neighborhoods`,
+    where they are known.
     """
+    # Of heights, which are differences of coordinates that may be large. One point may be far.
+    origin = np.array([np.median(coordinate) for coordinate in index.points.T])
+    points = np.subtract(index.points, origin, out=index.empty(index.points.shape))
+    planes.centroids[:] -= origin
+    with progress_part(0.0, SEARCHED):
+        around = _search(index, index.points, n_jobs) if around is None else around
+    with progress_part(SEARCHED, MEASURED):
+        _measure_spacing(index, points, planes, around, n_jobs)
+    cloud = _Cloud(index=index, points=points, planes=planes, flat=are_faces(planes), n_jobs=n_jobs)
+    with progress_part(MEASURED, GIVEN):
+        faces = cloud.give_planes(points, around)
+    cosine = np.cos(np.radians(min_angle))
+    with progress_part(GIVEN, MET):
+        distance, evidence = cloud.meet(points, faces, faces, cosine, around)
+    with progress_part(MET, 1.0):
+        cloud.judge(faces, distance, evidence, around)
+    creases = Creases(cloud=cloud, origin=origin, faces=faces, evidence=evidence, cosine=cosine)
+    return creases, distance
 
-    def __init__(self, n_neighbors, min_angle, n_jobs=None):
-        self.n_neighbors = n_neighbors
-        self.cosine = np.cos(np.radians(min_angle))  # that of two faces is smaller
-        self.n_jobs = n_jobs
 
-    def fit(self, columns):
-        """Find the creases of points with planes, the `Columns` of a transformer."""
-        index = NeighborIndex(columns.coordinates.astype(np.float64), self.n_neighbors)
-        self.distances = self.find(index, columns.planes(index.rows))[index.places]
-        return self
+class Creases(NamedTuple):
+    """A cloud whose creases are known."""
 
-    def find(self, index, planes, around=None):
-        """The `distances` of the points of an index, or of what answers as one.
+    cloud: "_Cloud"
+    origin: np.ndarray
+    faces: Faces
+    evidence: np.ndarray
+    cosine: float  # that of two faces is smaller
 
-        Of the planes, of these points, centroids, normals and scale are known, and are changed.
-        `around` are their `Neighborhoods`, where they are known.
-        """
-        self.index, self.planes = index, planes
-        # Of heights, which are differences of coordinates that may be large. One point may be far.
-        self.origin = np.array([np.median(coordinate) for coordinate in index.points.T])
-        self.points = np.subtract(index.points, self.origin, out=index.empty(index.points.shape))
-        planes.centroids[:] -= self.origin
-        with progress_part(*SEARCHING):
-            around = self._search_own() if around is None else around
-        with progress_part(*MEASURING):
-            self._measure_spacing(around)
-        self.flat = are_faces(self.planes)
-        with progress_part(*GIVING):
-            self.faces = self._give_planes(self.points, around)
-        with progress_part(*MEETING):
-            distance, self.evidence = self._meet(self.points, self.faces, around)
-        with progress_part(*JUDGING):
-            return self._judge(self.faces, distance, around)
-
-    def distance(self, queries):
+    def distance(self, queries, around=None):
         """Distances of queries (m, d) to the nearest crease, in spacings.
 
-        Where no crease is found it is between `FAR` and twice as much, the less, the less flat
-        the neighborhood.
+        Where no crease is found it is between `far` and twice as much, the less, the less flat
+        the neighborhood. `around` are the queries' `Neighborhoods`, where they are known.
         """
-        with progress_part(*SEARCHING):
-            around = self._search(queries)
-        return self.distance_by(queries, around)
-
-    def distance_by(self, queries, around):
-        """The same by the neighborhoods of the queries."""
+        cloud = self.cloud
+        with progress_part(0.0, SEARCHED):
+            around = _search(cloud.index, queries, cloud.n_jobs) if around is None else around
         queries = queries - self.origin
-        with progress_part(*GIVING):
-            faces = self._give_planes(queries, around)
-        with progress_part(*MEETING):
-            distance, _ = self._meet(queries, faces, around)
-        with progress_part(*JUDGING):
-            return self._judge(faces, distance, around)
+        with progress_part(MEASURED, GIVEN):
+            own = cloud.give_planes(queries, around)
+        with progress_part(GIVEN, MET):
+            distance, _ = cloud.meet(queries, own, self.faces, self.cosine, around)
+        with progress_part(MET, 1.0):
+            cloud.judge(own, distance, self.evidence, around)
+        return distance
 
-    def _search_own(self):
-        """The neighborhoods of all points: one search for all that follows."""
-        (n, d), k = self.points.shape, self.index.n_neighbors
-        indices = np.empty((n, k), dtype=np.int32)
 
-        def task(part):
-            indices[part] = self.index.query_own(part).indices
+@dataclass(frozen=True)
+class _Cloud:
+    """Points whose planes are measured."""
 
-        each_slice(n, max(1, CHUNK // (k * d)), task, self.n_jobs)
-        return Neighborhoods(indices, np.full(n, k))
+    index: NeighborIndex
+    points: np.ndarray  # from the origin
+    planes: Planes
+    flat: np.ndarray  # bool: which planes are those of faces
+    n_jobs: int | None
 
-    def _search(self, queries):
-        """The neighborhoods of queries."""
-        m, k = len(queries), self.index.n_neighbors
-        indices = np.empty((m, k), dtype=np.int32)
-
-        def task(rows):
-            indices[rows] = self.index.query(queries[rows]).indices
-
-        each_chunk(queries, self.index.chunk, task, self.n_jobs)
-        return Neighborhoods(indices, np.full(m, k))
-
-    def _in_chunks(self, around, work, width=None):
-        """Call `work` with rows of queries and their neighborhoods."""
-        n, k = around.indices.shape
-        step = max(1, CHUNK // (k * (self.points.shape[1] if width is None else width)))
-
-        def task(part):
-            work(part, around.take(part))
-
-        each_slice(n, step, task, self.n_jobs)
-
-    def _measure_spacing(self, around):
-        planes, even = self.planes, self.index.empty(len(self.points))
-
-        def measure(part, around):
-            found = measure_spacing(self.points, self.points[part], around, planes.scale[part])
-            planes.spacing[part], planes.radius[part], planes.scale[part] = found
-
-        def smooth(part, around):
-            even[part] = planes.spacing[around.indices].mean(axis=1)
-
-        works = [measure, *[smooth] * EVENING_STEPS]
-        for step, work in enumerate(works):
-            with progress_part(step / len(works), (step + 1) / len(works)):
-                self._in_chunks(around, work)
-            if step:
-                planes.spacing[:] = even
-
-    def _give_planes(self, queries, around):
+    def give_planes(self, queries, around):
         """Of the planes of its neighbors, the one that explains each query best."""
         faces = Faces.empty(*queries.shape, self.index.empty)
         usable = np.ones(len(self.points), dtype=bool)
 
         def give(part, around):
-            given = give_faces(queries[part], around, self.planes, self.flat, usable)
-            faces.put(part, given)
+            faces.put(part, give_faces(queries[part], around, self.planes, self.flat, usable))
 
-        self._in_chunks(around, give)
+        _in_chunks(around, give, self.points.shape[1], self.n_jobs)
         return faces
 
-    def _meet(self, queries, faces, around):
+    def meet(self, queries, own, faces, cosine, around):
         """Distance to the nearest crease in spacings, and the evidence for it."""
         distance, evidence = (self.index.empty(len(queries)) for _ in range(2))
 
         def meet(part, around):
             distance[part], evidence[part] = meet_faces(
-                queries[part], faces.take(part), around, self.points, self.faces, self.cosine
+                queries[part], own.take(part), around, self.points, faces, cosine
             )
 
-        self._in_chunks(around, meet, width=min(self.index.n_neighbors, 1_000))
+        _in_chunks(around, meet, min(self.index.n_neighbors, 1_000), self.n_jobs)
         return distance, evidence
 
-    def _judge(self, faces, distance, around):
-        """Distances as told, from those to the crease and what the neighbors say of it."""
+    def judge(self, faces, distance, evidence, around):
+        """Let the neighbors say, in place, how far each point counts as from the crease."""
 
         def judge(part, around):
-            pooled, most = pool_evidence(around, self.points, self.evidence)
-            distance[part] = told_distances(faces.take(part), distance[part], pooled, most)
+            pooled, most = pool_evidence(around, self.points, evidence)
+            distance[part] = judged_distances(faces.take(part), distance[part], pooled, most)
 
-        self._in_chunks(around, judge)
-        return distance
+        _in_chunks(around, judge, self.points.shape[1], self.n_jobs)
+
+
+def _in_chunks(around, work, width, n_jobs):
+    """Call `work` with rows of queries and their neighborhoods."""
+    n, k = around.indices.shape
+    step = max(1, CHUNK // (k * width))
+    each_slice(n, step, lambda part: work(part, around.take(part)), n_jobs)
+
+
+def _search(index, queries, n_jobs):
+    """The neighborhoods of queries, or of all points: one search for all that follows."""
+    own = queries is index.points
+    (m, d), k = queries.shape, index.n_neighbors
+    indices = np.empty((m, k), dtype=np.int32)
+
+    def task(rows):
+        around = index.query_own(rows) if own else index.query(queries[rows])
+        indices[rows] = around.indices
+
+    if own:
+        each_slice(m, max(1, CHUNK // (k * d)), task, n_jobs)
+    else:
+        each_chunk(queries, index.chunk, task, n_jobs)
+    return Neighborhoods(indices, np.full(m, k))
+
+
+def _measure_spacing(index, points, planes, around, n_jobs):
+    """Fill spacing and radius of the planes, and their noise, which is not known better."""
+    even = index.empty(len(points))
+
+    def measure(part, around):
+        found = measure_spacing(points, points[part], around, planes.scale[part])
+        planes.spacing[part], planes.radius[part], planes.scale[part] = found
+
+    def smooth(part, around):
+        even[part] = planes.spacing[around.indices].mean(axis=1)
+
+    works = [measure, *[smooth] * CreaseLimits().evening_steps]
+    for step, work in enumerate(works):
+        with progress_part(step / len(works), (step + 1) / len(works)):
+            _in_chunks(around, work, points.shape[1], n_jobs)
+        if step:
+            planes.spacing[:] = even
 
 
 def meet_faces(queries, own, around, points, faces, cosine):
@@ -197,10 +195,10 @@ def meet_faces(queries, own, around, points, faces, cosine):
     busy = busy[own.flat[busy] & (own.spacing[busy] > 0)]
     if busy.size:
         near = indices[busy]
+        given = faces.normals[near], faces.levels[near], cosines[busy], other[busy]
         distance[busy], evidence[busy] = _faces_or_smooth(
-            queries[busy], own.take(busy), points[near], faces.normals[near], faces.levels[near],
-            cosines[busy], other[busy], cosine,
-        )  # fmt: skip
+            queries[busy], own.take(busy), points[near], *given, cosine
+        )
     return distance, evidence
 
 
@@ -211,7 +209,7 @@ def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, c
     heights = np.matmul(neighbors, normals.swapaxes(1, 2)) - levels[:, None]
     first = np.einsum("mkd,md->mk", neighbors, own.normals) - own.levels[:, None]
     above = np.einsum("md,mkd->mk", queries, normals) - levels
-    limit = OFF * own.scale[:, None]
+    limit = ExplainLimits().explained * own.scale[:, None]
     each = np.arange(len(queries))
 
     second, squares, surface = _join(first, heights, other, limit)
@@ -244,16 +242,16 @@ def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, c
 
 
 def pool_evidence(around, points, evidence):
-    """What the neighbors say of an edge (m,), and the largest distance (m,) that is told."""
+    """What the neighbors say of an edge (m,), and the largest distance (m,) that counts."""
     pooled = _median(evidence[around.indices])
-    return pooled, FAR * (2.0 - _roundness(points[around.indices]))
+    return pooled, CreaseLimits().far * (2.0 - _roundness(points[around.indices]))
 
 
-def told_distances(faces, distance, pooled, most):
-    """Distances (m,) as told; where an edge is the better model, those to the crease."""
+def judged_distances(faces, distance, pooled, most):
+    """Distances (m,) by what neighbors say: where an edge is the better model, to the crease."""
     # Continuous: as far as it is where an edge is the better model, farther where not.
     smooth = np.exp(np.clip(pooled, 0.0, CERTAIN))
-    off = np.maximum(np.abs(faces.height) / (OFF * faces.scale), 1.0)
+    off = np.maximum(np.abs(faces.height) / (ExplainLimits().explained * faces.scale), 1.0)
     found = np.isfinite(distance) & np.isfinite(pooled)
     return np.minimum(np.where(found, distance * smooth * off, np.inf), most)
 
@@ -312,7 +310,7 @@ def _smooth_residuals(neighbors, scale):
     squares = [local[..., a] * local[..., b] for a, b in pairs]
     terms = np.stack([np.ones_like(heights), *np.moveaxis(plane, -1, 0), *squares], axis=-1)
     residuals = np.zeros_like(heights)
-    for _ in range(SMOOTH_STEPS):
+    for _ in range(CreaseLimits().smooth_steps):
         solution = _solve(terms, heights, residuals / scale[:, None])
         residuals = heights - np.einsum("mka,ma->mk", terms, solution)
         slope = np.repeat(solution[:, None, 1:d], k, axis=1)
@@ -336,7 +334,7 @@ def _arc_residuals(neighbors, normals, scale):
     solution = _solve(terms, square / size**2, residuals)
     squares = solution[:, 2] + np.square(solution[:, :2]).sum(axis=1)
     solution[:, 2] = np.sqrt(np.maximum(squares, 0.0))
-    for _ in range(SMOOTH_STEPS + 1):  # the first of them measures only
+    for _ in range(CreaseLimits().smooth_steps + 1):  # the first of them measures only
         solution += _solve(terms, residuals, residuals * size / scale[:, None])
         gaps = flat - solution[:, None, :2]
         away = np.maximum(np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps)), np.finfo(float).eps)
@@ -350,7 +348,7 @@ def _rounded(one, first, two, second, spacing):
     cosine = np.einsum("md,md->m", first, second)[:, None]
     sine2 = np.maximum(1.0 - cosine**2, np.finfo(float).eps)
     for up, side in (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0):
-        for radius in RADII:
+        for radius in CreaseLimits().radii:
             # From the axis, which is a radius below both planes.
             a, b, c = up * one + radius * spacing, up * side * two + radius * spacing, side * cosine
             away = np.sqrt(np.maximum(a * a + b * b - 2.0 * a * b * c, 0.0) / sine2)
@@ -361,7 +359,7 @@ def _solve(terms, values, deviations):
     """Coefficients (m, a) of terms (m, k, a), by least squares that deviations weigh."""
     # A few points off the surface must not bend it: Huber's weights.
     with np.errstate(divide="ignore"):
-        weights = np.minimum(1.0, HUBER / np.abs(deviations))
+        weights = np.minimum(1.0, CreaseLimits().huber / np.abs(deviations))
     weighted = terms * weights[..., None]
     normal = np.matmul(weighted.swapaxes(1, 2), terms) + 1e-9 * np.eye(terms.shape[2])
     right = np.einsum("mka,mk->ma", weighted, values)

@@ -1,5 +1,7 @@
 """Which of its two sides a normal points to."""
 
+from typing import NamedTuple
+
 import numpy as np
 from joblib import effective_n_jobs
 from scipy.spatial import cKDTree
@@ -8,14 +10,17 @@ from sklearn.utils.validation import check_array
 from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.planes._orientation import orient_by_spanning_tree, orient_toward
 
-__all__ = ["Sides"]
+__all__ = ["Sides", "TreeLimits"]
 
-# Number of neighbors whose normals orientation="mst" makes agree.
-TREE_NEIGHBORS = 12
+
+class TreeLimits(NamedTuple):
+    """What the tree of ``orientation="mst"`` joins."""
+
+    n_neighbors: int = 12  # nearest points whose normals are to agree
 
 
 class Sides:
-    """The sides of normals that `orientation` and `sensor_origin` of the estimator ask for.
+    """The sides of normals that `orientation` and `sensor_origin` of the estimator name.
 
     The direction is (d,) or None. The sensor's origin is None, one for all points (d,), or one for
     each of the points that are fitted (n, d). With `tree`, neighbors are to agree, along a spanning
@@ -24,9 +29,10 @@ class Sides:
 
     def __init__(self, direction=None, sensor_origin=None, tree=False):
         self.direction, self.sensor_origin, self.tree = direction, sensor_origin, tree
+        self.tree_normals = None  # of the fitted points, where neighbors are to agree
 
     @classmethod
-    def settled(cls, orientation, sensor_origin, X):
+    def of(cls, orientation, sensor_origin, X):
         """Check the parameters for the fitted points X (n, d)."""
         d = X.shape[1]
         named = orientation if isinstance(orientation, str) else None
@@ -48,8 +54,7 @@ class Sides:
         return cls(direction=direction)
 
     def fit(self, index, normals, X, n_jobs):
-        """Flip the normals of the fitted points X (n, d) in place, and keep what `orient` asks."""
-        self.tree_normals = None
+        """Flip the normals of the fitted points X (n, d) in place, and keep what `orient` needs."""
         if self._moves():
             orient_toward(normals, self.sensor_origin - X)
             self.sensor_origin = self.sensor_origin[index.rows]  # of its points
@@ -68,7 +73,7 @@ class Sides:
             return
         apart = np.empty_like(index.points)
         apart[index.nearest(X, effective_n_jobs(n_jobs))] = normals
-        k = min(TREE_NEIGHBORS, len(index.points))
+        k = min(TreeLimits().n_neighbors, len(index.points))
         neighbors = index.query_own(slice(None), k).indices
         self.tree_normals = orient_by_spanning_tree(apart, index.points, neighbors)
 

@@ -6,8 +6,8 @@ import pytest
 from benchmarks.simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_box, make_lidar_turn, make_street
-from sklearn_mcmd.outliers import _view
-from sklearn_mcmd.outliers._view import view_from_origin, views_from_setups
+from sklearn_mcmd.sensors import _recognition
+from sklearn_mcmd.sensors._recognition import view_from_origin, views_from_setups
 
 
 def seen(points):
@@ -146,9 +146,11 @@ def test_setups_of_few_points_and_those_that_are_far_away_say_so(turn):
 
 
 def test_the_order_and_the_division_of_points_do_not_matter(turn, monkeypatch):
-    monkeypatch.setattr(_view, "SAMPLE", 5_000)
-    said, uneven = [], _view._uneven
-    monkeypatch.setattr(_view, "_uneven", lambda *args: said.append(uneven(*args)) or said[-1])
+    monkeypatch.setattr(_recognition, "SAMPLE", 5_000)
+    said, uneven = [], _recognition._uneven
+    monkeypatch.setattr(
+        _recognition, "_uneven", lambda *args: said.append(uneven(*args)) or said[-1]
+    )
     shuffled = np.random.default_rng(0).permutation(turn)
     for parts in ([turn], [shuffled], np.array_split(shuffled, 7)):
         view_from_origin(lambda parts=parts: parts)
@@ -159,7 +161,7 @@ def test_the_order_and_the_division_of_points_do_not_matter(turn, monkeypatch):
 
 def test_windows_of_large_clouds_tell_the_same(monkeypatch):
     cloud = make_lidar_turn(30_000, random_state=0).data
-    monkeypatch.setattr(_view, "SAMPLE", 20_000)
+    monkeypatch.setattr(_recognition, "SAMPLE", 20_000)
     assert seen(cloud) == "a turn about the origin"
     assert seen(cloud + np.array([1, 0, 0])) == ""
 
@@ -193,5 +195,5 @@ def test_unevenness_in_space_is_that_of_distances_to_the_nearest_point():
     for step, expected in zip(steps, (0.0, 0.2), strict=True):
         along = np.cumsum(step)
         points = np.column_stack([along, np.full(300, 9.0), np.full(300, 3.0)])
-        view = _view._View(points, np.ones(300, dtype=bool))
+        view = _recognition._View(points, np.ones(300, dtype=bool))
         assert view.uneven_in_space() == pytest.approx(expected, abs=0.01)

@@ -1,10 +1,10 @@
-"""Cells, patches and votes of ``_creases``, compiled."""
+"""Cells, patches and votes of ``_region_division``, compiled."""
 
 from heapq import heapify, heappop, heappush
 
 import numpy as np
 
-from sklearn_mcmd.planes._linking_numba import _root
+from sklearn_mcmd.planes._explaining_numba import _root
 from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.runtime._kernels import kernel
 from sklearn_mcmd.segmentation._cylinder_numba import _across, _add, _dot, _moved, _scaled, _solve
@@ -108,8 +108,8 @@ def _pooled(a, b, weights, means, scatters):
 @kernel
 def _scatter(scatters, c, more):
     s = scatters[c]
-    return (s[0] + more[0], s[1] + more[1], s[2] + more[2], s[3] + more[3], s[4] + more[4],
-            s[5] + more[5])  # fmt: skip
+    low = s[0] + more[0], s[1] + more[1], s[2] + more[2]
+    return (*low, s[3] + more[3], s[4] + more[4], s[5] + more[5])
 
 
 @kernel(cache=True)
@@ -133,7 +133,7 @@ def strip_of(small, large):
 
 
 @kernel(cache=True)
-def vote(points, weights, cells, first, normals, limits, sides):
+def vote(points, weights, cells, first, normals, limits, most_noise, sides):
     """Is a border no crease? Half the difference of BIC, above 0 for one smooth surface.
 
     One surface is a quadric over the mean of both planes, with six numbers. The other model are two
@@ -179,7 +179,7 @@ def vote(points, weights, cells, first, normals, limits, sides):
     if sign == 0.0:
         return limits.ridge  # too few to tell
     smooth_left = _squares(smooth)
-    step_left = limits.most_noise**2 * _squares(step)
+    step_left = most_noise**2 * _squares(step)
     if step_left < left:
         left = step_left
         sides[:] = first

@@ -8,22 +8,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.runtime._chunks import each_slice
 
-__all__ = ["DIFFERS", "Emptiness", "RayLimits", "Rays", "one_far_position"]
+__all__ = ["Emptiness", "RayLimits", "Rays", "distances_between", "one_far_position"]
 
-# Steps by which ranges differ, as many as standard deviations that a surface does not explain.
-# Those to a surface scatter by less about its tilt.
-DIFFERS = SurfaceLimits().explained
-
-CHUNK = 4096
+CHUNK = 4096  # points at once; it limits the memory
 
 
 class RayLimits(NamedTuple):
-    """What rays tell."""
+    """What rays tell.
+
+    Ranges differ by as many steps as standard deviations that a surface does not explain,
+    `ExplainLimits.explained`: those to a surface scatter by less about its tilt.
+    """
 
     n_beams: int = 8  # beams next to a ray, by their direction
     searched: float = 8.0  # beams among which those of other groups are sought, in `n_beams`
@@ -131,20 +131,18 @@ class Rays:
         each_slice(n, CHUNK, look, n_jobs)
         seen = self.ranges > 0
         self.unit = None if (origins == origins[0]).all() else np.median(self.ranges[seen])
-        self._index(self._places(self.directions, origins))
+        # In an order that does not depend on that of the points.
+        places = self._places(self.directions, origins)
+        order = np.lexsort((-self.ranges, *places.T[::-1])).astype(np.int32)
+        self.cloud = IndexedCloud(places[order])
+        self.rows = order[self.cloud.rows]  # of the points that tell where the beams end
+        self._place_of = np.empty(n, np.int32)
+        self._place_of[order] = self.cloud.places
         self.n_beams = k = min(limits.n_beams, len(self.cloud.points) - 1)
         self._beams, means = empty((n, k), np.int32), empty(n, float)
         self._search(k, empty, means)
         self.usual_angle = float(np.median(means[seen]))
         self._step = self._steps(means, self.ranges)
-
-    def _index(self, places):
-        """Index the directions, in an order that does not depend on that of the points."""
-        order = np.lexsort((-self.ranges, *places.T[::-1])).astype(np.int32)
-        self.cloud = IndexedCloud(places[order])
-        self.rows = order[self.cloud.rows]  # of the points that tell where the beams end
-        self._place_of = np.empty(len(order), np.int32)
-        self._place_of[order] = self.cloud.places
 
     def _search(self, k, empty, means):
         """Find the k beams next to each ray; the means of their angles are filled, too."""
@@ -177,11 +175,11 @@ class Rays:
     def next_to(self, rows, on_surface):
         """The `Emptiness` of the places of some of the points."""
 
-        def ask(part):
+        def witnesses(part):
             own = rows[part]
             return self._witnesses(self._beams[own], self.ranges[own], self._step[own])
 
-        return self._sums(len(rows), ask, on_surface)
+        return self._sums(len(rows), witnesses, on_surface)
 
     def around(self, rows, groups, on_surface):
         """The `Emptiness` around groups of points: the beams next to them that are of others.
@@ -194,23 +192,23 @@ class Rays:
         cloud, k, ranges = self.cloud, self.n_beams, self.ranges[rows]
         n_searched = min(int(self.limits.searched * k), len(cloud.points) - 1)
 
-        def ask(part):
+        def witnesses(part):
             own = rows[part]
             angles, found = cloud.nearest(cloud.points[self._place_of[own]], n_searched + 1)
             angles, beams = angles[:, 1:], self.rows[found[:, 1:]]
             strange = group[beams] != group[own][:, None]
             strange &= np.cumsum(strange, axis=1) <= k
-            witnesses = self._witnesses(beams, ranges[part], self._step[own], angles)
-            return witnesses._replace(asked=strange)
+            found = self._witnesses(beams, ranges[part], self._step[own], angles)
+            return found._replace(asked=strange)
 
-        return self._sums(len(rows), ask, on_surface)
+        return self._sums(len(rows), witnesses, on_surface)
 
-    def _sums(self, m, ask, on_surface):
-        """The `Emptiness` of m points, of which ``ask(part)`` gives the `Witnesses` of a slice."""
+    def _sums(self, m, witnesses, on_surface):
+        """The `Emptiness` of m points, from the `Witnesses` that a function gives of a slice."""
         sums = Emptiness(*np.empty((len(Emptiness._fields), m)))
 
         def add(part):
-            for field, values in zip(sums, Emptiness.of(ask(part), on_surface), strict=True):
+            for field, values in zip(sums, Emptiness.of(witnesses(part), on_surface), strict=True):
                 field[part] = values
 
         each_slice(m, CHUNK, add, self.n_jobs)
@@ -241,23 +239,23 @@ class Rays:
         """What these beams tell, all of which are asked. Where the angles to the next ones are
         unusual, nearer beams had no echo."""
         farther = self.ranges[beams] - ranges[:, None]
-        farther = np.clip(ratio(farther, DIFFERS * step[:, None]), -1.0, 1.0)
+        differs = ExplainLimits().explained
+        farther = np.clip(ratio(farther, differs * step[:, None]), -1.0, 1.0)
         farther = np.where(angles > self.limits.usual * self.usual_angle, 1.0, farther)
         return Witnesses(beams, np.ones(beams.shape, bool), farther, step)
 
-    def measure(self, index, planes, explained):
+    def measure(self, index, planes):
         """How planes look from the sensor.
 
         The range to a plane changes from beam to beam with its tilt. An outline that cuts beams
         makes mixed pixels, which lie between it and what is behind: a plane too, but it contains
-        the rays, and its ranges follow no tilt. The planes are of each of the points of the index;
-        they explain points within `explained` of their standard deviations.
+        the rays, and its ranges follow no tilt. The planes are of each of the points of the index.
 
         Returns, of each point, what the tilt of the plane leaves of the ranges of the beams that
         meet it, in steps: the median of the points nearby, less where most have a beam's point at
         hand.
         """
-        n, limits = len(self.points), self.limits
+        n, limits, explained = len(self.points), self.limits, ExplainLimits().explained
         scatter, alone, agreed = (index.empty(n) for _ in range(3))
 
         def look(rows):
@@ -267,7 +265,7 @@ class Rays:
 
         def agree(rows):
             near = index.query_own(rows, min(limits.n_beams + 1, index.n_neighbors)).indices
-            beams_apart = np.median(alone[near], axis=1) * (DIFFERS / limits.alone)
+            beams_apart = np.median(alone[near], axis=1) * (explained / limits.alone)
             agreed[rows] = np.minimum(np.median(scatter[near], axis=1), beams_apart)
 
         each_slice(n, index.chunk, agree, self.n_jobs)

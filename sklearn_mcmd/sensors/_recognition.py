@@ -5,23 +5,31 @@ from each other in space, and at even ones as seen from where it stood. From bes
 it saw before a background slide over others, and the steps next to outlines are no longer even.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.outliers._rays import DIFFERS, RayLimits, one_far_position
+from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.sensors._rays import RayLimits, one_far_position
 
-__all__ = ["origin_if_seen", "view_from_origin", "views_from_setups"]
+__all__ = ["ViewLimits", "origin_if_seen", "view_from_origin", "views_from_setups"]
 
-# Seen from where the sensor stood, gaps are uneven by .03 to .44 of what they are in space, with a
-# fifth of outliers as well, but for streets of `make_street`: .53 and .68. See docs/sensor.rst.
-EVEN = 0.5
-# Directions nearer than this share of the usual gap are one beam, with several echoes. Positions
-# beside the origin are this share of the usual range away.
-ASIDE = 0.05
-# Beams around one, in either direction from it.
-AROUND = 2 * RayLimits().n_beams
-# Points of larger clouds are asked in so many windows of directions; their number only takes time.
-SAMPLE, N_WINDOWS = 100_000, 64
+SAMPLE = 100_000  # points of larger clouds that are asked
+N_WINDOWS = 64  # of directions in which they are asked; their number only takes time
+
+
+class ViewLimits(NamedTuple):
+    """What a view from where the sensor stood is.
+
+    There gaps are uneven by .03 to .44 of what they are in space, with a fifth of outliers as
+    well, but for streets of `make_street`: .53 and .68. See docs/sensor.rst.
+    """
+
+    even: float = 0.5  # gaps are less uneven than this share of what they are in space
+    # Directions nearer than this share of the usual gap are one beam, with several echoes.
+    # Positions beside the origin are this share of the usual range away.
+    aside: float = 0.05
 
 
 def origin_if_seen(points):
@@ -40,12 +48,12 @@ def view_from_origin(parts):
     if here is None or not here.is_even():
         return ""
     mean, error = here.uneven_beside_others()
-    aside = ASIDE * here.usual_range * np.vstack([np.eye(3), -np.eye(3)])
+    aside = ViewLimits().aside * here.usual_range * np.vstack([np.eye(3), -np.eye(3)])
     for there in _views(parts, aside):
         if there is None:
             return ""
         its_mean, its_error = there.uneven_beside_others()
-        if its_mean - mean <= DIFFERS * max(error, its_error):
+        if its_mean - mean <= ExplainLimits().explained * max(error, its_error):
             return ""
     one_side = np.linalg.norm(here.directions.mean(axis=0)) > 0.5
     return "a view from the origin" if one_side else "a turn about the origin"
@@ -83,15 +91,15 @@ class _View:
         ranges, self.directions = _polar(points)
         self.points, self.asked, self.usual_range = points, asked, np.median(ranges)
         tree = cKDTree(self.directions)
-        distances, rows = tree.query(self.directions, k=AROUND + 1)
-        one_beam = ASIDE * np.median(distances[:, 1])
+        distances, rows = tree.query(self.directions, k=_n_around() + 1)
+        one_beam = ViewLimits().aside * np.median(distances[:, 1])
         beams = asked & (distances[:, 1] > one_beam)
         self.gaps = distances[beams, 1]
         self.usual = np.maximum(np.median(distances[:, 1][rows[beams]], axis=1), one_beam)
 
     def is_even(self):
         """Whether directions are at even steps, as a sensor makes them, unlike the points."""
-        return self.uneven() < EVEN * self.uneven_in_space()
+        return self.uneven() < ViewLimits().even * self.uneven_in_space()
 
     def uneven(self):
         return _uneven(self.gaps)[0]
@@ -127,7 +135,7 @@ class _Sample:
         """The `_View`, in which the inner half of each window is asked; None of too few points."""
         points = np.unique(self.points, axis=0)
         asked = self._apart(points) < self.width / np.sqrt(2)
-        if len(points) <= AROUND or not asked.any():
+        if len(points) <= _n_around() or not asked.any():
             return None
         return _View(points - self.position, asked)
 
@@ -139,6 +147,11 @@ class _Sample:
     def _keep(self):
         near = self.apart < self.width
         self.points, self.apart = self.points[near], self.apart[near]
+
+
+def _n_around():
+    """Beams around one, in either direction from it."""
+    return 2 * RayLimits().n_beams
 
 
 def _views(parts, positions):

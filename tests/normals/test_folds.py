@@ -8,10 +8,9 @@ from scipy.spatial import cKDTree
 from scenes import cylinder, sphere
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._crease_test import are_folded, quadric_normals
-from sklearn_mcmd.normals._quadrics import tangents_of
-from sklearn_mcmd.normals._smoothness import whole_planes
-from sklearn_mcmd.planes._plane import fit_planes, student_factors
+from sklearn_mcmd.normals._folds import are_folded, quadric_normals
+from sklearn_mcmd.normals._quadrics import whole_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes, student_factors
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 K = 50
@@ -202,17 +201,6 @@ def test_the_tangent_of_a_paraboloid_is_exact(d):
     assert errors[0] < 1e-6
 
 
-def test_a_query_beyond_its_neighborhood_gets_the_tangent_at_the_border():
-    cases = Cases(bend, 0.001, m=50)
-    tangents = tangents_of(cases.planes.normals)
-    foot = cases.planes.centroids + 1e6 * tangents[:, 0]
-    cases.queries = foot
-    normals, centroids, errors = cases.tangents()
-    assert np.linalg.norm(centroids - cases.planes.centroids, axis=1).max() < 3
-    assert bias_angle(normals, cases.planes.normals).max() < 60
-    assert np.isfinite(errors).all()
-
-
 @pytest.mark.parametrize("n", [900, 5000])  # NumPy and compiled
 @pytest.mark.parametrize("make", [sphere, cylinder])  # with ends
 def test_normals_of_curved_surfaces_without_noise_are_their_tangents(make, n):
@@ -222,15 +210,6 @@ def test_normals_of_curved_surfaces_without_noise_are_their_tangents(make, n):
         for method in ("pca", "mcmd_z")
     )
     assert np.sqrt(np.mean(tangents**2)) < 0.1 * np.sqrt(np.mean(least_squares**2))
-
-
-def test_without_tangents_the_normals_of_a_curved_surface_are_those_of_least_squares():
-    X, _ = sphere(900, 0.0)
-    planes, expected = (
-        RobustNormalEstimator(30, random_state=0, **parameters).fit(X).normals_
-        for parameters in ({"tangents": False}, {"method": "pca"})
-    )
-    assert bias_angle(planes, expected).max() < 1e-5
 
 
 @pytest.mark.parametrize("k", [20, 30, 50])
