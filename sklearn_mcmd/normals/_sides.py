@@ -34,7 +34,6 @@ class Sides:
     @classmethod
     def of(cls, orientation, sensor_origin, X):
         """Check the parameters for the fitted points X (n, d)."""
-        d = X.shape[1]
         named = orientation if isinstance(orientation, str) else None
         if named == "sensor":
             if sensor_origin is None:
@@ -48,7 +47,12 @@ class Sides:
             raise ValueError('sensor_origin is given but orientation is not "sensor".')
         if orientation is None or named == "mst":
             return cls(tree=named == "mst")
-        direction = _check_vector(orientation, d)
+        d, name = X.shape[1], "orientation"
+        direction = check_array(orientation, dtype=np.float64, ensure_2d=False, input_name=name)
+        if direction.shape != (d,):
+            raise ValueError(
+                f"orientation must have shape ({d},) as X has {d} features, got {direction.shape}."
+            )
         if not direction.any():
             raise ValueError("orientation as a direction must not be zero.")
         return cls(direction=direction)
@@ -98,12 +102,3 @@ def _nearest(index, queries, n_jobs):
     if index.n_neighbors is None:  # and no tree
         return cKDTree(index.points).query(queries)[1]
     return index.nearest(queries, effective_n_jobs(n_jobs))
-
-
-def _check_vector(vector, d):
-    vector = check_array(vector, ensure_2d=False, dtype=np.float64, input_name="orientation")
-    if vector.shape != (d,):
-        raise ValueError(
-            f"orientation must have shape ({d},) as X has {d} features, got {vector.shape}."
-        )
-    return vector
