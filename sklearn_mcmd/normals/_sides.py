@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from sklearn.utils.validation import check_array
 
 from sklearn_mcmd._validation import check_sensor_origin
-from sklearn_mcmd.planes._orientation import orient_by_spanning_tree, orient_toward
+from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 
 __all__ = ["Sides", "TreeLimits"]
 
@@ -72,14 +72,17 @@ class Sides:
         return np.ndim(self.sensor_origin) == 2
 
     def _fit_tree(self, index, normals, X, n_jobs):
+        """Make normals of neighbors agree along a minimum spanning tree (Hoppe et al., 1992)."""
         if index.n_neighbors is None:
             self.tree_normals = normals[:1].copy()
             return
         apart = np.empty_like(index.points)
         apart[index.nearest(X, effective_n_jobs(n_jobs))] = normals
-        k = min(TreeLimits().n_neighbors, len(index.points))
-        neighbors = index.query_own(slice(None), k).indices
-        self.tree_normals = orient_by_spanning_tree(apart, index.points, neighbors)
+        n, k = len(index.points), min(TreeLimits().n_neighbors, len(index.points))
+        first = np.repeat(np.arange(n, dtype=np.int32), k)
+        second = index.query_own(slice(None), k).indices.ravel()
+        edges = spanning_forest(apart, index.points, first, second)
+        self.tree_normals = apart * signs_along(apart, index.points, *edges)[:, None]
 
     def orient(self, index, normals, X, n_jobs):
         """Flip normals (m, d) of points X (m, d) in place.
