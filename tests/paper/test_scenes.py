@@ -106,16 +106,6 @@ def test_figure_9_removes_what_the_method_flags():
     assert report.plot().axes
 
 
-def test_table_6_runs_slow_methods_once_on_the_smaller_scene(segmented):
-    for scene in SEGMENTATION:
-        large = {name for s, n, name in segmented.results if (s, n) == (scene, 900)}
-        small = {name for s, n, name in segmented.results if (s, n) == (scene, 150)}
-        assert small - large == SLOW
-        assert not large - small
-        for name in small:
-            assert segmented.results[scene, 150, name].shape == (1 if name in SLOW else 2, 10)
-
-
 def test_table_6_is_what_the_estimators_give(segmented):
     cloud = make_bus_stop(900, random_state=stream(1, "bus stop", 900, 1))
     columns = RobustNormalEstimator(50, method="pca", random_state=1).fit_transform(cloud.data)
