@@ -6,8 +6,6 @@ import unicodedata
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io._point_cloud import RESERVED, PointFileError
 
-__all__ = ["are_names", "attribute_name", "coordinate_columns"]
-
 AXES = {  # without accents; English, German, French, Spanish and Italian
     "x": {"x", "e", "east", "easting", "eastings", "points 0", "rechtswert", "ost", "est", "este"},
     "y": {"y", "n", "north", "northing", "northings", "points 1", "hochwert", "nord", "norte"},

@@ -10,7 +10,7 @@ import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._las_structure import check_grid
-from sklearn_mcmd.io._no_returns import TOLD, NoReturns
+from sklearn_mcmd.io._no_returns import LEFT_OUT, NoReturns
 from sklearn_mcmd.io._point_cloud import (
     CELL,
     COLORS,
@@ -24,8 +24,6 @@ from sklearn_mcmd.io._point_cloud import (
     import_extra,
     joined_scans,
 )
-
-__all__ = ["read_e57", "write_e57"]
 
 MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
 E57_FIELDS = {
@@ -73,7 +71,7 @@ def read_e57(path):
             f"{path}: fields that pye57 cannot read are left out: {', '.join(sorted(skipped))}"
         )
     cloud = joined_scans(clouds, setups, n_points)
-    cloud.metadata[TOLD] = n_told
+    cloud.metadata[LEFT_OUT] = n_told
     return cloud
 
 

@@ -15,19 +15,9 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._formats import ALL, format_of, no_columns
-from sklearn_mcmd.io._no_returns import TOLD, NoReturns
+from sklearn_mcmd.io._no_returns import LEFT_OUT, NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._units import degrees_warning
-
-__all__ = [
-    "check_file",
-    "check_writable",
-    "one_clear_line",
-    "read_points",
-    "replacing",
-    "system_error",
-    "write_points",
-]
 
 
 def read_points(
@@ -146,7 +136,7 @@ def read_points(
             n_dropped = cloud.n_dropped + int(np.count_nonzero(~kept))
             cloud = cloud.subset(kept)
             cloud.n_dropped = n_dropped
-            cloud.metadata[TOLD] = cloud.metadata.get(TOLD, 0) + no_returns.n_left_out
+            cloud.metadata[LEFT_OUT] = cloud.metadata.get(LEFT_OUT, 0) + no_returns.n_left_out
         if len(cloud) == 0:
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))

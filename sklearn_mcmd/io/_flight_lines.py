@@ -2,8 +2,6 @@
 
 import numpy as np
 
-__all__ = ["positions_of_lines"]
-
 # Degrees (rms) by which directions may differ from scan angles. Rounding to whole degrees makes
 # 0.29, and no single angle is wrong by more than half a degree.
 MOST_OFF = 0.5

@@ -4,8 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = ["LARGEST", "fits", "offset_of", "scale_of"]
-
 LARGEST = 2**31 - 1
 DECIMALS = 6  # that are looked for
 PRECISE = 1e-4  # decimal steps from here on may not be lost; finer ones are printed digits

@@ -10,9 +10,9 @@ from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, fits, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import (
+    EVLR_HEADER,
     as_described,
     check_structure,
-    order_bounds,
     record_length,
     start_of_longest,
 )
@@ -25,21 +25,6 @@ from sklearn_mcmd.io._point_cloud import (
     import_extra,
 )
 from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
-from sklearn_mcmd.io._waveforms import place_waveforms
-
-__all__ = [
-    "cloud_of_points",
-    "coordinate_system",
-    "forget_copc",
-    "header_of",
-    "import_laspy",
-    "is_denoised",
-    "parts_of",
-    "read_header",
-    "read_las",
-    "write_las",
-    "writing_parts",
-]
 
 WRITTEN_AT_ONCE, CHECKED_AT_ONCE = 2_000_000, 250_000  # points
 FIRST_WITH_HIGH_NOISE = 6  # point format
@@ -48,6 +33,7 @@ COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the sam
 WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
 
+WAVEFORMS = "LASF_Spec", 65535  # user and number of the record with the samples of waveforms
 # User, number and description of the record that says that outliers were removed.
 DENOISED = "sklearn-mcmd", 1, "outliers removed"
 
@@ -97,7 +83,7 @@ def writing_parts(path):
         def write(cloud, noise=None):
             nonlocal writer, header
             las = las_of_cloud(laspy, cloud, noise)
-            with sink.telling():
+            with sink.own_errors():
                 if writer is None:
                     header = las.header
                     backend = laspy.LazBackend.LazrsParallel if compressed else None
@@ -120,14 +106,34 @@ def writing_parts(path):
                 with suppress(Exception):  # the first error counts
                     writer.close()
             raise
-        with sink.telling():
+        with sink.own_errors():
             if header.version.minor >= 4 and header.evlrs is not None:
                 writer.write_evlrs(header.evlrs)
+            _correct(writer.header)
             writer.close()
     if written:
         _refuse_changed(path, written)
-    order_bounds(path)
-    place_waveforms(path, header)
+
+
+def _correct(header):
+    """Put bounds in order, which negative scales turn around, and tell where waveforms are.
+
+    laspy repeats the old position. In LAS 1.4 the extended record of their samples is copied. In
+    LAS 1.3 these are behind the points, where laspy reads nothing: 0 says that there are none.
+    """
+    header.mins, header.maxs = np.sort([header.mins, header.maxs], axis=0)
+    if header.start_of_waveform_data_packet_record:
+        at, found = header.start_of_first_evlr, 0
+        for record in header.evlrs or []:
+            if (record.user_id, record.record_id) == WAVEFORMS:
+                found = found or at
+            at += EVLR_HEADER + len(record.record_data_bytes())
+        header.start_of_waveform_data_packet_record = found
+        if not found:
+            warn_caller(
+                "the samples of waveforms that the input holds behind its points are not copied; "
+                "what the points say of them is."
+            )
 
 
 def _digest(digests, records):
@@ -169,7 +175,7 @@ class _Sink:
             raise
 
     @contextmanager
-    def telling(self):
+    def own_errors(self):
         """Raise the error of the file in the place of what lazrs made of it."""
         try:
             yield

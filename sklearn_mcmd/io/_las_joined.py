@@ -9,8 +9,6 @@ from sklearn_mcmd.io._las import cloud_of_points, forget_copc, import_laspy, rea
 from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = ["joined_cloud", "joined_header"]
-
 # What a point format has besides coordinates: GPS time, colors, near infrared.
 PARTS = {
     **{0: set(), 1: {"time"}, 2: {"color"}, 3: {"time", "color"}},

@@ -8,15 +8,6 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = [
-    "as_described",
-    "check_grid",
-    "check_structure",
-    "order_bounds",
-    "record_length",
-    "start_of_longest",
-]
-
 SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393
 VLR_HEADER, EVLR_HEADER = 54, 60
 SAME_PLACE = 1_000
@@ -102,15 +93,6 @@ def as_described(points, size, point_format):
     described = np.zeros((len(points) // size, point_format.size), np.uint8)
     described[:, :n_kept] = points.reshape(-1, size)[:, :n_kept]
     return described.reshape(-1)
-
-
-def order_bounds(path):
-    """Put the bounds of a written header in order: negative scales turn laspy's around."""
-    with open(path, "rb+") as file:
-        file.seek(BOUNDS_FIELD)
-        bounds = np.fromfile(file, "<f8", 6).reshape(3, 2)
-        file.seek(BOUNDS_FIELD)
-        file.write(np.sort(bounds)[:, ::-1].tobytes())
 
 
 def _fit(file, position, n_records, size):

@@ -4,8 +4,6 @@ import re
 
 import numpy as np
 
-__all__ = ["MISSING", "named_nans", "number_of", "plain_numbers"]
-
 MISSING = {"", "na", "n/a", "null", "none"}
 SWAPPED = str.maketrans(",.", ".,")
 # Commas that can only separate thousands: several of them, or before a point.

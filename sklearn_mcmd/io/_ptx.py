@@ -7,8 +7,6 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import CELL, PointCloud, PointFileError, check_room, joined_scans
 
-__all__ = ["read_ptx"]
-
 # Lines of a header, and their numbers.
 HEADER = [("number of columns", 1), ("number of rows", 1), ("position of the scanner", 3)]
 HEADER += [("axis of the scanner", 3)] * 3 + [("row of four of the matrix", 4)] * 4

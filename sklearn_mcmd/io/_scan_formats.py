@@ -24,8 +24,6 @@ from sklearn_mcmd.io._point_cloud import (
 )
 from sklearn_mcmd.io._text import text_rows
 
-__all__ = ["read_pcd", "read_ply", "write_pcd", "write_ply"]
-
 PLY_DTYPES = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}
 PCD_DTYPES = PLY_DTYPES | {"i8", "u8"}
 # Viewers expect normals in PLY under these names; in all other formats they have ours.

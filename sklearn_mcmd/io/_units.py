@@ -6,8 +6,6 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import SETUPS
 
-__all__ = ["GEOGRAPHIC", "PROJECTED", "degrees_warning", "length_unit", "system_of"]
-
 METERS = {1.0: "m", 0.3048: "ft", 0.3048006: "US ft"}
 GEOTIFF = {9001: "m", 9002: "ft", 9003: "US ft"}
 PLANE_UNIT, HEIGHT_UNIT = 3076, 4099  # GeoTIFF's keys

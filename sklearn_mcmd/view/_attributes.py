@@ -9,15 +9,6 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import COLORS, flat_columns
 
-__all__ = [
-    "ColumnSource",
-    "NumberCode",
-    "code_normals",
-    "free_name",
-    "is_wanted",
-    "plan_attributes",
-]
-
 LONG_TAIL = 20  # ranges of normal values are 6 to 8 times their quartiles' distance
 NARROWEST = 1e-300  # width of a code, over its largest value
 TOP = 65534  # largest code of a number above the first; code 0 is "no value"

@@ -12,8 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-__all__ = ["Grid", "pack_column", "pack_points", "shuffled"]
-
 FIRST_CHUNK, LARGEST_CHUNK = 1 << 16, 1 << 20
 SPACING_SAMPLE = 20_000
 # The error of a coordinate is half a step: at most a sixteenth of the spacing of the points.

@@ -24,8 +24,6 @@ from sklearn_mcmd.io._units import length_unit
 from sklearn_mcmd.view._attributes import free_name, is_wanted, plan_attributes
 from sklearn_mcmd.view._encoding import Grid, pack_points, shuffled
 
-__all__ = ["MAX_POINTS", "CloudPage", "check_count", "cloud_page"]
-
 MAX_POINTS = 5_000_000
 # WebGL takes float32; the products of its matrices must be finite too.
 LARGEST_EXTENT = 1e18

@@ -5,8 +5,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd.io import PointFileError, read_points
+from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
-from sklearn_mcmd.io._las_parts import read_parts, writing_parts
+from sklearn_mcmd.io._las_parts import read_parts
 
 laspy = pytest.importorskip("laspy")
 pytest.importorskip("lazrs")

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.io._las_parts import read_parts, writing_parts
+from sklearn_mcmd.io._las import writing_parts
+from sklearn_mcmd.io._las_parts import read_parts
 
 laspy = pytest.importorskip("laspy")
 pytest.importorskip("lazrs")
