@@ -46,6 +46,16 @@ BAD_TEXTS = {
     "underscore.csv": ("1,2,3\n4,5_0,6\n", "line 2: '5_0' is not a number"),
     "commas.xyz": ("1,5 2,5 3,5\n", "decimal commas"),
     "count.xyz": ("3\n1 2 3\n4 5 6\n", "line 1 promises 3 points, found 2"),
+    "quoted.csv": ('"1,5","2,5","3,5"\n', "line 1 has decimal commas"),
+    "thousands.csv": ('x,y,z\n1,2,"312,403"\n', "line 2 has decimal commas: .* between thousands"),
+    "word.csv": ('"x","y","z"\n"1","2","3"\n"4","wall","6"\n', "line 3: 'wall' is not a number"),
+    "missing.csv": ('"x","y","z"\n"1","2","3"\n"4","5"\n', "line 3 has 2 columns, line 2 has 3"),
+    "names.csv": ("x y z\n1,5 2 3\n", "names 3 columns|decimal commas"),
+    "one.csv": ("1,5\n", "line 1 has 2 columns"),
+    "more.xyz": ("1\n1 2 3\n4 5 6\n", "line 1 promises 1 point, line 3 is one more"),
+    "second.xyz": ("1\n1 2 3\n3\n4 5 6\n", "line 3 promises 3 points, found 1"),
+    "last.xyz": ("1\n1 2 3\n1\n4 5 6\n7 8 9\n", "line 3 promises 1 point, line 5 is one more"),
+    "inner.xyz": ("2\n1 2 3\n1\n4 5 6\n", "line 3 has 1 columns, .*; line 1 promises 2 points"),
     "ragged.xyz": ("1 2 3\n\n4 5\n", "line 3 has 2 columns, line 1 has 3"),
     "late.xyz": ("1 2 3\n4 b 6\n", "line 2: 'b' is not a number"),
     "grid.asc": ("ncols 2\nnrows 1\ncellsize 5\n3 4\n", "is an ESRI ASCII grid: convert it to"),
@@ -67,10 +77,12 @@ BAD_TEXTS = {
 
 
 @pytest.mark.parametrize("name", BAD_TEXTS)
-def test_files_that_are_wrong_get_one_clear_line(tmp_path, name):
+def test_files_that_are_wrong_get_one_clear_line(tmp_path, monkeypatch, name):
     text, message = BAD_TEXTS[name]
     (tmp_path / name).write_text(text)
-    refused(tmp_path / name, message)
+    for at_once in (1, 3, 100):
+        monkeypatch.setattr("sklearn_mcmd.io._text.ROWS_A_TIME", at_once)
+        refused(tmp_path / name, message)
 
 
 def test_missing_files_folders_and_names_that_are_too_long_are_named(tmp_path):
