@@ -26,7 +26,7 @@ from sklearn_mcmd.io._point_cloud import (
 )
 
 MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
-E57_FIELDS = {
+E57_FIELDS = {  # of our attributes: the name in E57, and the dtype that is written
     "intensity": ("intensity", "f4"),
     "red": ("colorRed", "u1"),
     "green": ("colorGreen", "u1"),

@@ -21,6 +21,7 @@ from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
     PointFileError,
+    fit_dtype,
     flat_columns,
     import_extra,
 )
@@ -31,7 +32,8 @@ FIRST_WITH_HIGH_NOISE = 6  # point format
 USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
 WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
-EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
+LONGEST_NAME = 32  # bytes of an extra dimension's name
+EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}  # of extra dimensions
 
 WAVEFORMS = "LASF_Spec", 65535  # user and number of the record with the samples of waveforms
 # User, number and description of the record that says that outliers were removed.
@@ -385,12 +387,13 @@ def _store_attributes(laspy, las, attributes):
     """Fill the dimensions that hold the values exactly; all other values get extra dimensions."""
     standard = set(las.point_format.standard_dimension_names)
     extra = set(las.point_format.extra_dimension_names)
-    new, stale = {}, set()
-    for name, values in attributes.items():
-        if name in standard | extra and _assigned(las, name, values):
-            continue
-        if name in extra:
-            stale.add(name)
+    others = {
+        name: values
+        for name, values in attributes.items()
+        if name not in standard | extra or not _assigned(las, name, values)
+    }
+    new = {}
+    for name, values in others.items():
         for column, part in flat_columns({name: values}).items():
             if column in standard:
                 warn_caller(
@@ -400,10 +403,18 @@ def _store_attributes(laspy, las, attributes):
                 column += "_value"
             if column in new or (column != name and column in attributes):
                 raise PointFileError(f"two attributes would both be written as {column!r}")
-            if column in extra:
-                stale.add(column)
-            new[column] = part
-    _add_dimensions(laspy, las, new, stale)
+            if len(column.encode()) > LONGEST_NAME:
+                raise PointFileError(
+                    f"attribute name {column!r} is longer than the {LONGEST_NAME} bytes LAS "
+                    "allows; rename it"
+                )
+            new[column] = fit_dtype(column, part, EXTRA_DTYPES, "LAS")
+    if replaced := extra & (others.keys() | new.keys()):
+        las.remove_extra_dims(list(replaced))
+    if new:
+        las.add_extra_dims([laspy.ExtraBytesParams(n, column.dtype) for n, column in new.items()])
+    for name, column in new.items():
+        las[name] = column
 
 
 def _assigned(las, name, values):
@@ -428,23 +439,3 @@ def _same(stored, values):
     if stored.shape != values.shape:
         return False
     return np.array_equal(stored, values, equal_nan=stored.dtype.kind == values.dtype.kind == "f")
-
-
-def _add_dimensions(laspy, las, columns, replaced):
-    params = []
-    for name, column in columns.items():
-        if len(name.encode()) > 32:
-            raise PointFileError(
-                f"attribute name {name!r} is longer than the 32 bytes LAS allows; rename it"
-            )
-        dtype = np.dtype({"b": "u1"}.get(column.dtype.kind, column.dtype))
-        dtype = np.dtype("f4") if dtype == np.float16 else dtype.newbyteorder("=")
-        if dtype.str[1:] not in EXTRA_DTYPES:
-            raise PointFileError(f"attribute {name!r} of dtype {dtype} cannot be stored in LAS")
-        params.append(laspy.ExtraBytesParams(name, dtype))
-    if replaced:
-        las.remove_extra_dims(list(replaced))
-    if params:
-        las.add_extra_dims(params)
-    for name, column in columns.items():
-        las[name] = column

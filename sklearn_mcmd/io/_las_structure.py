@@ -8,10 +8,10 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393
-VLR_HEADER, EVLR_HEADER = 54, 60
-SAME_PLACE = 1_000
-LENGTH_FIELD, GRID_FIELD, BOUNDS_FIELD, WAVEFORMS_FIELD = 105, 131, 179, 227
+SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393  # bytes
+VLR_HEADER, EVLR_HEADER = 54, 60  # bytes of the head of a record, and of an extended one
+SAME_PLACE = 1_000  # records in one step of double precision, which would be one place
+LENGTH_FIELD, GRID_FIELD, WAVEFORMS_FIELD = 105, 131, 227  # places in a header
 
 
 def check_structure(file):
@@ -62,7 +62,6 @@ def check_grid(axis, scale, offset):
     """Refuse a scale that puts all points at one place about the offset, or beyond all bounds."""
     with np.errstate(invalid="ignore"):
         finest = np.spacing(max(abs(offset), 1.0))
-    # A thousand records in one step of double precision would be one place.
     if not finest / SAME_PLACE <= abs(scale) <= 1 / np.finfo(float).eps:
         raise PointFileError(
             f"broken header: scale {scale:g} and offset {offset:g} of {axis} give no "

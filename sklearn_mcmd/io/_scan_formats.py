@@ -24,11 +24,11 @@ from sklearn_mcmd.io._point_cloud import (
 )
 from sklearn_mcmd.io._text import text_rows
 
-PLY_DTYPES = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}
+PLY_DTYPES = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}  # that files hold
 PCD_DTYPES = PLY_DTYPES | {"i8", "u8"}
 # Viewers expect normals in PLY under these names; in all other formats they have ours.
 PLY_NORMALS = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
-DENOISED = "outliers removed by sklearn-mcmd"
+DENOISED = "outliers removed by sklearn-mcmd"  # comment of PLY
 LONGEST_HEADER = 2**20  # bytes of a PLY's
 VERSIONS = [".5", "0.5", ".6", "0.6", ".7", "0.7"]  # of PCD, whose points are laid out alike
 LONGEST_RUN = 88  # bytes from one byte of a compressed PCD

@@ -9,7 +9,7 @@ from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import SETUPS, PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
-NO_VIEWPOINT = (0.0, 0.0, 0.0)
+NO_VIEWPOINT = (0.0, 0.0, 0.0)  # which is written where it is not known
 
 
 class Stated(NamedTuple):

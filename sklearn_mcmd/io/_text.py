@@ -17,12 +17,12 @@ from sklearn_mcmd.io._fixed_columns import COLUMNS, fitting, names_after_xyz, wi
 from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, fit_dtype, flat_columns
 
-NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}
+NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # dtypes written
 LAYOUT = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
 COMMENTS = ("#", "//")  # begin a line that is no row
 ROWS_A_TIME = 100_000  # that are read and written at once
 LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
-IN_DOUBT = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+IN_DOUBT = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # thousands, or three decimals
 LONGEST, MOST_HEADERS = 1_000_000, 10  # characters of a line, and lines before the first row
 
 

@@ -15,6 +15,7 @@ TOP = 65534  # largest code of a number above the first; code 0 is "no value"
 NORMAL_TOP = 4094  # even, so that normals along the axes are exact
 FEW = 64  # this many distinct whole numbers are classes
 MANY = 65_535  # classes of an attribute that is known to hold labels
+# Names of attributes that hold labels, and what their values are called.
 LABELS = {"region", "segment", "label", "cluster", "instance", "classification", "class"}
 CLASSES = (  # of LAS, from 0 on
     "never classified; unclassified; ground; low vegetation; medium vegetation; high vegetation; "
