@@ -76,11 +76,7 @@ def read_e57(path):
 
 
 def _checked_scans(path):
-    """The scans in the XML, and no XML that would end the process, or be read wrongly.
-
-    libe57 reads the prototype of points that have none, and numbers that are none as 0. It checks
-    all else itself, so reading needs no process of its own.
-    """
+    """The scans in the XML, and no XML by which libe57 would end the process, or read wrongly."""
     with open(path, "rb") as file:
         if (start := file.read(48))[:8] != b"ASTM-E57" or len(start) < 48:
             raise PointFileError("damaged or is of another format: it does not begin as E57 does")

@@ -118,10 +118,9 @@ def writing_parts(path):
 
 
 def _correct(header):
-    """Put bounds in order, which negative scales turn around, and tell where waveforms are.
+    """Put bounds in order, which negative scales turn around, and say where waveforms are now.
 
-    laspy repeats the old position. In LAS 1.4 the extended record of their samples is copied. In
-    LAS 1.3 these are behind the points, where laspy reads nothing: 0 says that there are none.
+    LAS 1.3 has their samples behind the points, where laspy reads nothing: 0 is for none.
     """
     header.mins, header.maxs = np.sort([header.mins, header.maxs], axis=0)
     if header.start_of_waveform_data_packet_record:
@@ -266,10 +265,7 @@ def cloud_of_points(points, header):
 
 
 def las_of_cloud(laspy, cloud, noise=None):
-    """What is to be written: laspy's header and points, with all attributes.
-
-    `noise` is a mask, or the class of each point that is noise, and 0 of the others.
-    """
+    """What is to be written: laspy's header and points, with all attributes."""
     if "las_points" in cloud.metadata:
         header = copy.deepcopy(cloud.metadata["las_header"])
         if header.version.minor < 2:  # laspy does not write older ones, and they hold the same
@@ -296,10 +292,7 @@ def las_of_cloud(laspy, cloud, noise=None):
 
 
 def _forget_ranges(header):
-    """Do not say that the least and the most of extra attributes are known.
-
-    laspy takes them from the first point of each part that it writes.
-    """
+    """Leave out the range of extra attributes: laspy has that of the first points of parts."""
     for record in header.vlrs.get("ExtraBytesVlr"):
         for described in record.extra_bytes_structs:
             if described.data_type != 0:  # else the options are a number of bytes

@@ -19,11 +19,8 @@ ANGLE_STEP = 0.006  # degrees, of the new formats
 
 
 def joined_header(paths):
-    """A header whose points hold those of all files.
-
-    It is that of the first file. Its point format is the richest, its scales are the finest, and it
-    has the extra dimensions of all. If there is none, an error names a file.
-    """
+    """The first file's header, with the richest point format, the finest scales, and the extra
+    dimensions of all files. If there is none, an error names a file."""
     laspy = import_laspy(compressed=False)
     first = read_header(paths[0])
     header, dimensions, formats, version = copy.deepcopy(first), {}, set(), first.version

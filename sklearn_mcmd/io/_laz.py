@@ -1,12 +1,8 @@
 """The compressed points of LAZ: checked first, then passed to lazrs.
 
-A damaged file can make lazrs request more memory than there is, and lazrs then ends the whole
-process (SIGABRT). So all sizes that it reads are checked before: the items of a point, the chunk
-table, and in layered chunks (point formats 6 to 10) the sizes of the layers. The compressed bytes
-remain unchecked. lazrs reads them without requesting memory.
-
-lazrs turns every error in Python code that it calls into its own error, even a KeyboardInterrupt.
-So it gets bytes in memory to read, and a file that remembers its error to write.
+A damaged file can make lazrs request more memory than there is, which ends the process (SIGABRT).
+So all sizes that it reads are checked before; the compressed bytes remain unchecked. As lazrs turns
+every error of Python's code into its own, even a KeyboardInterrupt, it gets bytes in memory.
 """
 
 import io
@@ -32,10 +28,9 @@ WAVE_PACKET_FORMATS = (4, 5, 9, 10)  # point formats
 
 
 def compressed_parts(file, header, n_points):
-    """The point records (n * record length bytes) behind a header that laspy has read, in parts.
+    """The point records behind a header, as bytes, in parts of whole chunks; see `parts_of`.
 
-    Each is of whole chunks, of about `n_points` points but at least a chunk. The file may be at any
-    position. The header's LASzip record is removed, as laspy does.
+    The header's LASzip record is removed, as laspy does.
     """
     lazrs = import_extra("lazrs", "las", "LAZ")
     records = header.vlrs.extract("LasZipVlr")
@@ -99,15 +94,12 @@ class _Layout:
         return self.n_bytes + (4 + 4 * self.n_layers if self.compressor == LAYERED else 0)
 
     def check_chunks(self, data, chunks, first):
-        """Refuse chunks that end too early, or layers that do not fit into their chunk.
-
-        Nothing is read of an empty chunk; lazrs may end a file of variable chunks with one.
-        """
+        """Refuse chunks that end too early, or layers that do not fit into their chunk."""
         if len(data) < sum(n_bytes for _, n_bytes in chunks):
             raise PointFileError("truncated: the compressed points end too early")
         start = 0
         for number, (n_points, n_bytes) in enumerate(chunks, start=first + 1):
-            needed = self.smallest_chunk if n_points else 0
+            needed = self.smallest_chunk if n_points else 0  # lazrs may end with an empty one
             if self.compressor == LAYERED and 0 < needed <= n_bytes:
                 n_stored, *layers = struct.unpack_from(
                     f"<{1 + self.n_layers}I", data, start + self.n_bytes
@@ -125,10 +117,7 @@ class _Layout:
 
 
 def _chunks(lazrs, file, header, record, layout):
-    """Points and bytes of each chunk. The file is then at the first chunk.
-
-    lazrs reads the table and does not check its count, so the count is checked before.
-    """
+    """Points and bytes of each chunk. The file is then at the first chunk."""
     size = file.seek(0, os.SEEK_END)
     points_at, n_points = header.offset_to_point_data, header.point_count
     check_room(n_points // POINTS_A_BYTE, size - points_at, f"{n_points:,} points")
@@ -152,14 +141,15 @@ def _chunks(lazrs, file, header, record, layout):
     except lazrs.LazrsError as err:
         raise PointFileError(f"damaged: its chunk table cannot be read ({err})") from err
     if is_variable:
-        chunks = [(n, n_bytes) for n, n_bytes in entries if n > 0 or n_bytes > 0]
+        chunks = [entry for entry in entries if any(entry)]
     else:
         chunks = [(layout.chunk_size, n_bytes) for _, n_bytes in entries[:n_needed]]
         chunks[-1] = (n_points - layout.chunk_size * (n_needed - 1), chunks[-1][1])
-    if sum(n for n, _ in chunks) != n_points or sum(b for _, b in chunks) > room:
+    n_listed, n_bytes = map(sum, zip(*chunks, strict=True)) if chunks else (0, 0)
+    if n_listed != n_points or n_bytes > room:
         raise PointFileError(
-            f"damaged: its chunk table tells of {sum(n for n, _ in chunks)} points in "
-            f"{sum(b for _, b in chunks)} bytes, the file holds {n_points} in {room}"
+            f"damaged: its chunk table tells of {n_listed} points in {n_bytes} bytes, the file "
+            f"holds {n_points} in {room}"
         )
     file.seek(points_at + 8)
     return chunks

@@ -59,11 +59,10 @@ def _check_ply_values(path):
     with open(path, "rb") as file:
         header, _, _ = file.read(LONGEST_HEADER).partition(b"end_header")
         size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
-    n_values = n_rows = 0
-    for n, _ in re.findall(rb"(?:^|[\r\n])\s*(?:element\s+\S+\s+(\d+)|(property))", header):
-        n_rows = int(n) if n else n_rows
-        n_values += 0 if n else n_rows
-    check_room(n_values, size, "its values")
+    elements = re.split(rb"(?:^|[\r\n])\s*element\s+\S+\s+(\d+)", header)[1:]
+    properties = (re.findall(rb"[\r\n]\s*property", some) for some in elements[1::2])
+    rows = zip(map(int, elements[::2]), properties, strict=True)
+    check_room(sum(n * len(some) for n, some in rows), size, "its values")
 
 
 def write_ply(path, cloud, encoding="binary"):

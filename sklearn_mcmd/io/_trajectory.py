@@ -156,7 +156,7 @@ def _shift(times, begin, end):
 
     week, plain, adjusted = "seconds of the week", "GPS seconds", "GPS seconds less 1e9"
     known = [(0.0, ""), (-ADJUSTED, f"taken as {adjusted}, and as {plain}")]
-    known.append((ADJUSTED, f"taken as {plain}, and as {adjusted}"))
+    known += [(ADJUSTED, f"taken as {plain}, and as {adjusted}")]
     points_in_weeks = times.min() >= 0 and times.max() <= WEEK
     path_in_weeks = begin >= 0 and end <= WEEK
     if points_in_weeks != path_in_weeks:
