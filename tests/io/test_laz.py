@@ -129,45 +129,37 @@ def test_real_files_read_as_laspy_reads_them(shared_data, name):
 # ---- damaged files -----------------------------------------------------------------------
 
 
-def damages():
-    """Name, what to change, and what the error says of it."""
-
-    def at(where, value, form="<I", offset=0):
-        return lambda content: struct.pack_into(form, content, where(content) + offset, value)
-
-    def points_at(content):
-        return first_chunk_at(content) - 8
-
-    def table_is_lost(content):
-        struct.pack_into("<q", content, points_at(content), -1)
-        content[-8:] = bytes(8)
-
-    layers = 34  # bytes of the first point and count, of point format 6
-    return {
-        "count of chunks": (at(table_at, 0x7FFFFFFF, offset=4), "not in 2147483647 chunks"),
-        "no chunks": (at(table_at, 0, offset=4), "not in 0 chunks"),
-        "chunk size": (at(record_at, 10, offset=CHUNK_SIZE), "are not in 6 chunks"),
-        "chunk size 0": (at(record_at, 0, offset=CHUNK_SIZE), "chunks are of 0 points"),
-        "sizes become variable": (at(record_at, VARIABLE, offset=CHUNK_SIZE), "chunk"),
-        "table beyond the end": (at(points_at, 2**40, "<q"), "truncated: its chunk table begins"),
-        "table nowhere": (table_is_lost, "has no chunk table"),
-        "compressor": (at(record_at, 9, "<H"), "compressed in a way unknown"),
-        "number of items": (at(record_at, 500, "<H", 32), "too short"),
-        "item": (at(record_at, 11, "<H", 34), "item 11 of 30 bytes"),
-        "size of an item": (at(record_at, 29, "<H", 36), "item 10 of 29 bytes"),
-        "version of an item": (at(record_at, 2, "<H", 38), "version 2"),
-        "layer": (at(first_chunk_at, 0x70000000, offset=layers), "chunk 1 of .* would need"),
-        "points of a chunk": (at(first_chunk_at, 3, offset=30), "chunk 1 holds 3 points, not 500"),
-        "more points": (at(lambda _: 247, 3001, "<Q"), "3001 points in .* are not in 6 chunks"),
-        "points beyond reason": (at(lambda _: 247, 2**60, "<Q"), "points need .* bytes or more"),
-    }
+def points_at(content):
+    return first_chunk_at(content) - 8
 
 
-@pytest.mark.parametrize("name", damages())
-def test_damage_is_named(tmp_path, name):
-    damage, message = damages()[name]
+# What is changed, to which number, and what the error says of it.
+DAMAGES = [
+    (table_at, 4, "<I", 0x7FFFFFFF, "not in 2147483647 chunks"),
+    (table_at, 4, "<I", 0, "not in 0 chunks"),
+    (record_at, CHUNK_SIZE, "<I", 10, "are not in 6 chunks"),
+    (record_at, CHUNK_SIZE, "<I", 0, "chunks are of 0 points"),
+    (record_at, CHUNK_SIZE, "<I", VARIABLE, "chunk"),
+    (points_at, 0, "<q", 2**40, "truncated: its chunk table begins"),
+    (points_at, 0, "<q", -1, "has no chunk table"),
+    (record_at, 0, "<H", 9, "compressed in a way unknown"),
+    (record_at, 32, "<H", 500, "too short"),
+    (record_at, 34, "<H", 11, "item 11 of 30 bytes"),
+    (record_at, 36, "<H", 29, "item 10 of 29 bytes"),
+    (record_at, 38, "<H", 2, "version 2"),
+    (first_chunk_at, 34, "<I", 0x70000000, "chunk 1 of .* would need"),  # of the first layer
+    (first_chunk_at, 30, "<I", 3, "chunk 1 holds 3 points, not 500"),
+    (lambda _: 247, 0, "<Q", 3001, "3001 points in .* are not in 6 chunks"),
+    (lambda _: 247, 0, "<Q", 2**60, "points need .* bytes or more"),
+]
+
+
+@pytest.mark.parametrize(("where", "offset", "form", "value", "message"), DAMAGES)
+def test_damage_is_named(tmp_path, where, offset, form, value, message):
     content = laz_of(made(6), chunk_size=500)
-    damage(content)
+    struct.pack_into(form, content, where(content) + offset, value)
+    if value == -1:
+        content[-8:] = bytes(8)
     (tmp_path / "a.laz").write_bytes(content)
     with pytest.raises(PointFileError, match=message) as error:
         read_points(tmp_path / "a.laz")
