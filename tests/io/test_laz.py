@@ -72,7 +72,7 @@ def first_chunk_at(content):
 
 
 QUALITY = [("quality", "f4")]
-CHUNKS = [{}, {"chunk_size": 20}, {"cuts": [7, 8, 1500]}]  # of a usual, a small, and their own size
+CHUNKS = [{}, {"chunk_size": 40}, {"cuts": [7, 8, 1500]}]  # of a usual, a small, and their own size
 
 
 def read_as_laspy_does(path, las):
