@@ -18,7 +18,7 @@ from sklearn_mcmd.adjustment._elimination import (
     eliminate_one_by_one,
     own_redundancy,
 )
-from sklearn_mcmd.adjustment._plane import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weights_of
 from sklearn_mcmd.adjustment._start import CUT, robust_start
 from sklearn_mcmd.adjustment._tests import (
     chance_outside,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.adjustment._plane import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weights_of
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, first_of_largest, standardized_residuals
 
 __all__ = ["DowndatedPlane"]

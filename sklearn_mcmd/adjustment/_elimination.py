@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sklearn_mcmd.adjustment._downdate import DowndatedPlane
-from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weights_of
 from sklearn_mcmd.adjustment._tests import first_of_largest, standardized_residuals
 
 __all__ = ["Elimination", "eliminate", "eliminate_one_by_one", "own_redundancy"]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sklearn_mcmd.adjustment._plane import CHUNK
+from sklearn_mcmd.adjustment._least_squares import CHUNK
 from sklearn_mcmd.adjustment._power import coupled_level, identifiable_bias, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, tilt_direction
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value

@@ -3,7 +3,7 @@
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd.adjustment._plane import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weights_of
 from sklearn_mcmd.adjustment._robust import robust_scale
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED

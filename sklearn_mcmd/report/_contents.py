@@ -40,10 +40,10 @@ def note_if(holds, *words, warned=""):
 
 
 class Section(NamedTuple):
-    """A part of the page; `html` is escaped where it was made."""
+    """A part of the page; `html` is markup by `part`, other text is escaped."""
 
     title: str
-    html: str
+    html: Any
 
 
 class Contents(NamedTuple):

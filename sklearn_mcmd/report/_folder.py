@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._files import replacing, system_error
-from sklearn_mcmd.report._page import make_page, source_name
+from sklearn_mcmd.report._rendering import make_page, source_name
 
 __all__ = ["check_folder", "write_report"]
 

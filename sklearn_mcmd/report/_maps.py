@@ -10,7 +10,7 @@ from sklearn_mcmd.plotting import plot_cloud
 from sklearn_mcmd.plotting._cloud_display import FOUND
 from sklearn_mcmd.plotting._still import ball_picture, distance_colors
 from sklearn_mcmd.plotting._views import look, round_length, thinned
-from sklearn_mcmd.report._html import chips, figure, text
+from sklearn_mcmd.report._rendering import join, part
 
 __all__ = ["ball", "found_maps", "maps"]
 
@@ -41,9 +41,10 @@ def maps(draw, xyz, near, legend=(), views=tuple(VIEWS)):
     named = [(view, VIEWS[view]) if isinstance(view, str) else view for view in views]
     figures = [_map(draw, xyz, rows, view, caption) for view, caption in named]
     outside = len(xyz) - len(rows)
-    words = '<p class="soft">Lengths are in units of the file.'
-    words += f" {outside:,} points far from the others are not drawn.</p>" if outside else "</p>"
-    return f'{chips(legend) if legend else ""}<div class="maps">{"".join(figures)}</div>{words}'
+    words = "Lengths are in units of the file."
+    words += f" {outside:,} points far from the others are not drawn." if outside else ""
+    chips = [part("chips", legend)] if legend else []
+    return join(*chips, part("maps", figures), part("paragraph", words, "soft"))
 
 
 def found_maps(xyz, found, near, noun):
@@ -69,8 +70,7 @@ def ball():
     from PIL import Image
 
     pixels = np.rint(255 * np.clip(np.flipud(ball_picture("top")), 0.0, 1.0)).astype(np.uint8)
-    inner = f'<img src="{_encoded(Image.fromarray(pixels, "RGBA"))}" alt="">'
-    return figure(inner, "A ball in these colors", "ball")
+    return part("ball", _encoded(Image.fromarray(pixels, "RGBA")))
 
 
 def _map(draw, xyz, rows, view, caption):
@@ -98,14 +98,8 @@ def _map(draw, xyz, rows, view, caption):
     buffer = io.BytesIO()
     drawn.savefig(buffer, format="png", transparent=True)
     length = round_length(0.2 * width)
-    bar = (
-        f'<div class="scale" style="width:{100 * length / width:.2f}%">'
-        f"<span>{length:g}</span></div>"
-    )
-    image = f'<img src="{_encoded(Image.open(buffer).convert("RGBA"))}" alt="{text(caption)}">'
-    kind = "high" if shape > 0.5 else "wide"
-    inner = f'<div class="map" style="--shape:{shape:.4f}">{image}{bar}</div>'
-    return figure(inner, caption, kind)
+    picture = _encoded(Image.open(buffer).convert("RGBA"))
+    return part("map", picture, caption, shape, length / width, length)
 
 
 def _strip(drawn, ax):

@@ -10,7 +10,7 @@ from sklearn.exceptions import ConvergenceWarning
 import reference_adjustment as reference
 from adjustment_clouds import plane_with_outliers, random_case
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, _downdate
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
 
 @pytest.mark.filterwarnings("ignore:The tests reject")

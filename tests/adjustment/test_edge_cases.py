@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from adjustment_clouds import plane_with_outliers
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 from sklearn_mcmd.adjustment._determinacy import normal_pvalue
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
 DETECTORS = [
     BaardaPlaneDetector(),

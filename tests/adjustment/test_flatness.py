@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, flatness
-from sklearn_mcmd.adjustment._flatness import minimum_zone
+from sklearn_mcmd.adjustment._tolerance import minimum_zone
 
 
 def sheet(n=60, noise=0.05, seed=0):

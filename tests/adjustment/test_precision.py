@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._precision import precision_of, quantile
 
 OFFSET = np.array([362_000.0, 5_157_000.0, 100.0])

@@ -6,7 +6,7 @@ import pytest
 from adjustment_clouds import plane_with_outliers
 from reference_adjustment import redundancy_matrix
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, noncentrality
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
 SIGMA = 0.01
 

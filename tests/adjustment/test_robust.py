@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from sklearn.linear_model import HuberRegressor
 
 from sklearn_mcmd.adjustment._elimination import own_redundancy
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._robust import huber, m_estimate, robust_scale, tukey
 
 

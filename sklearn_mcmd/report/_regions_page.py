@@ -7,8 +7,8 @@ import numpy as np
 from sklearn_mcmd.plotting import SegmentationDisplay, region_colors
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import maps
+from sklearn_mcmd.report._rendering import paragraph, table
 
 __all__ = ["Regions", "segment_contents"]
 

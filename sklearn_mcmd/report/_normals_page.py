@@ -7,9 +7,9 @@ import numpy as np
 from sklearn_mcmd.plotting import NormalsDisplay
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import ball, maps
 from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._rendering import paragraph, table
 
 __all__ = ["normals_contents"]
 

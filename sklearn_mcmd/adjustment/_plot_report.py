@@ -10,14 +10,7 @@ from scipy.special import ndtri, stdtrit
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
-from sklearn_mcmd.adjustment._report import (
-    describe,
-    normal_row,
-    share,
-    sigma0_origin,
-    sign_of_residuals,
-    tilt,
-)
+from sklearn_mcmd.adjustment._plane_figures import plane_figures
 from sklearn_mcmd.adjustment._tests import t_to_tau
 
 __all__ = ["plot_report"]
@@ -77,7 +70,7 @@ def plot_report(
     outliers = detector.labels_ == -1
     suffix = f" [{unit}]" if unit else ""
     figure.suptitle(title, fontsize="x-large")
-    figure.supxlabel(_key_figures(detector, outliers, unit), fontsize="medium")
+    figure.supxlabel(_key_figures(detector, X, unit), fontsize="medium")
     _draw_map(panels["m"], view, names, residuals, outliers, suffix)
     _draw_histogram(panels["h"], residuals, outliers, suffix)
     if hasattr(detector, "membership_residual_"):
@@ -87,21 +80,12 @@ def plot_report(
     return figure
 
 
-def _key_figures(detector, outliers, unit):
+def _key_figures(detector, X, unit):
     """The lines below the panels."""
-    unit = f" {unit}" if unit else ""
-    return "\n".join(
-        [
-            f"{share(outliers.sum(), len(outliers))} outliers; deviation of one observation "
-            f"without them {np.sqrt(detector.variance_factor_):.4g}{unit}",
-            f"Normal {normal_row(detector)}, tilt {tilt(detector)}; residuals are "
-            f"{sign_of_residuals(detector)}",
-            f"Test {detector.test_}, alpha {detector.alpha:g}, correction {detector.correction}, "
-            f"critical value {detector.critical_value_:.3f}, "
-            f"sigma0 {detector.sigma0_:.4g}{unit} ({sigma0_origin(detector)})",
-            describe(detector),
-        ]
-    )
+    rows = plane_figures(detector, X, unit).rows()
+    lines = ("outliers", "deviation"), ("normal", "tilt"), ("test", "sigma0"), ("residuals",)
+    lines = ["; ".join(f"{name} {rows[name]}" for name in names) for names in lines]
+    return "\n".join([*lines, str(rows["method"])])
 
 
 def _thinned(rows):

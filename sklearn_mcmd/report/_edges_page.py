@@ -4,9 +4,9 @@ import numpy as np
 
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._html import paragraph
 from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._rendering import paragraph
 
 __all__ = ["edges_contents"]
 

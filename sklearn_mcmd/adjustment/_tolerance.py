@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._tests import local_level
 

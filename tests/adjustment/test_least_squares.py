@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import reference_adjustment as reference
-from sklearn_mcmd.adjustment import _plane as plane_module
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment import _least_squares
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
 
 def random_cloud(seed, n=None, d=None):
@@ -148,7 +148,7 @@ def test_a_point_of_huge_weight_lies_on_the_plane():
 def test_chunks_don_t_change_the_plane(monkeypatch):
     X, p = random_cloud(6, n=70, d=3)
     whole = adjust_plane(X, p)
-    monkeypatch.setattr(plane_module, "CHUNK", 13)
+    monkeypatch.setattr(_least_squares, "CHUNK", 13)
     parts = adjust_plane(X, p)
     assert_allclose(parts.coef, whole.coef, rtol=1e-12)
     assert_allclose(parts.evaluate(X)[1], whole.evaluate(X)[1], rtol=1e-11)
