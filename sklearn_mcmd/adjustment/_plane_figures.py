@@ -89,7 +89,7 @@ def _usual_reliability(detector, X, n_worst):
     """The reliability of the usual power, or None where there is none: of M-estimates, of tests so
     lax that their level is no smaller, and of points without noise."""
     is_lax = detector._level_of_one() >= POWER
-    if detector.loss != "squared_error" or is_lax or detector._sigma0_is_rounding:
+    if detector.loss != "squared_error" or is_lax or detector._fitted.is_rounding:
         return None
     return detector.reliability(X, n_worst=n_worst)
 
@@ -151,12 +151,12 @@ def _method(detector):
 
 def _is_exact(detector):
     """Whether the points that pass have no noise, so that errors are those of a given sigma0."""
-    rounding = detector._rounding_of(detector._plane.direction)
-    return detector._scale == rounding and not detector._sigma0_is_rounding
+    fitted = detector._fitted
+    return fitted.scale == fitted.rounding and not fitted.is_rounding
 
 
 def _plane_rows(detector, unit):
-    plane = detector._plane
+    plane = detector._fitted.plane
     precision = detector.precision("prior" if _is_exact(detector) else "posterior")
     at_center = precision.scale / np.sqrt(plane.sum_weights)
     rows = [
@@ -168,7 +168,7 @@ def _plane_rows(detector, unit):
         rows.append(_row("slopes", detector.coef_, error=errors.max()))
     unit_of_tilt = " degrees from the horizontal"
     rows.append(_row("tilt", precision.tilt, unit_of_tilt, error=precision.tilt_error))
-    if detector._sigma0_is_rounding:
+    if detector._fitted.is_rounding:
         return rows
     if precision.azimuth_error < NO_DIRECTION:
         clockwise = " degrees from the y axis, clockwise"
@@ -179,7 +179,7 @@ def _plane_rows(detector, unit):
 
 def _error_rows(detector, X, unit):
     """Standard errors a posteriori, and how much they change a priori."""
-    if detector._sigma0_is_rounding:
+    if detector._fitted.is_rounding:
         return []
     variance = "prior" if _is_exact(detector) else "posterior"
     precision = detector.precision(variance)
@@ -206,7 +206,7 @@ def _test_rows(detector, unit):
     replaced = " in place of w, as sigma0 is estimated" if detector.test_ != detector.test else ""
     squared = unit and f"{unit}^2"
     origin = "estimated" if detector.sigma0 == "auto" else "given"
-    if detector._sigma0_is_rounding:
+    if detector._fitted.is_rounding:
         origin = "float64's rounding: no noise to test against"
     return _words(
         {

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class NormalsDisplay(CloudDisplay):
-    """Normals of a cloud as colors of a lit solid, with a ball that tells them.
+    """Normals of a cloud as colors of a lit solid, with a ball as their legend.
 
     Make it by :meth:`from_estimator` or :meth:`from_predictions`.
 
@@ -60,21 +60,7 @@ class NormalsDisplay(CloudDisplay):
 
     @classmethod
     def from_predictions(cls, X: ArrayLike, normals: ArrayLike, **options: Any) -> "Self":
-        """Draw normals.
-
-        Parameters
-        ----------
-        X : array-like of shape (n, 3)
-            The cloud.
-        normals : array-like of shape (n, 3)
-            Its normals.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        NormalsDisplay
-        """
+        """Draw normals: X is the cloud, `normals` as of the class; options are for :meth:`plot`."""
         return cls(X, normals).plot(**options)
 
     @staticmethod
@@ -123,21 +109,7 @@ class SegmentationDisplay(CloudDisplay):
 
     @classmethod
     def from_predictions(cls, X: ArrayLike, labels: ArrayLike, **options: Any) -> "Self":
-        """Draw regions.
-
-        Parameters
-        ----------
-        X : array-like of shape (n, 3)
-            The cloud.
-        labels : array-like of int of shape (n,)
-            Regions from 0 on; negative ones are none.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        SegmentationDisplay
-        """
+        """Draw regions: X is the cloud, `labels` as of the class; options are for :meth:`plot`."""
         return cls(X, labels).plot(**options)
 
     @staticmethod
@@ -185,21 +157,8 @@ class EdgeDisplay(CloudDisplay):
 
     @classmethod
     def from_predictions(cls, X: ArrayLike, y_pred: ArrayLike, **options: Any) -> "Self":
-        """Draw edges.
-
-        Parameters
-        ----------
-        X : array-like of shape (n, 3)
-            The cloud.
-        y_pred : array-like of shape (n,)
-            -1 for points of edges.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        EdgeDisplay
-        """
+        """Draw edges: X is the cloud, `y_pred` is -1 for points of edges; options are for
+        :meth:`plot`."""
         return cls(X, is_minus_one(y_pred, "y_pred")).plot(**options)
 
     @staticmethod

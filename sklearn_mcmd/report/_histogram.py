@@ -15,14 +15,14 @@ LONG_TAIL = 20  # a larger ratio of the 99.9 % to the 50 % quantile has a logari
 LONGEST = 1e12  # ratio of the ends of a logarithmic axis, at most
 STEEP = 50  # so has a larger ratio of the highest to the median bar: low ones would not be seen
 WITHIN, BEYOND, LINES = "#8d9bac", "#d55e00", "#7b8794"  # to be seen on white and on black
-# Facts that would differ between runs, or ask for a name of a program.
+# Facts that a page does not need, and that would differ between runs.
 NONE = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-SIZE = 7.2, 2.6  # inches of the drawing, with words of 9 points
+SIZE = 5.2, 2.2  # inches of the drawing; it stays readable on a phone
 # Words stay words, which take the page's font and color; the same values give the same markup.
 STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "report",
-    "font.size": 9,
+    "font.size": 10,
     "axes.edgecolor": LINES,
     "xtick.color": LINES,
     "xtick.labelcolor": "black",
@@ -66,7 +66,7 @@ def histogram(
             ax.set(yscale="log", ylim=(0.5, 2 * filled.max()))
         if cutoff is not None and edges[0] <= cutoff <= edges[-1]:
             ax.axvline(cutoff, color=LINES, linestyle="--")
-            ax.set_title(f"{cutoff_name} {cutoff:.3g}", fontsize=10)
+            ax.set_title(f"{cutoff_name} {cutoff:.3g}", fontsize=11)
         markup = io.StringIO()
         figure.savefig(markup, format="svg", transparent=True, bbox_inches="tight", metadata=NONE)
     missing = len(values) - len(known)

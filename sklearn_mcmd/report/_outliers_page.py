@@ -17,11 +17,9 @@ from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 
 __all__ = ["Verdict", "denoise_contents", "shown_of_tiles"]
 
-# Near a quarter of outliers, neighborhoods with a half of them are common, and a half is what
-# planes withstand.
-MANY = 0.25
+MANY = 0.25  # share of outliers; neighborhoods with a half, which planes withstand, are then common
 CLEAR, GROSS = 10, 100  # scores, as the detector's documentation names them
-WORST = 10  # outliers, or groups of them, whose reasons are told
+WORST = 10  # outliers, or groups of them, whose reasons are given
 LEAST_SCORE = 0.01  # where the axis of scores begins: smaller ones are on a plane
 WORDS = {
     "isolated": "single points and pairs, far from everything else",
@@ -100,8 +98,8 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
     done = "are marked" if marked else "were removed"
     return Contents(
         headline=f"{share(n, n_all)} are outliers; they {done}.",
-        cards=cards + shown.cards,
-        notes=notes + shown.notes,
+        cards=[*cards, *shown.cards],
+        notes=[*notes, *shown.notes],
         checks=f"many outliers, many that lie together, {shown.checks}",
         sections=sections,
         cloud_rows=[*shown.rows, *sensor.items()],

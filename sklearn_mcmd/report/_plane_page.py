@@ -17,9 +17,8 @@ from sklearn_mcmd.report._rendering import join, paragraph, part, table
 
 __all__ = ["plane_contents"]
 
-NEIGHBORS = 50  # whose radius tells what spacing there is; the test itself has no neighborhoods
-# Share of outliers from which on "one plane" is doubtful: the robust start takes a half.
-MANY = 0.25
+NEIGHBORS = 50  # of the radius that is compared with rounding; the test has no neighborhoods
+MANY = 0.25  # share of outliers that makes "one plane" doubtful: the robust start takes a half
 LEAST, LARGEST = "#440154", "#fde725"  # the ends of the palette of numbers
 RED, BLUE = "#b2182b", "#2166ac"  # the ends of the palette of residuals
 

@@ -13,11 +13,9 @@ from sklearn_mcmd.report._rendering import paragraph, table
 __all__ = ["Regions", "segment_contents"]
 
 LISTED = 20  # regions of the table
-# Share of points in no region that is worth a warning: a street with foliage has a fifth.
-LEFT_OVER = 0.3
-# Regions below this size are small, and this share of the points in them is worth a warning: the
-# cloud then falls to pieces.
-SMALL, PIECES = 100, 0.2
+LEFT_OVER = 0.3  # share of points in no region; a street with foliage has a fifth
+SMALL = 100  # points; fewer make a small region
+PIECES = 0.2  # share of points in small regions, of a cloud that falls to pieces
 
 
 class Regions(NamedTuple):
@@ -75,7 +73,7 @@ def segment_contents(shown, regions, n_regions, inside):
             (f"{largest:,}", f"points of the largest, {percent(largest, n_all)}"),
             *shown.cards[:1],
         ],
-        notes=notes + shown.notes,
+        notes=[*notes, *shown.notes],
         checks=f"many points without a region, many small regions, {shown.checks}",
         sections=sections,
         cloud_rows=shown.rows,

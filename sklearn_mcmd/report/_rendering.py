@@ -1,4 +1,4 @@
-"""The page of a report: one file without scripts, which asks nothing of any network."""
+"""The page of a report: one file without scripts, which loads nothing from any network."""
 
 import platform
 from datetime import datetime

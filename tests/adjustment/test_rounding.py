@@ -59,7 +59,7 @@ def test_noise_of_twenty_steps_of_float64_is_measured(offset, surface, robust_st
     # Noise of three columns along the residual, 2000 points: 2 % deviation.
     expected = sigma * np.linalg.norm(adjust_plane(X, surface=surface).direction)
     assert abs(detector.sigma0_ / expected - 1) < 0.1
-    assert not detector._sigma0_is_rounding
+    assert not detector._fitted.is_rounding
 
 
 @pytest.mark.parametrize("offset", OFFSETS)

@@ -17,7 +17,8 @@ PAGE, VIEW = "index.html", "view.html"
 
 def check_folder(folder):
     """Raise before the work if a report cannot be drawn or written; nothing is made yet."""
-    import_extra("matplotlib", "plot", "--report")
+    for library in ("matplotlib", "jinja2"):
+        import_extra(library, "plot", "--report")
     folder = Path(folder)
     for path in (folder, folder / PAGE, folder / VIEW):
         if path.exists() and path.is_dir() != (path == folder):
