@@ -67,7 +67,7 @@ class NormalsDisplay(CloudDisplay):
     def _found_by(estimator, X):
         return (estimator.normals_,)
 
-    def _picture(self, view):
+    def picture(self, view):
         colors = normal_colors(self.normals, view=view)
         title = f"Normals of {len(self.xyz):,} points"
         return Picture(colors, np.zeros(len(self.xyz)), title, lambda ax: draw_ball(ax, view))
@@ -116,7 +116,7 @@ class SegmentationDisplay(CloudDisplay):
     def _found_by(estimator, X):
         return (estimator.labels_,)
 
-    def _picture(self, view):
+    def picture(self, view):
         inside = self.labels >= 0
         n = len(np.unique(self.labels[inside]))
         title = f"{n:,} regions, {100 * inside.mean():.2f} % of {len(inside):,} points"
@@ -165,7 +165,7 @@ class EdgeDisplay(CloudDisplay):
     def _found_by(estimator, X):
         return (np.where(estimator.scores_ < estimator.offset_, -1, 1),)
 
-    def _picture(self, view):
+    def picture(self, view):
         n, n_all = np.count_nonzero(self.is_edge), len(self.is_edge)
         title = f"{n:,} of {n_all:,} points are edges ({100 * n / n_all:.2f} %)"
         return Picture(choose_colors([self.is_edge], [FOUND], REGULAR), self.is_edge, title)

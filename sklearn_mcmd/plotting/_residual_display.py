@@ -65,7 +65,7 @@ class PlaneResidualDisplay(CloudDisplay):
     def _usual_view(self):
         return along_normal(self.xyz[those_of_plane(self.is_outlier)])
 
-    def _picture(self, view):
+    def picture(self, view):
         cm, colors = color_modules()
         # Three standard deviations of what is kept; an outlier would take the contrast of all.
         kept = self.residuals[those_of_plane(self.is_outlier)]

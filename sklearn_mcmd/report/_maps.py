@@ -31,12 +31,23 @@ LEAST_SHAPE, LARGEST_SHAPE = 0.12, 0.9
 PALETTE = 255  # colors of a picture; half of the bytes of true color
 
 
-def maps(draw, xyz, near, legend=(), views=tuple(VIEWS)):
+def maps(picture, xyz, near, legend=(), views=tuple(VIEWS)):
     """Figures of a cloud, of the points that are `near`, not far from all others.
 
-    ``draw(rows, view, ax, max_points)`` draws some of the points by a display, from a view, into
-    axes. The legend has pairs of a color and words; a view may come with its caption.
+    ``picture(view)`` is the `Picture` of all points from a view, such as that of a display. The
+    legend has pairs of a color and words; a view may come with its caption.
     """
+
+    def draw(rows, view, ax):
+        colors, labels, *_ = picture(view)
+        rows = rows[thinned(labels[rows], MOST_DRAWN)]
+        plot_cloud(xyz[rows], color=colors[rows], view=view, ax=ax)
+
+    return _figures(draw, xyz, near, legend, views)
+
+
+def _figures(draw, xyz, near, legend, views=tuple(VIEWS)):
+    """The same by a function that draws some of the points from a view into axes."""
     rows = np.flatnonzero(near)
     named = [(view, VIEWS[view]) if isinstance(view, str) else view for view in views]
     figures = [_map(draw, xyz, rows, view, caption) for view, caption in named]
@@ -50,8 +61,8 @@ def maps(draw, xyz, near, legend=(), views=tuple(VIEWS)):
 def found_maps(xyz, found, near, noun):
     """Maps of which points were `found`, on top of the others, which are shaded by distance."""
 
-    def draw(rows, view, ax, max_points):
-        rows = rows[thinned(found[rows], max_points)]
+    def draw(rows, view, ax):
+        rows = rows[thinned(found[rows], MOST_DRAWN)]
         marked = found[rows]
         part, size = xyz[rows[~marked]], LEAST_FOUND
         if len(part):
@@ -62,7 +73,8 @@ def found_maps(xyz, found, near, noun):
             plot_cloud(xyz[rows[marked]], color=FOUND, view=view, size=size, ax=ax)
 
     n = int(np.count_nonzero(found))
-    return maps(draw, xyz, near, [(FOUND, f"{n:,} {noun}"), (DIM, f"{len(found) - n:,} others")])
+    legend = [(FOUND, f"{n:,} {noun}"), (DIM, f"{len(found) - n:,} others")]
+    return _figures(draw, xyz, near, legend)
 
 
 def ball():
@@ -88,8 +100,7 @@ def _map(draw, xyz, rows, view, caption):
     width, height = max(width, height / shape), max(height, shape * width)
     drawn = new_figure(figsize=(WIDTH, WIDTH * shape), dpi=DPI)
     ax = drawn.add_axes((0.0, 0.0, 1.0, 1.0))
-    draw(rows, view, ax, MOST_DRAWN)
-    _strip(drawn, ax)
+    draw(rows, view, ax)
     middle = (low + high) / 2
     ax.set(
         xlim=(middle[0] - width / 2, middle[0] + width / 2),
@@ -100,19 +111,6 @@ def _map(draw, xyz, rows, view, caption):
     length = round_length(0.2 * width)
     picture = _encoded(Image.open(buffer).convert("RGBA"))
     return part("map", picture, caption, shape, length / width, length)
-
-
-def _strip(drawn, ax):
-    """Leave the points alone: words, bars and legends are those of the page."""
-    ax.set_title("")
-    for artist in (*ax.lines, *ax.texts, *ax.child_axes):
-        artist.remove()
-    for other in drawn.axes:
-        if other is not ax:  # a bar of colors
-            other.remove()
-    if ax.get_legend() is not None:
-        ax.get_legend().remove()
-    ax.set_position((0.0, 0.0, 1.0, 1.0))
 
 
 def _encoded(image):

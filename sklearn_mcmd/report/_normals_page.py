@@ -86,11 +86,7 @@ def _errors_drawn(errors):
 
 def _maps_of(xyz, normals, near):
     """Maps by direction, and the legend."""
-
-    def draw(rows, view, ax, max_points):
-        NormalsDisplay(xyz[rows], normals[rows]).plot(view=view, ax=ax, max_points=max_points)
-
-    return ball() + maps(draw, xyz, near)
+    return ball() + maps(NormalsDisplay(xyz, normals).picture, xyz, near)
 
 
 def _notes(errors, removed):

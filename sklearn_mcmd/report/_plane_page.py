@@ -1,12 +1,11 @@
 """What a report says about the test of one plane."""
 
-import warnings
-
 import numpy as np
 
 from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.plotting import PlaneResidualDisplay, plot_cloud
+from sklearn_mcmd.plotting import PlaneResidualDisplay
+from sklearn_mcmd.plotting._cloud_display import Picture
 from sklearn_mcmd.plotting._residual_display import along_normal, those_of_plane
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._facts import Facts
@@ -65,12 +64,6 @@ def plane_contents(cloud, detector, figures, unit):
 
 
 def _maps(xyz, residuals, found, near, rms, unit):
-    def draw(rows, view, ax, max_points):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a layout that bars of colors cannot have here
-            display = PlaneResidualDisplay(xyz[rows], residuals[rows], found[rows])
-            display.plot(view=view, ax=ax, max_points=max_points)
-
     front = along_normal(xyz[those_of_plane(found)])
     across = "front" if front[1] > 45 else "top"  # floors are seen from their edge, walls too
     views = [(front, "Along the normal of the plane"), across]
@@ -78,21 +71,21 @@ def _maps(xyz, residuals, found, near, rms, unit):
         (RED, f"{3 * rms:.2g}{unit} or more to the side of the normal"),
         (BLUE, f"{3 * rms:.2g}{unit} or more to the other side"),
     ]
-    return maps(draw, xyz, near, ends, views)
+    picture = PlaneResidualDisplay(xyz, residuals, found).picture
+    return maps(picture, xyz, near, ends, views)
 
 
 def _found_biases(xyz, reliability, near, unit):
     """The map of minimal detectable biases, if there are any."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
     if reliability is None or not np.isfinite(reliability.minimal_bias).any():
         return []
     bias = reliability.minimal_bias
     low, high = np.quantile(bias[np.isfinite(bias)], [0.01, 0.99])
-    bias = np.clip(bias, low, high)
-
-    def draw(rows, view, ax, max_points):
-        rows = rows[:: len(rows) // max_points + 1]
-        plot_cloud(xyz[rows], color=bias[rows], view=view, ax=ax)
-
+    colors = ScalarMappable(Normalize(low, high, clip=True)).to_rgba(bias)[:, :3]
+    picture = Picture(colors, np.zeros(len(xyz)), "")
     ratio = np.sqrt(reliability.noncentrality)
     ends = [(LEAST, f"{low:.5g}{unit}"), (LARGEST, f"{high:.5g}{unit} or more")]
     words = (
@@ -100,7 +93,8 @@ def _found_biases(xyz, reliability, near, unit):
         f"{reliability.power:g}. It is {ratio:.2f} standard deviations over the root of the "
         "redundancy number, so the map shows the redundancy as well."
     )
-    figures = maps(draw, xyz, near, ends, [(along_normal(xyz[near]), "Along the normal")])
+    views = [(along_normal(xyz[near]), "Along the normal")]
+    figures = maps(lambda view: picture, xyz, near, ends, views)
     return [Section("Which errors are found", paragraph(words) + figures)]
 
 

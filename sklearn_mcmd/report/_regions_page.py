@@ -84,12 +84,8 @@ def segment_contents(shown, regions, n_regions, inside):
 
 def _maps_of(xyz, labels, near):
     """Maps of a color for each region."""
-
-    def draw(rows, view, ax, max_points):
-        SegmentationDisplay(xyz[rows], labels[rows]).plot(view=view, ax=ax, max_points=max_points)
-
     words = paragraph("Each region has a color; points of no region are dark gray.", "soft")
-    return words + maps(draw, xyz, near)
+    return words + maps(SegmentationDisplay(xyz, labels).picture, xyz, near)
 
 
 def _region_table(regions, n_all):
