@@ -8,7 +8,7 @@ import pytest
 
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.report._contents import Contents, Run
-from sklearn_mcmd.report._folder import check_folder, write_report
+from sklearn_mcmd.report._report_folder import check_folder, write_report
 
 RUN = Run("denoise", "mcmd denoise a b", (), Path("a.laz"), Path("b.laz"), 1.0)
 CONTENTS = Contents("Nothing.", [], [], "nothing", [], [], "nothing")
@@ -16,6 +16,8 @@ CONTENTS = Contents("Nothing.", [], [], "nothing", [], [], "nothing")
 
 def test_a_page_is_written_and_other_files_stay(tmp_path):
     folder = tmp_path / "new" / "report"
+    check_folder(folder)
+    assert not folder.parent.exists()
     assert write_report(folder, RUN, CONTENTS) == folder / "index.html"
     (folder / "mine.txt").write_text("mine")
     (folder / "index.html").write_text("old")
@@ -26,25 +28,18 @@ def test_a_page_is_written_and_other_files_stay(tmp_path):
     assert (folder / "mine.txt").read_text() == "mine"
 
 
-def test_checking_makes_nothing(tmp_path):
-    check_folder(tmp_path / "a" / "b")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_in_the_place_of_the_folder_or_above_it_is_refused(tmp_path):
+def test_what_stands_in_the_place_of_the_folder_or_of_a_page_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "report"):
         with pytest.raises(ValueError, match="file"):
             check_folder(folder)
-
-
-def test_a_folder_in_the_place_of_a_page_is_refused(tmp_path):
     (tmp_path / "index.html").mkdir()
     with pytest.raises(ValueError, match=r"index\.html: is a folder"):
         check_folder(tmp_path)
 
 
-def test_without_matplotlib_the_message_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ImportError, match=r"--report needs matplotlib.*pip install"):
+@pytest.mark.parametrize("library", ["matplotlib", "jinja2"])
+def test_without_a_library_the_message_says_what_to_install(library, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ImportError, match=f"--report needs {library}.*pip install"):
         check_folder(tmp_path)

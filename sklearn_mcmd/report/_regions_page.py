@@ -7,17 +7,15 @@ import numpy as np
 from sklearn_mcmd.plotting import SegmentationDisplay, region_colors
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import maps
+from sklearn_mcmd.report._rendering import paragraph, table
 
 __all__ = ["Regions", "segment_contents"]
 
 LISTED = 20  # regions of the table
-# Share of points in no region that is worth a warning: a street with foliage has a fifth.
-LEFT_OVER = 0.3
-# Regions below this size are small, and this share of the points in them is worth a warning: the
-# cloud then falls to pieces.
-SMALL, PIECES = 100, 0.2
+LEFT_OVER = 0.3  # share of points in no region; a street with foliage has a fifth
+SMALL = 100  # points; fewer make a small region
+PIECES = 0.2  # share of points in small regions, of a cloud that falls to pieces
 
 
 class Regions(NamedTuple):
@@ -75,7 +73,7 @@ def segment_contents(shown, regions, n_regions, inside):
             (f"{largest:,}", f"points of the largest, {percent(largest, n_all)}"),
             *shown.cards[:1],
         ],
-        notes=notes + shown.notes,
+        notes=[*notes, *shown.notes],
         checks=f"many points without a region, many small regions, {shown.checks}",
         sections=sections,
         cloud_rows=shown.rows,
@@ -86,12 +84,8 @@ def segment_contents(shown, regions, n_regions, inside):
 
 def _maps_of(xyz, labels, near):
     """Maps of a color for each region."""
-
-    def draw(rows, view, ax, max_points):
-        SegmentationDisplay(xyz[rows], labels[rows]).plot(view=view, ax=ax, max_points=max_points)
-
     words = paragraph("Each region has a color; points of no region are dark gray.", "soft")
-    return words + maps(draw, xyz, near)
+    return words + maps(SegmentationDisplay(xyz, labels).picture, xyz, near)
 
 
 def _region_table(regions, n_all):

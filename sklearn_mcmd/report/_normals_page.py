@@ -7,19 +7,16 @@ import numpy as np
 from sklearn_mcmd.plotting import NormalsDisplay
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._maps import ball, maps
 from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._rendering import paragraph, table
 
 __all__ = ["normals_contents"]
 
-# Standard error in degrees from which on a normal is unreliable: the true one is then within 1.73
-# errors, 17 degrees, with 95 % confidence, and region growing separates faces at 15.
+# Degrees of standard error; the true normal is within 17 of it, and growing separates faces at 15.
 UNRELIABLE = 10.0
-# Share of unreliable normals that is worth a warning; edges and rims alone have less.
-SOME = 0.05
-# Share of a neighborhood whose removal tells that it holds two things of about one size.
-HALF = 0.4
+SOME = 0.05  # share of unreliable normals that is worth a warning; edges and rims have less
+HALF = 0.4  # removed share of a neighborhood that holds two things of about one size
 TILTS = ((0, 10, "level"), (10, 45, "sloping"), (45, 80, "steep"), (80, 90.01, "upright"))
 
 
@@ -66,7 +63,7 @@ def normals_contents(shown, names, removed):
             (percent(removed, 1.0), "of a neighborhood removed, on average"),
             *shown.cards[:1],
         ],
-        notes=_notes(errors, left) + shown.notes,
+        notes=[*_notes(errors, left), *shown.notes],
         checks=f"unreliable normals, neighborhoods of two things, {shown.checks}",
         sections=sections,
         cloud_rows=shown.rows,
@@ -76,10 +73,9 @@ def normals_contents(shown, names, removed):
 
 
 def _errors_drawn(errors):
-    drawn = histogram(
-        errors, cutoff=UNRELIABLE, cutoff_name="unreliable from",
-        name="standard error of the normal in degrees", least=0.01,
-    )  # fmt: skip
+    name = "standard error of the normal in degrees"
+    limit = {"cutoff": UNRELIABLE, "cutoff_name": "unreliable from"}
+    drawn = histogram(errors, name=name, least=0.01, **limit)
     words = paragraph(
         "The true normal is within 1.73 standard errors with 95 % confidence, as far as noise "
         "goes. Rims, corners and things smaller than a neighborhood are worse.",
@@ -90,11 +86,7 @@ def _errors_drawn(errors):
 
 def _maps_of(xyz, normals, near):
     """Maps by direction, and the legend."""
-
-    def draw(rows, view, ax, max_points):
-        NormalsDisplay(xyz[rows], normals[rows]).plot(view=view, ax=ax, max_points=max_points)
-
-    return ball() + maps(draw, xyz, near)
+    return ball() + maps(NormalsDisplay(xyz, normals).picture, xyz, near)
 
 
 def _notes(errors, removed):

@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._tests import local_level
 
@@ -82,12 +82,12 @@ def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFl
     X = check_points(detector, X)
     if not isinstance(tolerance, Real) or not 0 < tolerance < np.inf:
         raise ParameterError(f"$tolerance={tolerance!r} is no width: give a finite number above 0.")
-    plane, length = detector._plane, np.linalg.norm(detector._plane.direction)
+    plane, length = detector._fitted.plane, np.linalg.norm(detector._fitted.plane.direction)
     known, half = detector.test_ == "w", tolerance / 2
-    scale, dof = (detector.sigma0_, np.inf) if known else (detector._scale, detector.dof_)
+    scale, dof = (detector.sigma0_, np.inf) if known else (detector._fitted.scale, detector.dof_)
     distances, _, spread = plane.evaluate(X)
     distances = np.abs(distances) / length
-    weights = np.ones(len(X)) if detector._weights is None else detector._weights
+    weights = np.ones(len(X)) if detector._fitted.weights is None else detector._fitted.weights
     factor = quantile(1 - local_level(detector.alpha, len(X)), dof)
     with np.errstate(divide="ignore"):
         uncertainty = factor * scale / length * np.sqrt(1 / weights + spread)
@@ -96,10 +96,15 @@ def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFl
     passed = X[detector.labels_ == max(detector.labels_)]  # all, if none passes
     zone = np.ptp(adjust_plane(passed, surface="orthogonal").evaluate(passed)[0])
     return PlaneFlatness(
-        float(tolerance), len(X), int(np.count_nonzero(distances > half)),
-        int(np.count_nonzero(exceeded)), float(zone), minimum_zone(passed),
-        float(uncertainty.max()), "exceeded" if exceeded.any() else verdict,
-    )  # fmt: skip
+        tolerance=float(tolerance),
+        n_points=len(X),
+        n_outside=int(np.count_nonzero(distances > half)),
+        n_significant=int(np.count_nonzero(exceeded)),
+        zone=float(zone),
+        minimum_zone=minimum_zone(passed),
+        uncertainty=float(uncertainty.max()),
+        verdict="exceeded" if exceeded.any() else verdict,
+    )
 
 
 def minimum_zone(X):
@@ -135,7 +140,5 @@ def _least_largest(along, across):
             return solution[:-2] / unit * height
         active, one = added, -np.ones((len(added), 1))
         rows, sides = design[active], heights[active]
-        solution = linprog(
-            np.append(np.zeros(d + 1), 1.0), np.block([[rows, one], [-rows, one]]),
-            np.append(sides, -sides), bounds=(None, None),
-        ).x  # fmt: skip
+        both, goal = np.block([[rows, one], [-rows, one]]), np.append(np.zeros(d + 1), 1.0)
+        solution = linprog(goal, both, np.append(sides, -sides), bounds=(None, None)).x

@@ -4,15 +4,13 @@ import numpy as np
 
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._html import paragraph
 from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._rendering import paragraph
 
 __all__ = ["edges_contents"]
 
-# Share of edge points from which on lines have become areas. A line in a cloud of 50,000 points
-# takes one in a hundred; machined parts with many edges have a third.
-MANY = 0.4
+MANY = 0.4  # share of edge points, of areas and not of lines; machined parts have a third
 
 
 def edges_contents(shown, criterion, n, limit, cards):
@@ -38,7 +36,7 @@ def edges_contents(shown, criterion, n, limit, cards):
             *cards,
             *shown.cards,
         ],
-        notes=_notes(n, n_all) + shown.notes,
+        notes=[*_notes(n, n_all), *shown.notes],
         checks=f"edges that are areas, no edges, {shown.checks}",
         sections=[
             Section(

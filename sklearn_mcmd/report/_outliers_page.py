@@ -8,20 +8,18 @@ import numpy as np
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._html import paragraph, table
 from sklearn_mcmd.report._kinds import KINDS, kinds_of_outliers, plane_scales, reasons_of
 from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._notes import together_notes
 from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._rendering import join, paragraph, part, table
 from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 
 __all__ = ["Verdict", "denoise_contents", "shown_of_tiles"]
 
-# Near a quarter of outliers, neighborhoods with a half of them are common, and a half is what
-# planes withstand.
-MANY = 0.25
+MANY = 0.25  # share of outliers; neighborhoods with a half, which planes withstand, are then common
 CLEAR, GROSS = 10, 100  # scores, as the detector's documentation names them
-WORST = 10  # outliers, or groups of them, whose reasons are told
+WORST = 10  # outliers, or groups of them, whose reasons are given
 LEAST_SCORE = 0.01  # where the axis of scores begins: smaller ones are on a plane
 WORDS = {
     "isolated": "single points and pairs, far from everything else",
@@ -100,8 +98,8 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
     done = "are marked" if marked else "were removed"
     return Contents(
         headline=f"{share(n, n_all)} are outliers; they {done}.",
-        cards=cards + shown.cards,
-        notes=notes + shown.notes,
+        cards=[*cards, *shown.cards],
+        notes=[*notes, *shown.notes],
         checks=f"many outliers, many that lie together, {shown.checks}",
         sections=sections,
         cloud_rows=[*shown.rows, *sensor.items()],
@@ -198,9 +196,9 @@ def _worst_table(detector, xyz, found):
     alone = -1 - np.arange(len(xyz))  # points on surfaces have no group
     groups = np.where(detector.on_surface_, alone, detector.group_index_)[rows]
     rows = rows[np.sort(np.unique(groups, return_index=True)[1])[:WORST]]
-    told = [
+    rows = [
         (*(f"{value:.9g}" for value in xyz[row]), f"{-detector.scores_[row]:.3g}", reason)
         for row, reason in zip(rows, reasons_of(detector, rows), strict=True)
     ]
-    drawn = table(("x", "y", "z", "score", "why"), told, numbers=range(4))
-    return f"<h3>The worst</h3>{drawn}" if told else ""
+    drawn = table(("x", "y", "z", "score", "why"), rows, numbers=range(4))
+    return join(part("heading", "The worst"), drawn) if rows else ""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._files import replacing, system_error
-from sklearn_mcmd.report._page import make_page, source_name
+from sklearn_mcmd.report._rendering import make_page, source_name
 
 __all__ = ["check_folder", "write_report"]
 
@@ -17,7 +17,8 @@ PAGE, VIEW = "index.html", "view.html"
 
 def check_folder(folder):
     """Raise before the work if a report cannot be drawn or written; nothing is made yet."""
-    import_extra("matplotlib", "plot", "--report")
+    for library in ("matplotlib", "jinja2"):
+        import_extra(library, "plot", "--report")
     folder = Path(folder)
     for path in (folder, folder / PAGE, folder / VIEW):
         if path.exists() and path.is_dir() != (path == folder):

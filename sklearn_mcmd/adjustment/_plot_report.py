@@ -10,14 +10,7 @@ from scipy.special import ndtri, stdtrit
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
-from sklearn_mcmd.adjustment._report import (
-    describe,
-    normal_row,
-    share,
-    sigma0_origin,
-    sign_of_residuals,
-    tilt,
-)
+from sklearn_mcmd.adjustment._plane_figures import plane_figures
 from sklearn_mcmd.adjustment._tests import t_to_tau
 
 __all__ = ["plot_report"]
@@ -25,10 +18,8 @@ __all__ = ["plot_report"]
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# More points take minutes to draw, and show no more.
-MAX_DRAWN = 50_000
-# Half width of the histogram, in standard deviations of the inliers.
-MAX_DEVIATIONS = 15
+MAX_DRAWN = 50_000  # more points take minutes to draw, and show no more
+MAX_DEVIATIONS = 15  # half width of the histogram, in standard deviations of the inliers
 BLUE, RED, GRAY = "#1f77b4", "#d62728", "#7f7f7f"
 
 
@@ -77,7 +68,7 @@ def plot_report(
     outliers = detector.labels_ == -1
     suffix = f" [{unit}]" if unit else ""
     figure.suptitle(title, fontsize="x-large")
-    figure.supxlabel(_key_figures(detector, outliers, unit), fontsize="medium")
+    figure.supxlabel(_key_figures(detector, X, unit), fontsize="medium")
     _draw_map(panels["m"], view, names, residuals, outliers, suffix)
     _draw_histogram(panels["h"], residuals, outliers, suffix)
     if hasattr(detector, "membership_residual_"):
@@ -87,21 +78,12 @@ def plot_report(
     return figure
 
 
-def _key_figures(detector, outliers, unit):
+def _key_figures(detector, X, unit):
     """The lines below the panels."""
-    unit = f" {unit}" if unit else ""
-    return "\n".join(
-        [
-            f"{share(outliers.sum(), len(outliers))} outliers; deviation of one observation "
-            f"without them {np.sqrt(detector.variance_factor_):.4g}{unit}",
-            f"Normal {normal_row(detector)}, tilt {tilt(detector)}; residuals are "
-            f"{sign_of_residuals(detector)}",
-            f"Test {detector.test_}, alpha {detector.alpha:g}, correction {detector.correction}, "
-            f"critical value {detector.critical_value_:.3f}, "
-            f"sigma0 {detector.sigma0_:.4g}{unit} ({sigma0_origin(detector)})",
-            describe(detector),
-        ]
-    )
+    rows = plane_figures(detector, X, unit).rows()
+    lines = ("outliers", "deviation"), ("normal", "tilt"), ("test", "sigma0"), ("residuals",)
+    lines = ["; ".join(f"{name} {rows[name]}" for name in names) for names in lines]
+    return "\n".join([*lines, str(rows["method"])])
 
 
 def _thinned(rows):
@@ -116,16 +98,15 @@ def _draw_map(axes, view, names, residuals, outliers, suffix):
     if view.shape[1] >= 2:
         # Not the largest residual: one point would make all others pale.
         reach = np.percentile(np.abs(residuals[good]), 99) if len(good) else 1.0
+        ends = {"cmap": "coolwarm", "vmin": -(reach or 1.0), "vmax": reach or 1.0}
         shown = axes.scatter(
-            *view[good, :2].T, c=residuals[good], s=4, cmap="coolwarm", vmin=-(reach or 1.0),
-            vmax=reach or 1.0, linewidths=0, rasterized=True,
-        )  # fmt: skip
+            *view[good, :2].T, c=residuals[good], s=4, linewidths=0, rasterized=True, **ends
+        )
         axes.scatter(*view[bad, :2].T, **marks, rasterized=True)
         axes.set_aspect("equal", adjustable="box")
-        bar = axes.figure.colorbar(
-            shown, ax=axes, label=f"residual of inliers{suffix}", extend="both",
-            location="bottom", shrink=0.8, aspect=40, pad=0.02,
-        )  # fmt: skip
+        place = {"location": "bottom", "shrink": 0.8, "aspect": 40, "pad": 0.02}
+        label = f"residual of inliers{suffix}"
+        bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
         bar.ax.locator_params(nbins=6)
     else:
         along = view[:, 0] if view.shape[1] else np.zeros(len(residuals))
@@ -146,7 +127,7 @@ def _view(detector, X):
     normal = detector.normal_
     if X.shape[1] == 3 and detector.surface == "orthogonal" and abs(normal[2]) < np.sqrt(0.5):
         right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(*normal[:2])
-        along = (X - detector._plane.center) @ right
+        along = (X - detector._fitted.plane.center) @ right
         return np.column_stack([along, X[:, 2]]), ["along the level line", "z"]
     names = ["x", "y"] if X.shape[1] <= 3 else [f"column {i}" for i in range(X.shape[1] - 1)]
     return X[:, :-1], names
@@ -172,10 +153,8 @@ def _draw_histogram(axes, residuals, outliers, suffix):
     density = np.exp(-0.5 * (curve / scale) ** 2) / (scale * np.sqrt(2 * np.pi))
     axes.plot(curve, density * len(inliers) * (bins[1] - bins[0]), color="k", label="normal curve")
     beyond = f", beyond {MAX_DEVIATIONS} deviations in the last bin" if largest > reach else ""
-    axes.set(
-        title="Residuals", xlabel=f"residual{suffix}{beyond}", ylabel="points", yscale="log",
-        ylim=(0.5, 3 * highest),
-    )  # fmt: skip
+    axes.set(title="Residuals", xlabel=f"residual{suffix}{beyond}", ylabel="points")
+    axes.set(yscale="log", ylim=(0.5, 3 * highest))
     axes.locator_params(axis="x", nbins=7)
     axes.legend(loc="best")
 
@@ -194,10 +173,8 @@ def _draw_memberships(axes, detector):
     statistic, residual = detector.test_statistic_, detector.membership_residual_
     _scatter_both(axes, statistic, residual, outliers, "m$_M$, ")
     rows = _thinned(np.arange(len(outliers)))
-    axes.scatter(
-        statistic[rows], detector.membership_[rows], s=3, c=GRAY, label="m$_H$", zorder=0,
-        rasterized=True,
-    )  # fmt: skip
+    below = {"s": 3, "c": GRAY, "label": "m$_H$", "zorder": 0, "rasterized": True}
+    axes.scatter(statistic[rows], detector.membership_[rows], **below)
     axes.axvline(detector.critical_value_, color="k", linestyle="--", label="critical value")
     axes.set(title="Memberships", xlabel=f"test statistic {detector.test}", ylabel="membership")
     axes.legend(loc="center right")
@@ -223,11 +200,9 @@ def _draw_statistics(axes, detector, outliers):
         tens = 10.0 ** np.arange(np.ceil(np.log10(limit)), 20)
         axes.set_yticks([*ticks, *tens[tens <= 2 * statistic.max()]])
         axes.yaxis.set_major_formatter("{x:g}")
-    axes.set(
-        title="Test statistics", xlabel="points, in ascending order",
-        ylabel=f"test statistic {detector.test_}",
-        ylim=(0, 1.3 * max(statistic.max(), limit if np.isfinite(limit) else 1)),
-    )  # fmt: skip
+    highest = max(statistic.max(), limit if np.isfinite(limit) else 1)
+    axes.set(title="Test statistics", ylim=(0, 1.3 * highest))
+    axes.set(xlabel="points, in ascending order", ylabel=f"test statistic {detector.test_}")
     axes.legend(loc="center left")
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, flatness
-from sklearn_mcmd.adjustment._flatness import minimum_zone
+from sklearn_mcmd.adjustment._tolerance import minimum_zone
 
 
 def sheet(n=60, noise=0.05, seed=0):
@@ -57,11 +57,11 @@ def test_points_within_the_tolerance_are_significant_with_probability_alpha_at_m
     rng = np.random.default_rng(0)
     xy, side = np.repeat(rng.uniform(0, 4, (50, 2)), 2, axis=0), np.tile([0.05, -0.05], 50)
     significant = []
-    for _ in range(400):
+    for _ in range(200):
         X = np.column_stack([xy, side + rng.normal(0, 0.001, 100)])
         detector = FuzzyPlaneDetector(0.05, sigma0=0.001, contamination=0.01).fit(X)
         significant.append(flatness(detector, X, 0.1).n_significant > 0)
-    # Each point can leave to one side only: half of the two-sided level, known to 0.008.
+    # Each point can leave to one side only: half of the two-sided level, known to 0.011.
     assert 0.005 < np.mean(significant) <= 0.05
 
 
