@@ -180,7 +180,7 @@ class Denoise(CloudVerb):
 
     def _detect(self, cloud, some, used):
         """The detector that judged some of the points, and rows on the sensor."""
-        from sklearn_mcmd.outliers._kinds import judged_cloud
+        from sklearn_mcmd.outliers._detector import judged_cloud
 
         light = _sensor.intensity_of(self.source, cloud)[used] if self.intensity else None
         origins, where, refused = self.asked.of_rays(cloud, used)
@@ -203,7 +203,7 @@ class Denoise(CloudVerb):
 
     def counts(self, cloud, found):
         from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
-        from sklearn_mcmd.outliers._volumes import losses_of
+        from sklearn_mcmd.report._volumes import losses_of
 
         is_outlier, used = found.classes != 0, found.points.used
         _warn_if_without_scale(np.sum(found.score[is_outlier] > EXACT_PLANE_SCORE), len(cloud))
@@ -240,7 +240,7 @@ class Denoise(CloudVerb):
         return told, contents
 
     def contents(self, cloud, found, told):
-        from sklearn_mcmd.outliers._kinds import plane_scales
+        from sklearn_mcmd.report._kinds import plane_scales
         from sklearn_mcmd.report._shown import Shown
 
         some, detector = found.some, found.detector
@@ -256,19 +256,19 @@ class Denoise(CloudVerb):
         return self._contents(shown, told, n, -float(detector.offset_), judged=[detector])
 
     def tile_contents(self, catalog, told):
-        from sklearn_mcmd.outliers._detector import CUTOFF
-        from sklearn_mcmd.report._denoise import shown_of_tiles
+        from sklearn_mcmd.planes._explaining import ExplainLimits
+        from sklearn_mcmd.report._outliers_page import shown_of_tiles
         from sklearn_mcmd.tiling._outputs import targets_of
 
         shown = shown_of_tiles(catalog, targets_of(catalog, self.target), told, self.marks)
         found_by_run = (self.contamination, self.false_positive_rate) != (None, None)
         cutoff = self.cutoff
         if cutoff is None and not found_by_run and self.strictness != PAPER:
-            cutoff = CUTOFF
+            cutoff = ExplainLimits().explained
         return self._contents(shown, told, told.n_outliers, cutoff)
 
     def _contents(self, shown, told, n_outliers, cutoff, **judged):
-        from sklearn_mcmd.report._denoise import Verdict, denoise_contents
+        from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents
 
         n_others = told.n_points - told.n_used
         verdict = Verdict(
@@ -290,7 +290,7 @@ class Judged(NamedTuple):
 
 def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):
     """The `Judged` points of a cloud; errors name its source."""
-    from sklearn_mcmd.io._ground import NONE_JUDGED, HeightLimits, ground_of, heights_over_ground
+    from sklearn_mcmd.io._ground import NONE_JUDGED, HeightRange, ground_of, heights_over_ground
 
     with one_clear_line(source, "read"):
         used, ground = choice.of(cloud), None
@@ -301,7 +301,7 @@ def judged_points(source, cloud, choice, above=None, below=None, low_groups=Fals
             ground = ground_of(cloud)
         if above is not None or below is not None:
             heights = heights_over_ground(cloud.xyz, ground)
-            judged = used & HeightLimits(above, below).judged(heights)
+            judged = used & HeightRange(above, below).judged(heights)
         if not judged.any():
             raise PointFileError(NONE_JUDGED)
     return Judged(used, judged, ground)
@@ -332,19 +332,23 @@ def _at_most_one(verb, *names):
 def _verdict(cloud, points, detector, low_groups):
     """The class of each outlier as noise, 0 of others; scores, NaN where none is judged; and which
     points are in groups below the ground."""
+    from sklearn_mcmd.outliers._lowest_points import LowestPoints
+
     score, cutoff = np.full(len(cloud), np.nan), -detector.offset_
     score[points.used] = -detector.scores_
     under = np.zeros(len(cloud), bool)
     if low_groups:
-        from sklearn_mcmd.io._ground import depths_of_groups
+        from sklearn_mcmd.io._ground import Ground
+        from sklearn_mcmd.outliers._low_groups import depths_of_groups
 
-        depths = depths_of_groups(cloud.xyz, points.ground, points.judged)
+        ground = Ground(cloud.xyz[points.ground])
+        depths = depths_of_groups(cloud.xyz, ground, points.judged)
         under = depths > cutoff
         score = np.maximum(score, depths)
     flagged = score > cutoff
     score[~points.judged] = np.nan
-    n_usual = detector.n_neighbors or len(cloud)
-    classes = noise_classes(cloud, flagged & points.judged, flagged, points.used, n_usual)
+    lowest = LowestPoints(len(cloud), detector.n_neighbors or len(cloud))
+    classes = noise_classes(cloud, flagged & points.judged, flagged, points.used, lowest)
     classes[under] = LOW_NOISE
     return classes, score, under
 

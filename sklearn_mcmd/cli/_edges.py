@@ -75,7 +75,7 @@ class Edges(CloudVerb):
         return tiles_row(told) | {"edges": number_and_share(told.n_edges, told.n_points)}
 
     def contents(self, cloud, detector, told):
-        from sklearn_mcmd.report._edges import edges_contents
+        from sklearn_mcmd.report._edges_page import edges_contents
         from sklearn_mcmd.report._shown import Shown
 
         is_edge, score = _verdict(detector)
@@ -89,7 +89,7 @@ class Edges(CloudVerb):
 
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.edges._detector import crease_width
-        from sklearn_mcmd.report._edges import edges_contents
+        from sklearn_mcmd.report._edges_page import edges_contents
 
         shown = self.shown(catalog, told, "edge", "edge_score")
         limit = crease_width(self.estimator()) if self.criterion == "crease" else None

@@ -156,7 +156,7 @@ class Normals(CloudVerb):
         return rows
 
     def contents(self, cloud, found, told):
-        from sklearn_mcmd.report._normals import normals_contents
+        from sklearn_mcmd.report._normals_page import normals_contents
         from sklearn_mcmd.report._shown import Shown
 
         fitted, sensed = found
@@ -168,7 +168,7 @@ class Normals(CloudVerb):
         return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
 
     def tile_contents(self, catalog, told):
-        from sklearn_mcmd.report._normals import normals_contents
+        from sklearn_mcmd.report._normals_page import normals_contents
 
         names = self._columns()
         shown = self.shown(catalog, told, *names)
@@ -199,10 +199,10 @@ def _feature_columns(features):
 
 def _parse_features(text):
     """Names of features; all errors are wrong usage."""
-    from sklearn_mcmd.normals._features import settle_features
+    from sklearn_mcmd.normals._features import check_features
 
     names = [part.strip() for part in (text or "").split(",") if part.strip()]
     try:
-        return list(settle_features("all" if names == ["all"] else names))
+        return list(check_features("all" if names == ["all"] else names))
     except ValueError as err:
         raise typer.BadParameter(str(err), param_hint="--features") from err

@@ -35,7 +35,7 @@ class Plan:
 
     def run(self):
         from sklearn_mcmd.adjustment import plan_plane
-        from sklearn_mcmd.adjustment._report_lines import plan_rows
+        from sklearn_mcmd.adjustment._plane_figures import plan_rows
 
         seconds = _messages.stopwatch()
         same = "sigma0", "alpha", "outlier_rate", "power", "robust_start", "random_state"
@@ -45,7 +45,7 @@ class Plan:
             n_repetitions=self.repetitions,
             **{name: getattr(self, name) for name in same},
         )
-        rows = plan_rows(made, f" {self.unit}" if self.unit else "")
+        rows = plan_rows(made, self.unit)
         _messages.print_table(f"{self.points} points", **rows, seconds=f"{seconds():.1f}")
 
 

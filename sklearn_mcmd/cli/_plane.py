@@ -5,6 +5,7 @@ import warnings
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -22,8 +23,8 @@ from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.io._files import replacing
+from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
-from sklearn_mcmd.io._las_parts import writing_parts
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.io._rehearsal import rehearse, standing_in
 from sklearn_mcmd.planes._resolution import coordinate_step
@@ -33,6 +34,23 @@ __all__ = ["plane"]
 FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
+N_WORST = 10  # points of the largest statistics that the reports list
+# Figures that the terminal shows, as far as there are such.
+SUMMARY = (
+    "outliers",
+    "normal",
+    "point",
+    "tilt",
+    "residuals",
+    "sigma0",
+    "global test",
+    "flatness",
+    "outside",
+    "zone",
+    "against",
+    "tilt between",
+    "offset",
+)
 
 
 @dataclass
@@ -161,15 +179,18 @@ class Plane:
             cloud = self._read(catalog)
             with _files.working(self.source, "plane"):
                 _files.warn_if_coarse(cloud)
-                detector, residuals = self.tested(cloud.xyz)
+                detector = self.tested(cloud.xyz)
             more = self._further(detector, cloud)
-            if self.target is not None:
-                self._write(catalog, sheets, cloud, detector, residuals, more, seconds)
+            is_written = self.target is not None
+            figures = _figures_of(detector, cloud, self.unit, more, lists_worst=is_written)
+            if is_written:
+                self._write(catalog, sheets, cloud, detector, figures)
+                from sklearn_mcmd.report._plane_page import plane_contents
+
+                contents = partial(plane_contents, cloud, detector, figures, self.unit)
+                write_report_of(self, seconds, contents)
         if not self.quiet:
-            _summarize(
-                *(self.source, self.target, sheets),
-                *(detector, residuals, self.unit, more, seconds()),
-            )
+            _summarize(self.source, self.target, sheets, detector, figures, seconds())
 
     def detector(self):
         """The detector, with its parameters as options tell them."""
@@ -188,7 +209,7 @@ class Plane:
         )
 
     def tested(self, xyz):
-        """The fitted detector and the residuals of all points."""
+        """The fitted detector."""
         with warnings.catch_warnings(record=True) as caught:
             fitted = self.detector().fit(xyz)
         _check_width(fitted, xyz)  # what is refused needs no warning
@@ -201,7 +222,7 @@ class Plane:
                 f"{fitted.sigma0:g} says, or their surface is no plane",
                 stacklevel=2,
             )
-        return fitted, fitted.residuals(xyz)
+        return fitted
 
     def _choose_sheets(self):
         """Paths of the text and the figure, which must not be those of the point files."""
@@ -261,34 +282,30 @@ class Plane:
         if self.against is not None:
             other = _files.read_all(self.against, self.columns)
             with _files.working(self.against, "the other plane"):
-                fitted, _ = self.tested(other.xyz)
+                fitted = self.tested(other.xyz)
             further["comparison"] = compare_planes(detector, fitted)
         return further
 
-    def _write(self, catalog, sheets, cloud, detector, residuals, more, seconds):
-        """Write points, sheets and report; no file is replaced before all are on the disk."""
-        from sklearn_mcmd.adjustment import plot_report, text_report
-        from sklearn_mcmd.report._plane import plane_contents
+    def _write(self, catalog, sheets, cloud, detector, figures):
+        """Write the points and both sheets; no file is replaced before all are on the disk."""
+        from sklearn_mcmd.adjustment import plot_report
 
         text_file, plot = sheets
         title = f"Plane test of {self.source.name}"
         with ExitStack() as stack:
             temporary = stack.enter_context(replacing(text_file))
-            text = text_report(detector, cloud.xyz, title=title, unit=self.unit, **more)
-            text += _record(self.source, self.target, plot)
+            text = _text_of(title, figures, self.source, self.target, sheets)
             temporary.write_text(text, encoding="utf-8", errors="replace")
             if plot is not None:
                 temporary = stack.enter_context(replacing(plot))
                 figure = plot_report(detector, cloud.xyz, title=title, unit=self.unit)
                 figure.savefig(temporary, dpi=150)
+            residuals = detector.residuals(cloud.xyz)
             results = (detector.labels_ == -1, detector.test_statistic_, residuals)
             if catalog is None:
                 _files.write(self.target, *_tested(cloud, *results))
             else:
                 _write_each(catalog, self.target, results)
-        write_report_of(
-            self, seconds, lambda: plane_contents(cloud, detector, residuals, text, self.unit)
-        )
 
 
 plane = command_of(Plane)
@@ -297,7 +314,7 @@ plane = command_of(Plane)
 def _check_width(detector, xyz):
     """Raise if the points that pass are no sheet, but lie around a line or a place."""
     from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE, normal_pvalue
-    from sklearn_mcmd.adjustment._plane import adjust_plane
+    from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
     retained = adjust_plane(xyz[detector.support_], surface="orthogonal")
     thick = np.sqrt(retained.sum_of_squares / retained.n_observations)
@@ -338,45 +355,31 @@ def _write_each(catalog, target, results):
             put(*_tested(joined_cloud(cloud, header), *part))
 
 
-def _record(source, target, plot):
-    """The report's last lines: input, output, program and date."""
-    from sklearn_mcmd.adjustment._report_lines import with_heading
+def _figures_of(detector, cloud, unit, more, lists_worst):
+    from sklearn_mcmd.adjustment._plane_figures import plane_figures
+
+    n_worst = N_WORST if lists_worst else None
+    return plane_figures(detector, cloud.xyz, unit, n_worst=n_worst, **more)
+
+
+def _text_of(title, figures, source, target, sheets):
+    """The text report, and as its last lines input, output, program and date."""
+    from sklearn_mcmd.adjustment._text_report import figures_as_text, with_heading
 
     rows = {
         "input": source,
         "output": target,
-        "figure": plot or "none",
+        "figure": sheets[1] or "none",
         "program": f"sklearn-mcmd {__version__}, mcmd plane",
         "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
     }
-    return "\n".join(with_heading("Record", rows)) + "\n"
+    return figures_as_text(title, figures) + "\n".join(with_heading("Record", rows)) + "\n"
 
 
-def _summarize(source, target, sheets, detector, residuals, unit, more, seconds):
-    import sklearn_mcmd.adjustment._report as rows_of
-
-    is_outlier = detector.labels_ == -1
-    unit = f" {unit}" if unit else ""
-    rms = [
-        f"{np.sqrt(np.mean(part**2)):.4g}{unit}" if len(part) else "none"
-        for part in (residuals, residuals[~is_outlier])
-    ]
-    told = {}
-    if "flatness" in more:
-        rows = rows_of.flatness_rows(more["flatness"], unit)
-        told = {"tolerance": rows["verdict"], "outside": rows["outside"], "zone": rows["zone"]}
-    if "comparison" in more:
-        both = rows_of.comparison_rows(more["comparison"], unit)
-        told |= {"against": both["verdict"], "tilt": both["tilt"], "offset": both["offset"]}
+def _summarize(source, target, sheets, detector, figures, seconds):
+    known, is_outlier = figures.rows(), detector.labels_ == -1
+    rows = {name: known[name] for name in SUMMARY if name in known}
+    rows["outliers"] = _messages.count_and_share(is_outlier)
     if sheets:
-        told["report"] = ", ".join(str(path) for path in sheets if path is not None)
-    _messages.print_summary(
-        *(source, target, len(is_outlier), seconds),
-        outliers=_messages.count_and_share(is_outlier),
-        normal=f"{rows_of.normal_row(detector)}, tilt {rows_of.tilt(detector)}",
-        point=f"{rows_of.point_row(detector, unit)}, on the plane",
-        residuals=f"rms {rms[0]}, without outliers {rms[1]}; {rows_of.sign_of_residuals(detector)}",
-        sigma0=f"{detector.sigma0_:.4g}{unit} ({rows_of.sigma0_origin(detector)})",
-        **{"global test": rows_of.global_test_row(detector)},
-        **told,
-    )
+        rows["report"] = ", ".join(str(path) for path in sheets if path is not None)
+    _messages.print_summary(source, target, len(is_outlier), seconds, **rows)

@@ -28,7 +28,7 @@ def _check(context: typer.Context, folder: Path | None):
     if folder is None:
         return None
     with clear_exits():
-        from sklearn_mcmd.report._folder import check_folder
+        from sklearn_mcmd.report._report_folder import check_folder
 
         check_folder(folder)
     return Report(folder, context)
@@ -54,8 +54,8 @@ def write_report_of(verb, seconds, contents):
     """
     if verb.report is not None:
         from sklearn_mcmd.report._contents import Run
-        from sklearn_mcmd.report._folder import write_report
         from sklearn_mcmd.report._notes import with_warnings
+        from sklearn_mcmd.report._report_folder import write_report
 
         folder, context = verb.report
         name = context.command.name

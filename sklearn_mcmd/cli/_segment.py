@@ -40,20 +40,10 @@ class Segment(CloudVerb):
         None, "Largest distance of a neighbor.", show_default="by the spacing of each neighborhood"
     )
     min_region_size: int = option(10, "Regions with fewer points are dissolved.", min=1)
-    find_narrow_faces: bool = option(
-        True, "Whether to grow regions again from points that none reached: faces such as kerbs."
-    )
-    divide_at_creases: bool = option(
-        True, "Whether to divide regions that two planes with a crease explain better than one."
-    )
-    join_coplanar: bool = option(
-        True, "Whether to join regions in one plane, such as parts of a wall that a shadow cuts."
-    )
-    join_curved: bool = option(
-        True, "Whether to join narrow regions of one cylinder, such as strips of a post."
-    )
-    assign_unlabeled: bool = option(
-        True, "Whether points that no region reached go to the nearest whose noise explains them."
+    refine: bool = option(
+        True,
+        "Whether to refine the paper's growth: narrow faces such as kerbs, division at blunt "
+        "creases, joining of parts of planes and cylinders, and the points left over.",
     )
     colors: bool | None = option(
         None,
@@ -123,7 +113,7 @@ class Segment(CloudVerb):
         }
 
     def contents(self, cloud, fitted, told):
-        from sklearn_mcmd.report._segment import Regions, segment_contents
+        from sklearn_mcmd.report._regions_page import Regions, segment_contents
         from sklearn_mcmd.report._shown import Shown
 
         planes, labels = fitted.normal_estimator_, fitted.labels_.astype(np.int32)
@@ -133,7 +123,7 @@ class Segment(CloudVerb):
         return segment_contents(shown, regions, told.n_regions, told.n_inside)
 
     def tile_contents(self, catalog, told):
-        from sklearn_mcmd.report._segment import Regions, segment_contents
+        from sklearn_mcmd.report._regions_page import Regions, segment_contents
 
         shown = self.shown(catalog, told, "region")
         regions = Regions.of_sample(shown.cloud, told.largest)

@@ -79,7 +79,7 @@ class Asked(NamedTuple):
     def _may_be_seen(self):
         """Whether a LAS may have been taken from the origin: its bounds do not tell that this is
         far away. What it shows is known when it is read."""
-        from sklearn_mcmd.outliers._rays import one_far_position
+        from sklearn_mcmd.sensors._rays import one_far_position
 
         is_tiled = self.source.is_file() and self.source.suffix.lower() in TILED
         if not (self.recognize and is_tiled):
@@ -112,7 +112,7 @@ class Asked(NamedTuple):
     def of_rays(self, cloud, used):
         """Positions for the points that are used, or None; where they are, in words; and what
         speaks against those that the file states, which is warned of."""
-        from sklearn_mcmd.outliers._view import view_from_origin
+        from sklearn_mcmd.sensors._recognition import view_from_origin
 
         positions, words, doubt = self._positions(cloud, used)
         if doubt:
@@ -154,7 +154,7 @@ class Asked(NamedTuple):
 
 def _doubt(xyz, positions, words, setups):
     """What speaks against positions that a file states, "" if nothing does."""
-    from sklearn_mcmd.outliers._view import views_from_setups
+    from sklearn_mcmd.sensors._recognition import views_from_setups
 
     seen = views_from_setups(xyz, positions, setups)
     if False in seen:
