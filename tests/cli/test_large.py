@@ -8,7 +8,7 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.io import read_points, write_points
-from sklearn_mcmd.tiling import _planes
+from sklearn_mcmd.tiling import _plane_sweeps
 from tiled import street
 
 ONE = ("--n-jobs", 1)
@@ -168,7 +168,7 @@ def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(_planes, "_fit_own", fail)
+        patch.setattr(_plane_sweeps, "_fit_own", fail)
         args = ("normals", source, tmp_path / "b.laz", "--memory", "2MB", *ONE)
         result = run(*args)
     assert result.exit_code == 1
