@@ -23,9 +23,8 @@ __all__ = [
     "most_neighbors",
     "parse_memory",
     "plan_run",
-    "sensed",
-    "sized",
     "usual_memory",
+    "work_of",
 ]
 
 SHARE = 0.5  # share of the machine's memory that a run may take if nothing is said
@@ -112,16 +111,11 @@ def most_neighbors(n_points, *estimators):
     return max((k for k in numbers if isinstance(k, Integral)), default=NEIGHBORS)
 
 
-def sized(work, estimator):
-    """The name of some work with an estimator of normals."""
-    return f"{work}, auto" if estimator.n_neighbors == "auto" else work
-
-
-def sensed(work, detector, sensor=None):
-    """The name of some work with a detector, or None, and a `SensorPath`."""
-    if detector is not None and not (sensor is None and detector.sensor_origin is None):
-        work = f"{work}, rays"
-    return work if sensor is None else f"{work}, {sensor.kind}"
+def work_of(base, normals=None, detector=None, sensor=None):
+    """The name of some work, as of `costs_of`, with estimators and a `SensorPath`, or None."""
+    has_rays = detector is not None and not (sensor is None and detector.sensor_origin is None)
+    more = ["auto"] * (normals is not None and normals.n_neighbors == "auto") + ["rays"] * has_rays
+    return ", ".join([base, *more, *([] if sensor is None else [sensor.kind])])
 
 
 def costs_of(work):

@@ -144,7 +144,7 @@ def move_outputs(verb, catalog, targets, folder, report):
 def resume_moves(verb, catalog, targets, folder):
     """The report of an earlier run of which outputs were to be moved, now that they are.
 
-    None if there is none. False if there is another, and some inputs were replaced.
+    None if there is none. Raise if another run has replaced some inputs.
     """
     stored = read_json(folder.moves)
     if not stored:
@@ -158,7 +158,10 @@ def resume_moves(verb, catalog, targets, folder):
         _move(stored["moves"])
         return stored["report"]
     if any(_is_there(target, stamp) for _, target, stamp in stored["moves"]):
-        return False
+        raise TilingError(
+            f"{folder.moves}: an earlier run ended when it had replaced some of its inputs; give "
+            "its command again, or begin anew with files as they are (restart)"
+        )
     folder.moves.unlink(missing_ok=True)
     return None
 

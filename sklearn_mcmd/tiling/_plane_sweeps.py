@@ -258,7 +258,8 @@ def _keep_fitted(cell, job, name="normals"):
         elif columns.is_done(ALL, "tree"):
             normals *= whole.open("signs")[own, None]
 
-    fitted = _fitted(job, model, planes, X, around, job.n_threads, orient)
+    is_alone = origins is None and not has_tree(job.estimator)
+    fitted = _fitted(job, model, planes, X, around, job.n_threads, None if is_alone else orient)
     fitted.n_neighbors_ = sizes
     job.keep(cell, job, fitted)
     columns.finish(cell, name)
@@ -291,21 +292,15 @@ def _find_forest(cell, job):
     columns.finish(cell, "forest")
 
 
-def _fitted(job, model, planes, X, around, n_jobs, orient_by_all=None):
+def _fitted(job, model, planes, X, around, n_jobs, orient=None):
     """An estimator with what is public of points X (n, 3) and their planes.
 
-    `around` returns the neighborhoods of a slice of these. `orient_by_all` flips normals that point
-    up, in place, where more than the points decides their sides: a tree, or positions of the
-    sensor.
+    `around` returns the neighborhoods of a slice of these. `orient` flips normals that point up, in
+    place, where more than the points decides their sides: a tree, or positions of the sensor.
     """
-    if job.origins() is None:
+    if orient is None:
         sides = Sides.settled(job.estimator.orientation, job.estimator.sensor_origin, X)
-
-    def orient(normals):
-        if job.origins() is not None or sides.tree:
-            orient_by_all(normals)
-        else:
-            sides.orient(None, normals, X, n_jobs)
+        orient = partial(sides.orient, None, X=X, n_jobs=n_jobs)
 
     def curvatures(model, planes, X, n_jobs):
         found = Curvatures.empty(len(X))

@@ -259,24 +259,15 @@ def _scattered(verb, catalog, target, plan, restart):
 
 def _finished_before(verb, catalog, target, targets):
     """The report of an earlier run that had only to move its outputs, which is done; or None."""
-    path = WorkFolder.path_of(target)
-    if not path.exists():
+    if not WorkFolder.path_of(target).exists():
         return None
     folder = WorkFolder(target, None)
     with _kept(folder):
         report = resume_moves(verb, catalog, targets, folder)
-        if report:
-            folder.remove()
-    if report is False:
-        raise TilingError(
-            f"{target}: an earlier run ended when it had replaced some of its inputs; give the "
-            "same command again to replace the others, or begin anew with files as they are "
-            "(restart)"
-        )
-    if report is None:
-        return None
-    report = RunReport(**report)
-    return report._replace(n_resumed=report.n_tiles)
+        if report is None:
+            return None
+        folder.remove()
+    return RunReport(**report)._replace(n_resumed=report["n_tiles"])
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.tiling._cells import Cells, WholeCloud
-from sklearn_mcmd.tiling._memory import most_neighbors, sensed, sized
+from sklearn_mcmd.tiling._memory import most_neighbors, work_of
 from sklearn_mcmd.tiling._plane_sweeps import (
     FACES,
     OWN,
@@ -62,7 +62,7 @@ class TiledEdges(TiledVerb):
         warm_up(self.estimator)
         if self.detector is not None:
             self.detector, _ = recognized(self.detector, catalog)
-        return sensed(sized("edges", self.normals), self.detector), 0, most
+        return work_of("edges", self.normals, self.detector), 0, most
 
     def find(self, run):
         columns, n_cells = run.folder.columns, len(run.cells)

@@ -8,7 +8,7 @@ from sklearn_mcmd.normals._orientation import Sides
 from sklearn_mcmd.normals._surface_planes import mends_planes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._orientation import count_upright
-from sklearn_mcmd.tiling._memory import most_neighbors, sensed, sized
+from sklearn_mcmd.tiling._memory import most_neighbors, work_of
 from sklearn_mcmd.tiling._plane_sweeps import OWN, PlaneJob, find_planes, has_tree, plane_steps
 from sklearn_mcmd.tiling._result_files import (
     NORMAL_COLUMNS,
@@ -40,9 +40,10 @@ class TiledNormals(TiledVerb):
         if self.sensor is not None:  # any position will do
             estimator = clone(estimator).set_params(sensor_origin="origin")
         self.names, _ = normal_columns(warm_up(estimator, 1_500))
-        work = sensed("tree" if has_tree(estimator) else "normals", None, self.sensor)
+        base = "tree" if has_tree(estimator) else "normals"
+        work = work_of(base, estimator, sensor=self.sensor)
         n_features = len(self.names) - len(NORMAL_COLUMNS)
-        return sized(work, estimator), n_features, most_neighbors(catalog.n_points, estimator)
+        return work, n_features, most_neighbors(catalog.n_points, estimator)
 
     def find(self, run):
         if run.folder.columns.all_have(len(run.cells), "results"):

@@ -25,7 +25,7 @@ from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.runtime._progress import listen_to_progress
 from sklearn_mcmd.tiling._catalog import parts_of
 from sklearn_mcmd.tiling._heights import Heights
-from sklearn_mcmd.tiling._memory import most_neighbors, sensed
+from sklearn_mcmd.tiling._memory import most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import (
     Results,
     fit_together,
@@ -76,7 +76,7 @@ class TiledOutliers(TiledVerb):
             self.detector = clone(self.detector).set_params(sensor_origin=origin)
         self.cutoff = cutoff_of(self.detector)
         work = "outliers" if self.limits is None else "heights"
-        return sensed(work, self.detector, self.sensor), 0, most
+        return work_of(work, None, self.detector, self.sensor), 0, most
 
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())

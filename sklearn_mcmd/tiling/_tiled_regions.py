@@ -10,7 +10,7 @@ from sklearn_mcmd.planes._resolution import least_scales
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.segmentation._steps import finish_regions, rules_of
-from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, sized
+from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, work_of
 from sklearn_mcmd.tiling._plane_sweeps import (
     FACES,
     NUMBER,
@@ -45,7 +45,7 @@ class TiledRegions(TiledVerb):
         normals = self.estimator.normal_estimator
         most = most_neighbors(catalog.n_points, self.estimator, normals)
         warm_up(self.estimator)
-        return sized("regions", normals), 0, most
+        return work_of("regions", normals), 0, most
 
     def find(self, run):
         if not run.folder.columns.is_done(ALL, "regions"):

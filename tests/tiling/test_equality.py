@@ -267,16 +267,14 @@ def test_clouds_of_which_hardly_anything_is_kept_are_refused_as_in_memory(tmp_pa
         fit_in_memory(read_points(path).xyz, detector)
 
 
-@pytest.mark.parametrize(("n", "n_jobs"), [(40, 2), (10, 1)])
-def test_normals_agree_along_the_tree_of_memory_where_costs_are_equal(
-    n, n_jobs, by_tiles, tmp_path
-):
+@pytest.mark.parametrize("n", [40, 10])
+def test_normals_agree_along_the_tree_of_memory_where_costs_are_equal(n, by_tiles, tmp_path):
     side = np.indices((n, n, 1)).reshape(3, -1).T.astype(float)
     faces = [np.roll(side, turn, axis=1) + shift for turn in range(3) for shift in (0, 1000)]
     xyz = np.random.default_rng(0).permutation(np.vstack([*faces, side[:9]]) / 8)
     estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
-    options = {"tile_size": len(xyz) // 4, "n_jobs": n_jobs}
-    report = assert_equal_by_tiles(by_tiles, written(tmp_path, xyz), estimator, **options)
+    path, tile_size = written(tmp_path, xyz), len(xyz) // 4
+    report = assert_equal_by_tiles(by_tiles, path, estimator, tile_size=tile_size)
     assert report.n_tiles > 4
 
 

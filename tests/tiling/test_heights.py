@@ -158,7 +158,7 @@ def test_the_ground_of_one_file_counts_for_the_points_of_another(tmp_path):
     order = np.concatenate([np.flatnonzero(is_ground), np.flatnonzero(~is_ground)])
     write_points(tmp_path / "all.las", cloud.subset(order))
     _, classes = in_memory(tmp_path / "all.las", tmp_path / "expected.las", **ALL)
-    options = {"mode": "mark", "tile_size": 900, "n_jobs": 2, **ALL}
+    options = {"mode": "mark", "tile_size": 900, **ALL}
     process_files(tmp_path / "in", tmp_path / "out", DETECTOR, **options)
     found = [read_points(tmp_path / "out" / name).attributes for name in ("a.las", "b.las")]
     found = {name: np.concatenate([f[name] for f in found]) for name in found[0]}
