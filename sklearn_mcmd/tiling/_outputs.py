@@ -15,8 +15,8 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing
 from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
+from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
-from sklearn_mcmd.io._las_parts import writing_parts
 from sklearn_mcmd.runtime._progress import tell_share
 from sklearn_mcmd.tiling._catalog import parts_of, stamp_of
 from sklearn_mcmd.tiling._folder import key_of, read_json, write_json

@@ -9,13 +9,13 @@ from functools import partial
 
 import numpy as np
 
-from sklearn_mcmd.normals._adaptive_k import AROUND, ScaleFinder
+from sklearn_mcmd.normals._adaptive_k import ScaleFinder, SizeLimits
 from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
-from sklearn_mcmd.normals._fitted import fitted_of
-from sklearn_mcmd.normals._orientation import TREE_NEIGHBORS, Sides
+from sklearn_mcmd.normals._estimator import fitted_of
+from sklearn_mcmd.normals._sides import Sides, TreeLimits
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces, mends_planes
 from sklearn_mcmd.planes._columns import joined_columns, split_columns
-from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
+from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_slice
@@ -122,8 +122,8 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
         return None
     whole.join("points")
     whole.make(**stored)
-    asked = AROUND if job.is_sized else job.estimator.n_neighbors
-    along = TREE_NEIGHBORS if has_tree(job.estimator) else 0
+    asked = SizeLimits().around if job.is_sized else job.estimator.n_neighbors
+    along = TreeLimits().n_neighbors if has_tree(job.estimator) else 0
     whole.make(near=(np.int32, (max(asked, k, along),)))
     sweep("neighbors", find_neighbors)
     if job.is_sized:
@@ -236,7 +236,7 @@ def _keep_fitted(cell, job, name="normals"):
         if surfaces is None:
             found, _ = model.evaluate_neighborhoods(index.points[rows], index.query_own(rows))
             return planes.put(part, found)
-        planes.put(part, surfaces.settled(rows)[1])
+        planes.put(part, surfaces.last(rows)[1])
 
     _each_part(own, model, find, job.n_threads)
     X, columns = index.points[own].astype(job.constants.dtype), job.columns
@@ -282,7 +282,7 @@ def _keep_normals(cell, job, fitted):
 def _find_forest(cell, job):
     """Write the edges of the forest of the places of a cell and their neighbors, by rows."""
     whole, columns, index = job.whole(), job.columns, job.index()
-    near = index.query_own(whole.rows(cell), min(TREE_NEIGHBORS, len(whole))).indices
+    near = index.query_own(whole.rows(cell), min(TreeLimits().n_neighbors, len(whole))).indices
     known, local = np.unique(near, return_inverse=True)
     local = local.reshape(near.shape).astype(np.int32)
     first = np.repeat(local[:, 0], local.shape[1])
@@ -299,7 +299,7 @@ def _fitted(job, model, planes, X, around, n_jobs, orient=None):
     place, where more than the points decides their sides: a tree, or positions of the sensor.
     """
     if orient is None:
-        sides = Sides.settled(job.estimator.orientation, job.estimator.sensor_origin, X)
+        sides = Sides.of(job.estimator.orientation, job.estimator.sensor_origin, X)
         orient = partial(sides.orient, None, X=X, n_jobs=n_jobs)
 
     def curvatures(model, planes, X, n_jobs):

@@ -14,13 +14,13 @@ from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.io._trajectory import (
     positions_of_times,
-    settle_shift,
+    time_shift,
     times_of,
     trajectory_of,
     warn_if_far,
 )
-from sklearn_mcmd.outliers._view import view_from_origin
 from sklearn_mcmd.runtime._chunks import slices
+from sklearn_mcmd.sensors._recognition import view_from_origin
 from sklearn_mcmd.tiling._catalog import parts_of
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._stored_columns import made
@@ -114,7 +114,7 @@ class SensorPath:
             cloud.metadata["las_header"] = True  # so that its scan angles are used
             return sensor_origins(cloud).__getitem__
         times = np.concatenate(self._parts)
-        times -= settle_shift(times, self.given)
+        times -= time_shift(times, self.given)
         return lambda rows: positions_of_times(times[rows], self.given)
 
 

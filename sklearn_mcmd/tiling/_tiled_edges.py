@@ -9,7 +9,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd._validation import check_n_kept
 from sklearn_mcmd.edges import SharpFeatureDetector
-from sklearn_mcmd.edges._creases import CreaseModel
+from sklearn_mcmd.edges._crease_distance import find_creases
 from sklearn_mcmd.edges._detector import crease_width, steps_of
 from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
@@ -197,11 +197,11 @@ def _find_distances(whole, job, detector, n_threads):
     kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))
     kept[:] = 1.0
     planes = planes._replace(kept=kept, radius=radius, spacing=spacing)
-    model = CreaseModel(detector.n_neighbors, detector.min_angle, n_threads)
-    distance = model.find(index, planes, index.all_own())
+    around = index.all_own()
+    creases, distance = find_creases(index, planes, detector.min_angle, n_threads, around)
 
     def of_removed(queries):
-        return model.distance_by(queries, index.query(queries, n_threads))
+        return creases.distance(queries, index.query(queries, n_threads))
 
     for cell in range(len(job.cells)):
         own, place_of = distance[whole.rows(cell)], partial(job.columns.read, cell, "place_of")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
-from benchmarks._furniture import make_bus_stop
+from benchmarks.simulators import make_airborne_scan, make_bus_stop, make_mobile_scan
 from sklearn_mcmd import (
     MCMDOutlierDetector,
     RegionGrowing,
@@ -17,11 +17,9 @@ from sklearn_mcmd import (
     SharpFeatureDetector,
 )
 from sklearn_mcmd.datasets import (
-    make_airborne_scan,
     make_box,
     make_crown_roof,
     make_lidar_turn,
-    make_mobile_scan,
     make_street,
 )
 from sklearn_mcmd.io import PointCloud, read_points
@@ -182,12 +180,10 @@ PARAMETERS = [
     ("auto", "floor", {"method": "mcmd_md", "neighbor_planes": False}),
     ("auto", "floor", {"reweight": False, "features": ["normal_error"], "orientation": "mst"}),
     ("regions", "street", {f"{NORMALS}__n_neighbors": "auto", f"{NORMALS}__orientation": "mst"}),
-    ("regions", "street", {"find_narrow_faces": False}),
-    ("regions", "blunt gable", {"divide_at_creases": False}),
-    ("regions", "crown roof", {"join_coplanar": False, "join_curved": False}),
-    ("regions", "street", {"assign_unlabeled": False}),
-    ("regions", "copies", {"mutual": False}),
-    ("regions", "street", {"mutual": False, "max_distance": 0.02, "max_gap": 0.2}),
+    ("regions", "street", {"max_gap": 0.15}),
+    ("regions", "crown roof", {"refine": False}),
+    ("regions", "copies", {"refine": False}),
+    ("regions", "street", {"refine": False, "max_distance": 0.02, "max_gap": 0.2}),
     ("regions", "street", {"min_region_size": 1, "n_neighbors": 30}),
     ("regions", "street", {f"{NORMALS}__neighbor_planes": False}),
     ("edges", "street", {"outlier_detector": "passthrough"}),

@@ -18,6 +18,7 @@ from sklearn_mcmd import (
 from sklearn_mcmd.io import PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.io._point_cloud import with_results, without_outliers
+from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.plotting._still import edge_columns, region_columns
 from sklearn_mcmd.tiling import (
     Catalog,
@@ -134,7 +135,8 @@ def test_outliers_are_dropped_or_marked_as_in_memory(mode, n_jobs, chosen, tmp_p
     if mode == "drop":
         write_points(expected, without_outliers(cloud, ~is_outlier))
     else:
-        noise = noise_classes(cloud, is_outlier, is_outlier, used, 16)
+        lowest = LowestPoints(len(cloud), 16)
+        noise = noise_classes(cloud, is_outlier, is_outlier, used, lowest)
         assert set(noise) == {0, 7, 18}
         made = cloud.with_attributes(outlier_score=scores.astype(np.float32))
         write_points(expected, made, noise=noise)
