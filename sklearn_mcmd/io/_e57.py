@@ -193,12 +193,12 @@ def write_e57(path, cloud):
         try:
             data[theirs] = fit_dtype(name, values, {code}, "E57")
         except PointFileError:
-            if name != "intensity" or values.dtype.kind not in "iuf":
+            if name == "intensity" and values.dtype.kind in "iuf":
+                rounded.append(name)
+                with np.errstate(over="ignore"):
+                    data[theirs] = values.astype(code)
+            else:
                 lost.append(name)
-                continue
-            rounded.append(name)
-            with np.errstate(over="ignore"):
-                data[theirs] = values.astype(code)
     if not np.isfinite(data.get("intensity", 0)).all():
         lost.append("intensity")
         del data["intensity"]
