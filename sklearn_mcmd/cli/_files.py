@@ -119,7 +119,7 @@ def refuse_existing(no_clobber, *targets, report=None, catalog=None):
         known = WorkFolder.written(targets[0])
         targets = (*outputs_of(catalog, targets[0]), *targets[1:])
     if report is not None:
-        from sklearn_mcmd.report._folder import PAGE, VIEW
+        from sklearn_mcmd.report._report_folder import PAGE, VIEW
 
         targets = [*targets, report.folder / PAGE, report.folder / VIEW]
     for path in targets:

@@ -20,7 +20,7 @@ from sklearn_mcmd.io._trajectory import (
     trajectory_of,
     warn_if_far,
 )
-from sklearn_mcmd.outliers._view import view_from_origin
+from sklearn_mcmd.sensors._recognition import view_from_origin
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._stored_columns import made
 
