@@ -17,7 +17,8 @@ __all__ = ["ball", "found_maps", "maps"]
 # Points that were not found, from far to near: to be seen on white and on black.
 FAR, NEAR = (0.72, 0.76, 0.81), (0.46, 0.51, 0.58)
 DIM = "#98a4b3"  # between them
-LEAST_FOUND, ENLARGED = 1.6, 1.15  # size of a point that was found, and over that of the others
+LEAST_FOUND = 1.6  # size of a point that was found, at least
+ENLARGED = 1.15  # the same over the size of the others
 
 VIEWS = {
     "top": "From above: x to the right, y up",
@@ -25,9 +26,10 @@ VIEWS = {
     "side": "From the side: y to the right, z up",
 }
 MOST_DRAWN = 120_000  # points of a map; more cover each other at this size
-WIDTH, DPI = 10.0, 144  # inches of a map, and its pixels
-# Height over width of a map. Narrower clouds have margins.
-LEAST_SHAPE, LARGEST_SHAPE = 0.12, 0.9
+WIDTH = 10.0  # inches of a map
+DPI = 144  # its pixels an inch
+LEAST_SHAPE = 0.12  # height over width of a map; narrower clouds have margins
+LARGEST_SHAPE = 0.9  # the same; so have higher ones
 PALETTE = 255  # colors of a picture; half of the bytes of true color
 
 
