@@ -7,7 +7,7 @@ import numpy as np
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.plotting import plot_cloud
-from sklearn_mcmd.plotting._cloud_display import FOUND
+from sklearn_mcmd.plotting._cloud_display import FOUND, Picture, picture_of
 from sklearn_mcmd.plotting._still import ball_picture, distance_colors
 from sklearn_mcmd.plotting._views import look, round_length, thinned
 from sklearn_mcmd.report._rendering import join, part
@@ -33,15 +33,16 @@ LARGEST_SHAPE = 0.9  # the same; so have higher ones
 PALETTE = 255  # colors of a picture; half of the bytes of true color
 
 
-def maps(picture, xyz, near, legend=(), views=tuple(VIEWS)):
+def maps(shown, xyz, near, legend=(), views=tuple(VIEWS)):
     """Figures of a cloud, of the points that are `near`, not far from all others.
 
-    ``picture(view)`` is the `Picture` of all points from a view, such as that of a display. The
-    legend has pairs of a color and words; a view may come with its caption.
+    Colors are those of what is `shown`, a display or its `Picture`. The legend has pairs of a color
+    and words; a view may come with its caption.
     """
 
     def draw(rows, view, ax):
-        colors, labels, *_ = picture(view)
+        picture = shown if isinstance(shown, Picture) else picture_of(shown, view)
+        colors, labels, *_ = picture
         rows = rows[thinned(labels[rows], MOST_DRAWN)]
         plot_cloud(xyz[rows], color=colors[rows], view=view, ax=ax)
 
