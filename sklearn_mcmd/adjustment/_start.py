@@ -14,7 +14,7 @@ from sklearn_mcmd.planes._consistent_set import (
     maximum_consistent_sets,
     n_trials_needed,
 )
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes
 
 __all__ = ["StartLimits", "half_of", "n_trials_of_start", "robust_start"]
 

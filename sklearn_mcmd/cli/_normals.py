@@ -184,10 +184,10 @@ def _feature_columns(features):
 
 def _parse_features(text):
     """Names of features; all errors are wrong usage."""
-    from sklearn_mcmd.normals._features import settle_features
+    from sklearn_mcmd.normals._features import check_features
 
     names = [part.strip() for part in (text or "").split(",") if part.strip()]
     try:
-        return list(settle_features("all" if names == ["all"] else names))
+        return list(check_features("all" if names == ["all"] else names))
     except ValueError as err:
         raise typer.BadParameter(str(err), param_hint="--features") from err

@@ -21,8 +21,8 @@ from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.io._files import replacing
+from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
-from sklearn_mcmd.io._las_parts import writing_parts
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import coordinate_step
 

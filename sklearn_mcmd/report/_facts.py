@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.io._las import coordinate_system
-from sklearn_mcmd.planes._resolution import COARSE_ROUNDING, coordinate_step, in_own_precision
+from sklearn_mcmd.planes._resolution import coordinate_step, in_own_precision, is_coarse
 
 __all__ = ["Facts", "distinct_points", "median_spacing", "usual_rows"]
 
@@ -121,4 +121,4 @@ def _coarse_rounding(xyz, radius):
         return 0.0
     largest = np.float32(np.median(np.abs(single).max(axis=1)))
     rounding = float(np.spacing(largest))
-    return rounding if rounding > COARSE_ROUNDING * radius else 0.0
+    return rounding if is_coarse(rounding, radius) else 0.0

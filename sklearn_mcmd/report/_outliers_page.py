@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.outliers._kinds import KINDS, kinds_of_outliers, plane_scales, reasons_of
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
+from sklearn_mcmd.report._kinds import KINDS, kinds_of_outliers, plane_scales, reasons_of
 from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._notes import together_notes
 from sklearn_mcmd.report._places import place_sections

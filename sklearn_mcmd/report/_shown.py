@@ -7,11 +7,11 @@ import numpy as np
 
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.outliers._volumes import place_numbers
 from sklearn_mcmd.report._contents import Note, share
 from sklearn_mcmd.report._facts import Facts, bounds_rows, usual_rows
 from sklearn_mcmd.report._notes import CHECKS, cloud_notes
 from sklearn_mcmd.report._rendering import paragraph
+from sklearn_mcmd.report._volumes import place_numbers
 
 __all__ = ["Shown", "removed_of", "step_of"]
 
