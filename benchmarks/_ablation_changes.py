@@ -10,7 +10,12 @@ FACTORS = (0.5, 0.8, 1.25, 2.0)
 
 
 def scaled(default, factors, most=np.inf):
-    """Label and value of a constant times each factor; counts stay whole."""
+    """Label and value of a constant times each factor; counts stay whole. Of several values also
+    every second one."""
+    if isinstance(default, tuple):
+        yield from ((f"x {f:g}", tuple(f * value for value in default)) for f in factors)
+        yield "every 2nd", default[::2]
+        return
     for factor in factors:
         value = default * factor
         yield (
@@ -52,34 +57,27 @@ class Limit:
 
     def variants(self, factors):
         record = getattr(importlib.import_module(f"sklearn_mcmd.{self.module}"), self.record)
-        kept = record._field_defaults
-        changes = [*scaled(kept[self.name], factors, self.most)]
+        changes = [*scaled(record._field_defaults[self.name], factors, self.most)]
         if self.off is not None:
             changes.append(("off", self.off))
         for label, value in changes:
-            defaults = tuple({**kept, self.name: value}.values())
-            yield (
-                label,
-                lambda defaults=defaults: replaced(record.__new__, "__defaults__", defaults),
-                {},
-            )
+            yield label, lambda value=value: changed(record, **{self.name: value}), {}
 
     def __str__(self):
         return f"{self.record}.{self.name}"
 
 
 @dataclass(frozen=True)
-class Radii:
-    """The radii of rounded edges: all times a factor, without every second one, or none."""
+class Step:
+    """A step of region growing, which is left out."""
+
+    name: str
 
     def variants(self, factors):
-        home = importlib.import_module("sklearn_mcmd.edges._creases")
-        changes = {f"x {factor:g}": tuple(factor * r for r in home.RADII) for factor in factors}
-        for label, value in {**changes, "every 2nd": home.RADII[::2], "off": ()}.items():
-            yield label, lambda value=value: replaced(home, "RADII", value), {}
+        yield "off", lambda: without_steps(self.name), {}
 
     def __str__(self):
-        return "_creases.RADII"
+        return self.name
 
 
 @dataclass(frozen=True)
@@ -95,6 +93,19 @@ class Parameter:
 
     def __str__(self):
         return self.name
+
+
+def changed(record, **values):
+    """Whoever makes a record of limits gets other defaults, meanwhile."""
+    defaults = tuple({**record._field_defaults, **values}.values())
+    return replaced(record.__new__, "__defaults__", defaults)
+
+
+def without_steps(*names):
+    """Region growing leaves these steps out, meanwhile."""
+    from sklearn_mcmd.segmentation._steps import GrowthSteps
+
+    return changed(GrowthSteps, **dict.fromkeys(names, False))
 
 
 @contextmanager

@@ -30,7 +30,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from _ablation_changes import FACTORS, Constant, Limit, Parameter, Radii
+from _ablation_changes import FACTORS, Limit, Parameter, Step
 from _ablation_clouds import (
     below_ground,
     contaminated,
@@ -47,7 +47,8 @@ from _ablation_clouds import (
 )
 from sklearn.metrics import average_precision_score
 
-from sklearn_mcmd.outliers._detector import CUTOFF
+from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.segmentation._steps import GrowthSteps
 
 
 @dataclass(frozen=True)
@@ -171,10 +172,12 @@ def outlier_scores(outlier, result):
 
 def low_points(X):
     """Points of groups far below ground, as ``mcmd denoise --low-groups`` finds them."""
-    from sklearn_mcmd.io._ground import depths_of_groups
+    from sklearn_mcmd.io._ground import Ground
+    from sklearn_mcmd.outliers._low_groups import depths_of_groups
 
     ground = X[:, 3] == 1
-    return depths_of_groups(X[:, :3], ground, ~ground) > CUTOFF
+    depths = depths_of_groups(X[:, :3], Ground(X[ground, :3]), ~ground)
+    return depths > ExplainLimits().explained
 
 
 def low_scores(echo, low):
@@ -185,33 +188,21 @@ PARTS = {
     "growing": Part(
         tried=(
             Limit("planes._around", "NoiseLimits", "n_errors", np.inf),
-            Constant("segmentation._graph", "USUAL", 0.0),
-            Constant("segmentation._graph", "BENT", 0.0),
-            Constant("segmentation._assign_points", "CUTOFF", np.inf),
-            Constant("segmentation._creases", "LEAST_POINTS", 0),
-            Constant("segmentation._creases", "USUAL", 0.0),
-            Constant("segmentation._creases", "BENT", 0.0),
-            Constant("segmentation._creases", "MOST_NOISE", np.inf),
-            Constant("segmentation._merge_coplanar", "CUTOFF", np.inf),
-            Constant("segmentation._merge_coplanar", "MOST_NOISE", np.inf),
-            Constant("segmentation._merge_coplanar", "MOST_GAP", 1e9),
-            Constant("segmentation._narrow_faces", "CUTOFF"),
-            Constant("segmentation._narrow_faces", "MOST_NOISE", np.inf),
-            Constant("segmentation._narrow_faces", "REACH", np.inf),
-            Constant("segmentation._cylinder_parts", "REACH", np.inf),
-            Constant("segmentation._cylinder_parts", "MOST_NOISE", np.inf),
-            Constant("segmentation._cylinder_parts", "CUTOFF"),
-            Constant("segmentation._cylinder_parts", "GROWTH"),
-            Constant("segmentation._cylinder_parts", "LEAST_SIZE", 6),
+            Limit("planes._explaining", "ExplainLimits", "explained"),
+            Limit("segmentation._graph", "GrowthLimits", "usual", 0.0),
+            Limit("segmentation._graph", "GrowthLimits", "bent", 0.0),
+            Limit("segmentation._graph", "GrowthLimits", "n_deviations"),
+            Limit("segmentation._region_division", "VoteLimits", "least_points", 0),
+            Limit("segmentation._merge_coplanar", "JoinLimits", "most_noise", np.inf),
+            Limit("segmentation._merge_coplanar", "JoinLimits", "most_gap", 1e9),
+            Limit("segmentation._narrow_faces", "NarrowFaceLimits", "reach", np.inf),
+            Limit("segmentation._cylinder_parts", "CylinderLimits", "growth"),
+            Limit("segmentation._cylinder_parts", "CylinderLimits", "least_size", 6),
             Parameter("n_neighbors", (15, 24, 37, 60)),
             Parameter("max_angle", (7.5, 12, 18.75, 30)),
             Parameter("min_region_size", (1, 5, 8, 12, 20)),
-            Parameter("mutual", (False,)),
-            Parameter("find_narrow_faces", (False,)),
-            Parameter("divide_at_creases", (False,)),
-            Parameter("join_coplanar", (False,)),
-            Parameter("join_curved", (False,)),
-            Parameter("assign_unlabeled", (False,)),
+            Parameter("refine", (False,)),
+            *map(Step, GrowthSteps._fields),
         ),
         scenes=lambda options: chain(
             simulated(options, lambda scene: scene.surface, 0.0), labelled(options)
@@ -270,17 +261,16 @@ PARTS = {
     ),
     "edges": Part(
         tried=(
-            Constant("edges._faces", "SPACING_NEIGHBORS", 10_000),
-            Constant("edges._faces", "LEAST_NOISE", 1e-6),
-            Constant("edges._faces", "OFF", np.inf),
-            Constant("edges._faces", "FLATNESS", np.inf),
-            Constant("edges._creases", "OFF", np.inf),
-            Constant("edges._creases", "FAR"),
-            Constant("edges._creases", "EVENING_STEPS", 0),
-            Radii(),
-            Constant("edges._creases", "SMOOTH_STEPS", 1),
-            Constant("edges._creases", "HUBER", np.inf),
-            Constant("edges._detector", "EDGE_WIDTH"),
+            Limit("planes._explaining", "ExplainLimits", "explained", np.inf),
+            Limit("edges._faces", "FaceLimits", "n_spacing", 10_000),
+            Limit("edges._faces", "FaceLimits", "least_noise", 1e-6),
+            Limit("edges._faces", "FaceLimits", "flat", np.inf),
+            Limit("edges._crease_distance", "CreaseLimits", "far"),
+            Limit("edges._crease_distance", "CreaseLimits", "evening_steps", 0),
+            Limit("edges._crease_distance", "CreaseLimits", "radii", ()),
+            Limit("edges._crease_distance", "CreaseLimits", "smooth_steps", 1),
+            Limit("edges._crease_distance", "CreaseLimits", "huber", np.inf),
+            Limit("edges._limits", "EdgeLimits", "width"),
             Parameter("n_neighbors", (20, 30, 50)),
             Parameter("min_angle", (10, 16, 25, 40)),
         ),
@@ -296,18 +286,24 @@ PARTS = {
     ),
     "detector": Part(
         tried=(
-            Limit("outliers._model", "SurfaceLimits", "explained"),
-            Limit("outliers._model", "SurfaceLimits", "flat", off=np.inf),
-            Limit("outliers._model", "SurfaceLimits", "angle", off=180.0),
-            Limit("outliers._model", "SurfaceLimits", "n_links"),
-            Constant("outliers._model", "THING", 0.0),
-            Constant("outliers._model", "LEAST_SHARE", 1.0, most=1.0),
-            *(Limit("outliers._model", "OffSurfaceLimits", name) for name in ("n_near", "n_usual")),
-            Limit("outliers._model", "OffSurfaceLimits", "usual", most=0.99),
-            Constant("outliers._off_surface", "HALF", most=0.99),
-            Limit("outliers._model", "OffSurfaceLimits", "reach", off=0.0),
-            Limit("outliers._model", "OffSurfaceLimits", "rest_weight", off=0.0, most=1.0),
-            Limit("outliers._model", "OffSurfaceLimits", "flat", off=0.0),
+            Limit("planes._explaining", "ExplainLimits", "explained"),
+            Limit("outliers._surfaces", "SurfaceLimits", "flat", off=np.inf),
+            Limit("outliers._surfaces", "SurfaceLimits", "angle", off=180.0),
+            Limit("outliers._surfaces", "SurfaceLimits", "n_links"),
+            Limit("outliers._surfaces", "SurfaceLimits", "least_share", 1.0, most=1.0),
+            *(
+                Limit("outliers._off_surface", "OffSurfaceLimits", name, off, most)
+                for name, off, most in (
+                    ("n_near", None, np.inf),
+                    ("n_usual", None, np.inf),
+                    ("usual", None, 0.99),
+                    ("half", None, 0.99),
+                    ("reach", 0.0, np.inf),
+                    ("rest_weight", 0.0, 1.0),
+                    ("flat", 0.0, np.inf),
+                    ("thing", 0.0, np.inf),
+                )
+            ),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
         prepare=lambda X: X,
@@ -316,7 +312,7 @@ PARTS = {
     ),
     "rays": Part(
         tried=tuple(
-            Limit("outliers._ray_evidence", "RayLimits", name)
+            Limit("sensors._rays", "RayLimits", name)
             for name in ("n_beams", "searched", "usual", "alone", "sheet")
         ),
         scenes=seen,
@@ -325,7 +321,10 @@ PARTS = {
         measure=seen_scores,
     ),
     "ground": Part(
-        tried=(Constant("io._ground", "CORNERS"), Constant("io._ground", "LINKED")),
+        tried=(
+            Limit("io._ground", "GroundLimits", "n_nearest"),
+            Limit("outliers._surfaces", "SurfaceLimits", "n_links"),
+        ),
         scenes=below_ground,
         prepare=lambda X: X,
         run=low_points,

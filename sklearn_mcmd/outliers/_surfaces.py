@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import are_flat
-from sklearn_mcmd.planes._explaining import LinkLimits, connected_planes, explain
+from sklearn_mcmd.planes._explaining import ExplainLimits, LinkLimits, connected_planes, explain
 from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
@@ -14,12 +14,14 @@ __all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_dista
 class SurfaceLimits(NamedTuple):
     """What a surface is."""
 
-    explained: float = 3.0  # a plane explains points within this many of its standard deviations
     # Largest ratio of a plane's standard deviation to the radius of its neighborhood. A filled
     # ball has 0.45: a third of that.
     flat: float = 0.15
     angle: float = 25.0  # largest angle between the normals of linked points, in degrees
     n_links: int = 16  # linked points are among each other's nearest, this many
+    # A surface has as many points as a neighborhood: fewer cannot fill that of a plane of their
+    # own. In a small cloud surfaces and things have this share of it.
+    least_share: float = 1 / 5
 
 
 def find_surfaces(index, planes, distances, least, limits, barred=None):
@@ -30,16 +32,13 @@ def find_surfaces(index, planes, distances, least, limits, barred=None):
     are near each other, their planes explain each other's point and their normals agree. A surface
     is a connected part of at least `least` points. Those that are barred can be part of none.
     """
-    usable = are_flat(planes, limits.flat) & (distances <= limits.explained)
+    explained = ExplainLimits().explained
+    usable = are_flat(planes, limits.flat) & (distances <= explained)
     if barred is not None:
         usable &= ~barred
     cosine = float(np.cos(np.radians(limits.angle)))
     links = LinkLimits(
-        min_cosine=cosine,
-        explained=limits.explained,
-        max_gap=np.inf,
-        mutual=True,
-        both_near=True,
+        min_cosine=cosine, explained=explained, max_gap=np.inf, mutual=True, both_near=True
     )
     width = min(limits.n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, width, planes, links, usable)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from benchmarks._furniture import make_bus_stop
 from benchmarks.paper import (
     figure9,
     figure10,
@@ -28,6 +27,7 @@ from benchmarks.paper._printed import DENOISING, SEGMENTATION
 from benchmarks.paper._runs import stream
 from benchmarks.paper._scene_methods import SCENE_METHODS
 from benchmarks.paper._sharp import edge_detector
+from benchmarks.simulators import make_bus_stop
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_box
 from sklearn_mcmd.metrics import segmentation_scores
@@ -109,9 +109,7 @@ def test_figure_9_removes_what_the_method_flags():
 def test_table_6_is_what_the_estimators_give(segmented):
     cloud = make_bus_stop(900, random_state=stream(1, "bus stop", 900, 1))
     columns = RobustNormalEstimator(50, method="pca", random_state=1).fit_transform(cloud.data)
-    steps = "mutual", "find_narrow_faces", "divide_at_creases", "join_coplanar"
-    steps = dict.fromkeys((*steps, "join_curved", "assign_unlabeled"), False)
-    growing = RegionGrowing(50, max_angle=5, normals="precomputed", **steps)
+    growing = RegionGrowing(50, max_angle=5, normals="precomputed", refine=False)
     scores = segmentation_scores(cloud.surface, growing.fit_predict(columns))
     found = segmented.results["bus stop", 900, "PCA"][1]
     expected = [scores.n_segments, scores.proper, scores.over, scores.under, scores.missed]
