@@ -19,7 +19,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from _roofs import roof_edges
+from simulators import roof_edges
 from sklearn.metrics import average_precision_score, roc_auc_score
 
 HEAD = ["P", "R", "F1", "AUC", "AP", "P all", "seconds"]

@@ -68,13 +68,9 @@ def shapes(n, seed, outliers):
 
     Points of leaves, wires, posts and grass are on no face.
     """
-    from sklearn_mcmd.datasets import (
-        make_airborne_scan,
-        make_depth_frame,
-        make_lidar_turn,
-        make_mobile_scan,
-        make_street,
-    )
+    from simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
+
+    from sklearn_mcmd.datasets import make_lidar_turn, make_street
 
     rng = np.random.default_rng([seed, n])
     everywhere, noise = np.ones(n, bool), rng.normal(0, 0.004, n)
@@ -98,13 +94,13 @@ def shapes(n, seed, outliers):
     }.items():
         street = make_street(n, outlier_share=outliers, random_state=seed, **how)
         yield name, street.data, street.sensor_origins[0], faces_of(street), street.target == 1
-    for name, make in {
-        "mobile scan": make_mobile_scan,
-        "airborne scan": make_airborne_scan,
-        "spinning turn": make_lidar_turn,
-        "depth frame": make_depth_frame,
-    }.items():
-        made = make(n, outlier_share=outliers, far_share=0, random_state=seed)
+    for name, make, how in (
+        ("mobile scan", make_mobile_scan, {"far_share": 0}),
+        ("airborne scan", make_airborne_scan, {"far_share": 0}),
+        ("spinning turn", make_lidar_turn, {}),
+        ("depth frame", make_depth_frame, {}),
+    ):
+        made = make(n, outlier_share=outliers, random_state=seed, **how)
         yield name, made.data, made.sensor_origins, faces_of(made), made.target == 1
 
 

@@ -11,16 +11,9 @@ import argparse
 
 import numpy as np
 from _real_clouds import load_clouds
+from simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
 
-from sklearn_mcmd.datasets import (
-    make_airborne_scan,
-    make_box,
-    make_crown_roof,
-    make_depth_frame,
-    make_lidar_turn,
-    make_mobile_scan,
-    make_street,
-)
+from sklearn_mcmd.datasets import make_box, make_crown_roof, make_lidar_turn, make_street
 from sklearn_mcmd.sensors import _recognition
 
 DIRECTIONS = np.array([[1, 0, 0], [0, 1, 0], [-0.6, -0.8, 0], [0, 0.6, 0.8]])

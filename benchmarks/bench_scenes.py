@@ -17,12 +17,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import simulators
 from _real_clouds import evaluate, load_clouds
 from _real_methods import FROM_ORIGIN, METHODS
 from bench_real import write
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd import datasets
+from sklearn_mcmd.datasets import make_lidar_turn
 
 SCENES = ["make_mobile_scan", "make_airborne_scan", "make_lidar_turn", "make_depth_frame"]
 N_NEIGHBORS, N_MEASURED = 10, 10_000
@@ -38,6 +39,10 @@ PAIRS = [
     ("make_depth_frame", None, "pcl_office1", None),
 ]
 COLUMNS = ["nearest (cm)", "second / first axis", "roughness / radius"]
+
+
+def maker(scene):
+    return getattr(simulators, scene, make_lidar_turn)
 
 
 def measures(points, chosen):
@@ -60,7 +65,7 @@ def likeness(data):
     clouds = {c.name: c for c in load_clouds(data, sorted({pair[2] for pair in PAIRS}))}
     lines = ["## Likeness", "", "| | " + " | ".join(COLUMNS) + " |", "|---|" + "---|" * 3]
     for scene, own, name, others in PAIRS:
-        scan = getattr(datasets, scene)(random_state=0)
+        scan = maker(scene)(random_state=0)
         regular = scan.target == 1
         points = scan.data[regular]
         chosen = classes_of(scan)[regular]
@@ -87,7 +92,7 @@ def taken_and_found(scene, n_samples, methods, seeds):
     counts = {}
     for seed in seeds:
         size = {} if n_samples is None else {"n_samples": n_samples}
-        scan = getattr(datasets, scene)(**size, random_state=seed)
+        scan = maker(scene)(**size, random_state=seed)
         kind = np.array(["real", *scan.outlier_kind_names[1:]])[scan.outlier_kind]
         classes = classes_of(scan)
         for names, prefix in ((classes[kind == "real"], "flagged"), (kind[kind != "real"], "TPR")):

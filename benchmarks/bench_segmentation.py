@@ -172,7 +172,7 @@ def run_scores(options):
 
 
 def run_scenes(options):
-    from _furniture import make_bus_stop, make_traffic_furniture
+    from simulators import make_bus_stop, make_traffic_furniture
 
     for make, angle in ((make_traffic_furniture, 15.0), (make_bus_stop, 5.0)):
         table = {}
@@ -192,12 +192,12 @@ def run_scenes(options):
 
 def run_roofs(options):
     """Rand index, or of barrels the share of the largest region, by crease and points."""
-    from _roofs import KINDS, make_roof
+    from simulators import ROOFS, make_roof
 
     from sklearn_mcmd import RegionGrowing
 
     rows = [(n, noise) for n in options.sizes for noise in options.noises]
-    for kind in KINDS:
+    for kind in ROOFS:
         means = []
         print(f"\n{kind}, creases of {', '.join(f'{crease:g}' for crease in options.creases)}")
         for n, noise in rows:

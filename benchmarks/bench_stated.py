@@ -12,15 +12,10 @@ import warnings
 
 import numpy as np
 from _real_clouds import load_clouds
+from simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import (
-    make_airborne_scan,
-    make_depth_frame,
-    make_lidar_turn,
-    make_mobile_scan,
-    make_street,
-)
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 from sklearn_mcmd.sensors import _recognition
 
 TURNS = [

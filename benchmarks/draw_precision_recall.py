@@ -22,6 +22,7 @@ from _real_clouds import inject, load_clouds
 from _real_methods import METHODS
 from PIL import Image
 from scipy.stats import rankdata
+from simulators import make_mobile_scan
 from sklearn.metrics import (
     average_precision_score,
     precision_recall_curve,
@@ -30,7 +31,7 @@ from sklearn.metrics import (
 )
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn, make_mobile_scan, make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 
 # In the order of `load_clouds`. Their licences are CC0, BSD and BSD.
 CLOUDS = {

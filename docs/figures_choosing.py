@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_box, make_contaminated_plane, make_mobile_scan, make_street
+from sklearn_mcmd.datasets import make_box, make_contaminated_plane, make_street
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.plotting import normal_colors, plot_cloud
 
@@ -114,6 +114,9 @@ def widths():
 
 def outliers():
     """Outliers found and real points lost, by k."""
+    sys.path.append(str(Path(__file__).resolve().parents[1]))
+    from benchmarks.simulators import make_mobile_scan
+
     scans = {
         "street of even density": make_street(40_000, outlier_share=0.05, random_state=0),
         "street, from a vehicle": make_mobile_scan(40_000, random_state=0),

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.exceptions import UndefinedMetricWarning
 
-from benchmarks._furniture import make_bus_stop, make_traffic_furniture
 from benchmarks.paper import _draw
 from benchmarks.paper._printed import SEGMENTATION
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, stream
 from benchmarks.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
+from benchmarks.simulators import make_bus_stop, make_traffic_furniture
 from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.segmentation._estimator import RegionGrowing
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
-from sklearn_mcmd.baselines._methods import METHOD_NAMES
+from sklearn_mcmd.baselines._methods import COMPARATORS
 from sklearn_mcmd.planes._base import BasePlaneOutliers, comparator_model_of
 from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.planes._rules import comparator_of
@@ -108,7 +108,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         name: BasePlaneOutliers._parameter_constraints[name]
         for name in ("n_neighbors", "random_state", "n_jobs")
     } | {
-        "method": [StrOptions(set(METHOD_NAMES))],
+        "method": [StrOptions(set(COMPARATORS))],
         "method_params": [dict, None],
         "contamination": [StrOptions({"auto"}), Interval(Real, 0, 0.5, closed="right")],
     }

@@ -218,7 +218,7 @@ class Denoise(CloudVerb):
 
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.planes._explaining import ExplainLimits
-        from sklearn_mcmd.report._denoise import Verdict, denoise_contents, shown_of_tiles
+        from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents, shown_of_tiles
 
         shown = shown_of_tiles(catalog, outputs_of(catalog, self.target), told, self.mark)
         found_by_run = (self.contamination, self.false_positive_rate) != (None, None)
@@ -268,8 +268,8 @@ def _verdict(cloud, points, detector, low_groups):
 
 
 def _contents(cloud, detector, mark, found, told):
-    from sklearn_mcmd.report._denoise import Verdict, denoise_contents
     from sklearn_mcmd.report._kinds import plane_scales
+    from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents
     from sklearn_mcmd.report._shown import Shown
 
     shown = Shown.of_memory(

@@ -142,7 +142,7 @@ class Normals(CloudVerb):
         return rows
 
     def tile_contents(self, catalog, told):
-        from sklearn_mcmd.report._normals import normals_contents
+        from sklearn_mcmd.report._normals_page import normals_contents
 
         names = self._columns()
         shown = self.shown(catalog, told, *names)
@@ -166,7 +166,7 @@ def _results(fitted):
 
 
 def _contents(cloud, fitted, results, sensed):
-    from sklearn_mcmd.report._normals import normals_contents
+    from sklearn_mcmd.report._normals_page import normals_contents
     from sklearn_mcmd.report._shown import Shown
 
     told = results | {"normal_error": fitted.normal_error_.astype(np.float32)}

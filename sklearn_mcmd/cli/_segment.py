@@ -130,7 +130,7 @@ class Segment(CloudVerb):
         }
 
     def tile_contents(self, catalog, told):
-        from sklearn_mcmd.report._segment import Regions, segment_contents
+        from sklearn_mcmd.report._regions_page import Regions, segment_contents
 
         shown = self.shown(catalog, told, "region")
         regions = Regions.of_sample(shown.cloud, told.largest)
@@ -141,7 +141,7 @@ segment = command_of(Segment)
 
 
 def _contents(cloud, fitted, n_inside):
-    from sklearn_mcmd.report._segment import Regions, segment_contents
+    from sklearn_mcmd.report._regions_page import Regions, segment_contents
     from sklearn_mcmd.report._shown import Shown
 
     planes, labels = fitted.normal_estimator_, fitted.labels_

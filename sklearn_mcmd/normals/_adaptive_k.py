@@ -71,7 +71,7 @@ class ScaleFinder:
             k *= 2
         wanted[todo] = most
         wanted = self._quiet(wanted, np.ones(m, dtype=bool))
-        return sizes_of(wanted, m)
+        return np.rint(wanted).astype(np.int64).clip(max=m)
 
     def _reached(self, rows):
         """Whether each point is around any of some points: bool (m,)."""
@@ -147,11 +147,6 @@ def wanted_by(quiet, k, d, limits):
 def are_turned(turns, error):
     """Whether planes of twice as many points turn by more than their errors do by chance."""
     return turns > ndtri(1 - QuadricLimits().chance) * error
-
-
-def sizes_of(wanted, m):
-    """Whole numbers (n,) of neighbors in a cloud of m points."""
-    return np.rint(wanted).astype(np.int64).clip(max=m)
 
 
 def angles(first, second):

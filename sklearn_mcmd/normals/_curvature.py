@@ -69,7 +69,8 @@ class JetLimits(NamedTuple):
     def now(cls):
         """As the limits that all rules share are now."""
         explained = ExplainLimits().explained
-        return cls(explained, truncated_normal(explained)[1] ** -0.5, QuadricLimits().pivot)
+        truncation = truncated_normal(explained)[1] ** -0.5
+        return cls(explained=explained, truncation=truncation, pivot=QuadricLimits().pivot)
 
 
 class Jets(NamedTuple):

@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from sklearn_mcmd._choices import RuleMethod, choices_of
 from sklearn_mcmd._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
-from sklearn_mcmd.baselines._methods import METHOD_NAMES  # registers them
+from sklearn_mcmd.baselines._methods import COMPARATORS  # registers them
 from sklearn_mcmd.normals._adaptive_k import sized_index
 from sklearn_mcmd.normals._curvature import curvatures_of_fitted, curvatures_of_new
 from sklearn_mcmd.normals._features import (
@@ -251,7 +251,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     _parameter_constraints: ClassVar[dict] = {
         **BaseLocalPlanes._parameter_constraints,
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), StrOptions({"auto"}), None],
-        "method": [StrOptions({*choices_of(RuleMethod), *METHOD_NAMES})],
+        "method": [StrOptions({*choices_of(RuleMethod), *COMPARATORS})],
         "method_params": [dict, None],
         "neighbor_planes": ["boolean", None],
         "tangents": ["boolean"],

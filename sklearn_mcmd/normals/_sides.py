@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from sklearn.utils.validation import check_array
 
 from sklearn_mcmd._validation import check_sensor_origin
-from sklearn_mcmd.planes._orientation import orient_by_spanning_tree, orient_toward
+from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 
 __all__ = ["Sides", "TreeLimits"]
 
@@ -34,7 +34,6 @@ class Sides:
     @classmethod
     def of(cls, orientation, sensor_origin, X):
         """Check the parameters for the fitted points X (n, d)."""
-        d = X.shape[1]
         named = orientation if isinstance(orientation, str) else None
         if named == "sensor":
             if sensor_origin is None:
@@ -48,7 +47,12 @@ class Sides:
             raise ValueError('sensor_origin is given but orientation is not "sensor".')
         if orientation is None or named == "mst":
             return cls(tree=named == "mst")
-        direction = _check_vector(orientation, d)
+        d, name = X.shape[1], "orientation"
+        direction = check_array(orientation, dtype=np.float64, ensure_2d=False, input_name=name)
+        if direction.shape != (d,):
+            raise ValueError(
+                f"orientation must have shape ({d},) as X has {d} features, got {direction.shape}."
+            )
         if not direction.any():
             raise ValueError("orientation as a direction must not be zero.")
         return cls(direction=direction)
@@ -68,14 +72,17 @@ class Sides:
         return np.ndim(self.sensor_origin) == 2
 
     def _fit_tree(self, index, normals, X, n_jobs):
+        """Make normals of neighbors agree along a minimum spanning tree (Hoppe et al., 1992)."""
         if index.n_neighbors is None:
             self.tree_normals = normals[:1].copy()
             return
         apart = np.empty_like(index.points)
         apart[index.nearest(X, effective_n_jobs(n_jobs))] = normals
-        k = min(TreeLimits().n_neighbors, len(index.points))
-        neighbors = index.query_own(slice(None), k).indices
-        self.tree_normals = orient_by_spanning_tree(apart, index.points, neighbors)
+        n, k = len(index.points), min(TreeLimits().n_neighbors, len(index.points))
+        first = np.repeat(np.arange(n, dtype=np.int32), k)
+        second = index.query_own(slice(None), k).indices.ravel()
+        edges = spanning_forest(apart, index.points, first, second)
+        self.tree_normals = apart * signs_along(apart, index.points, *edges)[:, None]
 
     def orient(self, index, normals, X, n_jobs):
         """Flip normals (m, d) of points X (m, d) in place.
@@ -98,12 +105,3 @@ def _nearest(index, queries, n_jobs):
     if index.n_neighbors is None:  # and no tree
         return cKDTree(index.points).query(queries)[1]
     return index.nearest(queries, effective_n_jobs(n_jobs))
-
-
-def _check_vector(vector, d):
-    vector = check_array(vector, ensure_2d=False, dtype=np.float64, input_name="orientation")
-    if vector.shape != (d,):
-        raise ValueError(
-            f"orientation must have shape ({d},) as X has {d} features, got {vector.shape}."
-        )
-    return vector

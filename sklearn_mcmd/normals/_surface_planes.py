@@ -252,7 +252,8 @@ class SurfacePlanes:
         asking, best = asking[best >= 0], best[best >= 0]
         cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
         angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
-        leans = _leans(angle, members.normal_error[best])
+        # A plane that leans by less is the least noisy of many by chance, and no better.
+        leans = angle > np.sqrt(-2 * np.log(QuadricLimits().chance)) * members.normal_error[best]
         lenders[asking[leans]] = best[leans]
         return lenders
 
@@ -292,12 +293,6 @@ def lend(planes, rows, members, lenders):
     error = np.maximum(own.normal_error, lent.normal_error)
     lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
     planes.put(rows, lent._replace(normal_error=error))
-
-
-def _leans(angle, lent_error):
-    """Whether normals differ by more than those of one surface do. A plane that leans by less is
-    the least noisy of many by chance, and no better."""
-    return angle > np.sqrt(-2 * np.log(QuadricLimits().chance)) * lent_error
 
 
 def mends_planes(estimator):

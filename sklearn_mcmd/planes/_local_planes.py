@@ -154,7 +154,8 @@ class LocalPlaneModel:
 
     def _fit_compiled(self, queries, neighborhoods, rounding, planes, directions, distance):
         sizes = np.arange(neighborhoods.indices.shape[1] + 1)
-        trials = Trials(self.trials, n_support_points(self.settings.support_fraction, sizes, 3))
+        n_support = n_support_points(self.settings.support_fraction, sizes, 3)
+        trials = Trials(positions=self.trials, n_support=n_support)
         own = self.settings
         rule = RuleArguments.of(
             cutoff=own.cutoff,

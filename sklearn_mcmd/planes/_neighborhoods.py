@@ -56,11 +56,6 @@ class NeighborIndex:
         return self.cloud.n_distinct
 
     @property
-    def tree(self):
-        """The tree that answers queries which are none of the points."""
-        return self.cloud.tree
-
-    @property
     def chunk(self):
         """Rows that are best searched at once, in parts that begin at multiples of it."""
         return part_size(self.n_neighbors)
@@ -145,7 +140,7 @@ class NeighborIndex:
         """Row of `points` nearest to each query; 0 with one neighborhood of all points."""
         if self.n_neighbors is None:
             return np.zeros(len(queries), dtype=np.intp)
-        return self.tree.query(queries, workers=n_workers)[1]
+        return self.cloud.tree.query(queries, workers=n_workers)[1]
 
 
 def within_radius(indices, distances, sizes, radius, d):

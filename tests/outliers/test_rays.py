@@ -9,8 +9,9 @@ from sklearn import config_context
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
+from benchmarks.simulators import make_mobile_scan
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_mobile_scan, make_street
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.report._kinds import reasons_of
 from sklearn_mcmd.sensors._rays import one_far_position
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from benchmarks._furniture import make_bus_stop
 from benchmarks.paper import (
     figure9,
     figure10,
@@ -28,6 +27,7 @@ from benchmarks.paper._printed import DENOISING, SEGMENTATION
 from benchmarks.paper._runs import stream
 from benchmarks.paper._scene_methods import SCENE_METHODS
 from benchmarks.paper._sharp import edge_detector
+from benchmarks.simulators import make_bus_stop
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_box
 from sklearn_mcmd.metrics import segmentation_scores
@@ -104,16 +104,6 @@ def test_figure_9_removes_what_the_method_flags():
     missed = np.sum((target == -1) & (labels == 1))
     assert f"{missed} of 50" in str(report)
     assert report.plot().axes
-
-
-def test_table_6_runs_slow_methods_once_on_the_smaller_scene(segmented):
-    for scene in SEGMENTATION:
-        large = {name for s, n, name in segmented.results if (s, n) == (scene, 900)}
-        small = {name for s, n, name in segmented.results if (s, n) == (scene, 150)}
-        assert small - large == SLOW
-        assert not large - small
-        for name in small:
-            assert segmented.results[scene, 150, name].shape == (1 if name in SLOW else 2, 10)
 
 
 def test_table_6_is_what_the_estimators_give(segmented):

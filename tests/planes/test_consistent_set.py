@@ -15,7 +15,7 @@ from sklearn_mcmd.planes._consistent_set import (
     n_trials_needed,
 )
 from sklearn_mcmd.planes._consistent_set_numba import WorkArrays, consistent_set_3d
-from sklearn_mcmd.planes._moments_numba import eigh_3d, kth_smallest
+from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.runtime._kernels import kernel
 
 
@@ -82,11 +82,6 @@ def compiled_sets(local, sizes, positions, h):
 @kernel(cache=True)
 def decomposed(covariance):
     return eigh_3d(covariance)
-
-
-@kernel(cache=True)
-def kth_of(keys, size, rank):
-    return kth_smallest(keys, size, rank)
 
 
 @pytest.mark.parametrize("k", [50, 21])
@@ -166,15 +161,6 @@ def test_the_set_does_not_depend_on_how_trials_are_chunked(monkeypatch):
     monkeypatch.setattr("sklearn_mcmd.planes._consistent_set.CHUNK_ENTRIES", 1)
     pieces = maximum_consistent_sets(points, trials, 15)
     assert_array_equal(whole[0], pieces[0])
-
-
-@pytest.mark.parametrize("size", [1, 2, 7, 50])
-def test_counting_finds_the_element_that_sorting_finds(size):
-    rng = np.random.default_rng(size)
-    for high in (2, 10, 2**60):
-        keys = rng.integers(0, high, size)
-        for rank in range(1, size + 1):
-            assert kth_of(keys, size, rank) == np.sort(keys)[rank - 1]
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-6, 0.0])

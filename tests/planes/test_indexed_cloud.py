@@ -3,7 +3,6 @@
 import copy
 import gc
 import pickle
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -138,15 +137,6 @@ def test_pickles_and_copies_are_without_the_table():
     again = clone(fitted).fit(X)
     assert again._model.index.cloud is fitted._model.index.cloud
     assert_array_equal(again.normals_, fitted.normals_)
-
-
-def test_threads_that_fit_at_once_share_one_cloud():
-    X = STREET
-    with ThreadPoolExecutor(8) as pool:
-        fitted = list(pool.map(lambda _: RobustNormalEstimator(random_state=0).fit(X), range(8)))
-    assert len({id(one._model.index.cloud) for one in fitted}) == 1
-    for one in fitted:
-        assert_array_equal(one.normals_, fitted[0].normals_)
 
 
 @pytest.mark.parametrize("digits", [1, 3])

@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 from sklearn.metrics import adjusted_rand_score
 
-from benchmarks._furniture import make_bus_stop
+from benchmarks.simulators import make_bus_stop
 from growth import grown_without
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex

@@ -8,7 +8,7 @@ from sklearn.base import clone
 from sklearn.metrics import adjusted_rand_score
 from sklearn.pipeline import make_pipeline
 
-from benchmarks._furniture import make_bus_stop, make_traffic_furniture
+from benchmarks.simulators import make_bus_stop, make_traffic_furniture
 from growth import fitted_without, grown_without
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street

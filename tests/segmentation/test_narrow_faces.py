@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from benchmarks._furniture import make_bus_stop
+from benchmarks.simulators import make_bus_stop
 from growth import grown_without
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import segmentation_scores

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
+from benchmarks.simulators import make_airborne_scan
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_airborne_scan, make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.io._point_cloud import without_outliers

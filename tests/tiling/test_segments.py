@@ -9,13 +9,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
-from benchmarks._furniture import make_bus_stop
+from benchmarks.simulators import make_airborne_scan, make_bus_stop
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.datasets import (
-    make_airborne_scan,
-    make_crown_roof,
-    make_street,
-)
+from sklearn_mcmd.datasets import make_crown_roof, make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.tiling import TilingError, _memory, _result_files, _segments, process_files
 from tiled import divide, is_killed, street
