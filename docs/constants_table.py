@@ -53,9 +53,9 @@ def others(root=ROOT):
 
 
 def prices(path=PRICES):
-    """Rows of constants.csv by the name of the threshold."""
+    """Rows of constants.csv. A threshold that several rules read has one of each."""
     with path.open(newline="", encoding="utf-8") as lines:
-        return {row["constant"]: row for row in csv.DictReader(lines)}
+        return list(csv.DictReader(lines))
 
 
 def copies(root=ROOT):
@@ -158,8 +158,8 @@ def _as_rst(comment):
 
 def _priced(part):
     known = {number.name: number for number in thresholds()}
-    rows = [row for row in prices().values() if row["part"] == part]
-    columns = [name for name in ("less", "more", "off", "note") if any(row[name] for row in rows)]
+    rows = [row for row in prices() if row["part"] == part]
+    columns = [name for name in ("where", "less", "more", "off", "note") if any(row[name] for row in rows)]
     yield ["threshold", "value", "what it means", *columns]
     for row in rows:
         number = known[row["constant"]]

@@ -27,7 +27,7 @@ __all__ = [
     "write",
 ]
 
-USUAL_NEIGHBORS = 50
+USUAL_NEIGHBORS = 50  # of estimators by default, where none have been given
 # Begin and end of the work between reading and writing, as shares of a verb's progress.
 WORKING = (0.04, 0.97)
 
