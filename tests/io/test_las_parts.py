@@ -125,6 +125,7 @@ def test_files_of_one_form_are_appended_bit_for_bit(tmp_path):
     ("grids", "atol"),
     [
         ([(0.01, 1000.0), (0.001, 1000.0), (0.01, 5.0)], 1e-9),
+        ([(0.001, 1000.0), ([0.01, 0.001, 0.001], 1000.0)], 1e-9),
         ([(0.001, 0.0), (0.001, 3e6)], 1e-6),  # which get an offset between them
     ],
 )

@@ -100,7 +100,7 @@ def test_degrees_are_known_by_the_columns_that_are_chosen(name):
 
 
 SMALL = [ROOM, ROOM / 100, ROOM * [0.01, 0.01, 1], TERRAIN, TERRAIN / 1000, ROOM[:1], ROOM * 0]
-SMALL += [np.vstack([ROOM / 1000, [0, 0, 90]]), ROOM * [0, 0, 1]]
+SMALL += [np.vstack([ROOM / 1000, [0, 0, 90]]), ROOM * [0, 0, 1], ROOM * [1e-4, 1, 1]]  # a wall
 
 
 @pytest.mark.parametrize("xyz", SMALL)
