@@ -18,7 +18,7 @@ RUN = Run(
     target=Path("b.laz"),
     seconds=1.0,
 )
-EMPTY = dict.fromkeys(("cards", "notes", "sections", "cloud_rows"), [])
+EMPTY = {name: [] for name in ("cards", "notes", "sections", "cloud_rows")}
 CONTENTS = Contents(headline="Nothing.", checks="nothing", output="nothing", **EMPTY)
 
 
