@@ -10,8 +10,16 @@ from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.report._contents import Contents, Run
 from sklearn_mcmd.report._report_folder import check_folder, write_report
 
-RUN = Run("denoise", "mcmd denoise a b", (), Path("a.laz"), Path("b.laz"), 1.0)
-CONTENTS = Contents("Nothing.", [], [], "nothing", [], [], "nothing")
+RUN = Run(
+    verb="denoise",
+    command="mcmd denoise a b",
+    parameters=(),
+    source=Path("a.laz"),
+    target=Path("b.laz"),
+    seconds=1.0,
+)
+EMPTY = {name: [] for name in ("cards", "notes", "sections", "cloud_rows")}
+CONTENTS = Contents(headline="Nothing.", checks="nothing", output="nothing", **EMPTY)
 
 
 def test_a_page_is_written_and_other_files_stay(tmp_path):
