@@ -48,10 +48,10 @@ def first_use(name, file, cache):
     return Times(*json.loads(done.stdout))
 
 
-def main():
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--points", type=int, default=20_000)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     import numpy as np
 
     from sklearn_mcmd.datasets import make_street

@@ -29,10 +29,7 @@ DEMO = {"command_line"}
 FROM_NOTHING = {"first_scan", "install"}
 # What a page takes as known to its reader, beside a cloud `xyz` and the file `street.laz`.
 GIVEN = {
-    "command_line": next(  # the wall of another page
-        block.text for block in blocks(PAGES["guide_planes"].read_text("utf-8"))
-    ),
-    "comparators": """
+    "reproduction": """
 import numpy as np
 xyz = xyz[:300]  # ROBPCA takes milliseconds for each point
 samples = np.random.default_rng(0).normal(size=(20, 50, 3)) * [1, 1, 0.1]

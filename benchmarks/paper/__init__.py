@@ -1,19 +1,17 @@
 """The first paper's tables and figures, one function each: its printed numbers beside ours."""
 
-from benchmarks.paper._angles import figure3, figure4, table1
+from benchmarks.paper._angles import figure4, table1
 from benchmarks.paper._classification import figure8, table4
 from benchmarks.paper._denoising import figure9, table5
 from benchmarks.paper._report import Report
 from benchmarks.paper._segments import figure14, figure15, table6
 from benchmarks.paper._sharp import figure10, figure11, figure12, figure13
-from benchmarks.paper._speed import cost, table3
+from benchmarks.paper._speed import table3
 from benchmarks.paper._sweeps import figure5, figure6, figure7, table2
 
 __all__ = [
     "EXPERIMENTS",
     "Report",
-    "cost",
-    "figure3",
     "figure4",
     "figure5",
     "figure6",
@@ -43,7 +41,6 @@ EXPERIMENTS = {
         table4,
         table5,
         table6,
-        figure3,
         figure4,
         figure5,
         figure6,
@@ -56,6 +53,5 @@ EXPERIMENTS = {
         figure13,
         figure14,
         figure15,
-        cost,
     )
 }

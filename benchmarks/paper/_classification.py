@@ -51,17 +51,8 @@ def counts_of(method, clouds, random_state, steps):
 def table4(runs=1000, *, seed=0):
     """Table 4: outliers found and inliers kept among 100 points.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds for each percentage of outliers.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` maps (percentage, method) to the rates TPR, TNR, FPR, FNR and accuracy of each
-        run in percent, (runs, 5).
+    `results` maps (percentage, method) to the rates TPR, TNR, FPR, FNR and accuracy of each run
+    in percent, (runs, 5).
     """
     methods = labeling_methods()
     steps = Steps(len(SHARES) * sum(affordable(m, runs) for m in methods))
@@ -130,16 +121,7 @@ def _printed(name, percentage):
 def figure8(runs=100, *, seed=0):
     """Figure 8: histograms of the number of inliers identified, with 20 outliers among 100 points.
 
-    Parameters
-    ----------
-    runs : int, default=100
-        Simulated clouds; the paper has 100.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` maps each method to the number of regular points kept, int (runs,).
+    `results` maps each method to the number of regular points kept, int (runs,).
     """
     methods = labeling_methods()
     steps = Steps(sum(affordable(m, runs) for m in methods))

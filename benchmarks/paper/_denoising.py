@@ -66,19 +66,8 @@ def find_noise(name, cloud, seed):
 def table5(runs=5, *, seed=0, n_regular=N_REGULAR):
     """Table 5: noise found and points kept of a road, a sign and poles with added noise.
 
-    Parameters
-    ----------
-    runs : int, default=5
-        Simulated clouds; the slow methods, RPCA and uLSIF, get one.
-    seed : int, default=0
-    n_regular : int, default=13664
-        Points without noise; a tenth is added as noise.
-
-    Returns
-    -------
-    report : Report
-        `results` maps each method to TPR, TNR, FPR, FNR and accuracy in percent and the numbers
-        of noise points found and of regular points kept, (runs, 7).
+    `results` maps each method to TPR, TNR, FPR, FNR and accuracy in percent and the numbers of
+    noise points found and of regular points kept, (runs, 7).
     """
     methods = [*SCENE_METHODS.values()]
     steps = Steps(runs + sum(runs_of(m, runs) for m in methods))
@@ -148,18 +137,7 @@ def _table_5_rows(name, found):
 def figure9(runs=1, *, seed=0, n_regular=N_REGULAR):
     """Figure 9: the cloud, the cloud with noise, and the denoised cloud.
 
-    Parameters
-    ----------
-    runs : int, default=1
-        Ignored, because the figure shows one cloud.
-    seed : int, default=0
-    n_regular : int, default=13664
-        Points without noise.
-
-    Returns
-    -------
-    report : Report
-        `results` has "points" (n, 3), "target" (n,) and each method's labels (n,), +1 or -1.
+    `results` has "points" (n, 3), "target" (n,) and each method's labels (n,), +1 or -1.
     """
     names = [name for name in ("MCMD_Z", "MCMD_MD", "default") if name in SCENE_METHODS]
     cloud = noisy_sign(stream(seed, "table5", 0), n_regular)

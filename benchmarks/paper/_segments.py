@@ -90,22 +90,8 @@ def score(surface, labels):
 def table6(runs=2, *, seed=0, n_points=None, slow_points=SLOW_POINTS):
     """Table 6: segments of traffic furniture and of a bus stop, by normals of each method.
 
-    Parameters
-    ----------
-    runs : int, default=2
-        Simulated scenes of each kind; the slow methods, RPCA and uLSIF, get one.
-    seed : int, default=0
-    n_points : int, default=None
-        Points of a scene. None means the paper's 127,898 and 33,719.
-    slow_points : int, default=34000
-        If a scene has more points than this, a second scene with this number is made. On it the
-        slow methods are run beside the others.
-
-    Returns
-    -------
-    report : Report
-        `results` maps (scene, points, method) to segments, PS, OS, US, missed surfaces, recall,
-        precision and F-score in percent, adjusted Rand index and mean IoU, (runs, 10).
+    `results` maps (scene, points, method) to segments, PS, OS, US, missed surfaces, recall,
+    precision and F-score in percent, adjusted Rand index and mean IoU, (runs, 10).
     """
     plan = []
     for scene, about in SCENES.items():
@@ -186,18 +172,7 @@ def _notes():
 def figure14(runs=1, *, seed=0, n_points=SLOW_POINTS):
     """Figure 14: segments of traffic furniture.
 
-    Parameters
-    ----------
-    runs : int, default=1
-        Ignored, because the figure shows one scene.
-    seed : int, default=0
-    n_points : int, default=34000
-        Points of the scene, fewer than the paper's 127,898 because of the slow methods.
-
-    Returns
-    -------
-    report : Report
-        `results` has "points" (n, 3), "surface" (n,), and each method's labels (n,).
+    `results` has "points" (n, 3), "surface" (n,), and each method's labels (n,).
     """
     return _pictures("figure14", "traffic furniture", n_points, seed)
 
@@ -205,18 +180,7 @@ def figure14(runs=1, *, seed=0, n_points=SLOW_POINTS):
 def figure15(runs=1, *, seed=0, n_points=SCENES["bus stop"].n_points):
     """Figure 15: segments of a bus stop.
 
-    Parameters
-    ----------
-    runs : int, default=1
-        Ignored, because the figure shows one scene.
-    seed : int, default=0
-    n_points : int, default=33719
-        Points of the scene.
-
-    Returns
-    -------
-    report : Report
-        As of figure14.
+    As of figure14.
     """
     return _pictures("figure15", "bus stop", n_points, seed)
 

@@ -35,19 +35,9 @@ def swept(*left_out):
 def figure5(runs=1000, *, seed=0, percentages=range(1, 81)):
     """Figure 5: breakdown points, by clustered outliers among 100 points.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds for each percentage of outliers.
-    seed : int, default=0
-    percentages : iterable of int, default=range(1, 81)
-
-    Returns
-    -------
-    report : Report
-        `results` has "percentages", ("mean", method), ("error", method) and ("failed", method),
-        arrays over the percentages, and ("breakdown", method): the first percentage with at
-        least 5 % of the runs off by more than 5 degrees, None if there is none.
+    `results` has "percentages", ("mean", method), ("error", method) and ("failed", method),
+    arrays over the percentages, and ("breakdown", method): the first percentage with at least 5
+    % of the runs off by more than 5 degrees, None if there is none.
     """
     methods = swept()
     percentages = np.array(sorted(percentages))
@@ -113,17 +103,7 @@ def figure5(runs=1000, *, seed=0, percentages=range(1, 81)):
 def figure6(runs=1000, *, seed=0, percentages=range(1, 46)):
     """Figure 6: bias angles by sample size and percentage of clustered outliers.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds for each size and percentage.
-    seed : int, default=0
-    percentages : iterable of int, default=range(1, 46)
-
-    Returns
-    -------
-    report : Report
-        `results` has "percentages", ("mean", n, method) and ("error", n, method).
+    `results` has "percentages", ("mean", n, method) and ("error", n, method).
     """
     methods = swept(*NOT_ROBUST)
     names = [m.name for m in methods]
@@ -161,17 +141,8 @@ def figure6(runs=1000, *, seed=0, percentages=range(1, 46)):
 def table2(runs=1000, *, seed=0):
     """Table 2: the variances of the six simulated densities, as printed and as drawn.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds of 50 points for each data set.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` maps (data set, "regular" or "outliers") to variances along x and y, and their
-        standard errors, (2, 2).
+    `results` maps (data set, "regular" or "outliers") to variances along x and y, and their
+    standard errors, (2, 2).
     """
     results, rows = {}, []
     for name, (regular, outlying) in VARIANCES.items():
@@ -211,17 +182,8 @@ def table2(runs=1000, *, seed=0):
 def figure7(runs=1000, *, seed=0):
     """Figure 7: bias angles by point density (Table 2) and by roughness.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds of 50 points for each data set and each variance along z.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` has ("mean", sweep, method) and ("error", sweep, method), where sweep is
-        "density" or "roughness".
+    `results` has ("mean", sweep, method) and ("error", sweep, method), where sweep is "density"
+    or "roughness".
     """
     methods = swept()
     names = [m.name for m in methods]

@@ -13,7 +13,6 @@ from benchmarks.paper._clouds import contaminated_planes
 from benchmarks.paper._methods import METHODS
 from benchmarks.paper._printed import VARIANCES
 from benchmarks.paper._runs import bootstrap_error, stream
-from benchmarks.paper._speed import fit_power
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -217,14 +216,6 @@ def test_the_bootstrap_gives_the_known_error_of_a_mean():
     assert bootstrap_error(values, np.mean) == pytest.approx(0.1, rel=0.2)
 
 
-def test_a_power_law_with_a_fixed_part_is_recovered():
-    n = np.array([10, 100, 1000, 10_000, 100_000])
-    fixed, exponent, error = fit_power(n, 2e-3 + 3e-7 * n**1.2)
-    assert fixed == pytest.approx(2e-3, rel=1e-3)
-    assert exponent == pytest.approx(1.2, abs=1e-3)
-    assert error < 1e-3
-
-
 def test_the_same_seed_gives_the_same_figures_and_another_one_others():
     first, again, other = (table1(2, seed=seed).results for seed in (0, 0, 1))
     for key, values in first.items():
@@ -236,7 +227,6 @@ FEW = {
     "figure5": {"percentages": (5, 50)},
     "figure6": {"percentages": (5, 45)},
     "table3": {"sizes": (20, 50), "shares": (20,)},
-    "cost": {"sizes": (10, 30, 100, 300, 1000)},
 }
 
 
