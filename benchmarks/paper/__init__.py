@@ -2,9 +2,9 @@
 
 from benchmarks.paper._angles import figure4, table1
 from benchmarks.paper._classification import figure8, table4
-from benchmarks.paper._denoising import figure9, table5
+from benchmarks.paper._denoising import table5
 from benchmarks.paper._report import Report
-from benchmarks.paper._segments import figure14, figure15, table6
+from benchmarks.paper._segments import table6
 from benchmarks.paper._sharp import figure10, figure11, figure12, figure13
 from benchmarks.paper._speed import table3
 from benchmarks.paper._sweeps import figure5, figure6, figure7, table2
@@ -17,13 +17,10 @@ __all__ = [
     "figure6",
     "figure7",
     "figure8",
-    "figure9",
     "figure10",
     "figure11",
     "figure12",
     "figure13",
-    "figure14",
-    "figure15",
     "table1",
     "table2",
     "table3",
@@ -46,12 +43,9 @@ EXPERIMENTS = {
         figure6,
         figure7,
         figure8,
-        figure9,
         figure10,
         figure11,
         figure12,
         figure13,
-        figure14,
-        figure15,
     )
 }
