@@ -18,6 +18,7 @@ import argparse
 
 import numpy as np
 from _real_clouds import load_clouds
+from _tables import print_table
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
@@ -60,29 +61,23 @@ def normals_of_halves(X):
 
 
 def normals(options):
-    print("cloud: all, borrowed, robust; share that borrows; median error in degrees")
-    for name, X in real(options):
-        print(f"{name:34}{numbers_row(normals_of_halves(X))}", flush=True)
+    rows = [[name, *normals_of_halves(X)] for name, X in real(options)]
+    head = ["cloud", "all", "borrowed", "robust", "share that borrows", "median error"]
+    print_table("halves of clouds", head, rows)
+    rows = []
     for name, X, true, counts in simulated():
         found = fitted(X)
         errors = found.normal_error_[counts]
-        shares = covered(bias_angle(found.normals_[counts], true[counts]), errors)
-        print(f"{name:34}{numbers_row([shares, np.median(errors)])}", flush=True)
+        share = covered(bias_angle(found.normals_[counts], true[counts]), errors)
+        rows.append([name, share, np.median(errors)])
+    print_table("known normals", ["cloud", "all", "median error"], rows)
 
 
 def regions(options):
-    print("cloud: heights, normals; flat regions in both halves")
     clouds = [*real(options), *((name, X) for name, X, *_ in simulated() if "near" not in name)]
-    everything = []
-    for name, X in clouds:
-        found = [differences(*pair) for pair in region_pairs(*halves(X))]
-        if found:
-            everything += found
-            print(
-                f"{name:34}{numbers_row([*100 * np.mean(found, axis=0), len(found)])}", flush=True
-            )
-    print(f"{'all':34}{numbers_row([*100 * np.mean(everything, axis=0), len(everything)])}")
-    rng, found = np.random.default_rng(0), []
+    pairs = {name: [differences(*pair) for pair in region_pairs(*halves(X))] for name, X in clouds}
+    pairs["all"] = [pair for of_cloud in pairs.values() for pair in of_cloud]
+    rng, planes = np.random.default_rng(0), []
     for n in np.repeat([300, 1000, 3000], 100):
         side = rng.uniform(0.3, 1) * np.sqrt(n)
         X = rng.random((n, 3)) * [side, n / side, 0] + 0.3 * rng.normal(size=(n, 1)) * [0, 0, 1]
@@ -91,8 +86,10 @@ def regions(options):
         row = growing.regions_[largest]
         truth = {"centroid": row["centroid"] * [1, 1, 0], "normal": [0, 0, 1]}
         truth |= {"height_error": 0, "normal_error": 0}
-        found.append(differences(row, truth, X[growing.labels_ == largest]))
-    print(f"{'simulated planes':34}{numbers_row([*100 * np.mean(found, axis=0), len(found)])}")
+        planes.append(differences(row, truth, X[growing.labels_ == largest]))
+    pairs["simulated planes"] = planes
+    rows = [[n, *100 * np.mean(found, axis=0), len(found)] for n, found in pairs.items() if found]
+    print_table("flat regions in both halves", ["cloud", "heights", "normals", "regions"], rows)
 
 
 def region_pairs(X, Y):
@@ -155,10 +152,6 @@ def simulated():
     yield "street, away from edges", street.data, street.normals, away
     near = good & (street.edge_distance < 0.08)
     yield "street, near edges", street.data, street.normals, near
-
-
-def numbers_row(numbers):
-    return "".join(f"{number:8.1f}" for number in numbers)
 
 
 def main(arguments=None):

@@ -29,7 +29,7 @@ RESULTS = (
     ("docs/benchmarks.rst", STAGES, "bench_peers.py"),
     ("docs/constants.rst", STAGES, "ablation.py"),
     ("docs/edges.rst", f"{NORMALS} outliers edges", "bench_edges.py"),
-    ("docs/limits.rst", OUTLIERS, "readme_figures.py, bench_quantity.py, bench_first_use.py"),
+    ("docs/limits.rst", OUTLIERS, "readme_figures.py, bench_quantity.py"),
     ("docs/normals.rst", NORMALS, "bench_normals.py, bench_errors.py"),
     ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py, bench_false_positives.py"),
     ("docs/planes.rst", "adjustment", "bench_reliability.py"),

@@ -1,13 +1,13 @@
 """The first paper's tables and figures, one function each: its printed numbers beside ours."""
 
 from benchmarks.paper._angles import figure4, table1
-from benchmarks.paper._classification import figure8, table4
+from benchmarks.paper._classification import table4
 from benchmarks.paper._denoising import table5
 from benchmarks.paper._report import Report
 from benchmarks.paper._segments import table6
 from benchmarks.paper._sharp import figure10, figure11, figure12, figure13
 from benchmarks.paper._speed import table3
-from benchmarks.paper._sweeps import figure5, figure6, figure7, table2
+from benchmarks.paper._sweeps import figure5, figure6, figure7
 
 __all__ = [
     "EXPERIMENTS",
@@ -16,13 +16,11 @@ __all__ = [
     "figure5",
     "figure6",
     "figure7",
-    "figure8",
     "figure10",
     "figure11",
     "figure12",
     "figure13",
     "table1",
-    "table2",
     "table3",
     "table4",
     "table5",
@@ -33,7 +31,6 @@ EXPERIMENTS = {
     experiment.__name__: experiment
     for experiment in (
         table1,
-        table2,
         table3,
         table4,
         table5,
@@ -42,7 +39,6 @@ EXPERIMENTS = {
         figure5,
         figure6,
         figure7,
-        figure8,
         figure10,
         figure11,
         figure12,

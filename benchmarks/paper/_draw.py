@@ -2,7 +2,7 @@
 
 import numpy as np
 
-__all__ = ["bars", "boxes", "histogram", "lines", "printed_means"]
+__all__ = ["bars", "boxes", "lines", "printed_means"]
 
 # Okabe and Ito's colors, which color-blind people can distinguish, two grays, and three of Tol's.
 COLORS = {
@@ -78,9 +78,3 @@ def lines(ax, x, curves, title, xlabel, ylabel="mean bias angle, degrees", error
     ax.set(title=title, xlabel=xlabel, ylabel=ylabel)
     ax.set_ylim(bottom=0)
     ax.grid(alpha=0.3)
-
-
-def histogram(ax, counts, name, limit):
-    """A histogram of the number of inliers identified."""
-    ax.hist(counts, bins=np.arange(limit + 2) - 0.5, color=color(name))
-    ax.set(title=name, xlim=(-1, limit + 1))

@@ -1,4 +1,4 @@
-"""Figures 5 to 7 and Table 2: mean bias angles against outliers, sizes and variances."""
+"""Figures 5 to 7: mean bias angles against outliers, sizes and variances."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from benchmarks.paper._printed import BREAKDOWN, VARIANCES, Z_VARIANCES
 from benchmarks.paper._report import Report, Table
 from benchmarks.paper._runs import Steps, affordable, bias_angles, stream
 
-__all__ = ["figure5", "figure6", "figure7", "table2"]
+__all__ = ["figure5", "figure6", "figure7"]
 
 # A run has failed if its plane is off by more than FAILURE degrees. A method has broken down if
 # BREAKDOWN_SHARE of its runs have failed.
@@ -136,47 +136,6 @@ def figure6(runs=1000, *, seed=0, percentages=range(1, 46)):
 
     title = f"Figure 6: clustered outliers among 20, 50 and 200 points, {runs} runs each"
     return Report("figure6", title, tables, notes, results, draw, (16.0, 5.0))
-
-
-def table2(runs=1000, *, seed=0):
-    """Table 2: the variances of the six simulated densities, as printed and as drawn.
-
-    `results` maps (data set, "regular" or "outliers") to variances along x and y, and their
-    standard errors, (2, 2).
-    """
-    results, rows = {}, []
-    for name, (regular, outlying) in VARIANCES.items():
-        clouds = _densities(runs, name, seed)
-        cells = []
-        for kind, printed, mask in (
-            ("regular", regular, clouds.regular),
-            ("outliers", outlying, ~clouds.regular),
-        ):
-            drawn = clouds.points[mask][:, :2]
-            variances = drawn.var(axis=0, ddof=1)
-            errors = variances * np.sqrt(2.0 / (len(drawn) - 1))
-            results[name, kind] = np.array([variances, errors])
-            cells += [f"{printed:g}", *map("{:.3f} ± {:.3f}".format, variances, errors)]
-        rows.append((name, *cells))
-    header = ("data set", "regular: paper", "x", "y", "outliers: paper", "x", "y")
-    notes = [
-        "The paper's table is input: the distributions behind Fig. 7a-b. Their angles are in "
-        "figure7.",
-        "Read as standard deviations, the same numbers give PCA 12 degrees in Table 1, not 34.",
-    ]
-    title = f"Table 2: variances of regular points and outliers, {runs} clouds of 50 points each"
-    table = Table("variances along x and y", header, rows)
-
-    def draw(figure):
-        axes = figure.subplots(1, len(VARIANCES), sharex=True, sharey=True)
-        for ax, name in zip(axes, VARIANCES, strict=True):
-            cloud = _densities(4, name, seed)
-            for mask, style in ((cloud.regular, "k."), (~cloud.regular, "r*")):
-                ax.plot(*cloud.points[mask][:, :2].T, style, markersize=3)
-            ax.set(title=name, aspect="equal", xlabel="x")
-        axes[0].set_ylabel("y")
-
-    return Report("table2", title, [table], notes, results, draw, (13.0, 3.0))
 
 
 def figure7(runs=1000, *, seed=0):
