@@ -22,7 +22,16 @@ if not (ROOT / "docs").is_dir():
 PAGES = {path.stem: path for path in sorted((ROOT / "docs").glob("*.rst"))}
 
 # Pages whose clouds are large, or that search parameters: pytest -m slow runs them.
-SLOW = {"command_line", "datasets", "first_scan", "install", "outliers", "pipelines", "tiling"}
+SLOW = {
+    "command_line",
+    "datasets",
+    "first_scan",
+    "install",
+    "outliers",
+    "pipelines",
+    "planes",
+    "tiling",
+}
 # Pages that show the numbers of the street of `mcmd demo`.
 DEMO = {"command_line"}
 # Pages that make `street.laz` themselves.
