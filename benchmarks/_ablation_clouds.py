@@ -7,9 +7,9 @@ from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
-from _furniture import make_bus_stop, make_traffic_furniture
 from _pcpnet import benchmark_clouds
 from _real_clouds import inject, load_clouds
+from simulators import make_bus_stop, make_traffic_furniture
 
 REAL = {  # and most points
     "isprs_samp31": None,
@@ -151,7 +151,7 @@ def below_ground(options):
     Points, then whether they are ground. What stands within 3 m of a point in plan is seen a
     second time, mirrored by the ground and 10 m lower, as by beams that were reflected on the way.
     """
-    from sklearn_mcmd.datasets import make_airborne_scan
+    from simulators import make_airborne_scan
 
     for seed in range(options.seeds):
         scan = make_airborne_scan(options.size, outlier_share=0, random_state=seed)

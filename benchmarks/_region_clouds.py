@@ -43,14 +43,13 @@ def loaders(data):
 
 
 def simulated():
-    from _furniture import make_bus_stop, make_traffic_furniture
-    from _roofs import KINDS
+    from simulators import ROOFS, make_bus_stop, make_traffic_furniture
 
     from sklearn_mcmd.datasets import make_crown_roof, make_street
 
     found = {
         f"simulated roofs/{kind} {n}": partial(simulated_roof, kind, n)
-        for kind in KINDS[:3]
+        for kind in ROOFS[:3]
         for n in (1000, 5000)
     }
     scenes = {
@@ -65,7 +64,7 @@ def simulated():
 
 def simulated_roof(kind, n):
     """Creases of 20 degrees; noise of a fifth of the spacing."""
-    from _roofs import make_roof
+    from simulators import make_roof
 
     X, surface = make_roof(kind, n, 20, 0.2)
     return Cloud(X, surface, 0.2 * np.sqrt((6 if kind == "hip" else 4) / n))

@@ -19,9 +19,9 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from _roofs import roof_edges
 from _tables import print_table
 from scipy.spatial import cKDTree
+from simulators import roof_edges
 from sklearn.metrics import average_precision_score, roc_auc_score
 
 from sklearn_mcmd import RobustNormalEstimator, SharpFeatureDetector

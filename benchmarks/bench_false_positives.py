@@ -11,15 +11,10 @@ from itertools import product
 
 import numpy as np
 from _tables import print_table
+from simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import (
-    make_airborne_scan,
-    make_depth_frame,
-    make_lidar_turn,
-    make_mobile_scan,
-    make_street,
-)
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 
 # Parts of the names of what is no face.
 SOFT = ("tree", "crown", "forest", "shrub", "bush", "hedge", "plant", "grass", "wire", "cable")
@@ -32,10 +27,10 @@ STREETS = {
     "street in scan lines, tree": {"sampling": "scan_lines", "tree": True},
 }
 SCANS = {
-    "mobile scan": make_mobile_scan,
-    "airborne scan": make_airborne_scan,
-    "spinning turn": make_lidar_turn,
-    "depth frame": make_depth_frame,
+    "mobile scan": (make_mobile_scan, {"far_share": 0}),
+    "airborne scan": (make_airborne_scan, {"far_share": 0}),
+    "spinning turn": (make_lidar_turn, {}),
+    "depth frame": (make_depth_frame, {}),
 }
 
 
@@ -58,8 +53,8 @@ def shapes(n, seed):
     for name, how in STREETS.items():
         street = make_street(n, outlier_share=0.0, random_state=seed, **how)
         yield name, street.data, street.sensor_origins[0], faces_of(street)
-    for name, make in SCANS.items():
-        made = make(n, outlier_share=0.0, far_share=0, random_state=seed)
+    for name, (make, how) in SCANS.items():
+        made = make(n, outlier_share=0.0, random_state=seed, **how)
         yield name, made.data, made.sensor_origins, faces_of(made)
 
 

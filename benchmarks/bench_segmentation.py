@@ -16,35 +16,27 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from _ablation_changes import without_steps
 from _ablation_clouds import labelled as labelled_clouds
-from _furniture import make_bus_stop, make_traffic_furniture
 from _region_clouds import agreement
 from _region_methods import METHODS
 from _region_peers import run as peers
-from _roofs import KINDS, make_roof
 from _tables import print_table
+from simulators import ROOFS, make_bus_stop, make_roof, make_traffic_furniture
 from sklearn.metrics import adjusted_rand_score
 
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.metrics import segmentation_scores
+from sklearn_mcmd.segmentation._steps import GrowthSteps
 
-PAPER = {
-    "mutual": False,
-    "find_narrow_faces": False,
-    "divide_at_creases": False,
-    "join_coplanar": False,
-    "join_curved": False,
-    "assign_unlabeled": False,
-}
-WHOLE = {"divide_at_creases": False}
-FORMS = {
-    "paper's rules": PAPER,
-    "and mutual": {**PAPER, "mutual": True},
-    "and coplanar joined": {"find_narrow_faces": False, **WHOLE, "join_curved": False},
-    "and curved joined": {"find_narrow_faces": False, **WHOLE},
-    "and narrow faces": WHOLE,
-    "default": {},
+FORMS = {  # steps of growth that are left out
+    "paper's rules": GrowthSteps._fields,
+    "and mutual": GrowthSteps._fields[1:],
+    "and coplanar joined": ("find_narrow_faces", "divide_at_creases", "join_curved"),
+    "and curved joined": ("find_narrow_faces", "divide_at_creases"),
+    "and narrow faces": ("divide_at_creases",),
+    "default": (),
 }
 HEAD = ["PS", "OS", "US", "missed", "F %", "Rand", "mean IoU", "segments"]
 SMALLEST = 100  # points of a surface whose overlap counts
@@ -71,8 +63,9 @@ def scenes(options):
                 normals = RobustNormalEstimator(method=method, random_state=0, n_jobs=-1)
                 columns = normals.fit_transform(scene.data)
                 for name, form in FORMS.items():
-                    growing = RegionGrowing(max_angle=angle, normals="precomputed", **form)
-                    row = figures(scene.surface, growing.fit_predict(columns))
+                    growing = RegionGrowing(max_angle=angle, normals="precomputed")
+                    with without_steps(*form):
+                        row = figures(scene.surface, growing.fit_predict(columns))
                     table.setdefault(f"{method}, {name}", []).append(row)
         title = f"{make.__name__}, {angle:g} degrees, {options.seeds} seeds"
         rows = [[name, *np.mean(rows, axis=0)] for name, rows in table.items()]
@@ -81,7 +74,7 @@ def scenes(options):
 
 def roofs(options):
     """Rand index, or of barrels the share of the largest region, by crease and points."""
-    for kind in KINDS:
+    for kind in ROOFS:
         rows = []
         for n in options.sizes:
             for noise in options.noises:
@@ -125,8 +118,8 @@ def labelled(options):
     for name, X, surface in clouds:
         row = [name]
         for divide in (False, True):
-            growing = RegionGrowing(random_state=0, divide_at_creases=divide)
-            labels = growing.fit_predict(X)
+            with without_steps(*["divide_at_creases"] * (not divide)):
+                labels = RegionGrowing(random_state=0).fit_predict(X)
             row += [float(agreement(surface, labels)), int(labels.max() + 1)]
         rows.append(row)
     print_table("", ["cloud", "not divided", "regions", "default", "regions"], rows, digits=3)

@@ -20,6 +20,7 @@ from unittest.mock import patch
 import joblib
 import numpy as np
 from bench_tiling import ORIGIN, equal, timed
+from simulators import make_airborne_scan
 
 from sklearn_mcmd import (
     MCMDOutlierDetector,
@@ -27,7 +28,7 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.datasets import make_airborne_scan, make_street
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, write_points
 from sklearn_mcmd.tiling import _run, process_files
 

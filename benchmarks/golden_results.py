@@ -15,7 +15,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from _furniture import make_bus_stop, make_traffic_furniture
+from simulators import make_bus_stop, make_traffic_furniture
 
 from sklearn_mcmd import (
     MCMDOutlierDetector,

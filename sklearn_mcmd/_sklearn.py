@@ -7,7 +7,13 @@ scikit-learn use them. If they move, only this file changes.
 from functools import cache
 
 from sklearn.base import _fit_context as fit_context
-from sklearn.utils._param_validation import HasMethods, Interval, StrOptions, validate_params
+from sklearn.utils._param_validation import (
+    HasMethods,
+    Interval,
+    StrOptions,
+    validate_parameter_constraints,
+    validate_params,
+)
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
 
 try:
@@ -26,6 +32,7 @@ __all__ = [
     "StrOptions",
     "check_feature_names_in",
     "fit_context",
+    "validate_parameter_constraints",
     "validate_params",
 ]
 

@@ -4,18 +4,18 @@ from functools import cache
 
 import numpy as np
 
-from sklearn_mcmd import datasets
-from sklearn_mcmd.datasets import _airborne, _depth_frame, _mobile, _spinning
-from sklearn_mcmd.datasets._sensor_outliers import MAKERS
+from benchmarks import simulators
+from benchmarks.simulators import _airborne, _depth_frame, _mobile
+from sklearn_mcmd.datasets import _lidar_turn, make_lidar_turn
 from sklearn_mcmd.datasets._street import _street
 from sklearn_mcmd.planes._record import Planes
 
-# Makers of scanned scenes, and the worlds that they scan.
-SCANNED = {
-    "make_mobile_scan": _mobile._street,
-    "make_airborne_scan": _airborne._village,
-    "make_lidar_turn": _spinning._campus,
-    "make_depth_frame": _depth_frame._room,
+# Makers of scanned scenes, and what makes the worlds that they scan.
+WORLDS = {
+    "make_mobile_scan": _mobile._world,
+    "make_airborne_scan": _airborne._world,
+    "make_lidar_turn": _lidar_turn._campus,
+    "make_depth_frame": _depth_frame._world,
 }
 
 # Folders of shared/data.
@@ -83,14 +83,9 @@ def scene_of(street, tree=False):
 @cache
 def scanned(name, n_samples=20_000, seed=0, **parameters):
     """A scanned scene and its world; made once."""
-    scan = getattr(datasets, name)(n_samples, random_state=seed, **parameters)
+    scan = getattr(simulators, name, make_lidar_turn)(n_samples, random_state=seed, **parameters)
     drawn = np.random.RandomState(seed).randint(np.iinfo(np.int32).max)
-    return scan, SCANNED[name](np.random.default_rng(drawn).spawn(5)[0])
-
-
-def with_outliers(name):
-    """A scanned scene with outliers of all kinds, far ones too, and its world; made once."""
-    return scanned(name, outlier_share=0.1, outlier_kinds=tuple(MAKERS), far_share=0.05)
+    return scan, WORLDS[name](np.random.default_rng(drawn).spawn(5)[0])
 
 
 def random_planes(points, rng):

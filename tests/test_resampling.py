@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from sklearn.base import BaseEstimator, clone
-from sklearn.neighbors import KNeighborsClassifier, LocalOutlierFactor
+from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_box, make_street
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.resampling import DenoisingSampler
 
 DETECTOR = MCMDOutlierDetector(30, random_state=0)
@@ -26,32 +26,26 @@ def kept(street):
 
 
 def test_the_rows_kept_are_the_detectors_inliers_in_order(street, kept):
-    sampler = DenoisingSampler(DETECTOR)
+    detector = clone(DETECTOR)
+    sampler = DenoisingSampler(detector)
     X, y = sampler.fit_resample(street.data, street.surface)
+    assert not hasattr(detector, "offset_")
+    assert sampler.detector_.offset_ < 0
     assert 0 < len(kept) < len(street.data)
     assert_array_equal(sampler.sample_indices_, kept)
     assert_array_equal(X, street.data[kept])
     assert_array_equal(y, street.surface[kept])
+    X, y = sampler.fit_resample(street.data.tolist())
+    assert y is None
+    assert_array_equal(X, street.data[kept])
+    y = np.column_stack([street.surface, street.bay])
+    assert_array_equal(sampler.fit_resample(street.data, y)[1], y[kept])
 
 
 def test_the_default_drops_most_outliers_and_few_others(street):
     _, y = DenoisingSampler().fit_resample(street.data, street.target)
     assert np.sum(y == -1) < 0.5 * np.sum(street.target == -1)
     assert np.sum(y == 1) > 0.95 * np.sum(street.target == 1)
-
-
-def test_the_given_detector_is_cloned(street):
-    detector = clone(DETECTOR)
-    sampler = DenoisingSampler(detector)
-    sampler.fit_resample(street.data, street.target)
-    assert not hasattr(detector, "offset_")
-    assert sampler.detector_.offset_ < 0
-
-
-def test_without_y_there_is_none(street, kept):
-    X, y = DenoisingSampler(DETECTOR).fit_resample(street.data)
-    assert y is None
-    assert_array_equal(X, street.data[kept])
 
 
 def test_pandas_objects_keep_their_kind_names_and_index(street, kept):
@@ -66,17 +60,12 @@ def test_pandas_objects_keep_their_kind_names_and_index(street, kept):
     assert sampler.n_features_in_ == 3
 
 
-def test_polars_objects_keep_their_kind(street, kept):
-    pl = pytest.importorskip("polars")
-    X = pl.DataFrame(street.data, schema=["x", "y", "z"])
-    y = pl.Series("surface", street.surface)
+def test_polars_and_pyarrow_objects_keep_their_kind(street, kept):
+    pl, pa = pytest.importorskip("polars"), pytest.importorskip("pyarrow")
+    X, y = pl.DataFrame(street.data, schema=["x", "y", "z"]), pl.Series("surface", street.surface)
     X_kept, y_kept = DenoisingSampler(DETECTOR).fit_resample(X, y)
     assert X_kept.equals(X[kept])
     assert y_kept.equals(y[kept])
-
-
-def test_pyarrow_objects_keep_their_kind(street, kept):
-    pa = pytest.importorskip("pyarrow")
     X = pa.table(dict(zip("xyz", street.data.T, strict=True)))
     X_kept, y_kept = DenoisingSampler(DETECTOR).fit_resample(X, pa.array(street.surface))
     assert_array_equal(np.column_stack(X_kept.columns), street.data[kept])
@@ -84,25 +73,9 @@ def test_pyarrow_objects_keep_their_kind(street, kept):
     assert_array_equal(y_kept, street.surface[kept])
 
 
-def test_lists_become_arrays_and_y_may_have_columns(street, kept):
-    y = np.column_stack([street.surface, street.bay])
-    X_kept, y_kept = DenoisingSampler(DETECTOR).fit_resample(street.data.tolist(), y)
-    assert_array_equal(X_kept, street.data[kept])
-    assert_array_equal(y_kept, y[kept])
-
-
-def test_another_librarys_detector_serves(street):
-    sampler = DenoisingSampler(LocalOutlierFactor(contamination=0.1))
-    X, _ = sampler.fit_resample(street.data)
-    assert len(X) == 2700
-
-
-def test_x_and_y_of_different_lengths_are_refused(street):
+def test_what_is_no_detector_is_refused(street):
     with pytest.raises(ValueError, match="inconsistent numbers of samples"):
         DenoisingSampler(DETECTOR).fit_resample(street.data, street.target[:-1])
-
-
-def test_what_is_no_detector_is_refused(street):
     with pytest.raises(ValueError, match=r"'detector' parameter .* implementing 'fit_predict'"):
         DenoisingSampler(RobustNormalEstimator()).fit_resample(street.data)
     with pytest.raises(ValueError, match="other than"):
@@ -134,30 +107,3 @@ def test_segments_behind_it_are_those_of_the_kept_rows(street, kept):
     labels = pipeline.fit_predict(street.data)
     assert_array_equal(pipeline[0].sample_indices_, kept)
     assert_array_equal(labels, make_pipeline(*steps).fit_predict(street.data[kept]))
-
-
-def test_it_does_what_a_function_sampler_does(street, kept):
-    imblearn = pytest.importorskip("imblearn")
-
-    def drop(X, y):
-        inliers = clone(DETECTOR).fit_predict(X) == 1
-        return X[inliers], y[inliers]
-
-    expected = imblearn.FunctionSampler(func=drop).fit_resample(street.data, street.target)
-    found = DenoisingSampler(DETECTOR).fit_resample(street.data, street.target)
-    for one, other in zip(found, expected, strict=True):
-        assert_array_equal(one, other)
-
-
-def test_a_grid_reaches_the_detector():
-    imblearn = pytest.importorskip("imblearn.pipeline")
-    from sklearn.model_selection import GridSearchCV
-
-    box = make_box(800, outlier_share=0.1, random_state=0)
-    pipeline = imblearn.Pipeline(
-        [("denoise", DenoisingSampler(DETECTOR)), ("classify", KNeighborsClassifier(3))]
-    )
-    search = GridSearchCV(pipeline, {"denoise__detector__n_neighbors": [10, 30]}, cv=2)
-    search.fit(box.data, box.surface)
-    assert np.isfinite(search.cv_results_["mean_test_score"]).all()
-    assert search.best_estimator_[0].detector_.n_neighbors in (10, 30)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.exceptions import UndefinedMetricWarning
 
-from benchmarks._furniture import make_bus_stop, make_traffic_furniture
 from benchmarks.paper import _draw
 from benchmarks.paper._printed import SEGMENTATION
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, stream
 from benchmarks.paper._scene_methods import SCENE_METHODS, quietly, runs_of, summary
+from benchmarks.simulators import make_bus_stop, make_traffic_furniture
 from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.segmentation._estimator import RegionGrowing
 
@@ -19,14 +19,7 @@ __all__ = ["table6"]
 
 N_NEIGHBORS, MIN_REGION_SIZE = 50, 10
 SLOW_POINTS = 34_000  # points of a scene for RPCA and uLSIF, which take minutes each
-GROWTH_ALONE = {
-    "mutual": False,
-    "find_narrow_faces": False,
-    "divide_at_creases": False,
-    "join_coplanar": False,
-    "join_curved": False,
-    "assign_unlabeled": False,
-}
+GROWTH_ALONE = {"refine": False}
 PCA_AND_DEFAULT_GROWTH = "PCA, default growth"
 COLUMNS = ("TS", "PS", "OS", "US", "missed", "r %", "p %", "F %", "Rand", "IoU")
 
@@ -159,9 +152,7 @@ def _notes():
         "by eye); ours is the rule of segmentation_scores, 80 % overlap.",
         "Regions grow by the paper's three criteria alone; their automatic thresholds are in a "
         "reference that was not at hand. 'default' and 'PCA, default growth' also have this "
-        "package's further steps (RegionGrowing's mutual, find_narrow_faces, "
-        "divide_at_creases, join_coplanar, "
-        "join_curved, assign_unlabeled).",
+        "package's further steps (RegionGrowing's refine).",
         "RPCA and uLSIF take milliseconds for each point. They are run on one scene of at most "
         f"{SLOW_POINTS:,} points, whose points are farther apart and whose neighborhoods are "
         "wider. Compare them with the rows of the same scene.",

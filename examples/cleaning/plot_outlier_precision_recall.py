@@ -8,9 +8,9 @@ score keeps a precision of 100 % up to a recall of 100 %. No detector here is to
 outliers. The dots are the verdicts: of the default detector at its cutoff of 3, of statistical
 outlier removal (SOR) at 2 standard deviations above the mean.
 
-A fortieth of the points of the two scans are outliers, and a tenth of those of the street of even
-density. A quarter of the latter are mixed pixels. They lie in sheets as dense as surfaces, and no
-detector ranks them before real points.
+A tenth of the points of the streets are outliers, and 3 % of those of the turn. A quarter of the
+former are mixed pixels. They lie in sheets as dense as surfaces, and no detector ranks them before
+real points.
 
 .. code-block:: bash
 
@@ -31,7 +31,7 @@ from sklearn.metrics import (
 from sklearn.neighbors import LocalOutlierFactor
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_airborne_scan, make_mobile_scan, make_street
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--points", type=int, default=40_000, help="points of each scan")
@@ -39,8 +39,10 @@ n_points = parser.parse_args().points
 
 scans = {
     "street of even density": make_street(n_points, random_state=0),
-    "street, from a vehicle": make_mobile_scan(n_points, random_state=0),
-    "village and forest, from the air": make_airborne_scan(n_points, random_state=0),
+    "street on scan lines": make_street(n_points, sampling="scan_lines", tree=True, random_state=0),
+    "turn of a spinning lidar": make_lidar_turn(
+        n_points, outlier_kinds=("mixed_pixel", "ghost", "particle"), random_state=0
+    ),
 }
 
 

@@ -2,74 +2,59 @@
 Which scenes can I try it on?
 =============================
 
-Streets of even density hide what real scans lose points by. These four scenes have it: stripes of
-ten times the density, swaths that overlap, rings that part a hundredfold, depth in steps, and
-leaves, grass and wires that are no surfaces. Each point knows its class, and each outlier its kind.
-Outliers are red; far ones are outside of the pictures.
+Simulated scans whose truth is known at every point: a street of even density, the same street on
+scan lines, and one turn of a spinning lidar, whose rings part a hundredfold. The turn knows the
+class of each point, and all know the kind of each outlier. Outliers are red.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 
-from sklearn_mcmd.datasets import (
-    make_airborne_scan,
-    make_depth_frame,
-    make_lidar_turn,
-    make_mobile_scan,
-)
+from sklearn_mcmd.datasets import make_lidar_turn, make_street
 from sklearn_mcmd.plotting import plot_cloud
 
-COLORS = plt.get_cmap("Set2").colors
+COLORS = plt.get_cmap("tab20").colors
 
 
-def draw(scan, view, low, high):
-    """The part of a scan between two corners, colored by class."""
+def draw(scan, number, names, view, low, high):
+    """The part of a scan between two corners, colored by the number of each point's name."""
     inside = ((scan.data >= low) & (scan.data <= high)).all(axis=1)
-    colors = np.array(COLORS)[scan.classification[inside]]
+    colors = np.array(COLORS)[number[inside]]
     fig, ax = plt.subplots(figsize=(9, 6), layout="constrained")
     plot_cloud(
         scan.data[inside], color=colors, outliers=scan.target[inside] == -1, view=view, ax=ax
     )
-    names = [*scan.class_names, "outlier"]
-    marks = [Line2D([], [], color=c, marker="o", linestyle="") for c in COLORS[: len(names) - 1]]
+    marks = [Line2D([], [], color=c, marker="o", linestyle="") for c in COLORS[: len(names)]]
     marks.append(Line2D([], [], color="tab:red", marker="o", linestyle=""))
-    fig.legend(marks, names, loc="outside right upper", frameon=False)
+    fig.legend(marks, [*names, "outlier"], loc="outside right upper", frameon=False)
     plt.show()
-    shares = [np.mean(scan.classification == i) for i in range(len(scan.class_names))]
-    print(
-        ", ".join(
-            f"{100 * s:.1f} % {n}"
-            for n, s in zip(names, [*shares, np.mean(scan.target == -1)], strict=True)
-        )
-    )
+    for kind, name in enumerate(scan.outlier_kind_names[1:], 1):
+        print(f"{np.sum(scan.outlier_kind == kind):>6,} {name}")
 
 
 # %%
-# A street, from a vehicle that stands still for a while
-# ------------------------------------------------------
-# Lines across the street are ten times as dense in a stripe through road, facade, tree and meadow.
+# A street of even density
+# ------------------------
+# Points are drawn evenly over all that the scanner sees. The tree's leaves are no surface.
 
-draw(make_mobile_scan(random_state=0), (-118, 32), (-2, -9, -0.5), (19, 12, 12.5))
+street = make_street(tree=True, random_state=0)
+corners = (-1, -1, -1), (6, 6, 4)
+draw(street, street.surface, street.surface_names, (-118, 32), *corners)
 
 # %%
-# A village and a forest, from the air
-# ------------------------------------
-# The first swath, in front, is twice as dense as the second, and where they overlap the densities
-# add up. Crowns have several echoes a beam.
+# The street on scan lines
+# ------------------------
+# The ends of rays at equal angles: density falls with the range and where surfaces are oblique.
 
-draw(make_airborne_scan(random_state=0), (-70, 30), (0, 0, -12), (80, 62, 40))
+lines = make_street(tree=True, sampling="scan_lines", random_state=0)
+draw(lines, lines.surface, lines.surface_names, (-118, 32), *corners)
 
 # %%
 # One turn of a spinning lidar
 # ----------------------------
 # The inner 40 m of a yard, with snow near the sensor.
 
-draw(make_lidar_turn(random_state=0), (-60, 50), (-20, -25, -2.5), (20, 15, 6.5))
-
-# %%
-# One frame of a depth camera
-# ---------------------------
-# Depth comes in steps that grow with its square: walls are shells one step apart.
-
-draw(make_depth_frame(random_state=0), (-112, 24), (-2.5, 0, -0.5), (2.8, 7, 3))
+turn = make_lidar_turn(random_state=0)
+corners = (-20, -25, -2.5), (20, 15, 6.5)
+draw(turn, turn.classification, turn.class_names, (-60, 50), *corners)

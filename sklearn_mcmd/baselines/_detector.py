@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
-from sklearn_mcmd.baselines._methods import METHOD_NAMES
+from sklearn_mcmd.baselines._methods import COMPARATORS
 from sklearn_mcmd.planes._base import BasePlaneOutliers, comparator_model_of
-from sklearn_mcmd.planes._comparators import settle_comparator
 from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._rules import comparator_of
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 __all__ = ["PlaneOutlierDetector"]
@@ -108,7 +108,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         name: BasePlaneOutliers._parameter_constraints[name]
         for name in ("n_neighbors", "random_state", "n_jobs")
     } | {
-        "method": [StrOptions(set(METHOD_NAMES))],
+        "method": [StrOptions(set(COMPARATORS))],
         "method_params": [dict, None],
         "contamination": [StrOptions({"auto"}), Interval(Real, 0, 0.5, closed="right")],
     }
@@ -152,7 +152,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
             If X has NaN, infinite or too few values, `n_neighbors` is too small, `method_params`
             has an unknown name or a value out of its range, or the method needs a share.
         """
-        comparator = settle_comparator(self.method, self.method_params)
+        comparator = comparator_of(self.method, self.method_params)
         if getattr(comparator, "contamination", None) is not None:
             raise ValueError(
                 "method_params has 'contamination'; give it as contamination="

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -9,24 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
 
-from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd._sklearn import Interval, validate_parameter_constraints
+from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import robust_distances
 
-__all__ = [
-    "Found",
-    "Group",
-    "Method",
-    "NeighborhoodFit",
-    "WhitenedModel",
-    "check",
-    "flag_share",
-    "plane_scale",
-]
-
-# Up to this size all rows are shuffled at once; above it, one row after another.
-SHUFFLE_AT_ONCE = 1024
-LARGEST_SEED = 2**31 - 1
+SHUFFLE_AT_ONCE = 1024  # up to this size all rows are shuffled at once, above it one by one
+LARGEST_SEED = 2**31 - 1  # that NumPy's generator takes
 LEAST_SCALE = 1e-150  # of copies of the origin; its square is a number
+
+
+#: A share of each neighborhood, of methods without a cut-off.
+SHARE = {"contamination": [Interval(Real, 0, 0.5, closed="both"), None]}
 
 
 @dataclass(frozen=True)
@@ -112,6 +106,11 @@ class Method(ABC):
     """
 
     has_cutoff: ClassVar[bool] = True  # whether it decides by itself which members are outliers
+    _parameter_constraints: ClassVar[dict] = {}
+
+    def __post_init__(self):
+        params = {name: getattr(self, name) for name in self._parameter_constraints}
+        validate_parameter_constraints(self._parameter_constraints, params, type(self).__name__)
 
     def fit(
         self,
@@ -120,22 +119,7 @@ class Method(ABC):
         *,
         random_state: int | np.random.RandomState | None = None,
     ) -> NeighborhoodFit:
-        """Judge the members of neighborhoods.
-
-        Parameters
-        ----------
-        points : ndarray of shape (B, n, d)
-            Coordinates in any unit. They are centered at each neighborhood's first member before
-            any arithmetic.
-        valid : ndarray of bool of shape (B, n), default=None
-            Members in use, at least d + 1 in each neighborhood. None means all.
-        random_state : int, RandomState instance or None, default=None
-            Seed of the one table of random positions that all neighborhoods of a size use.
-
-        Returns
-        -------
-        NeighborhoodFit
-        """
+        """Judge the members of neighborhoods, as `fit_neighborhoods` does."""
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 3:
             raise ValueError(
@@ -192,8 +176,15 @@ class Method(ABC):
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
             table = tables.of(int(size), d)
-            group = Group(local[rows, :size], table, floor[rows], origin[rows], compiled)
-            found = self._fit(group)
+            found = self._fit(
+                Group(
+                    points=local[rows, :size],
+                    table=table,
+                    floor=floor[rows],
+                    origin=origin[rows],
+                    compiled=compiled,
+                )
+            )
             scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
             support[rows, :size] = found.inliers if found.support is None else found.support
             cutoff[rows], scale[rows] = found.cutoff, found.scale
@@ -206,7 +197,15 @@ class Method(ABC):
             scale = np.where(unknown, np.maximum(scales, floor), scale)
         model = models[0][1] if len(models) == 1 else _merge(models, n_sets)
         return NeighborhoodFit(
-            scores, cutoff, inliers, support, centers + origin, axes[..., 0], scale, origin, model
+            scores=scores,
+            cutoff=cutoff,
+            inliers=inliers,
+            support=support,
+            centers=centers + origin,
+            normals=axes[..., 0],
+            scale=scale,
+            origin=origin,
+            model=model,
         )
 
     def tables(self, random_state: int | np.random.RandomState | None = None) -> "Tables":
@@ -262,27 +261,6 @@ def plane_scale(points, members, centers, normals):
     distances = np.where(members, orthogonal_distances(points, centers, normals), 0.0)
     freedom = np.maximum(members.sum(axis=1) - points.shape[-1], 1)
     return np.sqrt(np.square(distances).sum(axis=1) / freedom)
-
-
-def check(method, name, low, high, *, closed="neither", none=False, integer=False):
-    """Raise if a parameter is not a number in an interval."""
-    value = getattr(method, name)
-    if none and value is None:
-        return
-    kinds = (int, np.integer) if integer else (int, float, np.integer, np.floating)
-    right = isinstance(value, kinds) and not isinstance(value, bool)
-    if right:
-        right = low < value < high
-        right |= value == low and closed in ("left", "both")
-        right |= value == high and closed in ("right", "both")
-    if not right:
-        left = "[" if closed in ("left", "both") else "("
-        end = "]" if closed in ("right", "both") else ")"
-        kind = "an integer" if integer else "a number"
-        raise ValueError(
-            f"{name}={value!r} of method {type(method).__name__.lower()!r} must be {kind} in "
-            f"{left}{low:g}, {high:g}{end}{' or None' if none else ''}."
-        )
 
 
 def _draw_positions(n_rows, n_columns, size, seed):

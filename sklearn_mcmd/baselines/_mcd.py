@@ -1,24 +1,27 @@
 """The minimum covariance determinant of many neighborhoods at once (FAST-MCD)."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtr, chdtri
 from sklearn.covariance import fast_mcd
 
-__all__ = ["CONSISTENCIES", "NESTED_FROM", "Mcd", "fit_mcd", "mcd_support_size", "univariate_mcd"]
+CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
+MOST_STEPS = 100  # of concentration, which ends by itself long before
 
-FIRST_STEPS = 2
-N_BEST = 10
-MOST_STEPS = 100
-# From this size on scikit-learn's FAST-MCD fits one neighborhood after another: there its nested
-# subsets save time.
-NESTED_FROM = 1000
-# Deviations below this share of the neighborhood's extent count as none.
-FLATNESS = 1e-6
-CHUNK_ENTRIES = 1_000_000
-REWEIGHT_QUANTILE = 0.975
-CONSISTENCIES = "kept", "quantile"
+
+class McdLimits(NamedTuple):
+    """Steps of FAST-MCD, and which members it keeps."""
+
+    first_steps: int = 2  # of concentration, from each start
+    n_best: int = 10  # starts that go on to the end
+    nested_from: int = 1000  # from this size on scikit-learn's nested subsets save time
+    flatness: float = 1e-6  # deviations below this share of the extent count as none
+    kept_quantile: float = 0.975  # of chi-squared, within which members are kept
+    equal: float = 1e-9  # volumes that differ by less, relatively, are of one subset
+
+
 # Coefficients of Pison, Van Aelst and Willems (2002) for the small-sample factors at support
 # fractions .5 and .875, of the raw and the reweighted estimate.
 ONE_OR_TWO = {
@@ -74,14 +77,14 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
     "kept" or "quantile". From 1,000 members on it is scikit-learn's FAST-MCD.
     """
     n_sets, n, d = points.shape
-    h = mcd_support_size(support_fraction, n, d)
+    h, limits = mcd_support_size(support_fraction, n, d), McdLimits()
     center = np.median(points, axis=1, keepdims=True)
     local = points - center
     extent = np.median(np.abs(local).max(axis=2), axis=1)
     extent = np.where(extent > 0, extent, np.maximum(np.abs(local).max(axis=(1, 2)), floor))
     local = local / extent[:, None, None]
-    ridge = np.maximum(floor / extent, FLATNESS) ** 2
-    if n >= NESTED_FROM:
+    ridge = np.maximum(floor / extent, limits.flatness) ** 2
+    if n >= limits.nested_from:
         support = np.array(
             [fast_mcd(part, support_fraction=h / n, random_state=0)[2] for part in local]
         ).reshape(n_sets, n)
@@ -96,17 +99,21 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
     if small_sample:
         covariances *= _small_sample("raw", n, d, support_fraction)
     raw = _squared_distances(local, locations, covariances, ridge)
-    kept = raw <= chdtri(d, 1.0 - REWEIGHT_QUANTILE)
+    kept = raw <= chdtri(d, 1.0 - limits.kept_quantile)
     # At least the subset itself is kept.
     kept = np.where((kept.sum(axis=1) >= h)[:, None], kept, kept | support)
     locations, covariances = _moments(local, kept, 1)
-    share = kept.mean(axis=1) if consistency == "kept" else np.full(n_sets, REWEIGHT_QUANTILE)
+    share = kept.mean(axis=1) if consistency == "kept" else np.full(n_sets, limits.kept_quantile)
     covariances *= _consistency(share, d)[:, None, None]
     if small_sample:
         covariances *= _small_sample("reweighted", n, d, support_fraction)
     scale = extent[:, None, None]
     return Mcd(
-        support, raw, kept, locations * scale[:, 0] + center[:, 0], covariances * np.square(scale)
+        support=support,
+        raw_squares=raw,
+        kept=kept,
+        locations=locations * scale[:, 0] + center[:, 0],
+        covariances=covariances * np.square(scale),
     )
 
 
@@ -132,16 +139,16 @@ def univariate_mcd(values, h):
 
 def _best_support(local, table, h, ridge):
     """Mask (B, n) of the subset with the least determinant among those that the starts lead to."""
-    n_sets, n, d = local.shape
+    (n_sets, n, d), limits = local.shape, McdLimits()
     upper = np.triu_indices(d)
     products = local[..., upper[0]] * local[..., upper[1]]
     features = np.concatenate([np.ones((n_sets, n, 1)), local, products], axis=-1)
     support = np.zeros((n_sets, len(table), n), dtype=bool)
     np.put_along_axis(support, np.broadcast_to(table, (n_sets, *table.shape)), True, axis=-1)
-    for _ in range(FIRST_STEPS):
+    for _ in range(limits.first_steps):
         support = _concentrate(features, support, h, ridge)
     volumes = _volumes(features, support, ridge)
-    order = np.argsort(volumes, axis=1, kind="stable")[:, :N_BEST]
+    order = np.argsort(volumes, axis=1, kind="stable")[:, : limits.n_best]
     support = np.take_along_axis(support, order[..., None], axis=1)
     moving = np.arange(n_sets)
     for _ in range(MOST_STEPS):
@@ -154,7 +161,7 @@ def _best_support(local, table, h, ridge):
     volumes = _volumes(features, support, ridge)
     # Starts that end in one subset differ by rounding: take the first.
     limit = volumes.min(axis=1, keepdims=True)
-    best = np.argmax(volumes <= limit + 1e-9 * np.abs(limit), axis=1)
+    best = np.argmax(volumes <= limit + limits.equal * np.abs(limit), axis=1)
     return support[np.arange(n_sets), best]
 
 

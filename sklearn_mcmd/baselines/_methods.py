@@ -11,13 +11,13 @@ from sklearn_mcmd.baselines._qsp import Qsp
 from sklearn_mcmd.baselines._ransac import Msac, Ransac
 from sklearn_mcmd.baselines._robpca import Robpca
 from sklearn_mcmd.baselines._ulsif import Ulsif
-from sklearn_mcmd.planes._comparators import register_comparator, settle_comparator
+from sklearn_mcmd.planes._rules import comparator_of, register_comparator
 
-__all__ = ["METHOD_NAMES", "fit_neighborhoods"]
+__all__ = ["COMPARATORS", "fit_neighborhoods"]
 
-METHODS = {"msac": Msac, "pca": Pca, "qsp": Qsp, "ransac": Ransac, "robpca": Robpca, "ulsif": Ulsif}
-METHOD_NAMES = tuple(METHODS)
-for _name, _kind in METHODS.items():
+#: Those that registered themselves with the engine, by name.
+COMPARATORS = {kind.__name__.lower(): kind for kind in (Msac, Pca, Qsp, Ransac, Robpca, Ulsif)}
+for _name, _kind in COMPARATORS.items():
     register_comparator(_name, _kind)
 
 
@@ -35,7 +35,8 @@ def fit_neighborhoods(
     ----------
     method : {"msac", "pca", "qsp", "ransac", "robpca", "ulsif"}
     points : ndarray of shape (B, n, d)
-        Neighborhoods; one cloud X is ``X[None]``.
+        Neighborhoods, in any unit; one cloud X is ``X[None]``. They are centered at each
+        neighborhood's first member before any arithmetic.
     valid : ndarray of bool of shape (B, n), default=None
         Members in use, at least d + 1 in each neighborhood. None means all.
     random_state : int, RandomState instance or None, default=None
@@ -73,5 +74,5 @@ def fit_neighborhoods(
     ransac: [ 1 15] removed, tilts [0.  0.1] degrees
     robpca: [ 2 15] removed, tilts [0.1 0.1] degrees
     """
-    chosen = settle_comparator(method, method_params)
+    chosen = comparator_of(method, method_params)
     return chosen.fit(points, valid, random_state=random_state)

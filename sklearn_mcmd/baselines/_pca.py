@@ -1,11 +1,14 @@
 """PCA: the plane of least squares. Every outlier pulls it."""
 
 from dataclasses import dataclass
+from numbers import Real
+from typing import ClassVar
 
 import numpy as np
 
-from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, check, plane_scale
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd._sklearn import Interval
+from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, plane_scale
+from sklearn_mcmd.planes._principal_planes import fit_planes
 
 __all__ = ["Pca"]
 
@@ -21,10 +24,8 @@ class Pca(Method):
         whatever their scores are.
     """
 
+    _parameter_constraints: ClassVar[dict] = {"cutoff": [Interval(Real, 0, None, closed="neither")]}
     cutoff: float = 2.5
-
-    def __post_init__(self):
-        check(self, "cutoff", 0, np.inf)
 
     def usual_cutoff(self, n: int, d: int) -> float:
         return self.cutoff
@@ -39,4 +40,11 @@ class Pca(Method):
         scale = np.maximum(plane_scale(points, members, centers, axes[..., 0]), floor)
         model = WhitenedModel(centers, axes[..., :1] / scale[:, None, None])
         scores = model.score(points)
-        return Found(model, scores, scores < self.cutoff, self.cutoff, scale, members)
+        return Found(
+            model=model,
+            scores=scores,
+            inliers=scores < self.cutoff,
+            cutoff=self.cutoff,
+            scale=scale,
+            support=members,
+        )

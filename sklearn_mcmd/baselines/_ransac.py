@@ -2,25 +2,30 @@
 
 from dataclasses import dataclass
 from functools import partial
+from numbers import Integral, Real
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
-from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, check
+from sklearn_mcmd._sklearn import Interval
+from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel
 from sklearn_mcmd.planes._consistent_set import n_trials_needed
-from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["Msac", "Ransac"]
 
-# Three points give no plane if they are closer to a line than this share of their spread.
-RANK_TOLERANCE = 1e-6
-# Entries of the largest temporary array.
-CHUNK_ENTRIES = 1_000_000
-TRIALS_AT_ONCE = 16
-# For fewer members NumPy is used: loading compiled code would take longer than the work.
-COMPILE_FROM = 50_000
+CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
+TRIALS_AT_ONCE = 16  # at first; more where few neighborhoods still seek
+COMPILE_FROM = 50_000  # for fewer members loading compiled code would take longer than the work
+
+
+class TrialLimits(NamedTuple):
+    """What a minimal subset must be to give a plane."""
+
+    rank: float = 1e-6  # no plane where three points are closer to a line, in their spread
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,14 @@ class Ransac(Method):
        5, for the estimated scale.
     """
 
+    _parameter_constraints: ClassVar[dict] = {
+        "noise_scale": [Interval(Real, 0, None, closed="neither"), None],
+        "quantile": [Interval(Real, 0, 1, closed="neither")],
+        "degrees_of_freedom": [Interval(Integral, 1, None, closed="left")],
+        "max_trials": [Interval(Integral, 1, None, closed="left")],
+        "stop_probability": [Interval(Real, 0, 1, closed="neither")],
+        "n_refits": [Interval(Integral, 0, None, closed="left")],
+    }
     noise_scale: float | None = None
     quantile: float = 0.99
     degrees_of_freedom: int = 1
@@ -67,14 +80,6 @@ class Ransac(Method):
     n_refits: int = 1
 
     truncated_loss = False  # whether the loss is a sum of truncated squares, not a count
-
-    def __post_init__(self):
-        check(self, "noise_scale", 0, np.inf, none=True)
-        check(self, "quantile", 0, 1)
-        check(self, "degrees_of_freedom", 1, np.inf, closed="left", integer=True)
-        check(self, "max_trials", 1, np.inf, closed="left", integer=True)
-        check(self, "stop_probability", 0, 1)
-        check(self, "n_refits", 0, np.inf, closed="left", integer=True)
 
     @property
     def cutoff(self):
@@ -97,7 +102,7 @@ class Ransac(Method):
         if compiled and d == 3:
             names, module = ("best_planes_3d", "least_median_scales_3d"), "baselines._ransac_numba"
             forms = (compiled_function(module, name) for name in names)
-            select, scales = (partial(form, rank_tolerance=RANK_TOLERANCE) for form in forms)
+            select, scales = (partial(form, rank_tolerance=TrialLimits().rank) for form in forms)
         if self.noise_scale is None:
             enough = min(len(table), n_trials_needed(0.5, self.stop_probability, d))
             scale = scales(points, table[:enough])
@@ -117,7 +122,13 @@ class Ransac(Method):
         model = WhitenedModel(np.where(found[:, None], centers, 0.0), whitening)
         scores = model.score(points)
         scale = np.where(found, scale, -1.0)
-        return Found(model, scores, scores < self.cutoff, self.cutoff, scale)
+        return Found(
+            model=model,
+            scores=scores,
+            inliers=scores < self.cutoff,
+            cutoff=self.cutoff,
+            scale=scale,
+        )
 
 
 @dataclass(frozen=True)
@@ -198,7 +209,7 @@ def scale_factor(n, d):
 
 def _trial_planes(points, table):
     """Anchors and unit normals (B, T, d) of minimal subsets, and whether they span a plane."""
-    subsets = points[:, table]
+    subsets, rank = points[:, table], TrialLimits().rank
     anchors = subsets[..., 0, :]
     if points.shape[-1] == 3:
         first, second = subsets[..., 1, :] - anchors, subsets[..., 2, :] - anchors
@@ -206,14 +217,14 @@ def _trial_planes(points, table):
         third = second - first
         area2 = np.einsum("...i,...i", normals, normals)
         spread = sum(np.einsum("...i,...i", side, side) for side in (first, second, third)) / 3
-        spans = area2 / 3 > (RANK_TOLERANCE * spread) ** 2
+        spans = area2 / 3 > (rank * spread) ** 2
         normals = normals / np.sqrt(np.where(spans, area2, 1.0))[..., None]
         return anchors, normals, spans
     # The last column of Q, at right angles to all sides; this is much faster than singular values.
     sides = np.swapaxes(subsets[..., 1:, :] - anchors[..., None, :], -1, -2)
     basis, triangle = np.linalg.qr(sides, mode="complete")
     lengths = np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))
-    spans = lengths.min(axis=-1) > RANK_TOLERANCE * lengths.max(axis=-1)
+    spans = lengths.min(axis=-1) > rank * lengths.max(axis=-1)
     return anchors, basis[..., -1], spans
 
 

@@ -1,21 +1,28 @@
 """ROBPCA: robust principal components by projection pursuit and the MCD."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from numbers import Integral, Real
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from sklearn_mcmd.baselines._fits import Found, Method, check
-from sklearn_mcmd.baselines._mcd import CONSISTENCIES, fit_mcd, mcd_support_size, univariate_mcd
+from sklearn_mcmd._sklearn import Interval, StrOptions
+from sklearn_mcmd.baselines._fits import Found, Method
+from sklearn_mcmd.baselines._mcd import fit_mcd, mcd_support_size, univariate_mcd
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 __all__ = ["Robpca"]
 
-# From this number of members for each dimension on there is no projection pursuit, as in rrcov
-# and LIBRA.
-MEMBERS_A_DIMENSION = 5
 CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
-MOST_DETERMINISTIC = 20  # up to this number of members all pairs are directions
+
+
+class PursuitLimits(NamedTuple):
+    """When there is projection pursuit, and along which directions."""
+
+    members_a_dimension: int = 5  # from so many on there is none, as in rrcov and LIBRA
+    directions: int = 250  # each through a pair of members
+    all_pairs: int = 20  # up to this number of members all pairs are directions
 
 
 @dataclass(frozen=True)
@@ -60,8 +67,6 @@ class Robpca(Method):
         and reproduces the first paper.
     n_trials : int, default=500
         Number of initial subsets of the MCD.
-    n_directions : int, default=250
-        Number of directions of projection pursuit, each through a pair of members.
 
     References
     ----------
@@ -73,6 +78,16 @@ class Robpca(Method):
        Metrika 55 (2002) 111-123.
     """
 
+    _parameter_constraints: ClassVar[dict] = {
+        "n_components": [Interval(Integral, 1, None, closed="left"), None],
+        "support_fraction": [Interval(Real, 0.5, 1, closed="both")],
+        "projection": ["boolean", None],
+        "quantile": [Interval(Real, 0, 1, closed="neither")],
+        "orthogonal_scale": [StrOptions({"mcd", "mad"})],
+        "small_sample": ["boolean"],
+        "consistency": [StrOptions({"kept", "quantile"})],
+        "n_trials": [Interval(Integral, 1, None, closed="left")],
+    }
     n_components: int | None = None
     support_fraction: float = 0.5
     projection: bool | None = None
@@ -81,30 +96,17 @@ class Robpca(Method):
     small_sample: bool = True
     consistency: str = "kept"
     n_trials: int = 500
-    n_directions: int = 250
-
-    def __post_init__(self):
-        check(self, "n_components", 1, np.inf, closed="left", none=True, integer=True)
-        check(self, "support_fraction", 0.5, 1, closed="both")
-        check(self, "quantile", 0, 1)
-        check(self, "n_trials", 1, np.inf, closed="left", integer=True)
-        check(self, "n_directions", 1, np.inf, closed="left", integer=True)
-        for name, known in (("orthogonal_scale", ("mcd", "mad")), ("consistency", CONSISTENCIES)):
-            if getattr(self, name) not in known:
-                raise ValueError(
-                    f"{name}={getattr(self, name)!r} of method 'robpca' must be one of {known}."
-                )
 
     def usual_cutoff(self, n: int, d: int) -> float:
-        return float(np.sqrt(chdtri(self._settle(n, d)[1], 1.0 - self.quantile)))
+        return float(np.sqrt(chdtri(self._components(n, d)[1], 1.0 - self.quantile)))
 
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
-        return self.n_trials + self.n_directions, d + 1
+        return self.n_trials + PursuitLimits().directions, d + 1
 
     def _fit(self, group):
         points, table, floor = group.points, group.table, group.floor
         n_sets, n, d = points.shape
-        projection, k = self._settle(n, d)
+        projection, k = self._components(n, d)
         starts, pairs = table[: self.n_trials], table[self.n_trials :, :2]
         if projection and k < d:
             location, subspace, support = self._project(points, pairs, k, floor)
@@ -128,20 +130,33 @@ class Robpca(Method):
         centers = location + np.matmul(subspace, found.locations[..., None])[..., 0]
         loadings = subspace @ axes[:, :, :k]
         cutoff = np.full(n_sets, self.usual_cutoff(n, d))
-        model = ComponentModel(centers, loadings, 1.0 / deviations, cutoff, np.zeros(n_sets))
+        model = ComponentModel(
+            centers=centers,
+            loadings=loadings,
+            precisions=1.0 / deviations,
+            score_cutoff=cutoff,
+            orthogonal_cutoff=np.zeros(n_sets),
+        )
         if k < d:
-            orthogonal = self._orthogonal_cutoff(model.orthogonal_distances(points), floor)
-            model = ComponentModel(centers, loadings, 1.0 / deviations, cutoff, orthogonal)
+            limit = self._orthogonal_cutoff(model.orthogonal_distances(points), floor)
+            model = replace(model, orthogonal_cutoff=limit)
         # With all components the least deviation is the consistent one along the normal.
         scale = deviations[:, -1] if k == d else 0.0
         scores = model.score(points)
-        return Found(model, scores, scores <= cutoff[:, None], cutoff, scale, support)
+        return Found(
+            model=model,
+            scores=scores,
+            inliers=scores <= cutoff[:, None],
+            cutoff=cutoff,
+            scale=scale,
+            support=support,
+        )
 
-    def _settle(self, n, d):
+    def _components(self, n, d):
         """Whether there is projection pursuit, and the number of components."""
         projection = self.projection
         if projection is None:
-            projection = n < MEMBERS_A_DIMENSION * d
+            projection = n < PursuitLimits().members_a_dimension * d
         k = self.n_components
         if k is None:
             k = d - 1 if projection else d
@@ -153,15 +168,14 @@ class Robpca(Method):
         """Subspace of projection pursuit: center (B, d), basis (B, d, k), whom it is fitted to."""
         n_sets, n, _ = points.shape
         h = min(n, max(int(self.support_fraction * n), (n + k + 1) // 2))
-        if n <= MOST_DETERMINISTIC:
+        if n <= PursuitLimits().all_pairs:
             pairs = np.column_stack(np.triu_indices(n, 1))
         outlyingness = stahel_donoho(points, pairs, h, floor)
         order = np.argsort(outlyingness, axis=1, kind="stable")[:, :h]
         members = np.zeros((n_sets, n), dtype=bool)
         np.put_along_axis(members, order, True, axis=1)
         location, basis = _leading(points, members, k)
-        first = ComponentModel(location, basis, np.ones((n_sets, k)), None, None)
-        distances = first.orthogonal_distances(points)
+        distances = _orthogonal_distances(points, location, basis)
         members |= distances <= self._orthogonal_cutoff(distances, floor, h)[:, None]
         return *_leading(points, members, k), members
 
@@ -200,10 +214,7 @@ class ComponentModel:
 
     def orthogonal_distances(self, points):
         """Distances (B, m) to the subspace."""
-        deviations = points - self.centers[:, None]
-        scores = deviations @ self.loadings
-        deviations = deviations - scores @ np.swapaxes(self.loadings, 1, 2)
-        return np.sqrt(np.square(deviations).sum(axis=-1))
+        return _orthogonal_distances(points, self.centers, self.loadings)
 
     def score(self, points):
         distances = self.score_distances(points)
@@ -211,12 +222,15 @@ class ComponentModel:
         if not limit.any():
             return distances
         counts = limit > 0
-        orthogonal = self.orthogonal_distances(points)
-        orthogonal = (
-            np.where(counts, self.score_cutoff / np.where(counts, limit, 1.0), 0.0)[:, None]
-            * orthogonal
-        )
-        return np.maximum(distances, orthogonal)
+        factor = np.where(counts, self.score_cutoff / np.where(counts, limit, 1.0), 0.0)
+        return np.maximum(distances, factor[:, None] * self.orthogonal_distances(points))
+
+
+def _orthogonal_distances(points, centers, loadings):
+    deviations = points - centers[:, None]
+    scores = deviations @ loadings
+    deviations = deviations - scores @ np.swapaxes(loadings, 1, 2)
+    return np.sqrt(np.square(deviations).sum(axis=-1))
 
 
 def stahel_donoho(points, pairs, h, floor):

@@ -1,22 +1,25 @@
 """uLSIF: outliers by the ratio of the densities of regular and of all points."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.baselines._fits import Found, Method, check, flag_share
-from sklearn_mcmd.baselines._mcd import NESTED_FROM, fit_mcd
+from sklearn_mcmd.baselines._fits import SHARE, Found, Method, flag_share
+from sklearn_mcmd.baselines._mcd import McdLimits, fit_mcd
 
-__all__ = ["Ulsif", "leave_one_out_score", "ratio_weights", "second_moments"]
+POINTS_AT_ONCE = 20_000  # whose kernels are in memory
 
-N_STARTS = 50
-POINTS_AT_ONCE = 20_000
-# Number of pairs that the leave-one-out score is a mean of; it suffices to compare widths.
-MOST_LEFT_OUT = 1000
-# Multiples of the median distance of the training members.
-RELATIVE_WIDTHS = tuple(10.0 ** np.linspace(-1, 1, 9))
-REGULARIZATIONS = tuple(10.0 ** np.linspace(-3, 1, 9))
+
+class RatioLimits(NamedTuple):
+    """Training points, kernels, and what widths and regularizations are chosen from."""
+
+    training_fraction: float = 0.5  # of the members is central, by the MCD
+    n_starts: int = 50  # of that MCD
+    max_basis: int = 100  # kernels, at most
+    most_left_out: int = 1000  # pairs that suffice to compare widths
+    widths: tuple = tuple(10.0 ** np.linspace(-1, 1, 9))  # in median distances of training points
+    regularizations: tuple = tuple(10.0 ** np.linspace(-3, 1, 9))
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +39,11 @@ class Ulsif(Method):
         Share of each neighborhood that is removed: the members with the highest scores. The
         method has no cut-off of its own. None removes nothing.
     training : array-like of shape (m, d), default=None
-        Regular points, for one neighborhood of all points. None takes `training_fraction`.
-    training_fraction : float in (0, 1), default=0.5
-        Share of the members that is taken as regular: those with the least robust distances.
+        Regular points, for one neighborhood of all points. None takes the half of the members with
+        the least robust distances.
     widths : sequence of float, default=None
         Candidates for the standard deviation of the kernels, in units of the points. None
         means 0.1 to 10 times the median distance of training points from their center.
-    regularizations : sequence of float, default=None
-        Candidates for lambda. None means 0.001 to 10.
-    max_basis : int, default=100
-        Largest number of kernels.
 
     References
     ----------
@@ -57,25 +55,23 @@ class Ulsif(Method):
     """
 
     has_cutoff: ClassVar[bool] = False
+    _parameter_constraints: ClassVar[dict] = SHARE
     contamination: float | None = None
     training: object = field(default=None, repr=False)
-    training_fraction: float = 0.5
     widths: tuple | None = None
-    regularizations: tuple | None = None
-    max_basis: int = 100
 
     def __post_init__(self):
-        check(self, "contamination", 0, 0.5, closed="both", none=True)
-        check(self, "training_fraction", 0, 1)
-        check(self, "max_basis", 1, np.inf, closed="left", integer=True)
-        for name in ("widths", "regularizations"):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            array = np.atleast_1d(np.asarray(value, dtype=float))
-            if array.ndim != 1 or not array.size or not (np.isfinite(array) & (array > 0)).all():
+        super().__post_init__()
+        if self.widths is not None:
+            widths = np.asarray(self.widths, dtype=float)
+            if (
+                widths.ndim != 1
+                or not widths.size
+                or not (np.isfinite(widths) & (widths > 0)).all()
+            ):
                 raise ValueError(
-                    f"{name}={value!r} of method 'ulsif' must be positive finite numbers or None."
+                    f"widths={self.widths!r} of method 'ulsif' must be positive finite numbers or "
+                    "None."
                 )
         if self.training is not None:
             training = np.asarray(self.training, dtype=float)
@@ -87,26 +83,23 @@ class Ulsif(Method):
 
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
         # The last row is the random order of the members; the other rows are the MCD's starts.
-        return (1 if size >= NESTED_FROM else N_STARTS + 1), size
+        return (1 if size >= McdLimits().nested_from else RatioLimits().n_starts + 1), size
 
     def _fit(self, group):
         points = group.points
         n_sets = len(points)
         shuffled = group.table[-1]
         training = self._training(group, shuffled)
-        basis = training[:, : self.max_basis]
+        basis = training[:, : RatioLimits().max_basis]
         candidates = self._candidates(training, group.floor)
-        lambdas = REGULARIZATIONS if self.regularizations is None else self.regularizations
         best = np.full(n_sets, np.inf)
         width, weights = np.ones(n_sets), np.zeros((n_sets, basis.shape[1]))
         for widths in candidates.T:
             test_kernels = gaussian_kernels(basis, points[:, shuffled], widths)
             training_kernels = gaussian_kernels(basis, training, widths)
             moments = second_moments(test_kernels)
-            for regularization in np.atleast_1d(np.asarray(lambdas, dtype=float)):
-                score = leave_one_out_score(
-                    test_kernels, training_kernels, regularization, moments=moments
-                )
+            for regularization in RatioLimits().regularizations:
+                score = leave_one_out_score(test_kernels, training_kernels, regularization, moments)
                 better = score < best
                 best[better], width[better] = score[better], widths[better]
                 weights[better] = ratio_weights(
@@ -123,7 +116,7 @@ class Ulsif(Method):
         if self.training is None:
             starts = group.table[:-1, : d + 1]
             found = fit_mcd(group.points, starts, 0.5, group.floor)
-            m = max(d + 1, int(np.ceil(round(self.training_fraction * n, 9))))
+            m = max(d + 1, int(np.ceil(round(RatioLimits().training_fraction * n, 9))))
             squares = found.raw_squares[:, shuffled]
             central = np.sort(np.argsort(squares, axis=1, kind="stable")[:, :m], axis=1)
             return np.take_along_axis(group.points[:, shuffled], central[..., None], 1)
@@ -143,11 +136,11 @@ class Ulsif(Method):
     def _candidates(self, training, floor):
         """Widths (B, W) to choose from."""
         if self.widths is not None:
-            widths = np.atleast_1d(np.asarray(self.widths, dtype=float))
+            widths = np.asarray(self.widths, dtype=float)
             return np.broadcast_to(widths, (len(training), len(widths)))
         gaps = training - np.median(training, axis=1, keepdims=True)
         usual = np.median(np.sqrt(np.square(gaps).sum(axis=-1)), axis=1)
-        return np.maximum(usual, floor)[:, None] * RELATIVE_WIDTHS
+        return np.maximum(usual, floor)[:, None] * RatioLimits().widths
 
 
 @dataclass(frozen=True)
@@ -190,19 +183,16 @@ def ratio_weights(moments, training_kernels, regularization):
     )
 
 
-def leave_one_out_score(
-    test_kernels, training_kernels, regularization, *, moments=None, most=MOST_LEFT_OUT
-):
+def leave_one_out_score(test_kernels, training_kernels, regularization, moments):
     """Mean loss (B,) of leaving out one test and one training point at a time, in closed form.
 
-    The i-th of both are left out together, for i up to the smaller number or `most`. The weights
-    are found without them, and the loss ``w(test)^2 / 2 - w(training)`` is taken at them
+    The i-th of both are left out together, for i up to the smaller number or `most_left_out`. The
+    weights are found without them, and the loss ``w(test)^2 / 2 - w(training)`` is taken at them
     (Kanamori, Hido and Sugiyama, 2009, section 2.4).
     """
     n, m = test_kernels.shape[2], training_kernels.shape[2]
-    both = min(n, m, most)
+    both = min(n, m, RatioLimits().most_left_out)
     test, training = test_kernels[..., :both], training_kernels[..., :both]
-    moments = second_moments(test_kernels) if moments is None else moments
     matrix = moments + regularization * (n - 1) / n * np.eye(moments.shape[1])
     mean = training_kernels.mean(axis=2)[..., None]
     solved = np.linalg.solve(matrix, np.concatenate([mean, test, training], axis=2))

@@ -4,11 +4,9 @@ import numpy as np
 
 from sklearn_mcmd.datasets._surfaces import Soft
 
-#: Outliers keep this many noise standard deviations from every true surface.
-CLEARANCE = 4.0
-
-#: Below this share of usable proposals, among enough of them, there is no room to draw in.
-_LEAST_ACCEPTANCE, _ENOUGH = 0.005, 5000
+CLEARANCE = 4.0  # outliers keep so many noise standard deviations from every true surface
+_LEAST_ACCEPTANCE = 0.005  # below this share of usable proposals there is no room to draw in
+_ENOUGH = 5000  # proposals that show it
 
 
 def gaussian(scene, n, clearance, rng):
@@ -82,38 +80,34 @@ def ghost(scene, n, clearance, rng):
 
 
 #: Maker of each kind. The order sets the codes: position + 1, as 0 means no outlier.
-MAKERS = {"gaussian": gaussian, "uniform": uniform, "mixed_pixel": mixed_pixel, "ghost": ghost}
+SCENE_OUTLIERS = {
+    "gaussian": gaussian,
+    "uniform": uniform,
+    "mixed_pixel": mixed_pixel,
+    "ghost": ghost,
+}
 
 
 def draw_clear(distance, n, clearance, propose):
     """n proposed points (rows) that are farther from the scene than their clearance."""
     kept = []
-    missing, asked, usable = n, 0, 0
+    missing, proposed, usable = n, 0, 0
     while missing > 0:
-        if usable < _LEAST_ACCEPTANCE * asked and asked > _ENOUGH:
+        if usable < _LEAST_ACCEPTANCE * proposed and proposed > _ENOUGH:
             raise ValueError(
                 f"noise leaves no room for outliers: under {_LEAST_ACCEPTANCE:.1%} of candidates "
                 f"are farther than {CLEARANCE:g} standard deviations from the scene's surfaces. "
                 "Lower noise or noise_growth, or set outlier_share=0."
             )
         # As many as the acceptance so far calls for, within reason.
-        ask = 64 + int(min(1.2 * asked / max(usable, 1), 20.0) * missing if asked else missing)
-        points = propose(ask)
+        rate = min(1.2 * proposed / max(usable, 1), 20.0) if proposed else 1
+        n_more = 64 + int(rate * missing)
+        points = propose(n_more)
         clear = points[distance(points) > clearance(points)]
-        asked, usable = asked + ask, usable + len(clear)
+        proposed, usable = proposed + n_more, usable + len(clear)
         kept.append(clear[:missing])
         missing -= len(kept[-1])
     return np.concatenate(kept) if kept else np.empty((0, 3))
-
-
-def check_kinds(kinds, possible, without="outliers"):
-    """Raise unless kinds of outliers are some of the possible ones, each once."""
-    unknown = [kind for kind in kinds if kind not in possible]
-    if unknown or len(set(kinds)) < len(kinds) or not kinds:
-        raise ValueError(
-            f"outlier_kinds={kinds!r} must name, once each, one or more of {list(possible)}; "
-            f"for a cloud without {without} set outlier_share=0."
-        )
 
 
 def cluster_sizes(n, rng):

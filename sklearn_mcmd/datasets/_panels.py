@@ -8,15 +8,14 @@ import numpy as np
 from sklearn_mcmd.datasets._surfaces import (
     Circle,
     Flat,
-    hit_plane,
     sample_segments,
     segment_lengths,
     segments_distance,
 )
 
-#: Cells on a side of the grid for the area of a bilinear surface, and of the one to start from
-#: when the nearest of its points is sought; steps of that search.
-_AREA_CELLS, _START_CELLS, _STEPS = 64, 6, 25
+_AREA_CELLS = 64  # on a side of the grid for the area of a bilinear surface
+_START_CELLS = 6  # on a side of the grid from which the nearest of its points is sought
+_STEPS = 25  # of that search
 
 
 class Polygon(Flat):
@@ -49,12 +48,6 @@ class Polygon(Flat):
         u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
         return self._to_scene(origin + u * (b - origin) + v * (c - origin))
 
-    def distance(self, points):
-        local = (points - self.corner) @ self.frame
-        aside = segments_distance(local[:, :2], self.border)
-        aside[self._contains(local[:, :2])] = 0.0
-        return np.hypot(aside, local[:, 2])
-
     def _contains(self, flat):
         inside = np.ones(len(flat), dtype=bool)
         for a, b in self.border:
@@ -62,55 +55,45 @@ class Polygon(Flat):
         return inside
 
 
-class Disc:
-    """Flat disc, or with an inner radius a ring: the lid of a cylinder, a round sign."""
+class Disc(Flat):
+    """Flat disc: the lid of a cylinder, a round sign."""
 
-    def __init__(self, name, center, normal, radius, *, inner=0.0):
+    def __init__(self, name, center, normal, radius):
         self.name = name
-        self.center = np.asarray(center, float)
+        self.corner = np.asarray(center, float)
         normal = np.asarray(normal, float) / np.linalg.norm(normal)
         u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         u /= np.linalg.norm(u)
         self.frame = np.column_stack([u, np.cross(normal, u), normal])
-        self.radius, self.inner = float(radius), float(inner)
-        radii = [self.radius, self.inner] if inner > 0 else [self.radius]
-        self.circles = [Circle(self.center, normal, r) for r in radii]
-        self.area = np.pi * (self.radius**2 - self.inner**2)
+        self.radius = float(radius)
+        self.rim = Circle(self.corner, normal, radius)
+        self.area = np.pi * self.radius**2
         reach = self.radius * np.sqrt(1 - normal**2)
-        self.bounds = np.array([self.center - reach, self.center + reach])
-        self.outline_length = 2 * np.pi * sum(radii)
+        self.bounds = np.array([self.corner - reach, self.corner + reach])
 
-    def sample(self, n, rng):
-        squared = rng.uniform(self.inner**2, self.radius**2, n)
-        return self._to_scene(np.sqrt(squared), rng.uniform(0, 2 * np.pi, n))
-
-    def normals(self, points):
-        return np.tile(self.frame[:, 2], (len(points), 1))
-
-    def distance(self, points):
-        local = (points - self.center) @ self.frame
-        reach = np.hypot(local[:, 0], local[:, 1])
-        aside = np.maximum(np.maximum(reach - self.radius, self.inner - reach), 0.0)
-        return np.hypot(aside, local[:, 2])
+    @property
+    def outline_length(self):
+        return 2 * np.pi * self.radius
 
     def edge_distance(self, points):
-        return np.min([circle.distance(points) for circle in self.circles], axis=0)
+        return self.rim.distance(points)
 
-    def hit(self, origin, ends):
-        def contains(flat):
-            reach = np.hypot(flat[:, 0], flat[:, 1])
-            return (reach <= self.radius) & (reach >= self.inner)
-
-        return hit_plane(self.center, self.frame, origin, ends, contains)
+    def sample(self, n, rng):
+        squared = rng.uniform(0, self.radius**2, n)
+        return self._round(np.sqrt(squared), rng.uniform(0, 2 * np.pi, n))
 
     def sample_outline(self, n, rng, viewpoint):
-        radii = np.array([circle.radius for circle in self.circles])
-        radius = rng.choice(radii, size=n, p=radii / radii.sum())
-        return self._to_scene(radius, rng.uniform(0, 2 * np.pi, n))
+        rng.random(n)  # as many numbers as ever, so that scenes stay what they were
+        return self._round(np.full(n, self.radius), rng.uniform(0, 2 * np.pi, n))
 
-    def _to_scene(self, radius, angle):
-        flat = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        return self.center + flat @ self.frame[:, :2].T
+    def _contains(self, flat):
+        return np.hypot(flat[:, 0], flat[:, 1]) <= self.radius
+
+    def _aside(self, flat):
+        return np.hypot(flat[:, 0], flat[:, 1]) - self.radius
+
+    def _round(self, radius, angle):
+        return self._to_scene(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
 class Bilinear:

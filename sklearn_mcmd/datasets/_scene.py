@@ -2,8 +2,7 @@
 
 import numpy as np
 
-#: Points of the sums over a bay's visible surface, with a fixed seed; the error is about 0.3 %.
-_N_QUADRATURE = 1 << 16
+_N_QUADRATURE = 1 << 16  # points of sums over a bay's visible surface; the error is about 0.3 %
 
 
 class Scene:
@@ -79,9 +78,12 @@ class Scene:
                 nearest[closer] = np.minimum(nearest[closer], distance(moved))
         return nearest
 
-    def growth(self, local, far_over_near):
+    def ranges(self, local):
+        """Of points of a bay, from its scanner."""
+        return np.linalg.norm(local - self.scanner, axis=1)
+
+    def growth(self, ranges, far_over_near):
         """Factor that grows linearly with range, from 1 at the nearest surface of a bay."""
-        ranges = np.linalg.norm(local - self.scanner, axis=1)
         share = (ranges - self.nearest_range) / (self.farthest_range - self.nearest_range)
         return 1.0 + (far_over_near - 1.0) * np.clip(share, 0.0, 1.0)
 
@@ -94,8 +96,7 @@ class Scene:
 
     def visible(self, local, tolerance=1e-6):
         """Whether the scanner sees the points (n, 3) of a bay's surfaces."""
-        ranges = np.linalg.norm(local - self.scanner, axis=1)
-        return (1.0 - self.first_hit(local)) * ranges <= tolerance
+        return (1.0 - self.first_hit(local)) * self.ranges(local) <= tolerance
 
     def sample(self, n, spacing_growth, rng):
         """n points that the scanners see, in bay coordinates, with the number of their part.
@@ -110,7 +111,7 @@ class Scene:
             counts = rng.multinomial(m, self.areas / self.areas.sum())
             points = [p.sample(c, rng) for p, c in zip(self.parts, counts, strict=True)]
             points, label = np.concatenate(points), np.repeat(np.arange(len(counts)), counts)
-            seen = rng.random(m) * self.growth(points, spacing_growth) ** 2 < 1.0
+            seen = rng.random(m) * self.growth(self.ranges(points), spacing_growth) ** 2 < 1.0
             seen[seen] = self.visible(points[seen])
             # The points come in the order of the parts, so a plain cut would leave out the last.
             chosen = rng.permutation(np.flatnonzero(seen))[:missing]
@@ -134,5 +135,5 @@ class Scene:
         counts = np.maximum(_N_QUADRATURE * self.areas / self.areas.sum(), 256).astype(int)
         points = np.concatenate([p.sample(c, rng) for p, c in zip(self.parts, counts, strict=True)])
         weights = np.repeat(self.areas / counts, counts)
-        weights /= self.growth(points, spacing_growth) ** 2
+        weights /= self.growth(self.ranges(points), spacing_growth) ** 2
         return float(weights[self.visible(points)].sum())

@@ -1,30 +1,18 @@
-"""Outliers that sensors make, and far ones.
+"""Outliers that sensors make.
 
-Each maker gives rows of point, viewpoint and number of the beam. Balls and far points lie on no
-beam: theirs is one from where they are seen.
+Each maker gives rows of point, viewpoint and number of the beam. Balls lie on no beam: theirs is
+one from where they are seen.
 """
 
 import numpy as np
 
 from sklearn_mcmd.datasets._outliers import CLEARANCE, cluster_sizes, draw_clear
 
-__all__ = ["FAR", "MAKERS"]
-
-#: Mixed pixels: both surfaces are farther apart than these, in spacings and in meters.
-_MIXED_GAP = 5.0, 0.15
-
-#: Range errors and ghosts keep so many spacings off.
-_OFF = 5.0, 20.0
-
-#: Meters; no sensor measures less.
-_NEAREST = 0.1
-
-#: Balls are measured in median spacings, but these count at most this share of the diagonal:
-#: in a cloud of few points they still have room.
-_LARGEST_SPACING = 0.003
-
-#: Far outliers are so far from every regular point, in diagonals of the cloud.
-_FAR = 0.1
+_MIXED_GAP = 5.0, 0.15  # surfaces of mixed pixels are farther apart, in spacings and in meters
+_OFF = 5.0, 20.0  # range errors are so many spacings off; ghosts keep the first from surfaces
+_NEAREST = 0.1  # meters; no sensor measures less
+_LARGEST_SPACING = 0.003  # of the diagonal, at most, so that balls have room in few points
+_PARTICLES = np.log(3.9), 0.75  # log-normal ranges of particles: half of them within 3.9 m
 
 
 def mixed_pixel(scan, n, rng):
@@ -43,45 +31,25 @@ def mixed_pixel(scan, n, rng):
     def propose(m):
         i = rng.choice(edge, m)
         between, share = rng.random((2, m))
-        return _on_beams(scan, i, (1 - share) * ranges[i] + share * ranges[i + 1], between)
+        return on_beams(scan, i, (1 - share) * ranges[i] + share * ranges[i + 1], between)
 
-    return _draw(scan, n, propose)
+    return draw(scan, n, propose)
 
 
 def range_error(scan, n, rng):
     """A wrong range: 5 to 20 spacings before or behind what the beam meets."""
 
     def propose(m):
-        beam, ranges, spacing = _met(scan, m, rng)
+        beam, ranges, spacing = met(scan, m, rng)
         off = rng.uniform(*_OFF, m) * rng.choice([-1.0, 1.0], m)
-        return _on_beams(scan, beam, ranges + off * spacing)
+        return on_beams(scan, beam, ranges + off * spacing)
 
-    return _draw(scan, n, propose)
+    return draw(scan, n, propose)
 
 
 def ghost(scan, n, rng):
     """Dense balls of 10 to 60 points, 1 to 3 spacings in radius, floating off the surfaces."""
-    return _clumps(scan, n, (1.0, 3.0), _draw, _in_box(scan, 1.0, rng), rng, _OFF[0])
-
-
-def low(scan, n, rng):
-    """Clumps of 10 to 60 points on beams that seem to go on 2 to 10 m below what they meet."""
-
-    def propose(m):
-        beam, ranges, _ = _met(scan, m, rng)
-        return _on_beams(scan, beam, ranges + rng.uniform(2.0, 10.0, m))
-
-    return _clumps(scan, n, (1.0, 3.0), _draw, propose, rng, _OFF[0])
-
-
-def high(scan, n, rng):
-    """Birds and haze: alone, on beams, 5 to 40 m before what they meet."""
-
-    def propose(m):
-        beam, ranges, _ = _met(scan, m, rng)
-        return _on_beams(scan, beam, ranges - rng.uniform(5.0, 40.0, m))
-
-    return _draw(scan, n, propose)
+    return clumps(scan, n, (1.0, 3.0), draw, in_box(scan, 1.0, rng), rng, _OFF[0])
 
 
 def particle(scan, n, rng):
@@ -89,10 +57,10 @@ def particle(scan, n, rng):
 
     def propose(m):
         i = rng.integers(len(scan.beams.line), size=m)
-        ranges = rng.lognormal(np.log(3.9), 0.75, m)
-        return _on_beams(scan, i, np.minimum(ranges, scan.first[0][i]))
+        ranges = rng.lognormal(*_PARTICLES, m)
+        return on_beams(scan, i, np.minimum(ranges, scan.first[0][i]))
 
-    return _draw(scan, n, propose)
+    return draw(scan, n, propose)
 
 
 def no_return(scan, n, rng):
@@ -102,30 +70,17 @@ def no_return(scan, n, rng):
     return np.column_stack([origins, origins, beam])
 
 
-def far_single(scan, n, rng):
-    """Anywhere in a box of three times the cloud's extent, alone."""
-    return _draw_far(scan, n, _in_box(scan, 3.0, rng))
-
-
-def far_clump(scan, n, rng):
-    """Clumps of 10 to 60 points, 2 to 10 spacings in radius, there."""
-    return _clumps(scan, n, (2.0, 10.0), _draw_far, _in_box(scan, 3.0, rng), rng)
-
-
-#: Maker of each kind; with those of far outliers, the order sets the codes: position + 1.
-MAKERS = {
+#: Maker of each kind. The order sets the codes: position + 1, as 0 means no outlier.
+SENSOR_OUTLIERS = {
     "mixed_pixel": mixed_pixel,
     "range_error": range_error,
     "ghost": ghost,
-    "low": low,
-    "high": high,
     "particle": particle,
     "no_return": no_return,
 }
-FAR = {"far_single": far_single, "far_clump": far_clump}
 
 
-def _on_beams(scan, beam, ranges, between=None):
+def on_beams(scan, beam, ranges, between=None):
     """Rows at those ranges on beams, or between a beam and the next one by that share."""
     origin, direction = scan.beams.origins[beam], scan.beams.directions[beam]
     if between is not None:
@@ -136,7 +91,7 @@ def _on_beams(scan, beam, ranges, between=None):
     return np.column_stack([points, origin, beam])
 
 
-def _in_box(scan, size, rng):
+def in_box(scan, size, rng):
     """Proposals in the cloud's box, enlarged about its middle, seen from where points are."""
     low, high = scan.points.min(axis=0), scan.points.max(axis=0)
     middle, half = (low + high) / 2, size * (high - low) / 2
@@ -149,7 +104,7 @@ def _in_box(scan, size, rng):
     return propose
 
 
-def _draw(scan, n, propose, more=0.0):
+def draw(scan, n, propose, more=0.0):
     """Proposals off the world's parts, by their noise and by more."""
 
     def clearance(rows):
@@ -159,16 +114,7 @@ def _draw(scan, n, propose, more=0.0):
     return draw_clear(lambda rows: scan.world.distance(rows[:, :3]), n, clearance, propose)
 
 
-def _draw_far(scan, n, propose, more=0.0):
-    return draw_clear(
-        lambda rows: scan.tree.query(rows[:, :3])[0],
-        n,
-        lambda rows: np.full(len(rows), _FAR * scan.diagonal + more),
-        propose,
-    )
-
-
-def _clumps(scan, n, radii, draw, propose, rng, off=0.0):
+def clumps(scan, n, radii, draw, propose, rng, off=0.0):
     """Balls about drawn centers, which keep off by more than the largest radius.
 
     ``radii``, from and to, and ``off`` are in median spacings.
@@ -184,7 +130,7 @@ def _clumps(scan, n, radii, draw, propose, rng, off=0.0):
     return rows
 
 
-def _met(scan, m, rng):
+def met(scan, m, rng):
     """Beam, range and spacing of m random regular points."""
     i = rng.integers(len(scan.points), size=m)
     beam = scan.beam[i]

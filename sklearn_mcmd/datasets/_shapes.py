@@ -1,36 +1,26 @@
 """Two shapes with sharp edges: simulated counterparts of the paper's box-like and crown data."""
 
-from collections.abc import Sequence
 from numbers import Real
-from typing import Literal
 
 import numpy as np
 from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.datasets._panels import Bilinear
-from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, Scanning, scan
+from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, Scanning, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Patch
 
-#: There are no mixed pixels, because nothing lies behind the outlines.
-_KINDS = ("gaussian", "uniform", "ghost")
 
-_SHAPE_PARAMETERS = {
-    **{name: SCAN_PARAMETERS[name] for name in SCAN_PARAMETERS if name != "spacing_growth"},
-    "outlier_scale": [Interval(Real, 0, None, closed="neither")],
-}
-
-
-@validate_params(_SHAPE_PARAMETERS, prefer_skip_nested_validation=True)
+@validate_params(
+    {**SHARED_PARAMETERS, "outlier_scale": [Interval(Real, 0, None, closed="neither")]},
+    prefer_skip_nested_validation=True,
+)
 def make_box(
     n_samples: int = 3339,
     *,
-    sampling: Literal["uniform", "scan_lines"] = "uniform",
     noise: float = 0.002,
-    noise_growth: float = 1.0,
     outlier_share: float = 0.0,
-    outlier_kinds: Sequence[str] = ("gaussian",),
     outlier_scale: float = 0.1,
     random_state: int | np.random.RandomState | None = None,
 ) -> Bunch:
@@ -43,20 +33,13 @@ def make_box(
     ----------
     n_samples : int, default=3339
         Number of points, outliers included. The default is that of the paper's data set.
-    sampling : {"uniform", "scan_lines"}, default="uniform"
-        Independent draws over the faces, or the ends of a scanner's rays, as in
-        :func:`make_street`.
     noise : float, default=0.002
-        Standard deviation of the noise where the scanner is nearest, in meters: on each axis or,
-        on scan lines, along the ray.
-    noise_growth : float, default=1.0
-        Noise at the far end over that at the near end, at least 1.
+        Standard deviation of the noise, in meters on each axis.
     outlier_share : float, default=0.0
-        Share of outliers in [0, 1). The paper adds 20 % to the points: a share of 1/6.
-    outlier_kinds : list or tuple of {"gaussian", "uniform", "ghost"}, default=("gaussian",)
-        Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
+        Share of outliers in [0, 1): points of the faces, displaced. The paper adds 20 % to the
+        points: a share of 1/6.
     outlier_scale : float, default=0.1
-        Standard deviation of the displacement of "gaussian" outliers on each axis, in meters.
+        Standard deviation of the displacement of outliers on each axis, in meters.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
@@ -82,20 +65,16 @@ def make_box(
     >>> box.data.shape, box.surface_names
     ((3339, 3), ['front', 'side', 'top'])
     """
-    scanning = Scanning(sampling, 1.0, noise, noise_growth, outlier_share, outlier_kinds, _KINDS)
-    return scan(lambda _: _box(outlier_scale), n_samples, scanning, random_state)
+    scanning = Scanning(noise, outlier_share, ("gaussian",))
+    return scan(lambda _: box_scene(outlier_scale), n_samples, scanning, random_state)
 
 
-@validate_params(_SHAPE_PARAMETERS, prefer_skip_nested_validation=True)
+@validate_params(SHARED_PARAMETERS, prefer_skip_nested_validation=True)
 def make_crown_roof(
     n_samples: int = 3017,
     *,
-    sampling: Literal["uniform", "scan_lines"] = "uniform",
     noise: float = 0.002,
-    noise_growth: float = 1.0,
     outlier_share: float = 0.0,
-    outlier_kinds: Sequence[str] = ("gaussian",),
-    outlier_scale: float = 0.1,
     random_state: int | np.random.RandomState | None = None,
 ) -> Bunch:
     """Make a roof of four bilinear surfaces: edges whose angle varies (Fig. 13).
@@ -109,20 +88,11 @@ def make_crown_roof(
     ----------
     n_samples : int, default=3017
         Number of points, outliers included. The default is that of the paper's data set.
-    sampling : {"uniform", "scan_lines"}, default="uniform"
-        Independent draws over the surfaces, or the ends of a scanner's rays, as in
-        :func:`make_street`.
     noise : float, default=0.002
-        Standard deviation of the noise where the scanner is nearest, in meters: on each axis or,
-        on scan lines, along the ray.
-    noise_growth : float, default=1.0
-        Noise at the far end over that at the near end, at least 1.
+        Standard deviation of the noise, in meters on each axis.
     outlier_share : float, default=0.0
-        Share of outliers in [0, 1).
-    outlier_kinds : list or tuple of {"gaussian", "uniform", "ghost"}, default=("gaussian",)
-        Kinds of outliers, in (nearly) equal shares, as in :func:`make_street`.
-    outlier_scale : float, default=0.1
-        Standard deviation of the displacement of "gaussian" outliers on each axis, in meters.
+        Share of outliers in [0, 1): points of the roof, displaced by 0.1 m (one standard deviation)
+        on each axis.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
@@ -148,11 +118,11 @@ def make_crown_roof(
     >>> roof.data.shape, len(roof.surface_names)
     ((3017, 3), 4)
     """
-    scanning = Scanning(sampling, 1.0, noise, noise_growth, outlier_share, outlier_kinds, _KINDS)
-    return scan(lambda _: _crown_roof(outlier_scale), n_samples, scanning, random_state)
+    scanning = Scanning(noise, outlier_share, ("gaussian",))
+    return scan(lambda _: crown_roof_scene(), n_samples, scanning, random_state)
 
 
-def _box(displacement):
+def box_scene(displacement):
     x, y, z = np.eye(3)
     parts = [
         Patch("front", (0, 1, 0), x, z, smooth=("u0", "v0")),
@@ -162,7 +132,7 @@ def _box(displacement):
     return Scene(parts, 1.0, 1, scanner=(3.0, 3.4, 3.2), displacement=displacement)
 
 
-def _crown_roof(displacement):
+def crown_roof_scene():
     center = np.array([1.0, 1.0, 0.9])
     eaves = [np.array([x, y, 0.0]) for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))]
     gables = [np.array([x, y, 0.6]) for x, y in ((1, 0), (2, 1), (1, 2), (0, 1))]
@@ -171,4 +141,4 @@ def _crown_roof(displacement):
         Bilinear(name, [eaves[i], gables[i], center, gables[i - 1]], smooth=(0, 3))
         for i, name in enumerate(("south_west", "south_east", "north_east", "north_west"))
     ]
-    return Scene(parts, 2.0, 1, scanner=(1.3, -3.0, 5.0), displacement=displacement)
+    return Scene(parts, 2.0, 1, scanner=(1.3, -3.0, 5.0), displacement=0.1)

@@ -1,33 +1,21 @@
-"""Snowflakes that take the place of what a beam would meet.
+"""Snowflakes that take the place of what a beam would meet: `make_lidar_turn` has the physics.
 
-Sizes follow R. S. Sekhon and R. C. Srivastava, "Snow size spectra and radar reflectivity", Journal
-of the Atmospheric Sciences 27 (1970): at a snowfall of R mm of water an hour a cubic meter holds
-N0 exp(-Lambda D) dD flakes of melted diameter D, where N0 is 2500 R^-0.94 per mm and m^3 and Lambda
-is 2.29 R^-0.45 per mm. A flake has a tenth of the density of water.
-
-The echo of a flake of diameter D at the range r is that of a surface times the share of the
-beam that it covers, (D / width(r))^2 at most 1. Power is reflectance / (r^2 + r0^2): close by, the
-receiver sees the beam's spot only in part. A flake is written down where its echo is stronger than
-that of the surface behind, and than the weakest that the sensor knows, that of a bright surface
-at its reach. Of several flakes the strongest counts.
+A flake is written down where its echo is stronger than that of the surface behind, and than the
+weakest that the sensor knows, that of a bright surface at its reach. Of several flakes the
+strongest counts. Close by, the receiver sees the beam's spot only in part.
 """
 
 import numpy as np
 
-__all__ = ["flake_echoes", "flake_rate"]
-
-#: Per mm and m^3, and per mm, at 1 mm an hour; and their exponents.
-_N0, _LAMBDA, _N0_POWER, _LAMBDA_POWER = 2500.0, 2.29, -0.94, -0.45
-#: Density of flakes, in that of water; and so their diameter over the melted one.
-_SWELLING = 0.1 ** (-1 / 3)
-#: Reflectances of flakes, of surfaces, and of what data sheets state the reach for.
-_FLAKE, _SURFACE, _BRIGHT = 0.9, 0.3, 0.8
-#: Width of the beam where it leaves, in meters, and its usual divergence.
-_APERTURE, _DIVERGENCE = 0.01, 0.002
-#: Meters: nothing is seen nearer than this; from r0 on the receiver sees most of the spot.
-_NEAREST, _R0 = 0.9, 6.0
-#: Steps of the sum over ranges.
-_STEPS = 4000
+_N0, _LAMBDA = 2500.0, 2.29  # of flakes' sizes, per mm and m^3 and per mm, at 1 mm an hour
+_N0_POWER, _LAMBDA_POWER = -0.94, -0.45  # and the powers of the snowfall with which they change
+_SWELLING = 0.1 ** (-1 / 3)  # diameter over the melted one, by the density of flakes in water's
+_FLAKE, _SURFACE = 0.9, 0.3  # reflectances
+_BRIGHT = 0.8  # reflectance for which data sheets state the reach
+_APERTURE, _DIVERGENCE = 0.01, 0.002  # width of the beam where it leaves, and usual divergence
+_NEAREST = 0.9  # meters; nothing is seen nearer than this
+_R0 = 6.0  # meters; from here on the receiver sees most of the spot
+_STEPS = 4000  # of the sum over ranges
 
 
 def flake_echoes(target, snowfall, reach, divergence, rng):
@@ -38,7 +26,7 @@ def flake_echoes(target, snowfall, reach, divergence, rng):
     """
     ranges = np.linspace(_NEAREST, reach, _STEPS)
     weakest = _BRIGHT * _shine(reach)
-    rate = flake_rate(ranges, weakest, snowfall, divergence)
+    rate = _flake_rate(ranges, weakest, snowfall, divergence)
     steps = (rate[1:] + rate[:-1]) / 2 * np.diff(ranges)
     ways = np.concatenate([[0.0], np.cumsum(steps)])
     # All flakes on a beam that could be seen: their number, ranges, and sizes.
@@ -55,7 +43,7 @@ def flake_echoes(target, snowfall, reach, divergence, rng):
     return beam[chosen], at[chosen]
 
 
-def flake_rate(ranges, power, snowfall, divergence=0.0):
+def _flake_rate(ranges, power, snowfall, divergence=0.0):
     """Flakes a meter of a beam whose echoes are stronger than this power."""
     total, slope = _sizes(snowfall)
     width, size = _width(ranges, divergence), _least_size(ranges, power, divergence)

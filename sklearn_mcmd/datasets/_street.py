@@ -3,30 +3,33 @@
 from collections.abc import Sequence
 from functools import lru_cache
 from numbers import Real
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from sklearn.utils import Bunch
 
-from sklearn_mcmd._sklearn import Interval, validate_params
-from sklearn_mcmd.datasets._road import (
-    KERB_Y,
-    PATH_Z,
-    UP,
-    Opening,
-    facing,
-    feet,
-    pole,
-    recess,
-    road_and_kerb,
-)
-from sklearn_mcmd.datasets._scan import SCAN_PARAMETERS, Scanning, points_per_bay, scan
+from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
+from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, Scanning, points_per_bay, scan
 from sklearn_mcmd.datasets._scene import Scene
-from sklearn_mcmd.datasets._surfaces import Foliage, Patch
+from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
+
+# Meters; x runs along the road, y across it, z up.
+UP = np.array([0, 0, 1.0])
+KERB_Y, PATH_Z = 3.0, 0.10
+CROWN_RADIUS, CROWN_Z = 75.0, 0.03  # of the cambered road: a cylinder, and its top
+
+
+class Opening(NamedTuple):
+    """Window or door in a wall along x."""
+
+    x0: float
+    x1: float
+    z0: float
+    z1: float
+
 
 # Meters.
-_BAY = 5.0
-_BAY_MIN, _BAY_MAX = 4.2, 7.5
+_BAY, _BAY_MIN, _BAY_MAX = 5.0, 4.2, 7.5  # length of a bay: usual, least, greatest
 _WALL_Y, _WALL_TOP = 4.5, 2.7
 _WINDOW = Opening(0.4, 1.6, 0.95, 2.15)
 _DOOR = Opening(2.2, 3.1, PATH_Z, 2.1)
@@ -36,11 +39,14 @@ _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 
 @validate_params(
     {
-        **SCAN_PARAMETERS,
+        **SHARED_PARAMETERS,
         "spacing": [Interval(Real, 0, None, closed="neither"), None],
+        "spacing_growth": [Interval(Real, 1, None, closed="left")],
+        "noise_growth": [Interval(Real, 1, None, closed="left")],
+        "outlier_kinds": [list, tuple],
         "tree": ["boolean"],
+        "sampling": [StrOptions({"uniform", "scan_lines"})],
         "beam_divergence": [Interval(Real, 0, None, closed="left")],
-        "snow": [Interval(Real, 0, None, closed="left")],
     },
     prefer_skip_nested_validation=True,
 )
@@ -56,7 +62,6 @@ def make_street(
     tree: bool = False,
     sampling: Literal["uniform", "scan_lines"] = "uniform",
     beam_divergence: float = 0.0,
-    snow: float = 0.0,
     random_state: int | np.random.RandomState | None = None,
 ) -> Bunch:
     """Make a laser scan of a street whose truth is known at every point.
@@ -114,10 +119,6 @@ def make_street(
         phases have. Where that is farther than four standard deviations of the noise from every
         surface, the point is an outlier of kind ``"mixed_pixel"``, besides those of
         `outlier_share`.
-    snow : float, default=0.0
-        Snowfall in mm of water an hour. Only for scan lines. Flakes take the place of what beams
-        meet, or of nothing, as :func:`make_lidar_turn` explains: outliers of kind ``"snow"``,
-        besides those of `outlier_share`.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
@@ -152,13 +153,13 @@ def make_street(
     ------
     ValueError
         If a kind of outlier is unknown or given twice, if no regular point is left, if
-        `spacing_growth` is given for scan lines, or `beam_divergence` or `snow` for others, if
+        `spacing_growth` is given for scan lines, or `beam_divergence` for others, if
         `n_samples` points at that `spacing` cannot fill the shortest street, or if the noise is so
         large that no point in the bounding box is an outlier.
 
     See Also
     --------
-    make_mobile_scan : A street as uneven in density as real scans are.
+    make_lidar_turn : A turn of a spinning lidar, as uneven in density as real scans are.
     make_contaminated_plane : The single plane of the paper's Section 5.1.
     sklearn_mcmd.metrics.outlier_scores : Compares labels with ``target``.
     sklearn_mcmd.metrics.bias_angle : Compares normals with ``normals``.
@@ -191,24 +192,36 @@ def make_street(
     >>> len(np.unique(long_street.sensor_origins, axis=0)), round(long_street.spacing, 3)
     (5, 0.1)
     """
-
-    def fit_street(n_regular):
-        return _fit_street(n_regular, spacing, sampling, spacing_growth, tree)
-
     scanning = Scanning(
-        *(sampling, spacing_growth, noise, noise_growth, outlier_share, outlier_kinds),
+        noise=noise,
+        outlier_share=outlier_share,
+        outlier_kinds=outlier_kinds,
+        sampling=sampling,
+        spacing_growth=spacing_growth,
+        noise_growth=noise_growth,
         beam_divergence=beam_divergence,
-        snow=snow,
     )
-    return scan(fit_street, n_samples, scanning, random_state)
+    if sampling == "scan_lines" and spacing_growth != 1:
+        raise ValueError(
+            f"spacing_growth={spacing_growth:g} has no meaning with sampling='scan_lines', where "
+            "the spacing grows with the range as the rays part: leave it 1."
+        )
+    if sampling == "uniform" and beam_divergence:
+        raise ValueError(
+            f"beam_divergence={beam_divergence:g} has no meaning with sampling='uniform', which "
+            "has no beams: give sampling='scan_lines', or leave beam_divergence 0."
+        )
+    return scan(
+        lambda n: _fit_street(n, spacing, scanning, tree), n_samples, scanning, random_state
+    )
 
 
-def _fit_street(n_regular, spacing, sampling, spacing_growth, tree):
+def _fit_street(n_regular, spacing, scanning, tree):
     """The street that n_regular points fill at this spacing."""
     scene = _street(_BAY, 1, tree)
     if spacing is None:
         return scene
-    per_bay = points_per_bay(scene, spacing, sampling, spacing_growth)
+    per_bay = points_per_bay(scene, spacing, scanning)
     n_bays = max(1, round(n_regular / per_bay))
     # A bay's surface grows nearly in proportion to its length, so three steps suffice.
     bay_length = _BAY
@@ -216,7 +229,7 @@ def _fit_street(n_regular, spacing, sampling, spacing_growth, tree):
         bay_length *= n_regular / (n_bays * per_bay)
         bay_length = min(max(bay_length, _BAY_MIN), _BAY_MAX)
         scene = _street(bay_length, n_bays, tree)
-        per_bay = points_per_bay(scene, spacing, sampling, spacing_growth)
+        per_bay = points_per_bay(scene, spacing, scanning)
     if bay_length == _BAY_MIN and n_regular < 0.97 * n_bays * per_bay:
         raise ValueError(
             f"n_samples is too small for spacing={spacing:g}: the shortest street takes "
@@ -270,3 +283,54 @@ def _sign(foot):
     side = 0.5 * along
     corner = np.array([*foot, 1.9]) + 0.05 * toward - 0.5 * side
     return [Patch("sign", corner, side, (0, 0, 0.6)), pole("sign_post", foot, 0.03, 2.4)]
+
+
+def road_and_kerb(length):
+    """Half of a cambered road and a kerb of 13 cm."""
+    gutter_angle = np.arcsin(KERB_Y / CROWN_RADIUS)
+    gutter_z = CROWN_Z - CROWN_RADIUS * (1 - np.cos(gutter_angle))
+    along = np.array([length, 0, 0])
+    return [
+        Cylinder(
+            "road",
+            (length, 0, CROWN_Z - CROWN_RADIUS),
+            -along,  # right-handed around -x: from the crown towards the kerb
+            CROWN_RADIUS,
+            start=UP,
+            arc=gutter_angle,
+            sharp=("stop",),
+        ),
+        Patch("kerb", (0, KERB_Y, gutter_z), along, (PATH_Z - gutter_z) * UP, smooth=("u0", "u1")),
+    ]
+
+
+def pole(name, foot, radius, top):
+    """A pole that stands on the footpath at (x, y)."""
+    return Cylinder(name, (*foot, PATH_Z), (0, 0, top - PATH_Z), radius)
+
+
+def feet(things):
+    """The edges of poles on the footpath."""
+    return [
+        Circle(part.base, UP, part.radius)
+        for part in things
+        if isinstance(part, Cylinder) and part.base[2] == PATH_Z
+    ]
+
+
+def facing(turn):
+    """Two directions of a plate: along it, to the right as seen from the road, and to the road."""
+    return np.array([np.cos(turn), np.sin(turn), 0]), np.array([np.sin(turn), -np.cos(turn), 0])
+
+
+def recess(name, wall_y, opening, depth, *, sill):
+    """The back of an opening in the wall at that y, and its reveals."""
+    x0, x1, z0, z1 = opening
+    x, y, z = (x1 - x0, 0, 0), (0, depth, 0), (0, 0, z1 - z0)
+    parts = [
+        Patch(f"{name}_back", (x0, wall_y + depth, z0), x, z),
+        Patch(f"{name}_left", (x0, wall_y, z0), y, z),
+        Patch(f"{name}_right", (x1, wall_y, z0), z, y),
+        Patch(f"{name}_head", (x0, wall_y, z1), y, x),
+    ]
+    return [*parts, Patch(f"{name}_sill", (x0, wall_y, z0), x, y)] if sill else parts

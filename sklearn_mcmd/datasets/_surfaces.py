@@ -19,11 +19,12 @@ import numpy as np
 
 
 class Flat:
-    """What flat parts with straight edges have in common.
+    """What flat parts have in common.
 
     Each has a ``corner``, a ``frame`` whose columns are two directions in its plane and the
-    normal, sharp ``edges`` as segments (m, 2, 2) in that plane, and ``_contains(flat)``, which
-    says of points (n, 2) of the plane whether they are on the part.
+    normal, ``_contains(flat)``, which says of points (n, 2) of the plane whether they are on the
+    part, and ``_aside(flat)``, the distance of others to it. Those with straight edges have the
+    sharp ones as segments ``edges`` (m, 2, 2) in that plane, and all as ``border``.
     """
 
     @property
@@ -33,15 +34,34 @@ class Flat:
     def normals(self, points):
         return np.tile(self.frame[:, 2], (len(points), 1))
 
+    def distance(self, points):
+        local = (points - self.corner) @ self.frame
+        aside = np.zeros(len(local))
+        outside = ~self._contains(local[:, :2])
+        aside[outside] = self._aside(local[outside, :2])
+        return np.hypot(aside, local[:, 2])
+
     def edge_distance(self, points):
         local = (points - self.corner) @ self.frame
         return np.hypot(segments_distance(local[:, :2], self.edges), local[:, 2])
 
     def hit(self, origin, ends):
-        return hit_plane(self.corner, self.frame, origin, ends, self._contains)
+        start = np.broadcast_to((origin - self.corner) @ self.frame, ends.shape)
+        way = (ends - self.corner) @ self.frame - start
+        fraction = np.full(len(ends), np.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = -start[:, 2] / way[:, 2]
+        crosses = np.flatnonzero((t > 0) & (t <= 1))
+        t = t[crosses]
+        inside = self._contains(start[crosses, :2] + t[:, None] * way[crosses, :2])
+        fraction[crosses[inside]] = t[inside]
+        return fraction
 
     def sample_outline(self, n, rng, viewpoint):
         return self._to_scene(sample_segments(self.edges, n, rng))
+
+    def _aside(self, flat):
+        return segments_distance(flat, self.border)
 
     def _to_scene(self, flat):
         return self.corner + flat @ self.frame[:, :2].T
@@ -87,13 +107,6 @@ class Patch(Flat):
         cell = rng.choice(len(self.low), size=n, p=self.cell_areas / self.area)
         low = self.low[cell]
         return self._to_scene(low + rng.random((n, 2)) * (self.high[cell] - low))
-
-    def distance(self, points):
-        local = (points - self.corner) @ self.frame
-        aside = np.zeros(len(local))
-        outside = ~self._contains(local[:, :2])
-        aside[outside] = segments_distance(local[outside, :2], self.border)
-        return np.hypot(aside, local[:, 2])
 
     def edge_distance(self, points):
         distance = super().edge_distance(points)
@@ -240,8 +253,7 @@ class Foliage(Soft):
     Its `area`, which sets its share of the points, is that of the half ball that a scanner sees.
     """
 
-    #: How far a ray gets among the leaves, on average, in radii.
-    clearing = 0.7
+    clearing = 0.7  # how far a ray gets among the leaves, on average, in radii
 
     def __init__(self, name, center, radius):
         self.name = name
@@ -299,20 +311,6 @@ def _cell_border(solid, cuts_u, cuts_v):
     return np.array(segments), sides
 
 
-def hit_plane(corner, frame, origin, ends, contains):
-    """Where segments meet the part of a plane that `contains` says, or inf."""
-    start = np.broadcast_to((origin - corner) @ frame, ends.shape)
-    way = (ends - corner) @ frame - start
-    fraction = np.full(len(ends), np.inf)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = -start[:, 2] / way[:, 2]
-    crosses = np.flatnonzero((t > 0) & (t <= 1))
-    t = t[crosses]
-    inside = contains(start[crosses, :2] + t[:, None] * way[crosses, :2])
-    fraction[crosses[inside]] = t[inside]
-    return fraction
-
-
 def segment_lengths(segments):
     return np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
 
@@ -364,6 +362,17 @@ class Reach:
         for (start, step), middle in zip(self.axes, center, strict=True):
             miss += (start + along * step - middle) ** 2
         return np.flatnonzero(miss <= radius * radius * (1 + 1e-9))
+
+
+def facing_normals(parts, points, number, viewpoints):
+    """Normals toward viewpoints, of points on the parts of these numbers; NaN where none are."""
+    normals = np.empty_like(points)
+    for part in np.unique(number):
+        mine = np.flatnonzero(number == part)
+        normals[mine] = parts[part].normals(points[mine])
+    away = np.einsum("ij,ij->i", normals, viewpoints - points) < 0
+    normals[away] *= -1.0  # a panel is seen from either side
+    return normals
 
 
 def first_hits(parts, origin, ends, rng, bundle=1, apart=0.0):

@@ -1,22 +1,10 @@
-"""Things that stand in simulated scenes: posts, boxes, cars, houses, wires; and all of a scene."""
-
-from itertools import pairwise
+"""Things that stand in simulated scenes: posts, boxes, cars, houses; and all of a scene."""
 
 import numpy as np
 
 from sklearn_mcmd.datasets._panels import Disc, Polygon
-from sklearn_mcmd.datasets._road import UP
+from sklearn_mcmd.datasets._street import UP
 from sklearn_mcmd.datasets._surfaces import Cylinder, Patch, Soft
-
-#: Pieces of a sagging wire.
-_PIECES = 6
-
-
-class Wire(Cylinder):
-    """Straight piece of a wire, as thick as the beam that meets it: it has no normals."""
-
-    def normals(self, points):
-        return np.full((len(points), 3), np.nan)
 
 
 class World:
@@ -30,19 +18,11 @@ class World:
         parts = [_flat(things) for things in classes.values()]
         self.parts = _flat(parts)
         self.class_of = np.repeat(np.arange(len(parts)), list(map(len, parts)))
-        self.through = np.array([isinstance(part, (Soft, Wire)) for part in self.parts])
+        self.through = np.array([isinstance(part, Soft) for part in self.parts])
 
     def distance(self, points):
         """Distance of any points (n, 3) to the nearest part."""
         return np.min([part.distance(points) for part in self.parts], axis=0)
-
-
-def wire(name, start, end, sag, thickness):
-    """A wire that hangs through by `sag` meters, in straight pieces."""
-    t = np.linspace(0, 1, _PIECES + 1)[:, None]
-    knots = np.asarray(start, float) * (1 - t) + np.asarray(end, float) * t
-    knots[:, 2] -= 4 * sag * (t * (1 - t))[:, 0]
-    return [Wire(name, a, b - a, thickness / 2) for a, b in pairwise(knots)]
 
 
 def capped(name, foot, radius, height):
@@ -69,17 +49,11 @@ def car(name, foot, turn):
 
     `foot` is its middle on the ground, `turn` are the radians from x to its nose.
     """
-    along = np.array([np.cos(turn), np.sin(turn), 0.0])
-    across = np.array([-np.sin(turn), np.cos(turn), 0.0])
-
-    def at(x, y, z):
-        return np.asarray(foot, float) + (x - 2.1) * along + (y - 0.9) * across + z * UP
-
-    def panel(*corners):
-        return Polygon(name, [at(*corner) for corner in corners])
-
-    pillars = [((x0, y, 0.9), (x1, yt, 1.45)) for x0, x1 in ((0.3, 0.7), (2.95, 2.35))
-               for y, yt in ((0.05, 0.2), (1.75, 1.6))]  # fmt: skip
+    at, panel, across = _frame(name, foot, turn, (2.1, 0.9))
+    sides = ((0.05, 0.2), (1.75, 1.6))
+    pillars = [
+        ((x0, y, 0.9), (x1, yt, 1.45)) for x0, x1 in ((0.3, 0.7), (2.95, 2.35)) for y, yt in sides
+    ]
     wheels = [((x, y, 0.3), side) for x in (0.75, 3.4) for y, side in ((-0.01, -1), (1.81, 1))]
     return [
         panel((0, 0, 0.25), (4.2, 0, 0.25), (4.2, 0, 0.65), (3.0, 0, 0.9), (0, 0, 0.9)),
@@ -102,17 +76,10 @@ def house(name, foot, turn, size, eaves, ridge):
     `foot` is its middle on the ground, `turn` are the radians from x to the ridge, `size` is the
     length along the ridge and the width, `eaves` and `ridge` are heights.
     """
-    along = np.array([np.cos(turn), np.sin(turn), 0.0])
-    across = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    _, panel, _ = _frame(name, foot, turn)
     a, b = size[0] / 2, size[1] / 2
     jut = 0.4
     drop = (ridge - eaves) / b * jut
-
-    def at(x, y, z):
-        return np.asarray(foot, float) + x * along + y * across + z * UP
-
-    def panel(*corners):
-        return Polygon(name, [at(*corner) for corner in corners])
 
     def block(x, y, half, top):
         """What stands on the roof: four sides that begin inside of it, and a top."""
@@ -125,21 +92,32 @@ def house(name, foot, turn, size, eaves, ridge):
         return [*sides, panel(*((*p, top) for p in square))]
 
     low, dormer = eaves - drop, eaves + 0.75 * (ridge - eaves)
+    roof = (-a - jut, -b - jut, low), (a + jut, -b - jut, low), (a + jut, 0, ridge)
+    roof = (*roof, (-a - jut, 0, ridge))
+    dormers = [(x, y) for x in (-0.5 * a, 0.1 * a) for y in (-0.5 * b, 0.5 * b)]
     return [
         panel((-a, -b, 0), (a, -b, 0), (a, -b, eaves), (-a, -b, eaves)),
         panel((a, b, 0), (-a, b, 0), (-a, b, eaves), (a, b, eaves)),
         panel((a, -b, 0), (a, b, 0), (a, b, eaves), (a, 0, ridge), (a, -b, eaves)),
         panel((-a, b, 0), (-a, -b, 0), (-a, -b, eaves), (-a, 0, ridge), (-a, b, eaves)),
-        *(
-            panel(*((s * x, s * y, z) for x, y, z in (
-                (-a - jut, -b - jut, low), (a + jut, -b - jut, low),
-                (a + jut, 0, ridge), (-a - jut, 0, ridge))))
-            for s in (1, -1)
-        ),
+        *(panel(*((s * x, s * y, z) for x, y, z in roof)) for s in (1, -1)),
         *block(0.5 * a, 0.3 * b, (0.35, 0.35), ridge + 0.8),
-        *(part for x in (-0.5 * a, 0.1 * a) for y in (-0.5 * b, 0.5 * b)
-          for part in block(x, y, (0.9, 0.25 * b), dormer)),
-    ]  # fmt: skip
+        *(part for x, y in dormers for part in block(x, y, (0.9, 0.25 * b), dormer)),
+    ]
+
+
+def _frame(name, foot, turn, middle=(0.0, 0.0)):
+    """Functions that place points and polygons of a turned thing, and its second direction."""
+    along = np.array([np.cos(turn), np.sin(turn), 0.0])
+    across = np.array([-np.sin(turn), np.cos(turn), 0.0])
+
+    def at(x, y, z):
+        return np.asarray(foot, float) + (x - middle[0]) * along + (y - middle[1]) * across + z * UP
+
+    def panel(*corners):
+        return Polygon(name, [at(*corner) for corner in corners])
+
+    return at, panel, across
 
 
 def _flat(things):

@@ -8,11 +8,8 @@ import numpy as np
 from sklearn_mcmd.datasets._surfaces import Foliage, Patch, Soft
 from sklearn_mcmd.datasets._things import capped
 
-#: No blade of grass is higher than this many times the grass's height.
-_LONGEST_BLADE = 3.0
-
-#: Waves of the height of grass, in meters along both sides, and how far it swings about its mean.
-_WAVES, _SWING = (1.3, 1.7), 0.5
+_LONGEST_BLADE = 3.0  # no blade of grass is higher, in the grass's height
+_WAVES, _SWING = (1.3, 1.7), 0.5  # of the height of grass, in meters, and how far it swings
 
 
 class Crown(Soft):
@@ -21,12 +18,8 @@ class Crown(Soft):
     def __init__(self, name, balls):
         self.name = name
         self.balls = balls
-        self.bounds = np.array(
-            [
-                np.min([ball.bounds[0] for ball in balls], axis=0),
-                np.max([ball.bounds[1] for ball in balls], axis=0),
-            ]
-        )
+        bounds = np.array([ball.bounds for ball in balls])
+        self.bounds = np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
 
     def distance(self, points):
         return np.min([ball.distance(points) for ball in self.balls], axis=0)

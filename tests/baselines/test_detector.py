@@ -1,11 +1,8 @@
 """The comparators as estimators, and what all of them have in common."""
 
-import pickle
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from sklearn.base import clone
 
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.baselines import PlaneOutlierDetector, fit_neighborhoods
@@ -82,27 +79,12 @@ def test_a_whole_cloud_is_judged_as_the_array_form_does(method):
 
 @pytest.mark.parametrize("n_neighbors", [40, None])
 @pytest.mark.parametrize("method", METHODS)
-def test_the_order_of_rows_does_not_matter(method, n_neighbors):
+def test_neither_the_order_of_rows_nor_threads_matter(method, n_neighbors):
     X = wall()
     order = np.random.default_rng(1).permutation(len(X))
     here = detector(method, n_neighbors).fit(X).score_samples(X)
-    there = detector(method, n_neighbors).fit(X[order]).score_samples(X)
+    there = detector(method, n_neighbors, n_jobs=2).fit(X[order]).score_samples(X)
     assert_allclose(here, there, rtol=1e-8, atol=1e-10)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_threads_do_not_matter(method):
-    X = wall(700)
-    here, there = (detector(method, n_jobs=jobs).fit(X).score_samples(X) for jobs in (1, 2))
-    assert_array_equal(here, there)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_pickled_detector_scores_as_before(method):
-    X = wall(100)
-    model = detector(method).fit(X)
-    copied = pickle.loads(pickle.dumps(model))
-    assert_array_equal(copied.score_samples(X), model.score_samples(X))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -112,25 +94,11 @@ def test_contamination_is_the_share_that_is_flagged(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_members_not_in_use_do_not_matter(method):
-    rng = np.random.default_rng(0)
-    points = rng.normal(size=(6, 30, 3)) * [1, 1, 0.05]
-    padded = np.concatenate([np.full((6, 10, 3), np.nan), points], axis=1)
-    valid = np.arange(40) >= 10
-    params = {**QUICK.get(method, {}), "random_state": 0}
-    here = fit_neighborhoods(method, points, **params)
-    there = fit_neighborhoods(method, padded, np.tile(valid, (6, 1)), **params)
-    assert_allclose(there.scores[:, 10:], here.scores, rtol=1e-9, atol=1e-12)
-    assert_array_equal(there.inliers[:, 10:], here.inliers)
-    assert not there.inliers[:, :10].any()
-    assert_allclose(there.normals, here.normals, rtol=1e-9)
-
-
-@pytest.mark.parametrize("method", METHODS)
 def test_neighborhoods_of_different_sizes_are_judged_one_by_one(method):
     points = np.random.default_rng(0).normal(size=(4, 30, 3)) * [1, 1, 0.05]
     sizes = [30, 12, 30, 25]
     valid = np.arange(30) < np.array(sizes)[:, None]
+    points[~valid] = np.nan
     params = {**QUICK.get(method, {}), "random_state": 0}
     together = fit_neighborhoods(method, points, valid, **params)
     queries = np.random.default_rng(1).normal(size=(4, 5, 3))
@@ -140,6 +108,9 @@ def test_neighborhoods_of_different_sizes_are_judged_one_by_one(method):
         scores = together.score(queries)[b]
         assert_allclose(scores, alone.score(queries[b : b + 1])[0], rtol=1e-9, atol=1e-12)
         assert_allclose(together.scale[b], alone.scale[0], rtol=1e-9)
+        assert_array_equal(together.inliers[b, :size], alone.inliers[0])
+        assert_allclose(together.normals[b], alone.normals[0], rtol=1e-9)
+    assert not together.inliers[~valid].any()
 
 
 @pytest.mark.parametrize("method", ["pca", "qsp", "ulsif"])
@@ -196,11 +167,6 @@ def test_parameters_of_other_methods_are_refused():
         detector("qsp", method_params={"contamination": 0.1}).fit(wall())
 
 
-def test_parameters_are_cloned_and_settable():
-    model = clone(detector("msac", method_params={"noise_scale": 0.01}))
-    assert model.get_params()["method_params"] == {"noise_scale": 0.01}
-
-
 def test_neighborhoods_too_small_are_refused():
     with pytest.raises(ValueError, match="3 members are too few for planes in 3D"):
         fit_neighborhoods("pca", np.zeros((2, 3, 3)))
@@ -210,10 +176,3 @@ def test_neighborhoods_too_small_are_refused():
         fit_neighborhoods("pca", np.zeros((2, 9, 3)), np.ones((2, 8), dtype=bool))
     with pytest.raises(ValueError, match="method='lof' is none of"):
         fit_neighborhoods("lof", np.zeros((2, 9, 3)))
-
-
-def test_a_wall_of_a_given_noise_is_judged_by_it():
-    X = wall()
-    model = detector("ransac", method_params={"noise_scale": 0.1}).fit(X)
-    assert (model.predict(X)[15:] == 1).all()
-    assert_allclose(model.offset_, -2.5758, rtol=1e-4)

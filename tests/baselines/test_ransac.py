@@ -101,13 +101,6 @@ def test_fewer_trials_are_needed_the_larger_the_consensus():
     assert stops[80] == np.ceil(np.log(0.01) / np.log(1 - 0.8 * 79 / 99 * 78 / 98))
 
 
-def test_most_trials_bound_the_search():
-    points = noisy_planes(20, n_outliers=25)
-    few = fit_neighborhoods("ransac", points, random_state=0, max_trials=1, noise_scale=0.02)
-    many = fit_neighborhoods("ransac", points, random_state=0, noise_scale=0.02)
-    assert many.inliers.sum() > few.inliers.sum()
-
-
 def test_msac_prefers_the_nearer_of_two_planes_with_equal_consensus():
     X = np.stack([make_contaminated_plane(50, random_state=run)[0] for run in range(300)])
     losses = {}
@@ -143,14 +136,6 @@ def test_results_move_and_turn_with_the_points(noise_scale):
     assert_allclose(aligned, 1, rtol=1e-12)
 
 
-def test_different_seeds_draw_different_trials():
-    points = noisy_planes(20)
-    scores = [
-        fit_neighborhoods("ransac", points, random_state=s, n_refits=0).scores for s in (0, 1)
-    ]
-    assert not np.allclose(*scores)
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -164,5 +149,5 @@ def test_different_seeds_draw_different_trials():
     ],
 )
 def test_wrong_parameters_are_named(name, value):
-    with pytest.raises(ValueError, match=f"{name}={value!r} of method 'ransac' must be"):
+    with pytest.raises(ValueError, match=f"'{name}' parameter of Ransac must be"):
         Ransac(**{name: value})

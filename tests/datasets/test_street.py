@@ -9,9 +9,10 @@ from scipy.stats import kstest
 from reference import pca_normal
 from scenes import scene_of
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.datasets._street import _street
 from sklearn_mcmd.datasets._surfaces import Patch
 from sklearn_mcmd.metrics import bias_angle
+
+LINES = {"sampling": "scan_lines", "tree": True, "spacing": 0.12}
 
 
 @pytest.fixture(scope="module")
@@ -22,27 +23,12 @@ def street():
 
 
 def test_every_array_has_a_row_per_point_and_the_documented_type(street):
-    types = {
-        "data": "f8",
-        "target": "i8",
-        "true_points": "f8",
-        "normals": "f8",
-        "surface": "i8",
-        "bay": "i8",
-        "edge_distance": "f8",
-        "outlier_kind": "i1",
-        "noise_scale": "f8",
-    }
-    for name, kind in types.items():
+    flat = {"target": "i8", "surface": "i8", "bay": "i8", "outlier_kind": "i1"}
+    flat |= {"edge_distance": "f8", "noise_scale": "f8"}
+    wide = dict.fromkeys(("data", "true_points", "normals", "sensor_origins"), "f8")
+    for name, kind in (flat | wide).items():
         assert street[name].dtype == np.dtype(kind), name
-        wide = name in ("data", "true_points", "normals")
-        assert street[name].shape == ((30_000, 3) if wide else (30_000,)), name
-
-
-def test_points_without_noise_lie_on_the_scene(street):
-    regular = street.target == 1
-    distance = scene_of(street, tree=True).distance(street.true_points[regular])
-    assert_allclose(distance, 0, atol=1e-9)
+        assert street[name].shape == ((30_000, 3) if name in wide else (30_000,)), name
 
 
 def test_points_without_noise_lie_on_the_surface_and_bay_that_they_are_labelled_with(street):
@@ -64,38 +50,11 @@ def test_sensor_origins_are_the_scanner_of_each_bay(street):
     assert_array_equal(street.sensor_origins[~regular], scanners[nearest])
 
 
-def test_mixed_pixels_lie_on_rays_of_their_sensor_origin():
-    street = make_street(6000, spacing=0.15, outlier_kinds=["mixed_pixel"], random_state=0)
-    scene = scene_of(street)
-    mixed = street.target == -1
-    way = (street.data - street.sensor_origins)[mixed]
-    local = street.sensor_origins[mixed] - scene.scanner
-    assert len(np.unique(local[:, 0])) > 2
-    # The ray is free up to the point, and meets a background behind it.
-    assert (scene.first_hit(scene.scanner + 0.999 * way) == np.inf).all()
-    assert np.isfinite(scene.first_hit(scene.scanner + 10 * way)).all()
-
-
-def test_data_without_noise_are_the_true_points():
-    street = make_street(2000, noise=0, outlier_share=0, random_state=0)
-    assert_array_equal(street.data, street.true_points)
-
-
-def test_noise_does_not_move_the_true_points():
-    quiet, loud = (make_street(2000, noise=s, random_state=0) for s in (0.0, 0.02))
-    regular = quiet.target == 1
-    assert_array_equal(quiet.true_points[regular], loud.true_points[regular])
-
-
-def test_noise_is_gaussian_with_the_scale_of_each_point(street):
+def test_noise_is_gaussian_and_grows_linearly_with_the_range(street):
     regular = street.target == 1
     noise = (street.data - street.true_points)[regular] / street.noise_scale[regular, None]
     for column in noise.T:
         assert kstest(column, "norm").pvalue > 1e-3
-
-
-def test_noise_grows_linearly_with_the_range_to_the_scanner(street):
-    regular = street.target == 1
     ranges = np.linalg.norm(street.true_points[regular] - street.sensor_origins[regular], axis=1)
     scale = street.noise_scale[regular]
     # A straight line from 0.005 at the nearest point to nearly 0.02 at the farthest.
@@ -105,27 +64,26 @@ def test_noise_grows_linearly_with_the_range_to_the_scanner(street):
     assert 0.017 < scale.max() <= 0.02
 
 
-def test_outliers_rows_say_that_they_have_no_truth(street):
+def test_outliers_have_no_truth_and_keep_clear_of_all_surfaces(street):
     outlier = street.target == -1
-    assert outlier.sum() == 3000
+    assert_array_equal(np.bincount(street.outlier_kind), [27_000, *4 * [750]])
     assert (street.surface[outlier] == -1).all()
     assert (street.bay[outlier] == -1).all()
     for name in ("normals", "true_points", "edge_distance"):
         assert np.isnan(street[name][outlier]).all()
     assert_array_equal(street.outlier_kind > 0, outlier)
+    distance = scene_of(street, tree=True).distance(street.data[outlier])
+    assert (distance > 4 * street.noise_scale[outlier]).all()
+    assert 0 < outlier[:200].sum() < 60  # rows are shuffled
 
 
-def test_only_foliage_lacks_normals_and_edges_among_the_regular_points(street):
+def test_normals_face_the_scanner_and_only_foliage_lacks_them_and_edges(street):
     foliage = street.surface == street.surface_names.index("foliage")
     assert foliage.sum() > 500
-    assert (street.target[foliage] == 1).all()
-    regular = street.target == 1
-    assert_array_equal(np.isnan(street.normals[regular]).all(axis=1), foliage[regular])
-    assert_array_equal(np.isnan(street.edge_distance[regular]), foliage[regular])
-
-
-def test_normals_are_unit_vectors_towards_the_scanner(street):
-    has = ~np.isnan(street.edge_distance)
+    has = (street.target == 1) & ~foliage
+    for name in ("normals", "edge_distance"):
+        lacks = np.isnan(street[name].reshape(len(has), -1)).any(axis=1)
+        assert_array_equal(lacks, ~has)
     assert_allclose(np.linalg.norm(street.normals[has], axis=1), 1, rtol=1e-12)
     view = street.sensor_origins[has] - street.true_points[has]
     assert (np.einsum("ij,ij->i", street.normals[has], view) > 0).all()
@@ -155,38 +113,6 @@ def edge_points(part, n=400):
     return np.concatenate(points)
 
 
-def test_every_edge_touches_another_surface_or_is_a_free_rim():
-    parts = _street(5.0, 1, True).parts
-    free = {"sign", "sign_post", "lamp_pole", "trunk"}
-    for part in parts:
-        points = edge_points(part)
-        others = np.min([p.distance(points) for p in parts if p is not part], axis=0)
-        touching = others < 1e-9
-        assert touching.all() or part.name in free, part.name
-
-
-def test_wherever_two_surfaces_meet_both_have_an_edge():
-    parts = [p for p in _street(5.0, 1, True).parts if p.name != "foliage"]
-    rng = np.random.default_rng(12)
-    met = 0
-    for part in parts:
-        points = part.sample(30_000, rng)
-        for other in parts:
-            if other is part:
-                continue
-            near = points[other.distance(points) < 0.01]
-            # Surfaces at right angles: 1 cm from the other is 1 cm from the edge or, at a
-            # corner, less than twice that; inside a pole's foot no point is ever seen.
-            feet = [c for c in getattr(part, "circles", ()) if isinstance(part, Patch)]
-            for foot in feet:
-                away = np.linalg.norm(near - foot.center, axis=1) > foot.radius
-                near = near[away]
-            if len(near):
-                met += 1
-                assert part.edge_distance(near).max() < 0.02, (part.name, other.name)
-    assert met > 40
-
-
 def test_edge_distances_of_a_long_street_see_the_next_bay():
     street = make_street(40_000, spacing=0.06, outlier_share=0, noise=0, random_state=2)
     n_bays = street.bay.max() + 1
@@ -201,21 +127,6 @@ def test_edge_distances_of_a_long_street_see_the_next_bay():
     # 8000 random points on 14 m of edges leave gaps of a few centimeters at most.
     assert_allclose(street.edge_distance[mine], brute, atol=0.02)
     assert (street.edge_distance[mine] <= brute + 1e-9).all()
-
-
-def test_the_lamp_pole_casts_a_shadow_on_the_wall_and_no_point_lies_in_it():
-    street = make_street(50_000, noise=0, outlier_share=0, random_state=3)
-    behind = np.isin(street.surface, [street.surface_names.index(n) for n in ("wall", "footpath")])
-    scanner, points = street.sensor_origins[0, :2], street.true_points[behind]
-    way = points[:, :2] - scanner
-    pole = np.array([3.6, 3.45]) - scanner
-    share = np.clip(way @ pole / (way * way).sum(axis=1), 0, 1)
-    miss = np.linalg.norm(share[:, None] * way - pole, axis=1)
-    assert miss.min() > 0.09 - 1e-6
-    assert miss.min() < 0.095
-    # The shadow on the wall is as wide as the pole, twice as far away.
-    on_wall = np.sort(points[points[:, 2] > 0.5, 0])
-    assert np.diff(on_wall[on_wall > 3.2]).max() > 0.2
 
 
 def test_the_spacing_on_the_road_is_the_one_asked():
@@ -244,12 +155,6 @@ def test_the_spacing_grows_with_the_range_as_asked():
     assert found.max() > 2 * found.min()
 
 
-def test_no_outlier_lies_within_four_noise_scales_of_a_surface_or_in_foliage(street):
-    outlier = street.target == -1
-    distance = scene_of(street, tree=True).distance(street.data[outlier])
-    assert (distance > 4 * street.noise_scale[outlier]).all()
-
-
 def test_the_bays_of_a_long_street_are_shared_evenly():
     street = make_street(60_000, spacing=0.05, outlier_share=0, random_state=12)
     counts = np.bincount(street.bay)
@@ -258,23 +163,110 @@ def test_the_bays_of_a_long_street_are_shared_evenly():
     assert street.true_points[:, 0].max() <= street.length
 
 
-def test_rows_are_shuffled():
-    street = make_street(2000, random_state=15)
-    assert 0 < (street.target[:200] == -1).sum() < 60
+def test_the_density_of_a_scan_falls_with_the_square_of_the_range_and_the_incidence():
+    cloud = make_street(60_000, sampling="scan_lines", noise=0, outlier_share=0, random_state=1)
+    road = cloud.data[cloud.surface == 0]
+    scanner = cloud.sensor_origins[0]
+    # On the level road: incidence h / r, and columns closer by the cosine of the elevation.
+    windows = [(0.2, 0.7), (0.7, 1.2), (3.6, 4.1), (4.1, 4.6)]
+    found, expected = [], []
+    for low, high in windows:
+        inside = (road[:, 0] >= low) & (road[:, 0] < high) & (road[:, 1] > 1) & (road[:, 1] < 1.5)
+        grid = np.stack(
+            np.meshgrid(np.linspace(low, high, 41), np.linspace(1, 1.5, 41)), axis=-1
+        ).reshape(-1, 2)
+        flat = np.linalg.norm(grid - scanner[:2], axis=1)
+        height = scanner[2] - 0.03
+        r = np.hypot(flat, height)
+        found.append(inside.sum())
+        expected.append(np.mean(height / r / r**2 / (flat / r)))
+    ratio = np.array(found) / expected
+    assert min(found) > 200
+    assert_allclose(ratio / ratio.mean(), 1, atol=0.1)
 
 
-def test_streets_are_reproducible_and_differ_between_seeds():
-    first, again, other = (make_street(1000, random_state=s) for s in (0, 0, 1))
-    for name in ("data", "normals", "noise_scale", "outlier_kind"):
-        assert_array_equal(first[name], again[name])
-    assert not np.isin(first.data, other.data).any()
+def test_a_long_scanned_street_has_the_spacing_that_was_asked():
+    street = make_street(40_000, spacing=0.04, sampling="scan_lines", random_state=0)
+    # What a bay's scanner sees grows less than in proportion to its length.
+    assert street.spacing == pytest.approx(0.04, rel=0.03)
+    counts = np.bincount(street.bay[street.bay >= 0])
+    assert len(counts) == len(np.unique(street.sensor_origins, axis=0)) > 1
+    assert np.ptp(counts) <= 1
 
 
-@pytest.mark.parametrize("n_samples", [1, 2, 10, 101])
-def test_small_streets_have_as_many_points_as_asked(n_samples):
-    street = make_street(n_samples, outlier_share=0.4, random_state=0)
-    assert len(street.data) == n_samples
-    assert (street.target == -1).sum() == round(0.4 * n_samples)
+def of_kind(street, kind):
+    return street.data[street.outlier_kind == street.outlier_kind_names.index(kind)]
+
+
+def test_gaussian_outliers_are_as_far_from_the_surfaces_as_their_law_says():
+    street = make_street(
+        30_000, noise=0, outlier_share=0.5, outlier_kinds=["gaussian"], random_state=8
+    )
+    points = of_kind(street, "gaussian")
+    # Before the open road nothing else is near: |z| is half-normal with a scale of 0.2 m.
+    above = points[(points[:, 1] > 0.8) & (points[:, 1] < 2.2)]
+    above = above[np.abs(above[:, 0] - 2.5) < 1.5]
+    height = scene_of(street).distance(above)
+    assert len(above) > 1000
+    assert np.median(height) == pytest.approx(0.2 * 0.6745, rel=0.08)
+    assert height.max() < 1.1
+
+
+def test_uniform_outliers_fill_the_bounding_box_evenly():
+    street = make_street(
+        10_000, noise=0, outlier_share=0.3, outlier_kinds=["uniform"], random_state=9
+    )
+    low, high = scene_of(street).bounds
+    for column, a, b in zip(of_kind(street, "uniform").T, low, high, strict=True):
+        assert kstest(column, "uniform", args=(a, b - a)).pvalue > 1e-3
+
+
+def test_mixed_pixels_lie_behind_an_outline_and_before_a_background():
+    street = make_street(10_000, outlier_kinds=["mixed_pixel"], random_state=10)
+    scene = scene_of(street)
+    scanner, points = street.sensor_origins[0], of_kind(street, "mixed_pixel")
+    rng = np.random.default_rng(13)
+    outlines = np.concatenate(
+        [
+            part.sample_outline(20_000, rng, scanner)
+            for part in scene.parts
+            if part.outline_length > 0
+        ]
+    )
+
+    def direction(x):
+        return (x - scanner) / np.linalg.norm(x - scanner, axis=1, keepdims=True)
+
+    neighbors = cKDTree(direction(outlines)).query_ball_point(direction(points), 0.02)
+    ranges = np.linalg.norm(outlines - scanner, axis=1)
+    for point, found in zip(points, neighbors, strict=True):
+        assert ranges[found].min() < np.linalg.norm(point - scanner)
+    beyond = scanner + 4 * (points - scanner)
+    meeting = scene.first_hit(beyond)
+    assert (meeting > 0.25).all()
+    assert np.isfinite(meeting).all()
+
+
+def test_ghosts_are_dense_balls_off_the_surfaces():
+    street = make_street(20_000, outlier_kinds=["ghost"], random_state=11)
+    points = of_kind(street, "ghost")
+    company = cKDTree(points).query_ball_point(points, 0.2, return_length=True)
+    assert company.min() >= 10
+    assert scene_of(street).distance(points).min() > 0.15 - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("n", "parameters", "seed", "first", "total"),
+    [
+        (3000, {}, 0, (0.701556575, 3.103482865, 0.097770088), 18410.442623),
+        (5000, LINES, 1, (17.935052923, 2.311749935, -0.009401217), 91369.085801),
+    ],
+)
+def test_a_seed_keeps_its_street(n, parameters, seed, first, total):
+    """Figures that were published rest on these."""
+    points = make_street(n, random_state=seed, **parameters).data
+    assert_allclose(points[0], first, atol=2e-9)
+    assert np.abs(points).sum() == pytest.approx(total, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -287,11 +279,12 @@ def test_small_streets_have_as_many_points_as_asked(n_samples):
         ({"outlier_share": 1.0}, "'outlier_share' parameter"),
         ({"n_samples": 1, "outlier_share": 0.9}, "leaves no regular point"),
         ({"noise": -0.1}, "'noise' parameter"),
-        ({"noise": np.nan}, "'noise' parameter"),
         ({"noise_growth": 0.5}, "'noise_growth' parameter"),
         ({"spacing": 0.0}, "'spacing' parameter"),
         ({"spacing": 0.01}, "n_samples is too small for spacing=0.01"),
         ({"noise": 2.0}, "noise leaves no room"),
+        ({"beam_divergence": 0.003}, "beam_divergence=0.003 has no meaning"),
+        ({"sampling": "scan_lines", "spacing_growth": 2.0}, "spacing_growth=2 has no meaning"),
     ],
 )
 def test_bad_parameters_of_the_street_are_named(parameters, message):

@@ -15,8 +15,8 @@ from sklearn_mcmd.model_selection import spatial_blocks
 ELSEWHERE = {
     "adjustment": "coupled_level critical_value local_level noncentrality plan_plane plot_report",
     "baselines": "fit_neighborhoods",  # test_motion
-    "datasets": "make_airborne_scan make_box make_contaminated_plane make_crown_roof "
-    "make_depth_frame make_lidar_turn make_mobile_scan make_street",  # test_degenerate
+    "datasets": "make_box make_contaminated_plane make_crown_roof make_lidar_turn "
+    "make_street",  # test_degenerate
     "io": "read_points read_trajectory sensor_origins write_points",
     "model_selection": "score_segments",
     "plotting": "normal_colors plot_cloud region_colors view",
@@ -143,9 +143,3 @@ def test_every_public_name_is_tested():
                 assert thing in {type(estimator) for estimator in ESTIMATORS.values()}
         else:
             assert short in ELSEWHERE.get(room, "").split() or f"{short}(" in source, name
-
-
-def test_both_sizes_are_as_they_are_called(monkeypatch):
-    from sklearn_mcmd.planes._local_planes import COMPILE_FROM
-
-    assert CLOUDS["small"] < COMPILE_FROM <= CLOUDS["compiled"]

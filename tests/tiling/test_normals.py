@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from sklearn.ensemble import IsolationForest
 
+from benchmarks.simulators import make_airborne_scan, make_mobile_scan
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.datasets import make_airborne_scan, make_mobile_scan, make_street
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, write_points
 from sklearn_mcmd.tiling import process_files
 from tiled import divide, in_memory

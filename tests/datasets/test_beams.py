@@ -1,0 +1,193 @@
+"""Beams of some width: their echoes against brute force, and the truth of what they met."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import kstest, norm
+
+from scenes import scanned, scene_of
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.datasets._beams import MIXED, PHASE_SHIFT, PULSED, Rays, cone, merge
+from sklearn_mcmd.datasets._scan import Scanning
+from sklearn_mcmd.datasets._scan_lines import scan_lines
+from sklearn_mcmd.datasets._scene import Scene
+from sklearn_mcmd.datasets._surfaces import Foliage, Patch, Soft
+
+WIDTH = 0.008
+
+
+def directions(n, seed=0):
+    way = np.random.default_rng(seed).standard_normal((n, 3))
+    return way / np.linalg.norm(way, axis=1, keepdims=True)
+
+
+def test_sub_rays_carry_equal_energy_of_a_gaussian_beam():
+    axes = directions(50)
+    rays = cone(axes, WIDTH)
+    assert_array_equal(rays[:, 0], axes)
+    assert_allclose(np.linalg.norm(rays, axis=2), 1, rtol=1e-12)
+    off = np.linalg.norm(rays - axes[:, None], axis=2) / (WIDTH / 2)
+    # Energy within a radius of w is 1 - exp(-2 radius^2): each ray has its share.
+    energy = 1 - np.exp(-2 * off**2)
+    assert_allclose(energy[:, 1:], np.tile((np.arange(1, 19) + 0.5) / 19, (50, 1)), atol=1e-4)
+    assert kstest((energy[0, 1:] - 0.5 / 19) * 19 / 18, "uniform").pvalue > 0.5
+    # On no side is there more of it.
+    assert np.linalg.norm((rays - axes[:, None]).mean(axis=1), axis=1).max() < 0.07 * WIDTH
+
+
+def strongest(ranges, resolution):
+    """The range of one beam's echo, by loops."""
+    groups = []
+    for r in sorted(ranges):
+        if groups and r - groups[-1][-1] <= resolution:
+            groups[-1].append(r)
+        else:
+            groups.append([r])
+    best = max(groups, key=lambda group: (sum(1 / r**2 for r in group), -group[0]))
+    return sum(1 / r for r in best) / sum(1 / r**2 for r in best), len(best)
+
+
+@pytest.mark.parametrize("resolution", [PULSED, PHASE_SHIFT])
+def test_echoes_are_those_of_loops(resolution):
+    rng = np.random.default_rng(0)
+    beam = np.sort(rng.integers(0, 300, 1500))
+    ranges = rng.choice([4.0, 4.5, 7.0, 9.0], 1500) + 0.1 * rng.random(1500)
+    part = rng.integers(0, 3, 1500)
+    found, echoes, member = merge(Rays(beam, None, None, ranges, part), resolution)
+    assert_array_equal(found, np.unique(beam))
+    for number, (b, r) in enumerate(zip(found, echoes, strict=True)):
+        expected, n = strongest(ranges[beam == b].tolist(), resolution)
+        assert r == pytest.approx(expected, rel=1e-12)
+        assert np.count_nonzero(member == number) == n
+        assert (beam[member == number] == b).all()
+
+
+def test_ranges_at_an_outline_follow_the_energy_on_either_side():
+    # A plate before a wall, seen by beams of all offsets from its upright side.
+    plate = Patch("plate", (-3, 4, -1), (3, 0, 0), (0, 0, 2))
+    wall = Patch("wall", (-3, 6, -1.5), (6, 0, 0), (0, 0, 3))
+    scene = Scene([plate, wall], 1.0, 1, scanner=(0, 0, 0))
+    scanning = Scanning(0.005, 0.0, beam_divergence=WIDTH)
+    lines = scan_lines(scene, 50_000, np.random.default_rng(0), scanning)
+    x, y, z = lines.points.T
+    near = (np.abs(x / y) < WIDTH) & (np.abs(z / y) < 0.2)
+    sideways, depth = (x / y)[near], y[near]
+    share = norm.cdf(-sideways / (WIDTH / 4))  # of the energy, on the plate
+    ranges = (share / 4 + (1 - share) / 6) / (share / 16 + (1 - share) / 36)
+    assert near.sum() > 200
+    assert len(np.unique(np.round(sideways, 9))) > 3
+    assert np.abs(depth - ranges).max() < 0.25  # a step of one in 19 rays is up to 0.17 m
+    assert np.abs(depth - ranges).mean() < 0.06
+    mixed = (depth > 4.02) & (depth < 5.98)
+    assert_array_equal(lines.kind[near] == MIXED, mixed)
+    assert_allclose(lines.places[near][~mixed, 1], np.where(depth[~mixed] < 5, 4.0, 6.0))
+
+
+@pytest.fixture(scope="module")
+def street():
+    parameters = {"tree": True, "outlier_share": 0.02, "outlier_kinds": ["ghost"]}
+    return make_street(
+        20_000, sampling="scan_lines", beam_divergence=WIDTH, random_state=1, **parameters
+    )
+
+
+def test_mixed_pixels_come_besides_those_that_are_asked_for(street):
+    kinds = np.bincount(street.outlier_kind, minlength=5)
+    names = street.outlier_kind_names
+    assert kinds[names.index("ghost")] == 400
+    assert kinds[names.index("mixed_pixel")] > 100
+    assert_array_equal(street.outlier_kind > 0, street.target == -1)
+    away = scene_of(street, tree=True).distance(street.data[street.target == -1])
+    assert away.min() > 0  # but for their noise, mixed pixels are four deviations off
+    outlier = street.target == -1
+    for array, nothing in (("surface", -1), ("bay", -1)):
+        assert_array_equal(street[array] == nothing, outlier)
+    for array in ("true_points", "edge_distance"):
+        lacks = np.isnan(street[array].reshape(len(outlier), -1)).any(axis=1)
+        assert lacks[outlier].all()
+
+
+def test_ranges_of_a_street_are_those_of_many_random_rays(street):
+    scene, rng = scene_of(street, tree=True), np.random.default_rng(0)
+    solid = [part for part in scene.parts if not isinstance(part, Soft)]
+    leaves = next(part for part in scene.parts if isinstance(part, Soft))
+    mixed = street.outlier_kind == street.outlier_kind_names.index("mixed_pixel")
+    away = np.linalg.norm(street.data - leaves.center, axis=1) > 1.5  # leaves stop rays by chance
+    sample = np.concatenate(
+        [
+            rng.permutation(np.flatnonzero(chosen & away))[:n]
+            for chosen, n in ((mixed, 60), (street.target == 1, 60))
+        ]
+    )
+    ray = street.data[sample] - street.sensor_origins[sample]
+    ranges = np.linalg.norm(ray, axis=1)
+    mean, spread = np.empty((2, len(sample)))
+    for i, axis in enumerate(ray / ranges[:, None]):
+        ways = axis + rng.normal(0, WIDTH / 4, (1500, 3)) @ (np.eye(3) - np.outer(axis, axis))
+        ends = street.sensor_origins[sample[i]] + 20 * ways
+        met = 20 * np.min([p.hit(street.sensor_origins[sample[i]], ends) for p in solid], axis=0)
+        met = met[np.isfinite(met)]
+        mean[i], spread[i] = np.sum(1 / met) / np.sum(1 / met**2), np.ptp(met)
+    error = np.abs(ranges - mean)
+    assert (error < 0.1 * spread + 5 * street.noise_scale[sample]).mean() > 0.97
+    assert np.median(error / street.noise_scale[sample]) < 3
+
+
+def test_truth_is_that_of_the_surface_that_a_wide_beam_met(street):
+    scene = scene_of(street, tree=True)
+    for number, part in enumerate(scene.parts):
+        mine = street.surface == number
+        true = street.true_points[mine]
+        assert_allclose(part.distance(true), 0, atol=1e-9)
+        assert (part.distance(street.data[mine]) < 10 * street.noise_scale[mine]).all()
+        if not isinstance(part, Soft):
+            across = np.einsum("ij,ij->i", part.normals(true), street.normals[mine])
+            assert_allclose(np.abs(across), 1, atol=1e-9)
+            assert_allclose(street.edge_distance[mine], part.edge_distance(true), atol=1e-9)
+
+
+def test_pulses_mix_only_what_their_resolution_does_not_part():
+    n = 20_000
+    scan, world = scanned(
+        "make_lidar_turn", n, outlier_share=0.02, outlier_kinds=("ghost",), beam_divergence=0.006
+    )
+    mixed = scan.outlier_kind == scan.outlier_kind_names.index("mixed_pixel")
+    assert mixed.sum() > 10
+    assert np.sum(scan.outlier_kind == scan.outlier_kind_names.index("ghost")) == 0.02 * n
+    # A chain of leaves may be long; of two surfaces one is within half the resolution.
+    away = world.distance(scan.data[mixed])
+    assert np.quantile(away, 0.9) < PULSED / 2
+    for number in np.unique(scan.surface[scan.surface >= 0]):
+        mine = scan.surface == number
+        assert_allclose(world.parts[number].distance(scan.true_points[mine]), 0, atol=1e-6)
+
+
+def test_foliage_is_scanned_in_depth_and_lets_some_rays_through():
+    leaves = Foliage("foliage", (0, 3, 0), 1.0)
+    wall = Patch("wall", (-2, 6, -2), (4, 0, 0), (0, 0, 4))
+    scene = Scene([leaves, wall], 1.0, 1, scanner=(0, 0, 0))
+    points, _, surface, *_ = scan_lines(scene, 20_000, np.random.default_rng(0), Scanning(0, 0))
+    hit = points[surface == 0]
+    assert_allclose(np.linalg.norm(hit - leaves.center, axis=1).max(), 1, atol=0.01)
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
+    # Through the middle: an exponential depth of mean .7 over a way of 2 leaves e^(-2 / .7).
+    central = np.hypot(azimuth - np.pi / 2, elevation) < 0.03
+    through = (surface[central] == 1).mean()
+    expected = np.exp(-2 / 0.7)
+    error = np.sqrt(expected * (1 - expected) / central.sum())
+    assert central.sum() > 50
+    assert abs(through - expected) < 4 * error + 0.005
+
+
+def test_scanned_points_lie_on_vertical_lines_of_equal_azimuth_at_equal_steps():
+    cloud = make_street(20_000, sampling="scan_lines", noise=0, outlier_share=0, random_state=0)
+    x, y, z = (cloud.data - cloud.sensor_origins[0]).T
+    elevation = np.arctan2(z, np.hypot(x, y))
+    for angle in (np.arctan2(y, x), elevation):
+        levels = np.unique(np.round(angle, 9))
+        steps = np.diff(levels)
+        step = np.median(steps)
+        assert len(levels) < 1500  # of 20 000 points
+        assert_allclose(steps / step, np.round(steps / step), atol=1e-4)
+    assert elevation.min() >= -np.radians(60)

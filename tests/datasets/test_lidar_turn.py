@@ -1,0 +1,232 @@
+"""A spinning lidar: its rings, the truth of its points, and where its outliers lie."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
+from scipy.stats import kstest
+
+from scenes import scanned
+from sklearn_mcmd.datasets import make_lidar_turn
+from sklearn_mcmd.datasets._sensor_outliers import SENSOR_OUTLIERS
+from sklearn_mcmd.datasets._surfaces import Soft
+
+
+def elevations(scan):
+    ray = (scan.true_points - scan.sensor_origins)[scan.target == 1]
+    return np.degrees(np.arcsin(ray[:, 2] / np.linalg.norm(ray, axis=1)))
+
+
+@pytest.mark.parametrize("n_rings", [16, 32])
+def test_rays_leave_in_rings_of_equal_elevation(n_rings):
+    scan = make_lidar_turn(20_000, n_rings=n_rings, outlier_share=0, random_state=0)
+    rings = np.unique(np.round(elevations(scan), 6))
+    assert_allclose(rings, np.linspace(-30.67, 10.67, n_rings), atol=1e-6)
+
+
+def test_rings_on_the_ground_part_a_hundredfold():
+    scan, _ = scanned("make_lidar_turn", 60_000)
+    ground = scan.true_points[scan.classification == 0]
+    assert_array_equal(scan.sensor_origins, 0.0)
+    assert_allclose(ground[:, 2], -1.5, atol=1e-12)
+    rings = np.unique(np.round(np.hypot(ground[:, 0], ground[:, 1]), 3))
+    gaps = np.diff(rings)
+    gaps = gaps[gaps > 0.01]
+    assert gaps[0] == pytest.approx(0.140, abs=0.002)  # of rings at 30.67 and 29.34 degrees
+    assert gaps.max() / gaps[0] > 100
+
+
+def test_points_of_a_ring_lie_at_equal_steps_of_azimuth():
+    scan, _ = scanned("make_lidar_turn")
+    ray = (scan.true_points - scan.sensor_origins)[scan.target == 1]
+    ring = np.round(elevations(scan), 6)
+    azimuth = np.sort(np.arctan2(ray[:, 1], ray[:, 0])[ring == np.unique(ring)[5]])
+    steps = np.diff(azimuth)
+    step = np.median(steps)
+    assert_allclose(steps / step, np.round(steps / step), atol=1e-6)
+
+
+def test_rings_are_told_of_regular_points_and_of_outliers_on_beams():
+    scan = make_lidar_turn(20_000, n_rings=16, outlier_share=0.2, random_state=0)
+    angles = np.linspace(-30.67, 10.67, 16)
+    ray = np.where((scan.target == 1)[:, None], scan.true_points, scan.data)
+    ranges = np.linalg.norm(ray, axis=1)
+    assert scan.ring.dtype == np.int64
+    no_return = scan.outlier_kind == scan.outlier_kind_names.index("no_return")
+    assert_array_equal(ranges == 0, no_return)
+    assert len(np.unique(scan.ring[no_return])) == 16
+    ray, ranges, ring = ray[~no_return], ranges[~no_return], scan.ring[~no_return]
+    off = np.abs(np.degrees(np.arcsin(ray[:, 2] / ranges))[:, None] - angles)
+    own = off[np.arange(len(ring)), ring]
+    regular = scan.target[~no_return] == 1
+    ghost = scan.outlier_kind[~no_return] == scan.outlier_kind_names.index("ghost")
+    assert own[regular].max() < 1e-9
+    assert own[~regular & ~ghost].max() < 0.01
+    assert_array_equal(ring[ghost], off[ghost].argmin(axis=1))
+
+
+def test_every_array_has_a_row_per_point_and_the_documented_type():
+    scan, _ = scanned("make_lidar_turn")
+    flat = {"target": "i8", "surface": "i8", "classification": "i8", "echo": "i1", "ring": "i8"}
+    flat |= {"noise_scale": "f8", "outlier_kind": "i1"}
+    wide = dict.fromkeys(("data", "true_points", "normals", "sensor_origins"), "f8")
+    for array, kind in (flat | wide).items():
+        assert scan[array].dtype == np.dtype(kind), array
+        assert scan[array].shape == ((20_000, 3) if array in wide else (20_000,)), array
+    assert np.isfinite(scan.data).all()
+    outlier = scan.target == -1
+    for array, nothing in (("surface", -1), ("classification", -1), ("echo", 0)):
+        assert_array_equal(scan[array] == nothing, outlier, err_msg=array)
+    for array in ("true_points", "normals"):
+        assert np.isnan(scan[array][outlier]).all()
+
+
+def test_true_points_stay_whatever_the_noise():
+    usual, _ = scanned("make_lidar_turn")
+    loud = make_lidar_turn(20_000, noise=0.03, random_state=0)
+    for array in ("true_points", "normals", "outlier_kind"):
+        assert_array_equal(usual[array], loud[array])
+
+
+def test_true_points_are_the_first_of_their_part_that_the_sensor_sees_and_normals_face_it():
+    scan, world = scanned("make_lidar_turn")
+    assert scan.surface_names == [part.name for part in world.parts]
+    regular = scan.target == 1
+    origins, points = scan.sensor_origins[regular], scan.true_points[regular]
+    soft = np.array([isinstance(part, Soft) for part in world.parts])
+    for number, part in enumerate(world.parts):
+        mine = scan.surface == number
+        assert_allclose(part.distance(scan.true_points[mine]), 0, atol=1e-6)
+        assert (scan.classification[mine] == world.class_of[number]).all()
+        if not soft[number]:  # beams go past leaves
+            before = part.hit(origins, origins + (1 - 1e-7) * (points - origins))
+            assert np.isinf(before).all(), part.name
+    has = regular & ~soft[scan.surface]
+    assert_array_equal(np.isfinite(scan.normals).all(axis=1), has)
+    assert_allclose(np.linalg.norm(scan.normals[has], axis=1), 1, rtol=1e-12)
+    toward = (scan.sensor_origins - scan.true_points)[has]
+    assert (np.einsum("ij,ij->i", scan.normals[has], toward) >= 0).all()
+
+
+def test_noise_is_gaussian_along_the_ray_and_grows_with_the_range():
+    scan, _ = scanned("make_lidar_turn")
+    regular = scan.target == 1
+    ray = (scan.true_points - scan.sensor_origins)[regular]
+    ranges = np.linalg.norm(ray, axis=1)
+    error = (scan.data - scan.true_points)[regular] / scan.noise_scale[regular, None]
+    along = np.einsum("ij,ij->i", error, ray) / ranges
+    assert kstest(along, "norm").pvalue > 1e-3
+    assert_allclose(error - along[:, None] * ray / ranges[:, None], 0, atol=1e-9)
+    expected = 0.01 * (1 + 3 * ranges / 100)
+    assert_allclose(scan.noise_scale[regular], expected, rtol=1e-12)
+
+
+def test_later_echoes_lie_behind_earlier_ones_on_one_ray():
+    scan, world = scanned("make_lidar_turn")
+    regular = scan.target == 1
+    ray = (scan.true_points - scan.sensor_origins)[regular]
+    ranges = np.linalg.norm(ray, axis=1)
+    beam = np.column_stack([scan.sensor_origins[regular], ray / ranges[:, None]])
+    _, beam = np.unique(np.round(beam, 9), axis=0, return_inverse=True)
+    order = np.lexsort([ranges, beam.ravel()])
+    same = np.diff(beam.ravel()[order]) == 0
+    echo = scan.echo[regular][order]
+    assert same.sum() > 20
+    assert (np.diff(echo)[same] > 0).all()
+    # A beam goes on only behind what lets it through.
+    front = world.through[scan.surface[regular][order][:-1][same]]
+    assert front.all()
+
+
+@cache
+def with_outliers():
+    return scanned("make_lidar_turn", outlier_share=0.1, outlier_kinds=tuple(SENSOR_OUTLIERS))
+
+
+def with_kind(kind):
+    """A scan with outliers of all kinds, and which are of one."""
+    scan, _ = with_outliers()
+    return scan, scan.outlier_kind == scan.outlier_kind_names.index(kind)
+
+
+def test_outliers_of_all_kinds_keep_clear_of_everything_and_have_equal_shares():
+    scan, world = with_outliers()
+    mine = scan.target == -1
+    assert_array_equal(np.bincount(scan.outlier_kind), [18_000, *5 * [400]])
+    assert (world.distance(scan.data[mine]) > 3.99 * scan.noise_scale[mine]).all()
+
+
+def test_mixed_pixels_lie_between_what_neighboring_beams_meet():
+    scan, mine = with_kind("mixed_pixel")
+    ranges = np.linalg.norm(scan.data, axis=1)
+    direction = scan.data / np.fmax(ranges, 1e-9)[:, None]  # some have no return
+    regular = np.flatnonzero(scan.target == 1)
+    near = cKDTree(direction[regular]).query(direction[mine], k=12)[1]
+    near, ranges = ranges[regular[near]], ranges[mine]
+    between = (near.min(axis=1) < ranges) & (ranges < near.max(axis=1))
+    # A few edges are seen by beams whose echoes were lost at random.
+    assert between.mean() > 0.97
+
+
+def test_range_errors_are_5_to_20_spacings_before_or_behind_what_their_beam_meets():
+    scan, mine = with_kind("range_error")
+    regular = scan.data[scan.target == 1]
+    spacing = cKDTree(regular).query(regular, k=9)[0][:, 1:].mean(axis=1)
+    ray = scan.data - scan.sensor_origins
+    ranges = np.linalg.norm(ray, axis=1)
+    direction = ray / np.fmax(ranges, 1e-9)[:, None]
+    true = scan.target == 1
+    angle, near = cKDTree(direction[true]).query(direction[mine])
+    own = angle < 1e-6
+    off = np.abs(ranges[mine] - ranges[true][near])[own] / spacing[near[own]]
+    assert own.mean() > 0.9
+    assert 4 < np.quantile(off, 0.05) < np.quantile(off, 0.95) < 21
+
+
+def test_ghosts_are_balls_of_at_least_ten_points():
+    scan, mine = with_kind("ghost")
+    regular, points = scan.data[scan.target == 1], scan.data[mine]
+    unit = np.median(cKDTree(regular).query(regular, k=9)[0][:, 1:].mean(axis=1))
+    company = cKDTree(points).query_ball_point(points, 6.5 * unit, return_length=True)
+    assert company.min() >= 10
+
+
+def test_half_the_particles_are_within_four_meters_of_a_spinning_lidar():
+    scan, mine = with_kind("particle")
+    ranges = np.linalg.norm((scan.data - scan.sensor_origins)[mine], axis=1)
+    assert 2.8 < np.median(ranges) < 4
+    assert ranges.max() > 8
+
+
+def test_a_seed_keeps_its_turn():
+    """Figures that were published rest on it."""
+    points = make_lidar_turn(8000, random_state=0).data + np.array([0, 0, 1.5])
+    assert_allclose(points[0], (-3.602159455, 3.728378947, 1.379461983), atol=2e-9)
+    assert np.abs(points).sum() == pytest.approx(94408.381054, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"outlier_kinds": ["gaussian"]}, "outlier_kinds="),
+        ({"outlier_kinds": ["ghost", "ghost"]}, "once each"),
+        ({"outlier_kinds": []}, "one or more"),
+        ({"n_samples": 1, "outlier_share": 0.9}, "leaves no regular point"),
+        ({"n_samples": 0}, "'n_samples' parameter"),
+        ({"n_rings": 1}, "'n_rings' parameter"),
+        ({"noise": -1.0}, "'noise' parameter"),
+        (
+            {"n_samples": 4, "outlier_share": 0.5, "outlier_kinds": ["mixed_pixel"]},
+            "give more points",
+        ),
+        (
+            {"n_samples": 1, "outlier_share": 0, "snow": 300.0, "random_state": 2},
+            "leave no regular point",
+        ),
+    ],
+)
+def test_bad_parameters_are_named(parameters, message):
+    with pytest.raises(ValueError, match=message):
+        make_lidar_turn(**{"n_samples": 300, "random_state": 0, **parameters})

@@ -1,0 +1,213 @@
+"""benchmarks/simulators: the physics on which figures of the pages rest, and their seeds."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial import cKDTree
+
+from benchmarks import simulators
+from benchmarks.simulators._furniture import _bus_stop, _traffic_furniture
+from scenes import WORLDS, scanned
+from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch, Soft
+from sklearn_mcmd.io import PointCloud, sensor_origins
+
+ALL = ["mixed_pixel", "range_error", "ghost", "low", "high", "particle", "no_return"]
+SEEDS = {
+    "make_mobile_scan": (
+        {"outlier_share": 0.1, "far_share": 0.05, "outlier_kinds": ALL},
+        (8.829294658, 0.10400707, 0.028100448),
+        92237.98514,
+    ),
+    "make_airborne_scan": (
+        {"far_share": 0.05},
+        (35.773295123, 1.746501107, -0.005876905),
+        349763.843307,
+    ),
+    "make_depth_frame": ({}, (-0.123732252, 4.367026223, 1.45190041), 27639.866871),
+    "make_traffic_furniture": (
+        {"outlier_share": 0.2},
+        (7.96965013, 3.53275642, 0.10328705),
+        34959.485373,
+    ),
+    "make_bus_stop": ({"outlier_share": 0.2}, (6.60745103, 3.4039736, 0.17481952), 34783.051122),
+}
+scenes = [name for name in WORLDS if name != "make_lidar_turn"]
+
+
+@pytest.mark.parametrize("name", SEEDS)
+def test_a_seed_keeps_its_cloud(name):
+    """Golden results, ablations and the pages' figures rest on these."""
+    parameters, first, total = SEEDS[name]
+    n = 4000 if name in ("make_traffic_furniture", "make_bus_stop") else 5000
+    points = getattr(simulators, name)(n, random_state=0, **parameters).data
+    assert_allclose(points[0], first, atol=6e-9)
+    assert np.abs(points).sum() == pytest.approx(total, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", scenes)
+def test_points_are_the_first_that_beams_meet_and_outliers_are_off_everything(name):
+    scan, world = scanned(name, outlier_share=0.1, outlier_kinds=tuple(ALL), far_share=0.05)
+    regular = scan.target == 1
+    origins, points = scan.sensor_origins[regular], scan.true_points[regular]
+    for number, part in enumerate(world.parts):
+        mine = scan.surface == number
+        assert_allclose(part.distance(scan.true_points[mine]), 0, atol=1e-6)
+        assert (scan.classification[mine] == world.class_of[number]).all()
+        if not world.through[number]:
+            before = part.hit(origins, origins + (1 - 1e-7) * (points - origins))
+            assert np.isinf(before).all(), part.name
+    soft = np.array([isinstance(part, Soft) for part in world.parts])
+    assert np.isnan(scan.normals[regular][soft[scan.surface[regular]]]).all()
+    kinds = np.array(scan.outlier_kind_names)[scan.outlier_kind]
+    far = np.char.startswith(kinds, "far")
+    assert far.sum() == 1000
+    near = ~regular & ~far
+    assert near.sum() == 2000
+    assert (world.distance(scan.data[near]) > 3.99 * scan.noise_scale[near]).all()
+    away = cKDTree(scan.data[regular]).query(scan.data[far])[0]
+    # Noise moves the regular points somewhat.
+    assert away.min() > 0.095 * np.linalg.norm(np.ptp(scan.data[regular], axis=0))
+
+
+@pytest.mark.parametrize("name", ["make_mobile_scan", "make_airborne_scan"])
+def test_times_and_trajectory_say_where_the_sensor_was(name):
+    scan, _ = scanned(name)
+    cloud = PointCloud(scan.data, {"gps_time": scan.gps_time})
+    positions = sensor_origins(cloud, scan.trajectory)
+    assert np.abs(positions - scan.sensor_origins).max() < 1e-9
+
+
+def density(scan, x, y):
+    """Echoes on the ground of a window, a square metre."""
+    inside = (scan.data[:, :2] > [x[0], y[0]]) & (scan.data[:, :2] < [x[1], y[1]])
+    ground = scan.classification == scan.class_names.index("ground")
+    return (inside.all(axis=1) & ground).sum() / ((x[1] - x[0]) * (y[1] - y[0]))
+
+
+RATIO, MISFIT = 6.0, 0.05
+
+
+@pytest.fixture(scope="module")
+def flights():
+    """Two swaths, at neither of the defaults."""
+    return simulators.make_airborne_scan(
+        100_000, density_ratio=RATIO, misfit=MISFIT, random_state=0
+    )
+
+
+def test_densities_of_swaths_and_of_their_overlap(flights):
+    dense = density(flights, (0, 80), (0.2, 2.3))
+    # Beams from 250 m beside and 800 m up land farther apart on the slope of .2, which falls
+    # away from them.
+    sparse = density(flights, (53, 79), (53, 59.5)) / (1 - 0.2 * (250 - 56) / 800)
+    both = density(flights, (53, 78), (26.6, 28.5))  # no wire throws its shadow there
+    assert dense / sparse == pytest.approx(RATIO, rel=0.08)
+    assert both / sparse == pytest.approx(RATIO + 1, rel=0.08)
+
+
+def test_the_second_swath_is_too_high_by_the_misfit(flights):
+    scan = flights
+    regular = scan.target == 1
+    ray = (scan.true_points - scan.sensor_origins)[regular]
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    error = (scan.data - scan.true_points)[regular]
+    for swath, misfit in ((0, 0.0), (1, MISFIT)):
+        mine = scan.stretch[regular] == swath
+        rest = error[mine] - [0, 0, misfit]
+        along = np.einsum("ij,ij->i", rest, ray[mine])
+        assert np.allclose(rest, along[:, None] * ray[mine], atol=1e-9)
+        assert along.std() == pytest.approx(0.014, rel=0.04)
+        assert abs(along.mean()) < 4 * 0.014 / np.sqrt(mine.sum())
+
+
+def test_lines_lie_as_many_times_as_dense_where_the_vehicle_stood():
+    scan = simulators.make_mobile_scan(60_000, density_ratio=4.0, random_state=0)
+    road = scan.data[scan.classification == 0]
+    road = road[(road[:, 1] > -0.5) & (road[:, 1] < 0.5)]
+    # The beam turns in a plane 25 degrees off the cross-section: where was the vehicle?
+    x = road[:, 0] - np.tan(np.radians(25)) * (road[:, 1] + 1.5)
+    dense = np.sum((x > 8.05) & (x < 8.75)) / 0.7
+    usual = np.sum((x > 4) & (x < 7.5)) / 3.5
+    assert dense / usual == pytest.approx(4.0, rel=0.1)
+
+
+def test_points_lie_on_lines_across_the_street():
+    scan, _ = scanned("make_mobile_scan")
+    offset = (scan.true_points - scan.sensor_origins)[scan.target == 1]
+    assert np.allclose(offset[:, 0], np.tan(np.radians(25)) * offset[:, 1], atol=1e-9)
+    assert len(np.unique(scan.sensor_origins[:, 0])) < 300
+
+
+AXIS = np.array([0.0, np.cos(np.radians(8)), -np.sin(np.radians(8))])
+
+
+def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth():
+    step = 0.01  # not the default
+    scan = simulators.make_depth_frame(20_000, step=step, random_state=0)
+    depth = (scan.data - scan.sensor_origins) @ AXIS
+    level = 1 / (step * depth)
+    assert_allclose(level, np.round(level), atol=1e-9)
+    levels = np.unique(np.round(depth, 9))
+    middle = (levels[:-1] + levels[1:]) / 2
+    near = np.diff(levels) < 1.5 * step * middle**2
+    assert near.sum() > 20
+    assert_allclose(np.diff(levels)[near] / middle[near] ** 2, step, rtol=2e-2)
+
+
+def test_errors_have_the_stated_scale_and_are_alike_in_neighboring_pixels():
+    scan, _ = scanned("make_depth_frame", 60_000, outlier_share=0.0)
+    ray = scan.true_points - scan.sensor_origins
+    ranges = np.linalg.norm(ray, axis=1)
+    error = np.einsum("ij,ij->i", scan.data - scan.true_points, ray) / ranges / scan.noise_scale
+    assert error.std() == pytest.approx(1, rel=0.06)
+    assert abs(error.mean()) < 0.1
+    # Pixels of one row, from left to right.
+    depth = ray @ AXIS
+    row = np.round(ray @ [0, AXIS[2], -AXIS[1]] / depth, 9)
+    order = np.lexsort([ray[:, 0] / depth, row])
+    same = np.diff(row[order]) == 0
+    left, right = error[order][:-1][same], error[order][1:][same]
+    assert 0.3 < np.corrcoef(left, right)[0, 1] < 0.7
+
+
+def test_the_furniture_has_the_ten_flat_and_eleven_round_surfaces_of_the_paper():
+    cloud = simulators.make_traffic_furniture(20_000, random_state=0)
+    counts = np.bincount(cloud.surface, minlength=21)
+    assert counts.min() >= 20
+    round_parts = [p.name for p in _traffic_furniture().parts if isinstance(p, Cylinder)]
+    assert len(set(round_parts) - {"road"}) == 11
+    assert len(cloud.surface_names) == 21
+
+
+def test_the_bus_stop_has_the_31_surfaces_of_the_paper_each_of_40_points():
+    cloud = simulators.make_bus_stop(random_state=0)
+    counts = np.bincount(cloud.surface)
+    assert (counts > 0).sum() == 31
+    assert counts[counts > 0].min() >= 40
+
+
+@pytest.mark.parametrize("scene_of", [_traffic_furniture, _bus_stop])
+def test_wherever_two_surfaces_meet_both_have_an_edge(scene_of):
+    parts = [p for p in scene_of().parts if not isinstance(p, Foliage)]
+    rng, met = np.random.default_rng(0), 0
+    for part in parts:
+        points = part.sample(2_000, rng)
+        for foot in getattr(part, "circles", ()):
+            # Inside a pole's foot no point is ever seen.
+            if isinstance(part, Patch):
+                away = np.linalg.norm(points[:, :2] - foot.center[:2], axis=1) > foot.radius
+                points = points[away]
+        for other in parts:
+            if other is part:
+                continue
+            near = points[other.distance(points) < 0.01]
+            if len(near) and not _hidden(part, other):
+                met += 1
+                assert part.edge_distance(near).max() < 0.025, (part.name, other.name)
+    assert met > 20
+
+
+def _hidden(part, other):
+    """Contacts out of the scanner's sight: under an umbrella, in the foliage."""
+    names = {part.name, other.name}
+    return any("panel" in n for n in names) and any(n.endswith("_pole") for n in names)
