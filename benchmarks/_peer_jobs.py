@@ -1,7 +1,7 @@
-"""What `bench_peers.py` measures: searches, normals, outliers and regions, ours and of peers.
+"""What `bench_peers.py` measures: normals, outliers and regions, ours and of peers.
 
-A job takes a `Case` and returns its answer: a search `Found`, the others an array with a row for
-each point. Imports are inside the jobs, so a process loads the one library that it measures.
+A job takes a `Case` and returns an array with a row for each point. Imports are inside the jobs, so
+a process loads the one library that it measures.
 """
 
 from collections.abc import Callable
@@ -10,11 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-__all__ = ["JOBS", "KINDS", "Case", "Found", "Job", "is_installed", "leaf_order"]
+__all__ = ["JOBS", "KINDS", "Case", "Job", "is_installed"]
 
-KINDS = ("search", "normals", "outliers", "regions")
-# Rows that one thread searches at a time.
-CHUNK = 4096
+KINDS = ("normals", "outliers", "regions")
 
 
 class Case(NamedTuple):
@@ -25,13 +23,6 @@ class Case(NamedTuple):
     threads: int
     radius: float
     columns: np.ndarray | None = None
-
-
-class Found(NamedTuple):
-    """The answer of a search: rows (n, k) of `points`, for each of `points`."""
-
-    points: np.ndarray
-    indices: np.ndarray
 
 
 class Job(NamedTuple):
@@ -46,91 +37,9 @@ def is_installed(job):
     return find_spec(JOBS[job].package) is not None
 
 
-def leaf_order(X):
-    """Rows of X by the leaves of SciPy's tree: near points are near in memory."""
-    from scipy.spatial import cKDTree
-
-    return cKDTree(X).indices
-
-
-def our_search(case):
-    from joblib import Parallel, delayed
-
-    from sklearn_mcmd.planes._nearest import SelfSearch
-
-    search = SelfSearch(case.X)
-    indices = np.empty((len(case.X), case.k), dtype=np.int32)
-
-    def fill(start):
-        rows = slice(start, start + CHUNK)
-        indices[rows] = search.query(rows, case.k)
-
-    starts = range(0, len(case.X), CHUNK)
-    Parallel(n_jobs=case.threads, require="sharedmem")(delayed(fill)(start) for start in starts)
-    return Found(search.points, indices), search.order
-
-
-def search_in_leaf_order(case):
-    found, _ = our_search(case)
-    return found
-
-
-def search_in_callers_rows(case):
-    found, order = our_search(case)
-    indices = np.empty_like(found.indices)
-    indices[order] = order[found.indices]
-    return Found(case.X, indices)
-
-
-def scipy_search(case):
-    from scipy.spatial import cKDTree
-
-    _, indices = cKDTree(case.X).query(case.X, k=case.k, workers=case.threads)
-    return Found(case.X, indices)
-
-
-def scipy_search_in_leaf_order(case):
-    return scipy_search(case._replace(X=case.X[leaf_order(case.X)]))
-
-
-def pykdtree_search(case):
-    from pykdtree.kdtree import KDTree
-
-    return Found(case.X, KDTree(case.X).query(case.X, k=case.k)[1])
-
-
-def pynanoflann_search(case):
-    import pynanoflann
-
-    tree = pynanoflann.KDTree(n_neighbors=case.k)
-    tree.fit(case.X)
-    return Found(case.X, tree.kneighbors(case.X, n_jobs=case.threads)[1])
-
-
-def small_gicp_search(case):
-    import small_gicp
-
-    tree = small_gicp.KdTree(case.X, num_threads=case.threads)
-    return Found(case.X, tree.batch_knn_search(case.X, case.k, num_threads=case.threads)[0])
-
-
-def sklearn_search(case):
-    from sklearn.neighbors import NearestNeighbors
-
-    tree = NearestNeighbors(n_neighbors=case.k, algorithm="kd_tree", n_jobs=case.threads)
-    return Found(case.X, tree.fit(case.X).kneighbors(case.X, return_distance=False))
-
-
 def single_precision(X):
     """X about its center as float32, for libraries that take nothing else."""
     return (X - X.mean(axis=0)).astype(np.float32)
-
-
-def pgeof_search(case):
-    import pgeof
-
-    local = single_precision(case.X)
-    return Found(case.X, pgeof.knn_search(local, local, case.k)[0])
 
 
 def our_normals(**parameters):
@@ -224,15 +133,6 @@ def open3d_patches(case):
 
 
 JOBS = {
-    "search: sklearn_mcmd": Job(search_in_leaf_order, "sklearn_mcmd"),
-    "search: sklearn_mcmd, caller's rows": Job(search_in_callers_rows, "sklearn_mcmd"),
-    "search: SciPy cKDTree": Job(scipy_search, "scipy"),
-    "search: SciPy cKDTree, leaf order": Job(scipy_search_in_leaf_order, "scipy"),
-    "search: pykdtree": Job(pykdtree_search, "pykdtree"),
-    "search: pynanoflann": Job(pynanoflann_search, "pynanoflann"),
-    "search: small_gicp": Job(small_gicp_search, "small_gicp"),
-    "search: pgeof, float32": Job(pgeof_search, "pgeof"),
-    "search: scikit-learn kd_tree": Job(sklearn_search, "sklearn"),
     "normals: sklearn_mcmd, default": Job(our_normals(), "sklearn_mcmd"),
     "normals: sklearn_mcmd, literal": Job(our_normals(reweight=False), "sklearn_mcmd"),
     "normals: sklearn_mcmd, pca": Job(our_normals(method="pca"), "sklearn_mcmd"),

@@ -48,22 +48,9 @@ class RealCloud(NamedTuple):
 
 
 def load_clouds(data, names=None, limit=None, seed=0):
-    """Yield each cloud of the folder, cropped to `limit` points.
+    """Yield each cloud of a folder with ``*/*.npz``, or those named, cropped to `limit` points.
 
-    Parameters
-    ----------
-    data : path
-        Folder with ``*/*.npz``, each holding ``xyz`` and truth where there is one.
-    names : list of str or None
-        Clouds to load, by folder or by folder/file. None means all.
-    limit : int or None
-        Most points of a cloud.
-    seed : int
-        Of the center of a crop.
-
-    Yields
-    ------
-    RealCloud
+    A name is a folder, or folder/file; `seed` is of the center of a crop.
     """
     paths = cloud_paths(data)
     if names is not None:
@@ -158,19 +145,8 @@ def inject(points, rng):
     - "group", 2 % of n: balls of 20 to 60 points in that box, as dense as the cloud near there;
     - "near", 3 % of n: 5 to 20 spacings off a real point, in a random direction.
 
-    What comes nearer to a real point than 3 spacings is drawn again.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    all_points : ndarray of shape (n + n_outliers, 3)
-        The real points first, as they are.
-    kind : ndarray of str of shape (n + n_outliers,)
-        "real", "uniform", "group" or "near".
+    What comes nearer to a real point than 3 spacings is drawn again. Returns the points, the real
+    ones first, and the kind of each: "real", "uniform", "group" or "near".
     """
     n, spacing = len(points), Spacing(points)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -227,24 +203,11 @@ def random_directions(count, rng):
 
 
 def evaluate(labels, outlyingness, kind, classes=None):
-    """What a detector takes from and finds in a cloud, in percent.
+    """What a detector takes from and finds in a cloud, in percent by (measure, subset).
 
-    Parameters
-    ----------
-    labels : ndarray of shape (n,)
-        -1 for points that the detector flags.
-    outlyingness : ndarray of shape (n,)
-        High for outliers; only the order counts, and infinity is allowed.
-    kind : ndarray of str of shape (n,)
-        "real" for real points; any other name is a kind of outliers.
-    classes : ndarray of str of shape (n,) or None
-        Classes of points; those of outliers are not read.
-
-    Returns
-    -------
-    dict of (measure, subset) -> float
-        "flagged": real points that are flagged, of all and by class. If there are outliers, "TPR"
-        (of all and by kind), "TNR", "accuracy", "precision" and "average precision".
+    Labels of -1 are flagged, outlyingness is high for outliers, and `kind` is "real" or a kind of
+    outliers. "flagged" is the share of real points, of all and by class. If there are outliers,
+    "TPR" (of all and by kind), "TNR", "accuracy", "precision" and "average precision" follow.
     """
     real, flagged = np.asarray(kind) == "real", np.asarray(labels) == -1
     found = {("flagged", "all"): flagged[real].mean()}

@@ -6,7 +6,6 @@ takes too long at one, a new process goes on with the next. Each measurement is 
     python benchmarks/_region_peers.py METHOD DATA LIMIT CLOUD ...    # the child
 """
 
-import csv
 import json
 import os
 import re
@@ -20,6 +19,7 @@ import numpy as np
 from _ablation_clouds import spacing_of
 from _region_clouds import loaders, scores
 from _region_methods import METHODS, OURS, PEERS, SETTINGS, Case, Clock, version_of
+from _tables import print_table, write_csv
 
 __all__ = ["run", "tables"]
 
@@ -40,15 +40,15 @@ def run(options):
         if package is None:
             print(f"{method}: {METHODS[method].package} is not installed", flush=True)
             continue
-        old = stored.get(method, {})
-        kept = old.get("clouds", {}) if options.resume or options.clouds else {}
+        kept = stored.get(method, {}).get("clouds", {}) if options.clouds else {}
         stored[method] = {"package": package, "clouds": kept}
-        todo = [name for name in clouds if not (options.resume and name in kept)]
-        for name, figures in measured(method, options.data, options.limit, todo):
+        for name, figures in measured(method, options.data, options.limit, clouds):
             kept[name] = figures
             save(path, stored)
             print(f"{method:26}{name:30}{json.dumps(figures)}", flush=True)
-    show(stored, path)
+    for name, (head, *rows) in tables(stored).items():
+        print_table(name, head, rows)
+        write_csv(path.with_name(f"{path.stem}_{name}.csv"), [head, *rows])
 
 
 def measured(method, data, limit, clouds):
@@ -98,17 +98,6 @@ def save(path, stored):
     text = json.dumps(stored, indent=1) + "\n"
     part.write_text(re.sub(r"\n {4}|\n {3}(?=})", " ", text))  # one measurement a line
     os.replace(part, path)
-
-
-def show(stored, path):
-    """Print the tables and write them beside the file."""
-    for name, rows in tables(stored).items():
-        print(f"\n{name}")
-        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-        for row in rows:
-            print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)))
-        with open(path.with_name(f"{path.stem}_{name}.csv"), "w", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows(rows)
 
 
 def tables(stored):

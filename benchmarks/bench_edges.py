@@ -19,58 +19,34 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from _tables import print_table
+from scipy.spatial import cKDTree
 from simulators import roof_edges
 from sklearn.metrics import average_precision_score, roc_auc_score
 
+from sklearn_mcmd import RobustNormalEstimator, SharpFeatureDetector
+from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
+
 HEAD = ["P", "R", "F1", "AUC", "AP", "P all", "seconds"]
-
-
-def make_forms(options):
-    from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
-
-    literal = {
-        "criterion": "eigenvalue",
-        "threshold": "mean",
-        "outlier_detector": "passthrough",
-        "random_state": 0,
-    }
-    cleaner = None
-    if options.strictness is not None:
-        cleaner = MCMDOutlierDetector(
-            strictness=options.strictness, random_state=0, n_jobs=options.threads
-        )
-    ours = {"outlier_detector": cleaner, "random_state": 0, "n_jobs": options.threads}
-    return {
-        "Eq. 25, PCA": SharpFeatureDetector(
-            30, **literal, normal_estimator=RobustNormalEstimator(30, method="pca")
-        ),
-        "Eq. 25, MCMD_Z": SharpFeatureDetector(
-            30, **literal, normal_estimator=RobustNormalEstimator(30, reweight=False)
-        ),
-        "Eq. 25, MCMD_MD": SharpFeatureDetector(
-            30,
-            **literal,
-            normal_estimator=RobustNormalEstimator(30, method="mcmd_md", reweight=False),
-        ),
-        "eigenvalue": SharpFeatureDetector(30, criterion="eigenvalue", **ours),
-        "surface_variation": SharpFeatureDetector(30, criterion="surface_variation", **ours),
-        "removed_fraction": SharpFeatureDetector(30, criterion="removed_fraction", **ours),
-        "crease (default)": SharpFeatureDetector(options.n_neighbors, **ours),
-    }
+LITERAL = {"criterion": "eigenvalue", "threshold": "mean", "outlier_detector": "passthrough"}
+FORMS = {
+    "Eq. 25, PCA": {"normal_estimator": RobustNormalEstimator(30, method="pca"), **LITERAL},
+    "Eq. 25, MCMD_Z": {"normal_estimator": RobustNormalEstimator(30, reweight=False), **LITERAL},
+    "eigenvalue": {"criterion": "eigenvalue"},
+    "surface_variation": {"criterion": "surface_variation"},
+    "removed_fraction": {"criterion": "removed_fraction"},
+    "crease (default)": {"n_neighbors": 40},
+}
 
 
 def spacing_of(X):
     """Side of the square that the median point takes, from its 8 neighbors."""
-    from scipy.spatial import cKDTree
-
     distances, _ = cKDTree(X).query(X, k=9)
     return np.median(distances[:, -1]) * np.sqrt(np.pi / 8)
 
 
 def from_planes(arrays):
     """Distances to the edge, which is half a spacing before the next point of another plane."""
-    from scipy.spatial import cKDTree
-
     X, plane = arrays["xyz"], arrays["plane"]
     distance = np.full(len(X), np.nan)
     for number in range(1, plane.max() + 1):
@@ -81,8 +57,6 @@ def from_planes(arrays):
 
 def clouds(options, share):
     """Name, points, distance to the edge (NaN: outlier) and spacing."""
-    from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
-
     for path in options.clouds:
         rng = np.random.default_rng(0)
         with np.load(path) as arrays:
@@ -121,7 +95,7 @@ def figures(distance, spacing, scores, found):
     return 100 * np.array([precision, recall, f1, area, average, hits / max(found.sum(), 1)])
 
 
-def main():
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--shares", type=float, nargs="+", default=[0.0, 0.1, 0.2])
     parser.add_argument("--street", type=int, default=20_000, help="points of the street")
@@ -131,32 +105,28 @@ def main():
     )
     parser.add_argument("--most", type=int, default=30_000, help="points of a cloud at most")
     parser.add_argument("--forms", nargs="+", default=[""], help="parts of the forms' names")
-    parser.add_argument(
-        "--strictness",
-        choices=["isolated", "groups", "surfaces"],
-        help="of the cleaning, in place of the default",
-    )
-    parser.add_argument("--n-neighbors", type=int, default=40)
-    parser.add_argument("--threads", type=int, default=2)
-    options = parser.parse_args()
-    rows = {}
+    options = parser.parse_args(arguments)
+    of_kind = {}
     for share in options.shares:
         for name, X, distance, spacing in clouds(options, share):
-            print(f"\n{name}, {len(X):,} points, {100 * share:g} % outliers")
-            print(f"{'':20}" + "".join(f"{title:>9}" for title in HEAD))
-            for form, detector in make_forms(options).items():
+            rows = []
+            for form, parameters in FORMS.items():
                 if not any(part in form for part in options.forms):
                     continue
                 start = time.perf_counter()
+                detector = SharpFeatureDetector(
+                    **{"n_neighbors": 30, "random_state": 0, "n_jobs": -1} | parameters
+                )
                 scores = detector.fit(X).scores_
                 seconds = time.perf_counter() - start
                 row = [*figures(distance, spacing, scores, scores < detector.offset_), seconds]
-                print(f"{form:20}" + "".join(f"{v:9.1f}" for v in row), flush=True)
-                rows.setdefault((name.partition(",")[0], form), []).append(row)
-    for (kind, form), found in rows.items():
-        if options.roofs:
-            row = "".join(f"{v:9.1f}" for v in np.mean(found, axis=0))
-            print(f"{form}, mean of {kind}:{row}")
+                rows.append([form, *row])
+                of_kind.setdefault(f"{name.partition(',')[0]}, {form}", []).append(row)
+            title = f"{name}, {len(X):,} points, {100 * share:g} % outliers"
+            print_table(title, ["", *HEAD], rows)
+    if options.roofs:
+        rows = [[name, *np.mean(found, axis=0)] for name, found in of_kind.items()]
+        print_table("means", ["", *HEAD], rows)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Do the standard errors hold? Shares of differences within 95 % regions, in percent.
 
     python benchmarks/bench_errors.py --data ../shared/data
-    python benchmarks/bench_errors.py scales regions borrowing --data ../shared/data
+    python benchmarks/bench_errors.py regions --data ../shared/data
 
 Each real cloud of 5,000 points and more is cut in two random halves. Both tell their numbers at the
 points of the first half, and the difference is compared with the root of the sum of the squared
@@ -9,47 +9,30 @@ errors. What both halves have in common, such as a quadric that spans an edge, s
 truth is known: these scenes come last. 95 % is right.
 
 "normals" are within 1.73 errors: of all points, of those that borrow a plane, and of those whose
-plane is robust or a quadric's. "scales" compares the logarithms of `plane_scale_` by the formula
-1 / sqrt(2 (m - 3)) for the m points that are kept, which the package does not offer, and the three
-curvatures with their errors. "regions" finds flat regions of RegionGrowing that are in both halves,
-by an overlap of 80 %, and compares their heights, and their normals along the narrower axis. All
-are within 1.96 errors. "borrowing" tries stricter rules of which planes are borrowed: the shares
-that borrow and that are covered, and near edges of machined parts, whose noise is 0.3 spacings,
-the share of normals within 10 degrees of the true ones.
+plane is robust or a quadric's. "regions" finds flat regions of RegionGrowing that are in both
+halves, by an overlap of 80 %, and compares their heights, and their normals along the narrower
+axis, which are within 1.96 errors.
 """
 
 import argparse
 
 import numpy as np
-from _ablation_changes import replaced
-from _ablation_clouds import machined_parts, spacing_of
 from _real_clouds import load_clouds
+from _tables import print_table
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals import _surface_planes
 
 WITHIN, WITHIN_1D = 1.73, 1.96
-N_MOST, N_FEW = 60_000, 20_000
+N_MOST = 60_000
 OVERLAP = 0.8
-KINDS = "mean_curvature", "max_curvature", "min_curvature"
-FEATURES = ["normal_error", "removed_fraction"]
-CURVATURES = [name + end for name in KINDS for end in ("", "_error")]
-BENDS = 2.146  # errors within which 90 % of pairs of normals of one surface lean
-RULES = {
-    "the lender's error": None,
-    "both errors": lambda angle, own, lent: angle > BENDS * np.hypot(own, lent),
-    "4 lender's errors": lambda angle, own, lent: angle > 4 * lent,
-    "6 lender's errors": lambda angle, own, lent: angle > 6 * lent,
-    "never": lambda angle, own, lent: angle > np.inf,
-}
 
 
-def fitted(X, features=()):
-    features = [*FEATURES, *features]
-    return RobustNormalEstimator(features=features, random_state=0, n_jobs=2).fit(X)
+def fitted(X):
+    features = ["normal_error", "removed_fraction"]
+    return RobustNormalEstimator(features=features, random_state=0, n_jobs=-1).fit(X)
 
 
 def covered(differences, errors, within=WITHIN):
@@ -78,55 +61,23 @@ def normals_of_halves(X):
 
 
 def normals(options):
-    print("cloud: all, borrowed, robust; share that borrows; median error in degrees")
-    for name, X in real(options):
-        print(f"{name:34}{numbers_row(normals_of_halves(X))}", flush=True)
+    rows = [[name, *normals_of_halves(X)] for name, X in real(options)]
+    head = ["cloud", "all", "borrowed", "robust", "share that borrows", "median error"]
+    print_table("halves of clouds", head, rows)
+    rows = []
     for name, X, true, counts in simulated():
         found = fitted(X)
         errors = found.normal_error_[counts]
-        shares = covered(bias_angle(found.normals_[counts], true[counts]), errors)
-        print(f"{name:34}{numbers_row([shares, np.median(errors)])}", flush=True)
-
-
-def scales(options):
-    print("cloud: scale of all planes, of those that are flat and keep all points; curvatures:"
-          " mean, larger, smaller")  # fmt: skip
-    clouds = [*real(options), *((name, X) for name, X, *_ in simulated() if "near" not in name)]
-    for name, X in clouds:
-        X, Y = halves(X)
-        here, there = fitted(X, CURVATURES), fitted(Y, CURVATURES)
-        mine, told = here.transform(X), there.transform(X)
-        n = 50 * (1 - np.array([here.removed_fraction_, told[:, 13]]))
-        error = np.sqrt((0.5 / np.maximum(n - 3, 1)).sum(axis=0))
-        known = (here.plane_scale_ > 0) & (told[:, 11] > 0)
-        ratio = np.log(here.plane_scale_[known] / told[known, 11])
-        flat = here._surfaces.members.forms[here._model.index.places] == _surface_planes.FLAT
-        ratio, error, flat = np.abs(ratio), error[known], flat[known]
-        shares = [covered(ratio[p], error[p], WITHIN_1D) for p in (flat | ~flat, flat)]
-        side = np.sign(np.einsum("nd,nd->n", mine[:, 3:6], told[:, 3:6]))
-        known = (mine[:, 16] != 0) & (told[:, 16] != 0)
-        for column in (14, 16, 18):
-            first, other = mine[known, column], (side * told[:, column])[known]
-            if column > 14:  # on a surface that is turned the larger one is the smaller
-                other = np.where(side[known] > 0, other, -told[known, 34 - column])
-            error = np.hypot(mine[known, column + 1], told[known, column + 1])
-            shares.append(covered(np.abs(first - other) / error, np.ones(len(first)), WITHIN_1D))
-        print(f"{name:34}{numbers_row(shares)}", flush=True)
+        share = covered(bias_angle(found.normals_[counts], true[counts]), errors)
+        rows.append([name, share, np.median(errors)])
+    print_table("known normals", ["cloud", "all", "median error"], rows)
 
 
 def regions(options):
-    print("cloud: heights, normals; flat regions in both halves")
     clouds = [*real(options), *((name, X) for name, X, *_ in simulated() if "near" not in name)]
-    everything = []
-    for name, X in clouds:
-        found = [differences(*pair) for pair in region_pairs(*halves(X))]
-        if found:
-            everything += found
-            print(
-                f"{name:34}{numbers_row([*100 * np.mean(found, axis=0), len(found)])}", flush=True
-            )
-    print(f"{'all':34}{numbers_row([*100 * np.mean(everything, axis=0), len(everything)])}")
-    rng, found = np.random.default_rng(0), []
+    pairs = {name: [differences(*pair) for pair in region_pairs(*halves(X))] for name, X in clouds}
+    pairs["all"] = [pair for of_cloud in pairs.values() for pair in of_cloud]
+    rng, planes = np.random.default_rng(0), []
     for n in np.repeat([300, 1000, 3000], 100):
         side = rng.uniform(0.3, 1) * np.sqrt(n)
         X = rng.random((n, 3)) * [side, n / side, 0] + 0.3 * rng.normal(size=(n, 1)) * [0, 0, 1]
@@ -135,8 +86,10 @@ def regions(options):
         row = growing.regions_[largest]
         truth = {"centroid": row["centroid"] * [1, 1, 0], "normal": [0, 0, 1]}
         truth |= {"height_error": 0, "normal_error": 0}
-        found.append(differences(row, truth, X[growing.labels_ == largest]))
-    print(f"{'simulated planes':34}{numbers_row([*100 * np.mean(found, axis=0), len(found)])}")
+        planes.append(differences(row, truth, X[growing.labels_ == largest]))
+    pairs["simulated planes"] = planes
+    rows = [[n, *100 * np.mean(found, axis=0), len(found)] for n, found in pairs.items() if found]
+    print_table("flat regions in both halves", ["cloud", "heights", "normals", "regions"], rows)
 
 
 def region_pairs(X, Y):
@@ -165,29 +118,6 @@ def differences(row, other, own):
     limits = [WITHIN_1D * np.hypot(row[k], other[k]) for k in ("height_error", "normal_error")]
     size = np.abs(own - own.mean(axis=0)).max()
     return height <= limits[0] + 1e-9 * size, turn <= limits[1] + 1e-6
-
-
-def borrowing(options):
-    clouds = [(name, X) for name, X in real(options, N_FEW)]
-    print("rule: of real clouds share that borrows, median coverage and least; near edges", end="")
-    parts = []
-    for name, _, X, (true, near, _) in machined_parts(options):
-        noise = 0.3 * spacing_of(X) * np.random.default_rng(0).normal(size=X.shape)
-        parts.append((X + noise, true, near))
-        print(f", {name}", end="")
-    street = make_street(N_MOST, outlier_share=0.1, random_state=0)
-    good = (street.target == 1) & np.isfinite(street.normals).all(axis=1)
-    parts.append((street.data, street.normals, good & (street.edge_distance < 0.08)))
-    print(", street")
-    for name, rule in RULES.items():
-        with replaced(_surface_planes, "_leans", rule or _surface_planes._leans):
-            told = np.array([normals_of_halves(X) for _, X in clouds])
-            shares = [
-                100 * np.mean(bias_angle(fitted(X).normals_[near], true[near]) <= 10)
-                for X, true, near in parts
-            ]
-        told = told[:, 3].mean(), np.median(told[:, 0]), told[:, 0].min()
-        print(f"{name:34}{numbers_row([*told, *shares])}", flush=True)
 
 
 def real(options, limit=N_MOST):
@@ -224,16 +154,12 @@ def simulated():
     yield "street, near edges", street.data, street.normals, near
 
 
-def numbers_row(numbers):
-    return "".join(f"{number:8.1f}" for number in numbers)
-
-
-def main():
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = {"normals": normals, "scales": scales, "regions": regions, "borrowing": borrowing}
+    parts = {"normals": normals, "regions": regions}
     parser.add_argument("parts", nargs="*", default=list(parts), help=", ".join(parts))
     parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     for part in options.parts:
         parts[part](options)
 

@@ -8,68 +8,61 @@ are not; a peer that wins stays in the table.
     python benchmarks/bench_outliers.py --sizes 100000 --shares 0.05 0.1 0.2 0.3 --seeds 5
     python benchmarks/bench_outliers.py --kinds gaussian uniform ghost
     python benchmarks/bench_outliers.py --tree --noise-growth 10
-    python benchmarks/bench_outliers.py --clouds ../shared/data/*/cloud.npz
 """
 
 import argparse
 import time
-from pathlib import Path
+from itertools import product
 
 import numpy as np
+from _tables import print_table
+from scipy.spatial import cKDTree
+from sklearn.ensemble import IsolationForest
 from sklearn.metrics import roc_auc_score
+from sklearn.neighbors import LocalOutlierFactor
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.datasets import make_street
 
 KINDS = ["gaussian", "uniform", "mixed_pixel", "ghost"]
+HEAD = ["AUC", "TPR", "TNR", "TNR edge", "accuracy", "gaussian", "uniform", "mixed", "ghost"]
+N_NEIGHBORS = 50
 
 
-def ours(X, options, **parameters):
-    from sklearn_mcmd import MCMDOutlierDetector
+def ours(**parameters):
+    def method(X, share):
+        detector = MCMDOutlierDetector(N_NEIGHBORS, random_state=0, n_jobs=-1, **parameters).fit(X)
+        return -detector.scores_, detector.scores_ < detector.offset_
 
-    detector = MCMDOutlierDetector(
-        options.n_neighbors, random_state=0, n_jobs=options.threads, **parameters
-    ).fit(X)
-    return -detector.scores_, detector.scores_ < detector.offset_
+    return method
 
 
-def top(scores, share):
+def told(outlyingness):
     """The points of the highest scores, as many as the true share."""
-    outlier = np.zeros(len(scores), dtype=bool)
-    outlier[np.argsort(-scores, kind="stable")[: round(share * len(scores))]] = True
-    return scores, outlier
+
+    def method(X, share):
+        scores = outlyingness(X)
+        outlier = np.zeros(len(scores), dtype=bool)
+        outlier[np.argsort(-scores, kind="stable")[: round(share * len(scores))]] = True
+        return scores, outlier
+
+    return method
 
 
-def lof(X, options, share):
-    from sklearn.neighbors import LocalOutlierFactor
-
-    peer = LocalOutlierFactor(options.n_neighbors, n_jobs=options.threads).fit(X)
-    return top(-peer.negative_outlier_factor_, share)
-
-
-def isolation_forest(X, options, share):
-    from sklearn.ensemble import IsolationForest
-
-    peer = IsolationForest(random_state=0, n_jobs=options.threads).fit(X)
-    return top(-peer.score_samples(X), share)
-
-
-def mean_distance(X, options, share):
-    from scipy.spatial import cKDTree
-
-    distances, _ = cKDTree(X).query(X, options.n_neighbors, workers=options.threads)
-    return top(distances.mean(axis=1), share)
-
-
-FORMS = {
-    "paper (literal)": {"strictness": None, "reweight": False},
-    "paper, reweighted": {"strictness": None},
-    "isolated": {"strictness": "isolated"},
-    "groups (default)": {},
-    "surfaces": {"strictness": "surfaces"},
-    "surfaces, noise given": {"strictness": "surfaces"},
-}
-PEERS = {
-    "LOF, told": lof,
-    "IsolationForest, told": isolation_forest,
-    "mean kNN distance, told": mean_distance,
+METHODS = {
+    "paper (literal)": ours(strictness=None, reweight=False),
+    "isolated": ours(strictness="isolated"),
+    "groups (default)": ours(),
+    "surfaces": ours(strictness="surfaces"),
+    "LOF, told": told(
+        lambda X: -LocalOutlierFactor(N_NEIGHBORS, n_jobs=-1).fit(X).negative_outlier_factor_
+    ),
+    "IsolationForest, told": told(
+        lambda X: -IsolationForest(random_state=0, n_jobs=-1).fit(X).score_samples(X)
+    ),
+    "mean kNN distance, told": told(
+        lambda X: cKDTree(X).query(X, N_NEIGHBORS, workers=-1)[0].mean(axis=1)
+    ),
 }
 
 
@@ -83,71 +76,30 @@ def figures(street, scores, outlier):
     return 100 * np.array([roc_auc_score(truth, scores), *rates, accuracy, *found])
 
 
-def compare_on_streets(options):
-    from sklearn_mcmd.datasets import make_street
-
-    head = ["AUC", "TPR", "TNR", "TNR edge", "accuracy", "gaussian", "uniform", "mixed", "ghost"]
-    for n in options.sizes:
-        for share in options.shares:
-            table = {}
-            for seed in range(options.seeds):
-                street = make_street(
-                    n,
-                    noise=options.noise,
-                    noise_growth=options.noise_growth,
-                    tree=options.tree,
-                    outlier_share=share,
-                    outlier_kinds=options.kinds,
-                    random_state=seed,
-                )
-                for name, form in FORMS.items():
-                    given = {"noise_scale": options.noise} if name.endswith("given") else {}
-                    start = time.perf_counter()
-                    result = ours(street.data, options, **{**form, **given})
-                    row = [*figures(street, *result), time.perf_counter() - start]
-                    table.setdefault(name, []).append(row)
-                for name, peer in PEERS.items():
-                    start = time.perf_counter()
-                    result = peer(street.data, options, share)
-                    row = [*figures(street, *result), time.perf_counter() - start]
-                    table.setdefault(name, []).append(row)
-            print(
-                f"\n{n:,} points, spacing {1000 * street.spacing:.0f} mm, noise "
-                f"{1000 * options.noise:g} mm, growing {options.noise_growth:g} times, "
-                f"{'a tree, ' * options.tree}{100 * share:g} % outliers, {options.seeds} seeds"
-            )
-            print(f"{'':28}" + "".join(f"{title:>10}" for title in [*head, "seconds"]))
-            for name, rows in table.items():
-                print(f"{name:28}" + "".join(f"{v:10.2f}" for v in np.mean(rows, axis=0)))
-
-
-def compare_on_clean_clouds(options):
-    print(f"\n{'flagged, percent':32}" + "".join(f"{name:>28}" for name in list(FORMS)[:-1]))
-    for path in options.clouds:
-        with np.load(path) as arrays:
-            X = arrays["xyz"].astype(np.float64)
-        forms = list(FORMS.items())[:-1]
-        shares = [100 * ours(X, options, **form)[1].mean() for _, form in forms]
-        print(f"{Path(path).parent.name:32}" + "".join(f"{v:28.2f}" for v in shares), flush=True)
-
-
-def main():
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", type=int, nargs="+", default=[100_000])
     parser.add_argument("--shares", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.3])
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--noise", type=float, default=0.005)
     parser.add_argument("--noise-growth", type=float, default=1.0)
     parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS, help="of outliers")
     parser.add_argument("--tree", action="store_true")
-    parser.add_argument("--n-neighbors", type=int, default=50)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--clouds", nargs="+", help="npz files of clean clouds, instead of streets")
-    options = parser.parse_args()
-    if options.clouds:
-        compare_on_clean_clouds(options)
-    else:
-        compare_on_streets(options)
+    options = parser.parse_args(arguments)
+    scan = {"noise_growth": options.noise_growth, "tree": options.tree}
+    for n, share in product(options.sizes, options.shares):
+        table = {name: [] for name in METHODS}
+        for seed in range(options.seeds):
+            street = make_street(
+                n, outlier_share=share, outlier_kinds=options.kinds, random_state=seed, **scan
+            )
+            for name, method in METHODS.items():
+                start = time.perf_counter()
+                result = method(street.data, share)
+                seconds = time.perf_counter() - start
+                table[name].append([*figures(street, *result), seconds])
+        title = f"{n:,} points, {100 * share:g} % outliers, {options.seeds} seeds, {scan}"
+        rows = [[name, *np.mean(rows, axis=0)] for name, rows in table.items()]
+        print_table(title, ["", *HEAD, "seconds"], rows, digits=2)
 
 
 if __name__ == "__main__":

@@ -1,250 +1,181 @@
-"""How long, how much memory, how right? Searches, normals, outliers and regions beside peers.
+"""How long, how much memory, how right? Normals, outliers and regions beside peers.
 
-Every measurement runs in its own process, in turn with the others, on a simulated street. Wall
-and processor time are medians over the rounds. Memory is the peak less what the process holds
-with its input loaded. Only ratios can be compared between machines. Peers that are not installed
-are left out (`pip install jakteristics open3d pgeof pykdtree pynanoflann small_gicp`). Linux only.
+Every measurement runs in its own process, in turn with the others, on a simulated street. Wall and
+processor time are medians over the rounds. Memory is the peak less what the process holds with its
+input loaded. Only ratios can be compared between machines. Peers that are not installed are left
+out (`pip install jakteristics open3d pgeof small_gicp`). Linux only.
 
-    python benchmarks/bench_peers.py --sizes 100000 1000000 10000000 --rounds 5 5 2 \\
-        --orders random spatial --threads 1 2 --output docs/benchmarks/peers.json
+    python benchmarks/bench_peers.py --sizes 100000 1000000 --rounds 5
     python benchmarks/bench_peers.py --show docs/benchmarks/peers.json
 
-Each measurement is stored at once; `--resume` goes on with an interrupted run. `--show` prints the
-tables and writes them and the plots beside the file. The docs show these.
+Results are stored in a file, and the tables that the docs show beside it.
 """
 
 import argparse
-import contextlib
+import ctypes
 import datetime
 import json
 import os
 import platform
-import statistics
+import signal
 import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NamedTuple
+from statistics import median
 
-from _peer_jobs import JOBS, KINDS, is_installed
-from _peer_process import N_WARM, make_cloud, measure_apart
-from _peer_report import POINTS, Results, draw, tables, write_tables
+import numpy as np
+from _peer_jobs import JOBS, KINDS, Case, is_installed
+from _tables import print_table, write_csv
 
 PACKAGES = ("sklearn-mcmd", "numpy", "scipy", "scikit-learn", "numba", "joblib")
-PEERS = ("open3d", "pgeof", "jakteristics", "small-gicp", "pynanoflann", "pykdtree")
+PEERS = ("open3d", "pgeof", "jakteristics", "small-gicp")
+NEAR, RIGHT = 4.0, 10.0  # spacings from an edge, and degrees
+NATIONAL_GRID = (5e5, 5.4e6, 0.0)
+N_WARM = 10_000  # points on which each process compiles and loads what it needs, before the clock
+DENSE_FROM = 100_000  # streets of so many points have 2 cm between points; others are coarser
 
 
-class Condition(NamedTuple):
-    """One measurement. Rounds, orders and threads alternate, so a busy minute meets them all."""
-
-    size: int
-    round: int
-    order: str
-    threads: int
-    job: str
-
-
-def main():
-    options = parse()
-    if options.show:
-        show(Path(options.show))
-        return
-    for job in [job for job in options.jobs if not is_installed(job)]:
-        print(f"{job}: left out, {JOBS[job].package} is not installed")
-        options.jobs.remove(job)
-    store = Store(Path(options.output), options)
-    conditions = [c for c in plan(options) if not store.has(c)]
-    for size in options.sizes:
-        todo = [c for c in conditions if c.size == size]
-        with contextlib.ExitStack() as stack:
-            folders = clouds(stack, todo, options.n_neighbors) if todo else {}
-            for condition in todo:
-                if store.has(condition):  # left out in an earlier round
-                    continue
-                reason = why_not(store.runs, condition, options.limit, options.memory)
-                figures = {"left_out": reason} if reason else run(condition, folders, options)
-                store.add(condition, figures)
-                print(describe(condition, figures), flush=True)
-    store.finish()
-    print(f"\n{options.output} is complete; --show {options.output} draws it")
-
-
-def parse():
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", type=int, nargs="+", default=[100_000, POINTS])
-    orders = ["random", "spatial"]
-    parser.add_argument("--orders", nargs="+", default=orders, choices=orders)
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--rounds", type=int, nargs="+", default=[5], help="one, or one per size")
+    parser.add_argument("--sizes", type=int, nargs="+", default=[100_000, 1_000_000])
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--n-neighbors", type=int, default=50)
     parser.add_argument("--jobs", nargs="+", default=list(KINDS), help="kinds, or names of jobs")
     parser.add_argument("--limit", type=float, default=600.0, help="seconds of one measurement")
-    parser.add_argument(
-        "--memory", type=float, help="MB of one measurement; default: 80 %% of free"
-    )
-    parser.add_argument("--output", default="peers.json")
-    parser.add_argument("--resume", action="store_true", help="go on with the file of --output")
-    parser.add_argument("--note", help="shown above the tables, such as why a run is no final one")
-    parser.add_argument("--show", metavar="FILE", help="print and draw stored results")
-    options = parser.parse_args()
-    options.sizes = sorted(set(options.sizes))
-    if len(options.rounds) not in (1, len(options.sizes)):
-        parser.error("--rounds takes one number, or one for each of --sizes")
-    options.jobs = [j for j in JOBS if j in options.jobs or j.partition(":")[0] in options.jobs]
-    if not options.jobs:
-        parser.error(f"--jobs are {', '.join(KINDS)}, or of {list(JOBS)}")
-    available = len(os.sched_getaffinity(0))
-    if max(options.threads) > available:
-        parser.error(f"--threads: only {available} processors are there")
-    options.memory = options.memory or 0.8 * free_memory()
-    return options
+    parser.add_argument("--output", type=Path, default=Path("peers.json"))
+    parser.add_argument("--show", type=Path, metavar="FILE", help="tables of stored results")
+    parser.add_argument("--child", help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.child:
+        print(json.dumps(measure(**json.loads(options.child))))
+        return
+    if not options.show:
+        jobs = [job for job in JOBS if job in options.jobs or job.partition(":")[0] in options.jobs]
+        stored = {"header": header(options), "runs": list(runs(jobs, options))}
+        options.output.write_text(json.dumps(stored, indent=1) + "\n")
+    path = options.show or options.output
+    for name, (head, *rows) in tables(json.loads(path.read_text())).items():
+        print_table(name, head, rows)
+        write_csv(path.with_name(f"{name}.csv"), [head, *rows])
 
 
-def plan(options):
-    """All measurements in their order, then those of normals far from the origin."""
-    conditions = []
-    rounds = options.rounds * (len(options.sizes) if len(options.rounds) == 1 else 1)
-    grid_size = max((n for n in options.sizes if n <= POINTS), default=min(options.sizes))
-    for size, n_rounds in zip(options.sizes, rounds, strict=True):
-        jobs = [job for job in options.jobs if size <= JOBS[job].max_points]
-        conditions += [
-            Condition(size, i, order, threads, job)
-            for i in range(n_rounds)
-            for order in options.orders
-            for threads in options.threads
-            for job in jobs
-        ]
-        if size == grid_size:
-            conditions += [
-                Condition(size, 0, "national grid", max(options.threads), job)
-                for job in jobs
-                if job.startswith("normals")
-            ]
-    return conditions
+def runs(jobs, options):
+    """Yield the figures of each measurement; normals are measured far from the origin, too."""
+    for size in sorted(options.sizes):
+        with tempfile.TemporaryDirectory() as folder:
+            make_cloud(
+                Path(folder), size, options.n_neighbors, columns=any("regions" in j for j in jobs)
+            )
+            conditions = [(i, "random", job) for i in range(options.rounds) for job in jobs]
+            conditions += [(0, "national grid", job) for job in jobs if job.startswith("normals")]
+            for i, order, job in conditions:
+                if not is_installed(job) or size > JOBS[job].max_points:
+                    continue
+                condition = {"size": size, "round": i, "order": order, "job": job}
+                condition["threads"] = options.threads
+                figures = measure_apart(folder, condition, options)
+                print(condition, figures, flush=True)
+                yield condition | figures
 
 
-def clouds(stack, conditions, k):
-    """Folders with the streets of one size by order, and the small one to warm up with."""
-    largest = max(condition.size for condition in conditions)
-    folders = {"warm": (min(N_WARM, largest), "random")}
-    folders |= {c.order: (c.size, c.order) for c in conditions}
-    columns = any(c.job.startswith("regions") for c in conditions)
-    for name, (n, order) in folders.items():
-        folder = stack.enter_context(tempfile.TemporaryDirectory())
-        wanted = columns and order != "national grid"
-        make_cloud(folder, n, order, k, columns=wanted)
-        folders[name] = folder
-    return folders
+def make_cloud(folder, n, k, *, columns):
+    """Save a street with its truth, and the columns of normals for growing if they are wanted."""
+    from sklearn_mcmd import RobustNormalEstimator
+    from sklearn_mcmd.datasets import make_street
+
+    street = make_street(n, spacing=0.02 if n >= DENSE_FROM else None, random_state=0)
+    arrays = {"X": street.data, "normals": street.normals, "edge_distance": street.edge_distance}
+    arrays |= {"target": street.target, "spacing": street.spacing}
+    if columns:
+        estimator = RobustNormalEstimator(k, random_state=0, n_jobs=-1)
+        arrays["columns"] = estimator.fit_transform(street.data)
+    np.savez(folder / "street.npz", **arrays)
 
 
-def run(condition, folders, options):
-    warm, folder = folders["warm"], folders[condition.order]
-    k, threads = options.n_neighbors, condition.threads
-    return measure_apart(condition.job, folder, warm, k, threads, options.limit)
+def measure_apart(folder, condition, options):
+    """Figures of one run of a job in a fresh process, or ``{"left_out": reason}``."""
+    names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    environment = {**os.environ, **dict.fromkeys(names, str(options.threads))}
+    told = {name: condition[name] for name in ("job", "order", "threads")}
+    told |= {"path": f"{folder}/street.npz", "k": options.n_neighbors, "limit": options.limit}
+    command = [sys.executable, __file__, "--child", json.dumps(told)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    if done.returncode == -signal.SIGALRM:
+        return {"left_out": f"over {options.limit:g} s"}
+    if done.returncode:
+        return {"left_out": f"failed: {(done.stderr.strip() or 'no message').splitlines()[-1]}"}
+    return json.loads(done.stdout.splitlines()[-1])
 
 
-def why_not(runs, condition, limit, memory):
-    """Why a measurement would be in vain, by what smaller clouds took; None if it is not."""
-    alike = [
-        run
-        for run in runs
-        if all(run[name] == getattr(condition, name) for name in ("job", "order", "threads"))
-        and run["size"] < condition.size
-    ]
-    for run in alike:
-        if "left_out" in run:
-            return run["left_out"].removesuffix(LESS) + LESS
-    if not alike:
-        return None
-    largest = max(run["size"] for run in alike)
-    growth = condition.size / largest
-    last = [run for run in alike if run["size"] == largest]
-    seconds = growth * statistics.median(run["wall"] for run in last)
-    if seconds > limit:
-        return f"about {seconds:.0f} s expected"
-    megabytes = growth * statistics.median(run["peak_mb"] for run in last)
-    return f"about {megabytes:.0f} MB expected" if megabytes > memory else None
+def measure(job, order, threads, path, k, limit):
+    """In the child: seconds, processor seconds and megabytes of one run, and how good it is."""
+    # Some libraries count the processors instead of taking a number of threads.
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:threads])
+    street = dict(np.load(path))
+    X = street["X"] + (NATIONAL_GRID if order == "national grid" else 0.0)
+    radius = float(street["spacing"]) * np.sqrt(k / np.pi)  # of the disk that holds k points
+    columns = street.get("columns")
+    first = slice(min(N_WARM, len(X)))
+    JOBS[job].run(Case(X[first], k, threads, radius, None if columns is None else columns[first]))
+    ctypes.CDLL(None).malloc_trim(0)  # what imports and compiling have freed
+    Path("/proc/self/clear_refs").write_text("5")
+    before = status("VmRSS")
+    signal.setitimer(signal.ITIMER_REAL, limit)  # its signal ends the process
+    cpu, wall = time.process_time(), time.perf_counter()
+    answer = JOBS[job].run(Case(X, k, threads, radius, columns))
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    figures = {"wall": wall, "cpu": cpu, "peak_mb": max(status("VmHWM") - before, 0.0)}
+    regular = street["target"] == 1
+    if job.startswith("normals"):
+        figures["quality"] = normals_quality(np.asarray(answer, dtype=np.float64), street)
+    elif job.startswith("outliers"):
+        found, kept = (answer[~regular] == -1).mean(), (answer[regular] == 1).mean()
+        figures["quality"] = {"found": float(found), "kept": float(kept)}
+    return figures
 
 
-LESS = ", with fewer points"
+def normals_quality(normals, street):
+    """Median angles to the true normals in degrees, and shares of right ones, by distance."""
+    regular = street["target"] == 1
+    cosine = np.abs(np.einsum("nd,nd->n", normals[regular], street["normals"][regular]))
+    cosine = np.where(np.isnan(cosine), 0.0, cosine)  # no normal is a wrong one
+    angle = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+    near = street["edge_distance"][regular] < NEAR * street["spacing"]
+    return {
+        "near_right": float((angle[near] <= RIGHT).mean()),
+        "far_right": float((angle[~near] <= RIGHT).mean()),
+        "near_median": float(np.median(angle[near])),
+        "far_median": float(np.median(angle[~near])),
+        "median": float(np.median(angle)),
+    }
 
 
-class Store:
-    """The file of results. It is complete after each measurement, whatever happens next.
-
-    Parameters
-    ----------
-    path : Path
-    options : argparse.Namespace
-    """
-
-    def __init__(self, path, options):
-        self.path = path
-        stored = json.loads(path.read_text()) if path.exists() else None
-        if options.resume and stored:
-            about = stored["header"]["about"]
-            same = stored["header"]["n_neighbors"] == options.n_neighbors
-            if not same or any(about[name] != value for name, value in machine().items()):
-                sys.exit(f"{path} is of another machine, other versions or other neighbors")
-            self.stored = stored
-        elif stored and not stored["complete"]:
-            sys.exit(f"{path} is an unfinished run: --resume goes on with it; or move it away")
-        else:
-            self.stored = {"complete": False, "header": header(options), "runs": []}
-        self.stored["complete"] = False
-        self.runs = self.stored["runs"]
-
-    def has(self, condition):
-        """Whether it is measured, or was given up in some round."""
-        name = condition._asdict()
-        return any(
-            all(run[key] == value for key, value in name.items() if key != "round")
-            and (run["round"] == condition.round or "left_out" in run)
-            for run in self.runs
-        )
-
-    def add(self, condition, figures):
-        self.runs.append({**condition._asdict(), **figures})
-        self.save()
-
-    def finish(self):
-        self.stored["complete"] = True
-        self.save()
-
-    def save(self):
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        part = self.path.with_suffix(".part")
-        # One measurement a line.
-        head = json.dumps({**self.stored, "runs": []}, indent=1)
-        runs = ",\n".join(json.dumps(run) for run in self.runs)
-        part.write_text(head.replace('"runs": []', f'"runs": [\n{runs}\n]') + "\n")
-        os.replace(part, self.path)
+def status(key):
+    """An entry of Linux's process status, in MB."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith(key + ":"))
 
 
 def header(options):
-    note = {"note": options.note} if options.note else {}
-    about = {
-        **note,
-        **machine(),
-        "date": datetime.date.today().isoformat(),
-        "neighbors": str(options.n_neighbors),
-        "limit": f"{options.limit:g} s and {options.memory:.0f} MB for each measurement",
-        **startup(),
-    }
-    return {"n_neighbors": options.n_neighbors, "about": about}
-
-
-def machine():
-    """What measurements of one run have in common."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     packages = [f"{name} {found}" for name in (*PACKAGES, *PEERS) if (found := version_of(name))]
-    return {
-        "processor": processor(),
+    about = {
+        "processor": names[0] if names else platform.machine(),
         "processors": str(os.cpu_count()),
         "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
         "packages": ", ".join(packages),
+        "date": datetime.date.today().isoformat(),
+        "neighbors": str(options.n_neighbors),
+        "limit": f"{options.limit:g} s for each measurement",
     }
+    return {"n_neighbors": options.n_neighbors, "about": about}
 
 
 def version_of(package):
@@ -254,64 +185,47 @@ def version_of(package):
         return None
 
 
-def processor():
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
+def tables(stored):
+    """Rows of cells by the name of the table, the first row its head."""
+    by_condition = defaultdict(list)
+    threads = max(run["threads"] for run in stored["runs"])
+    for run in stored["runs"]:
+        if run["threads"] == threads:
+            by_condition[run["order"], run["job"], run["size"]].append(run)
+    found = {"machine": [["measured", "with"], *map(list, stored["header"]["about"].items())]}
+    sizes = sorted({run["size"] for run in stored["runs"]})
+    for kind in KINDS:
+        found[kind] = [["points", "method", "wall s", "CPU s", "MB"]]
+        for size in sizes:
+            for job in (job for job in JOBS if job.startswith(kind)):
+                if of_job := by_condition.get(("random", job, size)):
+                    cells = times_of(of_job)
+                    found[kind].append([f"{size:,}", job.partition(": ")[2], *cells])
+    head = ["method", "within 10 deg. near edges", "elsewhere", "median near edges", "elsewhere"]
+    found["accuracy"] = [[*head, "all", "all, national grid", "us/point"]]
+    found["detection"] = [["method", "points", "outliers found", "regular points kept"]]
+    for (order, job, size), of_job in by_condition.items():
+        quality, name = of_job[0].get("quality"), job.partition(": ")[2]
+        if quality and job.startswith("outliers"):
+            shares = [f"{100 * quality[part]:.1f} %" for part in ("found", "kept")]
+            found["detection"].append([name, f"{size:,}", *shares])
+        elif quality and order == "random" and size == sizes[-1]:
+            shares = [f"{100 * quality[part]:.1f} %" for part in ("near_right", "far_right")]
+            medians = [f"{quality[part]:.2f}" for part in ("near_median", "far_median", "median")]
+            moved = by_condition.get(("national grid", job, size))
+            grid = f"{moved[0]['quality']['median']:.2f}" if moved else "-"
+            time = f"{1e6 * median(run['wall'] for run in of_job) / size:.2f}"
+            found["accuracy"].append([name, *shares, *medians, grid, time])
+    return found
 
 
-def free_memory():
-    lines = Path("/proc/meminfo").read_text().splitlines()
-    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("MemAvailable"))
-
-
-def startup():
-    """Seconds to import the package, and milliseconds of its first fit, import left out."""
-    imports = [
-        f"{seconds_of(f'import {name}'):.2f} s" for name in ("sklearn_mcmd", "sklearn.neighbors")
-    ]
-    fit = (
-        "import time, numpy as np, sklearn_mcmd as s;"
-        "X = np.random.default_rng(0).normal(size=(50, 3));"
-        "t = time.perf_counter(); s.RobustNormalEstimator(random_state=0).fit(X);"
-        "print(1e3 * (time.perf_counter() - t))"
-    )
-    command = [sys.executable, "-c", fit]
-    fits = [subprocess.run(command, capture_output=True, check=True).stdout for _ in range(5)]
-    return {
-        "import": f"{imports[0]}; of sklearn.neighbors {imports[1]}",
-        "first fit of 50 points": f"{statistics.median(map(float, fits)):.0f} ms",
-    }
-
-
-def seconds_of(statement, repeats=7):
-    """Median seconds of a fresh interpreter running a statement."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        subprocess.run([sys.executable, "-c", statement], check=True)
-        times.append(time.perf_counter() - start)
-    return statistics.median(times)
-
-
-def describe(condition, figures):
-    where = f"{condition.size:>10,} {condition.order:13} {condition.threads} {condition.job:36}"
-    if "left_out" in figures:
-        return f"{where} left out: {figures['left_out']}"
-    wall, cpu, peak = (figures[name] for name in ("wall", "cpu", "peak_mb"))
-    return f"{where}{wall:9.3f} s wall{cpu:9.2f} s CPU{peak:8.0f} MB"
-
-
-def show(path):
-    results = Results(json.loads(path.read_text()))
-    for name, rows in tables(results).items():
-        print(f"\n{name}")
-        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-        for row in rows:
-            print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)))
-    write_tables(results, path.parent)
-    draw(results, path.parent)
-    print(f"\nwritten beside {path.name}: tables (csv) and plots (svg)")
+def times_of(measured):
+    """Medians of the rounds, or why there are none."""
+    done = [run for run in measured if "left_out" not in run]
+    if not done:
+        return [measured[0]["left_out"], "-", "-"]
+    wall, cpu, peak = (median(run[name] for run in done) for name in ("wall", "cpu", "peak_mb"))
+    return [f"{wall:.3g}", f"{cpu:.3g}", f"{peak:.0f}"]
 
 
 if __name__ == "__main__":

@@ -3,21 +3,20 @@
     python benchmarks/bench_sensor.py --data ../shared/data
 
 Each line has the result by coordinates, of ``strictness="isolated"``, and with the position.
-Processor time is that with the position over that without.
 """
 
 import argparse
-import time
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from _tables import print_table
 from simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_lidar_turn, make_street
 
-FORMS = ({}, {"strictness": "isolated"}, None)  # None: with the position
+FORMS = {"coordinates": {}, "isolated": {"strictness": "isolated"}, "position": {}}
 
 
 def real_clouds(data):
@@ -34,21 +33,21 @@ def real_clouds(data):
             yield name, X, None, "origin" if name.startswith("fast") else above
 
 
-def simulated_scans():
+def simulated_scans(size):
     """Turns in snow, whose flakes also are where beams meet nothing else; scans with errors."""
     for snowfall in (1.0, 2.0):
-        turn = make_lidar_turn(snow=snowfall, outlier_share=0, random_state=0)
+        turn = make_lidar_turn(**size, snow=snowfall, outlier_share=0, random_state=0)
         yield f"make_lidar_turn, {snowfall:g} mm/h", turn.data, turn.target == -1, "origin"
     for make in (make_mobile_scan, make_airborne_scan, make_depth_frame):
         for seed in (0, 1):
-            scan = make(outlier_share=0.1, random_state=seed)
+            scan = make(**size, outlier_share=0.1, random_state=seed)
             name = f"{make.__name__}, seed {seed}"
             yield name, scan.data, scan.target == -1, scan.sensor_origins
 
 
-def simulated_streets():
+def simulated_streets(size):
     """Streets whose mixed pixels are drawn, and one whose wide beams make them."""
-    lines = {"sampling": "scan_lines", "tree": True, "random_state": 0}
+    lines = {**size, "sampling": "scan_lines", "tree": True, "random_state": 0}
     for share in (0.1, 0.2):
         yield f"{share:.0%}", make_street(outlier_share=share, **lines)
     others = ["gaussian", "uniform", "ghost"]
@@ -56,51 +55,57 @@ def simulated_streets():
 
 
 def judged(X, position):
-    """Which points each form flags, and the ratio of times."""
-    flagged, seconds = [], []
-    for form in FORMS:
-        known = position if form is None else None
-        start = time.process_time()
-        detector = MCMDOutlierDetector(random_state=0, **(form or {}))
-        flagged.append(detector.fit_predict(X, sensor_origin=known) == -1)
-        seconds.append(time.process_time() - start)
-    return flagged, seconds[2] / seconds[0]
+    """Which points each form flags."""
+    for name, form in FORMS.items():
+        detector = MCMDOutlierDetector(random_state=0, n_jobs=-1, **form)
+        known = position if name == "position" else None
+        yield name, detector.fit_predict(X, sensor_origin=known) == -1
 
 
 def f1(flagged, outlier):
     return 200 * (flagged & outlier).sum() / (flagged.sum() + outlier.sum())
 
 
-def street_line(street, flagged):
+def street_row(street, flagged):
     """Found of each kind, regular points and foliage kept, and right labels."""
     kind, foliage = street.outlier_kind, street.surface_names.index("foliage")
-    found = [100 * flagged[kind == k].mean() for k in range(1, 5)]
     regular = (kind == 0) & (street.surface != foliage)
-    kept = [100 * (~flagged[of]).mean() for of in (regular, (kind == 0) & ~regular)]
-    right = 100 * (flagged == (kind > 0)).mean()
-    return " ".join(f"{value:6.2f}" for value in (*found, *kept, right))
+    parts = [flagged[kind == k] for k in range(1, 5)]
+    parts += [~flagged[regular], ~flagged[(kind == 0) & ~regular], flagged == (kind > 0)]
+    return [100 * float(part.mean()) if len(part) else np.nan for part in parts]
 
 
-def main():
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
-    options = parser.parse_args()
-    judged(np.random.default_rng(0).random((3000, 3)), [0.5, 0.5, 9.0])  # compiles
-    print("cloud: F1 / real points flagged, by coordinates, isolated, with the position; time")
-    for name, X, outlier, position in chain(real_clouds(Path(options.data)), simulated_scans()):
+    parser.add_argument("--points", type=int, help="of simulated scans, in place of their own")
+    options = parser.parse_args(arguments)
+    size, rows = {"n_samples": options.points} if options.points else {}, []
+    clouds = chain(real_clouds(Path(options.data)), simulated_scans(size))
+    for name, X, outlier, position in clouds:
         real = np.ones(len(X), dtype=bool) if outlier is None else ~outlier
-        forms, ratio = judged(X, position)
-        cells = [f"{100 * flagged[real].mean():.2f}" for flagged in forms]
-        if outlier is not None:
-            scores = (f1(flagged, outlier) for flagged in forms)
-            cells = [f"{score:.1f} / {cell}" for score, cell in zip(scores, cells, strict=True)]
-        print(f"{name:25}", "  ".join(cells), f" x {ratio:.2f}", flush=True)
-    print("street: Gaussian, uniform, mixed pixels, ghosts found; regular, foliage kept; right")
-    for outliers, street in simulated_streets():
-        forms, ratio = judged(street.data, street.sensor_origins)
-        for name, flagged in zip(("unknown", "isolated", "known"), forms, strict=True):
-            print(f"{outliers:6} {name:9}", street_line(street, flagged), flush=True)
-        print(f"{outliers:6} time x {ratio:.2f}")
+        row = [name]
+        for _, flagged in judged(X, position):
+            lost = f"{100 * flagged[real].mean():.2f}"
+            row.append(lost if outlier is None else f"{f1(flagged, outlier):.1f} / {lost}")
+        rows.append(row)
+    print_table("F1 / real points flagged", ["cloud", *FORMS], rows)
+    rows = [
+        [f"{outliers}, {name}", *street_row(street, flagged)]
+        for outliers, street in simulated_streets(size)
+        for name, flagged in judged(street.data, street.sensor_origins)
+    ]
+    head = [
+        "street",
+        "Gaussian",
+        "uniform",
+        "mixed pixels",
+        "ghosts",
+        "regular",
+        "foliage",
+        "right",
+    ]
+    print_table("found, kept and right", head, rows, digits=2)
 
 
 if __name__ == "__main__":

@@ -3,9 +3,9 @@
     python benchmarks/figures.py            # the command that renews each
     python benchmarks/figures.py --check    # and how often the code has changed since
 
-A picture or file was measured at the last commit that wrote it. A page has commands of its own, and
-a paragraph such as "Measured at ``0123abc`` (scenes) and ``4567def`` (real clouds)": write there
-the commit whose code you have run.
+A picture or file was measured at the last commit that wrote it. A page has a paragraph such as
+"Measured at ``0123abc`` (scenes) and ``4567def`` (real clouds)": write there the commit whose code
+you have run. A study that is done stays in its commit; the page then names the script there.
 """
 
 import argparse
@@ -17,42 +17,28 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 OUTLIERS, NORMALS = "planes outliers datasets", "planes normals datasets"
 STAGES = "planes outliers normals segmentation edges datasets"
-PAGE = "the page tells"
-# What is stored, the folders of sklearn_mcmd that it measures, and the command that renews it. Last
-# the commit after which all were renewed, of which some came out as they had been.
+# What is stored, the folders of sklearn_mcmd that it measures, and the scripts of benchmarks/ that
+# renew it. Last the commit after which all were renewed, of which some came out as before.
 RESULTS = (
-    ("docs/benchmarks/peers.json", STAGES, "python benchmarks/bench_peers.py"),
-    ("docs/benchmarks/segmentation.json", STAGES, "python benchmarks/bench_segmentation.py peers"),
-    ("docs/images/choosing_*", STAGES, "python docs/figures_choosing.py", "900703c"),
+    ("docs/benchmarks/peers.json", STAGES, "bench_peers.py"),
+    ("docs/benchmarks/segmentation.json", STAGES, "bench_segmentation.py peers"),
     ("docs/images/demo.png", f"{NORMALS} outliers", "mcmd demo"),
-    ("docs/images/failure_*", STAGES, "python docs/figures_failure.py", "900703c"),
-    (
-        "docs/images/guide/*",
-        f"{STAGES} adjustment plotting view",
-        "python docs/figures.py",
-        "900703c",
-    ),
-    ("docs/images/precision_*", OUTLIERS, "python benchmarks/draw_precision_recall.py"),
-    ("docs/images/sensor.png", OUTLIERS, "python benchmarks/draw_sensor.py"),
-    ("README.md", OUTLIERS, PAGE),
-    ("docs/benchmarks.rst", STAGES, PAGE),
-    ("docs/comparators.rst", "planes baselines datasets", PAGE),
-    ("docs/constants.rst", STAGES, PAGE),
-    ("docs/datasets.rst", "datasets", PAGE),
-    ("docs/edges.rst", f"{NORMALS} outliers edges", PAGE),
-    ("docs/false_positive_rate.rst", OUTLIERS, PAGE),
-    ("docs/limits.rst", OUTLIERS, PAGE),
-    ("docs/neighborhood_sizes.rst", NORMALS, PAGE),
-    ("docs/normals.rst", NORMALS, PAGE),
-    ("docs/normals_benchmark.rst", NORMALS, PAGE),
-    ("docs/outliers.rst", OUTLIERS, PAGE),
-    ("docs/promises.rst", STAGES, PAGE),
-    ("docs/reliability.rst", "adjustment", PAGE),
-    ("docs/reproduction.rst", f"{STAGES} baselines", PAGE),
-    ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", PAGE),
-    ("docs/sensor.rst", OUTLIERS, PAGE),
-    ("docs/tiling.rst", "planes tiling", PAGE),
-    ("docs/view.rst", "view", PAGE),
+    ("docs/images/failure_*", STAGES, "docs/figures_failure.py", "900703c"),
+    ("docs/images/guide/*", f"{STAGES} adjustment plotting view", "docs/figures.py", "900703c"),
+    ("README.md", OUTLIERS, "bench_real.py, bench_outliers.py, readme_figures.py"),
+    ("docs/benchmarks.rst", STAGES, "bench_peers.py"),
+    ("docs/constants.rst", STAGES, "ablation.py"),
+    ("docs/edges.rst", f"{NORMALS} outliers edges", "bench_edges.py"),
+    ("docs/limits.rst", OUTLIERS, "readme_figures.py, bench_quantity.py"),
+    ("docs/normals.rst", NORMALS, "bench_normals.py, bench_errors.py"),
+    ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py, bench_false_positives.py"),
+    ("docs/planes.rst", "adjustment", "bench_reliability.py"),
+    ("docs/promises.rst", STAGES, "fuzz_files.py, kill_runs.py, mutate.py, golden_results.py"),
+    ("docs/reproduction.rst", f"{STAGES} baselines", "python -m benchmarks.paper"),
+    ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),
+    ("docs/sensor.rst", OUTLIERS, "bench_sensor.py"),
+    ("docs/tiling.rst", "planes tiling", "bench_tiling.py, bench_tiling_equality.py"),
+    ("docs/view.rst", "view", "bench_view.py"),
 )
 
 

@@ -1,29 +1,35 @@
-"""The pictures and numbers of failure.rst.
+"""The pictures of limits.rst, and their numbers.
 
 python docs/figures_failure.py [NAME ...]
 """
 
+import io
 import sys
 from itertools import pairwise
+from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from figures_choosing import BLUE, ORANGE, RED, save
+from figures_common import BLUE, GRAY, RED
+from PIL import Image
 
-from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_lidar_turn, make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.plotting import (
-    NormalsDisplay,
-    OutlierDisplay,
-    SegmentationDisplay,
-    plot_cloud,
-)
+from sklearn_mcmd.plotting import NormalsDisplay, OutlierDisplay, plot_cloud
 
-GRAY = "#b8bec9"
+ORANGE = "#e69f00"
+
+
+def save(figure, name, colors=96):
+    """A small PNG: few colors, rare ones among them, no more pixels than a page shows."""
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi=76, facecolor="white")
+    path = Path(__file__).parent / "images" / f"{name}.png"
+    image = Image.open(picture).convert("RGB")
+    image.quantize(colors, method=Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
+    print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB")
+    plt.close(figure)
 
 
 def sheets():
@@ -69,19 +75,6 @@ def sheets():
     plot_cloud(xyz[kept][shown & ~suspect], color=GRAY, view=(-35, 20), ax=axes[1, 1])
     axes[1, 1].set_title("without these", fontsize=12)
     save(figure, "failure_sheets")
-
-
-def foliage():
-    """What "surfaces" makes of a tree."""
-    street = make_street(50_000, tree=True, outlier_share=0.02, random_state=0)
-    figure, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
-    for ax, strictness in zip(axes, ("groups", "surfaces"), strict=True):
-        labels = MCMDOutlierDetector(strictness=strictness, random_state=0).fit_predict(street.data)
-        OutlierDisplay.from_predictions(street.data, labels, y_true=street.target, ax=ax)
-        ax.set_title(f'strictness="{strictness}"', fontsize=12)
-        leaves = street.surface == street.surface_names.index("foliage")
-        print(f"{strictness}: {100 * np.mean(labels[leaves] == -1):.1f} % of the leaves go")
-    save(figure, "failure_foliage")
 
 
 def _wall_and_road(noise, rng, n=12_000):
@@ -224,30 +217,7 @@ def edges():
     save(figure, "failure_edges", colors=64)
 
 
-def segments():
-    """Too many regions, the right ones, and too few."""
-    street = make_street(40_000, noise=0.008, outlier_share=0.02, random_state=0)
-    kept = MCMDOutlierDetector(random_state=0).fit_predict(street.data) == 1
-    xyz = street.data[kept]
-    figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
-    SegmentationDisplay.from_predictions(xyz, street.surface[kept], ax=axes[1, 1])
-    axes[1, 1].set_title("the truth", fontsize=11)
-    forms = {
-        "too many: normals of 10 neighbors": (10, {}),
-        "right: 30 neighbors, 15 degrees": (30, {}),
-        "too few: 80 degrees, growth alone": (30, {"max_angle": 80, "refine": False}),
-    }
-    for ax, (name, (k, options)) in zip(axes.flat, forms.items(), strict=False):
-        columns = RobustNormalEstimator(k, random_state=0).fit_transform(xyz)
-        labels = RegionGrowing(normals="precomputed", **options).fit_predict(columns)
-        SegmentationDisplay.from_predictions(xyz, labels, ax=ax)
-        largest = 100 * np.bincount(labels[labels >= 0]).max() / len(labels)
-        print(f"{name}: {labels.max() + 1} regions, the largest has {largest:.0f} %")
-        ax.set_title(f"{name}: {labels.max() + 1} regions", fontsize=11)
-    save(figure, "failure_segments", colors=64)
-
-
-FIGURES = {f.__name__: f for f in (sheets, foliage, noise, ghosts, rounded, rings, edges, segments)}
+FIGURES = {f.__name__: f for f in (sheets, noise, ghosts, rounded, rings, edges)}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:

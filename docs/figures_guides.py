@@ -7,8 +7,6 @@ from figures_common import (
     GRAY,
     GREEN,
     RED,
-    VIEW,
-    detector,
     kept,
     regions,
     save,
@@ -25,7 +23,6 @@ from sklearn_mcmd import (
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.plotting import (
-    EdgeDisplay,
     PlaneResidualDisplay,
     plot_cloud,
     region_colors,
@@ -116,21 +113,6 @@ def outliers_strictness():
     save(fig, "outliers_strictness.jpg")
 
 
-def outliers_scores():
-    scores = -detector().scores_
-    fig, ax = plt.subplots(figsize=(8.5, 2.9), layout="constrained")
-    step = 1.15  # a border of bins is at the cutoff
-    bins = 3 * step ** np.arange(-30, 31)
-    ax.hist(np.clip(scores[scores <= 3], bins[0], None), bins, color=GRAY)
-    ax.hist(scores[scores > 3], bins, color=RED)
-    for at, text in ((3, "3\nthe cutoff"), (10, "10\na clear error"), (100, "100\na gross error")):
-        ax.axvline(at, color="0.3", lw=1, ls=":")
-        ax.text(at * 1.06, 6_000, text, va="top", fontsize=9.5, color="0.25")
-    ax.set(xscale="log", yscale="log", xlabel="score", ylabel="points", ylim=(1, 8_000))
-    ax.set_xticks([0.1, 1, 3, 10, 100], ["0.1", "1", "3", "10", "100"])
-    save(fig, "outliers_scores.png")
-
-
 def corner(n=14_000, noise=0.004, seed=0):
     """A floor that meets a wall at x = 0, with the true normals."""
     rng = np.random.default_rng(seed)
@@ -182,51 +164,6 @@ def normals_street():
     save(fig, "normals_street.jpg")
 
 
-def bent_pipe(n=24_000, radius=0.3, bend=1.0, noise=0.002, seed=0):
-    """A pipe with a bend of 90 degrees, and the true mean curvature of its points."""
-    rng = np.random.default_rng(seed)
-    around = rng.uniform(0, 2 * np.pi, n)
-    along = rng.uniform(-1.6, np.pi / 2 * bend + 1.6, n)
-    turn = np.clip(along / bend, 0, np.pi / 2)
-    before, after = np.minimum(along, 0), np.maximum(along - np.pi / 2 * bend, 0)
-    outward = np.column_stack([np.sin(turn), -np.cos(turn), np.zeros(n)])
-    forward = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n)])
-    axis = bend * outward + forward * (before + after)[:, None]
-    points = axis + radius * (
-        np.cos(around)[:, None] * outward + np.sin(around)[:, None] * [0.0, 0, 1]
-    )
-    in_bend = (turn > 0) & (turn < np.pi / 2)
-    across = np.where(in_bend, np.cos(around) / (bend + radius * np.cos(around)), 0.0)
-    return points + rng.normal(0, noise, (n, 3)), (1 / radius + across) / 2
-
-
-def curvature():
-    points, truth = bent_pipe()
-    estimator = RobustNormalEstimator(
-        100, features=["mean_curvature", "mean_curvature_error"], random_state=0
-    ).fit(points)
-    found, error = np.abs(estimator.features_[:, 0]), estimator.features_[:, 1]
-    fig, axes = plt.subplots(1, 2, figsize=(12, 4.3), layout="constrained")
-    shade = plt.cm.ScalarMappable(plt.Normalize(1.2, 2.1), "viridis")
-    plot_cloud(
-        points, color=shade.to_rgba(found)[:, :3], view=(-60.0, 55.0), scale_bar=True, ax=axes[0]
-    )
-    axes[0].set_title("mean curvature of a bent pipe, radius 0.3 m", fontsize=12)
-    fig.colorbar(shade, ax=axes[0], label="1 / m", shrink=0.7, extend="both")
-    ax = axes[1]
-    rows = np.random.default_rng(0).choice(len(points), 1_500, replace=False)
-    ax.errorbar(
-        truth[rows], found[rows], yerr=error[rows], fmt="o", ms=2, lw=0.4, color=BLUE, alpha=0.35
-    )
-    ax.plot([0.9, 2.1], [0.9, 2.1], color="0.2", lw=1)
-    ax.set(
-        xlabel="true mean curvature, 1 / m",
-        ylabel="found, with its standard error",
-        ylim=(0.6, 2.6),
-    )
-    save(fig, "curvature.jpg")
-
-
 def edges_principle():
     points, _ = corner(5_000)
     search = SharpFeatureDetector(random_state=0).fit(points)
@@ -246,20 +183,6 @@ def edges_principle():
     ax.text(-0.25, 0.022, "plane of one face", color=BLUE, fontsize=9.5)
     ax.text(0.008, 0.2, "plane of\nthe other", color=BLUE, fontsize=9.5)
     save(fig, "edges_principle.png")
-
-
-def edges_criteria():
-    """The crease beside the paper's criterion."""
-    fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
-    for ax, options, name in (
-        (axes[0], {"criterion": "surface_variation"}, 'criterion="surface_variation"'),
-        (axes[1], {}, 'criterion="crease", the default'),
-    ):
-        found = SharpFeatureDetector(random_state=0, **options).fit(kept())
-        EdgeDisplay.from_estimator(found, kept(), view=VIEW, ax=ax)
-        share = 100 * np.mean(found.scores_ < found.offset_)
-        ax.set_title(f"{name}: {share:.1f} % are edges", fontsize=12)
-    save(fig, "edges_criteria.jpg")
 
 
 def segments_principle():
@@ -285,35 +208,6 @@ def segments_principle():
     save(fig, "segments_principle.png")
 
 
-def fillet(radius=0.05, noise=0.002, seed=0):
-    """A floor and a wall that a quarter of a cylinder joins."""
-    rng = np.random.default_rng(seed)
-    bend = radius * np.pi / 2
-    along, y = rng.uniform(-0.5, bend + 0.5, 12_000), rng.uniform(0, 0.6, 12_000)
-    turn = np.clip(along / radius, 0, np.pi / 2)
-    x = np.minimum(along, 0) + radius * np.sin(turn)
-    z = np.maximum(along - bend, 0) + radius * (1 - np.cos(turn))
-    return np.column_stack([x, y, z]) + rng.normal(0, noise, (12_000, 3))
-
-
-def segments_angle():
-    points = fillet()
-    fig, axes = plt.subplots(1, 2, figsize=(9, 3.9), layout="constrained")
-    for ax, angle in zip(axes, (15, 3), strict=True):
-        found = RegionGrowing(max_angle=angle, random_state=0).fit(points)
-        rows = points[:, 1] < 0.2
-        ax.scatter(
-            points[rows, 0], points[rows, 2], s=5, c=region_colors(found.labels_[rows]), lw=0
-        )
-        ax.set(aspect="equal", xlim=(-0.25, 0.08), ylim=(-0.03, 0.3))
-        ax.set_axis_off()
-        ax.set_title(
-            f"max_angle={angle}: {found.n_regions_} region{'s' * (found.n_regions_ > 1)}",
-            fontsize=11,
-        )
-    save(fig, "segments_angle.png")
-
-
 def segments_street():
     fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
     for ax, model, name in (
@@ -331,7 +225,7 @@ def segments_street():
 
 
 def wall(n=8_000, seed=0):
-    """The wall of guide_planes.rst: 4 mm of noise, and a strip that stands 3 cm before it."""
+    """The wall of planes.rst: 4 mm of noise, and a strip that stands 3 cm before it."""
     rng = np.random.default_rng(seed)
     points = rng.uniform((0, 0, 0), (4, 0, 2.5), (n, 3))
     points[:, 1] = rng.normal(0, 0.004, n)
@@ -377,14 +271,10 @@ GUIDE_PICTURES = (
     majority,
     outliers_principle,
     outliers_strictness,
-    outliers_scores,
     normals_principle,
     normals_street,
-    curvature,
     edges_principle,
-    edges_criteria,
     segments_principle,
-    segments_angle,
     segments_street,
     planes_tilt,
     planes_residuals,

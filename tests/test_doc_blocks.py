@@ -22,17 +22,23 @@ if not (ROOT / "docs").is_dir():
 PAGES = {path.stem: path for path in sorted((ROOT / "docs").glob("*.rst"))}
 
 # Pages whose clouds are large, or that search parameters: pytest -m slow runs them.
-SLOW = {"command_line", "datasets", "first_scan", "install", "outliers", "pipelines", "tiling"}
+SLOW = {
+    "command_line",
+    "datasets",
+    "first_scan",
+    "install",
+    "outliers",
+    "pipelines",
+    "planes",
+    "tiling",
+}
 # Pages that show the numbers of the street of `mcmd demo`.
 DEMO = {"command_line"}
 # Pages that make `street.laz` themselves.
 FROM_NOTHING = {"first_scan", "install"}
 # What a page takes as known to its reader, beside a cloud `xyz` and the file `street.laz`.
 GIVEN = {
-    "command_line": next(  # the wall of another page
-        block.text for block in blocks(PAGES["guide_planes"].read_text("utf-8"))
-    ),
-    "comparators": """
+    "reproduction": """
 import numpy as np
 xyz = xyz[:300]  # ROBPCA takes milliseconds for each point
 samples = np.random.default_rng(0).normal(size=(20, 50, 3)) * [1, 1, 0.1]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd.plotting import NormalsDisplay, normal_colors, plot_cloud, region_colors
-from sklearn_mcmd.plotting._still import plot_before_after
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("agg")
@@ -43,16 +42,6 @@ def test_colors_may_be_one_or_one_a_point(color, cloud):
     color = {"values": cloud[:, 0], "rgb": np.abs(cloud)}.get(color, color)
     for outliers in (None, cloud[:, 0] > 2):
         plot_cloud(cloud, color=color, outliers=outliers).figure.canvas.draw()
-
-
-def test_before_and_after_share_one_scale_and_count_truly(cloud):
-    outliers = np.abs(cloud[:, 0]) > 0.9
-    kept = cloud[:, 0] < 0.9
-    fig = plot_before_after(cloud, outliers, cloud[kept], outliers[kept], cloud[kept])
-    left, middle, right = fig.axes
-    assert left.get_xlim() == middle.get_xlim() == right.get_xlim()
-    assert f"{outliers.sum()} outliers" in left.get_title()
-    assert f"{(~kept).sum()} removed, {outliers[kept].sum()} outliers missed" in middle.get_title()
 
 
 def test_the_ball_beside_the_normals_has_the_color_of_each_of_its_normals(cloud):

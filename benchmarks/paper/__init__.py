@@ -1,33 +1,26 @@
 """The first paper's tables and figures, one function each: its printed numbers beside ours."""
 
-from benchmarks.paper._angles import figure3, figure4, table1
-from benchmarks.paper._classification import figure8, table4
-from benchmarks.paper._denoising import figure9, table5
+from benchmarks.paper._angles import figure4, table1
+from benchmarks.paper._classification import table4
+from benchmarks.paper._denoising import table5
 from benchmarks.paper._report import Report
-from benchmarks.paper._segments import figure14, figure15, table6
+from benchmarks.paper._segments import table6
 from benchmarks.paper._sharp import figure10, figure11, figure12, figure13
-from benchmarks.paper._speed import cost, table3
-from benchmarks.paper._sweeps import figure5, figure6, figure7, table2
+from benchmarks.paper._speed import table3
+from benchmarks.paper._sweeps import figure5, figure6, figure7
 
 __all__ = [
     "EXPERIMENTS",
     "Report",
-    "cost",
-    "figure3",
     "figure4",
     "figure5",
     "figure6",
     "figure7",
-    "figure8",
-    "figure9",
     "figure10",
     "figure11",
     "figure12",
     "figure13",
-    "figure14",
-    "figure15",
     "table1",
-    "table2",
     "table3",
     "table4",
     "table5",
@@ -38,24 +31,17 @@ EXPERIMENTS = {
     experiment.__name__: experiment
     for experiment in (
         table1,
-        table2,
         table3,
         table4,
         table5,
         table6,
-        figure3,
         figure4,
         figure5,
         figure6,
         figure7,
-        figure8,
-        figure9,
         figure10,
         figure11,
         figure12,
         figure13,
-        figure14,
-        figure15,
-        cost,
     )
 }

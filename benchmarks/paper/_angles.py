@@ -1,4 +1,4 @@
-"""Table 1 and Figures 3 and 4: bias angles of 50 points with clustered or uniform outliers."""
+"""Table 1 and Figure 4: bias angles of 50 points with clustered or uniform outliers."""
 
 import numpy as np
 
@@ -8,12 +8,11 @@ from benchmarks.paper._methods import METHODS
 from benchmarks.paper._printed import ANGLES, OUTLIERS, STATISTICS
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, affordable, bias_angles, bootstrap_error, stream
-from sklearn_mcmd.metrics import bias_angle
 
-__all__ = ["figure3", "figure4", "table1"]
+__all__ = ["figure4", "table1"]
 
 N_POINTS = 50
-SCENES = {  # panels of Figs. 3 and 4: distribution of the outliers and their percentage
+SCENES = {  # panels of Fig. 4: distribution of the outliers and their percentage
     "20 % clustered": ("clustered", 20),
     "70 % clustered": ("clustered", 70),
     "20 % uniform": ("uniform", 20),
@@ -36,16 +35,7 @@ def describe(angles):
 def table1(runs=1000, *, seed=0):
     """Table 1: bias angles of all methods, with 10 outliers among 50 points.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Simulated clouds for each distribution of the outliers; the paper has 1000.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` maps (law, method) to the angles in degrees, (runs,).
+    `results` maps (law, method) to the angles in degrees, (runs,).
     """
     methods = list(METHODS.values())
     steps = Steps(len(OUTLIERS) * sum(affordable(m, runs) for m in methods))
@@ -105,15 +95,7 @@ def _table_1_rows(method, law, angles):
 def figure4(runs=1000, *, seed=0):
     """Figure 4: box plots of the bias angles with 20 % and with very many outliers.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` maps (scene, method) to the angles in degrees, (runs,).
+    `results` maps (scene, method) to the angles in degrees, (runs,).
     """
     methods = [METHODS[name] for name in METHODS]
     steps = Steps(len(SCENES) * sum(affordable(m, runs) for m in methods))
@@ -166,58 +148,6 @@ def figure4(runs=1000, *, seed=0):
     title = f"Figure 4: bias angles (degrees) of 50 points, {runs} runs"
     table = Table("bias angle in degrees", header, rows, n_labels=2)
     return Report("figure4", title, [table], notes, angles, draw, (12.0, 9.0))
-
-
-def figure3(runs=1, *, seed=0):
-    """Figure 3: the planes that the methods fit to one cloud of each kind.
-
-    Parameters
-    ----------
-    runs : int, default=1
-        Ignored, because the figure shows single clouds.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` maps (scene, method) to the angle to the true plane in degrees.
-    """
-    methods = [m for m in METHODS.values() if m.in_paper or m.name == "reweighted"]
-    results, clouds, normals, members = {}, {}, {}, {}
-    steps = Steps(len(SCENES) * len(methods))
-    for scene, (law, percentage) in SCENES.items():
-        drawn = contaminated_planes(
-            1, N_POINTS, percentage, stream(seed, "figure3", scene), outliers=law
-        )
-        clouds[scene] = drawn
-        for method in methods:
-            state = stream(seed, "figure3", scene, method.name)
-            found, inliers = method(drawn.points, drawn.regular, drawn.n_outliers, state)
-            normals[scene, method.name], members[scene, method.name] = found[0], inliers[0]
-            results[scene, method.name] = bias_angle(found[0], [0.0, 0.0, 1.0])
-            steps.advance(1)
-    rows = [
-        (method.name, *(f"{results[scene, method.name]:.2f}" for scene in SCENES))
-        for method in methods
-    ]
-    notes = [
-        "The paper prints no numbers. In its pictures with 20 % of clustered outliers PCA, qSp and "
-        "uLSIF are tilted and the others are not. With 70 % clustered and 80 % uniform only "
-        "MCMD_MD and uLSIF fit, and RANSAC nearly fits at 80 %.",
-        "One cloud of each kind proves little. Figure4 has many clouds.",
-    ]
-
-    def draw(figure):
-        axes = figure.subplots(2, 2).ravel()
-        for ax, scene in zip(axes, SCENES, strict=True):
-            cloud = clouds[scene]
-            planes = {m.name: (normals[scene, m.name], members[scene, m.name]) for m in methods}
-            _draw.profile(ax, cloud.points[0], cloud.regular[0], planes, scene)
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
-
-    table = Table("angle to the true plane, degrees", ("method", *SCENES), rows)
-    title = "Figure 3: planes fitted to single clouds of 50 points"
-    return Report("figure3", title, [table], notes, results, draw, (12.0, 9.0))
 
 
 def _deviation(values, axis):

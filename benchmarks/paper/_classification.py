@@ -1,4 +1,4 @@
-"""Table 4 and Figure 8: the methods as classifiers of 100 points."""
+"""Table 4: the methods as classifiers of 100 points."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from benchmarks.paper._printed import CLASSIFICATION, RATES, SHARES
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, affordable, flag_counts, stream
 
-__all__ = ["figure8", "table4"]
+__all__ = ["table4"]
 
 N_POINTS = 100
 
@@ -51,17 +51,8 @@ def counts_of(method, clouds, random_state, steps):
 def table4(runs=1000, *, seed=0):
     """Table 4: outliers found and inliers kept among 100 points.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds for each percentage of outliers.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` maps (percentage, method) to the rates TPR, TNR, FPR, FNR and accuracy of each
-        run in percent, (runs, 5).
+    `results` maps (percentage, method) to the rates TPR, TNR, FPR, FNR and accuracy of each run
+    in percent, (runs, 5).
     """
     methods = labeling_methods()
     steps = Steps(len(SHARES) * sum(affordable(m, runs) for m in methods))
@@ -125,60 +116,3 @@ def _table_4_rows(method, percentage, found):
 def _printed(name, percentage):
     """The paper's five rates, NaN if it has no such row."""
     return CLASSIFICATION.get(name, {}).get(percentage, (np.nan,) * len(RATES))
-
-
-def figure8(runs=100, *, seed=0):
-    """Figure 8: histograms of the number of inliers identified, with 20 outliers among 100 points.
-
-    Parameters
-    ----------
-    runs : int, default=100
-        Simulated clouds; the paper has 100.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` maps each method to the number of regular points kept, int (runs,).
-    """
-    methods = labeling_methods()
-    steps = Steps(sum(affordable(m, runs) for m in methods))
-    clouds = contaminated_planes(runs, N_POINTS, 20, stream(seed, "figure8"))
-    limit = N_POINTS - clouds.n_outliers
-    results, rows = {}, []
-    for method in methods:
-        state = stream(seed, "figure8", method.name)
-        kept = counts_of(method, clouds, state, steps)[:, 1]
-        results[method.name] = kept
-        low, middle, high = np.percentile(kept, [5, 50, 95])
-        printed = _printed(method.name, 20)[1]
-        rows.append(
-            (
-                method.name,
-                "" if np.isnan(printed) else f"{printed * limit / 100:.1f}",
-                f"{kept.mean():.1f} ± {kept.std() / np.sqrt(len(kept)):.1f}",
-                f"{low:.0f}",
-                f"{middle:.0f}",
-                f"{high:.0f}",
-            )
-        )
-    header = ("method", "paper's mean", "our mean", "5 %", "median", "95 %")
-    caption = f"regular points identified, of {limit}"
-    notes = [
-        "The paper's mean is the TNR of its Table 4 times 80. Its text says that RANSAC identifies "
-        "'20 % to 40 % out of the possible 80 %', and fits 'only 34 points (TNR of 33.8)'. But "
-        "33.8 % of 80 are 27 points.",
-    ]
-
-    def draw(figure):
-        rows = -(-len(methods) // 4)
-        axes = figure.subplots(rows, 4, sharex=True, squeeze=False).ravel()
-        for ax, method in zip(axes, methods, strict=False):
-            _draw.histogram(ax, results[method.name], method.name, limit)
-        for ax in axes[len(methods) :]:
-            ax.set_axis_off()
-        figure.supxlabel(f"regular points identified, of {limit}")
-        figure.supylabel("runs")
-
-    title = f"Figure 8: regular points identified among 100 points, {runs} runs"
-    return Report("figure8", title, [Table(caption, header, rows)], notes, results, draw, (12, 6.5))

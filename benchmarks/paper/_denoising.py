@@ -1,4 +1,4 @@
-"""Table 5 and Figure 9: noise added to a road, a sign, its posts and a pole."""
+"""Table 5: noise added to a road, a sign, its posts and a pole."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from benchmarks.paper._scene_methods import SCENE_METHODS, quietly, runs_of, sum
 from benchmarks.simulators import make_traffic_furniture
 from sklearn_mcmd.metrics import outlier_scores
 
-__all__ = ["figure9", "table5"]
+__all__ = ["table5"]
 
 N_REGULAR, N_NOISE = 13_664, 1366
 NOISE_DEVIATION = 0.2
@@ -66,19 +66,8 @@ def find_noise(name, cloud, seed):
 def table5(runs=5, *, seed=0, n_regular=N_REGULAR):
     """Table 5: noise found and points kept of a road, a sign and poles with added noise.
 
-    Parameters
-    ----------
-    runs : int, default=5
-        Simulated clouds; the slow methods, RPCA and uLSIF, get one.
-    seed : int, default=0
-    n_regular : int, default=13664
-        Points without noise; a tenth is added as noise.
-
-    Returns
-    -------
-    report : Report
-        `results` maps each method to TPR, TNR, FPR, FNR and accuracy in percent and the numbers
-        of noise points found and of regular points kept, (runs, 7).
+    `results` maps each method to TPR, TNR, FPR, FNR and accuracy in percent and the numbers of
+    noise points found and of regular points kept, (runs, 7).
     """
     methods = [*SCENE_METHODS.values()]
     steps = Steps(runs + sum(runs_of(m, runs) for m in methods))
@@ -143,54 +132,3 @@ def _table_5_rows(name, found):
     printed = DENOISING[name]
     cells = (*map(str, printed[:2]), *map("{:.2f}".format, printed[2:]))
     return paired_rows(name, ours, ("", *cells))
-
-
-def figure9(runs=1, *, seed=0, n_regular=N_REGULAR):
-    """Figure 9: the cloud, the cloud with noise, and the denoised cloud.
-
-    Parameters
-    ----------
-    runs : int, default=1
-        Ignored, because the figure shows one cloud.
-    seed : int, default=0
-    n_regular : int, default=13664
-        Points without noise.
-
-    Returns
-    -------
-    report : Report
-        `results` has "points" (n, 3), "target" (n,) and each method's labels (n,), +1 or -1.
-    """
-    names = [name for name in ("MCMD_Z", "MCMD_MD", "default") if name in SCENE_METHODS]
-    cloud = noisy_sign(stream(seed, "table5", 0), n_regular)
-    steps = Steps(len(names))
-    results, rows = {"points": cloud.points, "target": cloud.target}, []
-    noise = cloud.target == -1
-    for name in names:
-        labels = results[name] = find_noise(name, cloud, seed)
-        missed, lost = (noise & (labels == 1)).sum(), (~noise & (labels == -1)).sum()
-        rows.append((name, f"{missed} of {noise.sum()}", f"{lost} of {(~noise).sum()}"))
-        steps.advance(1)
-    notes = [
-        "The paper's cloud is a real scan that is not public; this is its simulated counterpart. "
-        "Noise is red. Most of the noise left is within the scanner's noise of a surface. "
-        "MCMD_Z also leaves points beside the pole, where neighborhoods are no planes.",
-    ]
-
-    def draw(figure):
-        from sklearn_mcmd.plotting import plot_cloud
-
-        axes = figure.subplots(2, 3).ravel()
-        panels = [("(a) without noise", ~noise), ("(b) with 10 % noise", np.ones_like(noise))]
-        panels += [
-            (f"({letter}) {name}: {row[1]} noise left, {row[2]} lost", results[name] == 1)
-            for letter, name, row in zip("cde", names, rows, strict=True)
-        ]
-        for ax, (title, shown) in zip(axes, panels, strict=False):
-            plot_cloud(cloud.points[shown], outliers=noise[shown], ax=ax)
-            ax.set_title(title, fontsize=10)
-        axes[-1].set_axis_off()
-
-    title = f"Figure 9: {noise.sum():,} noise points among {(~noise).sum():,}, before and after"
-    table = Table("points", ("method", "noise left", "regular points lost"), rows)
-    return Report("figure9", title, [table], notes, results, draw, (15.0, 8.5))

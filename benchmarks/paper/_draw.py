@@ -1,8 +1,8 @@
-"""Box plots, bars, line diagrams, histograms and profiles, with one color for each method."""
+"""Box plots, bars, line diagrams, and histograms, with one color for each method."""
 
 import numpy as np
 
-__all__ = ["bars", "boxes", "histogram", "lines", "printed_means", "profile"]
+__all__ = ["bars", "boxes", "lines", "printed_means"]
 
 # Okabe and Ito's colors, which color-blind people can distinguish, two grays, and three of Tol's.
 COLORS = {
@@ -78,25 +78,3 @@ def lines(ax, x, curves, title, xlabel, ylabel="mean bias angle, degrees", error
     ax.set(title=title, xlabel=xlabel, ylabel=ylabel)
     ax.set_ylim(bottom=0)
     ax.grid(alpha=0.3)
-
-
-def histogram(ax, counts, name, limit):
-    """A histogram of the number of inliers identified."""
-    ax.hist(counts, bins=np.arange(limit + 2) - 0.5, color=color(name))
-    ax.set(title=name, xlim=(-1, limit + 1))
-
-
-def profile(ax, points, regular, planes, title):
-    """The cloud seen along the y axis, and each plane's cut at the regular points' mean y."""
-    ax.plot(*points[regular][:, [0, 2]].T, "k.", markersize=4)
-    ax.plot(*points[~regular][:, [0, 2]].T, "r*", markersize=5)
-    x = np.array([points[:, 0].min(), points[:, 0].max()])
-    y = points[regular, 1].mean()
-    for name, (normal, members) in planes.items():
-        center = points[members].mean(axis=0)
-        if abs(normal[2]) < 1e-3:  # seen from its edge, the plane is a vertical line
-            normal = normal + np.array([0.0, 0.0, 1e-3])
-        z = center[2] - (normal[0] * (x - center[0]) + normal[1] * (y - center[1])) / normal[2]
-        ax.plot(x, z, STYLES.get(name, "-"), color=color(name), label=name, linewidth=1.6)
-    low, high = points[:, 2].min(), points[:, 2].max()
-    ax.set(title=title, xlabel="x", ylabel="z", ylim=(low - 1, high + 1))

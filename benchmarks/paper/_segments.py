@@ -1,4 +1,4 @@
-"""Table 6 and Figures 14 and 15: segments of traffic furniture and of a bus stop."""
+"""Table 6: segments of traffic furniture and of a bus stop."""
 
 import warnings
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from benchmarks.simulators import make_bus_stop, make_traffic_furniture
 from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.segmentation._estimator import RegionGrowing
 
-__all__ = ["figure14", "figure15", "table6"]
+__all__ = ["table6"]
 
 N_NEIGHBORS, MIN_REGION_SIZE = 50, 10
 SLOW_POINTS = 34_000  # points of a scene for RPCA and uLSIF, which take minutes each
@@ -83,22 +83,8 @@ def score(surface, labels):
 def table6(runs=2, *, seed=0, n_points=None, slow_points=SLOW_POINTS):
     """Table 6: segments of traffic furniture and of a bus stop, by normals of each method.
 
-    Parameters
-    ----------
-    runs : int, default=2
-        Simulated scenes of each kind; the slow methods, RPCA and uLSIF, get one.
-    seed : int, default=0
-    n_points : int, default=None
-        Points of a scene. None means the paper's 127,898 and 33,719.
-    slow_points : int, default=34000
-        If a scene has more points than this, a second scene with this number is made. On it the
-        slow methods are run beside the others.
-
-    Returns
-    -------
-    report : Report
-        `results` maps (scene, points, method) to segments, PS, OS, US, missed surfaces, recall,
-        precision and F-score in percent, adjusted Rand index and mean IoU, (runs, 10).
+    `results` maps (scene, points, method) to segments, PS, OS, US, missed surfaces, recall,
+    precision and F-score in percent, adjusted Rand index and mean IoU, (runs, 10).
     """
     plan = []
     for scene, about in SCENES.items():
@@ -172,70 +158,3 @@ def _notes():
         "wider. Compare them with the rows of the same scene.",
         *(f"{method.name}: {method.reading}." for method in SCENE_METHODS.values()),
     ]
-
-
-def figure14(runs=1, *, seed=0, n_points=SLOW_POINTS):
-    """Figure 14: segments of traffic furniture.
-
-    Parameters
-    ----------
-    runs : int, default=1
-        Ignored, because the figure shows one scene.
-    seed : int, default=0
-    n_points : int, default=34000
-        Points of the scene, fewer than the paper's 127,898 because of the slow methods.
-
-    Returns
-    -------
-    report : Report
-        `results` has "points" (n, 3), "surface" (n,), and each method's labels (n,).
-    """
-    return _pictures("figure14", "traffic furniture", n_points, seed)
-
-
-def figure15(runs=1, *, seed=0, n_points=SCENES["bus stop"].n_points):
-    """Figure 15: segments of a bus stop.
-
-    Parameters
-    ----------
-    runs : int, default=1
-        Ignored, because the figure shows one scene.
-    seed : int, default=0
-    n_points : int, default=33719
-        Points of the scene.
-
-    Returns
-    -------
-    report : Report
-        As of figure14.
-    """
-    return _pictures("figure15", "bus stop", n_points, seed)
-
-
-def _pictures(name, scene, n_points, seed):
-    about = SCENES[scene]
-    rows = {name: row for name, row in rows_of(True).items() if name != "MCMD_MD h=.5k"}
-    cloud = about.make(n_points, random_state=stream(seed, scene, n_points, 0))
-    results = {"points": cloud.data, "surface": cloud.surface}
-    steps, lines = Steps(len(rows)), []
-    for method, row in rows.items():
-        labels = results[method] = quietly(segment, row, cloud.data, about.max_angle, seed)
-        found = np.array([score(cloud.surface, labels)])
-        lines += _table_6_rows(scene, method, found, printed=True)
-        steps.advance(1)
-
-    def draw(figure):
-        from sklearn_mcmd.plotting import plot_cloud, region_colors
-
-        axes = figure.subplots(2, 5).ravel()
-        panels = {"truth": cloud.surface} | {method: results[method] for method in rows}
-        for ax, (method, labels) in zip(axes, panels.items(), strict=True):
-            plot_cloud(cloud.data, color=region_colors(labels), ax=ax)
-            n_segments = len(np.unique(labels[labels >= 0]))
-            ax.set_title(f"{method}: {n_segments} segments", fontsize=10)
-
-    title = f"Figure {name[6:]}: segments of the {scene}, {n_points:,} points"
-    header = ("method", "", "runs", *COLUMNS)
-    caption = f"{scene}, {len(np.unique(cloud.surface))} surfaces, {about.max_angle:g} degrees"
-    table = Table(caption, header, lines, n_labels=2)
-    return Report(name, title, [table], _notes(), results, draw, (20.0, 7.0))

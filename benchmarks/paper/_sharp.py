@@ -25,20 +25,9 @@ NOT_PUBLIC = (
 def figure10(runs=5, *, seed=0, n_points=BOX_POINTS):
     """Figure 10: normals next to an edge, by neighborhoods of 20 points.
 
-    Parameters
-    ----------
-    runs : int, default=5
-        Simulated boxes; the slow methods, RPCA and uLSIF, get one.
-    seed : int, default=0
-    n_points : int, default=3339
-        Points of a box.
-
-    Returns
-    -------
-    report : Report
-        `results` maps (method, "near") and (method, "far") to lists of the angles in degrees
-        between found and true normals, one array for each run. "near" are points within 2
-        spacings of an edge, "far" those beyond 6 spacings.
+    `results` maps (method, "near") and (method, "far") to lists of the angles in degrees
+    between found and true normals, one array for each run. "near" are points within 2 spacings
+    of an edge, "far" those beyond 6 spacings.
     """
     methods = list(SCENE_METHODS.values())
     steps = Steps(sum(runs_of(m, runs) for m in methods))
@@ -127,19 +116,8 @@ def _near_edge(box, section):
 def figure11(runs=5, *, seed=0, n_points=BOX_POINTS):
     """Figure 11: edges and the corner of a box.
 
-    Parameters
-    ----------
-    runs : int, default=5
-        Simulated boxes; the slow methods, RPCA and uLSIF, get one.
-    seed : int, default=0
-    n_points : int, default=3339
-        Points of a box.
-
-    Returns
-    -------
-    report : Report
-        `results` maps each method to (runs, 4): number of points flagged, and in percent
-        precision, recall and share of the noise points flagged.
+    `results` maps each method to (runs, 4): number of points flagged, and in percent precision,
+    recall and share of the noise points flagged.
     """
     return _edges(
         "figure11",
@@ -156,17 +134,7 @@ def figure11(runs=5, *, seed=0, n_points=BOX_POINTS):
 def figure12(runs=5, *, seed=0, n_points=BOX_POINTS):
     """Figure 12: the same box with 20 % of noise.
 
-    Parameters
-    ----------
-    runs : int, default=5
-    seed : int, default=0
-    n_points : int, default=3339
-        Points of a box without the noise.
-
-    Returns
-    -------
-    report : Report
-        As of figure11.
+    As of figure11.
     """
 
     def noisy_box(state):
@@ -188,17 +156,7 @@ def figure12(runs=5, *, seed=0, n_points=BOX_POINTS):
 def figure13(runs=5, *, seed=0, n_points=ROOF_POINTS):
     """Figure 13: edges of a crown-shaped roof of bilinear surfaces.
 
-    Parameters
-    ----------
-    runs : int, default=5
-    seed : int, default=0
-    n_points : int, default=3017
-        Points of a roof.
-
-    Returns
-    -------
-    report : Report
-        As of figure11.
+    As of figure11.
     """
     return _edges(
         "figure13",

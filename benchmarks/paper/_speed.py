@@ -1,13 +1,11 @@
-"""Table 3 and the cost curve: times of single planes, as ratios within one run.
+"""Table 3: times of single planes, as ratios within one run.
 
 Times are CPU seconds of the process, which other processes hardly change.
 """
 
-import warnings
 from time import process_time
 
 import numpy as np
-from scipy.optimize import OptimizeWarning, curve_fit
 
 from benchmarks.paper import _draw
 from benchmarks.paper._clouds import contaminated_planes
@@ -15,21 +13,11 @@ from benchmarks.paper._methods import METHODS, Method, mcmd
 from benchmarks.paper._printed import SECONDS, SIZES, TIMED_SHARES
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, bootstrap_error, stream
-from benchmarks.paper._scene_methods import quietly
-from sklearn_mcmd.datasets import make_contaminated_plane
-from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 
-__all__ = ["cost", "table3"]
+__all__ = ["table3"]
 
 # Seconds after which the timing of a method in a column ends, after at least three clouds.
 BUDGET = 1.0
-COST_SIZES = (10, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
-COST_METHODS = {
-    "PCA": {"method": "pca"},
-    "MCMD_Z": {"method": "mcmd_z", "reweight": False},
-    "MCMD_MD h=.5n": {"method": "mcmd_md", "reweight": False},
-    "reweighted": {"method": "mcmd_z"},
-}
 
 
 def timed_methods():
@@ -42,20 +30,8 @@ def timed_methods():
 def table3(runs=1000, *, seed=0, sizes=SIZES, shares=TIMED_SHARES):
     """Table 3: times of one plane by sample size and percentage of outliers, as ratios.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Largest number of clouds that each method is timed on, one at a time, methods in turns.
-        Slow methods are stopped after one second in each column.
-    seed : int, default=0
-    sizes, shares : sequences of int, default=all columns
-        Columns of the paper's table that are timed.
-
-    Returns
-    -------
-    report : Report
-        `results` maps ("size", n, method) and ("share", percentage, method) to the seconds of
-        each cloud.
+    `results` maps ("size", n, method) and ("share", percentage, method) to the seconds of each
+    cloud.
     """
     methods = timed_methods()
     columns = [("size", n, n, 20) for n in sizes] + [("share", p, 50, p) for p in shares]
@@ -160,81 +136,3 @@ def _ratios(seconds, kind, keys, name):
 
 def _short(value):
     return f"{value:.2f}" if value < 10 else f"{value:.0f}" if value < 1e5 else f"{value:.1e}"
-
-
-def cost(runs=5, *, seed=0, sizes=COST_SIZES):
-    """Cost curve: the time of MCMD by the number of points in one neighborhood, and its exponent.
-
-    Parameters
-    ----------
-    runs : int, default=5
-        Fits of `RobustNormalEstimator` for each size, with ``n_neighbors=None``.
-    seed : int, default=0
-    sizes : sequence of int, default=(10, 30, ..., 100000)
-
-    Returns
-    -------
-    report : Report
-        `results` maps ("seconds", method) to (sizes, runs) and ("exponent", method) to the
-        exponent c of n in ``a + b n^c`` and its standard error.
-    """
-    sizes = np.array(sizes)
-    steps = Steps(len(sizes) * runs)
-    seconds = {name: np.empty((len(sizes), runs)) for name in COST_METHODS}
-    for run in range(runs):  # sizes in turns, so that other work of the machine affects all alike
-        for i, n in enumerate(sizes):
-            X, _ = make_contaminated_plane(
-                int(n), outlier_share=0.2, random_state=stream(seed, n, run), shuffle=True
-            )
-            for name, parameters in COST_METHODS.items():
-                estimator = RobustNormalEstimator(None, random_state=run, **parameters)
-                start = process_time()
-                quietly(estimator.fit, X)
-                seconds[name][i, run] = process_time() - start
-            steps.advance(1)
-    results = {("seconds", name): taken for name, taken in seconds.items()}
-    rows = []
-    for name, taken in seconds.items():
-        least = taken.min(axis=1)
-        fixed, exponent, error = fit_power(sizes, least)
-        results["exponent", name] = np.array([exponent, error])
-        cells = [f"{1e3 * value:.3g}" for value in least]
-        rows.append((name, *cells, f"{1e3 * fixed:.2f}", f"{exponent:.2f} ± {error:.2f}"))
-    header = ("method", *map(str, sizes), "a", "exponent c")
-    notes = [
-        "a + b n^c is fitted to the logarithms by least squares. a, in milliseconds, is the time "
-        "of the calls themselves; ± is the standard error.",
-        "All but PCA take 69 trials. Each measures all points and selects the h nearest without "
-        "sorting. So the algorithm is linear in n; with a sort it would be n log n.",
-        "Table 3 of the paper has .0088 s for 20 points and .0400 s for 10,000, with 13 trials.",
-    ]
-
-    def draw(figure):
-        ax = figure.subplots()
-        for name, taken in seconds.items():
-            ax.plot(sizes, taken, ".", color=_draw.color(name), alpha=0.3)
-            label = f"{name}: n^{results['exponent', name][0]:.2f}"
-            style = _draw.STYLES.get(name, "-")
-            ax.plot(sizes, taken.min(axis=1), style, color=_draw.color(name), label=label)
-        ax.set(xscale="log", yscale="log", xlabel="points in the neighborhood", ylabel="seconds")
-        ax.set_title("time of one plane")
-        ax.legend()
-        ax.grid(alpha=0.3)
-
-    title = f"Cost: time of one plane against the number of its points, least of {runs} runs"
-    table = Table("milliseconds", header, rows)
-    return Report("cost", title, [table], notes, results, draw, (7.5, 5.0))
-
-
-def fit_power(sizes, seconds):
-    """Fixed part a, exponent c and its standard error of ``a + b n^c``, by relative errors."""
-    start = np.log([seconds.min() / 2, seconds[-1] / sizes[-1], 1.0])
-
-    def model(n, log_a, log_b, log_c):
-        return np.log(np.exp(log_a) + np.exp(log_b) * n ** np.exp(log_c))
-
-    with warnings.catch_warnings():  # times of a busy machine may show no power: the error is inf
-        warnings.simplefilter("ignore", OptimizeWarning)
-        best, covariance = curve_fit(model, sizes, np.log(seconds), start, maxfev=20_000)
-    exponent = np.exp(best[2])
-    return np.exp(best[0]), exponent, exponent * np.sqrt(covariance[2, 2])

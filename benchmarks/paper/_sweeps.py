@@ -1,4 +1,4 @@
-"""Figures 5 to 7 and Table 2: mean bias angles against outliers, sizes and variances."""
+"""Figures 5 to 7: mean bias angles against outliers, sizes and variances."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from benchmarks.paper._printed import BREAKDOWN, VARIANCES, Z_VARIANCES
 from benchmarks.paper._report import Report, Table
 from benchmarks.paper._runs import Steps, affordable, bias_angles, stream
 
-__all__ = ["figure5", "figure6", "figure7", "table2"]
+__all__ = ["figure5", "figure6", "figure7"]
 
 # A run has failed if its plane is off by more than FAILURE degrees. A method has broken down if
 # BREAKDOWN_SHARE of its runs have failed.
@@ -35,19 +35,9 @@ def swept(*left_out):
 def figure5(runs=1000, *, seed=0, percentages=range(1, 81)):
     """Figure 5: breakdown points, by clustered outliers among 100 points.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds for each percentage of outliers.
-    seed : int, default=0
-    percentages : iterable of int, default=range(1, 81)
-
-    Returns
-    -------
-    report : Report
-        `results` has "percentages", ("mean", method), ("error", method) and ("failed", method),
-        arrays over the percentages, and ("breakdown", method): the first percentage with at
-        least 5 % of the runs off by more than 5 degrees, None if there is none.
+    `results` has "percentages", ("mean", method), ("error", method) and ("failed", method),
+    arrays over the percentages, and ("breakdown", method): the first percentage with at least 5
+    % of the runs off by more than 5 degrees, None if there is none.
     """
     methods = swept()
     percentages = np.array(sorted(percentages))
@@ -113,17 +103,7 @@ def figure5(runs=1000, *, seed=0, percentages=range(1, 81)):
 def figure6(runs=1000, *, seed=0, percentages=range(1, 46)):
     """Figure 6: bias angles by sample size and percentage of clustered outliers.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds for each size and percentage.
-    seed : int, default=0
-    percentages : iterable of int, default=range(1, 46)
-
-    Returns
-    -------
-    report : Report
-        `results` has "percentages", ("mean", n, method) and ("error", n, method).
+    `results` has "percentages", ("mean", n, method) and ("error", n, method).
     """
     methods = swept(*NOT_ROBUST)
     names = [m.name for m in methods]
@@ -158,70 +138,11 @@ def figure6(runs=1000, *, seed=0, percentages=range(1, 46)):
     return Report("figure6", title, tables, notes, results, draw, (16.0, 5.0))
 
 
-def table2(runs=1000, *, seed=0):
-    """Table 2: the variances of the six simulated densities, as printed and as drawn.
-
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds of 50 points for each data set.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` maps (data set, "regular" or "outliers") to variances along x and y, and their
-        standard errors, (2, 2).
-    """
-    results, rows = {}, []
-    for name, (regular, outlying) in VARIANCES.items():
-        clouds = _densities(runs, name, seed)
-        cells = []
-        for kind, printed, mask in (
-            ("regular", regular, clouds.regular),
-            ("outliers", outlying, ~clouds.regular),
-        ):
-            drawn = clouds.points[mask][:, :2]
-            variances = drawn.var(axis=0, ddof=1)
-            errors = variances * np.sqrt(2.0 / (len(drawn) - 1))
-            results[name, kind] = np.array([variances, errors])
-            cells += [f"{printed:g}", *map("{:.3f} ± {:.3f}".format, variances, errors)]
-        rows.append((name, *cells))
-    header = ("data set", "regular: paper", "x", "y", "outliers: paper", "x", "y")
-    notes = [
-        "The paper's table is input: the distributions behind Fig. 7a-b. Their angles are in "
-        "figure7.",
-        "Read as standard deviations, the same numbers give PCA 12 degrees in Table 1, not 34.",
-    ]
-    title = f"Table 2: variances of regular points and outliers, {runs} clouds of 50 points each"
-    table = Table("variances along x and y", header, rows)
-
-    def draw(figure):
-        axes = figure.subplots(1, len(VARIANCES), sharex=True, sharey=True)
-        for ax, name in zip(axes, VARIANCES, strict=True):
-            cloud = _densities(4, name, seed)
-            for mask, style in ((cloud.regular, "k."), (~cloud.regular, "r*")):
-                ax.plot(*cloud.points[mask][:, :2].T, style, markersize=3)
-            ax.set(title=name, aspect="equal", xlabel="x")
-        axes[0].set_ylabel("y")
-
-    return Report("table2", title, [table], notes, results, draw, (13.0, 3.0))
-
-
 def figure7(runs=1000, *, seed=0):
     """Figure 7: bias angles by point density (Table 2) and by roughness.
 
-    Parameters
-    ----------
-    runs : int, default=1000
-        Clouds of 50 points for each data set and each variance along z.
-    seed : int, default=0
-
-    Returns
-    -------
-    report : Report
-        `results` has ("mean", sweep, method) and ("error", sweep, method), where sweep is
-        "density" or "roughness".
+    `results` has ("mean", sweep, method) and ("error", sweep, method), where sweep is "density"
+    or "roughness".
     """
     methods = swept()
     names = [m.name for m in methods]

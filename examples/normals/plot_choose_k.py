@@ -4,7 +4,7 @@ How many neighbors should I take?
 
 Few neighbors follow the noise. Many neighbors reach across kerbs and frames. 50 is a good start:
 about seven points across. Take fewer for narrow things, more for noise. ``"auto"`` chooses for each
-point. :doc:`/choosing` has a rule.
+point. :ref:`choosing` has a rule.
 
 .. code-block:: bash
 

@@ -58,7 +58,8 @@ def demo(
 ) -> None:
     """Clean a simulated street scan whose truth is known, and show how well that went.
 
-    Writes street.laz (with outliers, and the truth as attributes), clean.laz, normals.laz and
+    Twice: by coordinates alone, and with --sensor, the position of the scanner. Writes street.laz
+    (with outliers, and the truth as attributes), clean.laz, clean_sensor.laz, normals.laz and
     demo.png, and prints the accuracy. Files of an earlier demo in the same folder are replaced.
     """
     with clear_exits():
@@ -66,8 +67,8 @@ def demo(
 
         seconds = stopwatch()
         import_extra("matplotlib", "plot", "the picture")
-        names = "street.laz", "clean.laz", "normals.laz", "demo.png"
-        outputs = street, clean, with_normals, picture = [folder / name for name in names]
+        names = "street.laz", "clean.laz", "clean_sensor.laz", "normals.laz", "demo.png"
+        outputs = street, clean, clean_sensor, with_normals, picture = [folder / n for n in names]
         refuse_existing(no_clobber, *outputs)
         there = [path.name for path in outputs if os.path.exists(path)]
         if there and not force and not _demo_run.made_by_demo(street):
@@ -75,20 +76,25 @@ def demo(
                 f"{folder} already holds {', '.join(there)}, of no earlier demo; name another "
                 "folder, or --force"
             )
-        _demo_run.write_street(street)
-        denoise(street, clean, n_jobs=n_jobs, quiet=quiet)
-        normals(clean, with_normals, n_jobs=n_jobs, quiet=quiet)
+        sensor = _demo_run.write_street(street)
+        work = {"n_jobs": n_jobs, "quiet": quiet}
+        denoise(street, clean, sensor="none", **work)
+        denoise(street, clean_sensor, sensor=sensor, **work)
+        normals(clean_sensor, with_normals, orientation="sensor", sensor=sensor, **work)
         with progress("accuracy", quiet):
             angles = _demo_run.normal_errors(street, n_jobs)
-        rates = _demo_run.outlier_rates(street, clean)
+        cleaned = {"by coordinates alone": clean}
+        cleaned[f"with --sensor {','.join(f'{x:g}' for x in sensor)}"] = clean_sensor
         with naming(picture):
-            _demo_run.draw(street, clean, with_normals, picture)
+            _demo_run.draw(street, cleaned, with_normals, picture)
         ignore_interrupts()
         if not quiet:
-            print_table(
-                "Outliers, against the truth",
-                **{name: f"{100 * rate:.1f} %" for name, rate in rates.items()},
-            )
+            for how, path in cleaned.items():
+                rates = _demo_run.outlier_rates(street, path)
+                print_table(
+                    f"Outliers {how}, against the truth",
+                    **{name: f"{100 * rate:.1f} %" for name, rate in rates.items()},
+                )
             print_table(
                 f"Normals of {street}, outliers and all: angle to the truth",
                 **{

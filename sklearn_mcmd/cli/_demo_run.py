@@ -9,14 +9,16 @@ from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_point
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
-from sklearn_mcmd.plotting._still import plot_before_after
+from sklearn_mcmd.plotting import normal_colors, plot_cloud
+from sklearn_mcmd.plotting._still import draw_ball
+from sklearn_mcmd.plotting._views import VIEW
 from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = ["draw", "made_by_demo", "normal_errors", "outlier_rates", "write_street"]
 
 N_POINTS = 60_000
 OUTLIER_SHARE = 0.1
-LEVEL = 0.1  # z of the true normal of an upright face is less
+DPI = 100  # of the picture
 COLORS = 160  # of the picture's palette, which reduces the file to a third
 
 
@@ -29,7 +31,7 @@ def made_by_demo(path):
 
 
 def write_street(path):
-    """Write a contaminated street, the truth of each point as attributes."""
+    """Write a contaminated street with its truth as attributes; returns where its sensor stood."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as err:
@@ -45,6 +47,7 @@ def write_street(path):
         truth[f"true_normal_{axis}"] = values.astype(np.float32)
     # Tenths of a millimeter, as a scanner writes.
     write_points(path, PointCloud(np.round(street.data, 4), truth))
+    return tuple(street.sensor_origins[0].tolist())
 
 
 def outlier_rates(street, clean):
@@ -75,42 +78,35 @@ def normal_errors(street, n_jobs):
     return errors
 
 
-def draw(street, clean, with_normals, path):
-    """Draw the three files side by side into a PNG."""
+def draw(street, cleaned, with_normals, path):
+    """Draw the street, each cleaned one and the normals into a PNG; outliers are red."""
     import matplotlib
 
     matplotlib.use("agg")
+    import matplotlib.pyplot as plt
     from PIL import Image
 
-    before, after = read_points(street), read_points(clean)
-    normals = _stack(read_points(with_normals), "normal_")
-    fig = plot_before_after(
-        before.xyz,
-        before.attributes["true_outlier"] == 1,
-        after.xyz,
-        after.attributes["true_outlier"] == 1,
-        normals,
-    )
-    fig.axes[2].text(
-        *(1.0, 0.0, _sides(normals, _stack(after, "true_normal_"))),
-        **{"transform": fig.axes[2].transAxes, "ha": "right", "fontsize": 9, "color": "0.25"},
-    )
+    fig, axes = plt.subplots(2, 2, figsize=(11, 8.6), layout="constrained", facecolor="white")
+    for ax, (how, file) in zip(axes.flat, ({"Before": street} | cleaned).items(), strict=False):
+        cloud = read_points(file)
+        outlier = cloud.attributes["true_outlier"] == 1
+        plot_cloud(cloud.xyz, outliers=outlier, ax=ax)
+        left = "left" if file in cleaned.values() else "in red"
+        title = f"{how[0].upper()}{how[1:]}: {np.count_nonzero(outlier):,} outliers {left}"
+        ax.set_title(title, fontsize=12)
+    last, cloud = axes[1, 1], read_points(with_normals)
+    plot_cloud(cloud.xyz, color=normal_colors(_stack(cloud, "normal_")), ax=last)
+    last.set_title("Normals of what is left with --sensor", fontsize=12)
+    draw_ball(last, VIEW)
+    for ax in axes.flat[1:]:  # the same place and scale, so that the eye can compare
+        ax.set(xlim=axes[0, 0].get_xlim(), ylim=axes[0, 0].get_ylim())
     raw, small = io.BytesIO(), io.BytesIO()
-    fig.savefig(raw, format="png", dpi=110)
+    fig.savefig(raw, format="png", dpi=DPI)
+    plt.close(fig)
     palette = Image.open(raw).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
     palette.save(small, format="png", optimize=True)
     with replacing(path) as temporary:
         temporary.write_bytes(small.getvalue())
-
-
-def _sides(normals, true_normals):
-    """How many normals of upright faces look to the true side."""
-    upright = np.abs(true_normals[:, 2]) < LEVEL  # NaN of outliers is not
-    outward = np.einsum("ij,ij->i", normals, true_normals)[upright] > 0
-    return (
-        f"{100 * outward.mean():.0f} % of the normals of upright faces look outward, by\n"
-        "chance: --orientation sensor or mst gives them a side"
-    )
 
 
 def _stack(cloud, prefix):

@@ -16,7 +16,6 @@ __all__ = [
     "draw_ball",
     "edge_columns",
     "normal_colors",
-    "plot_before_after",
     "plot_cloud",
     "region_colors",
     "region_columns",
@@ -24,7 +23,6 @@ __all__ = [
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # Red, green, blue of surfaces and of edges in files.
 SURFACE_COLOR, EDGE_COLOR = (170, 170, 170), (215, 30, 30)
@@ -134,33 +132,6 @@ def plot_cloud(
     if scale_bar:
         draw_scale_bar(ax, " in the middle" if view == "perspective" else "")
     return ax
-
-
-def plot_before_after(
-    before: ArrayLike, outliers: ArrayLike, after: ArrayLike, missed: ArrayLike, normals: ArrayLike
-) -> "Figure":
-    """Draw a contaminated cloud, the cleaned one and its normals in a row.
-
-    The points marked in `outliers` and `missed` are red; `normals` are those of `after`.
-    """
-    plt = import_extra("matplotlib.pyplot", "plot", "Plotting")
-    fig, axes = plt.subplots(1, 3, figsize=(15, 4.5), layout="constrained", facecolor="white")
-    for ax, xyz, marked in ((axes[0], before, outliers), (axes[1], after, missed)):
-        plot_cloud(xyz, outliers=marked, ax=ax)
-    plot_cloud(after, color=normal_colors(normals), ax=axes[2])
-    draw_ball(axes[2], VIEW)
-    n_marked, n_missed = np.count_nonzero(outliers), np.count_nonzero(missed)
-    n_before, n_after = len(np.asarray(before)), len(np.asarray(after))
-    titles = (
-        f"Before: {n_before:,} points, {n_marked:,} outliers in red",
-        f"After: {n_before - n_after:,} removed, {n_missed:,} outliers missed",
-        "Normals of what is left",
-    )
-    for ax, title in zip(axes, titles, strict=True):
-        ax.set_title(title, fontsize=13, color="0.25")
-    for ax in axes[1:]:  # the same place and scale, so that the eye can compare
-        ax.set(xlim=axes[0].get_xlim(), ylim=axes[0].get_ylim())
-    return fig
 
 
 def normal_colors(

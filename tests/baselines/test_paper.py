@@ -4,7 +4,7 @@ The rows of all methods, and Table 4, are in `tests/paper/test_experiments.py`.
 
 The expected figures are those of a replication with independent code, or the paper's own where
 that one did not reach them. ROBPCA's reading of the paper is the nearest of twelve variants, so
-that its rows hold the code and do not prove the reading; see docs/comparators.rst.
+that its rows hold the code and do not prove the reading; see docs/reproduction.rst.
 
 Bounds are four standard errors of the difference of two Monte-Carlo means, from the standard
 deviations beside them. Rows are in random order: all

@@ -12,13 +12,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from benchmarks.paper import (
-    figure9,
     figure10,
     figure11,
     figure12,
     figure13,
-    figure14,
-    figure15,
     table5,
     table6,
 )
@@ -98,14 +95,6 @@ def test_table_5_is_what_the_estimators_give(denoised):
     assert denoised.results["default"][1, 6] == np.sum(labels[cloud.target == 1] == 1)
 
 
-def test_figure_9_removes_what_the_method_flags():
-    report = figure9(seed=1, n_regular=500)
-    target, labels = report.results["target"], report.results["MCMD_Z"]
-    missed = np.sum((target == -1) & (labels == 1))
-    assert f"{missed} of 50" in str(report)
-    assert report.plot().axes
-
-
 def test_table_6_is_what_the_estimators_give(segmented):
     cloud = make_bus_stop(900, random_state=stream(1, "bus stop", 900, 1))
     columns = RobustNormalEstimator(50, method="pca", random_state=1).fit_transform(cloud.data)
@@ -122,21 +111,6 @@ def test_the_outcomes_of_table_6_add_up_to_the_surfaces(segmented):
         totals = found[:, 1:5].sum(axis=1)
         assert (totals <= (21 if scene == "traffic furniture" else 31)).all()
         assert len(set(totals)) <= 2  # as many as are in view
-
-
-@pytest.mark.filterwarnings("ignore::sklearn.exceptions.UndefinedMetricWarning")
-@pytest.mark.parametrize(
-    ("figure", "points"), [(figure14, 200), pytest.param(figure15, 500, marks=pytest.mark.slow)]
-)
-def test_pictures_of_segments_show_what_was_scored(figure, points):
-    report = quickly(figure, seed=2, n_points=points)
-    surface, labels = report.results["surface"], report.results["default"]
-    assert len(labels) == len(surface) == points
-    scores = segmentation_scores(surface, labels)
-    line = next(line for line in str(report).splitlines() if line.startswith("  default"))
-    assert line.split()[3:6] == [f"{scores.n_segments}.0", f"{scores.proper}.0", f"{scores.over}.0"]
-    plot = report.plot()
-    assert [ax.get_title().split(":")[0] for ax in plot.axes][:2] == ["truth", "PCA"]
 
 
 def test_normals_near_an_edge_are_better_by_mcmd_than_by_pca():

@@ -1,0 +1,211 @@
+"""The scripts of benchmarks/ run, their comparators are right, their tables are the stored ones."""
+
+import csv
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.io import PointCloud, write_points
+
+ROOT = Path(__file__).resolve().parents[1]
+BENCHMARKS, STORED = ROOT / "benchmarks", ROOT / "docs" / "benchmarks"
+if not BENCHMARKS.is_dir():
+    pytest.skip("a checkout is needed", allow_module_level=True)
+
+
+@pytest.fixture
+def load(monkeypatch):
+    """Imports a module of the folder."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    return importlib.import_module
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Files of the kinds that scripts read: a ball with normals, and streets."""
+    folder, rng = tmp_path_factory.mktemp("data"), np.random.default_rng(0)
+    normals = rng.normal(size=(600, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    (folder / "ball").mkdir()
+    edges = {"edge_dist": normals[:, 0] + 2}
+    np.savez(folder / "ball" / "cloud.npz", xyz=normals, normals=normals, **edges)
+    (folder / "large").mkdir()
+    np.savez(folder / "large" / "cloud.npz", xyz=make_street(6_000, random_state=0).data)
+    write_points(folder / "street.npy", PointCloud(make_street(3_000, random_state=0).data))
+    return folder
+
+
+def turn():
+    """Rings on a noisy ground and a wall, and flakes: 300 points about the sensor."""
+    rng = np.random.default_rng(0)
+    azimuth = np.tile(np.linspace(0, 2 * np.pi, 60, endpoint=False), 4)
+    reach = np.repeat([4.0, 6.0, 9.0, 14.0], 60) * rng.normal(1, 0.002, 240)
+    ground = np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), np.full(240, -1.8)])
+    return np.vstack([ground + rng.normal(0, 0.01, ground.shape), rng.uniform(-25, 25, (60, 3))])
+
+
+TURN = turn()
+SMOKE = [
+    ("bench_edges", "--shares 0.1 --street 1000 --forms crease", "crease"),
+    ("bench_normals", "clouds {data}/ball/cloud.npz --n-neighbors 20", "least squares"),
+    ("bench_normals", "curvatures --size 300", "ring, 0.3"),
+    ("bench_normals", "curved --size 300", "ring, noise 0.005"),
+    ("bench_normals", "pcpnet {data}/ball --points 50", "best k of each point"),
+    ("bench_normals", "streets --size 1500 --seeds 1", "true planes"),
+    ("bench_outliers", "--sizes 1500 --shares 0.1 --seeds 1", "mean kNN distance"),
+    ("bench_quantity", "--data {data} --clouds street --limit 1500", "mixed pixel"),
+    ("bench_real", "--data {data} --clouds ball large --methods default radius", "worst"),
+    ("bench_reliability", "--planes 5 --sizes 10", "tau"),
+    ("bench_segmentation", "roofs --sizes 300 --creases 30 --noises 0.1 --seeds 1", "barrel"),
+    ("bench_segmentation", "labelled --sizes 500 --seeds 1 --data {data}", "crown roof"),
+    ("figures", "", "docs/view.rst"),
+    ("readme_figures", "{data}/street.npy", "not reweighted"),
+]
+SLOW = [
+    ("bench_false_positives", "--clouds cylinder --n-points 1000 --rates 0.05", "known"),
+    ("bench_errors", "normals --data {data}", "half pipe"),
+    ("bench_segmentation", "scenes --size 3000 --seeds 1", "make_bus_stop"),
+    ("bench_sensor", "--data {data} --points 2000", "3 mrad"),
+]
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments", "shown"),
+    [*SMOKE, *(pytest.param(*row, marks=pytest.mark.slow) for row in SLOW)],
+)
+def test_a_script_runs_and_prints_its_table(script, arguments, shown, load, data, capsys):
+    load(script).main(arguments.format(data=data).split())
+    assert shown in capsys.readouterr().out
+
+
+def test_each_script_runs_here_or_is_named_by_figures(load):
+    named = "".join(row[2] for row in load("figures").RESULTS)
+    scripts = {path.stem for path in BENCHMARKS.glob("[!_]*.py")}
+    assert {s for s in scripts if f"{s}.py" not in named} <= {row[0] for row in SMOKE + SLOW}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is read as Linux tells it")
+def test_peers_are_measured_stored_and_shown(tmp_path):
+    output = tmp_path / "peers.json"
+    wanted = ["normals: sklearn_mcmd, default", "outliers: sklearn_mcmd"]
+    wanted += ["regions: sklearn_mcmd growing"]
+    arguments = ["--sizes", "2000", "--rounds", "1", "--threads", "1", "--output", output]
+    command = [sys.executable, BENCHMARKS / "bench_peers.py", *arguments, "--jobs", *wanted]
+    subprocess.run(command, check=True)
+    assert not [run for run in json.loads(output.read_text())["runs"] if "left_out" in run]
+    assert {"accuracy.csv", "normals.csv"} <= {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.parametrize("name", ["peers", "segmentation"])
+def test_the_stored_tables_are_those_of_the_stored_results(name, load):
+    tables = load("bench_peers" if name == "peers" else "_region_peers").tables
+    prefix = "" if name == "peers" else "segmentation_"
+    for table, rows in tables(json.loads((STORED / f"{name}.json").read_text())).items():
+        with open(STORED / f"{prefix}{table}.csv", newline="") as file:
+            assert list(csv.reader(file)) == rows
+
+
+DISTANCES = np.linalg.norm(TURN[:, None] - TURN, axis=2)
+RISING = np.sort(DISTANCES, axis=1)[:, 1:]  # without the point itself
+SPACING = np.median(RISING[:, :8].mean(axis=1))
+RANGES = np.sqrt((TURN**2).sum(axis=1))
+
+
+def off_plane(i):
+    """Whether a point is farther from the plane of its neighbors than these deviate."""
+    near = TURN[(DISTANCES[i] <= 3 * SPACING) & (np.arange(len(TURN)) != i)]
+    if len(near) < 3:
+        return True
+    normal = np.linalg.svd(near - near.mean(axis=0))[2][2]
+    off = (near - near.mean(axis=0)) @ normal
+    return abs((TURN[i] - near.mean(axis=0)) @ normal) > off.std()
+
+
+def expected(method, beam_angle):
+    """What loops over all pairs of points take."""
+    if method == "isolated voxels":
+        voxels = np.floor((TURN - TURN.min(axis=0)) / (4 * SPACING))
+        return (np.abs(voxels[:, None] - voxels).max(axis=2) <= 1).sum(axis=1) - 1 <= 5
+    if method == "CloudCompare":
+        return np.array([off_plane(i) for i in range(len(TURN))])
+    if method == "DROR":
+        reach = np.maximum(3 * beam_angle * RANGES, 0.04)
+        return (reach[:, None] >= DISTANCES).sum(axis=1) - 1 < 3
+    if method == "DSOR":
+        mean = RISING[:, :5].mean(axis=1)
+        return mean > 0.05 * RANGES * (mean.mean() + 0.01 * mean.std())
+    ratio = RISING[:, :10].mean(axis=1) / RANGES
+    return ratio > ratio.mean() + 2 * ratio.std()
+
+
+@pytest.mark.parametrize(
+    "method", ["isolated voxels", "CloudCompare", "DROR", "DSOR", "10 over range"]
+)
+def test_comparators_take_what_loops_over_all_pairs_take(method, load):
+    methods = load("_real_methods")
+    labels, outlyingness = methods.METHODS[method](TURN, None)
+    wanted = expected(method, methods.beam_angle(TURN))
+    assert 0 < wanted.sum() < len(TURN)
+    assert_array_equal(labels == -1, wanted)
+    assert not np.isnan(outlyingness).any()
+
+
+def test_the_angle_between_beams_is_the_step_of_azimuth(load):
+    azimuth, height = np.meshgrid(np.radians(np.arange(0, 360, 2)), [-0.3, -0.1, 0.1])
+    rays = np.stack([np.cos(azimuth), np.sin(azimuth), height], axis=-1).reshape(-1, 3)
+    points = np.vstack([5 * rays, 8 * rays[::3]])  # a third has two echoes
+    assert load("_real_methods").beam_angle(points) == pytest.approx(np.radians(2), rel=0.05)
+
+
+def test_noise_and_density_of_made_shapes_are_those_of_the_protocol(load, tmp_path):
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, [1, 8, 1], (40_000, 3))
+    np.savez(tmp_path / "bar.npz", xyz=points, normals=points + 1)
+    clouds = {cloud.kind: cloud for cloud in load("_pcpnet").benchmark_clouds(tmp_path)}
+    diagonal = np.linalg.norm(np.ptp(points, axis=0))
+    for kind, share in {"0.12 %": 0.0012, "0.6 %": 0.006, "1.2 %": 0.012}.items():
+        assert_allclose((clouds[kind].points - points).std(axis=0), share * diagonal, rtol=0.04)
+    # Half a stripe is half a unit wide and holds 2,500 points.
+    counts, _ = np.histogram(clouds["stripes"].points[:, 1], np.linspace(0, 8, 17))
+    assert_allclose(counts[::2], 2500, rtol=0.1)
+    assert_allclose(counts[1::2], 250, rtol=0.3)
+    counts, _ = np.histogram(clouds["gradient"].points[:, 1], np.linspace(0, 8, 5))
+    assert_allclose(counts, 10_000 * (0.1 + 0.9 * np.array([1, 3, 5, 7]) / 8), rtol=0.1)
+    assert all(len(np.unique(cloud.rows)) == 5000 for cloud in clouds.values())
+
+
+def test_a_flat_region_is_pure_and_a_right_angle_in_one_is_half(load):
+    purity, rng = load("_region_clouds").purity, np.random.default_rng(0)
+    plane = np.column_stack([rng.uniform(0, 1, (3000, 2)), rng.uniform(-0.01, 0.01, 3000)])
+    both, two = np.vstack([plane, plane[:, [2, 0, 1]]]), np.repeat([0, 1], 3000)
+    assert purity(both, two, 0.011) == 1
+    assert purity(both, 0 * two, 0.011) == pytest.approx(0.51, abs=0.01)
+    assert purity(both, 0 * two - 1, 0.011) is None
+
+
+def test_a_table_is_scored_by_the_overlap_of_its_largest_region(load):
+    agreement, surface = load("_region_clouds").agreement, np.repeat([1, -1], [80, 20])
+    labels = np.repeat([0, 1, 1, -1], [60, 20, 10, 10])
+    assert agreement(surface, labels) == pytest.approx(60 / 80)
+    assert agreement(surface, np.repeat([0, -1], [90, 10])) == pytest.approx(80 / 90)
+    assert agreement(surface, np.full(100, -1)) == 0
+
+
+def test_flat_ghosts_are_planes_as_dense_as_the_cloud_and_off_it(load):
+    ground = np.random.default_rng(0).random((6_000, 3)) * [60, 60, 0.01]
+    spacing = np.median(cKDTree(ground).query(ground, 9)[0][:, 1:].mean(axis=1))
+    pieces = load("_quantity_clouds").flat_pieces(ground, 30, np.random.default_rng(0))
+    assert {len(piece) for piece in pieces} <= set(range(25, 71))
+    nearest = [cKDTree(ground).query(piece)[0].min() / spacing for piece in pieces]
+    assert 13 < min(nearest) < max(nearest) < 66  # of 15 to 60 local spacings
+    flatness = [np.linalg.svd(piece - piece.mean(axis=0))[1] for piece in pieces]
+    assert max(values[2] / values[0] for values in flatness) < 1e-9
