@@ -9,7 +9,7 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.tiling import _planes
+from sklearn_mcmd.tiling import _plane_sweeps
 from tiled import street
 
 ONE = ("--n-jobs", 1)
@@ -185,7 +185,7 @@ def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(
 
     args = ("normals", source, tmp_path / "b.laz", *TILES)
     with monkeypatch.context() as patch:
-        patch.setattr(_planes, "_fit_own", fail)
+        patch.setattr(_plane_sweeps, "_fit_own", fail)
         result = run(*args)
     assert result.exit_code == 1
     *tiles, error = result.stderr.splitlines()
