@@ -73,7 +73,8 @@ def _lines(title, console):
             now, share = time.monotonic(), max(share, told.share or 0.0)
             if told.stage and told.stage != stage:
                 stage, since = told.stage, now
-            if (stage != named and now - since >= PATIENCE) or now - last >= AGAIN:
+            is_long = stage != named and now - since >= PATIENCE
+            if is_long or (stage and now - last >= AGAIN):
                 named, last = stage, now
                 doing = f"{stage}, {told.note}" if told.note else stage
                 line = f"mcmd: {title}: {doing}, {100 * share:.0f} % done, {now - start:.0f} s"

@@ -1,5 +1,6 @@
 """mcmd normals: the estimator's normals and features as attributes."""
 
+import html
 import re
 
 import numpy as np
@@ -74,7 +75,8 @@ def test_normals_look_at_where_the_file_says_that_shows_steps_of_a_scanner(tmp_p
     write_points(tmp_path / "in.pcd", PointCloud(turn + stood, {}, viewpoint))
     result = oriented(tmp_path / "in.pcd", tmp_path, "--sensor", "auto")
     assert row_of_sensor(result) == "5, 6, 7 (PCD's VIEWPOINT)"
-    assert "5, 6, 7 (PCD&#x27;s VIEWPOINT)" in (tmp_path / "report" / "index.html").read_text()
+    page = html.unescape((tmp_path / "report" / "index.html").read_text())
+    assert "5, 6, 7 (PCD's VIEWPOINT)" in page
     normals, xyz = written(tmp_path)
     assert (np.einsum("ij,ij->i", normals, stood - xyz) >= -1e-4).all()
 
