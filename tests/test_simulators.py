@@ -90,9 +90,7 @@ RATIO, MISFIT = 6.0, 0.05
 @pytest.fixture(scope="module")
 def flights():
     """Two swaths, at neither of the defaults."""
-    return simulators.make_airborne_scan(
-        100_000, density_ratio=RATIO, misfit=MISFIT, random_state=0
-    )
+    return simulators.make_airborne_scan(60_000, density_ratio=RATIO, misfit=MISFIT, random_state=0)
 
 
 def test_densities_of_swaths_and_of_their_overlap(flights):

@@ -1,7 +1,7 @@
 """The interface of all methods: they take neighborhoods and return `NeighborhoodFit`."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from numbers import Real
 from typing import Any, ClassVar, NamedTuple
 
@@ -30,11 +30,11 @@ class NeighborhoodFit:
     Attributes
     ----------
     scores : ndarray of shape (B, n)
-        Abnormality of each member: larger is more abnormal. 0 where not valid.
+        Abnormality of each member: larger is more abnormal.
     cutoff : ndarray of shape (B,)
         Members with smaller scores are inliers; NaN for a method without a cut-off.
     inliers : ndarray of bool of shape (B, n)
-        Members judged regular: all valid ones if the method has no cut-off and got no
+        Members judged regular: all if the method has no cut-off and got no
         contamination.
     support : ndarray of bool of shape (B, n)
         Members that the plane is fitted to by principal components. These are the inliers, but
@@ -113,11 +113,7 @@ class Method(ABC):
         validate_parameter_constraints(self._parameter_constraints, params, type(self).__name__)
 
     def fit(
-        self,
-        points: ArrayLike,
-        valid: ArrayLike | None = None,
-        *,
-        random_state: int | np.random.RandomState | None = None,
+        self, points: ArrayLike, *, random_state: int | np.random.RandomState | None = None
     ) -> NeighborhoodFit:
         """Judge the members of neighborhoods, as `fit_neighborhoods` does."""
         points = np.asarray(points, dtype=np.float64)
@@ -127,24 +123,11 @@ class Method(ABC):
                 "cloud X is X[None]."
             )
         n_sets, n, d = points.shape
-        sizes, order = np.full(n_sets, n), None
-        if valid is not None:
-            valid = np.asarray(valid, dtype=bool)
-            if valid.shape != (n_sets, n):
-                raise ValueError(f"valid must have shape {(n_sets, n)}, got {valid.shape}.")
-            order = np.argsort(~valid, axis=1, kind="stable")
-            points, sizes = np.take_along_axis(points, order[..., None], 1), valid.sum(axis=1)
-        if n_sets and sizes.min() <= d:
+        if n_sets and n <= d:
             raise ValueError(
-                f"{sizes.min()} members are too few for planes in {d}D: at least {d + 1} are "
-                "needed."
+                f"{n} members are too few for planes in {d}D: at least {d + 1} are needed."
             )
-        fit = self.fit_sizes(points, sizes, self.tables(random_state))
-        if order is None:
-            return fit
-        back = np.argsort(order, axis=1)
-        members = ("scores", "inliers", "support")
-        return replace(fit, **{a: np.take_along_axis(getattr(fit, a), back, 1) for a in members})
+        return self.fit_sizes(points, np.full(n_sets, n), self.tables(random_state))
 
     def fit_sizes(
         self,

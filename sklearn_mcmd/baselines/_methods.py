@@ -24,7 +24,6 @@ for _name, _kind in COMPARATORS.items():
 def fit_neighborhoods(
     method: str,
     points: ArrayLike,
-    valid: ArrayLike | None = None,
     *,
     random_state: int | np.random.RandomState | None = None,
     **method_params: Any,
@@ -37,8 +36,6 @@ def fit_neighborhoods(
     points : ndarray of shape (B, n, d)
         Neighborhoods, in any unit; one cloud X is ``X[None]``. They are centered at each
         neighborhood's first member before any arithmetic.
-    valid : ndarray of bool of shape (B, n), default=None
-        Members in use, at least d + 1 in each neighborhood. None means all.
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of random positions that all neighborhoods of a size use.
     **method_params
@@ -75,4 +72,4 @@ def fit_neighborhoods(
     robpca: [ 2 15] removed, tilts [0.1 0.1] degrees
     """
     chosen = comparator_of(method, method_params)
-    return chosen.fit(points, valid, random_state=random_state)
+    return chosen.fit(points, random_state=random_state)

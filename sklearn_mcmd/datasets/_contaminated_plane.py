@@ -9,17 +9,17 @@ from sklearn.utils import Bunch, check_random_state
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 
+_REGULAR_MEAN, _OUTLIER_MEAN = np.full(3, 2.0), np.array([7.0, 6.0, 8.0])
+_UNIFORM_RANGE = -9.0, 9.0  # of uniform outliers, on every axis
+
 
 @validate_params(
     {
         "n_samples": [Interval(Integral, 1, None, closed="left")],
         "outlier_share": [Interval(Real, 0, 1, closed="both")],
         "outliers": [StrOptions({"clustered", "uniform"})],
-        "regular_mean": ["array-like"],
         "regular_variances": ["array-like"],
-        "outlier_mean": ["array-like"],
         "outlier_variances": ["array-like"],
-        "uniform_range": ["array-like"],
         "shuffle": ["boolean"],
         "return_X_y": ["boolean"],
         "random_state": ["random_state"],
@@ -31,11 +31,8 @@ def make_contaminated_plane(
     *,
     outlier_share: float = 0.2,
     outliers: Literal["clustered", "uniform"] = "clustered",
-    regular_mean: ArrayLike = (2.0, 2.0, 2.0),
     regular_variances: ArrayLike = (6.0, 6.0, 0.01),
-    outlier_mean: ArrayLike = (7.0, 6.0, 8.0),
     outlier_variances: ArrayLike = (2.0, 2.0, 1.5),
-    uniform_range: tuple[float, float] = (-9.0, 9.0),
     shuffle: bool = False,
     return_X_y: bool = True,
     random_state: int | np.random.RandomState | None = None,
@@ -55,15 +52,11 @@ def make_contaminated_plane(
         Share of outliers in [0, 1]; the number is rounded to the nearest integer.
     outliers : {"clustered", "uniform"}, default="clustered"
         Distribution of the outliers.
-    regular_mean : array-like of shape (n_features,), default=(2, 2, 2)
-        Mean of the regular points. Its length sets the number of dimensions.
-    regular_variances : array-like of shape (n_features,), default=(6, 6, 0.01)
-        Variances (not standard deviations) of the regular points along the axes. The axis of
-        the least one is the plane's normal.
-    outlier_mean, outlier_variances : array-like of shape (n_features,)
-        Mean, by default (7, 6, 8), and variances, by default (2, 2, 1.5), of clustered outliers.
-    uniform_range : (float, float), default=(-9, 9)
-        Range of uniform outliers on every axis.
+    regular_variances : array-like of shape (3,), default=(6, 6, 0.01)
+        Variances (not standard deviations) of the regular points along the axes, about (2, 2, 2).
+        The axis of the least one is the plane's normal.
+    outlier_variances : array-like of shape (3,), default=(2, 2, 1.5)
+        Variances of clustered outliers, about (7, 6, 8). Uniform ones lie between -9 and 9.
     shuffle : bool, default=False
         Whether to shuffle the rows. Otherwise the outliers come last.
     return_X_y : bool, default=True
@@ -74,18 +67,17 @@ def make_contaminated_plane(
     Returns
     -------
     (X, y) : tuple if ``return_X_y=True``
-        `X` is float64 of shape (n_samples, n_features). `y` is int64 of shape (n_samples,), +1
+        `X` is float64 of shape (n_samples, 3). `y` is int64 of shape (n_samples,), +1
         for regular points and -1 for outliers, as scikit-learn's outlier detectors have it.
     dataset : :class:`~sklearn.utils.Bunch` if ``return_X_y=False``
         ``data`` and ``target`` are `X` and `y`. ``clean``, of the shape of `X`, is the clean twin;
-        its rows equal those of `X` where ``target == 1``. ``normal``, of shape (n_features,), is
+        its rows equal those of `X` where ``target == 1``. ``normal``, of shape (3,), is
         the true plane's unit normal. ``feature_names`` is a list of str.
 
     Raises
     ------
     ValueError
-        If means and variances differ in length, a variance is negative, no single axis has the
-        least regular variance, or `uniform_range` is not increasing.
+        If variances are not three, one is negative, or no single axis has the least regular one.
 
     See Also
     --------
@@ -115,34 +107,21 @@ def make_contaminated_plane(
     >>> int((cloud.clean != cloud.data).any(axis=1).sum())
     10
     """
-    center, scale = _gaussian(regular_mean, regular_variances, "regular")
+    scale = _deviations(regular_variances, "regular")
     least = scale == scale.min()
     if least.sum() > 1:
         raise ValueError(
             f"regular_variances={(scale**2).tolist()} has no single least value, so the plane "
             "has no normal: make one variance smaller than the others."
         )
-    low_high = np.asarray(uniform_range, float)
-    if low_high.shape != (2,) or not np.isfinite(low_high).all() or low_high[0] >= low_high[1]:
-        raise ValueError(
-            f"uniform_range={low_high.tolist()} must be two increasing finite numbers."
-        )
-    if outliers == "clustered":
-        outlier_center, outlier_scale = _gaussian(outlier_mean, outlier_variances, "outlier")
-        if outlier_center.shape != center.shape:
-            raise ValueError(
-                f"outlier_mean has {outlier_center.size} coordinates and regular_mean "
-                f"{center.size}: both need the same number."
-            )
-
+    outlier_scale = _deviations(outlier_variances, "outlier")
     rng = check_random_state(random_state)
-    clean = center + scale * rng.standard_normal((n_samples, center.size))
+    clean = _REGULAR_MEAN + scale * rng.standard_normal((n_samples, 3))
     n_outliers = round(outlier_share * n_samples)
-    shape = (n_outliers, center.size)
     if outliers == "clustered":
-        intruders = outlier_center + outlier_scale * rng.standard_normal(shape)
+        intruders = _OUTLIER_MEAN + outlier_scale * rng.standard_normal((n_outliers, 3))
     else:
-        intruders = rng.uniform(*low_high, shape)
+        intruders = rng.uniform(*_UNIFORM_RANGE, (n_outliers, 3))
     data = np.concatenate([clean[: n_samples - n_outliers], intruders])
     target = np.repeat([1, -1], [n_samples - n_outliers, n_outliers])
     if shuffle:
@@ -150,22 +129,15 @@ def make_contaminated_plane(
         data, clean, target = data[order], clean[order], target[order]
     if return_X_y:
         return data, target
-    names = list("xyz") if center.size == 3 else [f"x{i}" for i in range(center.size)]
-    return Bunch(
-        data=data, target=target, clean=clean, normal=least.astype(float), feature_names=names
-    )
+    truth = {"clean": clean, "normal": least.astype(float), "feature_names": list("xyz")}
+    return Bunch(data=data, target=target, **truth)
 
 
-def _gaussian(mean, variances, kind):
-    """Mean and standard deviations of one of the two Gaussian distributions."""
-    mean, variances = np.asarray(mean, float), np.asarray(variances, float)
-    if mean.ndim != 1 or mean.shape != variances.shape or mean.size < 2:
+def _deviations(variances, kind):
+    """Standard deviations along the axes."""
+    variances = np.asarray(variances, float)
+    if variances.shape != (3,) or not (np.isfinite(variances) & (variances >= 0)).all():
         raise ValueError(
-            f"{kind}_mean has shape {mean.shape} and {kind}_variances {variances.shape}: give "
-            "both as many coordinates, two at least."
+            f"{kind}_variances={variances.tolist()} must be three finite numbers, not negative."
         )
-    if not np.isfinite(mean).all():
-        raise ValueError(f"{kind}_mean={mean.tolist()} must be finite.")
-    if not (np.isfinite(variances).all() and (variances >= 0).all()):
-        raise ValueError(f"{kind}_variances={variances.tolist()} must be finite and not negative.")
-    return mean, np.sqrt(variances)
+    return np.sqrt(variances)

@@ -18,6 +18,7 @@ from sklearn_mcmd.datasets._vegetation import Grass, hedge, leaves, tree
 
 _GROUND, _REACH = -1.5, 100.0  # meters; the sensor is the origin
 _ELEVATIONS = np.radians([-30.67, 10.67])  # of the lowest and the highest ring
+_NOISE_GROWTH = 4.0  # at the end of the reach, over that at range 0
 _PASSING = 0.1  # chance that a beam goes on behind leaves
 
 
@@ -25,7 +26,6 @@ _PASSING = 0.1  # chance that a beam goes on behind leaves
     {
         **SHARED_PARAMETERS,
         "n_rings": [Interval(Integral, 2, None, closed="left")],
-        "noise_growth": [Interval(Real, 1, None, closed="left")],
         "outlier_kinds": [list, tuple],
         "beam_divergence": [Interval(Real, 0, None, closed="left")],
         "snow": [Interval(Real, 0, None, closed="left")],
@@ -37,7 +37,6 @@ def make_lidar_turn(
     *,
     n_rings: int = 32,
     noise: float = 0.01,
-    noise_growth: float = 4.0,
     outlier_share: float = 0.03,
     outlier_kinds: Sequence[str] = ("particle", "mixed_pixel", "ghost", "no_return"),
     beam_divergence: float = 0.0,
@@ -58,9 +57,8 @@ def make_lidar_turn(
     n_rings : int, default=32
         Number of rings, at equal steps of elevation from -30.67 to 10.67 degrees.
     noise : float, default=0.01
-        Standard deviation of ranges at range 0, in meters.
-    noise_growth : float, default=4.0
-        Noise at a range of 100 m over that at range 0, at least 1; linear in between.
+        Standard deviation of ranges at range 0, in meters. It grows linearly, to four times as
+        much at 100 m.
     outlier_share : float, default=0.03
         Share of outliers in [0, 1), rounded to a whole number of points.
     outlier_kinds : list or tuple of str
@@ -161,7 +159,7 @@ def make_lidar_turn(
     446
     """
     sensor = Sensor(
-        noise_at=lambda ranges: noise * (1 + (noise_growth - 1) * ranges / _REACH),
+        noise_at=lambda ranges: noise * (1 + (_NOISE_GROWTH - 1) * ranges / _REACH),
         reach=_REACH,
         passing=_PASSING,
         divergence=beam_divergence,

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.baselines import PlaneOutlierDetector, fit_neighborhoods
+from sklearn_mcmd.baselines._methods import COMPARATORS
 
 METHODS = ["msac", "pca", "qsp", "ransac", "robpca", "ulsif"]
 NEED_SHARE = ("qsp", "ulsif")
@@ -100,7 +101,8 @@ def test_neighborhoods_of_different_sizes_are_judged_one_by_one(method):
     valid = np.arange(30) < np.array(sizes)[:, None]
     points[~valid] = np.nan
     params = {**QUICK.get(method, {}), "random_state": 0}
-    together = fit_neighborhoods(method, points, valid, **params)
+    comparator = COMPARATORS[method](**QUICK.get(method, {}))
+    together = comparator.fit_sizes(points, np.array(sizes), comparator.tables(0))
     queries = np.random.default_rng(1).normal(size=(4, 5, 3))
     for b, size in enumerate(sizes):
         alone = fit_neighborhoods(method, points[b : b + 1, :size], **params)
@@ -172,7 +174,5 @@ def test_neighborhoods_too_small_are_refused():
         fit_neighborhoods("pca", np.zeros((2, 3, 3)))
     with pytest.raises(ValueError, match="points must have shape"):
         fit_neighborhoods("pca", np.zeros((20, 3)))
-    with pytest.raises(ValueError, match="valid must have shape"):
-        fit_neighborhoods("pca", np.zeros((2, 9, 3)), np.ones((2, 8), dtype=bool))
     with pytest.raises(ValueError, match="method='lof' is none of"):
         fit_neighborhoods("lof", np.zeros((2, 9, 3)))

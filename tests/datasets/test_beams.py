@@ -6,12 +6,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest, norm
 
 from scenes import scanned, scene_of
-from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.datasets import _lidar_turn, make_street
 from sklearn_mcmd.datasets._beams import MIXED, PHASE_SHIFT, PULSED, Rays, cone, merge
 from sklearn_mcmd.datasets._scan import Scanning
 from sklearn_mcmd.datasets._scan_lines import scan_lines
 from sklearn_mcmd.datasets._scene import Scene
-from sklearn_mcmd.datasets._surfaces import Foliage, Patch, Soft
+from sklearn_mcmd.datasets._surfaces import Foliage, Patch, Soft, first_hits
 
 WIDTH = 0.008
 
@@ -33,6 +33,20 @@ def test_sub_rays_carry_equal_energy_of_a_gaussian_beam():
     assert kstest((energy[0, 1:] - 0.5 / 19) * 19 / 18, "uniform").pvalue > 0.5
     # On no side is there more of it.
     assert np.linalg.norm((rays - axes[:, None]).mean(axis=1), axis=1).max() < 0.07 * WIDTH
+
+
+def test_bundles_of_rays_meet_what_each_ray_meets():
+    world = _lidar_turn._campus(np.random.default_rng(0))
+    parts = [part for part in world.parts if not isinstance(part, Soft)]
+    axes = directions(400) * [1, 1, 0.2]
+    ways = cone(axes / np.linalg.norm(axes, axis=1, keepdims=True), 0.02)
+    apart = 60 * np.linalg.norm(ways - ways[:, :1], axis=2).max()
+    origin, ends, rng = np.zeros(3), 60 * ways.reshape(-1, 3), np.random.default_rng(1)
+    bundled = first_hits(parts, origin, ends, rng, 19, apart)
+    alone = first_hits(parts, origin, ends, rng)
+    for values, expected in zip(bundled, alone, strict=True):
+        assert_array_equal(values, expected)
+    assert len(np.unique(bundled[1])) > 50
 
 
 def strongest(ranges, resolution):

@@ -137,6 +137,9 @@ def test_blocks_are_boxes_apart(street):
             first, second = X[blocks == a], X[blocks == b]
             gap = np.maximum(first.min(0) - second.max(0), second.min(0) - first.max(0))
             assert gap.max() >= 0
+    square = np.random.default_rng(0).random((400, 2))
+    blocks = spatial_blocks(square, 4)  # halved, and halved again
+    assert max(np.ptp(square[blocks == block], axis=0).max() for block in range(4)) < 0.7
 
 
 @pytest.mark.parametrize(

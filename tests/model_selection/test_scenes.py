@@ -15,7 +15,7 @@ from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.model_selection import WholeSceneSplit, score_segments
 from sklearn_mcmd.resampling import DenoisingSampler
 
-GRID = {"segment__max_angle": [2.0, 15.0, 60.0], "normals__n_neighbors": [10, 30]}
+GRID = {"segment__max_angle": [15.0, 60.0], "normals__n_neighbors": [10, 30]}
 
 
 def pipeline(**parameters):
