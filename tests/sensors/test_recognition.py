@@ -148,9 +148,12 @@ def test_setups_of_few_points_and_those_that_are_far_away_say_so(turn):
 def test_the_order_and_the_division_of_points_do_not_matter(turn, monkeypatch):
     monkeypatch.setattr(_recognition, "SAMPLE", 5_000)
     said, uneven = [], _recognition._uneven
-    monkeypatch.setattr(
-        _recognition, "_uneven", lambda *args: said.append(uneven(*args)) or said[-1]
-    )
+
+    def heard(*args):
+        said.append(uneven(*args))
+        return said[-1]
+
+    monkeypatch.setattr(_recognition, "_uneven", heard)
     shuffled = np.random.default_rng(0).permutation(turn)
     for parts in ([turn], [shuffled], np.array_split(shuffled, 7)):
         view_from_origin(lambda parts=parts: parts)
@@ -187,13 +190,3 @@ def test_one_position_is_told_and_many_are_not(turn):
     assert flat.fit(cloud[:, :2]).sensor_origin_ is None
     paper = MCMDOutlierDetector(16, strictness=None, sensor_origin="auto", random_state=0)
     assert paper.fit(cloud).sensor_origin_ is None
-
-
-def test_unevenness_in_space_is_that_of_distances_to_the_nearest_point():
-    """The mean of squared octaves from the median, at most 1: of equal and of twofold steps."""
-    steps = [np.ones(300), np.tile([1.0, 1.0, 1.0, 2.0, 2.0], 60)]
-    for step, expected in zip(steps, (0.0, 0.2), strict=True):
-        along = np.cumsum(step)
-        points = np.column_stack([along, np.full(300, 9.0), np.full(300, 3.0)])
-        view = _recognition._View(points, np.ones(300, dtype=bool))
-        assert view.uneven_in_space() == pytest.approx(expected, abs=0.01)
