@@ -1,6 +1,5 @@
 """The changes that `ablation.py` makes, one at a time: of constants, limits and parameters."""
 
-import functools
 import importlib
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -11,7 +10,12 @@ FACTORS = (0.5, 0.8, 1.25, 2.0)
 
 
 def scaled(default, factors, most=np.inf):
-    """Label and value of a constant times each factor; counts stay whole."""
+    """Label and value of a constant times each factor; counts stay whole. Of several values also
+    every second one."""
+    if isinstance(default, tuple):
+        yield from ((f"x {f:g}", tuple(f * value for value in default)) for f in factors)
+        yield "every 2nd", default[::2]
+        return
     for factor in factors:
         value = default * factor
         yield (
@@ -43,7 +47,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Limit:
-    """A field of a record of limits that a module makes, else as a `Constant`."""
+    """A field of a record of limits: whoever makes one gets another default. Else as `Constant`."""
 
     module: str
     record: str
@@ -52,31 +56,28 @@ class Limit:
     most: float = np.inf
 
     def variants(self, factors):
-        home = importlib.import_module(f"sklearn_mcmd.{self.module}")
-        record = getattr(home, self.record)
+        record = getattr(importlib.import_module(f"sklearn_mcmd.{self.module}"), self.record)
         changes = [*scaled(record._field_defaults[self.name], factors, self.most)]
         if self.off is not None:
             changes.append(("off", self.off))
         for label, value in changes:
-            made = functools.partial(record, **{self.name: value})
-            yield label, lambda made=made: replaced(home, self.record, made), {}
+            yield label, lambda value=value: changed(record, **{self.name: value}), {}
 
     def __str__(self):
         return f"{self.record}.{self.name}"
 
 
 @dataclass(frozen=True)
-class Radii:
-    """The radii of rounded edges: all times a factor, without every second one, or none."""
+class Step:
+    """A step of region growing, which is left out."""
+
+    name: str
 
     def variants(self, factors):
-        home = importlib.import_module("sklearn_mcmd.edges._creases")
-        changes = {f"x {factor:g}": tuple(factor * r for r in home.RADII) for factor in factors}
-        for label, value in {**changes, "every 2nd": home.RADII[::2], "off": ()}.items():
-            yield label, lambda value=value: replaced(home, "RADII", value), {}
+        yield "off", lambda: without_steps(self.name), {}
 
     def __str__(self):
-        return "_creases.RADII"
+        return self.name
 
 
 @dataclass(frozen=True)
@@ -94,11 +95,24 @@ class Parameter:
         return self.name
 
 
+def changed(record, **values):
+    """Whoever makes a record of limits gets other defaults, meanwhile."""
+    defaults = tuple({**record._field_defaults, **values}.values())
+    return replaced(record.__new__, "__defaults__", defaults)
+
+
+def without_steps(*names):
+    """Region growing leaves these steps out, meanwhile."""
+    from sklearn_mcmd.segmentation._steps import GrowthSteps
+
+    return changed(GrowthSteps, **dict.fromkeys(names, False))
+
+
 @contextmanager
-def replaced(module, name, value):
-    kept = getattr(module, name)
-    setattr(module, name, value)
+def replaced(home, name, value):
+    kept = getattr(home, name)
+    setattr(home, name, value)
     try:
         yield
     finally:
-        setattr(module, name, kept)
+        setattr(home, name, kept)

@@ -15,8 +15,6 @@ from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._folder import WorkFolder
 from sklearn_mcmd.tiling._publish_outputs import resume_moves
 
-__all__ = ["reader_of"]
-
 STORED = "manifest.json moves.json lock 0.written cells.npz 0.a.npy 0.a.json"
 
 
@@ -37,7 +35,7 @@ def reader_of(name, folder):
 
 
 def _read_all(path):
-    """Read, and tell what was read."""
+    """Read, and say what was read."""
     cloud = read_points(path)
     summarize(path, cloud)
     return cloud

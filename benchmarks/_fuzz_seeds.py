@@ -11,8 +11,6 @@ import numpy as np
 from sklearn_mcmd.io import PointCloud, write_points
 from sklearn_mcmd.io._formats import format_of
 
-__all__ = ["prepared", "seeds_of"]
-
 PARTS = b"--next member--"  # between the names and bytes of an NPZ's members
 PAGE = 1024  # of E57: bytes with four of a checksum
 DEEP = 2_000 * b"["  # deeper than parsers call themselves
@@ -83,70 +81,63 @@ def _with_checksums(data):
     return b"".join(page + struct.pack(">I", _crc32c(page)) for page in pages if len(page) > 4)
 
 
+def _crc32c(data):
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x82F63B78 if crc & 1 else 0)
+    return crc ^ 0xFFFFFFFF
+
+
 def _files(reader, folder):
-    rng = np.random.default_rng(0)
-    xyz = np.round(rng.uniform(0, 9, (5, 3)), 2)
-    plain = PointCloud(xyz)
-    rich = PointCloud(
-        xyz,
-        {
-            "intensity": np.arange(5, dtype=np.uint16),
-            "gps_time": np.arange(5.0),
-            **dict.fromkeys(("red", "green", "blue"), np.arange(5, dtype=np.uint8)),
-            "score": rng.uniform(size=5).astype(np.float32),
-        },
-        {"ply_comments": ["a comment"]},
-    )
+    xyz = np.round(np.random.default_rng(0).uniform(0, 9, (5, 3)), 2)
+    values = dict.fromkeys(("red", "green", "blue"), np.arange(5, dtype=np.uint8))
+    values |= {"intensity": np.arange(5, dtype=np.uint16), "gps_time": np.arange(5.0)}
+    values["score"] = xyz[:, 0].astype(np.float32)
+    clouds = PointCloud(xyz), PointCloud(xyz, values, {"ply_comments": ["a comment"]})
+    if reader == "npz members":
+        arrays = {"xyz.npy": xyz, "label.npy": np.arange(5), "offset.npy": xyz[0]}
+        for members in (arrays, dict(zip("xyz", xyz.T, strict=True))):
+            pairs = ((name.encode(), _npy(array)) for name, array in members.items())
+            yield PARTS.join(part for pair in pairs for part in pair)
+        return
     if reader in ("las", "laz"):
         yield from _las_files(folder, reader, xyz)
-    if reader == "npz members":
-        members = {"xyz.npy": xyz, "label.npy": np.arange(5), "offset.npy": xyz[0]}
-        yield PARTS.join(
-            part for name, array in members.items() for part in (name.encode(), _npy(array))
-        )
-        yield PARTS.join(
-            p for i, name in enumerate("xyz") for p in (name.encode(), _npy(xyz[:, i]))
-        )
     elif reader == "npy":
         yield _npy(np.asfortranarray(xyz, ">f4"))
-    suffix = reader.partition(" ")[0]
-    for encoding in format_of(f"a.{suffix}").encodings or [None]:
-        for number, cloud in enumerate((plain, rich)):
-            path = folder / f"seed{number}.{suffix}"
+    for encoding in format_of(f"a.{reader}").encodings or [None]:
+        for number, cloud in enumerate(clouds):
+            path = folder / f"seed{number}.{reader}"
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of what a format cannot hold
                 write_points(path, cloud, encoding=encoding)
-            if reader != "npz members":
-                yield path.read_bytes()
+            yield path.read_bytes()
 
 
 def _las_files(folder, suffix, xyz):
     import laspy
     from laspy.vlrs.known import GeoKeyDirectoryVlr, WktCoordinateSystemVlr
 
+    keys = GeoKeyDirectoryVlr()
+    keys.parse_record_data(struct.pack("<12H", 1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 25833))
+    range_of = {"scales": np.array([0.1]), "offsets": np.zeros(1)}
     for point_format in range(11):
         version = "1.4" if point_format > 5 else "1.3" if point_format > 3 else "1.2"
         header = laspy.LasHeader(version=version, point_format=point_format)
         if point_format % 3 == 0:
-            header.add_extra_dim(laspy.ExtraBytesParams("score", "f4", scales=None))
-            header.add_extra_dim(
-                laspy.ExtraBytesParams("range", "u2", scales=np.array([0.1]), offsets=np.zeros(1))
-            )
-        if point_format % 3 == 1:
+            header.add_extra_dim(laspy.ExtraBytesParams("score", "f4"))
+            header.add_extra_dim(laspy.ExtraBytesParams("range", "u2", **range_of))
+        elif point_format % 3 == 1:
             header.vlrs.append(WktCoordinateSystemVlr('PROJCS["UTM 33",GEOGCS["WGS 84"]]'))
-        if point_format % 3 == 2:
-            keys = GeoKeyDirectoryVlr()
-            keys.parse_record_data(
-                struct.pack("<12H", 1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 25833)
-            )
+        else:
             header.vlrs.append(keys)
         las = laspy.LasData(header)
         las.xyz = xyz
         if version == "1.4":
             las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR("user", 1, "words", b"record")])
-        path = folder / f"seed.{suffix}"
-        las.write(path)
-        yield path.read_bytes()
+        las.write(folder / f"seed.{suffix}")
+        yield (folder / f"seed.{suffix}").read_bytes()
 
 
 def _stores(folder):
@@ -166,22 +157,3 @@ def _npy(array):
     buffer = io.BytesIO()
     np.save(buffer, array)
     return buffer.getvalue()
-
-
-def _crc_table():
-    table = []
-    for value in range(256):
-        for _ in range(8):
-            value = value >> 1 ^ (0x82F63B78 if value & 1 else 0)
-        table.append(value)
-    return table
-
-
-_TABLE = _crc_table()
-
-
-def _crc32c(data):
-    crc = 0xFFFFFFFF
-    for byte in data:
-        crc = crc >> 8 ^ _TABLE[(crc ^ byte) & 255]
-    return crc ^ 0xFFFFFFFF

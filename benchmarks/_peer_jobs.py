@@ -56,7 +56,7 @@ def leaf_order(X):
 def our_search(case):
     from joblib import Parallel, delayed
 
-    from sklearn_mcmd.planes._self_search import SelfSearch
+    from sklearn_mcmd.planes._nearest import SelfSearch
 
     search = SelfSearch(case.X)
     indices = np.empty((len(case.X), case.k), dtype=np.int32)

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from _ablation_changes import without_steps
 from scipy.spatial import cKDTree
 
 __all__ = ["METHODS", "OURS", "PEERS", "SETTINGS", "Case", "Clock", "version_of"]
@@ -74,15 +75,15 @@ def version_of(method):
     return f"{name} {importlib.metadata.version(name)}"
 
 
-def ours(size=None, **parameters):
-    """`size` is of the normals' neighborhoods."""
+def ours(size=None, without=(), **parameters):
+    """`size` is of the normals' neighborhoods, `without` are steps that are left out."""
 
     def run(case):
         from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 
         normals = size and RobustNormalEstimator(size, random_state=0)
         growing = RegionGrowing(normal_estimator=normals, random_state=0, **parameters)
-        with case.clock:
+        with case.clock, without_steps(*without):
             return growing.fit_predict(case.X)
 
     return run
@@ -265,10 +266,10 @@ SETTINGS = {
         "normals of 100": ours(100),
         "normals auto": ours("auto"),
         "n_neighbors=15": ours(n_neighbors=15),
-        "find_narrow_faces=False": ours(find_narrow_faces=False),
-        "divide_at_creases=False": ours(divide_at_creases=False),
-        "join_curved=False": ours(join_curved=False),
-        "mutual=False": ours(mutual=False),
+        **{
+            f"{step}=False": ours(without=(step,))
+            for step in ("find_narrow_faces", "divide_at_creases", "join_curved", "mutual")
+        },
     }.items()
 }
 METHODS = PEERS | SETTINGS

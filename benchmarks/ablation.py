@@ -16,9 +16,8 @@ The detector is measured by what it keeps of real points, what it finds of outli
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
 into which outliers were put. ``--csv`` names a file for all numbers, one a line.
 
-``--cache`` names a folder where prepared clouds (normals) are kept. A constant is replaced in
-the module that reads it. Compiled kernels would not notice a change of an imported constant, so
-the kernels of these parts take constants as arguments.
+``--cache`` names a folder where prepared clouds (columns of planes) are kept. A limit is changed in
+its record, for all who make one. A constant is replaced in its module.
 """
 
 import argparse
@@ -31,7 +30,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from _ablation_changes import FACTORS, Constant, Limit, Parameter, Radii
+from _ablation_changes import FACTORS, Limit, Parameter, Step
 from _ablation_clouds import (
     below_ground,
     contaminated,
@@ -48,8 +47,8 @@ from _ablation_clouds import (
 )
 from sklearn.metrics import average_precision_score
 
-from sklearn_mcmd.outliers._detector import CUTOFF
-from sklearn_mcmd.outliers._model import JudgedCloud
+from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.segmentation._steps import GrowthSteps
 
 
 @dataclass(frozen=True)
@@ -146,62 +145,26 @@ def edge_figures(truth, result):
     return {"F1": f1, "AP": average}
 
 
-class KnownPlanes(JudgedCloud):
-    """A judged cloud that keeps its planes: no constant of the detector's judgement changes them.
-
-    Its limits are those that the module has when it is made.
-    """
-
-    def __init__(self, model, X, known=None, origins=None):
-        super().__init__(model, strictness="groups", noise_scale=None, n_jobs=None, origins=origins)
-        self.rows_origins = origins
-        self.X, self.known = X, known
-
-    def _fit_planes(self):
-        if self.known is None:
-            self.known = super()._fit_planes()[0]
-        index = self.model.index
-        near = index.query_own(slice(None), self.company_limits.n_near + 1)
-        return self.known, *self._spacings(index.points, near.indices)
-
-
-def planes_of(X):
+def judged(X):
+    """Scores of points, which may be followed by positions of the sensor; and which are flagged."""
     from sklearn_mcmd import MCMDOutlierDetector
 
-    detector = MCMDOutlierDetector(random_state=0)
-    X = detector._fit_planes(X)
-    cloud = KnownPlanes(detector._model, X)
-    cloud.fit(X)
-    return cloud
+    positions = X[:, 3:] if X.shape[1] > 3 else None
+    points = np.ascontiguousarray(X[:, :3])
+    detector = MCMDOutlierDetector(random_state=0, n_jobs=-1).fit(points, sensor_origin=positions)
+    return -detector.scores_, detector.labels_ == -1
 
 
-def scores_of(cloud):
-    known = KnownPlanes(cloud.model, cloud.X, cloud.known, cloud.rows_origins)
-    return known.fit(cloud.X).scores
-
-
-def seen_planes_of(X):
-    from sklearn_mcmd import MCMDOutlierDetector
-
-    X, origins = np.hsplit(X, 2)
-    detector = MCMDOutlierDetector(random_state=0)
-    X = detector._fit_planes(np.ascontiguousarray(X))
-    cloud = KnownPlanes(detector._model, X, origins=origins)
-    cloud.fit(X)
-    return cloud
-
-
-def seen_scores(outlier, scores):
-    flagged = scores > CUTOFF
+def seen_scores(outlier, result):
+    flagged = result[1]
     found = 100 * flagged[outlier].mean() if outlier.any() else np.nan
     return {"kept": 100 * (~flagged[~outlier]).mean(), "TPR": found}
 
 
-def outlier_scores(outlier, scores):
-    flagged = scores > CUTOFF
+def outlier_scores(outlier, result):
+    scores, flagged = result
     return {
-        "kept": 100 * (~flagged[~outlier]).mean(),
-        "TPR": 100 * flagged[outlier].mean(),
+        **seen_scores(outlier, result),
         "AP": 100 * average_precision_score(outlier, scores),
         "right": 100 * (flagged == outlier).mean(),
     }
@@ -209,10 +172,12 @@ def outlier_scores(outlier, scores):
 
 def low_points(X):
     """Points of groups far below ground, as ``mcmd denoise --low-groups`` finds them."""
-    from sklearn_mcmd.io._ground import depths_of_groups
+    from sklearn_mcmd.io._ground import Ground
+    from sklearn_mcmd.outliers._low_groups import depths_of_groups
 
     ground = X[:, 3] == 1
-    return depths_of_groups(X[:, :3], ground, ~ground) > CUTOFF
+    depths = depths_of_groups(X[:, :3], Ground(X[ground, :3]), ~ground)
+    return depths > ExplainLimits().explained
 
 
 def low_scores(echo, low):
@@ -222,34 +187,22 @@ def low_scores(echo, low):
 PARTS = {
     "growing": Part(
         tried=(
-            Constant("planes._flatness", "N_ERRORS", np.inf),
-            Constant("segmentation._graph", "USUAL", 0.0),
-            Constant("segmentation._graph", "BENT", 0.0),
-            Constant("segmentation._assign_points", "CUTOFF", np.inf),
-            Constant("segmentation._creases", "LEAST_POINTS", 0),
-            Constant("segmentation._creases", "USUAL", 0.0),
-            Constant("segmentation._creases", "BENT", 0.0),
-            Constant("segmentation._creases", "MOST_NOISE", np.inf),
-            Constant("segmentation._merge_coplanar", "CUTOFF", np.inf),
-            Constant("segmentation._merge_coplanar", "MOST_NOISE", np.inf),
-            Constant("segmentation._merge_coplanar", "MOST_GAP", 1e9),
-            Constant("segmentation._narrow_faces", "CUTOFF"),
-            Constant("segmentation._narrow_faces", "MOST_NOISE", np.inf),
-            Constant("segmentation._narrow_faces", "REACH", np.inf),
-            Constant("segmentation._cylinder_parts", "REACH", np.inf),
-            Constant("segmentation._cylinder_parts", "MOST_NOISE", np.inf),
-            Constant("segmentation._cylinder_parts", "CUTOFF"),
-            Constant("segmentation._cylinder_parts", "GROWTH"),
-            Constant("segmentation._cylinder_parts", "LEAST_SIZE", 6),
+            Limit("planes._around", "NoiseLimits", "n_errors", np.inf),
+            Limit("planes._explaining", "ExplainLimits", "explained"),
+            Limit("segmentation._graph", "GrowthLimits", "usual", 0.0),
+            Limit("segmentation._graph", "GrowthLimits", "bent", 0.0),
+            Limit("segmentation._graph", "GrowthLimits", "n_deviations"),
+            Limit("segmentation._region_division", "VoteLimits", "least_points", 0),
+            Limit("segmentation._merge_coplanar", "JoinLimits", "most_noise", np.inf),
+            Limit("segmentation._merge_coplanar", "JoinLimits", "most_gap", 1e9),
+            Limit("segmentation._narrow_faces", "NarrowFaceLimits", "reach", np.inf),
+            Limit("segmentation._cylinder_parts", "CylinderLimits", "growth"),
+            Limit("segmentation._cylinder_parts", "CylinderLimits", "least_size", 6),
             Parameter("n_neighbors", (15, 24, 37, 60)),
             Parameter("max_angle", (7.5, 12, 18.75, 30)),
             Parameter("min_region_size", (1, 5, 8, 12, 20)),
-            Parameter("mutual", (False,)),
-            Parameter("find_narrow_faces", (False,)),
-            Parameter("divide_at_creases", (False,)),
-            Parameter("join_coplanar", (False,)),
-            Parameter("join_curved", (False,)),
-            Parameter("assign_unlabeled", (False,)),
+            Parameter("refine", (False,)),
+            *map(Step, GrowthSteps._fields),
         ),
         scenes=lambda options: chain(
             simulated(options, lambda scene: scene.surface, 0.0), labelled(options)
@@ -263,21 +216,21 @@ PARTS = {
     ),
     "normals": Part(
         tried=(
-            Constant("normals._surface_planes", "REMOVED", 1.0),
-            Constant("normals._surface_planes", "CHANCE"),
-            Constant("planes._flatness", "N_ERRORS", np.inf),
-            Constant("normals._surface_planes", "BEST"),
-            Constant("normals._surface_planes", "HALF_BALL", np.inf),
-            Constant("normals._neighbor_planes", "EXPLAINED", np.inf),
-            Constant("normals._neighbor_planes", "PATCH"),
-            Constant("normals._crease_test", "LEAST_EVIDENCE", np.inf),
-            Constant("normals._crease_test", "BEST", 1.0, most=1.0),
-            Constant("normals._crease_test", "OFF"),
-            Constant("normals._crease_test", "ROUNDS", 0),
-            Constant("normals._smoothness", "CURVED", 0.0),
-            Constant("normals._smoothness", "N_ERRORS", 0.0),
-            Constant("normals._smoothness", "PIVOT", 0.0),
-            Constant("planes._rules", "REWEIGHT_CUTOFF"),
+            Limit("normals._surface_planes", "MendLimits", "removed", 1.0),
+            Limit("normals._quadrics", "QuadricLimits", "chance"),
+            Limit("planes._around", "NoiseLimits", "n_errors", np.inf),
+            Limit("normals._surface_planes", "MendLimits", "quiet"),
+            Limit("normals._surface_planes", "MendLimits", "half_ball", np.inf),
+            Limit("planes._explaining", "ExplainLimits", "explained", np.inf),
+            Limit("normals._neighbor_planes", "PatchLimits", "patch"),
+            Limit("normals._folds", "FoldLimits", "evidence", np.inf),
+            Limit("normals._folds", "FoldLimits", "best", 1.0, most=1.0),
+            Limit("normals._folds", "FoldLimits", "off"),
+            Limit("normals._folds", "FoldLimits", "rounds", 0),
+            Limit("normals._quadrics", "SmoothnessLimits", "curved", 0.0),
+            Limit("normals._quadrics", "SmoothnessLimits", "n_errors", 0.0),
+            Limit("normals._quadrics", "QuadricLimits", "pivot", 0.0),
+            Limit("planes._rules", "ReweightLimits", "cutoff"),
             Parameter("reweight", (False,)),
             Parameter("neighbor_planes", (False,)),
             Parameter("n_neighbors", (20, 30, 80)),
@@ -291,12 +244,12 @@ PARTS = {
     ),
     "sizes": Part(
         tried=(
-            Constant("normals._adaptive_k", "TILT"),
-            Constant("normals._adaptive_k", "LEAST"),
-            Constant("normals._adaptive_k", "MOST"),
-            Constant("normals._adaptive_k", "QUIET", most=0.99),
-            Constant("normals._adaptive_k", "AROUND"),
-            Constant("normals._adaptive_k", "CHANCE", 0.0),
+            Limit("normals._adaptive_k", "SizeLimits", "tilt"),
+            Limit("normals._adaptive_k", "SizeLimits", "least"),
+            Limit("normals._adaptive_k", "SizeLimits", "most"),
+            Limit("normals._adaptive_k", "SizeLimits", "quiet", most=0.99),
+            Limit("normals._adaptive_k", "SizeLimits", "around"),
+            Limit("normals._quadrics", "QuadricLimits", "chance", 0.0),
             Parameter("n_neighbors", (16, 30, 50, 100, 200)),
         ),
         scenes=lambda options: chain(
@@ -308,17 +261,16 @@ PARTS = {
     ),
     "edges": Part(
         tried=(
-            Constant("edges._faces", "SPACING_NEIGHBORS", 10_000),
-            Constant("edges._faces", "LEAST_NOISE", 1e-6),
-            Constant("edges._faces", "OFF", np.inf),
-            Constant("edges._faces", "FLATNESS", np.inf),
-            Constant("edges._creases", "OFF", np.inf),
-            Constant("edges._creases", "FAR"),
-            Constant("edges._creases", "EVENING_STEPS", 0),
-            Radii(),
-            Constant("edges._creases", "SMOOTH_STEPS", 1),
-            Constant("edges._creases", "HUBER", np.inf),
-            Constant("edges._detector", "EDGE_WIDTH"),
+            Limit("planes._explaining", "ExplainLimits", "explained", np.inf),
+            Limit("edges._faces", "FaceLimits", "n_spacing", 10_000),
+            Limit("edges._faces", "FaceLimits", "least_noise", 1e-6),
+            Limit("edges._faces", "FaceLimits", "flat", np.inf),
+            Limit("edges._crease_distance", "CreaseLimits", "far"),
+            Limit("edges._crease_distance", "CreaseLimits", "evening_steps", 0),
+            Limit("edges._crease_distance", "CreaseLimits", "radii", ()),
+            Limit("edges._crease_distance", "CreaseLimits", "smooth_steps", 1),
+            Limit("edges._crease_distance", "CreaseLimits", "huber", np.inf),
+            Limit("edges._limits", "EdgeLimits", "width"),
             Parameter("n_neighbors", (20, 30, 50)),
             Parameter("min_angle", (10, 16, 25, 40)),
         ),
@@ -334,36 +286,45 @@ PARTS = {
     ),
     "detector": Part(
         tried=(
-            Limit("outliers._model", "SurfaceLimits", "explained"),
-            Limit("outliers._model", "SurfaceLimits", "flat", off=np.inf),
-            Limit("outliers._model", "SurfaceLimits", "angle", off=180.0),
-            Limit("outliers._model", "SurfaceLimits", "n_links"),
-            Constant("outliers._model", "THING", 0.0),
-            Constant("outliers._model", "LEAST_SHARE", 1.0, most=1.0),
-            *(Limit("outliers._model", "OffSurfaceLimits", name) for name in ("n_near", "n_usual")),
-            Limit("outliers._model", "OffSurfaceLimits", "usual", most=0.99),
-            Constant("outliers._off_surface", "HALF", most=0.99),
-            Limit("outliers._model", "OffSurfaceLimits", "reach", off=0.0),
-            Limit("outliers._model", "OffSurfaceLimits", "rest_weight", off=0.0, most=1.0),
-            Limit("outliers._model", "OffSurfaceLimits", "flat", off=0.0),
+            Limit("planes._explaining", "ExplainLimits", "explained"),
+            Limit("outliers._surfaces", "SurfaceLimits", "flat", off=np.inf),
+            Limit("outliers._surfaces", "SurfaceLimits", "angle", off=180.0),
+            Limit("outliers._surfaces", "SurfaceLimits", "n_links"),
+            Limit("outliers._surfaces", "SurfaceLimits", "least_share", 1.0, most=1.0),
+            *(
+                Limit("outliers._off_surface", "OffSurfaceLimits", name, off, most)
+                for name, off, most in (
+                    ("n_near", None, np.inf),
+                    ("n_usual", None, np.inf),
+                    ("usual", None, 0.99),
+                    ("half", None, 0.99),
+                    ("reach", 0.0, np.inf),
+                    ("rest_weight", 0.0, 1.0),
+                    ("flat", 0.0, np.inf),
+                    ("thing", 0.0, np.inf),
+                )
+            ),
         ),
         scenes=lambda options: chain(streets(options), contaminated(options)),
-        prepare=planes_of,
-        run=scores_of,
+        prepare=lambda X: X,
+        run=judged,
         measure=outlier_scores,
     ),
     "rays": Part(
         tried=tuple(
-            Limit("outliers._ray_evidence", "RayLimits", name)
+            Limit("sensors._rays", "RayLimits", name)
             for name in ("n_beams", "searched", "usual", "alone", "sheet")
         ),
         scenes=seen,
-        prepare=seen_planes_of,
-        run=scores_of,
+        prepare=lambda X: X,
+        run=judged,
         measure=seen_scores,
     ),
     "ground": Part(
-        tried=(Constant("io._ground", "CORNERS"), Constant("io._ground", "LINKED")),
+        tried=(
+            Limit("io._ground", "GroundLimits", "n_nearest"),
+            Limit("outliers._surfaces", "SurfaceLimits", "n_links"),
+        ),
         scenes=below_ground,
         prepare=lambda X: X,
         run=low_points,

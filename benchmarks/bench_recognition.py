@@ -14,7 +14,7 @@ from _real_clouds import load_clouds
 from simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
 
 from sklearn_mcmd.datasets import make_box, make_crown_roof, make_lidar_turn, make_street
-from sklearn_mcmd.outliers import _view
+from sklearn_mcmd.sensors import _recognition
 
 DIRECTIONS = np.array([[1, 0, 0], [0, 1, 0], [-0.6, -0.8, 0], [0, 0.6, 0.8]])
 LENGTHS = 1, 10, 1_000
@@ -22,16 +22,16 @@ LENGTHS = 1, 10, 1_000
 
 def figures(points):
     """Ratio of unevenness and least rise, None where it is not asked, and what is recognized."""
-    (here,) = _view._views(lambda: [points], np.zeros((1, 3)))
-    told = _view.view_from_origin(lambda: [points])
+    (here,) = _recognition._views(lambda: [points], np.zeros((1, 3)))
+    told = _recognition.view_from_origin(lambda: [points])
     if here is None:
         return None, None, told
     ratio = here.uneven() / here.uneven_in_space()
-    if ratio >= _view.EVEN:
+    if ratio >= _recognition.ViewLimits().even:
         return ratio, None, told
-    aside = _view.ASIDE * here.usual_range * np.vstack([np.eye(3), -np.eye(3)])
+    aside = _recognition.ViewLimits().aside * here.usual_range * np.vstack([np.eye(3), -np.eye(3)])
     mean, error = here.uneven_beside_others()
-    others = (view.uneven_beside_others() for view in _view._views(lambda: [points], aside))
+    others = (view.uneven_beside_others() for view in _recognition._views(lambda: [points], aside))
     return ratio, min((m - mean) / max(error, e) for m, e in others), told
 
 
@@ -72,7 +72,9 @@ def main():
             cells = ["-" if value is None else f"{value:.2f}" for value in (ratio, rise)]
             wrong = "" if truth is None or bool(told) == truth else "   WRONG"
             print(f"{name:40} {cells[0]:>6} {cells[1]:>6}  {told or 'not recognized'}{wrong}")
-            elsewhere = [bool(_view.view_from_origin(lambda p=p: [p])) for p in moved(points)]
+            elsewhere = [
+                bool(_recognition.view_from_origin(lambda p=p: [p])) for p in moved(points)
+            ]
             recognized, n_moved = recognized + sum(elsewhere), n_moved + len(elsewhere)
             n_clouds += 1
         print(f"{title}: {n_clouds} clouds; moved, {recognized} of {n_moved} are recognized")

@@ -35,24 +35,19 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from _ablation_changes import without_steps
 
-PAPER = {
-    "mutual": False,
-    "find_narrow_faces": False,
-    "divide_at_creases": False,
-    "join_coplanar": False,
-    "join_curved": False,
-    "assign_unlabeled": False,
-}
-WHOLE = {"divide_at_creases": False}
+from sklearn_mcmd.segmentation._steps import GrowthSteps
+
+# Steps of growth that are left out.
 FORMS = {
-    "paper's rules": PAPER,
-    "and mutual": {**PAPER, "mutual": True},
-    "and rest assigned": {**PAPER, "mutual": True, "assign_unlabeled": True},
-    "and coplanar joined": {"find_narrow_faces": False, **WHOLE, "join_curved": False},
-    "and curved joined": {"find_narrow_faces": False, **WHOLE},
-    "and narrow faces": WHOLE,
-    "default": {},
+    "paper's rules": GrowthSteps._fields,
+    "and mutual": GrowthSteps._fields[1:],
+    "and rest assigned": GrowthSteps._fields[1:-1],
+    "and coplanar joined": ("find_narrow_faces", "divide_at_creases", "join_curved"),
+    "and curved joined": ("find_narrow_faces", "divide_at_creases"),
+    "and narrow faces": ("divide_at_creases",),
+    "default": (),
 }
 DENOISERS = {
     "default": {},
@@ -127,13 +122,17 @@ def compare_forms(X, truth, keep, options, angle=15.0):
     for method in options.methods:
         for k in options.normals:
             columns = normals_of(X[keep], k, method, options.threads)
-            for name, form in FORMS.items():
+            for name, left_out in FORMS.items():
                 growing = RegionGrowing(
-                    options.n_neighbors, max_angle=angle, normals="precomputed", **form
+                    options.n_neighbors,
+                    max_angle=angle,
+                    normals="precomputed",
+                    n_jobs=options.threads,
                 )
                 start = time.perf_counter()
                 labels = np.full(len(X), -1)
-                labels[keep] = growing.set_params(n_jobs=options.threads).fit_predict(columns)
+                with without_steps(*left_out):
+                    labels[keep] = growing.fit_predict(columns)
                 seconds = time.perf_counter() - start
                 rows[f"{method} {k}, {name}"] = [*figures(truth, labels, keep), seconds]
     return rows
@@ -207,8 +206,8 @@ def run_roofs(options):
                 scores = []
                 for seed in range(options.seeds):
                     X, surface = make_roof(kind, n, crease, noise, seed)
-                    growing = RegionGrowing(random_state=0, divide_at_creases=not options.whole)
-                    labels = growing.fit_predict(X)
+                    with without_steps(*["divide_at_creases"] * options.whole):
+                        labels = RegionGrowing(random_state=0).fit_predict(X)
                     if kind == "barrel":
                         scores.append(np.bincount(labels[labels >= 0]).max() / n)
                     else:
@@ -252,7 +251,8 @@ def run_labelled(options):
     for name, X, surface in clouds:
         row = []
         for divide in (False, True):
-            labels = RegionGrowing(random_state=0, divide_at_creases=divide).fit_predict(X)
+            with without_steps(*["divide_at_creases"] * (not divide)):
+                labels = RegionGrowing(random_state=0).fit_predict(X)
             known = surface >= 0
             if known.any() and len(np.unique(surface[known])) == 1:  # a table
                 largest = labels == np.bincount(labels[known & (labels >= 0)]).argmax()

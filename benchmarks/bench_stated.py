@@ -16,7 +16,7 @@ from simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_lidar_turn, make_street
-from sklearn_mcmd.outliers import _view
+from sklearn_mcmd.sensors import _recognition
 
 TURNS = [
     *("snow_real_half_turn", "snow_spinning_lidar/turn_000003", "fast_gicp_velodyne"),
@@ -29,7 +29,7 @@ def figures(points, position):
     """The numbers of a line; the ratio is None of a sensor that moves or is far away."""
     ratio = None
     if np.ndim(position) == 1:
-        (here,) = _view._views(lambda: [points - position], np.zeros((1, 3)))
+        (here,) = _recognition._views(lambda: [points - position], np.zeros((1, 3)))
         ratio = here and here.uneven() / here.uneven_in_space()
     plain = MCMDOutlierDetector(random_state=0, n_jobs=-1).fit(points)
     with warnings.catch_warnings():

@@ -18,11 +18,10 @@ import numpy as np
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.plotting import view
 
-FLAGS = [
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
-    *("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
-]
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
+FLAGS += ["--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 PATIENCE = 150  # seconds until a page counts as not shown
+READY = "window.cloudPage?.loaded && !cloudPage.renderer.moving"
 WORK = """async () => {
     const app = cloudPage, told = { first: app.firstShown, all: app.loadTime };
     const timed = (act) => { const t = performance.now(); act(); return performance.now() - t; };
@@ -38,20 +37,20 @@ WORK = """async () => {
         app.renderer.changed();
         await new Promise(requestAnimationFrame);
     }
-    return { ...told, frames: frames / 5 };
+    const ms = Object.entries(told).map(([name, time]) => `${name} ${time.toFixed()} ms, `);
+    return ms.join("") + `${frames / 5} frames/s`;
 }"""
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("sizes", nargs="+", type=int)
-    sizes = parser.parse_args().sizes
-    with tempfile.TemporaryDirectory() as folder:
-        for n in sizes:
-            for order in ("random", "scanner"):
-                report_ours(street(n, order), Path(folder), order)
-            for make in (plotly_page, k3d_page):
-                report_other(make, street(n, "random"), Path(folder))
+    for n in parser.parse_args().sizes:
+        for order in ("random", "scanner"):
+            report(f"ours, {order}", our_page, street(n, order), READY, WORK)
+        for make in (plotly_page, k3d_page):
+            shown = "document.querySelector('canvas')"
+            report(make.__name__, make, street(n, "random"), shown, "() => 'a picture'")
 
 
 def street(n, order):
@@ -71,39 +70,24 @@ def street(n, order):
     return PointCloud(np.round(xyz + place, 3), {"classification": classes, "outlier_score": score})
 
 
-def report_ours(cloud, folder, order):
-    path = folder / "page.html"
-    start = time.process_time()
-    page = view(cloud, names=["street"])
-    made = time.process_time() - start
-    page.save(path)
-    told = in_browser(path, "window.cloudPage?.loaded && !cloudPage.renderer.moving", WORK)
-    print(
-        f"{len(cloud):>9,} {order:8} {size(path)}, made in {made:.1f} s; first points after "
-        f"{told['first'] / 1e3:.1f} s, all after {told['all'] / 1e3:.1f} s; pick "
-        f"{told['pick']:.0f} ms, threshold {told['threshold']:.0f} ms, "
-        f"{told['frames']:.1f} frames/s",
-        flush=True,
-    )
+def report(name, make, cloud, ready, work):
+    """One line on a page: its size, how long it took to make and to show, and its own words."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, start = Path(folder) / "page.html", time.process_time()
+        try:
+            make(cloud, path)
+        except ImportError as err:
+            print(err)
+            return
+        made, start = time.process_time() - start, time.monotonic()
+        words = in_browser(path, ready, work) or f"not shown within {PATIENCE} s"
+        shown, size = time.monotonic() - start, path.stat().st_size / 1e6
+    words = f"{size:5.1f} MB, made in {made:.1f} s, open for {shown:.0f} s: {words}"
+    print(f"{len(cloud):>9,} {name:14} {words}", flush=True)
 
 
-def report_other(make, cloud, folder):
-    path = folder / "other.html"
-    start = time.process_time()
-    try:
-        make(cloud, path)
-    except ImportError as err:
-        print(err)
-        return
-    made = time.process_time() - start
-    start = time.monotonic()
-    shown = in_browser(path, "document.querySelector('canvas')", "() => true")
-    loading = f"{time.monotonic() - start:.0f} s" if shown else f"not within {PATIENCE} s"
-    print(
-        f"{len(cloud):>9,} {make.__name__:12} {size(path)}, made in {made:.1f} s; "
-        f"picture: {loading}",
-        flush=True,
-    )
+def our_page(cloud, path):
+    view(cloud, names=["street"]).save(path)
 
 
 def plotly_page(cloud, path):
@@ -111,9 +95,8 @@ def plotly_page(cloud, path):
 
     x, y, z = local(cloud).T
     marker = {"size": 1, "color": cloud.attributes["outlier_score"].astype(np.float32)}
-    points = go.Scatter3d(
-        x=x, y=y, z=z, mode="markers", marker=marker, customdata=cloud.attributes["classification"]
-    )
+    classes = cloud.attributes["classification"]
+    points = go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, customdata=classes)
     go.Figure(points).write_html(path, include_plotlyjs=True)
 
 
@@ -129,10 +112,6 @@ def k3d_page(cloud, path):
 
 def local(cloud):
     return (cloud.xyz - cloud.xyz.min(axis=0)).astype(np.float32)
-
-
-def size(path):
-    return f"{path.stat().st_size / 1e6:5.1f} MB"
 
 
 def in_browser(path, ready, work):

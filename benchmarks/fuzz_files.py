@@ -25,7 +25,7 @@ import tempfile
 import time
 import traceback
 import warnings
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from sklearn_mcmd.io._formats import FORMATS
@@ -117,10 +117,8 @@ def _work(reader, args):
         seeds = [*seeds_of(reader, args.worker)]
         for seed in seeds:
             path.write_bytes(prepared(reader, seed))
-            try:
+            with suppress(documented):
                 read(path)
-            except documented as err:
-                print(err)
     with open(args.worker / "told", "r+b") as file:
         told = mmap.mmap(file.fileno(), 8)
     n, limit = 0, _size() + SPARE
@@ -151,7 +149,13 @@ def _work(reader, args):
         rng = random.Random(args.seed)
         for _ in range(args.executions):
             one(mutated(rng, seeds, tokens)[:longest])
-        return 0
+    else:
+        _guided(guide, args, seeds, tokens, longest, one)
+    return 0
+
+
+def _guided(guide, args, seeds, tokens, longest, one):
+    """Let libFuzzer change the seeds."""
     corpus, words = args.worker / "corpus", args.worker / "words"
     corpus.mkdir(exist_ok=True)
     for i, seed in enumerate(seeds):
@@ -162,7 +166,6 @@ def _work(reader, args):
     options += f"-dict={words} -rss_limit_mb=0 -timeout=1000 -artifact_prefix={args.worker}/"
     guide.Setup([sys.argv[0], str(corpus), *options.split()], one)
     guide.Fuzz()
-    return 0
 
 
 def fault_of(read, documented, path):

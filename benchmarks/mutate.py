@@ -6,7 +6,8 @@
 
 The first says which tests, of any arguments of pytest, execute which line. The second makes mutants
 of 50 lines that a seed draws from those that tests execute, in functions and constants of modules.
-Each is one change, in the memory of a process that has collected the tests; no file changes.
+Limits of records are constants, too. Each is one change, in the memory of a process that has
+collected the tests; no file changes.
 Messages, decorators and annotations are left alone. The tests of the line follow each other, the
 quickest first, up to BUDGET seconds. With NUMBA_DISABLE_JIT=1 both look at compiled functions,
 and at nothing else.
@@ -59,6 +60,7 @@ def changes(source):
     methods = [node for made in body if isinstance(made, ast.ClassDef) for node in made.body]
     allowed = [span(node) for node in body if isinstance(node, ast.Assign)]
     allowed += [span(node) for node in body + methods if isinstance(node, ast.FunctionDef)]
+    allowed += [span(node) for node in methods if isinstance(node, ast.AnnAssign) and node.value]
     for node in ast.walk(ast.parse(source)):
         match node:
             case ast.Raise() | ast.Call(func=ast.Attribute(attr="warn")) | ast.JoinedStr():
@@ -113,6 +115,10 @@ def patch(file, source):
             changed |= getattr(old, part) != getattr(now, part)
             setattr(old, part, getattr(now, part))
     for key, was in list(vars(module).items()):
+        if key.endswith("Limits") and was.__module__ == name:
+            now = getattr(new, key).__new__.__defaults__
+            changed |= was.__new__.__defaults__ != now
+            was.__new__.__defaults__ = now
         if key.isupper() and repr(was) != repr(vars(new)[key]):
             changed = True
             for user in [m for n, m in sys.modules.items() if n.startswith("sklearn_mcmd.")]:

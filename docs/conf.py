@@ -22,6 +22,7 @@ copyright = "2026, The sklearn_mcmd developers"
 release = version = sklearn_mcmd.__version__
 
 extensions = [
+    "constants_table",
     "numpydoc",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",

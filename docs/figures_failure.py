@@ -235,7 +235,7 @@ def segments():
     forms = {
         "too many: normals of 10 neighbors": (10, {}),
         "right: 30 neighbors, 15 degrees": (30, {}),
-        "too few: 80 degrees, not divided": (30, {"max_angle": 80, "divide_at_creases": False}),
+        "too few: 80 degrees, growth alone": (30, {"max_angle": 80, "refine": False}),
     }
     for ax, (name, (k, options)) in zip(axes.flat, forms.items(), strict=False):
         columns = RobustNormalEstimator(k, random_state=0).fit_transform(xyz)

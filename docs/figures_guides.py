@@ -266,19 +266,11 @@ def segments_principle():
     """A cross section of the kerb, by growth alone and by the default."""
     points = kept()
     near = (points[:, 0] > 1.0) & (points[:, 0] < 1.25)
-    alone = {
-        "mutual": False,
-        "find_narrow_faces": False,
-        "divide_at_creases": False,
-        "join_coplanar": False,
-        "join_curved": False,
-        "assign_unlabeled": False,
-    }
     fig, axes = plt.subplots(2, 1, figsize=(9, 3.0), layout="constrained")
     for ax, model, title in (
         (
             axes[0],
-            RegionGrowing(normal_estimator=RobustNormalEstimator(method="pca"), **alone),
+            RegionGrowing(normal_estimator=RobustNormalEstimator(method="pca"), refine=False),
             "least squares, growth alone: one region runs over the kerb",
         ),
         (axes[1], regions(), "default: road, kerb and footpath"),
@@ -323,13 +315,11 @@ def segments_angle():
 
 
 def segments_street():
-    alone = {"mutual": False, "find_narrow_faces": False, "join_coplanar": False}
-    alone |= {"divide_at_creases": False, "join_curved": False, "assign_unlabeled": False}
     fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
     for ax, model, name in (
         (
             axes[0],
-            RegionGrowing(normal_estimator=RobustNormalEstimator(method="pca"), **alone),
+            RegionGrowing(normal_estimator=RobustNormalEstimator(method="pca"), refine=False),
             "least squares, growth alone",
         ),
         (axes[1], regions(), "default"),

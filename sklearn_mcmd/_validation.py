@@ -23,11 +23,12 @@ __all__ = [
     "validate_points",
 ]
 
-# Float64 holds the fourth powers (of areas, squared) of coordinates up to LARGEST, and of
-# differences down to SMALLEST. All finite float32 coordinates are smaller than LARGEST.
-LARGEST, SMALLEST = 1e70, 1e-70
-# The usual number of neighbors; and steps, as of `check_work`, that nobody minds.
-USUAL, MOST_STEPS = 50, 2**24
+# Float64 holds the fourth powers (of areas, squared) of coordinates up to this. All finite float32
+# coordinates are smaller.
+LARGEST = 1e70
+SMALLEST = 1e-70  # and of differences down to this
+USUAL = 50  # the usual number of neighbors
+MOST_STEPS = 2**24  # steps, as of `check_work`, that take no noticeable time
 
 
 class OffsetOutlierMixin(OutlierMixin):
@@ -134,7 +135,7 @@ def check_sizes(n, d, n_neighbors):
 
 
 def check_work(estimator, n):
-    """Tell of neighborhoods that take long; raise if they would be of all points, which are fewer.
+    """Warn of neighborhoods that take long; raise if they would be of all points, which are fewer.
 
     An estimator's `_work` is the name of their size, and the power by which the steps for one of n
     points grow with it. Clouds of which all neighborhoods of all take `MOST_STEPS` may have any.
@@ -179,7 +180,7 @@ def check_extent(X):
 
 
 def is_auto(sensor_origin):
-    """Whether the cloud is to tell where the sensor stood."""
+    """Whether the position of the sensor is to be found from the cloud."""
     return isinstance(sensor_origin, str) and sensor_origin == "auto"
 
 

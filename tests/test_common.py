@@ -45,9 +45,7 @@ QUICK = RobustNormalEstimator(max_outlier_rate=0.2, random_state=0)
         PlaneOutlierDetector(None, method="qsp", contamination=0.1),
         RegionGrowing(normal_estimator=QUICK),
         RegionGrowing(
-            10, max_distance=0.5, max_gap=1.0, mutual=False, min_region_size=12,
-            join_coplanar=False, join_curved=False, assign_unlabeled=False, find_narrow_faces=False,
-            divide_at_creases=False,
+            10, max_distance=0.5, max_gap=1.0, refine=False, min_region_size=12,
             normal_estimator=QUICK, n_jobs=2,
         ),
         SharpFeatureDetector(

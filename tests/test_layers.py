@@ -26,17 +26,19 @@ ROOMS = {
     "model_selection": {"metrics"},
     "adjustment": {"planes"},
     "baselines": {"planes"},
-    "outliers": {"planes"},
+    "sensors": {"planes"},
+    "outliers": {"planes", "sensors"},
     "normals": {"planes", "baselines"},
     "segmentation": {"planes", "normals"},  # estimates normals where none are given
     "edges": {"planes", "normals", "outliers"},  # likewise, of a cleaned cloud
-    "tiling": {"planes", "normals", "outliers", "edges", "segmentation", "plotting", "io"},
+    "tiling": {"planes", "normals", "outliers", "edges", "segmentation", "plotting", "io", "report",
+               "sensors"},
     "resampling": {"outliers"},
     "view": {"io"},
     "plotting": {"io", "view"},
     "report": {"adjustment", "io", "outliers", "planes", "plotting", "view"},
     "cli": {"adjustment", "datasets", "edges", "io", "metrics", "normals", "outliers", "planes",
-            "plotting", "report", "segmentation", "tiling", "view"},
+            "plotting", "report", "segmentation", "sensors", "tiling", "view"},
     "__main__": {"cli"},
 }  # fmt: skip
 # The two files that import modules of the package by strings: those of public names, which

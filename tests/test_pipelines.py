@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from sklearn.pipeline import Pipeline, make_pipeline
 
+from growth import grown_without
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box
 
@@ -53,7 +54,7 @@ def test_no_plane_is_sought_or_fitted_again_behind_normals(make, box, monkeypatc
     if make is edges:
         last.set_params(outlier_detector="passthrough")  # cleaning seeks planes of its own
     else:
-        last.set_params(find_narrow_faces=False)  # narrow faces are planes of what is left over
+        last.set_params(refine=False)  # narrow faces are planes of what is left over
     columns = normals.fit_transform(box.data)
     expected = last.fit_predict(columns)
 
@@ -71,14 +72,12 @@ def test_no_plane_is_sought_or_fitted_again_behind_normals(make, box, monkeypatc
 
 def test_growing_takes_planes_as_they_are_handed_on(box):
     columns = RobustNormalEstimator(20, random_state=0).fit_transform(box.data)
-    growing = RegionGrowing(
-        max_distance=0.1, normals="precomputed", find_narrow_faces=False, assign_unlabeled=False
-    )
-    labels = growing.fit_predict(columns)
+    planes_alone = "find_narrow_faces", "assign_unlabeled"
+    labels = grown_without(columns, *planes_alone, max_distance=0.1)
     face = np.flatnonzero(labels == 0)
     upper = face[box.data[face, 0] > np.median(box.data[face, 0])]
     columns[upper, 10] += 1.0  # these planes lie far from their points, and explain no neighbor
-    assert (growing.fit_predict(columns)[upper] == -1).mean() > 0.9
+    assert (grown_without(columns, *planes_alone, max_distance=0.1)[upper] == -1).mean() > 0.9
 
 
 def test_segments_of_a_box_are_its_faces(box):

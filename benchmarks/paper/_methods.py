@@ -21,7 +21,7 @@ from sklearn_mcmd.planes._consistent_set import (
     n_support_points,
     n_trials_needed,
 )
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes
 from sklearn_mcmd.planes._rules import METHODS as RULES
 from sklearn_mcmd.planes._rules import robust_distances
 

@@ -19,14 +19,7 @@ __all__ = ["figure14", "figure15", "table6"]
 
 N_NEIGHBORS, MIN_REGION_SIZE = 50, 10
 SLOW_POINTS = 34_000  # points of a scene for RPCA and uLSIF, which take minutes each
-GROWTH_ALONE = {
-    "mutual": False,
-    "find_narrow_faces": False,
-    "divide_at_creases": False,
-    "join_coplanar": False,
-    "join_curved": False,
-    "assign_unlabeled": False,
-}
+GROWTH_ALONE = {"refine": False}
 PCA_AND_DEFAULT_GROWTH = "PCA, default growth"
 COLUMNS = ("TS", "PS", "OS", "US", "missed", "r %", "p %", "F %", "Rand", "IoU")
 
@@ -173,9 +166,7 @@ def _notes():
         "by eye); ours is the rule of segmentation_scores, 80 % overlap.",
         "Regions grow by the paper's three criteria alone; their automatic thresholds are in a "
         "reference that was not at hand. 'default' and 'PCA, default growth' also have this "
-        "package's further steps (RegionGrowing's mutual, find_narrow_faces, "
-        "divide_at_creases, join_coplanar, "
-        "join_curved, assign_unlabeled).",
+        "package's further steps (RegionGrowing's refine).",
         "RPCA and uLSIF take milliseconds for each point. They are run on one scene of at most "
         f"{SLOW_POINTS:,} points, whose points are farther apart and whose neighborhoods are "
         "wider. Compare them with the rows of the same scene.",

@@ -1,7 +1,7 @@
 """Baarda's data snooping of a least-squares plane."""
 
 from numbers import Integral
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +18,8 @@ from sklearn_mcmd.adjustment._elimination import (
     eliminate_one_by_one,
     own_redundancy,
 )
-from sklearn_mcmd.adjustment._plane import adjust_plane, weights_of
-from sklearn_mcmd.adjustment._start import CUT, robust_start
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._start import StartLimits, robust_start
 from sklearn_mcmd.adjustment._tests import (
     chance_outside,
     critical_value,
@@ -33,11 +33,12 @@ from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 __all__ = ["BaardaPlaneDetector"]
 
-# Deviations within which points always come back. Without those beyond it the deviation is 1.3 %
-# too small.
-NEAR = 3.0
-# Points come back in portions of at most a sixteenth of those inside.
-FEW = 16
+
+class JoiningLimits(NamedTuple):
+    """Which points that a robust start left out come back."""
+
+    near: float = 3.0  # deviations within which all do; the deviation without others is 1.3 % small
+    portion: int = 16  # they come in portions of at most this share of those inside, inverted
 
 
 class BaardaPlaneDetector(PlaneDetector):
@@ -270,10 +271,10 @@ class BaardaPlaneDetector(PlaneDetector):
         ConvergenceWarning
             If `max_iter` rounds were not enough.
         """
-        X, weights, used = self._check_training(X, weights)
-        initial, _ = self._adjust(X, weights)
+        training = self._check_training(X, weights)
+        X, weights, used, _ = training
+        initial, *_ = self._adjust(X, weights)
         check_rank(initial, X.shape[1])
-        state = Elimination(step=np.zeros(len(X), dtype=np.intp), support=used.copy(), n_rounds=0)
         estimated = self.sigma0 == "auto" and self.loss == "squared_error"
         self.test_ = "tau" if self.test == "w" and estimated else self.test
         start = None
@@ -285,30 +286,24 @@ class BaardaPlaneDetector(PlaneDetector):
                 self._warn_of_start()
         is_robust = start is not None or self.test_ != self.test
         if start is None:
-            start, sigma = self._first_plane(X, weights, initial)
-        self._set_sigma0(sigma if self.sigma0 == "auto" else float(self.sigma0), start)
-        if is_robust:
-            self._leave_out(X, weights, used, start, sigma, state)
-        if self.loss == "squared_error" and self.elimination == "single":
-            state = eliminate_one_by_one(
-                X, weights, self.surface, self._limit, state, self.max_iter
-            )
-        else:
-            single = self.elimination == "single"
-            state = eliminate(
-                X, weights, lambda p: self._adjust(X, p), self._limit, state, single, self.max_iter
-            )
-        self._set_plane(X, state.plane, initial)
-        self.support_, self.elimination_step_ = state.support, state.step
-        self.n_iter_ = max(state.n_rounds, 1)
-        n_retained = state.plane.n_observations
+            start, sigma = self._first_plane(training, initial)
+        noise = self._noise(sigma if self.sigma0 == "auto" else float(self.sigma0), start, training)
+        support = self._left_by_start(training, start, sigma) if is_robust else used
+        left_out = used & ~support
+        first = Elimination(
+            step=left_out.astype(np.intp), support=support, n_rounds=int(left_out.any())
+        )
+        found = self._eliminate(training, noise[0], first)
+        self._set_plane(training, found.plane, initial, noise)
+        self.support_, self.elimination_step_ = found.support, found.step
+        self.n_iter_ = max(found.n_rounds, 1)
         self.critical_value_ = critical_value(self.test_, self._level_of_one(), self.dof_)
-        scores = self._test_training(X, weights, state)
-        limit = self._limit_of_joining(n_retained, self.dof_)
+        scores = self._test_training(training, found)
+        limit = self._limit_of_joining(found.plane.n_observations, self.dof_)
         self.offset_ = self._choose_offset(scores, used, -limit)
         self.labels_ = np.where(scores - self.offset_ < 0, -1, 1)
-        self._warn_of(state)
-        self._warn_if_steep(X, weights, initial)
+        self._warn_of(found)
+        self._warn_if_steep(training, initial)
         return self
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
@@ -324,81 +319,95 @@ class BaardaPlaneDetector(PlaneDetector):
             0 on the plane; lower is more abnormal. For tau it is the equivalent t.
         """
         X = self._check_query(X)
-        residuals, _, spread = self._plane.evaluate(X)
-        return _added_scores(residuals, spread, None, self._scale_of(self._plane))
+        residuals, _, spread = self._fitted.plane.evaluate(X)
+        return _added_scores(residuals, spread, None, self._scale_of_joining())
 
-    def _scale_of(self, plane):
+    def _scale_of_joining(self):
         """Divisor of the statistic of a point that joins, beside the root of the cofactor."""
-        return self.sigma0_ if self.test_ == "w" else self._deviation_of(plane)
+        return self.sigma0_ if self.test_ == "w" else self._fitted.scale
 
-    def _limit(self, n_retained, dof, variance_factor, direction):
-        """Largest standardized residual that passes, for the loops of removal."""
-        level = local_level(self.alpha, n_retained, self.correction)
-        scale = max(np.sqrt(variance_factor), self._rounding_of(direction))
-        return residual_limit(self.test_, level, dof, self.sigma0_, scale)
+    def _eliminate(self, training, sigma0, first):
+        """Rounds of removal from the first support on."""
+        X, weights = training.X, training.weights
 
-    def _leave_out(self, X, weights, used, start, sigma, state):
-        """Start the snooping without the points that stay outside of a robust plane."""
+        def limit(n_retained, dof, variance_factor, direction):
+            level = local_level(self.alpha, n_retained, self.correction)
+            scale = max(np.sqrt(variance_factor), training.rounding_of(direction))
+            return residual_limit(self.test_, level, dof, sigma0, scale)
+
+        single = self.elimination == "single"
+        if self.loss == "squared_error" and single:
+            return eliminate_one_by_one(X, weights, self.surface, limit, first, self.max_iter)
+
+        def adjust(retained):
+            return self._adjust(X, retained)[:2]
+
+        return eliminate(X, weights, adjust, limit, first, single, self.max_iter)
+
+    def _left_by_start(self, training, start, sigma):
+        """The points that a robust plane leaves in the support, to begin the snooping with."""
+        X, weights, used, _ = training
         n = int(np.count_nonzero(used))
         level = local_level(self.alpha, n, self.correction)
-        limit = critical_value("w", level, n) if self.test_ == "w" else CUT
+        limit = critical_value("w", level, n) if self.test_ == "w" else StartLimits().cut
         residuals, _, spread = start.evaluate(X)
         support = used & (_added_scores(residuals, spread, weights, sigma) >= -limit)
         if np.count_nonzero(support) <= start.rank:
-            return  # sigma0 is far too small, which the rounds will report
-        if self.test_ != "w":
-            self._take_back(X, weights, used, support, n * level)
-        state.support[:] = support
-        if not np.array_equal(support, used):
-            state.n_rounds = 1
-            state.step[used & ~support] = 1
+            return used  # sigma0 is far too small, which the rounds will report
+        return support if self.test_ == "w" else self._taken_back(training, support, n * level)
 
-    def _take_back(self, X, weights, used, support, level):
-        """Take points back into the support, nearest first, until the nearest is too far off.
+    def _taken_back(self, training, support, level):
+        """The support with points that come back, nearest first, until one is too far off.
 
-        It is beyond `NEAR`, and i points as far off as it is, of n good points, have a chance below
-        ``level / i^3``; these chances sum to 1.2 `level`, and for i = 1 the test is that of t.
+        It is beyond the limit `near`, and i points as far off as it is, of n good points, have a
+        chance below ``level / i^3``; these chances sum to 1.2 `level`, and for i = 1 the test is
+        that of t.
         """
+        X, weights, used, _ = training
+        limits, support = JoiningLimits(), support.copy()
         n, size = int(np.count_nonzero(used)), np.count_nonzero(support)
         while size < n:
             plane = adjust_plane(X, weights_of(support, weights), surface=self.surface)
             residuals, _, spread = plane.evaluate(X)
-            values = -_added_scores(residuals, spread, weights, self._deviation_of(plane))
+            values = -_added_scores(residuals, spread, weights, training.deviation_of(plane))
             outside = np.flatnonzero(used & ~support)
             nearest = outside[np.argsort(values[outside], kind="stable")]
             n_back, last = 0, 0
             # Portions of 1, 2, 4 ... points; where few are inside, each point counts.
-            while last < len(nearest) and last <= size // FEW:
+            while last < len(nearest) and last <= size // limits.portion:
                 i, value = len(nearest) - last, values[nearest[last]]
-                if value > NEAR and chance_outside(value, i, n, plane.dof) < level / i**3:
+                is_far = value > limits.near
+                if is_far and chance_outside(value, i, n, plane.dof) < level / i**3:
                     break
                 n_back, last = last + 1, 2 * last + 1
             if n_back == 0:
                 break
             support[nearest[:n_back]] = True
             size += n_back
+        return support
 
     def _limit_of_joining(self, n_inside, dof):
         """Critical value of a point that joins others: t, for tau too, as their scale lacks it."""
         level = local_level(self.alpha, n_inside + 1, self.correction)
         return critical_value("w" if self.test_ == "w" else "t", level, dof + 1)
 
-    def _test_training(self, X, weights, state):
+    def _test_training(self, training, found):
         """Set the attributes of the training points and return their scores."""
-        plane, support = state.plane, state.support
+        X, weights, _, _ = training
+        plane, support, robust_weights = found.plane, found.support, found.robust_weights
         residuals, cofactors, spread = plane.evaluate(X)
-        scores = _added_scores(residuals, spread, weights, self._scale_of(plane))
+        scores = _added_scores(residuals, spread, weights, self._scale_of_joining())
         outside = -scores  # points outside the support are tested as if they joined it
         if self.test_ == "tau":
             outside = t_to_tau(outside, self.dof_ + 1)
-        redundancy = own_redundancy(cofactors, spread, weights, state.robust_weights)
+        redundancy = own_redundancy(cofactors, spread, weights, robust_weights)
         redundancy[~support] = 1 / (1 + spread * (1 if weights is None else weights))[~support]
         standardized = standardized_residuals(residuals, weights, redundancy)
-        tests = statistic(standardized, self.test_, self.sigma0_, self._scale, self.dof_)
+        tests = statistic(standardized, self.test_, self.sigma0_, self._fitted.scale, self.dof_)
         self.test_statistic_ = np.where(support, tests, outside)
         self.redundancy_, self.leverage_ = redundancy, 1 - redundancy
-        if state.robust_weights is not None:
-            self.robust_weights_ = np.where(support, state.robust_weights, 0.0)
+        if robust_weights is not None:
+            self.robust_weights_ = np.where(support, robust_weights, 0.0)
         return scores
 
     def _warn_of_start(self):

@@ -1,7 +1,7 @@
 """Base class of both plane tests: input, scale, predictions."""
 
 from numbers import Integral, Real
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,23 +24,53 @@ from sklearn_mcmd.adjustment._determinacy import (
     check_rank,
     normal_pvalue,
 )
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane
 from sklearn_mcmd.adjustment._power import POWER, coupled_level
 from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
-from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS, m_estimate
+from sklearn_mcmd.adjustment._robust import m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level
 
 __all__ = ["N_WORST", "PlaneDetector", "check_points", "sigma0_is_rounding"]
 
 N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
-# From this tilt on vertical residuals are at least twice as long as sigma0, if the noise is equal
-# in all directions. A test that rejects a larger share is then taken for such a mistake.
-STEEP_TILT = 60.0
-STEEP_SHARE = 0.05
-# Largest thickness over width of a sheet of points.
-FLATNESS = 0.1
+
+
+class SteepLimits(NamedTuple):
+    """When vertical residuals are taken for a mistake, which is warned of."""
+
+    tilt: float = 60.0  # degrees; vertical residuals are then at least twice as long as sigma0
+    share: float = 0.05  # of good points of a steep plane that the tests reject
+    thickness: float = 0.1  # of a sheet of points over its width, at most
+    nearness: float = 2.0  # by which the sheet is nearer to its points than the vertical plane
+
+
+class Training(NamedTuple):
+    """Points to test, and their weights, None where all are 1."""
+
+    X: NDArray[np.float64]
+    weights: NDArray[np.float64] | None
+    used: NDArray[np.bool_]  # points of positive weight
+    rounding_errors: NDArray[np.float64]  # of float64 in each coordinate
+
+    def rounding_of(self, direction):
+        """Largest rounding error of float64 in a residual of this direction."""
+        return residual_rounding(self.rounding_errors, direction)
+
+    def deviation_of(self, plane):
+        """Estimated standard deviation of unit weight, no less than rounding."""
+        return max(np.sqrt(plane.variance_factor), self.rounding_of(plane.direction))
+
+
+class FittedPlane(NamedTuple):
+    """What a fitted detector knows beside its public attributes."""
+
+    plane: PlaneAdjustment
+    scale: float  # standard deviation of unit weight by the plane's residuals
+    rounding: float  # of a residual, at most
+    is_rounding: bool  # whether sigma0 is no more than that
+    weights: NDArray[np.float64] | None
 
 
 class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, BaseEstimator):
@@ -88,7 +118,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         ndarray of shape (n_samples,)
             In units of X. For an orthogonal surface they are positive on the side of `normal_`.
         """
-        return self._plane.evaluate(self._check_query(X))[0]
+        return self._fitted.plane.evaluate(self._check_query(X))[0]
 
     def precision(self, variance: Literal["posterior", "prior"] = "posterior") -> PlanePrecision:
         """Covariance and standard errors of normal, distance, slopes, tilt and its direction.
@@ -104,7 +134,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         PlanePrecision
         """
         check_is_fitted(self)
-        return precision_of(self._plane, *self._scale_by(variance))
+        return precision_of(self._fitted.plane, *self._scale_by(variance))
 
     def band(
         self,
@@ -133,7 +163,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         if not 0 < level < 1:
             raise ValueError(f"level={level!r} is no probability: take one such as 0.95.")
         scale, dof = self._scale_by(variance)
-        spread, factor = self._plane.evaluate(X)[2], scale * quantile(level, dof)
+        spread, factor = self._fitted.plane.evaluate(X)[2], scale * quantile(level, dof)
         return factor * np.sqrt(spread), factor * np.sqrt(1 + spread)
 
     @validate_params(N_WORST, prefer_skip_nested_validation=True)
@@ -166,20 +196,16 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 f"loss={self.loss!r} has no minimal detectable biases, which are those of least "
                 "squares: take loss='squared_error'."
             )
-        scale = self.sigma0_ if self.test_ == "w" else self._scale
-        return reliability_of(
-            self._plane, X, self._weights, self.support_, self.redundancy_, self.test_statistic_,
-            (self.test_, scale), self._level_of_one(), power, n_worst,
-        )  # fmt: skip
+        return reliability_of(self, X, power, n_worst)
 
     def _level_of_one(self):
         """Level of the last tests of single points."""
-        return local_level(self.alpha, self._plane.n_observations, self.correction)
+        return local_level(self.alpha, self._fitted.plane.n_observations, self.correction)
 
     def _scale_by(self, variance):
         """Standard deviation of unit weight and its degrees of freedom."""
         if variance == "posterior":
-            return self._scale, self.dof_
+            return self._fitted.scale, self.dof_
         if variance != "prior":
             raise ValueError(f"variance={variance!r} is unknown: take 'posterior' or 'prior'.")
         if self.sigma0 == "auto" and self.test_ != "w":
@@ -188,18 +214,13 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             )
         return self.sigma0_, np.inf
 
-    def _check_training(
-        self, X: ArrayLike, weights: ArrayLike | None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.bool_]]:
-        """Validated points, weights (None where all are 1) and which of them count."""
+    def _check_training(self, X: ArrayLike, weights: ArrayLike | None) -> Training:
         points = validate_points(self, X, dtype=np.float64, order="C", ensure_min_features=2)
         p = self._check_weights(points, weights)
         used = np.ones(len(points), dtype=np.bool_) if p is None else p > 0
         counted = points if used.all() else points[used]
         check_distinct(counted, len(points))
-        self._rounding_errors = rounding_errors(counted)
-        self._weights = p
-        return points, p, used
+        return Training(points, p, used, rounding_errors(counted))
 
     def _check_weights(self, X, weights):
         if weights is None:
@@ -229,32 +250,25 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         known = self.test == "w" and self.sigma0 != "auto"
         return float(self.sigma0) if known else None
 
-    def _first_plane(self, X, weights, initial):
+    def _first_plane(self, training, initial):
         """The plane of least squares and the given sigma0, or a robust plane and its scale."""
         if self.sigma0 != "auto":
             return initial, float(self.sigma0)
-        plane, _, sigma = m_estimate(X, weights, loss="huber", surface=self.surface)
+        plane, _, sigma = m_estimate(
+            training.X, training.weights, loss="huber", surface=self.surface
+        )
         return plane, sigma
 
-    def _set_sigma0(self, sigma, plane):
-        """Set `sigma0_` to sigma, or to the rounding of a residual from this plane if larger."""
-        rounding = self._rounding_of(plane.direction)
-        self.sigma0_ = max(sigma, rounding)
-        self._sigma0_is_rounding = sigma <= rounding
-        if self._sigma0_is_rounding and self.test == "w" and self.sigma0 != "auto":
+    def _noise(self, sigma, plane, training):
+        """sigma, or the rounding of a residual from this plane if larger; and whether it is."""
+        rounding = training.rounding_of(plane.direction)
+        if sigma <= rounding and self.test == "w" and self.sigma0 != "auto":
             warn(
                 f"$sigma0={self.sigma0!r} is less than what float64 may add to a residual at these "
                 f"coordinates, {rounding:.2g}, which is taken in its place. Subtract an offset "
                 "from $X before its digits are lost, or give the noise of the points as $sigma0.",
             )
-
-    def _rounding_of(self, direction):
-        """Largest rounding error of float64 in a residual of this direction."""
-        return residual_rounding(self._rounding_errors, direction)
-
-    def _deviation_of(self, plane):
-        """Estimated standard deviation of unit weight, no less than rounding."""
-        return max(np.sqrt(plane.variance_factor), self._rounding_of(plane.direction))
+        return max(sigma, rounding), sigma <= rounding
 
     def _global_test(self, plane):
         """p of the global test; nan where sigma0 comes from the same points, and fits them."""
@@ -263,35 +277,31 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         return global_test_pvalue(plane.sum_of_squares, self.sigma0_, plane.dof)
 
     def _adjust(self, X, weights):
-        """Plane by the chosen loss, and the weights W of a robust one."""
+        """Plane by the chosen loss, and the weights W and the scale of a robust one."""
         if self.loss == "squared_error":
-            return adjust_plane(X, weights, surface=self.surface), None
-        plane, robust_weights, self._loss_scale = m_estimate(
-            X, weights, loss=self.loss, sigma0=self._known_sigma(), surface=self.surface
-        )
-        return plane, robust_weights
+            return adjust_plane(X, weights, surface=self.surface), None, None
+        sigma0 = self._known_sigma()
+        return m_estimate(X, weights, loss=self.loss, sigma0=sigma0, surface=self.surface)
 
-    def _robust_weights_at(self, residuals, weights=None):
-        """W of given residuals, by the same rule for training points and new ones."""
-        floor = self._rounding_of(self._plane.direction)
-        standardized = residuals / max(self._loss_scale, floor)
-        if weights is not None:
-            standardized *= np.sqrt(weights)
-        return WEIGHT_FUNCTIONS[self.loss](standardized)
-
-    def _set_plane(self, X, plane, initial):
+    def _set_plane(self, training, plane, initial, noise):
         """Set the attributes of the final plane, and of the plane before any test."""
-        check_rank(plane, X.shape[1], "$X that the tests leave")
-        self._plane = plane
+        check_rank(plane, training.X.shape[1], "$X that the tests leave")
+        if self.sigma0 == "auto" and self.test_ != "w":
+            noise = self._noise(np.sqrt(plane.variance_factor), plane, training)
+        self.sigma0_, is_rounding = noise
+        self._fitted = FittedPlane(
+            plane=plane,
+            scale=training.deviation_of(plane),
+            rounding=training.rounding_of(plane.direction),
+            is_rounding=is_rounding,
+            weights=training.weights,
+        )
         self.coef_, self.intercept_ = plane.coef, plane.intercept
         self.normal_ = plane.normal
         self.distance_ = float(plane.center @ self.normal_)
         self.rank_, self.dof_ = plane.rank, plane.dof
         self.variance_factor_ = plane.variance_factor
         self.variance_factor_initial_ = initial.variance_factor
-        self._scale = self._deviation_of(plane)
-        if self.sigma0 == "auto" and self.test_ != "w":
-            self._set_sigma0(np.sqrt(plane.variance_factor), plane)
         self.global_test_pvalue_initial_ = self._global_test(initial)
         self.global_test_pvalue_ = self._global_test(plane)
         self.global_test_level_ = self.alpha
@@ -311,7 +321,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             f"$sigma0={self.sigma0!r} against the noise, or the share of outliers.",
         )
 
-    def _warn_if_steep(self, X, weights, vertical):
+    def _warn_if_steep(self, training, vertical):
         """Warn if vertical residuals of a wall reject good points, or miss the wall.
 
         Columns may be other things than coordinates, so a wall can only be guessed. The points
@@ -320,16 +330,18 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         """
         if self.surface == "orthogonal":
             return
-        plane = adjust_plane(X, weights, surface="orthogonal")
+        limits = SteepLimits()
+        plane = adjust_plane(training.X, training.weights, surface="orthogonal")
         tilt = np.degrees(np.arccos(min(abs(plane.normal[-1]), 1.0)))
-        if tilt < STEEP_TILT:
+        if tilt < limits.tilt:
             return
         rejected = np.mean(self.labels_ == -1)
         thickness = np.sqrt(plane.sum_of_squares)
         narrowest = 1 / np.linalg.norm(plane.axes, axis=0).max(initial=np.finfo(float).tiny)
-        missed = np.sqrt(vertical.sum_of_squares) * abs(vertical.normal[-1]) > 2 * thickness
-        is_sheet = plane.rank >= 3 and thickness < FLATNESS * narrowest
-        if is_sheet and (missed or rejected > STEEP_SHARE):
+        missed = np.sqrt(vertical.sum_of_squares) * abs(vertical.normal[-1])
+        is_missed = missed > limits.nearness * thickness
+        is_sheet = plane.rank >= 3 and thickness < limits.thickness * narrowest
+        if is_sheet and (is_missed or rejected > limits.share):
             warn(
                 f"The points lie along a plane tilted by {tilt:.0f} degrees, of which "
                 f"$surface='vertical' rejects {100 * rejected:.0f} %. If all columns are "
@@ -338,7 +350,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             )
 
     def _choose_offset(self, scores, used, auto):
-        """Limit of the scores: by the test, or the percentile that the user asked for."""
+        """Limit of the scores: by the test, or the percentile that the user wants."""
         if self.contamination == "auto":
             return auto
         return float(np.percentile(scores[used], 100.0 * self.contamination))
@@ -357,4 +369,4 @@ def check_points(detector: PlaneDetector, X: ArrayLike) -> NDArray[np.float64]:
 
 def sigma0_is_rounding(detector):
     """Whether the standard deviation of a fitted detector is no more than rounding."""
-    return detector._sigma0_is_rounding
+    return detector._fitted.is_rounding

@@ -108,17 +108,17 @@ def compare_planes(
             f"The planes are of {a.n_features_in_} and {b.n_features_in_} columns: compare planes "
             "of points with as many columns."
         )
-    place = (a._plane.center + b._plane.center) / 2
+    place = (a._fitted.plane.center + b._fitted.plane.center) / 2
     side = np.sign(a.normal_ @ b.normal_) or 1.0
     # Tilts along unit directions across the first normal, then the offset.
     basis = np.linalg.svd(a.normal_[None])[2][1:]
     values = basis @ (side * b.normal_ - a.normal_)
-    first, second = ((place - one._plane.center) @ one.normal_ for one in (a, b))
+    first, second = ((place - one._fitted.plane.center) @ one.normal_ for one in (a, b))
     offset = first - side * second
     covariances, dofs = [], []
     for one in (a, b):
         scale, dof = one._scale_by(variance)
-        derivatives = scale * parameter_derivatives(one._plane)
+        derivatives = scale * parameter_derivatives(one._fitted.plane)
         # The distance from the place, not from the origin.
         derivatives[-1] -= place @ derivatives[:-1]
         roots = np.vstack([basis @ derivatives[:-1], derivatives[-1]])
@@ -143,9 +143,9 @@ def _difference(value, values, covariances, dofs, level, power, unit=1.0):
     length, worst = np.linalg.norm(values), np.linalg.eigvalsh(together)[-1]
     along = values / (length or 1.0)
     return Difference(
-        float(value),
-        float(unit * np.sqrt(along @ together @ along if length else worst)),
-        float(unit * np.sqrt(worst * noncentrality(level, power, k, dof))),
-        float(chdtrc(k, squared) if np.isinf(dof) else fdtrc(k, dof, squared / k)),
-        bool(squared > quantile(1 - level, dof, k) ** 2),
+        value=float(value),
+        error=float(unit * np.sqrt(along @ together @ along if length else worst)),
+        smallest=float(unit * np.sqrt(worst * noncentrality(level, power, k, dof))),
+        pvalue=float(chdtrc(k, squared) if np.isinf(dof) else fdtrc(k, dof, squared / k)),
+        significant=bool(squared > quantile(1 - level, dof, k) ** 2),
     )

@@ -1,21 +1,55 @@
 """Data snooping one point at a time, without a pass over the cloud for each (1.1 of the paper)."""
 
-import numpy as np
+from dataclasses import dataclass
+from typing import NamedTuple
 
-from sklearn_mcmd.adjustment._plane import adjust_plane, weights_of
+import numpy as np
+from numpy.typing import NDArray
+
+from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weights_of
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, first_of_largest, standardized_residuals
 
-__all__ = ["DowndatedPlane"]
+__all__ = ["DowndatedPlane", "downdated_plane"]
 
-# Down-dated sums lose digits. Below this share of their first value, where twelve digits are left,
-# the plane is adjusted anew.
+# Share of its first value below which a sum is formed anew; twelve digits are left there.
 CANCELLATION = 1e-4
-
-# Candidates for the next removals: this number, whose arithmetic takes no longer than the function
-# calls, and a share of the cloud, so that a new adjustment is rarely needed.
+# Least number of candidates for the next removals; their arithmetic takes no longer than the calls.
 MIN_CANDIDATES = 512
+# Further candidates, a share of the cloud, so that a new adjustment is rarely needed; inverted.
+CANDIDATE_SHARE = 256
 
 
+class Candidates(NamedTuple):
+    """Points that may be the next to go, at the last full adjustment."""
+
+    rows: NDArray[np.intp]
+    design: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    rest_standardized: float  # largest standardized residual and leverage of all other points
+    rest_leverage: float
+
+
+class Sums(NamedTuple):
+    """Parts of the sums that removed points took away since the last full adjustment."""
+
+    normal: NDArray[np.float64] | float
+    cross: NDArray[np.float64] | float
+    squares: float
+
+
+class Change(NamedTuple):
+    """What these sums do: the present residual is ``shrink e + g'shift`` and the present whitened
+    regressors are ``linear g + turn e``."""
+
+    shrink: float
+    shift: NDArray[np.float64]
+    linear: NDArray[np.float64]
+    turn: NDArray[np.float64] | None
+    squares: float
+
+
+@dataclass(frozen=True, eq=False)
 class DowndatedPlane:
     """The plane of the retained points, and the largest of their standardized residuals.
 
@@ -23,122 +57,128 @@ class DowndatedPlane:
     residuals and redundancy numbers of all points change a little. Only the *candidates*, the
     points with the largest statistics at the last full adjustment, are computed again each time. A
     bound limits the statistics of all other points. If the largest candidate does not exceed the
-    bound, the whole cloud is adjusted anew. So the point found is always the one that a full
-    computation finds. `support`, the mask of the retained points, is changed in place.
-    `sum_of_squares` is v'Pv of these, `direction` that of residuals at the last full adjustment.
+    bound, the whole cloud has to be adjusted anew. So the point found is always the one that a full
+    computation finds. `sum_of_squares` is v'Pv of the retained points.
 
     With whitened regressors g (``|g|^2`` is a cofactor) and the residual e at the last adjustment,
-    the present residual is ``shrink e + g'shift`` and the present whitened regressors are
-    ``L g + turn e``. Cauchy's inequality and the triangle inequality then give::
+    Cauchy's inequality and the triangle inequality give, with the names of `Change`::
 
         sqrt(p) |v| <= shrink sqrt(p) |e| + sqrt(h) |shift|
-        sqrt(h_now) <= |L| sqrt(h)        + |turn| sqrt(p) |e|
+        sqrt(h_now) <= |linear| sqrt(h)   + |turn| sqrt(p) |e|
     """
 
-    def __init__(self, X, weights, support, surface):
-        self.X, self.surface, self.support = X, surface, support
-        self.weights = weights
-        self._adjust()
+    last: PlaneAdjustment  # the last full adjustment
+    candidates: Candidates
+    standardized: NDArray[np.float64]  # of the candidates; -1 for those that are gone
+    sum_of_squares: float
+    lost: Sums
+    change: Change | None = None  # since the last full adjustment
+
+    @property
+    def n_retained(self):
+        return self.last.n_observations - int(np.count_nonzero(self.standardized < 0))
 
     @property
     def dof(self):
-        return max(self.n_retained - self.rank, 0)
+        return max(self.n_retained - self.last.rank, 0)
 
     @property
     def variance_factor(self):
         return self.sum_of_squares / self.dof if self.dof else 0.0
 
     def largest(self):
-        """Index and value of the largest standardized residual; of equal ones the lowest index."""
-        if self._removed and self._standardized.max() <= self._bound_elsewhere():
-            self._adjust()
-        at = first_of_largest(self._standardized)
-        self._at = at
-        return int(self._candidates[at]), float(self._standardized[at])
+        """Which candidate has the largest standardized residual; of equal ones the first.
 
-    def remove_largest(self):
-        """Take the point that `largest` found out of the plane."""
-        at, g = self._at, self._design[self._at]
-        p, e = self._candidate_weights[at], self._residuals[at]
-        self.support[self._candidates[at]] = False
-        self._alive[at] = False
-        self.n_retained -= 1
-        self._removed += 1
-        # Parts of the sums that removed points took away since the last adjustment.
-        self._lost_normal += p * np.outer(g, g)
-        self._lost_cross += p * e * g
-        self._lost_squares += p * e * e
-        if self._alive.any():
-            self._update()
-        else:
-            self._adjust()
+        None if a point that is no candidate may have a larger one.
+        """
+        if self.change is not None and self.standardized.max() <= self._bound_elsewhere():
+            return None
+        return first_of_largest(self.standardized)
 
-    def _adjust(self):
-        """Adjust all retained points and choose new candidates."""
-        retained = weights_of(self.support, self.weights)
-        plane = adjust_plane(self.X, retained, surface=self.surface)
-        residuals, cofactors, _ = plane.evaluate(self.X)
-        leverage = cofactors if self.weights is None else cofactors * self.weights
-        standardized = standardized_residuals(residuals, self.weights, 1 - leverage)
-        standardized[~self.support] = -1.0
-        leverage[~self.support] = 0.0
-
-        n = len(self.X)
-        size = min(n, MIN_CANDIDATES + n // 256)
-        chosen = np.zeros(n, dtype=bool)
-        for values, share in ((standardized, size), (leverage, max(size // 8, 1))):
-            chosen[np.argpartition(values, n - share)[n - share :]] = True
-        # argpartition breaks ties arbitrarily, but the first of the largest must be chosen.
-        chosen[first_of_largest(standardized)] = True
-        chosen &= self.support
-        others = self.support & ~chosen
-        self._rest_standardized = standardized.max(where=others, initial=0.0)
-        self._rest_leverage = leverage.max(where=others, initial=0.0)
-
-        self._candidates = candidates = np.flatnonzero(chosen)
-        U, self._residuals = plane.whiten(self.X[candidates])
-        self._design = plane.design(U)
-        self._candidate_weights = retained[candidates]
-        self._standardized = standardized[candidates]
-        self._alive = np.ones(len(candidates), dtype=bool)
-        self._plane, self._removed = plane, 0
-        self.rank, self.n_retained = plane.rank, plane.n_observations
-        self.sum_of_squares, self.direction = plane.sum_of_squares, plane.direction
-        self._lost_normal = np.zeros((plane.rank, plane.rank))
-        self._lost_cross, self._lost_squares = np.zeros(plane.rank), 0.0
-
-    def _update(self):
-        """Present statistics of the candidates."""
-        change = _turned if self.surface == "orthogonal" else _tilted
+    def without(self, at):
+        """The plane without this candidate; None if that takes a full adjustment."""
+        g, p = self.candidates.design[at], self.candidates.weights[at]
+        e, lost = self.candidates.residuals[at], self.lost
+        lost = Sums(
+            lost.normal + p * np.outer(g, g), lost.cross + p * e * g, lost.squares + p * e * e
+        )
+        gone = self.standardized < 0
+        gone[at] = True
+        if gone.all():
+            return None
+        find_change = _turned if self.last.surface == "orthogonal" else _tilted
         try:
-            self._shrink, self._shift, self._map, self._turn, squares = change(
-                self._plane, self._lost_normal, self._lost_cross, self._lost_squares
-            )
+            change = find_change(self.last, *lost)
         except np.linalg.LinAlgError:  # the sums are no longer positive definite
-            return self._adjust()
-        self._stretch = np.linalg.norm(self._map, 2)
-        lost_digits = squares <= CANCELLATION * self._plane.sum_of_squares
-        if lost_digits or self._stretch**2 * CANCELLATION >= 1:
-            return self._adjust()
-        self.sum_of_squares = squares
-        residuals = self._shrink * self._residuals + self._design @ self._shift
-        design = self._design @ self._map.T
-        if self._turn is not None:
-            design += np.outer(self._residuals, self._turn)
-        redundancy = 1 - self._candidate_weights * np.einsum("ij,ij->i", design, design)
-        self._standardized = standardized_residuals(residuals, self._candidate_weights, redundancy)
-        self._standardized[~self._alive] = -1.0
-        return None
+            return None
+        lost_digits = change.squares <= CANCELLATION * self.last.sum_of_squares
+        if lost_digits or np.linalg.norm(change.linear, 2) ** 2 * CANCELLATION >= 1:
+            return None
+        _, first_design, first_residuals, weights, *_ = self.candidates
+        residuals = change.shrink * first_residuals + first_design @ change.shift
+        design = first_design @ change.linear.T
+        if change.turn is not None:
+            design += np.outer(first_residuals, change.turn)
+        redundancy = 1 - weights * np.einsum("ij,ij->i", design, design)
+        standardized = standardized_residuals(residuals, weights, redundancy)
+        standardized[gone] = -1.0
+        return DowndatedPlane(
+            last=self.last,
+            candidates=self.candidates,
+            standardized=standardized,
+            sum_of_squares=change.squares,
+            lost=lost,
+            change=change,
+        )
 
     def _bound_elsewhere(self):
         """Upper bound of the statistics of all points that are no candidates."""
-        rest, leverage = self._rest_standardized, np.sqrt(self._rest_leverage)
-        turn = 0.0 if self._turn is None else np.linalg.norm(self._turn)
-        redundancy = 1 - (self._stretch * leverage + turn * rest) ** 2
+        change, rest = self.change, self.candidates.rest_standardized
+        leverage, stretch = np.sqrt(self.candidates.rest_leverage), np.linalg.norm(change.linear, 2)
+        turn = 0.0 if change.turn is None else np.linalg.norm(change.turn)
+        redundancy = 1 - (stretch * leverage + turn * rest) ** 2
         if redundancy <= UNCONTROLLED:
             return np.inf
-        residual = abs(self._shrink) * rest + leverage * np.linalg.norm(self._shift)
+        residual = abs(change.shrink) * rest + leverage * np.linalg.norm(change.shift)
         return residual / np.sqrt(redundancy) * (1 + 1e-9)  # equal values differ by less
+
+
+def downdated_plane(X, weights, support, surface):
+    """Adjust all points of the support and choose candidates."""
+    retained = weights_of(support, weights)
+    plane = adjust_plane(X, retained, surface=surface)
+    residuals, cofactors, _ = plane.evaluate(X)
+    leverage = cofactors if weights is None else cofactors * weights
+    standardized = standardized_residuals(residuals, weights, 1 - leverage)
+    standardized[~support] = -1.0
+    leverage[~support] = 0.0
+
+    n = len(X)
+    size = min(n, MIN_CANDIDATES + n // CANDIDATE_SHARE)
+    chosen = np.zeros(n, dtype=bool)
+    for values, share in ((standardized, size), (leverage, max(size // 8, 1))):
+        chosen[np.argpartition(values, n - share)[n - share :]] = True
+    # argpartition breaks ties arbitrarily, but the first of the largest must be chosen.
+    chosen[first_of_largest(standardized)] = True
+    chosen &= support
+    others = support & ~chosen
+    rows = np.flatnonzero(chosen)
+    U, residuals = plane.whiten(X[rows])
+    candidates = Candidates(
+        rows=rows,
+        design=plane.design(U),
+        residuals=residuals,
+        weights=retained[rows],
+        rest_standardized=standardized.max(where=others, initial=0.0),
+        rest_leverage=leverage.max(where=others, initial=0.0),
+    )
+    return DowndatedPlane(
+        last=plane,
+        candidates=candidates,
+        standardized=standardized[rows],
+        sum_of_squares=plane.sum_of_squares,
+        lost=Sums(0.0, 0.0, 0.0),
+    )
 
 
 def _tilted(plane, lost_normal, lost_cross, lost_squares):
@@ -147,7 +187,8 @@ def _tilted(plane, lost_normal, lost_cross, lost_squares):
     half = np.linalg.solve(root, lost_cross)
     shift = np.linalg.solve(root.T, half)
     squares = plane.sum_of_squares - lost_squares - half @ half
-    return 1.0, shift, np.linalg.inv(root), None, squares
+    linear = np.linalg.inv(root)
+    return Change(shrink=1.0, shift=shift, linear=linear, turn=None, squares=squares)
 
 
 def _turned(plane, lost_normal, lost_cross, lost_squares):
@@ -179,4 +220,4 @@ def _turned(plane, lost_normal, lost_cross, lost_squares):
     linear[1:, 0] = -root_total * (mean @ white)
     linear[1:, 1:] = white[:-1].T * lengths[:-1]
     turn = np.append(0.0, white[-1])
-    return normal[-1], shift, linear, turn, squares
+    return Change(shrink=normal[-1], shift=shift, linear=linear, turn=turn, squares=squares)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from sklearn_mcmd.adjustment._plane import CHUNK
+from sklearn_mcmd.adjustment._least_squares import CHUNK
 
 __all__ = [
     "bounding_points",

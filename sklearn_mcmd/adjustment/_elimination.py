@@ -1,88 +1,91 @@
 """Rounds of testing and removing: data snooping one at a time, or all at once."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sklearn_mcmd.adjustment._downdate import DowndatedPlane
-from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane, weights_of
+from sklearn_mcmd.adjustment._downdate import downdated_plane
+from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weights_of
 from sklearn_mcmd.adjustment._tests import first_of_largest, standardized_residuals
 
 __all__ = ["Elimination", "eliminate", "eliminate_one_by_one", "own_redundancy"]
 
 
-@dataclass
-class Elimination:
-    """State of data snooping.
+class Elimination(NamedTuple):
+    """How far data snooping is.
 
     It ran out of points if removing the rejected ones would have left too few for a plane with
     redundancy, or points on a line. They are marked in `step`; the plane before is kept.
     """
 
-    step: np.ndarray  # round in which a point was removed, 0 for those never removed
-    support: np.ndarray  # points the last plane was adjusted to
+    step: NDArray[np.intp]  # round in which a point was removed, 0 for those never removed
+    support: NDArray[np.bool_]  # points the last plane was adjusted to
     n_rounds: int  # that removed points
     plane: PlaneAdjustment | None = None  # of the support
-    robust_weights: np.ndarray | None = None  # W of the last M-estimate
+    robust_weights: NDArray[np.float64] | None = None  # W of the last M-estimate
     ran_out_of_rounds: bool = False  # with rejected points left
     ran_out_of_points: bool = False
 
 
-def eliminate(X, weights, adjust, limit, state, single, max_rounds=None):
+def eliminate(X, weights, adjust, limit, start, single, max_rounds=None):
     """Remove every rejected point, or the worst one, and adjust again (section 1.1).
 
     ``adjust(retained)`` gives a plane and robust weights, None for least squares;
     ``limit(n_retained, dof, variance_factor, direction)`` the largest standardized residual that
-    passes. With `single` a round removes only the worst of the rejected points. The state is
-    changed.
+    passes. With `single` a round removes only the worst of the rejected points.
     """
-    before = state.support
+    now, before = start, start.support
     while True:
-        plane, robust_weights = adjust(weights_of(state.support, weights))
-        if state.plane is not None and plane.rank < state.plane.rank:
-            state.support, state.ran_out_of_points = before, True
-            return state
-        state.plane, state.robust_weights = plane, robust_weights
-        residuals, cofactors, spread = state.plane.evaluate(X)
-        redundancy = own_redundancy(cofactors, spread, weights, state.robust_weights)
+        plane, robust_weights = adjust(weights_of(now.support, weights))
+        if now.plane is not None and plane.rank < now.plane.rank:
+            return now._replace(support=before, ran_out_of_points=True)
+        now = now._replace(plane=plane, robust_weights=robust_weights)
+        residuals, cofactors, spread = plane.evaluate(X)
+        redundancy = own_redundancy(cofactors, spread, weights, robust_weights)
         standardized = standardized_residuals(residuals, weights, redundancy)
-        standardized[~state.support] = 0.0
-        n_retained = np.count_nonzero(state.support)
+        standardized[~now.support] = 0.0
+        n_retained = np.count_nonzero(now.support)
         most = limit(n_retained, plane.dof, plane.variance_factor, plane.direction)
         rejected = standardized > most
-        n_rejected = np.count_nonzero(rejected)
-        if n_rejected and single:
-            rejected[:], n_rejected = False, 1
+        if single and rejected.any():
+            rejected[:] = False
             rejected[first_of_largest(standardized)] = True
-        if not n_rejected or state.n_rounds == max_rounds:
-            state.ran_out_of_rounds = n_rejected > 0
-            return state
-        state.n_rounds += 1
-        state.step[rejected] = state.n_rounds
+        n_rejected = np.count_nonzero(rejected)
+        if not n_rejected or now.n_rounds == max_rounds:
+            return now._replace(ran_out_of_rounds=n_rejected > 0)
+        step = np.where(rejected, now.n_rounds + 1, now.step)
+        now = now._replace(step=step, n_rounds=now.n_rounds + 1)
         if n_retained - n_rejected <= plane.rank:
-            state.ran_out_of_points = True
-            return state
-        before, state.support = state.support, state.support & ~rejected
+            return now._replace(ran_out_of_points=True)
+        before, now = now.support, now._replace(support=now.support & ~rejected)
 
 
-def eliminate_one_by_one(X, weights, surface, limit, state, max_rounds=None):
+def eliminate_one_by_one(X, weights, surface, limit, start, max_rounds=None):
     """Same as `eliminate` with ``single=True`` for least squares, by down-dating."""
-    plane = DowndatedPlane(X, weights, state.support, surface)
+    step, support, n_rounds = start.step.copy(), start.support.copy(), start.n_rounds
+    ends, plane = {}, downdated_plane(X, weights, support, surface)
     while True:
-        worst, value = plane.largest()
-        if value <= limit(plane.n_retained, plane.dof, plane.variance_factor, plane.direction):
+        at = plane.largest()
+        if at is None:
+            plane = downdated_plane(X, weights, support, surface)
+            at = plane.largest()
+        most = limit(plane.n_retained, plane.dof, plane.variance_factor, plane.last.direction)
+        if plane.standardized[at] <= most:
             break
-        if state.n_rounds == max_rounds:
-            state.ran_out_of_rounds = True
+        if n_rounds == max_rounds:
+            ends["ran_out_of_rounds"] = True
             break
-        state.n_rounds += 1
-        state.step[worst] = state.n_rounds
-        if plane.n_retained - 1 <= plane.rank:
-            state.ran_out_of_points = True
+        n_rounds += 1
+        worst = plane.candidates.rows[at]
+        step[worst] = n_rounds
+        if plane.n_retained - 1 <= plane.last.rank:
+            ends["ran_out_of_points"] = True
             break
-        plane.remove_largest()
-    state.plane = adjust_plane(X, weights_of(state.support, weights), surface=surface)
-    return state
+        support[worst] = False
+        plane = plane.without(at) or downdated_plane(X, weights, support, surface)
+    last = adjust_plane(X, weights_of(support, weights), surface=surface)
+    return Elimination(step=step, support=support, n_rounds=n_rounds, plane=last, **ends)
 
 
 def own_redundancy(cofactors, spread, weights, robust_weights=None):

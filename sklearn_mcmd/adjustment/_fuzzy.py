@@ -1,7 +1,7 @@
 """Outliers of a least-squares plane by fuzzy sets."""
 
 from numbers import Real
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from sklearn_mcmd.adjustment._memberships import (
     normal_error_complement,
     normal_residual_membership,
 )
+from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS
 from sklearn_mcmd.adjustment._tests import (
     critical_value,
     standardized_residuals,
@@ -34,12 +35,21 @@ from sklearn_mcmd.runtime._tasks import fit_in_tasks
 __all__ = ["FuzzyPlaneDetector"]
 
 
+class Effects(NamedTuple):
+    """What errors of the training points do, to judge new ones."""
+
+    vertices: NDArray[np.float64]  # points that bound the effects of all normal ones
+    largest_leverage: float
+    largest: float  # element of the redundancy matrix
+    loss_scale: float | None  # of an M-estimate
+
+
 class FuzzyPlaneDetector(PlaneDetector):
     """Outliers of a plane by fuzzy memberships of residuals and of errors (Eqs 9-21).
 
     The detector fits ``z = a x + b y + c`` once (any number of regressors; the last column of X
     is the dependent one). The test statistic of a residual makes it more or less *abnormal*. The
-    redundancy matrix tells which observation's error acts on which residuals. A weighted mean of
+    redundancy matrix shows which observation's error acts on which residuals. A weighted mean of
     the resulting memberships is the limit. If outliers and good points form two groups, the limit
     falls between them. So one adjustment rejects far fewer good points than a test that removes
     all rejected points at once.
@@ -213,28 +223,24 @@ class FuzzyPlaneDetector(PlaneDetector):
             If the points of positive weight leave no redundancy or do not determine a plane;
             see `BaardaPlaneDetector.fit`, which says as well what is warned of.
         """
-        X, weights, used = self._check_training(X, weights)
-        plane, robust_weights = self._adjust(X, weights)
+        training = self._check_training(X, weights)
+        X, weights, used, _ = training
+        plane, robust_weights, loss_scale = self._adjust(X, weights)
         check_rank(plane, X.shape[1])
         self.test_ = self.test
-        first, sigma = self._first_plane(X, weights, plane)
-        self._set_sigma0(sigma, first)
-        self._set_plane(X, plane, plane)
+        first, sigma = self._first_plane(training, plane)
+        self._set_plane(training, plane, plane, self._noise(sigma, first, training))
         self.support_ = used
         self.critical_value_ = critical_value(self.test, self._level_of_one(), self.dof_)
 
         residuals, cofactors, spread = plane.evaluate(X)
         if robust_weights is not None:
             # The weights of the final residuals, as `score_samples` computes them for new points.
-            robust_weights = self._robust_weights_at(residuals, weights) * used
+            robust_weights = self._robust_weights_at(residuals, loss_scale, weights) * used
             self.robust_weights_ = robust_weights
         self.redundancy_ = own_redundancy(cofactors, spread, weights, robust_weights)
-        self.test_statistic_ = statistic(
-            standardized_residuals(residuals, weights, self.redundancy_),
-            self.test,
-            self.sigma0_,
-            self._scale,
-            self.dof_,
+        self.test_statistic_ = self._statistic(
+            standardized_residuals(residuals, weights, self.redundancy_)
         )
         self.leverage_ = 1 - self.redundancy_
         self.membership_residual_ = self._memberships(abnormal_residual_membership, below=0.0)
@@ -243,15 +249,24 @@ class FuzzyPlaneDetector(PlaneDetector):
         equivalent = weights
         if robust_weights is not None:
             equivalent = robust_weights if weights is None else robust_weights * weights
-        effect = self._find_effects(X, cofactors, equivalent, abnormal, used)
+        effect, self._effects = self._find_effects(
+            training._replace(weights=equivalent), cofactors, abnormal, loss_scale
+        )
         complement = normal_error_complement(effect, normal)
         self.membership_ = 1 - complement
-        limit = self._find_limit(complement, effect, normal, abnormal, used)
+        self.defuzzification_complement_ = self._complement(complement, effect, normal, used)
+        self.defuzzification_limit_ = 1 - self.defuzzification_complement_
+        # `decision_function` is negative for outliers, and a tie is one (Eq. 21).
+        limit = float(np.nextafter(self.defuzzification_complement_, np.inf))
+        if not abnormal.any():
+            # The largest effect times G is at least (1 - h) / 2 for a normal point, and at most
+            # h / 2 for an abnormal one.
+            limit = float(min(0.25 / self._effects.largest, complement[used].min()))
         self.offset_ = self._choose_offset(complement, used, limit)
         self.labels_ = np.where(complement - self.offset_ < 0, -1, 1)
         self.labels_[~used] = 1
         self._set_variance_after(X, weights)
-        self._warn_if_steep(X, weights, plane)
+        self._warn_if_steep(training, plane)
         return self
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
@@ -273,33 +288,43 @@ class FuzzyPlaneDetector(PlaneDetector):
         larger deviation ``sqrt(1 + h)`` and the redundancy number ``1 / (1 + h)``.
         """
         X = self._check_query(X)
-        plane = self._plane
+        plane, effects = self._fitted.plane, self._effects
         residuals, cofactors, spread = plane.evaluate(X)
         # The same point in another batch may differ by rounding.
-        own = cofactors <= self._largest_leverage * (1 + 1e-9)
+        own = cofactors <= effects.largest_leverage * (1 + 1e-9)
         robust_weights = None
         if self.loss != "squared_error":
-            robust_weights = self._robust_weights_at(residuals)
+            robust_weights = self._robust_weights_at(residuals, effects.loss_scale)
         redundancy = own_redundancy(cofactors, spread, None, robust_weights)
         redundancy[~own] = 1 / (1 + spread[~own])
         standardized = standardized_residuals(residuals, None, redundancy)
         standardized[~own] *= redundancy[~own]  # |v| / sqrt(1 + h)
-        tests = statistic(standardized, self.test, self.sigma0_, self._scale, self.dof_)
+        tests = self._statistic(standardized)
         if self.test != "w" and not own.all():
-            t = standardized[~own] / self._scale
+            t = standardized[~own] / self._fitted.scale
             tests[~own] = t if self.test == "t" else t_to_tau(t, self.dof_ + 1)
         normal = normal_residual_membership(tests, redundancy, self.critical_value_, self.width)
-        effect = largest_effects(plane, X, self._vertices)
+        effect = largest_effects(plane, X, effects.vertices)
         alone = np.flatnonzero(own & (cofactors > 0.5))
-        same = (X[alone, None] == self._vertices).all(axis=2)
-        effect[alone] = largest_effects_of_others(plane, X[alone], self._vertices, same)
+        same = (X[alone, None] == effects.vertices).all(axis=2)
+        effect[alone] = largest_effects_of_others(plane, X[alone], effects.vertices, same)
         diagonal = redundancy
         if robust_weights is not None:
             effect *= robust_weights
             diagonal = np.where(own, 1 - robust_weights * cofactors, redundancy)
         among_normal = normal > 0.5
         effect[among_normal] = np.maximum(effect, diagonal)[among_normal]
-        return normal_error_complement(effect / self._largest_effect, normal)
+        return normal_error_complement(effect / effects.largest, normal)
+
+    def _statistic(self, standardized):
+        return statistic(standardized, self.test, self.sigma0_, self._fitted.scale, self.dof_)
+
+    def _robust_weights_at(self, residuals, loss_scale, weights=None):
+        """W of given residuals, by the same rule for training points and new ones."""
+        standardized = residuals / max(loss_scale, self._fitted.rounding)
+        if weights is not None:
+            standardized *= np.sqrt(weights)
+        return WEIGHT_FUNCTIONS[self.loss](standardized)
 
     def _memberships(self, equation, below):
         """Eq. 11 or 12 of the training points, evaluated above the critical value only."""
@@ -313,22 +338,22 @@ class FuzzyPlaneDetector(PlaneDetector):
         )
         return membership
 
-    def _find_effects(self, X, cofactors, weights, abnormal, used):
+    def _find_effects(self, training, cofactors, abnormal, loss_scale):
         """r~n of every observation (Eqs 13, 17), without the redundancy matrix.
 
-        With equal weights a normal point with ``h <= 1/2`` acts most on itself, because
-        ``|r_ki| <= sqrt(r_ii h_i) <= r_ii``. So only abnormal points need a search. The largest
-        element of the matrix needs none if n >= 2u: it is then the largest r_ii.
+        The weights are the equivalent ones. With equal weights a normal point with ``h <= 1/2``
+        acts most on itself, because ``|r_ki| <= sqrt(r_ii h_i) <= r_ii``. So only abnormal points
+        need a search. The largest element of the matrix needs none if n >= 2u: it is then the
+        largest r_ii.
         """
-        plane, n = self._plane, len(X)
+        X, weights, used, _ = training
+        plane, n = self._fitted.plane, len(X)
         leverage = cofactors if weights is None else cofactors * weights
         diagonal = np.maximum(1 - leverage, 0.0)
         alone = leverage > 0.5  # at most 2u points: leverages sum to u
 
         normal = used & ~abnormal
         vertices = bounding_points(plane, X, np.flatnonzero(normal), alone)
-        self._vertices = X[vertices]
-        self._largest_leverage = float(cofactors.max(where=used, initial=0.0))
         sought = np.flatnonzero(used if weights is not None else used & (abnormal | alone))
         effect = np.zeros(n)
         effect[sought] = effects_of(plane, X, sought, vertices, weights, alone)
@@ -337,38 +362,36 @@ class FuzzyPlaneDetector(PlaneDetector):
         largest = diagonal.max(where=used, initial=0.0)
         if weights is not None or n < 2 * plane.rank:
             everyone = np.flatnonzero(used)
-            vertices = bounding_points(plane, X, everyone, alone)
-            between = effects_of(plane, X, everyone, vertices, weights, alone)
-            largest = max(largest, between.max())
-        self._largest_effect = float(largest) or 1.0
-        effect /= self._largest_effect
+            others = bounding_points(plane, X, everyone, alone)
+            largest = max(largest, effects_of(plane, X, everyone, others, weights, alone).max())
+        largest = float(largest) or 1.0
+        effect /= largest
         effect[~used] = 1.0
-        return effect
+        effects = Effects(
+            vertices=X[vertices],
+            largest_leverage=float(cofactors.max(where=used, initial=0.0)),
+            largest=largest,
+            loss_scale=loss_scale,
+        )
+        return effect, effects
 
-    def _find_limit(self, complement, effect, normal, abnormal, used):
-        """Score below which a point is an outlier: Eq. 21, or its guard."""
-        if not abnormal.any():
-            # The largest effect times G is at least (1 - h) / 2 for a normal point, and at most
-            # h / 2 for an abnormal one.
-            self.defuzzification_limit_ = self.defuzzification_complement_ = np.nan
-            return float(min(0.25 / self._largest_effect, complement[used].min()))
+    def _complement(self, complement, effect, normal, used):
+        """1 - C_H of the points that count (Eq. 19); nan if no residual is abnormal."""
+        if not (self.membership_residual_ >= 0.5).any():
+            return np.nan
         rows = slice(None) if used.all() else used
-        limit = defuzzification_complement(
+        return defuzzification_complement(
             complement[rows], effect[rows], normal[rows], self.weighting
         )
-        self.defuzzification_complement_ = limit
-        self.defuzzification_limit_ = 1 - limit
-        # `decision_function` is negative for outliers, and a tie is one (Eq. 21).
-        return float(np.nextafter(limit, np.inf))
 
     def _set_variance_after(self, X, weights):
         """Set the variance factor and global test of the points that are left."""
         left = (self.labels_ == 1) & self.support_
-        plane = self._plane
+        plane = self._fitted.plane
         if np.count_nonzero(left) <= plane.rank:
             self._warn_of_too_few(self.labels_ == -1)
         elif not left.all():
             retained = left.astype(float) if weights is None else left * weights
-            plane, _ = self._adjust(X, retained)
+            plane, *_ = self._adjust(X, retained)
             self.variance_factor_ = plane.variance_factor
             self.global_test_pvalue_ = self._global_test(plane)

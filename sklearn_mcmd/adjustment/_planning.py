@@ -9,9 +9,8 @@ from sklearn.utils import check_random_state
 from sklearn_mcmd._choices import Correction, choices_of
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 from sklearn_mcmd.adjustment._power import POWER, SHARE, noncentrality
-from sklearn_mcmd.adjustment._start import CUT, SUCCESS_PROBABILITY, SUPPORT_FRACTION, half_of
+from sklearn_mcmd.adjustment._start import StartLimits, half_of, n_trials_of_start
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value, local_level
-from sklearn_mcmd.planes._consistent_set import n_trials_needed
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["PlanePlan", "plan_plane"]
@@ -70,11 +69,14 @@ class PlanePlan(NamedTuple):
         "sigma0": [Interval(Real, 0, None, closed="neither")],
         "bias": [Interval(Real, 0, None, closed="neither"), None],
         "outlier_rate": [Interval(Real, 0, 0.5, closed="left")],
-        "correction": [StrOptions(choices_of(Correction))], "alpha": SHARE, "power": SHARE,
-        "robust_start": ["boolean"], "random_state": ["random_state"],
+        "correction": [StrOptions(choices_of(Correction))],
+        "alpha": SHARE,
+        "power": SHARE,
+        "robust_start": ["boolean"],
+        "random_state": ["random_state"],
     },
     prefer_skip_nested_validation=True,
-)  # fmt: skip
+)
 def plan_plane(
     n_points: int = 100,
     *,
@@ -144,19 +146,27 @@ def plan_plane(
     else:
         size, error = bias / sigma0, 0.0
     found, correct, missed, wrong, over = simulate(min(size, LARGEST), k, n_repetitions)
+    normal_errors = np.degrees(sigma0 / (sides * np.sqrt(n_points / 12)))
     return PlanePlan(
-        k, float(sigma0 * root / np.sqrt(1 - 3 / n_points)),
-        (float(sigma0 * size), float(sigma0 * error)), found, correct, missed, wrong, over,
-        simulate(0.0, 0, n_repetitions)[-1], float(sigma0 / np.sqrt(n_points)),
-        tuple(np.degrees(sigma0 / (sides * np.sqrt(n_points / 12))).tolist()),
-    )  # fmt: skip
+        n_outliers=k,
+        minimal_bias=float(sigma0 * root / np.sqrt(1 - 3 / n_points)),
+        bias=(float(sigma0 * size), float(sigma0 * error)),
+        found=found,
+        correct=correct,
+        missed=missed,
+        wrongly_excluded=wrong,
+        over_excluded=over,
+        false_alarm=simulate(0.0, 0, n_repetitions)[-1],
+        offset_error=float(sigma0 / np.sqrt(n_points)),
+        normal_errors=tuple(normal_errors.tolist()),
+    )
 
 
 def _outcomes(n, k, bias, limits, robust_start, seed, n_repetitions):
     """Rates of found outliers, and of the four outcomes, of planes with noise 1."""
     rng = np.random.RandomState(seed)
-    needed = n_trials_needed(1 - SUPPORT_FRACTION, SUCCESS_PROBABILITY, 3)
-    sizes, member, counts = np.empty(n), np.empty(n, dtype=np.bool_), []
+    needed = n_trials_of_start(3)
+    counts = []
     while n_repetitions > 0:
         m = min(n_repetitions, max(BATCH // n, 1))
         n_repetitions -= m
@@ -165,10 +175,9 @@ def _outcomes(n, k, bias, limits, robust_start, seed, n_repetitions):
         points[:, :k, 2] += bias
         corners = rng.randint(n, size=(m, needed if robust_start else 0, 3), dtype=np.int64)
         found = np.empty((m, n), dtype=np.bool_)
-        compiled_function("adjustment._planning_numba", "snoop_planes")(
-            points, corners, half_of(n, 3), limits, CUT, UNCONTROLLED, sizes, sizes.view(np.int64),
-            member, found,
-        )  # fmt: skip
+        snoop_planes = compiled_function("adjustment._planning_numba", "snoop_planes")
+        half, cut = half_of(n, 3), StartLimits().cut
+        snoop_planes(points, corners, half, limits, cut, UNCONTROLLED, found)
         counts.append([found[:, :k].sum(axis=1), found[:, k:].sum(axis=1)])
     n_found, n_false = np.concatenate(counts, axis=1)
     full, clean = n_found == k, n_false == 0

@@ -11,17 +11,18 @@ MAX_ROUNDS = 20  # of concentration and of reweighting, as of `robust_start`
 
 
 @kernel(cache=True)
-def snoop_planes(points, corners, half, limits, cut, least_redundancy, sizes, keys, member, found):
+def snoop_planes(points, corners, half, limits, cut, least_redundancy, found):
     """Verdicts of `BaardaPlaneDetector` with known sigma0, one plane at a time.
 
     They fill `found`, bool (m, n), for points (m, n, 3). The minimal subsets of the robust start
     are `corners`, int64 (m, n_trials, 3); with no trials there is no such start. Its plane fits
     `half` points, a number of them, and the points that deviate by at most `cut` belong to it.
     `limits` (n + 2,) has the critical value of w by the number of retained points, and
-    `least_redundancy` is that of a controlled point. Work arrays are `sizes` and `keys` (n,), the
-    same memory as float64 and as int64, whose bits sort likewise, and `member`, bool (n,).
+    `least_redundancy` is that of a controlled point.
     """
     n = points.shape[1]
+    sizes, member = np.empty(n), np.empty(n, dtype=np.bool_)
+    keys = sizes.view(np.int64)  # bits of positive numbers sort as the numbers do
     for i in range(len(points)):
         X = points[i]
         member[:] = True

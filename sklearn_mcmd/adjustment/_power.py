@@ -1,4 +1,4 @@
-"""Power of tests: noncentralities, coupled levels, and biases that can be told apart."""
+"""Power of tests: noncentralities, coupled levels, and biases that can be distinguished."""
 
 from functools import cache
 from numbers import Real

@@ -108,8 +108,16 @@ def precision_of(plane, scale, dof):
     at_center = plane.kernel[0, 0] if plane.kernel is not None else 1.0
     offset = scale * np.sqrt(at_center / plane.sum_weights) / np.linalg.norm(plane.direction)
     return PlanePrecision(
-        float(scale), float(dof), roots @ roots.T, slopes_covariance, float(offset),
-        float(np.degrees(np.linalg.norm(errors))), np.degrees(errors[:k]), axes[:, :k],
-        float(np.degrees(np.arctan2(sine, abs(normal[-1])))), float(np.degrees(tilt_error)),
-        float(azimuth), float(azimuth_error),
-    )  # fmt: skip
+        scale=float(scale),
+        dof=float(dof),
+        covariance=roots @ roots.T,
+        slopes_covariance=slopes_covariance,
+        offset_error=float(offset),
+        cone=float(np.degrees(np.linalg.norm(errors))),
+        ellipse=np.degrees(errors[:k]),
+        ellipse_axes=axes[:, :k],
+        tilt=float(np.degrees(np.arctan2(sine, abs(normal[-1])))),
+        tilt_error=float(np.degrees(tilt_error)),
+        azimuth=float(azimuth),
+        azimuth_error=float(azimuth_error),
+    )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sklearn_mcmd.adjustment._plane import CHUNK
+from sklearn_mcmd.adjustment._least_squares import CHUNK
 from sklearn_mcmd.adjustment._power import coupled_level, identifiable_bias, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, tilt_direction
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value
@@ -60,17 +60,16 @@ class PlaneReliability:
     identifiable_bias: NDArray[np.float64]
 
 
-def reliability_of(plane, X, weights, support, redundancy, statistics, test, level, power, n_worst):
-    """The `PlaneReliability` of a least-squares plane of the support.
-
-    `test` is its name and its scale. Redundancy and statistics are the detector's.
-    """
-    test, scale = test
-    known = test == "w" or plane.dof < 2
-    nc = noncentrality(level, power, dof_scale=np.inf if known else plane.dof - 1)
+def reliability_of(detector, X, power, n_worst):
+    """The `PlaneReliability` of a detector that was fitted by least squares to X."""
+    plane, weights = detector._fitted.plane, detector._fitted.weights
+    redundancy, statistics = detector.redundancy_, detector.test_statistic_
+    known, level = detector.test_ == "w", detector._level_of_one()
+    scale = detector.sigma0_ if known else detector._fitted.scale
+    nc = noncentrality(level, power, dof_scale=np.inf if known or plane.dof < 2 else plane.dof - 1)
     p = np.ones(len(X)) if weights is None else weights
     controlled = (redundancy > UNCONTROLLED) & (p > 0)
-    inside = support & controlled
+    inside = detector.support_ & controlled
     deviation = np.full(len(X), np.inf)
     deviation[controlled] = scale / np.sqrt((p * redundancy)[controlled])
     bias = deviation * np.sqrt(nc)
@@ -80,13 +79,10 @@ def reliability_of(plane, X, weights, support, redundancy, statistics, test, lev
     derivatives, steepest = parameter_derivatives(plane), tilt_direction(plane.normal)
     turns = np.degrees(derivatives[:-1].T)
     tilts = turns @ steepest
-    tested = np.where(controlled, statistics, -np.inf)
-    n_worst = min(n_worst, np.count_nonzero(controlled))
-    worst = np.argpartition(-tested, n_worst - 1)[:n_worst] if n_worst else np.array([], dtype=int)
-    worst = worst[np.lexsort([worst, -tested[worst]])]
+    worst = _largest(np.where(controlled, statistics, -np.inf), n_worst)
     own, share = plane.design(plane.whiten(X[worst])[0]), np.zeros(len(X))
     share[inside] = p[inside] / redundancy[inside]
-    partners, most, columns = np.full(n_worst, -1), np.zeros(n_worst), np.arange(n_worst)
+    partners, most = np.full(len(worst), -1), np.zeros(len(worst))
     for rows in slices(len(X), CHUNK):
         U, residuals = plane.whiten(X[rows])
         gross[rows] *= residuals / np.where(inside[rows], redundancy[rows], 1.0)
@@ -96,29 +92,50 @@ def reliability_of(plane, X, weights, support, redundancy, statistics, test, lev
         normal[rows] = weighted[rows] * np.sqrt(np.einsum("ij,ij->i", turn, turn))
         offset[rows] = weighted[rows] * abs(design[0, 0] * derivatives[-1, 0])
         tilt[rows] = weighted[rows] * np.abs(design @ tilts)
-        # Of each worst point, the point inside whose statistic is correlated most with its own.
-        squares = np.square(own @ design.T) * share[rows]
-        mine = (worst >= rows.start) & (worst < rows.start + len(U))
-        squares[mine, worst[mine] - rows.start] = 0.0
-        found = squares.argmax(axis=1)
-        better = squares[columns, found] > most
-        most[better], partners[better] = squares[columns, found][better], found[better] + rows.start
+        _take_partners(own, design, share[rows], rows.start, worst, partners, most)
     if np.isnan(tilts).any():  # a horizontal plane tilts into any direction
         tilt[:] = normal
-    ratio = np.where(support & (p > 0), np.inf, 0.0)
+    ratio = np.where(detector.support_ & (p > 0), np.inf, 0.0)
     np.divide(1 - redundancy, redundancy, out=ratio, where=inside)
     for effect in (normal, offset, tilt):
         effect[np.isinf(ratio)] = np.inf
     others = plane.design(plane.whiten(X[partners])[0])
     correlation = _correlation(own, others, p, redundancy, ~inside[worst], worst, partners)
     critical = critical_value("w", level, 1)
-    told_apart = [identifiable_bias(rho, critical, power) for rho in correlation]
+    identifiable = [identifiable_bias(rho, critical, power) for rho in correlation]
     return PlaneReliability(
-        level, power, nc, coupled_level(level, max(plane.dof, 1), power), bias, gross,
-        np.where(controlled, deviation, np.nan), normal, offset, tilt,
-        np.sqrt(nc * np.maximum(ratio, 0)), np.column_stack([worst, partners]), correlation,
-        np.maximum(deviation[worst] * told_apart, bias[worst]),
-    )  # fmt: skip
+        level=level,
+        power=power,
+        noncentrality=nc,
+        coupled_level=coupled_level(level, max(plane.dof, 1), power),
+        minimal_bias=bias,
+        gross_error=gross,
+        gross_error_deviation=np.where(controlled, deviation, np.nan),
+        effect_on_normal=normal,
+        effect_on_offset=offset,
+        effect_on_tilt=tilt,
+        bias_to_noise=np.sqrt(nc * np.maximum(ratio, 0)),
+        pairs=np.column_stack([worst, partners]),
+        correlation=correlation,
+        identifiable_bias=np.maximum(deviation[worst] * identifiable, bias[worst]),
+    )
+
+
+def _largest(values, n):
+    """Rows of the n largest finite values, the largest first, of equal ones the first."""
+    n = min(n, np.count_nonzero(values > -np.inf))
+    rows = np.argpartition(-values, n - 1)[:n] if n else np.array([], dtype=int)
+    return rows[np.lexsort([rows, -values[rows]])]
+
+
+def _take_partners(own, design, share, start, worst, partners, most):
+    """Of each worst point, take the point of a chunk whose statistic is correlated most with it."""
+    squares = np.square(own @ design.T) * share
+    mine = (worst >= start) & (worst < start + len(design))
+    squares[mine, worst[mine] - start] = 0.0
+    columns, found = np.arange(len(worst)), squares.argmax(axis=1)
+    better = squares[columns, found] > most
+    most[better], partners[better] = squares[columns, found][better], found[better] + start
 
 
 def _correlation(own, others, p, redundancy, joins, rows, partners):

@@ -8,7 +8,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from sklearn_mcmd._choices import Surface
 from sklearn_mcmd._errors import warn_caller
-from sklearn_mcmd.adjustment._plane import PlaneAdjustment, adjust_plane
+from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
 __all__ = ["WEIGHT_FUNCTIONS", "huber", "m_estimate", "robust_scale", "tukey"]

@@ -1,9 +1,11 @@
 """A robust first plane for data snooping. It combines the methods of both papers."""
 
+from typing import NamedTuple
+
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd.adjustment._plane import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weights_of
 from sklearn_mcmd.adjustment._robust import robust_scale
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED
@@ -12,22 +14,25 @@ from sklearn_mcmd.planes._consistent_set import (
     maximum_consistent_sets,
     n_trials_needed,
 )
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes
 
-__all__ = ["CUT", "half_of", "robust_start"]
+__all__ = ["StartLimits", "half_of", "n_trials_of_start", "robust_start"]
 
-# Standard deviations within which points belong to the start's plane, a usual choice of least
-# trimmed squares. Normal residuals cut there have CUT_DEVIATION of their standard deviation.
-CUT = 2.5
-CUT_DEVIATION = 0.9546
-# Both iterations converge within a few rounds, or alternate between nearly equal sets.
-MAX_ROUNDS = 20
 
-SUPPORT_FRACTION = 0.5
-SUCCESS_PROBABILITY = 0.9999
-# Number of points that suffices to choose the best of the trial planes.
-MAX_POINTS = 20_000
-MAX_TRIALS = 2_000
+class StartLimits(NamedTuple):
+    """How the plane of the most coplanar half is found, and which points belong to it."""
+
+    cut: float = (
+        2.5  # standard deviations within which points do, as usual of least trimmed squares
+    )
+    cut_deviation: float = 0.9546  # of normal residuals cut there, in standard deviations
+    support_fraction: float = 0.5  # of the points that the best plane fits
+    success_probability: float = 0.9999  # of one trial without outliers
+    max_points: int = 20_000  # that suffice to choose the best of the trial planes
+    max_trials: int = 2_000  # in spaces where more would be needed
+
+
+MAX_ROUNDS = 20  # both iterations converge within a few, or alternate between nearly equal sets
 
 
 def robust_start(X, weights, used, rank, surface, sigma0, random_state):
@@ -44,7 +49,7 @@ def robust_start(X, weights, used, rank, surface, sigma0, random_state):
     Two well-known iterations start from the consistent set: concentration on the half of the points
     with the least residuals (least trimmed squares), then reweighting.
     """
-    members = np.zeros(len(X), dtype=bool)
+    limits, members = StartLimits(), np.zeros(len(X), dtype=bool)
     points = X[used] if surface == "orthogonal" else _stretched(X[used])
     members[used] = _robust_start_plane(points, random_state)
     size = np.count_nonzero(members)
@@ -67,14 +72,14 @@ def robust_start(X, weights, used, rank, surface, sigma0, random_state):
     for _ in range(MAX_ROUNDS):
         residuals, _, spread = plane.evaluate(X)
         deviation = sigma * np.sqrt(1 + (spread if weights is None else spread * root**2))
-        near = used & (np.abs(residuals) * root <= CUT * deviation)
+        near = used & (np.abs(residuals) * root <= limits.cut * deviation)
         if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):
             break
         made_of = members = near
         plane = adjust_plane(X, weights_of(members, weights), surface=surface)
         if sigma0 is None:
             floor = residual_rounding(errors, plane.direction)
-            sigma = max(np.sqrt(plane.variance_factor) / CUT_DEVIATION, floor)
+            sigma = max(np.sqrt(plane.variance_factor) / limits.cut_deviation, floor)
     leverage = plane.evaluate(X[made_of])[1] * (1 if weights is None else weights[made_of])
     # If there are only as many points as parameters, all have leverage 1, wherever they are.
     one_apart = len(leverage) > rank and leverage.max() > 1 - UNCONTROLLED
@@ -93,6 +98,12 @@ def half_of(n, d):
     return (n + d + 1) // 2
 
 
+def n_trials_of_start(d):
+    """Trials for one subset without outliers to be likely."""
+    limits = StartLimits()
+    return n_trials_needed(1 - limits.support_fraction, limits.success_probability, d)
+
+
 def _stretched(X):
     """Points with regressors stretched until distances from planes are practically vertical.
 
@@ -106,12 +117,12 @@ def _stretched(X):
 
 def _robust_start_plane(X, random_state=None):
     """Mask of the most coplanar half of the points (Algorithm 1 of the MCMD paper)."""
-    rng = check_random_state(random_state)
+    rng, limits = check_random_state(random_state), StartLimits()
     n, d = X.shape
     if n <= d + 1:
         return np.ones(n, dtype=bool)
-    sample = X if n <= MAX_POINTS else X[rng.choice(n, MAX_POINTS, replace=False)]
-    n_trials = min(n_trials_needed(1 - SUPPORT_FRACTION, SUCCESS_PROBABILITY, d), MAX_TRIALS)
+    sample = X if n <= limits.max_points else X[rng.choice(n, limits.max_points, replace=False)]
+    n_trials = min(n_trials_of_start(d), limits.max_trials)
     # Nearest to the median first: this order does not depend on the order of the rows.
     distance = np.linalg.norm(sample - np.median(sample, axis=0), axis=1)
     sample = sample[np.argsort(distance, kind="stable")]

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.baselines._methods import COMPARATORS
 from sklearn_mcmd.planes._base import BasePlaneOutliers, comparator_model_of
-from sklearn_mcmd.planes._comparators import settle_comparator
 from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.planes._rules import comparator_of
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 __all__ = ["PlaneOutlierDetector"]
@@ -152,7 +152,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
             If X has NaN, infinite or too few values, `n_neighbors` is too small, `method_params`
             has an unknown name or a value out of its range, or the method needs a share.
         """
-        comparator = settle_comparator(self.method, self.method_params)
+        comparator = comparator_of(self.method, self.method_params)
         if getattr(comparator, "contamination", None) is not None:
             raise ValueError(
                 "method_params has 'contamination'; give it as contamination="

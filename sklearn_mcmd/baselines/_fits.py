@@ -11,7 +11,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
 
 from sklearn_mcmd._sklearn import Interval, validate_parameter_constraints
-from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import robust_distances
 
 SHUFFLE_AT_ONCE = 1024  # up to this size all rows are shuffled at once, above it one by one

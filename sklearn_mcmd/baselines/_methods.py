@@ -11,7 +11,7 @@ from sklearn_mcmd.baselines._qsp import Qsp
 from sklearn_mcmd.baselines._ransac import Msac, Ransac
 from sklearn_mcmd.baselines._robpca import Robpca
 from sklearn_mcmd.baselines._ulsif import Ulsif
-from sklearn_mcmd.planes._comparators import register_comparator, settle_comparator
+from sklearn_mcmd.planes._rules import comparator_of, register_comparator
 
 __all__ = ["COMPARATORS", "fit_neighborhoods"]
 
@@ -71,5 +71,4 @@ def fit_neighborhoods(
     ransac: [ 1 15] removed, tilts [0.  0.1] degrees
     robpca: [ 2 15] removed, tilts [0.1 0.1] degrees
     """
-    chosen = settle_comparator(method, method_params)
-    return chosen.fit(points, random_state=random_state)
+    return comparator_of(method, method_params).fit(points, random_state=random_state)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sklearn_mcmd._sklearn import Interval
 from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, plane_scale
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes
 
 __all__ = ["Pca"]
 

@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from sklearn_mcmd._sklearn import Interval
 from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel
 from sklearn_mcmd.planes._consistent_set import n_trials_needed
-from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._compiling import compiled_function
 

@@ -154,7 +154,7 @@ class Denoise(CloudVerb):
 
     def in_memory(self):
         from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
-        from sklearn_mcmd.outliers._volumes import losses_of
+        from sklearn_mcmd.report._volumes import losses_of
 
         cloud = self.read("marks of outliers" if self.mark else None)
         if cloud.metadata.get("denoised"):
@@ -182,7 +182,7 @@ class Denoise(CloudVerb):
 
     def _find(self, cloud, some, used):
         """The detector that judged some of the points, and rows on the sensor."""
-        from sklearn_mcmd.outliers._kinds import judged_cloud
+        from sklearn_mcmd.outliers._detector import judged_cloud
 
         light = _sensor.intensity_of(self.source, cloud)[used] if self.intensity else None
         with _files.working(self.source):
@@ -217,14 +217,14 @@ class Denoise(CloudVerb):
         return told, contents
 
     def tile_contents(self, catalog, told):
-        from sklearn_mcmd.outliers._detector import CUTOFF
-        from sklearn_mcmd.report._denoise import Verdict, denoise_contents, shown_of_tiles
+        from sklearn_mcmd.planes._explaining import ExplainLimits
+        from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents, shown_of_tiles
 
         shown = shown_of_tiles(catalog, outputs_of(catalog, self.target), told, self.mark)
         found_by_run = (self.contamination, self.false_positive_rate) != (None, None)
         cutoff = self.cutoff
         if cutoff is None and not found_by_run and self.strictness != PAPER:
-            cutoff = CUTOFF
+            cutoff = ExplainLimits().explained
         n_others = told.n_points - told.n_used
         verdict = Verdict(told.n_outliers, told.n_used, n_others, cutoff, told.sensor)
         return denoise_contents(shown, verdict, marked=self.mark, together=told.together)
@@ -246,28 +246,30 @@ def _at_most_one(verb, *names):
 def _verdict(cloud, points, detector, low_groups):
     """The class of each outlier as noise, 0 of others; scores, NaN where none is judged; and which
     points are in groups below the ground."""
+    from sklearn_mcmd.outliers._lowest_points import LowestPoints
+
     score, cutoff = np.full(len(cloud), np.nan), -detector.offset_
     score[points.used] = -detector.scores_
     under = np.zeros(len(cloud), bool)
     if low_groups:
-        from sklearn_mcmd.io._ground import depths_of_groups
+        from sklearn_mcmd.io._ground import Ground
+        from sklearn_mcmd.outliers._low_groups import depths_of_groups
 
-        depths = depths_of_groups(cloud.xyz, points.ground, points.judged)
+        ground = Ground(cloud.xyz[points.ground])
+        depths = depths_of_groups(cloud.xyz, ground, points.judged)
         under = depths > cutoff
         score = np.maximum(score, depths)
     flagged = score > cutoff
     score[~points.judged] = np.nan
-    classes = noise_classes(
-        cloud, flagged & points.judged, flagged, points.used,
-        detector.n_neighbors or len(cloud),
-    )  # fmt: skip
+    lowest = LowestPoints(len(cloud), detector.n_neighbors or len(cloud))
+    classes = noise_classes(cloud, flagged & points.judged, flagged, points.used, lowest)
     classes[under] = LOW_NOISE
     return classes, score, under
 
 
 def _contents(cloud, detector, mark, found, told):
-    from sklearn_mcmd.outliers._kinds import plane_scales
-    from sklearn_mcmd.report._denoise import Verdict, denoise_contents
+    from sklearn_mcmd.report._kinds import plane_scales
+    from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents
     from sklearn_mcmd.report._shown import Shown
 
     shown = Shown.of_memory(

@@ -82,7 +82,7 @@ class Edges(CloudVerb):
 
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.edges._detector import crease_width
-        from sklearn_mcmd.report._edges import edges_contents
+        from sklearn_mcmd.report._edges_page import edges_contents
 
         shown = self.shown(catalog, told, "edge", "edge_score")
         limit = crease_width(self.estimator()) if self.criterion == "crease" else None
@@ -99,7 +99,7 @@ def _verdict(detector):
 
 
 def _contents(cloud, detector):
-    from sklearn_mcmd.report._edges import edges_contents
+    from sklearn_mcmd.report._edges_page import edges_contents
     from sklearn_mcmd.report._shown import Shown
 
     is_edge, score = _verdict(detector)

@@ -14,7 +14,7 @@ from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._files import check_writable, one_clear_line, system_error
 from sklearn_mcmd.io._formats import ALL, TILED, format_of, supported_extensions
 from sklearn_mcmd.io._grid import scale_of
-from sklearn_mcmd.io._no_returns import TOLD
+from sklearn_mcmd.io._no_returns import LEFT_OUT
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.planes._resolution import coarse_warning, in_own_precision
 from sklearn_mcmd.runtime._progress import progress_part
@@ -99,7 +99,7 @@ def read(source, target=None, results=None, *, columns=None):
             raise ValueError(f"{target}: {one.name} has no place for {results}; use another format")
     with progress_part(0.0, WORKING[0], "reading"):
         cloud = read_points(source, columns=columns)
-    if n_left := cloud.n_dropped - cloud.metadata.get(TOLD, 0):
+    if n_left := cloud.n_dropped - cloud.metadata.get(LEFT_OUT, 0):
         points, verb = counted(n_left, "point"), "is" if n_left == 1 else "are"
         warnings.warn(f"{source}: {points} without coordinates {verb} left out", stacklevel=2)
     return cloud
@@ -119,7 +119,7 @@ def refuse_existing(no_clobber, *targets, report=None, catalog=None):
         known = WorkFolder.written(targets[0])
         targets = (*outputs_of(catalog, targets[0]), *targets[1:])
     if report is not None:
-        from sklearn_mcmd.report._folder import PAGE, VIEW
+        from sklearn_mcmd.report._report_folder import PAGE, VIEW
 
         targets = [*targets, report.folder / PAGE, report.folder / VIEW]
     for path in targets:

@@ -142,7 +142,7 @@ class Normals(CloudVerb):
         return rows
 
     def tile_contents(self, catalog, told):
-        from sklearn_mcmd.report._normals import normals_contents
+        from sklearn_mcmd.report._normals_page import normals_contents
 
         names = self._columns()
         shown = self.shown(catalog, told, *names)
@@ -166,7 +166,7 @@ def _results(fitted):
 
 
 def _contents(cloud, fitted, results, sensed):
-    from sklearn_mcmd.report._normals import normals_contents
+    from sklearn_mcmd.report._normals_page import normals_contents
     from sklearn_mcmd.report._shown import Shown
 
     told = results | {"normal_error": fitted.normal_error_.astype(np.float32)}
@@ -184,10 +184,10 @@ def _feature_columns(features):
 
 def _parse_features(text):
     """Names of features; all errors are wrong usage."""
-    from sklearn_mcmd.normals._features import settle_features
+    from sklearn_mcmd.normals._features import check_features
 
     names = [part.strip() for part in (text or "").split(",") if part.strip()]
     try:
-        return list(settle_features("all" if names == ["all"] else names))
+        return list(check_features("all" if names == ["all"] else names))
     except ValueError as err:
         raise typer.BadParameter(str(err), param_hint="--features") from err

@@ -47,7 +47,7 @@ def plan(
     """
     with _messages.clear_exits():
         from sklearn_mcmd.adjustment import plan_plane
-        from sklearn_mcmd.adjustment._report_lines import plan_rows
+        from sklearn_mcmd.adjustment._plane_figures import plan_rows
 
         seconds = _messages.stopwatch()
         made = plan_plane(
@@ -55,5 +55,5 @@ def plan(
             power=power, robust_start=robust_start, n_repetitions=repetitions,
             random_state=random_state,
         )  # fmt: skip
-        rows = plan_rows(made, f" {unit}" if unit else "")
+        rows = plan_rows(made, unit)
         _messages.print_table(f"{points} points", **rows, seconds=f"{seconds():.1f}")

@@ -4,6 +4,7 @@ import os
 import warnings
 from contextlib import ExitStack
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,8 +21,8 @@ from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.io._files import replacing
+from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
-from sklearn_mcmd.io._las_parts import writing_parts
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import coordinate_step
 
@@ -30,6 +31,23 @@ __all__ = ["plane"]
 FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
+N_WORST = 10  # points of the largest statistics that the reports list
+# Figures that the terminal shows, as far as there are such.
+SUMMARY = (
+    "outliers",
+    "normal",
+    "point",
+    "tilt",
+    "residuals",
+    "sigma0",
+    "global test",
+    "flatness",
+    "outside",
+    "zone",
+    "against",
+    "tilt between",
+    "offset",
+)
 
 Method = Literal["baarda", "fuzzy"]
 OutFiles = Annotated[
@@ -184,20 +202,20 @@ def plane(
             cloud = _read(source, target, catalog, columns)
             with _files.working(source, "plane"):
                 _files.warn_if_coarse(cloud)
-                detector, residuals = _test_plane(cloud.xyz, method, params)
+                detector = _test_plane(cloud.xyz, method, params)
             more = _further(detector, cloud, tolerance, against, method, params, columns)
+            figures = _figures_of(detector, cloud, unit, more, lists_worst=target is not None)
             if target is not None:
-                from sklearn_mcmd.report._plane import plane_contents
+                from sklearn_mcmd.report._plane_page import plane_contents
 
-                words = _write_all(
-                    source, target, catalog, sheets, cloud, detector, residuals, unit, more
-                )
-                write_report_of(
-                    report, source, target, seconds,
-                    lambda: plane_contents(cloud, detector, residuals, words, unit),
-                )  # fmt: skip
+                title = f"Plane test of {source.name}"
+                text = _text_of(title, figures, source, target, sheets)
+                draw = partial(_draw, detector, cloud, title=title, unit=unit)
+                _write_all(target, catalog, sheets, cloud, detector, text, draw)
+                contents = partial(plane_contents, cloud, detector, figures, unit)
+                write_report_of(report, source, target, seconds, contents)
         if not quiet:
-            _summarize(source, target, sheets, detector, residuals, unit, more, seconds())
+            _summarize(source, target, sheets, detector, figures, seconds())
 
 
 def _rehearse(target, catalog, sheets, plot_wanted):
@@ -268,7 +286,7 @@ def _choose_sheets(source, target, text, plot):
 
 
 def _test_plane(xyz, method, params):
-    """The fitted detector and the residuals of all points."""
+    """The fitted detector."""
     from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
     detector = {"baarda": BaardaPlaneDetector, "fuzzy": FuzzyPlaneDetector}[method]
@@ -284,7 +302,7 @@ def _test_plane(xyz, method, params):
             f"{fitted.sigma0:g} says, or their surface is no plane",
             stacklevel=2,
         )
-    return fitted, fitted.residuals(xyz)
+    return fitted
 
 
 def _further(detector, cloud, width, against, method, params, columns):
@@ -297,7 +315,7 @@ def _further(detector, cloud, width, against, method, params, columns):
     if against is not None:
         other = _files.read_all(against, columns)
         with _files.working(against, "the other plane"):
-            fitted, _ = _test_plane(other.xyz, method, params)
+            fitted = _test_plane(other.xyz, method, params)
         further["comparison"] = compare_planes(detector, fitted)
     return further
 
@@ -305,7 +323,7 @@ def _further(detector, cloud, width, against, method, params, columns):
 def _check_width(detector, xyz):
     """Raise if the points that pass are no sheet, but lie around a line or a place."""
     from sklearn_mcmd.adjustment._determinacy import AS_THICK_AS_WIDE, normal_pvalue
-    from sklearn_mcmd.adjustment._plane import adjust_plane
+    from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
     retained = adjust_plane(xyz[detector.support_], surface="orthogonal")
     thick = np.sqrt(retained.sum_of_squares / retained.n_observations)
@@ -327,32 +345,51 @@ def _tested(cloud, is_outlier, statistic, residuals):
     return with_results(cloud, results), is_outlier
 
 
-def _write_all(source, target, catalog, sheets, cloud, detector, residuals, unit, more):
-    """Write the points and both sheets; no file is replaced before all are on the disk.
+def _figures_of(detector, cloud, unit, more, lists_worst):
+    from sklearn_mcmd.adjustment._plane_figures import plane_figures
 
-    Returns the text.
-    """
-    from sklearn_mcmd.adjustment import plot_report, text_report
+    n_worst = N_WORST if lists_worst else None
+    return plane_figures(detector, cloud.xyz, unit, n_worst=n_worst, **more)
 
+
+def _text_of(title, figures, source, target, sheets):
+    """The text report, and as its last lines input, output, program and date."""
+    from sklearn_mcmd.adjustment._text_report import figures_as_text, with_heading
+
+    rows = {
+        "input": source,
+        "output": target,
+        "figure": sheets[1] or "none",
+        "program": f"sklearn-mcmd {__version__}, mcmd plane",
+        "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
+    }
+    return figures_as_text(title, figures) + "\n".join(with_heading("Record", rows)) + "\n"
+
+
+def _draw(detector, cloud, **options):
+    from sklearn_mcmd.adjustment import plot_report
+
+    return plot_report(detector, cloud.xyz, **options)
+
+
+def _write_all(target, catalog, sheets, cloud, detector, text, draw):
+    """Write the points and both sheets; no file is replaced before all are on the disk."""
     text_file, plot = sheets
-    title = f"Plane test of {source.name}"
     with ExitStack() as stack:
         temporary = stack.enter_context(replacing(text_file))
-        text = text_report(detector, cloud.xyz, title=title, unit=unit, **more)
         with _files.naming(text_file):
-            text += _record(source, target, plot)
             temporary.write_text(text, encoding="utf-8", errors="replace")
         if plot is not None:
             temporary = stack.enter_context(replacing(plot))
-            figure = plot_report(detector, cloud.xyz, title=title, unit=unit)
+            figure = draw()
             with _files.naming(plot):
                 figure.savefig(temporary, dpi=150)
+        residuals = detector.residuals(cloud.xyz)
         results = (detector.labels_ == -1, detector.test_statistic_, residuals)
         if catalog is None:
             _files.write(target, *_tested(cloud, *results))
         else:
             _write_each(catalog, target, results)
-    return text
 
 
 def _write_each(catalog, target, results):
@@ -372,45 +409,10 @@ def _write_each(catalog, target, results):
             put(*_tested(joined_cloud(cloud, header), *part))
 
 
-def _record(source, target, plot):
-    """The report's last lines: input, output, program and date."""
-    from sklearn_mcmd.adjustment._report_lines import with_heading
-
-    rows = {
-        "input": source,
-        "output": target,
-        "figure": plot or "none",
-        "program": f"sklearn-mcmd {__version__}, mcmd plane",
-        "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
-    }
-    return "\n".join(with_heading("Record", rows)) + "\n"
-
-
-def _summarize(source, target, sheets, detector, residuals, unit, more, seconds):
-    import sklearn_mcmd.adjustment._report as rows_of
-
-    is_outlier = detector.labels_ == -1
-    unit = f" {unit}" if unit else ""
-    rms = [
-        f"{np.sqrt(np.mean(part**2)):.4g}{unit}" if len(part) else "none"
-        for part in (residuals, residuals[~is_outlier])
-    ]
-    told = {}
-    if "flatness" in more:
-        rows = rows_of.flatness_rows(more["flatness"], unit)
-        told = {"tolerance": rows["verdict"], "outside": rows["outside"], "zone": rows["zone"]}
-    if "comparison" in more:
-        both = rows_of.comparison_rows(more["comparison"], unit)
-        told |= {"against": both["verdict"], "tilt": both["tilt"], "offset": both["offset"]}
+def _summarize(source, target, sheets, detector, figures, seconds):
+    known, is_outlier = figures.rows(), detector.labels_ == -1
+    rows = {name: known[name] for name in SUMMARY if name in known}
+    rows["outliers"] = _messages.count_and_share(is_outlier)
     if sheets:
-        told["report"] = ", ".join(str(path) for path in sheets if path is not None)
-    _messages.print_summary(
-        *(source, target, len(is_outlier), seconds),
-        outliers=_messages.count_and_share(is_outlier),
-        normal=f"{rows_of.normal_row(detector)}, tilt {rows_of.tilt(detector)}",
-        point=f"{rows_of.point_row(detector, unit)}, on the plane",
-        residuals=f"rms {rms[0]}, without outliers {rms[1]}; {rows_of.sign_of_residuals(detector)}",
-        sigma0=f"{detector.sigma0_:.4g}{unit} ({rows_of.sigma0_origin(detector)})",
-        **{"global test": rows_of.global_test_row(detector)},
-        **told,
-    )
+        rows["report"] = ", ".join(str(path) for path in sheets if path is not None)
+    _messages.print_summary(source, target, len(is_outlier), seconds, **rows)

@@ -92,7 +92,7 @@ class Judged(NamedTuple):
 
 def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):
     """The `Judged` points of a cloud; errors name its source."""
-    from sklearn_mcmd.io._ground import NONE_JUDGED, HeightLimits, ground_of, heights_over_ground
+    from sklearn_mcmd.io._ground import NONE_JUDGED, HeightRange, ground_of, heights_over_ground
 
     with one_clear_line(source, "read"):
         used, ground = choice.of(cloud), None
@@ -103,7 +103,7 @@ def judged_points(source, cloud, choice, above=None, below=None, low_groups=Fals
             ground = ground_of(cloud)
         if above is not None or below is not None:
             heights = heights_over_ground(cloud.xyz, ground)
-            judged = used & HeightLimits(above, below).judged(heights)
+            judged = used & HeightRange(above, below).judged(heights)
         if not judged.any():
             raise PointFileError(NONE_JUDGED)
     return Judged(used, judged, ground)

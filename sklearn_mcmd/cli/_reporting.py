@@ -38,7 +38,7 @@ def _check(context: typer.Context, folder: Path | None):
     if folder is None:
         return None
     with clear_exits():
-        from sklearn_mcmd.report._folder import check_folder
+        from sklearn_mcmd.report._report_folder import check_folder
 
         check_folder(folder)
     return Report(folder, context)
@@ -64,8 +64,8 @@ def write_report_of(report, source, target, seconds, contents):
     time.
     """
     if report is not None:
-        from sklearn_mcmd.report._folder import write_report
         from sklearn_mcmd.report._notes import with_warnings
+        from sklearn_mcmd.report._report_folder import write_report
 
         name, typed = report.context.command.name, report.context.meta[TYPED]
         command, parameters = shlex.join(["mcmd", name, *typed]), _parameters(report.context)

@@ -54,39 +54,11 @@ class Segment(CloudVerb):
     min_region_size: Annotated[
         int, typer.Option(min=1, help="Regions with fewer points are dissolved.")
     ] = 10
-    find_narrow_faces: Annotated[
+    refine: Annotated[
         bool,
         typer.Option(
-            help="Whether to grow regions again from the points that no region reached. This finds "
-            "faces a few points wide beside larger ones, such as kerbs."
-        ),
-    ] = True
-    divide_at_creases: Annotated[
-        bool,
-        typer.Option(
-            help="Whether to divide regions that two planes with a crease explain better than one "
-            "smooth surface, such as the faces of a flat roof in noise."
-        ),
-    ] = True
-    join_coplanar: Annotated[
-        bool,
-        typer.Option(
-            help="Whether to join regions in one plane if the gap between them is at most half as "
-            "long as the smaller one, such as the parts of a wall that a shadow cuts."
-        ),
-    ] = True
-    join_curved: Annotated[
-        bool,
-        typer.Option(
-            help="Whether to join narrow regions of one cylinder, such as strips of a post or a "
-            "trunk."
-        ),
-    ] = True
-    assign_unlabeled: Annotated[
-        bool,
-        typer.Option(
-            help="Whether to give points that no region reached to the region whose plane is "
-            "nearest, if its noise explains the distance."
+            help="Whether to refine the paper's growth: narrow faces such as kerbs, division at "
+            "blunt creases, joining of parts of planes and cylinders, and the points left over."
         ),
     ] = True
     colors: Annotated[
@@ -158,7 +130,7 @@ class Segment(CloudVerb):
         }
 
     def tile_contents(self, catalog, told):
-        from sklearn_mcmd.report._segment import Regions, segment_contents
+        from sklearn_mcmd.report._regions_page import Regions, segment_contents
 
         shown = self.shown(catalog, told, "region")
         regions = Regions.of_sample(shown.cloud, told.largest)
@@ -169,7 +141,7 @@ segment = command_of(Segment)
 
 
 def _contents(cloud, fitted, n_inside):
-    from sklearn_mcmd.report._segment import Regions, segment_contents
+    from sklearn_mcmd.report._regions_page import Regions, segment_contents
     from sklearn_mcmd.report._shown import Shown
 
     planes, labels = fitted.normal_estimator_, fitted.labels_

@@ -109,7 +109,7 @@ def work_of_options(work, sensor, trajectory, *, rays):
 def work_if_seen(work, source):
     """The same work with rays if a LAS may be recognized, which is known when it is read: unless
     its bounds tell that the origin is far away."""
-    from sklearn_mcmd.outliers._rays import one_far_position
+    from sklearn_mcmd.sensors._rays import one_far_position
 
     if "rays" in work or not source.is_file() or source.suffix.lower() not in TILED:
         return work
@@ -169,7 +169,7 @@ def sensor_of_options(source, cloud, sensor, trajectory, used=slice(None), recog
 
 def _doubt(xyz, positions, words, setups):
     """What speaks against positions that a file states, "" if nothing does."""
-    from sklearn_mcmd.outliers._view import views_from_setups
+    from sklearn_mcmd.sensors._recognition import views_from_setups
 
     seen = views_from_setups(xyz, positions, setups)
     if False in seen:
@@ -205,7 +205,7 @@ def sensor_of_normals(source, cloud, sensor, trajectory):
 def sensor_of_rays(source, cloud, used, sensor=None, trajectory=None, recognize=False):
     """As `sensor_of_options`, but in words where positions are. What speaks against them is warned
     of; and if `recognize`, the points may have been taken from the origin."""
-    from sklearn_mcmd.outliers._view import view_from_origin
+    from sklearn_mcmd.sensors._recognition import view_from_origin
 
     told, words, doubt = sensor_of_options(source, cloud, sensor, trajectory, used, recognize)
     if doubt:

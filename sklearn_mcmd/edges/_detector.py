@@ -27,18 +27,16 @@ from sklearn_mcmd._validation import (
     check_work,
     validate_points,
 )
-from sklearn_mcmd.edges._creases import FAR, CreaseModel
-from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
+from sklearn_mcmd.edges._crease_distance import CreaseLimits, find_creases
+from sklearn_mcmd.edges._limits import EdgeLimits, column_of_criterion, least_of_edge
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._columns import Columns, split_columns
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 
 __all__ = ["SharpFeatureDetector", "crease_width", "steps_of"]
-
-# Number of spacings within which a point belongs to the edge.
-EDGE_WIDTH = 2.0
 
 
 class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin, BaseEstimator):
@@ -261,13 +259,15 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         else:
             members = table[kept]
         if self.criterion == "crease":
-            self._model = CreaseModel(self.n_neighbors, self.min_angle, self.n_jobs)
-            self.offset_ = crease_width(self)
-            self.scores_ = np.empty(len(xyz))
+            self.offset_, self.scores_ = crease_width(self), np.empty(len(xyz))
             with progress_part(0.8, 1.0, "creases"):
                 with progress_part(0.0, 0.9):
-                    self._model.fit(split_columns(members, self._n_dimensions))
-                self.scores_[kept] = self._model.distances
+                    given = split_columns(members, self._n_dimensions)
+                    index = NeighborIndex(given.coordinates.astype(np.float64), self.n_neighbors)
+                    self._model, distances = find_creases(
+                        index, given.planes(index.rows), self.min_angle, self.n_jobs
+                    )
+                self.scores_[kept] = distances[index.places]
                 with progress_part(0.9, 1.0):
                     self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
         else:
@@ -316,10 +316,11 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
                 "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
                 "spacings of the points, or None for 2."
             )
-        if self.criterion == "crease" and (self.threshold or 0.0) > FAR:
+        far = CreaseLimits().far
+        if self.criterion == "crease" and (self.threshold or 0.0) > far:
             raise ParameterError(
                 f"$threshold={self.threshold:g} is in spacings of the points for "
-                f"$criterion='crease', and creases farther than {FAR:g} are not told: lower it."
+                f"$criterion='crease', and creases farther than {far:g} are not sought: lower it."
             )
 
     @property
@@ -370,7 +371,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
 
 def crease_width(detector):
     """Spacings from a crease within which a point belongs to the edge."""
-    return EDGE_WIDTH if detector.threshold is None else float(detector.threshold)
+    return EdgeLimits().width if detector.threshold is None else float(detector.threshold)
 
 
 def steps_of(detector):

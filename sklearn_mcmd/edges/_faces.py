@@ -5,22 +5,21 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gamma
 
+from sklearn_mcmd.planes._around import are_flat
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.planes._flatness import are_flat
 
-__all__ = ["OFF", "Faces", "are_faces", "give_faces", "measure_spacing"]
+__all__ = ["FaceLimits", "Faces", "are_faces", "give_faces", "measure_spacing"]
 
-# The spacing is told from this many neighbors, or all if fewer.
-SPACING_NEIGHBORS = 8
-# Noise is at least this share of the spacing: a point is not known better.
-LEAST_NOISE = 0.05
-# Standard deviations beyond which a residual tells no more.
-OFF = 3.0
-# Most noise of a face, of its radius. It is more than that of surfaces in the search for outliers,
-# 0.15: a face that passes for foliage costs edges, but little foliage is left in a cleaned cloud.
-FLATNESS = 0.2
-# The plane of a face is the one under which a point is most likely.
-LIKELIEST = ExplainLimits(likely=True)
+
+class FaceLimits(NamedTuple):
+    """What a face is."""
+
+    n_spacing: int = 8  # neighbors that tell the spacing, or all if fewer
+    least_noise: float = 0.05  # share of the spacing: a point is not known better
+    # Most noise, as a share of its radius. It is more than that of surfaces in the search for
+    # outliers, 0.15: a face that passes for foliage costs edges, but little foliage is left in a
+    # cleaned cloud.
+    flat: float = 0.2
 
 
 class Faces(NamedTuple):
@@ -56,13 +55,13 @@ def measure_spacing(points, queries, around, scale):
     gaps = points[around.indices] - queries[:, None]
     distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
     spacing = _spacing(distances, points.shape[1])
-    return spacing, distances.max(axis=1), np.maximum(scale, LEAST_NOISE * spacing)
+    return spacing, distances.max(axis=1), np.maximum(scale, FaceLimits().least_noise * spacing)
 
 
 def are_faces(planes):
     """Whether planes are those of faces: flat, or the flatter half of all."""
     flatness = planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
-    return are_flat(planes, max(FLATNESS, np.median(flatness)))
+    return are_flat(planes, max(FaceLimits().flat, np.median(flatness)))
 
 
 def give_faces(queries, around, planes, flat, usable):
@@ -72,7 +71,7 @@ def give_faces(queries, around, planes, flat, usable):
     `measure_spacing`, and of `flat`. `usable` is True for all; an array, so that it is made once.
     """
     spacing = planes.spacing[around.indices].mean(axis=1)
-    least = np.maximum(LEAST_NOISE * spacing, np.finfo(float).tiny)
+    least = np.maximum(FaceLimits().least_noise * spacing, np.finfo(float).tiny)
     owners = _likeliest(queries, around, planes, usable, least)
     far = np.flatnonzero(owners < 0)
     if len(far):
@@ -90,19 +89,26 @@ def give_faces(queries, around, planes, flat, usable):
     height = np.einsum("md,md->m", queries, normals) - levels
     scale = np.maximum(planes.scale[owners], least)
     flat = flat[owners]
-    on_face = flat & (np.abs(height) <= OFF * scale)
-    return Faces(normals, levels, height, scale, spacing, flat, on_face)
+    on_face = flat & (np.abs(height) <= ExplainLimits().explained * scale)
+    return Faces(
+        normals=normals,
+        levels=levels,
+        height=height,
+        scale=scale,
+        spacing=spacing,
+        flat=flat,
+        on_face=on_face,
+    )
 
 
 def _likeliest(queries, around, planes, usable, least):
     """Whose plane explains each query best, -1 where none does."""
-    most = np.full(len(queries), np.inf)
-    return explain(queries, around, planes, LIKELIEST, usable, least, most)[0]
+    return explain(queries, around, planes, usable, least, likely=True)[0]
 
 
 def _spacing(distances, d):
     """Side of the cell that one point of a (d - 1)-dimensional surface takes, from (m, k)."""
-    n = min(SPACING_NEIGHBORS, distances.shape[1] - 1)
+    n = min(FaceLimits().n_spacing, distances.shape[1] - 1)
     radius = np.partition(distances, n, axis=1)[:, n]
     ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
     return radius * (ball / n) ** (1.0 / (d - 1))

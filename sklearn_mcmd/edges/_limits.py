@@ -3,16 +3,21 @@
 from itertools import chain
 from math import fsum, sqrt
 from numbers import Real
+from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
-__all__ = ["column_of_criterion", "least_of_edge"]
+__all__ = ["EdgeLimits", "column_of_criterion", "least_of_edge"]
 
-# Number of standard deviations above the center from which on there is an edge: by the robust
-# limit, and by Eq. 25.
-ROBUST_STD, PAPER_STD = 3.0, 1.0
+
+class EdgeLimits(NamedTuple):
+    """Which points belong to an edge, where no parameter says it."""
+
+    width: float = 2.0  # spacings from a crease
+    robust_std: float = 3.0  # robust standard deviations above the median
+    paper_std: float = 1.0  # standard deviations above the mean (Eq. 25)
 
 
 def column_of_criterion(criterion):
@@ -31,10 +36,11 @@ def least_of_edge(parts, threshold, n_std):
         n = sum(len(values) for values in parts())
         mean = _sum(parts()) / n
         variance = _sum(np.square(values - mean) for values in parts()) / (n - 1)
-        return mean + (PAPER_STD if n_std is None else n_std) * sqrt(variance)
+        return mean + (EdgeLimits().paper_std if n_std is None else n_std) * sqrt(variance)
     usual = _median(parts())
     deviation = _median(np.abs(values - usual) for values in parts())
-    return float(usual + (ROBUST_STD if n_std is None else n_std) * MAD_TO_SD * deviation)
+    n_std = EdgeLimits().robust_std if n_std is None else n_std
+    return float(usual + n_std * MAD_TO_SD * deviation)
 
 
 def _sum(parts):

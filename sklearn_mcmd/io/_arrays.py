@@ -10,8 +10,6 @@ import numpy as np
 from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room, with_cells
 
-__all__ = ["cloud_from_records", "read_npy", "read_npz", "write_npy", "write_npz"]
-
 LONGEST_HEADER = 2**14  # bytes of an array; NumPy reads none of more than 10,000 characters
 MOST_DEFLATED = 1032  # bytes from one byte of a ZIP
 

@@ -6,8 +6,6 @@ import unicodedata
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io._point_cloud import RESERVED, PointFileError
 
-__all__ = ["are_names", "attribute_name", "coordinate_columns"]
-
 AXES = {  # without accents; English, German, French, Spanish and Italian
     "x": {"x", "e", "east", "easting", "eastings", "points 0", "rechtswert", "ost", "est", "este"},
     "y": {"y", "n", "north", "northing", "northings", "points 1", "hochwert", "nord", "norte"},
@@ -27,31 +25,30 @@ REMEDY = ParameterError(
 
 
 def coordinate_columns(names, columns=None):
-    """Positions of x, y and z among the names of columns.
+    """Positions of x, y and z among the names of columns, or as `columns` of `read_points` say.
 
-    `columns` has the column of an axis, where it is told: a name, or a number from 1 on. Raise if
-    an axis has no column, or several that it may be.
+    Raise if an axis has no column, or several that it may be.
     """
-    told = {axis: _position(names, which) for axis, which in (columns or {}).items()}
-    lower, plain = [name.lower() for name in names], [_plain(name) for name in names]
-    for some in (lower, plain):  # whole sets of x, y, z come before other names
-        if all(some.count(axis) == 1 for axis in "xyz" if axis not in told):
-            found = {axis: [some.index(axis)] for axis in "xyz" if axis not in told}
+    given = {axis: [_position(names, which)] for axis, which in (columns or {}).items()}
+    asked = [axis for axis in "xyz" if axis not in given]
+    plain = [_plain(name) for name in names]
+    for some in ([name.lower() for name in names], plain):  # whole sets come before other names
+        if all(some.count(axis) == 1 for axis in asked):
+            found = given | {axis: [some.index(axis)] for axis in asked}
             break
     else:
-        found = {axis: _of_axis(plain, axis) for axis in "xyz" if axis not in told}
+        found = given | {axis: _of_axis(plain, axis) for axis in asked}
     among = f"among the columns {', '.join(names)[:300]}: {REMEDY}"
-    for axis, several in found.items():
-        if len(several) > 1:
-            which = " or ".join(repr(names[i]) for i in several)
+    for axis in asked:
+        if len(found[axis]) > 1:
+            which = " or ".join(repr(names[i]) for i in found[axis])
             raise PointFileError(f"{axis} may be {which} {among}") from REMEDY
-    missing = [axis for axis, several in found.items() if not several]
-    if missing:
+    if missing := [axis for axis in asked if not found[axis]]:
         raise PointFileError(f"no {', '.join(missing)} {among}") from REMEDY
-    positions = [told[axis] if axis in told else found[axis][0] for axis in "xyz"]
+    positions = [found[axis][0] for axis in "xyz"]
     if len(set(positions)) < 3:
-        told = ParameterError("x, y and z need three columns, got $columns", columns=columns)
-        raise PointFileError(str(told)) from told
+        error = ParameterError("x, y and z need three columns, got $columns", columns=columns)
+        raise PointFileError(str(error)) from error
     return positions
 
 

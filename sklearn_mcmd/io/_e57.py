@@ -10,7 +10,7 @@ import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._las_structure import check_grid
-from sklearn_mcmd.io._no_returns import TOLD, NoReturns
+from sklearn_mcmd.io._no_returns import LEFT_OUT, NoReturns
 from sklearn_mcmd.io._point_cloud import (
     CELL,
     COLORS,
@@ -25,10 +25,8 @@ from sklearn_mcmd.io._point_cloud import (
     joined_scans,
 )
 
-__all__ = ["read_e57", "write_e57"]
-
 MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
-E57_FIELDS = {
+E57_FIELDS = {  # of our attributes: the name in E57, and the dtype that is written
     "intensity": ("intensity", "f4"),
     "red": ("colorRed", "u1"),
     "green": ("colorGreen", "u1"),
@@ -73,16 +71,12 @@ def read_e57(path):
             f"{path}: fields that pye57 cannot read are left out: {', '.join(sorted(skipped))}"
         )
     cloud = joined_scans(clouds, setups, n_points)
-    cloud.metadata[TOLD] = n_told
+    cloud.metadata[LEFT_OUT] = n_told
     return cloud
 
 
 def _checked_scans(path):
-    """The scans in the XML, and no XML that would end the process, or be read wrongly.
-
-    libe57 reads the prototype of points that have none, and numbers that are none as 0. It checks
-    all else itself, so reading needs no process of its own.
-    """
+    """The scans in the XML, and no XML by which libe57 would end the process, or read wrongly."""
     with open(path, "rb") as file:
         if (start := file.read(48))[:8] != b"ASTM-E57" or len(start) < 48:
             raise PointFileError("damaged or is of another format: it does not begin as E57 does")

@@ -15,19 +15,9 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._formats import ALL, format_of, no_columns
-from sklearn_mcmd.io._no_returns import TOLD, NoReturns
+from sklearn_mcmd.io._no_returns import LEFT_OUT, NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._units import degrees_warning
-
-__all__ = [
-    "check_file",
-    "check_writable",
-    "one_clear_line",
-    "read_points",
-    "replacing",
-    "system_error",
-    "write_points",
-]
 
 
 def read_points(
@@ -53,19 +43,17 @@ def read_points(
     Raises
     ------
     PointFileError
-        With a message of one line, if the file is missing, a folder, empty, truncated or not of
-        the format of its extension; if it holds no points; if no column is known as x, y or z, or
-        several may be one; if a coordinate is not a number; if ``columns`` is given for a file
-        of another format; or if an optional library is not installed.
+        With a message of one line, if the file is missing, empty, damaged or of another format, if
+        it holds no points, if no column is known as x, y or z or several may be one, if a
+        coordinate is no number, or if an optional library is not installed.
 
     Warns
     -----
     UserWarning
         If columns of words, or fields of other formats, are left out. If integers of text are
-        rounded: beyond 2**53 in a column with gaps. If points are 0, 0, 0 where most coordinates
-        are 100,000 and more, or many are: rays without a return. If x and y seem to be degrees,
-        unlike z. If LAS describes more of a point than there is, or holds more records than its
-        header counts, or a rotation of E57 is not of length 1.
+        rounded. If points are 0, 0, 0 where most coordinates are large, or many are: rays without a
+        return. If x and y seem to be degrees, unlike z. If LAS describes more of a point than there
+        is, or holds more records than its header counts, or a rotation of E57 is not of length 1.
 
     See Also
     --------
@@ -81,37 +69,31 @@ def read_points(
 
     Whitespace, commas, semicolons or tabs may separate text, which is UTF-8, UTF-16 with a mark, or
     Latin-1. A header has no number among its first three fields. Titles above it and units below it
-    are no rows. Coordinates are the columns named x, y, z, or as people name them otherwise, in
-    upper or lower case and with units. Without a header they are the first three columns. A comment
-    is a header if it has a field for each column, and two of them are names as people give them, or
-    none is a number and commas without blanks are between them. Columns without a name are called
-    ``column_4`` and so on. Between semicolons or tabs, the first number with a comma or point tells
-    which of them is decimal for the whole file, of coordinates apart from others; elsewhere points
-    are. Empty cells, NA, N/A, NULL
-    and None are NaN; in coordinates they are an error. Columns that hold other words, such as
-    dates, are left out. Attributes that are integers in all rows are exact up to 64 bits.
+    are no rows. Without a header, coordinates are the first three columns. A comment is a header if
+    it has a field for each column, and two of them are names as people give them, or none is a
+    number and commas without blanks are between them. Between semicolons or tabs, the first number
+    with a comma or point tells which of them is decimal, of coordinates apart from others;
+    elsewhere points are. Empty cells, NA, N/A, NULL and None are NaN; in coordinates they are an
+    error. Columns of other words are left out. Integers in all rows are exact up to 64 bits.
 
-    A count of points may stand above the rows, as in PTS. Other scans may follow, each with its
-    count; ``scan_index`` numbers them. PTS has an ``intensity`` after x, y, z, or colors, or both.
-    The intensity is as in the file: of Leica from -2048 to 2047. XYZN has normals, XYZRGB colors,
-    which are from 0 to 1 unless one is larger. They become ``red, green, blue`` of 8 bits.
+    A count of points may stand above the rows, as in PTS, and other scans may follow. PTS has an
+    ``intensity`` after x, y, z, or colors, or both: of Leica from -2048 to 2047, as in the file.
+    XYZN has normals, XYZRGB colors, which are from 0 to 1 unless one is larger.
 
     NPY holds a table (n, >= 3), an organized one (rows, columns, 3), or a structured array of
     either shape. NPZ holds an array ``xyz``, or ``x``, ``y``, ``z``, organized or not; else its
-    first array of shape (n, 3) is taken. Arrays of NPZ
-    of another length (for example an ``offset`` of length 3) are not applied to the coordinates:
-    they stay in ``metadata["npz_arrays"]``.
+    first array of shape (n, 3) is taken. Arrays of NPZ of another length (for example an ``offset``
+    of length 3) are not applied to the coordinates: they stay in ``metadata["npz_arrays"]``.
 
-    PLY's ``nx, ny, nz`` are called ``normal_x, normal_y, normal_z``, and PCD's packed
-    ``rgb`` becomes ``red, green, blue``, so that attributes have one name in all formats.
-    Several scans of E57 or PTX are merged, and ``scan_index`` numbers them. ``row_index`` and
-    ``column_index`` tell the cell of a point in the grid of its scan, or of an organized PCD, NPY
-    or NPZ, whose ``metadata["grid_shape"]`` has the numbers of rows and columns. Colors of E57 that
-    are no bytes get 16 bits, and the most that the file states of them becomes 65535.
+    Attributes have one name in all formats, such as ``normal_x`` and ``red, green, blue``, of 8
+    bits if a format has shares or packs them. Several scans of a file are merged, and
+    ``scan_index`` numbers them. ``row_index`` and ``column_index`` tell the cell of a point in the
+    grid of its scan, or of an organized PCD, NPY or NPZ, whose ``metadata["grid_shape"]`` has the
+    numbers of rows and columns. Colors of E57 that are no bytes get 16 bits, and the most that the
+    file states of them becomes 65535.
 
-    The sizes of a LAZ's chunks and layers are checked before it is decompressed, because lazrs
-    would end the process if a damaged size asked for more memory than there is. A changed bit of
-    a compressed point is not noticed if the point still decompresses: LAZ has no checksums.
+    A changed bit of a compressed point is not noticed if the point still decompresses: LAZ has no
+    checksums.
 
     Examples
     --------
@@ -129,16 +111,14 @@ def read_points(
     with one_clear_line(path, "read"):
         if path.is_dir():
             raise PointFileError("is a folder; a point file is needed")
-        known, options = format_of(path), {}
-        if columns is not None:
-            if not known.columns:
-                told = no_columns(columns)
-                raise PointFileError(str(told)) from told
-            if not columns.keys() <= set("xyz"):
-                raise PointFileError(f"columns={columns} must tell of x, y or z")
-            options["columns"] = columns
+        known = format_of(path)
+        if columns is not None and not known.columns:
+            error = no_columns(columns)
+            raise PointFileError(str(error)) from error
+        if not set(columns or ()) <= set("xyz"):
+            raise PointFileError(f"columns={columns} must tell of x, y or z")
         check_file(path)
-        cloud = known.read(path, **options)
+        cloud = known.read(path) if columns is None else known.read(path, columns)
         no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz).all(axis=1)
         if no_returns.n_left_out:
             kept &= cloud.xyz.any(axis=1)
@@ -146,7 +126,7 @@ def read_points(
             n_dropped = cloud.n_dropped + int(np.count_nonzero(~kept))
             cloud = cloud.subset(kept)
             cloud.n_dropped = n_dropped
-            cloud.metadata[TOLD] = cloud.metadata.get(TOLD, 0) + no_returns.n_left_out
+            cloud.metadata[LEFT_OUT] = cloud.metadata.get(LEFT_OUT, 0) + no_returns.n_left_out
         if len(cloud) == 0:
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))
@@ -164,7 +144,7 @@ def write_points(
     noise: ArrayLike | None = None,
     encoding: Literal["ascii", "binary", "binary_compressed"] | None = None,
 ) -> None:
-    """Write a point cloud. An existing file is replaced only by a complete new one.
+    """Write a point cloud. An existing file is replaced only by a complete new one beside it.
 
     Parameters
     ----------
@@ -183,11 +163,10 @@ def write_points(
     Raises
     ------
     PointFileError
-        With a message of one line, if the folder is missing or not writable, the name is that
-        of a folder, an attribute has a name or dtype that the format cannot hold, LAS has no room
-        for far points at the precision of the others (they are named), LAZ would change wave
-        packets, an optional library is not installed, or writing failed. An existing file is then
-        unchanged.
+        With a message of one line, if the file cannot be written, an attribute has a name or dtype
+        that the format cannot hold, LAS has no room for far points at the precision of the others
+        (they are named), LAZ would change wave packets, or an optional library is not installed. An
+        existing file is then unchanged.
     ValueError
         If ``cloud``, ``noise`` or ``encoding`` is not of the stated form.
 
@@ -205,9 +184,6 @@ def write_points(
 
     Notes
     -----
-    The data goes to a temporary file in the same folder, which takes the final name only when it
-    is complete. If the writing is interrupted, no incomplete file remains.
-
     *LAS, LAZ.* A cloud read from LAS keeps its header, and every unchanged coordinate keeps its
     integers. Changed coordinates are rounded to the header's scale (an error of at most half a
     step). If they do not fit 32-bit integers there, a new offset is chosen for that axis, and a new
@@ -252,10 +228,10 @@ def write_points(
         raise PointFileError(f"{path}: xyz holds NaN or infinity; remove those points first")
     options: dict[str, Any] = {}
     if encoding is not None:
+        options["encoding"] = encoding
         if encoding not in known.encodings:
             words = ", ".join(known.encodings) or "only None"
             raise ValueError(f"encoding={encoding!r} is unknown for {known.name}; known: {words}.")
-        options["encoding"] = encoding
     if noise is not None:
         noise = _mask(noise, len(cloud))
         if known.marks:

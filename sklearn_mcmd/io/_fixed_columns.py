@@ -5,8 +5,6 @@ import numpy as np
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._point_cloud import COLORS, PointFileError, colors_of_bytes
 
-__all__ = ["COLUMNS", "fitting", "names_after_xyz", "with_bytes"]
-
 COLUMNS = {  # what rows may have; the first that a cloud has is written
     ".pts": (("intensity", *COLORS), COLORS, ("intensity",), ()),
     ".xyzn": (("normal_x", "normal_y", "normal_z"), ()),

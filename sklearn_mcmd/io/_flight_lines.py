@@ -2,12 +2,10 @@
 
 import numpy as np
 
-__all__ = ["positions_of_lines"]
-
 # Degrees (rms) by which directions may differ from scan angles. Rounding to whole degrees makes
 # 0.29, and no single angle is wrong by more than half a degree.
 MOST_OFF = 0.5
-LEAST_POINTS = 100
+LEAST_POINTS = 100  # of a line, for its angles to tell anything
 ROUNDS = 20  # of the adjustment; each changes the height by about relief over height less
 
 

@@ -5,6 +5,8 @@ is a record here and its reader.
 """
 
 from collections.abc import Callable
+from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,21 +15,7 @@ from sklearn_mcmd.io import _arrays, _e57, _las, _ptx, _text
 from sklearn_mcmd.io import _scan_formats as scans
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = [
-    "ALL",
-    "FORMATS",
-    "INDEX",
-    "SENSORS",
-    "TILED",
-    "TILED_NAMES",
-    "WITH_COLUMNS",
-    "format_of",
-    "listed",
-    "no_columns",
-    "supported_extensions",
-]
-
-ALL = "all"
+ALL, EVERYTHING = "all", "everything numeric"  # results that a format holds; all it holds
 INDEX = ".vpc"  # a virtual point cloud, which stands for several files
 
 
@@ -36,44 +24,89 @@ class Format(NamedTuple):
 
     name: str
     extensions: tuple[str, ...]
-    extra: str | None  # that has its library
     kept: str  # of what files of it hold
     read: Callable[..., Any]
     write: Callable[..., Any] | None = None  # None: read only
-    columns: bool = False  # whether those of x, y and z may be told
+    extra: str | None = None  # that has its library
     encodings: tuple[str, ...] = ()
-    marks: bool = False  # whether it has its own mark of outliers, which `write` takes as `noise`
     results: str = ALL  # that it holds, as verbs call theirs; "" is none
     tiles: bool = False  # whether clouds larger than memory are read and written in parts
     sensor: str = ""  # what tells where it stood
 
+    @property
+    def columns(self):
+        """Whether those of x, y and z may be given: its reader takes them."""
+        return "columns" in signature(self.read).parameters
 
-EVERYTHING, TEXT = "everything numeric", (_text.read_text, _text.write_text)
+    @property
+    def marks(self):
+        """Whether it has its own mark of outliers: its writer takes them as `noise`."""
+        return self.write is not None and "noise" in signature(self.write).parameters
+
+
+text = partial(Format, read=_text.read_text, write=_text.write_text)
 FORMATS = (
-    Format("LAS and LAZ", (".las", ".laz"), "las",
-           "everything but waveform samples of LAS 1.3; results become extra dimensions",
-           _las.read_las, _las.write_las, marks=True, tiles=True, sensor="LAS's scan angles"),
-    Format("COPC", (".copc.laz",), "las", "as LAZ; read only", _las.read_las, tiles=True),
-    Format("PLY", (".ply",), "formats", "all fields of points; no faces",
-           scans.read_ply, scans.write_ply, columns=True, encodings=("ascii", "binary")),
-    Format("PCD", (".pcd",), "formats", "all fields of points, the grid, the viewpoint",
-           scans.read_pcd, scans.write_pcd, columns=True, sensor="PCD's VIEWPOINT",
-           encodings=("ascii", "binary", "binary_compressed")),
-    Format("E57", (".e57",), "formats",
-           "coordinates, intensity, colors, rows and columns; no results",
-           _e57.read_e57, _e57.write_e57, results="", sensor="E57's poses"),
-    Format("PTX", (".ptx",), None, "coordinates, intensity, colors, rows and columns; read only",
-           _ptx.read_ptx, sensor="PTX's poses"),
-    Format("PTS", (".pts",), None, "coordinates, intensity, colors; no results",
-           *TEXT, columns=True, results=""),
-    Format("XYZN", (".xyzn",), None, "coordinates and normals",
-           *TEXT, columns=True, results="normals"),
-    Format("XYZRGB", (".xyzrgb",), None, "coordinates and colors; no results",
-           *TEXT, columns=True, results=""),
-    Format("text", (".xyz", ".txt", ".csv", ".asc"), None, EVERYTHING, *TEXT, columns=True),
-    Format("NPY", (".npy",), None, EVERYTHING, _arrays.read_npy, _arrays.write_npy, columns=True),
-    Format("NPZ", (".npz",), None, EVERYTHING, _arrays.read_npz, _arrays.write_npz),
-)  # fmt: skip
+    Format(
+        name="LAS and LAZ",
+        extensions=(".las", ".laz"),
+        kept="everything but waveform samples of LAS 1.3; results become extra dimensions",
+        read=_las.read_las,
+        write=_las.write_las,
+        extra="las",
+        tiles=True,
+        sensor="LAS's scan angles",
+    ),
+    Format(
+        name="COPC",
+        extensions=(".copc.laz",),
+        kept="as LAZ; read only",
+        read=_las.read_las,
+        extra="las",
+        tiles=True,
+    ),
+    Format(
+        name="PLY",
+        extensions=(".ply",),
+        kept="all fields of points; no faces",
+        read=scans.read_ply,
+        write=scans.write_ply,
+        extra="formats",
+        encodings=("ascii", "binary"),
+    ),
+    Format(
+        name="PCD",
+        extensions=(".pcd",),
+        kept="all fields of points, the grid, the viewpoint",
+        read=scans.read_pcd,
+        write=scans.write_pcd,
+        extra="formats",
+        encodings=("ascii", "binary", "binary_compressed"),
+        sensor="PCD's VIEWPOINT",
+    ),
+    Format(
+        name="E57",
+        extensions=(".e57",),
+        kept="coordinates, intensity, colors, rows and columns; no results",
+        read=_e57.read_e57,
+        write=_e57.write_e57,
+        extra="formats",
+        results="",
+        sensor="E57's poses",
+    ),
+    Format(
+        name="PTX",
+        extensions=(".ptx",),
+        kept="coordinates, intensity, colors, rows and columns; read only",
+        read=_ptx.read_ptx,
+        sensor="PTX's poses",
+    ),
+    text("PTS", (".pts",), "coordinates, intensity, colors; no results", results=""),
+    text("XYZN", (".xyzn",), "coordinates and normals", results="normals"),
+    text("XYZRGB", (".xyzrgb",), "coordinates and colors; no results", results=""),
+    text("text", (".xyz", ".txt", ".csv", ".asc"), EVERYTHING),
+    Format("NPY", (".npy",), EVERYTHING, _arrays.read_npy, write=_arrays.write_npy),
+    Format("NPZ", (".npz",), EVERYTHING, _arrays.read_npz, write=_arrays.write_npz),
+)
 _BY_EXTENSION = {extension: one for one in FORMATS for extension in one.extensions}
 # Extensions of clouds that may be larger than memory.
 TILED = tuple(e for one in FORMATS if one.tiles and one.write for e in one.extensions)

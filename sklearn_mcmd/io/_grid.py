@@ -4,9 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = ["LARGEST", "fits", "offset_of", "scale_of"]
-
-LARGEST = 2**31 - 1
+LARGEST = 2**31 - 1  # integer of LAS
 DECIMALS = 6  # that are looked for
 PRECISE = 1e-4  # decimal steps from here on may not be lost; finer ones are printed digits
 # Elsewhere the scale is at most so much of the distance to the next point, and of the extent of the
@@ -14,7 +12,7 @@ PRECISE = 1e-4  # decimal steps from here on may not be lost; finer ones are pri
 OF_SPACING, OF_EXTENT = 1e-2, 1e-6
 MOST = 0.9  # points that must lie on a step
 SAMPLE, AROUND = 1000, 10_000  # points that show the decimals of most, and the spacing
-SHOWN = 3
+SHOWN = 3  # points that an error names
 
 
 def scale_of(xyz, axes=slice(None)):

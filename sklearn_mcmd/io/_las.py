@@ -10,9 +10,9 @@ from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, fits, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import (
+    EVLR_HEADER,
     as_described,
     check_structure,
-    order_bounds,
     record_length,
     start_of_longest,
 )
@@ -21,33 +21,21 @@ from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
     PointFileError,
+    fit_dtype,
     flat_columns,
     import_extra,
 )
 from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
-from sklearn_mcmd.io._waveforms import place_waveforms
-
-__all__ = [
-    "cloud_of_points",
-    "coordinate_system",
-    "forget_copc",
-    "header_of",
-    "import_laspy",
-    "is_denoised",
-    "parts_of",
-    "read_header",
-    "read_las",
-    "write_las",
-    "writing_parts",
-]
 
 WRITTEN_AT_ONCE, CHECKED_AT_ONCE = 2_000_000, 250_000  # points
 FIRST_WITH_HIGH_NOISE = 6  # point format
 USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
 WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
-EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}
+LONGEST_NAME = 32  # bytes of an extra dimension's name
+EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}  # of extra dimensions
 
+WAVEFORMS = "LASF_Spec", 65535  # user and number of the record with the samples of waveforms
 # User, number and description of the record that says that outliers were removed.
 DENOISED = "sklearn-mcmd", 1, "outliers removed"
 
@@ -97,7 +85,7 @@ def writing_parts(path):
         def write(cloud, noise=None):
             nonlocal writer, header
             las = las_of_cloud(laspy, cloud, noise)
-            with sink.telling():
+            with sink.own_errors():
                 if writer is None:
                     header = las.header
                     backend = laspy.LazBackend.LazrsParallel if compressed else None
@@ -120,14 +108,33 @@ def writing_parts(path):
                 with suppress(Exception):  # the first error counts
                     writer.close()
             raise
-        with sink.telling():
+        with sink.own_errors():
             if header.version.minor >= 4 and header.evlrs is not None:
                 writer.write_evlrs(header.evlrs)
+            _correct(writer.header)
             writer.close()
     if written:
         _refuse_changed(path, written)
-    order_bounds(path)
-    place_waveforms(path, header)
+
+
+def _correct(header):
+    """Put bounds in order, which negative scales turn around, and say where waveforms are now.
+
+    LAS 1.3 has their samples behind the points, where laspy reads nothing: 0 is for none.
+    """
+    header.mins, header.maxs = np.sort([header.mins, header.maxs], axis=0)
+    if header.start_of_waveform_data_packet_record:
+        at, found = header.start_of_first_evlr, 0
+        for record in header.evlrs or []:
+            if (record.user_id, record.record_id) == WAVEFORMS:
+                found = found or at
+            at += EVLR_HEADER + len(record.record_data_bytes())
+        header.start_of_waveform_data_packet_record = found
+        if not found:
+            warn_caller(
+                "the samples of waveforms that the input holds behind its points are not copied; "
+                "what the points say of them is."
+            )
 
 
 def _digest(digests, records):
@@ -169,7 +176,7 @@ class _Sink:
             raise
 
     @contextmanager
-    def telling(self):
+    def own_errors(self):
         """Raise the error of the file in the place of what lazrs made of it."""
         try:
             yield
@@ -258,10 +265,7 @@ def cloud_of_points(points, header):
 
 
 def las_of_cloud(laspy, cloud, noise=None):
-    """What is to be written: laspy's header and points, with all attributes.
-
-    `noise` is a mask, or the class of each point that is noise, and 0 of the others.
-    """
+    """What is to be written: laspy's header and points, with all attributes."""
     if "las_points" in cloud.metadata:
         header = copy.deepcopy(cloud.metadata["las_header"])
         if header.version.minor < 2:  # laspy does not write older ones, and they hold the same
@@ -288,10 +292,7 @@ def las_of_cloud(laspy, cloud, noise=None):
 
 
 def _forget_ranges(header):
-    """Do not say that the least and the most of extra attributes are known.
-
-    laspy takes them from the first point of each part that it writes.
-    """
+    """Leave out the range of extra attributes: laspy has that of the first points of parts."""
     for record in header.vlrs.get("ExtraBytesVlr"):
         for described in record.extra_bytes_structs:
             if described.data_type != 0:  # else the options are a number of bytes
@@ -379,12 +380,13 @@ def _store_attributes(laspy, las, attributes):
     """Fill the dimensions that hold the values exactly; all other values get extra dimensions."""
     standard = set(las.point_format.standard_dimension_names)
     extra = set(las.point_format.extra_dimension_names)
-    new, stale = {}, set()
-    for name, values in attributes.items():
-        if name in standard | extra and _assigned(las, name, values):
-            continue
-        if name in extra:
-            stale.add(name)
+    others = {
+        name: values
+        for name, values in attributes.items()
+        if name not in standard | extra or not _assigned(las, name, values)
+    }
+    new = {}
+    for name, values in others.items():
         for column, part in flat_columns({name: values}).items():
             if column in standard:
                 warn_caller(
@@ -394,10 +396,18 @@ def _store_attributes(laspy, las, attributes):
                 column += "_value"
             if column in new or (column != name and column in attributes):
                 raise PointFileError(f"two attributes would both be written as {column!r}")
-            if column in extra:
-                stale.add(column)
-            new[column] = part
-    _add_dimensions(laspy, las, new, stale)
+            if len(column.encode()) > LONGEST_NAME:
+                raise PointFileError(
+                    f"attribute name {column!r} is longer than the {LONGEST_NAME} bytes LAS "
+                    "allows; rename it"
+                )
+            new[column] = fit_dtype(column, part, EXTRA_DTYPES, "LAS")
+    if replaced := extra & (others.keys() | new.keys()):
+        las.remove_extra_dims(list(replaced))
+    if new:
+        las.add_extra_dims([laspy.ExtraBytesParams(n, column.dtype) for n, column in new.items()])
+    for name, column in new.items():
+        las[name] = column
 
 
 def _assigned(las, name, values):
@@ -422,23 +432,3 @@ def _same(stored, values):
     if stored.shape != values.shape:
         return False
     return np.array_equal(stored, values, equal_nan=stored.dtype.kind == values.dtype.kind == "f")
-
-
-def _add_dimensions(laspy, las, columns, replaced):
-    params = []
-    for name, column in columns.items():
-        if len(name.encode()) > 32:
-            raise PointFileError(
-                f"attribute name {name!r} is longer than the 32 bytes LAS allows; rename it"
-            )
-        dtype = np.dtype({"b": "u1"}.get(column.dtype.kind, column.dtype))
-        dtype = np.dtype("f4") if dtype == np.float16 else dtype.newbyteorder("=")
-        if dtype.str[1:] not in EXTRA_DTYPES:
-            raise PointFileError(f"attribute {name!r} of dtype {dtype} cannot be stored in LAS")
-        params.append(laspy.ExtraBytesParams(name, dtype))
-    if replaced:
-        las.remove_extra_dims(list(replaced))
-    if params:
-        las.add_extra_dims(params)
-    for name, column in columns.items():
-        las[name] = column

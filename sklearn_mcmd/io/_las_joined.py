@@ -9,8 +9,6 @@ from sklearn_mcmd.io._las import cloud_of_points, forget_copc, import_laspy, rea
 from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = ["joined_cloud", "joined_header"]
-
 # What a point format has besides coordinates: GPS time, colors, near infrared.
 PARTS = {
     **{0: set(), 1: {"time"}, 2: {"color"}, 3: {"time", "color"}},
@@ -21,11 +19,8 @@ ANGLE_STEP = 0.006  # degrees, of the new formats
 
 
 def joined_header(paths):
-    """A header whose points hold those of all files.
-
-    It is that of the first file. Its point format is the richest, its scales are the finest, and it
-    has the extra dimensions of all. If there is none, an error names a file.
-    """
+    """The first file's header, with the richest point format, the finest scales, and the extra
+    dimensions of all files. If there is none, an error names a file."""
     laspy = import_laspy(compressed=False)
     first = read_header(paths[0])
     header, dimensions, formats, version = copy.deepcopy(first), {}, set(), first.version

@@ -1,20 +1,12 @@
-"""LAS and LAZ in parts: files that are larger than memory are read and written piece by piece."""
+"""LAS and LAZ in parts: files that are larger than memory are read piece by piece."""
 
 from functools import cache
 
 from sklearn_mcmd.io._files import one_clear_line
-from sklearn_mcmd.io._las import (
-    cloud_of_points,
-    header_of,
-    parts_of,
-    read_header,
-    writing_parts,
-)
+from sklearn_mcmd.io._las import cloud_of_points, header_of, parts_of, read_header
 from sklearn_mcmd.io._no_returns import NoReturns
 
-__all__ = ["no_returns_of", "read_parts", "writing_parts"]
-
-POINTS_A_TIME = 250_000
+POINTS_A_TIME = 250_000  # that are read to look for rays without a return
 
 
 def read_parts(path, n_points):

@@ -8,19 +8,10 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = [
-    "as_described",
-    "check_grid",
-    "check_structure",
-    "order_bounds",
-    "record_length",
-    "start_of_longest",
-]
-
-SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393
-VLR_HEADER, EVLR_HEADER = 54, 60
-SAME_PLACE = 1_000
-LENGTH_FIELD, GRID_FIELD, BOUNDS_FIELD, WAVEFORMS_FIELD = 105, 131, 179, 227
+SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393  # bytes
+VLR_HEADER, EVLR_HEADER = 54, 60  # bytes of the head of a record, and of an extended one
+SAME_PLACE = 1_000  # records in one step of double precision, which would be one place
+LENGTH_FIELD, GRID_FIELD, WAVEFORMS_FIELD = 105, 131, 227  # places in a header
 
 
 def check_structure(file):
@@ -71,7 +62,6 @@ def check_grid(axis, scale, offset):
     """Refuse a scale that puts all points at one place about the offset, or beyond all bounds."""
     with np.errstate(invalid="ignore"):
         finest = np.spacing(max(abs(offset), 1.0))
-    # A thousand records in one step of double precision would be one place.
     if not finest / SAME_PLACE <= abs(scale) <= 1 / np.finfo(float).eps:
         raise PointFileError(
             f"broken header: scale {scale:g} and offset {offset:g} of {axis} give no "
@@ -102,15 +92,6 @@ def as_described(points, size, point_format):
     described = np.zeros((len(points) // size, point_format.size), np.uint8)
     described[:, :n_kept] = points.reshape(-1, size)[:, :n_kept]
     return described.reshape(-1)
-
-
-def order_bounds(path):
-    """Put the bounds of a written header in order: negative scales turn laspy's around."""
-    with open(path, "rb+") as file:
-        file.seek(BOUNDS_FIELD)
-        bounds = np.fromfile(file, "<f8", 6).reshape(3, 2)
-        file.seek(BOUNDS_FIELD)
-        file.write(np.sort(bounds)[:, ::-1].tobytes())
 
 
 def _fit(file, position, n_records, size):

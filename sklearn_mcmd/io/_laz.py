@@ -1,12 +1,8 @@
 """The compressed points of LAZ: checked first, then passed to lazrs.
 
-A damaged file can make lazrs request more memory than there is, and lazrs then ends the whole
-process (SIGABRT). So all sizes that it reads are checked before: the items of a point, the chunk
-table, and in layered chunks (point formats 6 to 10) the sizes of the layers. The compressed bytes
-remain unchecked. lazrs reads them without requesting memory.
-
-lazrs turns every error in Python code that it calls into its own error, even a KeyboardInterrupt.
-So it gets bytes in memory to read, and a file that remembers its error to write.
+A damaged file can make lazrs request more memory than there is, which ends the process (SIGABRT).
+So all sizes that it reads are checked before; the compressed bytes remain unchecked. As lazrs turns
+every error of Python's code into its own, even a KeyboardInterrupt, it gets bytes in memory.
 """
 
 import io
@@ -18,34 +14,23 @@ import numpy as np
 from sklearn_mcmd.io._las_structure import as_described, record_length
 from sklearn_mcmd.io._point_cloud import PointFileError, check_room, import_extra
 
-__all__ = ["WAVE_PACKET_FORMATS", "compressed_parts"]
-
-# LASzip's items: number -> (bytes, layers). Each "extra byte", items 0 and 14, is one layer.
-ITEMS = {
-    **{6: (20, 0), 7: (8, 0), 8: (6, 0), 9: (29, 0)},
-    **{10: (30, 9), 11: (6, 1), 12: (8, 2), 13: (29, 1)},
-}
-ITEMS_OF_FORMAT = {
-    **{0: [6], 1: [6, 7], 2: [6, 8], 3: [6, 7, 8], 4: [6, 7, 9], 5: [6, 7, 8, 9]},
-    **{6: [10], 7: [10, 11], 8: [10, 12], 9: [10, 13], 10: [10, 12, 13]},
-}
-EXTRA_BYTES, LAYERED_EXTRA_BYTES = 0, 14
+LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of LASzip's items by number; an extra byte is one
+EXTRA_BYTES = (0, 14)  # numbers of the items that hold them
 ONE_CHUNK, CHUNKED, LAYERED = 1, 2, 3  # compressors
-ITEM_VERSIONS = {ONE_CHUNK: (1, 2), CHUNKED: (1, 2), LAYERED: (3, 4)}
+ITEM_VERSIONS = {ONE_CHUNK: (1, 2), CHUNKED: (1, 2), LAYERED: (3, 4)}  # that lazrs reads
 VARIABLE = 2**32 - 1  # this chunk size means that the table holds the sizes
 BYTES_PER_ENTRY = 16  # of the table, at most: two integers with their probabilities
 # Of a point at least one of 64 symbols is stored, whose likelihoods are multiples of 2**-15: 2,884
 # points a byte if all are alike. lazrs comes to 655.
 POINTS_A_BYTE = 2_900
 CHUNKS_A_TIME = 64  # enough for all processors, and few enough for Ctrl-C to end soon
-WAVE_PACKET_FORMATS = (4, 5, 9, 10)
+WAVE_PACKET_FORMATS = (4, 5, 9, 10)  # point formats
 
 
 def compressed_parts(file, header, n_points):
-    """The point records (n * record length bytes) behind a header that laspy has read, in parts.
+    """The point records behind a header, as bytes, in parts of whole chunks; see `parts_of`.
 
-    Each is of whole chunks, of about `n_points` points but at least a chunk. The file may be at any
-    position. The header's LASzip record is removed, as laspy does.
+    The header's LASzip record is removed, as laspy does.
     """
     lazrs = import_extra("lazrs", "las", "LAZ")
     records = header.vlrs.extract("LasZipVlr")
@@ -53,25 +38,21 @@ def compressed_parts(file, header, n_points):
         raise PointFileError("damaged: the record that says how its points are compressed is gone")
     record = records[0].record_data
     size = record_length(file)
-    layout = _Layout(record, header.point_format.id, size)
+    layout = _Layout(lazrs, record, header.point_format.id, size)
     chunks = _chunks(lazrs, file, header, record, layout)
+    ends = np.cumsum([0, *(n for n, _ in chunks)])
     first = 0
     while first < len(chunks):
-        last, n_part = first, 0
-        while last < len(chunks) and (n_part == 0 or n_part + chunks[last][0] <= n_points):
-            n_part += chunks[last][0]
-            last += 1
-        points = np.empty((n_part, size), dtype=np.uint8)
-        done = 0
+        last = int(np.searchsorted(ends, ends[first] + n_points, side="right")) - 1
+        last = max(last, first + 1)
+        points = np.empty((ends[last] - ends[first], size), dtype=np.uint8)
         for start in range(first, last, CHUNKS_A_TIME):
-            part = chunks[start : min(start + CHUNKS_A_TIME, last)]
+            end = min(start + CHUNKS_A_TIME, last)
+            part = chunks[start:end]
             data = file.read(sum(n_bytes for _, n_bytes in part))
             layout.check_chunks(data, part, start)
-            n = sum(n for n, _ in part)
-            lazrs.decompress_points_with_chunk_table(
-                data, record, points[done : done + n].reshape(-1), part
-            )
-            done += n
+            rows = slice(*(ends[[start, end]] - ends[first]))
+            lazrs.decompress_points_with_chunk_table(data, record, points[rows].reshape(-1), part)
         yield as_described(points.reshape(-1), size, header.point_format)
         first = last
 
@@ -79,7 +60,7 @@ def compressed_parts(file, header, n_points):
 class _Layout:
     """The layout and compression of a point, from the LASzip record of the header."""
 
-    def __init__(self, record, format_id, size):
+    def __init__(self, lazrs, record, format_id, size):
         n_items = struct.unpack_from("<H", record, 32)[0] if len(record) >= 34 else 0
         if n_items == 0 or len(record) < 34 + 6 * n_items:
             raise PointFileError("damaged: the record of the compression is too short")
@@ -88,26 +69,24 @@ class _Layout:
             raise PointFileError(f"damaged, or compressed in a way unknown ({self.compressor})")
         if self.chunk_size == 0:
             raise PointFileError("damaged: its chunks are of 0 points")
+        plain = lazrs.LazVlr.new_for_compression(format_id, 0, False).record_data()
+        wanted = [item[:2] for item in struct.iter_unpack("<3H", plain[34:])]
         items = list(struct.iter_unpack("<3H", record[34 : 34 + 6 * n_items]))
-        self.n_bytes = n_extra = size
-        self.n_layers = 0
-        wanted = ITEMS_OF_FORMAT[format_id]
-        for i, (kind, size, version) in enumerate(items):
-            is_extra = kind in (EXTRA_BYTES, LAYERED_EXTRA_BYTES) and i >= len(wanted)
-            known = is_extra or ([kind] == wanted[i : i + 1] and size == ITEMS[kind][0])
+        for i, (kind, n_bytes, version) in enumerate(items):
+            known = wanted[i] == (kind, n_bytes) if i < len(wanted) else kind in EXTRA_BYTES
             if not known or version not in ITEM_VERSIONS[self.compressor]:
                 raise PointFileError(
-                    f"damaged: item {kind} of {size} bytes, version {version}, is not what "
+                    f"damaged: item {kind} of {n_bytes} bytes, version {version}, is not what "
                     f"point format {format_id} is compressed as"
                 )
-            self.n_layers += size if is_extra else ITEMS[kind][1]
-            n_extra -= size
-        if len(items) < len(wanted) or n_extra != 0:
+        self.n_bytes = size
+        if (n_compressed := sum(n_bytes for _, n_bytes, _ in items)) != size:
             raise PointFileError(
-                f"damaged: points of {size} bytes are compressed as {size - n_extra} bytes"
+                f"damaged: points of {size} bytes are compressed as {n_compressed} bytes"
             )
-        if self.compressor != LAYERED:
-            self.n_layers = 0
+        self.n_layers = 0
+        if self.compressor == LAYERED:
+            self.n_layers = sum(LAYERS.get(kind, n_bytes) for kind, n_bytes, _ in items)
 
     @property
     def smallest_chunk(self):
@@ -115,15 +94,12 @@ class _Layout:
         return self.n_bytes + (4 + 4 * self.n_layers if self.compressor == LAYERED else 0)
 
     def check_chunks(self, data, chunks, first):
-        """Refuse chunks that end too early, or layers that do not fit into their chunk.
-
-        Nothing is read of an empty chunk; lazrs may end a file of variable chunks with one.
-        """
+        """Refuse chunks that end too early, or layers that do not fit into their chunk."""
         if len(data) < sum(n_bytes for _, n_bytes in chunks):
             raise PointFileError("truncated: the compressed points end too early")
         start = 0
         for number, (n_points, n_bytes) in enumerate(chunks, start=first + 1):
-            needed = self.smallest_chunk if n_points else 0
+            needed = self.smallest_chunk if n_points else 0  # lazrs may end with an empty one
             if self.compressor == LAYERED and 0 < needed <= n_bytes:
                 n_stored, *layers = struct.unpack_from(
                     f"<{1 + self.n_layers}I", data, start + self.n_bytes
@@ -141,10 +117,7 @@ class _Layout:
 
 
 def _chunks(lazrs, file, header, record, layout):
-    """Points and bytes of each chunk. The file is then at the first chunk.
-
-    lazrs reads the table and does not check its count, so the count is checked before.
-    """
+    """Points and bytes of each chunk. The file is then at the first chunk."""
     size = file.seek(0, os.SEEK_END)
     points_at, n_points = header.offset_to_point_data, header.point_count
     check_room(n_points // POINTS_A_BYTE, size - points_at, f"{n_points:,} points")
@@ -168,14 +141,15 @@ def _chunks(lazrs, file, header, record, layout):
     except lazrs.LazrsError as err:
         raise PointFileError(f"damaged: its chunk table cannot be read ({err})") from err
     if is_variable:
-        chunks = [(n, n_bytes) for n, n_bytes in entries if n > 0 or n_bytes > 0]
+        chunks = [entry for entry in entries if any(entry)]
     else:
         chunks = [(layout.chunk_size, n_bytes) for _, n_bytes in entries[:n_needed]]
         chunks[-1] = (n_points - layout.chunk_size * (n_needed - 1), chunks[-1][1])
-    if sum(n for n, _ in chunks) != n_points or sum(b for _, b in chunks) > room:
+    n_listed, n_bytes = map(sum, zip(*chunks, strict=True)) if chunks else (0, 0)
+    if n_listed != n_points or n_bytes > room:
         raise PointFileError(
-            f"damaged: its chunk table tells of {sum(n for n, _ in chunks)} points in "
-            f"{sum(b for _, b in chunks)} bytes, the file holds {n_points} in {room}"
+            f"damaged: its chunk table tells of {n_listed} points in {n_bytes} bytes, the file "
+            f"holds {n_points} in {room}"
         )
     file.seek(points_at + 8)
     return chunks

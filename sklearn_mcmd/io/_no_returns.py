@@ -2,10 +2,8 @@
 
 import numpy as np
 
-__all__ = ["TOLD", "NoReturns"]
-
-LARGE, ZERO = 1e5, 1e-6
-TOLD = "n_no_returns"  # in the metadata: how many of those that were left out had a warning
+LARGE, ZERO = 1e5, 1e-6  # a coordinate from which on zeros are odd, and below which it is 0
+LEFT_OUT = "n_no_returns"  # in the metadata: how many of those that were left out had a warning
 # A place that was measured more often than this keeps company with itself, in outliers/.
 FEW = 8
 

@@ -4,10 +4,8 @@ import re
 
 import numpy as np
 
-__all__ = ["MISSING", "named_nans", "number_of", "plain_numbers"]
-
-MISSING = {"", "na", "n/a", "null", "none"}
-SWAPPED = str.maketrans(",.", ".,")
+MISSING = {"", "na", "n/a", "null", "none"}  # words for no number, in lower case
+SWAPPED = str.maketrans(",.", ".,")  # decimal commas and points
 # Commas that can only separate thousands: several of them, or before a point.
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:(?:,\d{3})+\.\d*|(?:,\d{3}){2,})")
 # Swiss and French: an apostrophe or a blank that does not break, also as bytes of Latin-1.

@@ -12,31 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn_mcmd import _extras
 from sklearn_mcmd._errors import warn_caller
 
-__all__ = [
-    "CELL",
-    "COLORS",
-    "SETUPS",
-    "SHAPE",
-    "PointCloud",
-    "PointFileError",
-    "cells_of",
-    "check_room",
-    "colors_of_bytes",
-    "denoised_before",
-    "fit_dtype",
-    "flat_columns",
-    "has_colors",
-    "import_extra",
-    "joined",
-    "joined_scans",
-    "made_of_bytes",
-    "with_cells",
-    "with_results",
-    "without_outliers",
-]
-
-RESERVED = {"x", "y", "z", "xyz"}
-COLORS = ("red", "green", "blue")
+RESERVED = {"x", "y", "z", "xyz"}  # which attributes cannot be called
+COLORS = ("red", "green", "blue")  # names of the attributes of a color
 SETUPS = "sensor_origins"  # in the metadata: (n_scans, 3), NaN where a scan tells none
 CELL = ("row_index", "column_index")  # of a point in the grid of an organized cloud or a scan
 SHAPE = "grid_shape"  # of an organized cloud, in its metadata: rows and columns

@@ -7,12 +7,11 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import CELL, PointCloud, PointFileError, check_room, joined_scans
 
-__all__ = ["read_ptx"]
-
 # Lines of a header, and their numbers.
 HEADER = [("number of columns", 1), ("number of rows", 1), ("position of the scanner", 3)]
 HEADER += [("axis of the scanner", 3)] * 3 + [("row of four of the matrix", 4)] * 4
 VALUES = ("intensity", "red", "green", "blue")  # after the coordinates
+# What a point is, for errors.
 LIKE = "; points have 4 numbers, or all of a scan have 7 with colors"
 SHORTEST = len("0 0 0 0\n")  # bytes of a point
 RIGID = 2e-3  # sqrt(3) / 1000 and less, by which three decimals make a rotation wrong

@@ -24,13 +24,11 @@ from sklearn_mcmd.io._point_cloud import (
 )
 from sklearn_mcmd.io._text import text_rows
 
-__all__ = ["read_pcd", "read_ply", "write_pcd", "write_ply"]
-
-PLY_DTYPES = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}
+PLY_DTYPES = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}  # that files hold
 PCD_DTYPES = PLY_DTYPES | {"i8", "u8"}
 # Viewers expect normals in PLY under these names; in all other formats they have ours.
 PLY_NORMALS = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
-DENOISED = "outliers removed by sklearn-mcmd"
+DENOISED = "outliers removed by sklearn-mcmd"  # comment of PLY
 LONGEST_HEADER = 2**20  # bytes of a PLY's
 VERSIONS = [".5", "0.5", ".6", "0.6", ".7", "0.7"]  # of PCD, whose points are laid out alike
 LONGEST_RUN = 88  # bytes from one byte of a compressed PCD
@@ -61,11 +59,10 @@ def _check_ply_values(path):
     with open(path, "rb") as file:
         header, _, _ = file.read(LONGEST_HEADER).partition(b"end_header")
         size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
-    n_values = n_rows = 0
-    for n, _ in re.findall(rb"(?:^|[\r\n])\s*(?:element\s+\S+\s+(\d+)|(property))", header):
-        n_rows = int(n) if n else n_rows
-        n_values += 0 if n else n_rows
-    check_room(n_values, size, "its values")
+    elements = re.split(rb"(?:^|[\r\n])\s*element\s+\S+\s+(\d+)", header)[1:]
+    properties = (re.findall(rb"[\r\n]\s*property", some) for some in elements[1::2])
+    rows = zip(map(int, elements[::2]), properties, strict=True)
+    check_room(sum(n * len(some) for n, some in rows), size, "its values")
 
 
 def write_ply(path, cloud, encoding="binary"):

@@ -9,9 +9,7 @@ from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import SETUPS, PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
-__all__ = ["Stated", "place_words", "rows_of_sensor", "sensor_origins", "stated_positions"]
-
-NO_VIEWPOINT = (0.0, 0.0, 0.0)
+NO_VIEWPOINT = (0.0, 0.0, 0.0)  # which is written where it is not known
 
 
 class Stated(NamedTuple):

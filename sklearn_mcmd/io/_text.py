@@ -17,21 +17,20 @@ from sklearn_mcmd.io._fixed_columns import COLUMNS, fitting, names_after_xyz, wi
 from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, fit_dtype, flat_columns
 
-__all__ = ["read_text", "text_rows", "write_text"]
-
-NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}
-COMMENTS = ("#", "//")
-ROWS_A_TIME = 100_000
+NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # dtypes written
+LAYOUT = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
+COMMENTS = ("#", "//")  # begin a line that is no row
+ROWS_A_TIME = 100_000  # that are read and written at once
 LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
-IN_DOUBT = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+IN_DOUBT = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # thousands, or three decimals
 LONGEST, MOST_HEADERS = 1_000_000, 10  # characters of a line, and lines before the first row
 
 
 def read_text(path, columns=None):
     """Read a table of numbers. Integer columns become int64 or uint64, all others float64."""
     with _opened(path) as file:
-        table, first = _begin(file, columns, path.suffix.lower())
-        table.read(chain([first], file))
+        table = _begin(file, columns, path.suffix.lower())
+        table.read(chain([table.head.line], file))
     left_out = [
         f"{table.names[j]} (line {number}: {_decoded(value)[:40]!r})"
         for j, (number, value) in table.words.items()
@@ -53,9 +52,8 @@ def read_text(path, columns=None):
             elif table.fields[j].lstrip("+-").isdigit() and not np.isnan(values).any():
                 values = values.astype(np.int64)  # class numbers and labels stay integers
         attributes[attribute_name(name)] = values
-    if np.count_nonzero(table.counts) > 1:
-        scans = np.arange(len(table.counts), dtype=np.int32)
-        attributes["scan_index"] = np.repeat(scans, table.counts)
+    if np.count_nonzero(counts := table.head.counts) > 1:
+        attributes["scan_index"] = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
     xyz = np.concatenate([part[:, table.positions] for part in table.parts])
     return PointCloud(xyz, with_bytes(path, attributes))
 
@@ -105,15 +103,17 @@ def _large_integers(path, table, j, values):
     for dtype in (np.int64, np.uint64):
         with _opened(path) as file, suppress(ValueError, Warning), warnings.catch_warnings():
             warnings.simplefilter("error")  # of integers read as float64
+            lines = islice(file, table.head.number - 1, None)
             exact = np.loadtxt(
-                islice(file, table.first - 1, None), dtype, delimiter=table.delimiter,
-                usecols=j, ndmin=1, encoding="utf-8", quotechar='"',
-            )  # fmt: skip
+                lines, dtype, usecols=j, ndmin=1, delimiter=table.delimiter, **LAYOUT
+            )
             if np.array_equal(exact.astype(float), values):
                 return exact
     width = len(table.names)
     with _opened(path) as file:
-        rows = (_row(line, table.delimiter, width) for line in islice(file, table.first - 1, None))
+        rows = (
+            _row(line, table.delimiter, width) for line in islice(file, table.head.number - 1, None)
+        )
         cells = (row[j] for row in rows if len(row) == width)
         if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
             warn_caller(
@@ -123,57 +123,83 @@ def _large_integers(path, table, j, values):
     return values
 
 
-def _begin(file, columns, extension):
-    """The table to read, and the line of its first row: it has a value for a coordinate."""
-    told = list(columns.values()) if columns else []
-    numbered = len(told) == 3 and all(str(which).isdecimal() for which in told)
-    positions = [int(which) - 1 for which in told] if numbered else [0, 1, 2]
-    headers, comments, known, delimiter, number, counts, counted_at = [], [], None, None, 0, [], 0
+@dataclass
+class _Head:
+    """What stands above the rows, and the first line of these."""
+
+    positions: list  # of x, y, z
+    names: list | None = None  # fields of the header that has these
+    headers: list = field(default_factory=list)  # fields of each line that is no row
+    comments: list = field(default_factory=list)  # fields of each comment that may name columns
+    counts: list = field(default_factory=list)  # of points of each scan, empty if not given
+    counted_at: int = 0  # number of the last count's line
+    delimiter: str | None = None  # None is whitespace
+    line: str = ""
+    number: int = 0
+
+    def is_row(self, columns):
+        """Whether the line is the first row: it has a value for a coordinate. Keep what it says."""
+        if self.names is None or len(_fields(self.line, self.delimiter)) != len(self.names):
+            self.delimiter = _delimiter(self.line)
+        fields = _fields(self.line, self.delimiter)
+        if len(fields) == 2 and fields[0].lower() in ("ncols", "nrows"):
+            raise PointFileError(
+                "is an ESRI ASCII grid: convert it to rows of x y z, as gdal_translate -of XYZ does"
+            )
+        if len(fields) == 1 and fields[0].isdecimal() and not any(self.counts):  # as in PTS
+            self.counts.append(int(fields[0]))
+            self.counted_at = self.number
+        elif any(_is_value(fields[i]) for i in self.positions if i < len(fields)):
+            return True
+        else:
+            self.headers.append(fields)
+            if self.names is None:
+                with suppress(PointFileError):  # a title, or raised by `_head`
+                    self.positions, self.names = coordinate_columns(fields, columns), fields
+        return False
+
+
+def _head(file, columns):
+    """What stands above the first row."""
+    given = list(columns.values()) if columns else []
+    numbered = len(given) == 3 and all(str(which).isdecimal() for which in given)
+    head = _Head([int(which) - 1 for which in given] if numbered else [0, 1, 2])
     while True:
-        line, number = named_nans(_decoded(file.readline(LONGEST))), number + 1
-        if not line or len(headers) > MOST_HEADERS:
-            if known is None and headers and len(headers[0]) >= 3:
-                coordinate_columns(headers[0], columns)
-            header = f" (header: {', '.join(headers[0])[:40]!r})" if headers else ""
+        head.line = line = named_nans(_decoded(file.readline(LONGEST)))
+        head.number += 1
+        if not line or len(head.headers) > MOST_HEADERS:
+            first = head.headers[0] if head.headers else []
+            if head.names is None and len(first) >= 3:
+                coordinate_columns(first, columns)
+            header = f" (header: {', '.join(first)[:40]!r})" if head.headers else ""
             raise PointFileError(f"holds no row of numbers{header}, so no points")
         if "\0" in line or (len(line) == LONGEST and not line.endswith("\n")):
             raise PointFileError("is not a text file")
         text = line.strip()
-        if not text:
-            continue
         if text.startswith(COMMENTS):
             text = text.lstrip("#/ ")
             names = _fields(text)
             # Fields between commas, without blanks or numbers, are names even if none is known.
             between = " " not in text and _delimiter(text) and not any(map(_is_value, names))
-            if between or are_names(names, () if numbered else told):
-                comments.append(names)
-            continue
-        if known is None or len(_fields(line, delimiter)) != len(known):
-            delimiter = _delimiter(line)
-        fields = _fields(line, delimiter)
-        if len(fields) == 2 and fields[0].lower() in ("ncols", "nrows"):
-            raise PointFileError(
-                "is an ESRI ASCII grid: convert it to rows of x y z, as gdal_translate -of XYZ does"
-            )
-        if len(fields) == 1 and fields[0].isdecimal() and not any(counts):  # as in PTS
-            counts, counted_at = [*counts, int(fields[0])], number
-        elif any(_is_value(fields[i]) for i in positions if i < len(fields)):
-            break
-        else:
-            headers.append(fields)
-            if known is None:
-                with suppress(PointFileError):  # a title, or raised below
-                    positions, known = coordinate_columns(fields, columns), fields
-    fields = _row(line, delimiter, len(known or ()))
+            if between or are_names(names, () if numbered else given):
+                head.comments.append(names)
+        elif text and head.is_row(columns):
+            return head
+
+
+def _begin(file, columns, extension):
+    """The table whose rows are to be read, the first of which its head has."""
+    head = _head(file, columns)
+    fields, known = _row(head.line, head.delimiter, len(head.names or ())), head.names
     if len(fields) < 3:
         raise PointFileError(
-            f"line {number} has {counted(len(fields), 'column')}; at least 3 (x, y, z) are needed"
+            f"line {head.number} has {counted(len(fields), 'column')}; at least 3 (x, y, z) are "
+            "needed"
         )
     if known is None:
         widths = {len(fields), len(fields) - (fields[-1] == "")}
-        named = [some for some in headers + comments if len(some) in widths]
-        known = (named + headers[:1] + [None])[0]
+        named = [some for some in head.headers + head.comments if len(some) in widths]
+        known = (named + head.headers[:1] + [None])[0]
         for some in reversed(named):
             with suppress(PointFileError):
                 known = coordinate_columns(some, columns) and some
@@ -184,40 +210,37 @@ def _begin(file, columns, extension):
             known = [*known, ""]
         if len(fields) != len(known):
             raise PointFileError(
-                f"the header names {len(known)} columns, line {number} has {len(fields)}"
+                f"the header names {len(known)} columns, line {head.number} has {len(fields)}"
             )
     names = known or ["", "", "", *names_after_xyz(extension, len(fields) - 3)]
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if known is not None or columns:
-        positions = coordinate_columns(names, columns)
-    table = _Table(number, fields, delimiter, names, positions, counts, counted_at)
-    table.settle(fields, line, number)
-    return table, line
+        head.positions = coordinate_columns(names, columns)
+    table = _Table(head, fields, names)
+    table.find_decimals(fields, head.line, head.number)
+    return table
 
 
 @dataclass
 class _Table:
-    """How a table is laid out, and what reading its rows shows on the way."""
+    """Rows below a head, and what reading them shows on the way."""
 
-    at: int  # number of the next line: of the first row
+    head: _Head
     fields: list  # of the first row
-    delimiter: str | None  # None is whitespace
     names: list
-    positions: list  # of x, y, z
-    counts: list  # of points of each scan, empty if the file does not say
-    counted_at: int  # number of the last count's line
     parts: list = field(default_factory=list)
     words: dict = field(default_factory=dict)  # columns with words: line and text of the first
     gaps: set = field(default_factory=set)  # columns with gaps
 
     def __post_init__(self):
-        self.first = self.at
+        self.at = self.head.number  # of the next line
+        self.delimiter, self.positions = self.head.delimiter, self.head.positions
         # Whether commas are decimal, of coordinates and of others: None until a number tells.
         self.comma = self.others = None if self.delimiter in (";", "\t") else False
 
     def read(self, lines):
         """Read all rows. Where the file tells how many, other scans may follow with their own."""
-        left = self.counts[-1] if self.counts else math.inf
+        left = self.head.counts[-1] if self.head.counts else math.inf
         while part := list(islice(lines, min(ROWS_A_TIME, left) or 1)):
             if left:
                 self.parts.append(self._part(part))
@@ -225,15 +248,15 @@ class _Table:
             elif any(fields := self._row(plain_numbers(part[0], self.comma))):
                 if len(fields) > 1 or not fields[0].isdecimal():
                     raise PointFileError(f"{self._promise()}, line {self.at} is one more")
-                left, self.counted_at = int(fields[0]), self.at
-                self.counts.append(left)
+                left, self.head.counted_at = int(fields[0]), self.at
+                self.head.counts.append(left)
             self.at += len(part)
         if 0 < left < math.inf:
-            raise PointFileError(f"{self._promise()}, found {self.counts[-1] - left:,}")
+            raise PointFileError(f"{self._promise()}, found {self.head.counts[-1] - left:,}")
 
     def _promise(self):
-        n_points = self.counts[-1]
-        return f"line {self.counted_at} promises {counted(n_points, 'point')}"
+        n_points = self.head.counts[-1]
+        return f"line {self.head.counted_at} promises {counted(n_points, 'point')}"
 
     def _part(self, part):
         """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""
@@ -248,7 +271,7 @@ class _Table:
         last = None if self.others is None else max(self.positions) + 1
         for number, line in enumerate(part, self.at) if self.comma is None else []:
             if any("." in cell or "," in cell for cell in line.split(self.delimiter)[:last]):
-                self.settle(self._row(line), line, number)
+                self.find_decimals(self._row(line), line, number)
         return table
 
     def _parsed(self, lines):
@@ -258,10 +281,8 @@ class _Table:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of a part without rows
-                table = np.loadtxt(
-                    lines, delimiter=self.delimiter, converters=converters, ndmin=2,
-                    encoding="utf-8", quotechar='"', comments=None,
-                )  # fmt: skip
+                options = {"converters": converters, "ndmin": 2, "comments": None, **LAYOUT}
+                table = np.loadtxt(lines, delimiter=self.delimiter, **options)
         except ValueError:
             return None
         return table if table.shape[1] == len(self.names) else None
@@ -277,10 +298,10 @@ class _Table:
             if not any(fields):
                 continue
             if len(fields) != width:
-                told = f"; {self._promise()}" if self.counts else ""
-                words = f"line {at} has {len(fields)} columns, line {self.first} has {width}"
+                told = f"; {self._promise()}" if self.head.counts else ""
+                words = f"line {at} has {len(fields)} columns, line {self.head.number} has {width}"
                 raise PointFileError(words + told)
-            self.settle(fields, line, at)
+            self.find_decimals(fields, line, at)
             rows.append(fields)
             numbers.append(at)
         table = np.full((len(rows), width), np.nan)
@@ -297,7 +318,7 @@ class _Table:
                     self.gaps.add(j)
         return table
 
-    def settle(self, fields, line, number):
+    def find_decimals(self, fields, line, number):
         """Learn from the first number with a comma or point which of them is decimal.
 
         Attributes may have another than coordinates, if theirs comes first or in the same row.

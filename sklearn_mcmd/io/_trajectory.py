@@ -12,17 +12,6 @@ from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._text import read_text
 
-__all__ = [
-    "Trajectory",
-    "positions_at",
-    "positions_of_times",
-    "read_trajectory",
-    "settle_shift",
-    "times_of",
-    "trajectory_of",
-    "warn_if_far",
-]
-
 TIMES = ("gps_time", "time")  # names of columns, the first is taken
 WEEK = 604_800.0  # seconds
 ADJUSTED = 1e9  # what LAS subtracts from GPS seconds
@@ -114,7 +103,7 @@ def trajectory_of(times, positions):
 def positions_at(cloud: PointCloud, trajectory: Trajectory) -> NDArray[np.float64]:
     """Where the sensor was for each point, by its time; see `sensor_origins`."""
     times = times_of(cloud)
-    positions = positions_of_times(times - settle_shift(times, trajectory), trajectory)
+    positions = positions_of_times(times - time_shift(times, trajectory), trajectory)
     if len(cloud):
         warn_if_far(cloud.xyz.min(axis=0), cloud.xyz.max(axis=0), positions)
     return positions
@@ -130,7 +119,7 @@ def times_of(cloud):
     return np.asarray(cloud.attributes[name], float)
 
 
-def settle_shift(times, trajectory):
+def time_shift(times, trajectory):
     """Seconds by which the times of points are ahead of a trajectory's, with a warning if so.
 
     Raises if it does not cover them.
@@ -167,7 +156,7 @@ def _shift(times, begin, end):
 
     week, plain, adjusted = "seconds of the week", "GPS seconds", "GPS seconds less 1e9"
     known = [(0.0, ""), (-ADJUSTED, f"taken as {adjusted}, and as {plain}")]
-    known.append((ADJUSTED, f"taken as {plain}, and as {adjusted}"))
+    known += [(ADJUSTED, f"taken as {plain}, and as {adjusted}")]
     points_in_weeks = times.min() >= 0 and times.max() <= WEEK
     path_in_weeks = begin >= 0 and end <= WEEK
     if points_in_weeks != path_in_weeks:

@@ -6,12 +6,11 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import SETUPS
 
-__all__ = ["GEOGRAPHIC", "PROJECTED", "degrees_warning", "length_unit", "system_of"]
-
-METERS = {1.0: "m", 0.3048: "ft", 0.3048006: "US ft"}
-GEOTIFF = {9001: "m", 9002: "ft", 9003: "US ft"}
+METERS = {1.0: "m", 0.3048: "ft", 0.3048006: "US ft"}  # units by their length
+GEOTIFF = {9001: "m", 9002: "ft", 9003: "US ft"}  # units by GeoTIFF's code
 PLANE_UNIT, HEIGHT_UNIT = 3076, 4099  # GeoTIFF's keys
 MODEL, GEOGRAPHIC, PROJECTED = 1024, 2048, 3072  # the first is 2 for geographic systems
+# WKT of a geographic system, and names of columns of degrees.
 GEOGRAPHIC_WKT = re.compile(r"(?!.*(?:PROJ|GEOCCS|Cartesian)).*\bGEO[GD]", re.DOTALL)
 DEGREES = re.compile(r"(?<![a-z])(lon|long|longitude|lng|lat|latitude)(?![a-z])", re.IGNORECASE)
 # Heights that reach so many times as far as x and y: of meters beside degrees, all terrain does

@@ -1,57 +1,62 @@
-"""How many neighbors a normal needs: as many as the noise asks for, and no more.
+"""How many neighbors a normal needs: as many as the noise requires, and no more.
 
 Noise tilts the normal of a large neighborhood less than that of a small one, and a small one
 follows the surface better. So each point gets the number of neighbors with which the noise tilts
-its normal by `TILT`. The noise is what quadrics leave of small neighborhoods around the point.
-Where these are too noisy to tell, neighborhoods of twice as many points are asked; but only as
+its normal by 2.5 degrees. The noise is what quadrics leave of small neighborhoods around the point.
+Where these are too noisy, neighborhoods of twice as many points are taken; but only as
 long as the planes of twice as many points turn by no more than noise explains. Where they turn by
 more, the surface bends or folds within them.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.special import ndtri
 
-from sklearn_mcmd.normals._quadrics import CHANCE, noise_quantiles
-from sklearn_mcmd.normals._smoothness import whole_planes
+from sklearn_mcmd.normals._quadrics import QuadricLimits, noise_quantiles, whole_planes
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._plane import normal_errors
+from sklearn_mcmd.planes._principal_planes import normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["AROUND", "ScaleFinder", "sized_index"]
+__all__ = ["ScaleFinder", "SizeLimits", "sized_index"]
 
-# Standard error of a normal, in degrees, that the noise may cause.
-TILT = 2.5
-# Fewer neighbors leave a quadric too few degrees of freedom. More are seldom worth their time.
-LEAST, MOST = 16, 256
-# A point's error is the one that this share of the neighborhoods around do not exceed. So next to
-# an edge it is the error on the faces. "Around" are this many points.
-QUIET, AROUND = 0.25, 64
-# Of the work not yet done, the share that the next step is told to be: their number is not known.
+# Of the work not yet done, the share that the next step is said to be: their number is not known.
 SHARE = 0.2
+
+
+class SizeLimits(NamedTuple):
+    """What the size of a neighborhood depends on."""
+
+    tilt: float = 2.5  # standard error of a normal, in degrees, that the noise may cause
+    least: int = 16  # fewer neighbors leave a quadric too few degrees of freedom
+    most: int = 256  # more are seldom worth their time
+    # A point's error is the one that this share of the neighborhoods around do not exceed. So next
+    # to an edge it is the error on the faces.
+    quiet: float = 0.25
+    around: int = 64  # points that are around a point
 
 
 class ScaleFinder:
     """Finds the size of the neighborhood of each point of a cloud.
 
-    The index is one of `AROUND` neighbors, in 2D or 3D.
+    The index is one of ``SizeLimits().around`` neighbors, in 2D or 3D.
     """
 
     def __init__(self, index, n_jobs):
-        self.index = index
-        self.n_jobs = n_jobs
+        self.index, self.n_jobs, self.limits = index, n_jobs, SizeLimits()
         self._done = 0.0
 
     def sizes(self):
         """Members of the neighborhoods of the index's points: ndarray of int of shape (m,)."""
-        m, d = self.index.points.shape
+        (m, d), least, most = self.index.points.shape, self.limits.least, self.limits.most
         wanted, todo = np.full(m, np.inf), np.ones(m, dtype=bool)
-        k = min(LEAST, m)
+        k = min(least, m)
         errors, normals = self._fit(k, todo)
-        while todo.any() and k <= min(MOST // 2, m):
-            error, found = wanted_by(self._quiet(errors, todo), k, d)
-            known = found <= 2 * k  # more than that the next, twice as large, can tell
+        while todo.any() and k <= min(most // 2, m):
+            error, found = wanted_by(self._quiet(errors, todo), k, d, self.limits)
+            known = found <= 2 * k  # larger sizes follow from the next, twice as large
             if not known.all():
                 errors, larger = self._fit(2 * k, self._reached(todo))
                 turns = self._quiet(angles(normals, larger), todo)
@@ -59,14 +64,14 @@ class ScaleFinder:
                 found[bent] = k
                 known |= bent
                 normals = larger
-            wanted[todo] = np.where(known, np.maximum(found, LEAST), np.inf)
+            wanted[todo] = np.where(known, np.maximum(found, least), np.inf)
             todo = wanted == np.inf
             wanted[todo] = self._quiet(wanted, todo)
             todo = wanted == np.inf
             k *= 2
-        wanted[todo] = MOST
+        wanted[todo] = most
         wanted = self._quiet(wanted, np.ones(m, dtype=bool))
-        return sizes_of(wanted, m)
+        return np.rint(wanted).astype(np.int64).clip(max=m)
 
     def _reached(self, rows):
         """Whether each point is around any of some points: bool (m,)."""
@@ -77,7 +82,7 @@ class ScaleFinder:
         def task(part, around):
             reached[around.indices] = True
 
-        self._each(rows, AROUND, task)
+        self._each(rows, self.limits.around, task)
         return reached
 
     def _fit(self, k, rows):
@@ -92,13 +97,13 @@ class ScaleFinder:
         return errors, normals
 
     def _quiet(self, values, rows):
-        """The value that `QUIET` of those around do not exceed, of some points."""
+        """The value that the share `quiet` of those around do not exceed, of some points."""
         found = np.empty(len(rows))
 
         def task(part, around):
-            found[part] = quantile_around(values, around, QUIET)
+            found[part] = quantile_around(values, around, self.limits.quiet)
 
-        self._each(rows, AROUND, task)
+        self._each(rows, self.limits.around, task)
         return found[rows]
 
     def _each(self, wanted, k, work):
@@ -109,8 +114,10 @@ class ScaleFinder:
 
 
 def sized_index(xyz, radius, n_jobs):
-    """The `NeighborIndex` whose neighborhoods have the sizes that their noise asks for."""
-    finder = ScaleFinder(NeighborIndex(xyz, AROUND), n_jobs)  # whose index the next one shares
+    """The `NeighborIndex` whose neighborhoods have the sizes that their noise requires."""
+    finder = ScaleFinder(
+        NeighborIndex(xyz, SizeLimits().around), n_jobs
+    )  # whose index the next one shares
     sizes = finder.sizes()
     return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
 
@@ -127,24 +134,19 @@ def errors_of(points, around):
     return np.where(known, found, 90.0), planes.normals
 
 
-def wanted_by(quiet, k, d):
-    """The usual error (m,) of planes of k points, and how many points (m,) would have `TILT`.
+def wanted_by(quiet, k, d, limits):
+    """The usual error (m,) of planes of k points, and how many points (m,) would have `tilt`.
 
-    `quiet` is the error that `QUIET` of those around do not exceed.
+    `quiet` is the error that this share of those around do not exceed.
     """
-    error = quiet / noise_quantiles(QUIET, np.array([k]), d)
+    error = quiet / noise_quantiles(limits.quiet, np.array([k]), d)
     # Of k points, the spread along the surface grows as k ** (1 / (d - 1)).
-    return error, k * (error / TILT) ** (1 / (1 / 2 + 1 / (d - 1)))
+    return error, k * (error / limits.tilt) ** (1 / (1 / 2 + 1 / (d - 1)))
 
 
 def are_turned(turns, error):
     """Whether planes of twice as many points turn by more than their errors do by chance."""
-    return turns > ndtri(1 - CHANCE) * error
-
-
-def sizes_of(wanted, m):
-    """Whole numbers (n,) of neighbors in a cloud of m points."""
-    return np.rint(wanted).astype(np.int64).clip(max=m)
+    return turns > ndtri(1 - QuadricLimits().chance) * error
 
 
 def angles(first, second):

@@ -9,24 +9,19 @@ point's plane explains, then those that the quadric does.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr, ndtri, stdtrit
+from scipy.special import ndtri, stdtrit
 
-from sklearn_mcmd.normals._quadrics import PIVOT, tangents_of
+from sklearn_mcmd.normals._quadrics import QuadricLimits, tangents_of
+from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._orientation import point_up
+from sklearn_mcmd.planes._principal_planes import CONFIDENCE
+from sklearn_mcmd.planes._rules import truncated_normal
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["Curvatures", "curvatures_of_each", "curvatures_of_fitted", "curvatures_of_new"]
 
-# Number of standard deviations within which the plane, and then the quadric, explains a member.
-EXPLAINED = 3.0
-# Number of times that the members are chosen anew, by the quadric.
-ROUNDS = 2
-TERMS = 6
-# Least number of members that leaves two degrees of freedom for the noise.
-LEAST_MEMBERS = TERMS + 2
-# Probability at which errors from few members agree with errors from many.
-CONFIDENCE = 0.95
+TERMS = 6  # of a quadric over a plane in 3D
 
 
 class Curvatures(NamedTuple):
@@ -62,17 +57,20 @@ class Curvatures(NamedTuple):
 
 
 class JetLimits(NamedTuple):
-    """What the compiled fit is told."""
+    """What members a quadric has."""
 
-    explained: float = EXPLAINED
-    rounds: int = ROUNDS
-    least_members: int = LEAST_MEMBERS
-    pivot: float = PIVOT
-    # Ratio of a normal variable's standard deviation to that of its part within `explained`.
-    truncation: float = (
-        1 - 2 * EXPLAINED * np.exp(-(EXPLAINED**2) / 2) / np.sqrt(2 * np.pi)
-        / (1 - 2 * ndtr(-EXPLAINED))
-    ) ** -0.5  # fmt: skip
+    explained: float  # standard deviations within which the plane, then the quadric, has members
+    truncation: float  # standard deviation of noise over that of its part within `explained`
+    pivot: float  # as in `QuadricLimits`
+    rounds: int = 2  # times that the members are chosen anew, by the quadric
+    least_members: int = TERMS + 2  # leaves two degrees of freedom for the noise
+
+    @classmethod
+    def now(cls):
+        """As the limits that all rules share are now."""
+        explained = ExplainLimits().explained
+        truncation = truncated_normal(explained)[1] ** -0.5
+        return cls(explained=explained, truncation=truncation, pivot=QuadricLimits().pivot)
 
 
 class Jets(NamedTuple):
@@ -92,14 +90,18 @@ class Jets(NamedTuple):
     def undetermined(cls, m):
         """A record to be filled in part."""
         return cls(
-            np.zeros((m, 2)), np.zeros((m, 3)), np.ones((m, 6)), np.zeros(m), np.zeros(m, np.int64)
+            slopes=np.zeros((m, 2)),
+            bends=np.zeros((m, 3)),
+            factors=np.ones((m, 6)),
+            noise=np.zeros(m),
+            n_used=np.zeros(m, np.int64),
         )
 
 
 def curvatures_of_fitted(model, planes, X, n_jobs=None):
     """The `Curvatures` at the points X (n, 3) that a model was fitted to.
 
-    `planes` has the plane of each row of X; their normals tell the signs of the curvatures.
+    `planes` has the plane of each row of X; the signs of the curvatures follow from their normals.
     """
     index = model.index
     if index.n_neighbors is None:
@@ -154,12 +156,8 @@ def _curvatures_of_one(model, planes, queries):
     one, m = planes.take(slice(0, 1)), len(queries)
     tangents = tangents_of(one.normals)
     around = model.index.query(one.centroids)
-    jets = Jets(
-        *(
-            np.broadcast_to(values, (m, *values.shape[1:]))
-            for values in _fit_jets(model, one, one.centroids, around, tangents)
-        )
-    )
+    jets = _fit_jets(model, one, one.centroids, around, tangents)
+    jets = Jets._make(np.broadcast_to(values, (m, *values.shape[1:])) for values in jets)
     radius = planes.radius[0] if planes.radius[0] > 0 else 1.0
     u, v = ((queries - one.centroids) / radius @ tangents[0].T).T
     uu, uv, vv = jets.bends.T
@@ -171,7 +169,7 @@ def _curvatures_of_one(model, planes, queries):
 
 def _fit_jets(model, planes, queries, around, tangents):
     """Quadrics over the planes (m) of queries (m, 3), along `tangents` (m, 2, 3)."""
-    points, limits = model.index.points, JetLimits()
+    points, limits = model.index.points, JetLimits.now()
     floor = model.least_scales(planes.centroids)
     jets = Jets.undetermined(len(queries))
     fit = compiled_function("normals._curvature_numba", "fit_jets")
@@ -203,7 +201,15 @@ def _derive(jets, tangents, normals, radius):
     unit = jets.noise * _student(jets.n_used)
     errors = [unit * _length(jets.factors, gradient) for gradient in gradients]
     mean_error = unit * _length(jets.factors, (gradients[0] + gradients[1]) / 2)
-    found = Curvatures(mean + half, mean - half, *errors, mean_error, *directions)
+    found = Curvatures(
+        max_curvature=mean + half,
+        min_curvature=mean - half,
+        max_error=errors[0],
+        min_error=errors[1],
+        mean_error=mean_error,
+        max_direction=directions[0],
+        min_direction=directions[1],
+    )
     return _in_units(found, jets.n_used > 0, radius)
 
 

@@ -8,6 +8,7 @@ from sklearn_mcmd.normals._quadrics_numba import (
     decompose,
     deviate,
     frame,
+    localize,
     quadric_moments,
     work_arrays,
 )
@@ -39,9 +40,7 @@ def _fit_jets(points, around, queries, tangents, planes, floor, limits, room, je
         size, radius = sizes[i], planes.radius[i]
         if not (planes.scale[i] > 0.0 and radius > 0.0):
             continue
-        for j in range(size):
-            for axis in range(3):
-                local[axis, j] = points[indices[i, j], axis] - queries[i, axis]
+        localize(points, indices[i], size, queries[i], local)
         axes = frame(planes.normals[i], tangents[i])
         solution[:] = 0.0
         for axis in range(3):

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import TransformerMixin
+from sklearn.base import TransformerMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
 from sklearn_mcmd._choices import RuleMethod, choices_of
@@ -16,21 +16,21 @@ from sklearn_mcmd.normals._adaptive_k import sized_index
 from sklearn_mcmd.normals._curvature import curvatures_of_fitted, curvatures_of_new
 from sklearn_mcmd.normals._features import (
     FEATURES,
+    check_features,
     evaluate_features,
     feature_columns,
     needs_curvatures,
-    settle_features,
 )
-from sklearn_mcmd.normals._orientation import Sides
-from sklearn_mcmd.normals._surface_planes import SurfacePlanes, mends_planes
+from sklearn_mcmd.normals._sides import Sides
+from sklearn_mcmd.normals._surface_planes import SurfacePlanes, check_mending, mends_planes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
 from sklearn_mcmd.planes._orientation import point_up
-from sklearn_mcmd.planes._plane import surface_variation
+from sklearn_mcmd.planes._principal_planes import surface_variation
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
-__all__ = ["RobustNormalEstimator"]
+__all__ = ["RobustNormalEstimator", "fitted_of"]
 
 FINDING = 0.3  # share of the work that n_neighbors="auto" takes first
 
@@ -419,21 +419,16 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 f"radius={self.radius} has no meaning with n_neighbors=None, one neighborhood of "
                 "all points; give a number of neighbors."
             )
-        if self.neighbor_planes and not mends_planes(self):
-            raise ValueError(
-                "neighbor_planes=True needs robust planes of neighborhoods that are refitted: "
-                'reweight=True, a method "mcmd_z" or "mcmd_md", and a number of neighbors.'
-            )
+        check_mending(self)
         X = self._fit_planes(X, self.radius, self.cutoff)
-        if sensor_origin is None:
-            sensor_origin = self.sensor_origin
-        self._sides = Sides.settled(self.orientation, sensor_origin, X)
-        self._feature_names = settle_features(self.features, X.shape[1])
+        origin = self.sensor_origin if sensor_origin is None else sensor_origin
+        self._sides = Sides.of(self.orientation, origin, X)
+        self._feature_names = check_features(self.features, X.shape[1])
         self._surfaces = None
         with self._part_of_planes():
             if mends_planes(self) and X.shape[1] <= 3:
-                self._surfaces = SurfacePlanes.of(self, self._model)
-                planes, self.plane_index_ = self._surfaces.fit(X, self.n_jobs)
+                surfaces = SurfacePlanes.of(self, self._model)
+                planes, self.plane_index_, self._surfaces = surfaces.fit(X, self.n_jobs)
             else:
                 with progress_part(0.0, 1.0, "normals"):
                     planes, _ = self._model.evaluate_fitted(X, n_jobs=self.n_jobs)
@@ -442,15 +437,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         def orient(normals):
             self._sides.fit(self._model.index, normals, X, self.n_jobs)
 
-        self._tell(planes, X, orient, curvatures_of_fitted)
+        self._fill(planes, X, orient, curvatures_of_fitted)
         return X
 
-    def _tell(self, planes, X, orient, find_curvatures):
-        """Set what is public of fitted points X (n, d), from their planes.
-
-        `orient` flips normals that point up, in place; `find_curvatures` is as
-        `curvatures_of_fitted`.
-        """
+    def _fill(self, planes, X, orient, find_curvatures):
+        """Fill what is public of points X (n, d); `orient` flips normals that point up in place."""
         self.normals_ = point_up(planes.normals)
         self.eigenvalues_ = planes.eigenvalues
         self.surface_variation_ = surface_variation(planes.eigenvalues)
@@ -462,18 +453,16 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.plane_scale_ = planes.scale
 
     def _make_index(self, xyz, radius):
-        if self.neighbor_planes and xyz.shape[1] > 3:
-            raise ValueError(
-                f"neighbor_planes=True is for points in 2D and 3D, and X has {xyz.shape[1]} "
-                "features; leave it at None."
-            )
-        if self.n_neighbors != "auto":
+        d, sized = xyz.shape[1], self.n_neighbors == "auto"
+        for asked, name, remedy in (
+            (self.neighbor_planes, "neighbor_planes=True", "leave it at None"),
+            (sized, 'n_neighbors="auto"', "give a number of neighbors, such as 50"),
+        ):
+            if asked and d > 3:
+                features = f"X has {d} features; {remedy}."
+                raise ValueError(f"{name} is for points in 2D and 3D, and {features}")
+        if not sized:
             return super()._make_index(xyz, radius)
-        if xyz.shape[1] > 3:
-            raise ValueError(
-                f'n_neighbors="auto" is for points in 2D and 3D, and X has {xyz.shape[1]} '
-                "features; give a number of neighbors, such as 50."
-            )
         with progress_part(0.0, FINDING, "sizes of neighborhoods"):
             return sized_index(xyz, radius, self.n_jobs)
 
@@ -495,3 +484,15 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         edges = ("normals next to edges",) if mends_planes(self) else ()
         curvatures = () if self.features is None else ("curvatures",)
         return (*sizes, "normals", *edges, *curvatures)
+
+
+def fitted_of(estimator, model, planes, X, orient, find_curvatures, n_jobs):
+    """A clone of an estimator that has what is public of points X (n, d), from their planes.
+
+    A model found these elsewhere; `orient` and `find_curvatures` are as of `_fill`.
+    """
+    fitted = clone(estimator).set_params(n_jobs=n_jobs)
+    fitted.n_features_in_, fitted._model = X.shape[1], model
+    fitted._feature_names = check_features(fitted.features, X.shape[1])
+    fitted._fill(planes, X, orient, find_curvatures)
+    return fitted

@@ -19,26 +19,16 @@ from scipy.special import entr
 
 __all__ = [
     "FEATURES",
+    "check_features",
     "evaluate_features",
     "feature_columns",
     "needs_curvatures",
-    "settle_features",
 ]
 
 
-def linearity(planes, points):
-    """(l_2 - l_1) / l_2: 1 on a line."""
-    return _share(planes.eigenvalues[:, -1] - planes.eigenvalues[:, -2], planes)
-
-
-def planarity(planes, points):
-    """(l_1 - l_0) / l_2: 1 on a disc."""
-    return _share(planes.eigenvalues[:, -2] - planes.eigenvalues[:, -3], planes)
-
-
-def sphericity(planes, points):
-    """l_0 / l_2, also scattering: 1 in a ball."""
-    return _share(planes.eigenvalues[:, 0], planes)
+def roughness(planes, points):
+    """Distance of the point to the plane of its cleaned neighborhood, in units of X."""
+    return np.abs(np.einsum("ij,ij->i", points - planes.centroids, planes.normals))
 
 
 def omnivariance(planes, points):
@@ -48,26 +38,6 @@ def omnivariance(planes, points):
     return np.prod(shares ** (1.0 / shares.shape[1]), axis=1)
 
 
-def anisotropy(planes, points):
-    """(l_2 - l_0) / l_2: 0 in a ball."""
-    return _share(planes.eigenvalues[:, -1] - planes.eigenvalues[:, 0], planes)
-
-
-def eigenentropy(planes, points):
-    """- sum e_i ln e_i: 0 on a line, ln 3 in a ball."""
-    return entr(_shares(planes)).sum(axis=1)
-
-
-def verticality(planes, points):
-    """1 - |n_z|: 0 on a floor, 1 on a wall."""
-    return 1.0 - np.minimum(np.abs(planes.normals[:, -1]), 1.0)
-
-
-def roughness(planes, points):
-    """Distance of the point to the plane of its cleaned neighborhood, in units of X."""
-    return np.abs(np.einsum("ij,ij->i", points - planes.centroids, planes.normals))
-
-
 def shape_index(curvatures):
     """-1 in a cup, -0.5 in a rut, 0 on a saddle and on a plane, 0.5 on a ridge, 1 on a cap."""
     total = curvatures.max_curvature + curvatures.min_curvature
@@ -75,16 +45,18 @@ def shape_index(curvatures):
     return 0.0 - 2 / np.pi * np.arctan2(total, difference)
 
 
-def _by_name(*functions):
-    return {function.__name__: function for function in functions}
-
-
 # Functions of Planes and their points (m, d).
 OF_PLANES = {
-    **_by_name(
-        *(linearity, planarity, sphericity, omnivariance, anisotropy, eigenentropy),
-        *(verticality, roughness),
-    ),
+    "linearity": lambda planes, points: _difference(planes, -1, -2),  # 1 on a line
+    "planarity": lambda planes, points: _difference(planes, -2, -3),  # 1 on a disc
+    "sphericity": lambda planes, points: _part(planes.eigenvalues[:, 0], planes),  # 1 in a ball
+    "omnivariance": omnivariance,
+    "anisotropy": lambda planes, points: _difference(planes, -1, 0),  # 0 in a ball
+    # 0 on a line, ln 3 in a ball
+    "eigenentropy": lambda planes, points: entr(_shares(planes)).sum(axis=1),
+    # 0 on a floor, 1 on a wall
+    "verticality": lambda planes, points: 1.0 - np.minimum(np.abs(planes.normals[:, -1]), 1.0),
+    "roughness": roughness,
     "normal_error": lambda planes, points: planes.normal_error,
     "removed_fraction": lambda planes, points: 1.0 - planes.kept,
 }
@@ -108,7 +80,7 @@ VECTORS = ("max_curvature_direction", "min_curvature_direction")
 SPATIAL = ("linearity", "planarity", *OF_CURVATURES)
 
 
-def settle_features(names, d=3):
+def check_features(names, d=3):
     """Check the names of features in d dimensions: a tuple of str.
 
     `names` is None, one name, a sequence of names, or "all" for all features that exist in d
@@ -126,7 +98,7 @@ def settle_features(names, d=3):
         if not isinstance(name, str) or name not in FEATURES:
             raise ValueError(f"features={name!r} is not known: take {', '.join(FEATURES)}, or all.")
         if name in SPATIAL and d != 3:
-            others = ", ".join(settle_features("all", d))
+            others = ", ".join(check_features("all", d))
             raise ValueError(
                 f"features={name!r} is defined in 3D only and X has {d} features: take {others}."
             )
@@ -169,7 +141,12 @@ def evaluate_features(names, planes, points, curvatures=None):
     return columns
 
 
-def _share(part, planes):
+def _difference(planes, larger, smaller):
+    """Difference of two eigenvalues, as part of the largest."""
+    return _part(planes.eigenvalues[:, larger] - planes.eigenvalues[:, smaller], planes)
+
+
+def _part(part, planes):
     """Part of the largest eigenvalue; 0 where all points coincide."""
     most = planes.eigenvalues[:, -1]
     return np.divide(part, most, out=np.zeros(len(part)), where=most > 0)

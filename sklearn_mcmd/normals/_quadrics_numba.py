@@ -1,15 +1,15 @@
-"""Quadrics over planes, compiled: equations, solutions and heights.
+"""Quadrics over planes, compiled: equations, solutions, heights, and whether these are noise.
 
 In 2D the third coordinate, and v with it, is zero. The terms of v then have the coefficient 0.
 
 A compiler takes one form of a loop where arrays may share memory, and another where they do not,
-and the two add numbers in another order. Parts of one array are told apart in the same way always.
+and the two add numbers in another order. For parts of one array it always takes the same form.
 So all arrays of a kernel with one number for each member are rows of one.
 """
 
 import numpy as np
 
-from sklearn_mcmd.planes._moments_numba import FASTMATH
+from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
 from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = [
@@ -17,13 +17,15 @@ __all__ = [
     "back_substitute",
     "decompose",
     "deviate",
+    "fit_whole_planes",
     "frame",
+    "localize",
     "quadric_moments",
     "vector",
     "work_arrays",
 ]
 
-TERMS = 6
+TERMS = 6  # of a quadric over a plane in 3D
 
 
 def work_arrays(rows, k):
@@ -33,6 +35,14 @@ def work_arrays(rows, k):
     """
     equations = np.empty((TERMS + 2, TERMS))
     return np.zeros((rows, k)), (equations[:TERMS], equations[TERMS], equations[TERMS + 1])
+
+
+@kernel
+def localize(points, members, size, origin, local):
+    """Fill the coordinates of members from an origin."""
+    for j in range(size):
+        for axis in range(len(origin)):
+            local[axis, j] = points[members[j], axis] - origin[axis]
 
 
 @kernel(fastmath=FASTMATH)
@@ -149,3 +159,63 @@ def frame(normal, tangents):
     """The normal and the axes of u and v."""
     last = vector(tangents[1]) if len(tangents) > 1 else (0.0, 0.0, 1.0)
     return vector(normal), vector(tangents[0]), last
+
+
+def fit_whole_planes(points, around, limits, planes, directions, deviation, left, ordinary):
+    """Fill the results of `whole_planes`."""
+    k = around.indices.shape[1]
+    arrays, equations = work_arrays(4, k)
+    room = arrays[:3], arrays[3], np.ones(k), *equations
+    out = planes, directions, deviation, left, ordinary
+    _whole_planes(points, around, limits, room, *out)
+
+
+@kernel(cache=True)
+def _whole_planes(points, around, limits, room, planes, directions, deviation, left, ordinary):
+    indices, sizes, d = around.indices, around.sizes, points.shape[1]
+    terms = d * (d + 1) // 2
+    local, height, weight, moments, right, forward = room
+    for i in range(len(indices)):
+        size, origin = sizes[i], indices[i, 0]
+        localize(points, indices[i], size, points[origin], local)
+        mean, covariance = weighted_covariance(local, size, weight)
+        values, axes = principal_axes(covariance, d)
+        for axis in range(d):
+            planes.centroids[i, axis] = points[origin, axis] + mean[axis]
+            planes.eigenvalues[i, axis] = values[axis]
+            planes.normals[i, axis] = axes[0][axis]
+            directions[i, axis] = axes[d - 1][axis]
+        extent = np.sqrt(values[d - 1])
+        deviation[i] = left[i] = np.inf
+        ordinary[i] = False
+        if size < 2 * terms or extent == 0.0:
+            continue
+        total = quadric_moments(local, size, d, mean, axes, extent, moments, right, height)
+        squares, determined = decompose(moments, right, forward, total, limits.pivot)
+        plane = np.sqrt(total / (size - d))
+        deviation[i] = plane * extent
+        if not determined:
+            continue
+        quadric = np.sqrt(squares / (size - terms))
+        left[i] = quadric * extent
+        if plane <= limits.most_ratio[size] * quadric:
+            deviations = np.sqrt(total / size)
+            farthest, first, third = _tails(height, size)
+            geary = first / size / deviations
+            ordinary[i] = (
+                farthest <= limits.farthest[size] * deviations
+                and abs(third) / size <= limits.most_skew[size] * deviations**3
+                and abs(geary - limits.geary_of_normal) <= limits.geary[size]
+            )
+
+
+@kernel(fastmath=FASTMATH)
+def _tails(height, size):
+    """The largest absolute height, and sums of the first and third powers."""
+    farthest = first = third = 0.0
+    for j in range(size):
+        absolute = abs(height[j])
+        farthest = max(farthest, absolute)
+        first += absolute
+        third += height[j] * height[j] * height[j]
+    return farthest, first, third

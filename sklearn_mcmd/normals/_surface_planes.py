@@ -10,35 +10,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.normals._crease_test import are_folded, quadric_normals
-from sklearn_mcmd.normals._neighbor_planes import find_lenders
-from sklearn_mcmd.normals._plane_doubt import doubted_errors
-from sklearn_mcmd.normals._quadrics import CHANCE
-from sklearn_mcmd.normals._smoothness import is_smooth, whole_planes
-from sklearn_mcmd.planes._around import extents
-from sklearn_mcmd.planes._flatness import most_noise_around
-from sklearn_mcmd.planes._plane import flat_normals, normal_errors
+from sklearn_mcmd.normals._folds import are_folded, quadric_normals
+from sklearn_mcmd.normals._neighbor_planes import doubted_errors, find_lenders
+from sklearn_mcmd.normals._quadrics import QuadricLimits, is_smooth, whole_planes
+from sklearn_mcmd.planes._around import extents, most_noise_around
+from sklearn_mcmd.planes._principal_planes import flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["SurfacePlanes", "Surfaces", "mends_planes"]
+__all__ = ["SurfacePlanes", "Surfaces", "check_mending", "mends_planes"]
 
 # Forms of neighborhoods: ROUGH ones have a robust plane, and may borrow another. The others keep
 # all members: FLAT ones have the plane of these, BENT ones the tangent plane of a quadric.
 ROUGH, FLAT, BENT = range(3)
-# A point asks its neighbors if a larger share of its own neighborhood was removed, or if its plane
-# is noisier than is usual around.
-REMOVED = 0.1
-# Share of the neighbors that tell what noise is usual around a point: among two fifths of outliers
-# few neighborhoods are without any.
-BEST = 0.1
-# Half a ball deviates from its plane by this share of its width, both as standard deviations. What
-# bends more is no height over a plane, whatever a quadric makes of it.
-HALF_BALL = 0.5
-# Field of the planes that no one asks of a member.
+# Field of the members' planes that nothing uses.
 UNUSED = "spacing"
+
+
+class MendLimits(NamedTuple):
+    """When the plane of a neighborhood is mended."""
+
+    # A point may borrow a plane if a larger share of its own neighborhood was removed, or if its
+    # plane is noisier than is usual around.
+    removed: float = 0.1
+    # Share of the neighbors that say what noise is usual around a point: among two fifths of
+    # outliers few neighborhoods are without any.
+    quiet: float = 0.1
+    # Half a ball deviates from its plane by this share of its width, both as standard deviations.
+    # What bends more is no height over a plane, whatever a quadric makes of it.
+    half_ball: float = 0.5
 
 
 class Surfaces(NamedTuple):
@@ -75,36 +77,36 @@ class SurfacePlanes:
         return cls(model, estimator.neighbor_planes is not False, estimator.tangents, members)
 
     def fit(self, X, n_jobs):
-        """Planes of the fitted points X (n, d), and the rows of X (n,) whose planes they are."""
-        index, members = self.model.index, self.members
-        m, lenders = len(index.points), np.full(len(index.points), -1, dtype=np.int32)
+        """Planes of the fitted points X (n, d), the rows of X (n,) whose planes they are, and the
+        `FittedSurfaces`, which answer for other points. The members' planes are used up."""
+        index, members, chunk = self.model.index, self.members, self.model.chunk()
+        m = len(index.points)
+        lenders, errors = np.full(m, -1, dtype=np.int32), np.empty(m)
 
-        errors = np.empty(m)
-
-        def settle(rows):
-            lenders[rows], planes = self.settled(rows)
+        def find_last(rows):
+            lenders[rows], planes = self.last(rows)
             errors[rows] = planes.normal_error
 
         with progress_part(0.0, 0.8, "normals"):
-            each_slice(m, self.model.chunk(), self.fit_own, n_jobs)
+            each_slice(m, chunk, self.fit_own, n_jobs)
         with progress_part(0.8, 1.0, "normals next to edges"):
             with progress_part(0.0, 0.5):
-                each_slice(m, self.model.chunk(), self.bend, n_jobs)
+                each_slice(m, chunk, self.bend, n_jobs)
             with progress_part(0.5, 1.0):
-                each_slice(m, self.model.chunk(), settle, n_jobs)
-        self.borrowing = np.flatnonzero(lenders >= 0)
-        self.before = members.planes.take(self.borrowing)
-        self.errors = members.planes.normal_error.copy()
-        self.lend(members.planes, self.borrowing, members.planes, lenders[self.borrowing])
+                each_slice(m, chunk, find_last, n_jobs)
+        borrowing = np.flatnonzero(lenders >= 0)
+        before, own_errors = members.planes.take(borrowing), members.planes.normal_error.copy()
+        lend(members.planes, borrowing, members.planes, lenders[borrowing])
         members.planes.normal_error[:] = errors
-        places, rows = index.places, index.rows
-        self.planes = _moved(members.planes, places)
+        planes, lenders = _moved(members.planes, index.places), lenders[index.places]
         self.members = members._replace(planes=None)
-        lenders = lenders[places]
-        return self.planes, np.where(lenders >= 0, rows[lenders], np.arange(len(X)))
+        fitted = FittedSurfaces(
+            surfaces=self, planes=planes, borrowing=borrowing, before=before, errors=own_errors
+        )
+        return planes, np.where(lenders >= 0, index.rows[lenders], np.arange(len(X))), fitted
 
     def fit_own(self, rows):
-        """Fill the planes of some rows, each of its own neighborhood, and what tells their form."""
+        """Fill the planes of some rows, each of its own neighborhood, and their forms."""
         index, members = self.model.index, self.members
         own = Planes.empty(rows.stop - rows.start, index.points.shape[1])
         found = self._own(index.points[rows], own, index.query_own(rows))
@@ -112,60 +114,42 @@ class SurfacePlanes:
         members.planes.put(rows, own)
 
     def bend(self, rows):
-        """Settle the forms of some rows, once all planes are filled, and fill what then changes."""
+        """Correct the forms of some rows, once all planes are filled, and fill what changes."""
         index, (planes, forms, noise, left) = self.model.index, self.members
         own, around = planes.take(rows), index.query_own(rows)  # views, which are filled
         self._bend(index.points[rows], own, forms[rows], left[rows], around, noise)
         left[rows] = np.where(forms[rows] == BENT, left[rows], own.scale)
 
-    def settled(self, rows):
+    def last(self, rows):
         """Whose planes some rows take, once all are bent, -1 of those that keep theirs; and the
         planes that they have in the end."""
         index, members = self.model.index, self.members
         planes = members.planes.take(np.arange(rows.start, rows.stop))  # a copy
         found = index.points[rows], planes, members.forms[rows], index.query_own(rows)
-        return self._settle(*found, members.planes), planes
-
-    def evaluate(self, queries, n_jobs):
-        """Planes of any queries (m, d) of a cloud that was fitted."""
-        planes, all_planes = Planes.empty(*queries.shape), self._members()
-
-        def task(part):
-            points = queries[part]
-            around = self.model.index.query(np.ascontiguousarray(points, dtype=np.float64))
-            planes.put(part, self.evaluate_neighborhoods(points, around, all_planes))
-
-        each_chunk(queries, self.model.chunk(), task, n_jobs)
-        return planes
+        return self._finish(*found, members.planes), planes
 
     def evaluate_neighborhoods(self, points, around, all_planes):
         """Planes of queries (m, d) whose neighborhoods are given; `all_planes` are the members'."""
         own, members = Planes.empty(*points.shape), self.members
         forms, _, left = self._own(points, own, around)
         self._bend(points, own, forms, left, around, members.noise)
-        self._settle(points, own, forms, around, all_planes)
+        self._finish(points, own, forms, around, all_planes)
         return own
 
-    def _settle(self, points, planes, forms, around, all_planes):
-        """Lend planes where these are needed, and let errors of normals have the doubt which plane
-        is right, in place. Returns the lenders (m,), -1 where a point keeps its plane."""
+    def _finish(self, points, planes, forms, around, all_planes):
+        """Lend planes where these are needed, and add to errors of normals the doubt which plane is
+        right, in place. Returns the lenders (m,), -1 where a point keeps its plane."""
         lenders, members = np.full(len(points), -1), all_planes._replace(scale=self.members.left)
         if self.lends:
-            rough = _rough(planes, forms)
+            rough = np.flatnonzero((forms == ROUGH) & (planes.scale > 0))
             lenders[rough] = self._lenders(points, planes, rough, around.take(rough), members)
             borrowing = np.flatnonzero(lenders >= 0)
-            self.lend(planes, borrowing, all_planes, lenders[borrowing])
+            lend(planes, borrowing, all_planes, lenders[borrowing])
         queries = np.ascontiguousarray(points, dtype=np.float64)
         planes.normal_error[:] = doubted_errors(
             self.model.index.points, queries, around, planes, members, forms == BENT
         )
         return lenders
-
-    def _members(self):
-        """The planes of the index's points before any was lent."""
-        planes = self.planes.take(self.model.index.rows)
-        planes.put(self.borrowing, self.before)
-        return planes._replace(normal_error=self.errors)
 
     def _robust(self, points, around):
         precision = np.finfo(points.dtype).eps
@@ -175,7 +159,7 @@ class SurfacePlanes:
     def _own(self, points, planes, around):
         """Fill the planes of neighborhoods; smooth ones get the plane of all members.
 
-        Returns the forms (m,), of which `_bend` settles ROUGH and BENT, the noise (m,) of the
+        Returns the forms (m,), of which `_bend` corrects ROUGH and BENT, the noise (m,) of the
         surface, flat or curved, and what is left (m,) of all members if it is smooth.
         """
         deviation, left, ordinary = self._fit_whole(points, planes, around)
@@ -208,13 +192,13 @@ class SurfacePlanes:
         return found
 
     def _bend(self, points, planes, forms, left, around, noise):
-        """Settle the forms of neighborhoods by what is usual around, and give those that bend the
+        """Correct the forms of neighborhoods by what is usual around, and give those that bend the
         tangent planes of their quadrics, in place.
 
         Where a quadric leaves more, a surface may be folded: a curved one is as curved next to a
         point as at it.
         """
-        creased = ~(left <= most_noise_around(noise, around, around.sizes, BEST))
+        creased = ~(left <= most_noise_around(noise, around, around.sizes, MendLimits().quiet))
         self._smooth(points, planes, forms, np.flatnonzero(~creased & (forms == ROUGH)), around)
         self._unfold(points, planes, forms, np.flatnonzero(creased & (forms != ROUGH)), around)
         rows = np.flatnonzero(forms == BENT)
@@ -259,34 +243,56 @@ class SurfacePlanes:
         lenders = np.full(len(rough), -1)
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
         own = planes.take(rough)
-        most = most_noise_around(members.scale, around, around.sizes, BEST)
-        asking = np.flatnonzero((1 - own.kept > REMOVED) | (own.scale > most))
+        limits = MendLimits()
+        most = most_noise_around(members.scale, around, around.sizes, limits.quiet)
+        asking = np.flatnonzero((1 - own.kept > limits.removed) | (own.scale > most))
         best = find_lenders(
             self.model.index.points, queries[asking], around.take(asking), members, most[asking]
         )
         asking, best = asking[best >= 0], best[best >= 0]
         cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
         angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
-        leans = _leans(angle, members.normal_error[best])
+        # A plane that leans by less is the least noisy of many by chance, and no better.
+        leans = angle > np.sqrt(-2 * np.log(QuadricLimits().chance)) * members.normal_error[best]
         lenders[asking[leans]] = best[leans]
         return lenders
 
-    def lend(self, planes, rows, members, lenders):
-        """Replace rows of planes, in place, by those of lenders; extents stay the rows' own.
 
-        A borrowed normal is no better known than the own one was: which surface the point lies on
-        is in doubt.
-        """
-        own, lent = planes.take(rows), members.take(lenders)
-        error = np.maximum(own.normal_error, lent.normal_error)
-        lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
-        planes.put(rows, lent._replace(normal_error=error))
+class FittedSurfaces(NamedTuple):
+    """The planes of a fitted cloud, from which those of other points follow."""
+
+    surfaces: SurfacePlanes
+    planes: Planes  # of the rows of X
+    borrowing: np.ndarray  # those of the index's points that borrow a plane
+    before: Planes  # that these had of their own
+    errors: np.ndarray  # of the normals of all of the index's points, before any doubt
+
+    def evaluate(self, queries, n_jobs):
+        """Planes of any queries (m, d)."""
+        model, planes = self.surfaces.model, Planes.empty(*queries.shape)
+        members = self.planes.take(model.index.rows)
+        members.put(self.borrowing, self.before)
+        members = members._replace(normal_error=self.errors)
+
+        def task(part):
+            points = queries[part]
+            around = model.index.query(np.ascontiguousarray(points, dtype=np.float64))
+            planes.put(part, self.surfaces.evaluate_neighborhoods(points, around, members))
+
+        each_chunk(queries, model.chunk(), task, n_jobs)
+        return planes
 
 
-def _leans(angle, lent_error):
-    """Whether normals differ by more than those of one surface do. A plane that leans by less is
-    the least noisy of many by chance, and no better."""
-    return angle > np.sqrt(-2 * np.log(CHANCE)) * lent_error
+def lend(planes, rows, members, lenders):
+    """Replace rows of planes, in place, by those of lenders; extents stay the rows' own.
+
+    A borrowed normal is no better known than the own one was: which surface the point lies on is in
+    doubt.
+    """
+    own, lent = planes.take(rows), members.take(lenders)
+    error = np.maximum(own.normal_error, lent.normal_error)
+    lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
+    planes.put(rows, lent._replace(normal_error=error))
 
 
 def mends_planes(estimator):
@@ -294,6 +300,15 @@ def mends_planes(estimator):
     rule = METHODS.get(estimator.method)
     robust = rule is not None and rule.needs_consistent_set
     return robust and estimator.reweight and estimator.n_neighbors is not None
+
+
+def check_mending(estimator):
+    """Raise if an estimator asks for planes of neighbors but does not mend planes."""
+    if estimator.neighbor_planes and not mends_planes(estimator):
+        raise ValueError(
+            "neighbor_planes=True needs robust planes of neighborhoods that are refitted: "
+            'reweight=True, a method "mcmd_z" or "mcmd_md", and a number of neighbors.'
+        )
 
 
 def _moved(planes, places):
@@ -308,9 +323,7 @@ def _moved(planes, places):
 
 def _bends_too_much(deviation, left, planes):
     """Whether neighborhoods bend more than half a ball, apart from noise."""
-    return np.square(deviation) > np.square(left) + HALF_BALL**2 * planes.eigenvalues[:, 1]
-
-
-def _rough(planes, forms):
-    """Rows that are rough and have a plane."""
-    return np.flatnonzero((forms == ROUGH) & (planes.scale > 0))
+    return (
+        np.square(deviation)
+        > np.square(left) + MendLimits().half_ball ** 2 * planes.eigenvalues[:, 1]
+    )

@@ -6,6 +6,7 @@ judge the cloud, and the cutoff is where the stated share of its points is flagg
 """
 
 from math import gamma, pi
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,18 +18,24 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
 __all__ = ["calibrated_cutoff", "sample_step"]
 
-SEED = 20_150
-# Flagged points wanted in the simulation, and what it takes at least: its own error is 14 or 30 %.
-EXPECTED, LEAST_EXPECTED = 50, 10
-# Points that count, fewest and most, where compiled code does the work and where it doesn't.
-FEWEST, MOST = {True: 10_000, False: 1_000}, {True: 100_000, False: 10_000}
-# Of all points, with those near the border that do not count. In many dimensions all are.
-MOST_SIMULATED = {True: 400_000, False: 4_000}
-MARGIN = 2.0  # in radii of a neighborhood
-# Noise in spacings, found from the planes of so many points in so many steps.
-LEAST_NOISE, MOST_NOISE = 0.01, 2.0
-MATCHED, MATCHING_STEPS = 1_000, 4
+SEED = 20_150  # of the simulated planes
+EXPECTED = 50  # flagged points wanted in the simulation, whose own error is 14 % then,
+LEAST_EXPECTED = 10  # and at least, where it is 30 %
+# Points that count, where compiled code does the work and where it doesn't.
+FEWEST = {True: 10_000, False: 1_000}  # at least
+MOST = {True: 100_000, False: 10_000}  # at most
+MOST_SIMULATED = {True: 400_000, False: 4_000}  # with those near the border; in many dimensions all
+MATCHED = 1_000  # points whose planes tell the noise
+MATCHING_STEPS = 4  # in which it is found
 BATCH = 20_000  # points a batch of planes of their own
+
+
+class CalibrationLimits(NamedTuple):
+    """What a simulated plane is."""
+
+    margin: float = 2.0  # points count that are so far from the border, in radii of a neighborhood
+    least_noise: float = 0.01  # in spacings
+    most_noise: float = 2.0  # in spacings
 
 
 def calibrated_cutoff(model, settings, rate, rows=None):
@@ -59,9 +66,8 @@ def calibrated_cutoff(model, settings, rate, rows=None):
 
 def _clean_plane(n_counted, n_neighbors, d, noise):
     """Points of spacing 1 with noise along the last axis, and which are far from the border."""
-    compiled = d == 3
-    radius = _radius(n_neighbors, d)
-    side = n_counted ** (1 / (d - 1)) + 2 * MARGIN * radius
+    compiled, margin = d == 3, CalibrationLimits().margin * _radius(n_neighbors, d)
+    side = n_counted ** (1 / (d - 1)) + 2 * margin
     n = min(side ** (d - 1), max(MOST_SIMULATED[compiled], n_counted))
     n = int(max(n, 2 * n_neighbors))
     side = n ** (1 / (d - 1))
@@ -69,7 +75,7 @@ def _clean_plane(n_counted, n_neighbors, d, noise):
     X = rng.uniform(-side / 2, side / 2, (n, d))
     off_center = np.abs(X[:, :-1]).max(axis=1)
     # The innermost where the border leaves fewer; with many dimensions it is nearly everywhere.
-    inner = max(side / 2 - MARGIN * radius, np.quantile(off_center, min(1.0, n_counted / n)))
+    inner = max(side / 2 - margin, np.quantile(off_center, min(1.0, n_counted / n)))
     counted = off_center <= inner
     for part in (counted, ~counted):
         X[part, -1] = noise * _stratified_noise(np.count_nonzero(part), rng)
@@ -106,15 +112,15 @@ def _matching_noise(model, rows):
     if rows is None:
         # Evenly along the first axis, so that neither the order of rows nor the unit matters.
         rows = np.lexsort(model.index.points.T[::-1])[:: sample_step(n)]
-    wanted = _roughness(model, rows)
+    wanted, (_, least, most) = _roughness(model, rows), CalibrationLimits()
     noise = wanted * _radius(k, d)
     for _ in range(MATCHING_STEPS):
-        noise = float(np.clip(noise, LEAST_NOISE, MOST_NOISE))
+        noise = float(np.clip(noise, least, most))
         X, counted = _clean_plane(MATCHED, k, d, noise)
         simulated = _model_over(model, X)
         found = _roughness(simulated, np.flatnonzero(counted[simulated.index.rows]))
         noise *= wanted / found
-    return float(np.clip(noise, LEAST_NOISE, MOST_NOISE))
+    return float(np.clip(noise, least, most))
 
 
 def _roughness(model, rows):
@@ -143,10 +149,10 @@ def _one_plane(model, settings, n_counted):
     n, d = model.index.points.shape
     n_planes = -(-n_counted // n)
     rng = np.random.default_rng(SEED)
-    batch, scores = max(1, BATCH // n), []
+    batch, scores, noise = max(1, BATCH // n), [], CalibrationLimits().least_noise
     for first in range(0, n_planes, batch):
         X = rng.uniform(-1, 1, (min(batch, n_planes - first), n, d))
-        X[..., -1] = LEAST_NOISE * _stratified_noise(X[..., 0].size, rng).reshape(X.shape[:2])
+        X[..., -1] = noise * _stratified_noise(X[..., 0].size, rng).reshape(X.shape[:2])
         # As the one neighborhood is kept.
         off_center = np.linalg.norm(X - X.mean(axis=1, keepdims=True), axis=2)
         X = np.take_along_axis(X, np.argsort(off_center, axis=1)[..., None], axis=1)
@@ -154,6 +160,6 @@ def _one_plane(model, settings, n_counted):
         found = _model_over(model, X[0]).fit_rule(X, sizes, model.rounding)
         distances = found.score(X)
         if settings["noise_scale"] is not None:
-            distances *= found.scale[:, None] / LEAST_NOISE
+            distances *= found.scale[:, None] / noise
         scores.append(distances.ravel())
     return np.concatenate(scores)

@@ -14,20 +14,17 @@ from sklearn_mcmd.outliers._calibration import calibrated_cutoff
 from sklearn_mcmd.outliers._intensity import ranks_of_intensity
 from sklearn_mcmd.outliers._levels import LEVELS
 from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
-from sklearn_mcmd.outliers._view import origin_if_seen
+from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits
 from sklearn_mcmd.planes._base import BasePlaneOutliers
+from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._progress import progress_part, told_to
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
+from sklearn_mcmd.sensors._recognition import origin_if_seen
 
-__all__ = ["EXACT_PLANE_SCORE", "MCMDOutlierDetector", "share_to_flag"]
+__all__ = ["EXACT_PLANE_SCORE", "MCMDOutlierDetector", "judged_cloud", "share_to_flag"]
 
-# Standard deviations off the surfaces, and own sizes away from everything real.
-CUTOFF = 3.0
 # Score, in standard deviations, that measured noise never reaches, only the rounding of floats.
 EXACT_PLANE_SCORE = 1e6
-# Dimensions from which on company is everywhere. Of gross errors beside a plane, 10 % of 1,000
-# points, company tells 88 % and more in 4D, 22 % in 5D and 4 % in 6D; planes alone tell all.
-CROWDED = 5
 
 
 class MCMDOutlierDetector(BasePlaneOutliers):
@@ -336,6 +333,31 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             points are, or there is no strictness to use it; if `intensity` has another shape or
             NaN, or no strictness.
         """
+        self._check_choices(sensor_origin, intensity)
+        xyz = self._fit_planes(X)
+        self._warn_if_crowded(xyz.shape[1])
+        origins, position, doubted = self._origins(xyz, sensor_origin)
+        ranks = ranks_of_intensity(intensity, self._model.index, len(xyz))
+        cutoff, begin = self._cutoff()
+        given = {"origins": origins, "intensity": ranks, "doubted": doubted}
+        self._cloud = JudgedCloud(self._model, **given, **self._settings())
+        with progress_part(begin, 1.0):
+            found = self._cloud.fit(xyz.astype(np.float64, copy=False))
+        self._keep(found, cutoff)
+        self.sensor_origin_ = None if self._cloud.rays is None else position
+        return self
+
+    @property
+    def _one_plane(self):
+        """Whether each point is judged by one plane alone."""
+        return self.strictness is None or self.n_neighbors is None
+
+    def _settings(self):
+        """Those of `JudgedCloud`."""
+        return {name: getattr(self, name) for name in ("strictness", "noise_scale", "n_jobs")}
+
+    def _check_choices(self, sensor_origin, intensity):
+        """Raise where parameters exclude each other."""
         given = {
             name: getattr(self, name)
             for name in ("cutoff", "false_positive_rate", "contamination")
@@ -346,61 +368,62 @@ class MCMDOutlierDetector(BasePlaneOutliers):
                 " and ".join(f"{name}={value}" for name, value in given.items())
                 + " exclude each other: leave all but one of them None."
             )
-        doubted = is_auto(sensor_origin) or is_auto(self.sensor_origin)
-        if sensor_origin is None:
-            sensor_origin = self.sensor_origin
-        one_plane = self.strictness is None or self.n_neighbors is None
-        auto = is_auto(sensor_origin)
-        for name, value in (("sensor_origin", sensor_origin), ("intensity", intensity)):
-            if one_plane and value is not None and not (auto and name == "sensor_origin"):
+        origin = self.sensor_origin if sensor_origin is None else sensor_origin
+        values = {"sensor_origin": None if is_auto(origin) else origin, "intensity": intensity}
+        for name, value in values.items() if self._one_plane else ():
+            if value is not None:
                 lacks = ["$n_neighbors"] * (self.n_neighbors is None)
                 lacks += ["a $strictness other than the paper's"] * (self.strictness is None)
                 raise ParameterError(
                     f"${name} has no meaning where each point is judged by one plane alone: give "
                     f"{' and '.join(lacks)}, or leave ${name} out."
                 )
-        xyz = self._fit_planes(X)
-        level = None if self.strictness is None else LEVELS[self.strictness]
-        by_company = not one_plane and level is not None and not level.off_surfaces
-        if by_company and share_to_flag(self) is None and xyz.shape[1] >= CROWDED:
+
+    def _warn_if_crowded(self, d):
+        """Warn where company is judged in so many dimensions that it is everywhere."""
+        by_company = not self._one_plane and not LEVELS[self.strictness].off_surfaces
+        if by_company and share_to_flag(self) is None and d >= OffSurfaceLimits().crowded:
             warn_caller(
-                f"strictness={self.strictness!r} in {xyz.shape[1]}D finds few outliers: so many "
+                f"strictness={self.strictness!r} in {d}D finds few outliers: so many "
                 'dimensions leave no point alone. Give strictness="surfaces", by which distances '
                 "from planes alone tell.",
             )
-        if auto:
-            sensor_origin = None if one_plane else origin_if_seen(xyz)
+
+    def _origins(self, xyz, sensor_origin):
+        """Where the sensor was for each point of the index; the one position, if there is one; and
+        whether it is doubted."""
+        doubted = is_auto(sensor_origin) or is_auto(self.sensor_origin)
+        if sensor_origin is None:
+            sensor_origin = self.sensor_origin
+        if is_auto(sensor_origin):
+            sensor_origin = None if self._one_plane else origin_if_seen(xyz)
         origins = check_sensor_origin(sensor_origin, xyz)
-        one = origins is not None and np.asarray(sensor_origin).shape != xyz.shape
-        one = origins[0].copy() if one else None
-        if origins is not None:
-            origins = origins[self._model.index.rows]
-        ranks = ranks_of_intensity(intensity, self._model.index, len(xyz))
-        settings = {
-            "strictness": self.strictness,
-            "noise_scale": self.noise_scale,
-            "n_jobs": self.n_jobs,
-        }
-        begin, cutoff = 0.0, self.cutoff
-        if cutoff is None:
-            cutoff = self._model.settings.cutoff if one_plane else CUTOFF
+        if origins is None:
+            return None, None, doubted
+        one = None if np.shape(sensor_origin) == xyz.shape else origins[0].copy()
+        return origins[self._model.index.rows], one, doubted
+
+    def _cutoff(self):
+        """The cutoff, and the share of the time after which it is known."""
         if self.false_positive_rate is not None:
             begin = 0.4  # for the display of progress
             with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
-                cutoff = calibrated_cutoff(self._model, settings, self.false_positive_rate)
-        given = {"origins": origins, "intensity": ranks, "doubted": doubted}
-        self._cloud = JudgedCloud(self._model, **given, **settings)
-        with progress_part(begin, 1.0):
-            found = self._cloud.fit(xyz.astype(np.float64, copy=False))
-        self.sensor_origin_ = None if self._cloud.rays is None else one
-        self.plane_index_, self.on_surface_, *company = found[1:]
-        self.isolation_, self.separation_, self.group_index_ = company
+                rate = self.false_positive_rate
+                return calibrated_cutoff(self._model, self._settings(), rate), begin
+        if self.cutoff is not None:
+            return self.cutoff, 0.0
+        return self._model.settings.cutoff if self._one_plane else ExplainLimits().explained, 0.0
+
+    def _keep(self, found, cutoff):
+        """Set the fitted attributes from a `Judgement`."""
+        self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
+        self.isolation_, self.separation_ = found.isolation, found.separation
+        self.group_index_ = found.group_index
         self.scores_ = np.negative(found.scores, out=found.scores)
         self.offset_ = -cutoff
         if (share := share_to_flag(self)) is not None:
             self.offset_ = float(np.percentile(self.scores_, 100 * share))
         self.n_by_rays_ = n_by_rays(self._cloud.raised, -self.offset_)
-        return self
 
     def fit_predict(
         self,
@@ -458,3 +481,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
 def share_to_flag(detector: MCMDOutlierDetector) -> float | None:
     """The share of points that a detector flags, None if the cutoff tells."""
     return None if isinstance(detector.contamination, str) else detector.contamination
+
+
+def judged_cloud(detector: MCMDOutlierDetector) -> JudgedCloud:
+    """The cloud of a fitted detector, as it was judged."""
+    return detector._cloud

@@ -4,7 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.planes._around import ratio
 
-__all__ = ["are_flat_groups", "gaps_of_groups", "separation_of_groups"]
+__all__ = ["are_flat_groups", "gaps_of_groups", "separation_of_groups", "separation_of_sorted"]
 
 
 def are_flat_groups(points, group, flat):
@@ -38,11 +38,15 @@ def separation_of_groups(points, group, usual, gaps):
     `gaps` its distance to the nearest that is real.
     """
     order = np.lexsort(points.T[::-1])
-    points, group, usual = points[order], group[order], usual[order]
+    return separation_of_sorted(points[order], group[order], usual[order], gaps[order])
+
+
+def separation_of_sorted(points, group, usual, gaps):
+    """The same of points whose order is settled."""
     sizes = np.bincount(group)
     size = np.bincount(group, usual) / sizes
     size = np.maximum(size, _deviations(points, group, sizes, sizes > 1)[:, -1])
-    return ratio(gaps_of_groups(group, gaps[order]), size)
+    return ratio(gaps_of_groups(group, gaps), size)
 
 
 def _deviations(points, group, sizes, asked):

@@ -26,6 +26,6 @@ def ranks_of_intensity(intensity, index, n):
 
 
 def darkness(ranks):
-    """By how much less light than from most points makes a doubt larger: from 0 of the brightest
-    of all to 1.4 of the darkest, 1 in the middle."""
+    """The factor on the isolation of points: from 0 of the brightest of all to 1.4 of the darkest,
+    1 in the middle."""
     return np.sqrt(2 * (1 - ranks))

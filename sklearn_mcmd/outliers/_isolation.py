@@ -4,7 +4,7 @@ import numpy as np
 
 __all__ = ["chosen_rows", "mean_distance", "mean_distance_to_rest"]
 
-AT_ONCE = 1_000_000  # rows that are copied
+AT_ONCE = 1_000_000  # rows that are copied at once; it limits the memory
 
 
 def mean_distance_to_rest(queries, distances, counts, box, n_near):

@@ -8,9 +8,8 @@ from sklearn_mcmd._errors import warn
 from sklearn_mcmd.outliers._intensity import darkness
 from sklearn_mcmd.outliers._isolation import chosen_rows, mean_distance
 from sklearn_mcmd.outliers._levels import LEVELS
-from sklearn_mcmd.outliers._off_surface import OffSurface, OffSurfaceLimits, Places
+from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Places, judge_off_surface
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
-from sklearn_mcmd.outliers._rays import distances_between
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
@@ -18,18 +17,16 @@ from sklearn_mcmd.outliers._surfaces import (
     own_distances,
 )
 from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
 from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.sensors._rays import distances_between
 
 __all__ = ["JudgedCloud", "Judgement", "n_by_rays"]
 
-# A surface has as many points as a neighborhood: fewer cannot fill that of a plane of their own. A
-# thing has as many as two. In a small cloud both have this share of it.
-THING, LEAST_SHARE = 2.0, 1 / 5
-# Fields of the planes that no later step asks for.
-UNUSED = "eigenvalues", "spacing", "normal_error"
+UNUSED = "eigenvalues", "spacing", "normal_error"  # fields of planes that no later step asks for
 USED = "Look at what goes by it, or give another $sensor_origin, or none"
 NOT_USED = "It is not used. Give $sensor_origin as it was, or none"
 FITTING = 0.65  # share of the time that planes take, for the display of progress
@@ -76,25 +73,34 @@ class JudgedCloud:
         self.origins = origins
         self.intensity, self.doubted = intensity, doubted
         self.rays, self.ray_doubt, self.raised = None, "", np.empty((0, 3))
+        # What `judge` finds: of all points, and of those off the surfaces.
+        self.counts = self.planes = self.explaining = self.explained = self.explained_scale = None
+        self.off_surface = self.point_scores = None
 
     def fit(self, X):
         """The `Judgement` of the points X (n, d), those that the model has indexed."""
         if self.own_planes_only:
             with progress_part(0.0, 1.0, "planes"):
                 scores = self.paper_scores(*self.model.evaluate_fitted(X, self.n_jobs))
-            on_surface = scores <= self.surface_limits.explained
+            on_surface = scores <= ExplainLimits().explained
             return Judgement(scores, np.arange(len(X)), on_surface)
         index = self.model.index
         owners = self.judge(_measurements(index, len(X)), len(X))
         first = index.places
-        owners = owners[first]
-        found = self.point_scores[first], index.rows[owners], self.explained[first]
-        return Judgement(*found, *self._company(first))
+        isolation, separation, group_index = self._company(first)
+        return Judgement(
+            scores=self.point_scores[first],
+            plane_index=index.rows[owners[first]],
+            on_surface=self.explained[first],
+            isolation=isolation,
+            separation=separation,
+            group_index=group_index,
+        )
 
     def _company(self, places):
         """Isolation, separation and group of the points at these places."""
         off, at = self.off_surface, np.full(len(self.explained), -1)  # where the others' value is
-        at[off.rows] = np.arange(len(off.rows))
+        at[off.rest.rows] = np.arange(len(off.rest.rows))
         at = at[places]
         group, rest = np.append(off.groups, -1)[at], at >= 0
         _, first, own = np.unique(group[rest], return_index=True, return_inverse=True)
@@ -114,13 +120,16 @@ class JudgedCloud:
         with progress_part(begin, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
                 owners, distances = self._find_surfaces(planes)
-            least = min(THING * index.n_neighbors, LEAST_SHARE * n_points)
+            share = self.surface_limits.least_share * n_points
+            least = min(self.off_surface_limits.thing * index.n_neighbors, share)
             places = Places.of(index, counts, self.explained, *spacings)
             del planes, spacings
             with progress_part(0.4, 1.0):
-                self.off_surface = OffSurface(places, least, self.off_surface_limits, self.n_jobs)
-        rest, off_surface = self.off_surface.rows, self.off_surface
-        points, doubt = off_surface.points, self._doubt(rest)
+                self.off_surface = off_surface = judge_off_surface(
+                    places, least, self.off_surface_limits, self.n_jobs
+                )
+        rest, points = off_surface.rest.rows, off_surface.rest.points
+        doubt = self._darkness(rest)
         apart = off_surface.isolation * doubt, off_surface.separation
         if self.rays is None:
             distances[rest] = self._joined(distances[rest], *apart, points)
@@ -128,11 +137,11 @@ class JudgedCloud:
             known = places.spacing, self.explained, self.to_planes
             by_rays = self.rays.judge(off_surface, *known, doubt)
             # To coordinates, sheets of rays are surfaces.
-            without = np.where(self.rays.of_sheets, 0.0, distances[rest])
+            without = np.where(self.rays.rest.of_sheets, 0.0, distances[rest])
             without = self._joined(without, *apart, points)
-            distances[rest] = told = self._joined(distances[rest], *by_rays, points)
-            raised, apart = np.column_stack([told, without, off_surface.counts]), by_rays
-            self.raised = raised[told > without]
+            distances[rest] = with_rays = self._joined(distances[rest], *by_rays, points)
+            raised, apart = np.column_stack([with_rays, without, off_surface.rest.counts]), by_rays
+            self.raised = raised[with_rays > without]
         off_surface.isolation, off_surface.separation = apart
         self.point_scores = distances
         return owners
@@ -165,25 +174,25 @@ class JudgedCloud:
         near = around.indices[:, : self.off_surface_limits.n_near]
         gaps = distances_between(self.model.index.points[near], queries)
         spacing = mean_distance(gaps, self.counts[near], self.off_surface_limits.n_near)
-        apart = isolation, separation, joined = (
-            np.zeros(len(queries)), np.zeros(len(queries)), np.zeros(len(queries), bool)
-        )  # fmt: skip
-        rest = np.flatnonzero(distances > self.surface_limits.explained)
+        isolation, separation = np.zeros((2, len(queries)))
+        joined = np.zeros(len(queries), bool)
+        rest = np.flatnonzero(distances > ExplainLimits().explained)
         if len(rest):
             isolation[rest], separation[rest], joined[rest] = self.off_surface.measure(
                 queries[rest], spacing[rest]
             )
-        doubt = self._doubt(around.indices[:, 0])
+        doubt = self._darkness(around.indices[:, 0])
         if self.rays is not None:
+            apart, planes = (isolation, separation, joined), (self.explained, self.to_planes)
             isolation, separation = self.rays.judge_new(
-                queries, around, apart, spacing, self.explained, self.to_planes, doubt
+                queries, around, apart, spacing, *planes, doubt
             )
         else:
             isolation = isolation * doubt
         return self._joined(distances, isolation, separation, queries)
 
-    def _doubt(self, rows):
-        """By how much what came back from these points makes their isolation larger."""
+    def _darkness(self, rows):
+        """The factor on the isolation of these points, by their intensity."""
         return 1.0 if self.intensity is None else darkness(self.intensity[rows])
 
     def paper_scores(self, planes, distances):
@@ -237,14 +246,14 @@ class JudgedCloud:
             distances[rows] = own_distances(part, self.planes.take(rows), self._floor(part, 0.0))
 
         run([(rows,) for rows in slices(n, chunk)], measure, self.n_jobs)
-        least, barred = min(k, LEAST_SHARE * n), None
+        least, barred = min(k, limits.least_share * n), None
         if self.origins is not None:
             self.rays = RayEvidence(index, self.origins, self.planes, limits, self.n_jobs)
             barred = self.rays.on_sheet
         with progress_part(0.0, 0.6):
             self.explaining = find_surfaces(index, planes, distances, least, limits, barred)
         if self.rays is not None:
-            self.rays.settle_sheets(planes, distances, least)
+            self.rays.find_sheets(planes, distances, least)
             self.ray_doubt = self.rays.doubt(self.explaining, self.counts)
             if self.ray_doubt and self.doubted:
                 self.rays = None
@@ -258,7 +267,7 @@ class JudgedCloud:
                 queries, lambda rows: index.query_own(others[rows]), self.explaining
             )
         owners[others] = np.where(found < 0, others, found)
-        self.explained = distances <= limits.explained
+        self.explained = distances <= ExplainLimits().explained
         self.explained_scale = None
         if self.level.off_surfaces:
             self.explained_scale = self.planes.scale[owners[self.explained]]
@@ -267,10 +276,10 @@ class JudgedCloud:
     def to_planes(self, queries, neighbors_of, wanted, precision=0.0):
         """The nearest of the planes that are wanted among each query's neighbors: its row, and the
         distance; see `distances_to_surfaces`."""
+        floor, chunk = self._floor(queries, precision), self.model.chunk()
         return distances_to_surfaces(
-            queries, neighbors_of, self.planes, wanted, self._floor(queries, precision),
-            self.model.chunk(), self.n_jobs,
-        )  # fmt: skip
+            queries, neighbors_of, self.planes, wanted, floor, chunk, self.n_jobs
+        )
 
     def measured(self, planes):
         """The planes with the noise by which distances are measured."""
@@ -296,12 +305,12 @@ class JudgedCloud:
         """
         apart = np.maximum(isolation, separation) if self.level.groups else isolation
         if not (self.level.off_surfaces and self.explained.any()):
-            limit = self.surface_limits.explained
+            limit = ExplainLimits().explained
             return np.where(distances > limit, np.minimum(distances, apart), distances)
         scores = distances.copy()
         lost = np.flatnonzero(np.isinf(distances))
         if len(lost):
-            gaps, near = self.off_surface.reference.query(points[lost], 1)
+            gaps, near = self.off_surface.rest.reference.query(points[lost], 1)
             beside = ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
             scores[lost] = np.maximum(beside, apart[lost])
         return scores
@@ -309,8 +318,8 @@ class JudgedCloud:
 
 def n_by_rays(raised, cutoff):
     """Measurements beyond the cutoff by rays alone, of places that `JudgedCloud` has `raised`."""
-    told, without, counts = raised.T
-    return int(counts[(told > cutoff) & (without <= cutoff)].sum())
+    with_rays, without, counts = raised.T
+    return int(counts[(with_rays > cutoff) & (without <= cutoff)].sum())
 
 
 def _measurements(index, n):

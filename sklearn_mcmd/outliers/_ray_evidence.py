@@ -1,16 +1,28 @@
 """What rays say of planes, of single points and of groups, beside what coordinates say."""
 
+from typing import NamedTuple
+
 import numpy as np
 
-from sklearn_mcmd.outliers._rays import DIFFERS, Emptiness, RayLimits, Rays, one_far_position
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits, find_surfaces
+from sklearn_mcmd.outliers._surfaces import find_surfaces
 from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._nearest import NearestPoints
+from sklearn_mcmd.sensors._rays import Emptiness, RayLimits, Rays, one_far_position
 
 __all__ = ["RayEvidence"]
 
-# Off-surface points around that a point shares what beams say with, as many as it is linked to.
-AROUND = SurfaceLimits().n_links
 TINY = 1e-100  # so that logarithms are finite
+
+
+class RestByRays(NamedTuple):
+    """What rays say of the m points that no surface explains."""
+
+    others: NearestPoints  # search of these points
+    empty: Emptiness  # by the beams next to each
+    apart: np.ndarray  # (m,), how far each is from others, as much in steps as in usual spacings
+    of_sheets: np.ndarray  # bool (m,), explained by a sheet of rays
+    by_sheet: np.ndarray  # bool (m,), isolated by a sheet of rays
 
 
 class RayEvidence:
@@ -21,21 +33,20 @@ class RayEvidence:
 
     `scatter` (n,) is how much the ranges of beams differ from a plane, in steps; see
     `Rays.measure`. Points `on_sheet`, bool (n,), have planes that contain the rays to them, which
-    are part of no surface. Off-surface points `of_sheets`, bool (m,), are explained by a sheet of
-    rays, and those `by_sheet` isolated by it; `judge` finds them.
+    are part of no surface. `judge` finds the `rest`.
     """
 
     def __init__(self, index, origins, planes, limits, n_jobs):
-        self.index, self.limits, self.n_jobs = index, limits, n_jobs
+        self.index, self.limits, self.n_jobs, self.rest = index, limits, n_jobs, None
         self.rays = Rays(index.points, origins, RayLimits(), n_jobs, index.empty)
-        self.scatter = self.rays.measure(index, planes, limits.explained)
-        self.on_sheet = self.scatter > DIFFERS
+        self.scatter = self.rays.measure(index, planes)
+        self.on_sheet = self.scatter > ExplainLimits().explained
         self.approximate = one_far_position(index.points, origins)
         if self.approximate:
             self.on_sheet[:] = False
 
-    def settle_sheets(self, planes, distances, least):
-        """Leave of `on_sheet` what is large enough, where a surface has `least` points."""
+    def find_sheets(self, planes, distances, least):
+        """Keep of `on_sheet` what is large enough, where a surface has `least` points."""
         least *= self.rays.limits.sheet
         self.on_sheet = find_surfaces(
             self.index, planes, distances, least, self.limits, ~self.on_sheet
@@ -60,20 +71,18 @@ class RayEvidence:
         (n,), and `to_planes` as `JudgedCloud.to_planes`. `doubt`, a number or (m,), is a factor on
         how isolated points are, which does not touch sheets of rays.
         """
-        rest, rays, index = off_surface.rows, self.rays, self.index
+        rest, rays, index = off_surface.rest.rows, self.rays, self.index
         groups, step = off_surface.groups, rays.steps(rest)
-        self.others, self.empty = off_surface.others, rays.next_to(rest, explained)
-        self.apart = _in_steps(off_surface.isolation, spacing, step)
+        others, empty = off_surface.rest.others, rays.next_to(rest, explained)
+        apart = _in_steps(off_surface.isolation, spacing, step)
         isolation = np.empty(len(rest))
 
         def judge(rows, _, near):
-            own = self.empty.take(rows)
-            isolation[rows] = self._isolation(
-                off_surface.isolation[rows], own, self.apart[rows], near[:, 1:], step[rows]
-            )
+            around = _around(empty.take(rows), apart[rows], empty, apart, near[:, 1:])
+            isolation[rows] = self._isolation(off_surface.isolation[rows], *around, step[rows])
 
-        self.others.visit(off_surface.points, AROUND + 1, judge, self.n_jobs)
-        self.others.release()
+        others.visit(off_surface.rest.points, self.limits.n_links + 1, judge, self.n_jobs)
+        others.release()
         isolation *= doubt
         on_sheet = self._on_sheets(
             index.points[rest], lambda r: index.query_own(rest[r]), to_planes
@@ -83,7 +92,13 @@ class RayEvidence:
         together = np.ones(len(rest))
         together[rows] = around.pooled(groups[rows], index.points[rest[rows]]).together()
         rays.release()
-        self.of_sheets, self.by_sheet = on_sheet > 0, on_sheet > isolation
+        self.rest = RestByRays(
+            others=others,
+            empty=empty,
+            apart=apart,
+            of_sheets=on_sheet > 0,
+            by_sheet=on_sheet > isolation,
+        )
         return np.maximum(isolation, on_sheet), _separation(off_surface.separation, together, step)
 
     def judge_new(self, queries, around, apart, spacing, explained, to_planes, doubt=1.0):
@@ -96,29 +111,36 @@ class RayEvidence:
         witnesses, strange = self.rays.new_witnesses(queries, around.indices[:, 0])
         empty, beside = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
         in_steps = _in_steps(isolation, spacing, witnesses.step)
-        near = self.others.query(queries, AROUND, self.n_jobs)[1]
-        isolation = doubt * self._isolation(isolation, empty, in_steps, near, witnesses.step)
+        near = self.rest.others.query(queries, self.limits.n_links, self.n_jobs)[1]
+        with_others = _around(empty, in_steps, self.rest.empty, self.rest.apart, near)
+        isolation = doubt * self._isolation(isolation, *with_others, witnesses.step)
         alone = _separation(separation, beside.together(), witnesses.step)
         on_sheet = self._on_sheets(queries, around.take, to_planes)
         return np.maximum(isolation, on_sheet), np.where(joined, separation, alone)
 
-    def _isolation(self, isolation, empty, apart, near, step):
-        """Isolation of points by what beams say of each, of the off-surface points around it
-        (rows of `near`), and by how far apart all of these are: errors in quantity are near each
-        other, and each of them is in empty space. Points where the sensor is have no ray, and what
-        coordinates say; an approximate position excuses points, and condemns none."""
-        around = empty.with_nearest(self.empty, near)
-        logs = np.log(np.append(self.apart, 1.0)[near]).sum(axis=1) + np.log(apart)
-        around_apart = np.exp(logs / (1 + np.count_nonzero(near < len(self.apart), axis=1)))
-        told = np.minimum(empty.alone(), around.alone()) * np.sqrt(apart * around_apart)
+    def _isolation(self, isolation, share, apart, step):
+        """Isolation of points by the share of beams that pass, and by how far apart they are.
+        Points where the sensor is have no ray, and what coordinates say; an approximate position
+        excuses points, and condemns none."""
+        by_beams = share * apart
         if self.approximate:
-            told = np.minimum(told, isolation)
-        return np.where(step > 0, told, isolation)
+            by_beams = np.minimum(by_beams, isolation)
+        return np.where(step > 0, by_beams, isolation)
 
     def _on_sheets(self, queries, neighbors_of, to_planes):
         """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""
         owners, off = to_planes(queries, neighbors_of, self.on_sheet)
-        return np.where(off <= self.limits.explained, self.scatter[owners], 0.0)
+        return np.where(off <= ExplainLimits().explained, self.scatter[owners], 0.0)
+
+
+def _around(empty, apart, all_empty, all_apart, near):
+    """What beams say of each place and of the off-surface points around it, rows of `near`, and how
+    far apart all of these are: errors in quantity are near each other, and each of them is in empty
+    space. `all_empty` and `all_apart` are of all off-surface points."""
+    around = empty.with_nearest(all_empty, near)
+    logs = np.log(np.append(all_apart, 1.0)[near]).sum(axis=1) + np.log(apart)
+    around_apart = np.exp(logs / (1 + np.count_nonzero(near < len(all_apart), axis=1)))
+    return np.minimum(empty.alone(), around.alone()), np.sqrt(apart * around_apart)
 
 
 def _in_steps(isolation, spacing, step):

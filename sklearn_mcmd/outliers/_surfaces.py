@@ -4,25 +4,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.planes._flatness import are_flat
-from sklearn_mcmd.planes._linking import LinkLimits, connected_planes
+from sklearn_mcmd.planes._around import are_flat
+from sklearn_mcmd.planes._explaining import ExplainLimits, LinkLimits, connected_planes, explain
 from sklearn_mcmd.runtime._chunks import each_slice
 
 __all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
-
-NEAREST = ExplainLimits(likely=False)
 
 
 class SurfaceLimits(NamedTuple):
     """What a surface is."""
 
-    explained: float = 3.0  # a plane explains points within this many of its standard deviations
     # Largest ratio of a plane's standard deviation to the radius of its neighborhood. A filled
     # ball has 0.45: a third of that.
     flat: float = 0.15
     angle: float = 25.0  # largest angle between the normals of linked points, in degrees
     n_links: int = 16  # linked points are among each other's nearest, this many
+    # A surface has as many points as a neighborhood: fewer cannot fill that of a plane of their
+    # own. In a small cloud surfaces and things have this share of it.
+    least_share: float = 1 / 5
 
 
 def find_surfaces(index, planes, distances, least, limits, barred=None):
@@ -33,11 +32,14 @@ def find_surfaces(index, planes, distances, least, limits, barred=None):
     are near each other, their planes explain each other's point and their normals agree. A surface
     is a connected part of at least `least` points. Those that are barred can be part of none.
     """
-    usable = are_flat(planes, limits.flat) & (distances <= limits.explained)
+    explained = ExplainLimits().explained
+    usable = are_flat(planes, limits.flat) & (distances <= explained)
     if barred is not None:
         usable &= ~barred
     cosine = float(np.cos(np.radians(limits.angle)))
-    links = LinkLimits(cosine, limits.explained, both_near=True)
+    links = LinkLimits(
+        min_cosine=cosine, explained=explained, max_gap=np.inf, mutual=True, both_near=True
+    )
     width = min(limits.n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, width, planes, links, usable)
     return usable & (sizes >= least)[labels]
@@ -62,11 +64,9 @@ def distances_to_surfaces(queries, neighbors_of, planes, on_surface, floor, chun
     owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
 
     def task(rows):
-        part = queries[rows]
-        most = np.full(len(part), np.inf)
         around = neighbors_of(rows)
         owners[rows], distances[rows] = explain(
-            part, around, planes, NEAREST, on_surface, floor[rows], most
+            queries[rows], around, planes, on_surface, floor[rows]
         )
 
     each_slice(m, chunk, task, n_jobs)

@@ -1,13 +1,21 @@
-"""What is usual among the neighbors: quantiles, extents, and quotients that stay finite."""
+"""What is usual among the neighbors: quantiles, extents, noise; quotients that stay finite."""
+
+from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["extents", "quantile_around", "ratio"]
+__all__ = ["are_flat", "extents", "most_noise_around", "quantile_around", "ratio"]
 
 MODULE = "planes._around_numba"
 LARGEST = 1e300  # of a quotient: the mean of two is finite, as is a small multiple
+
+
+class NoiseLimits(NamedTuple):
+    """When a plane is noisier than others."""
+
+    n_errors: float = 3.0  # standard errors by which it may be noisier than is usual around
 
 
 def quantile_around(values, neighborhoods, q):
@@ -30,3 +38,26 @@ def ratio(numerator, denominator):
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quotient = numerator / denominator
     return np.nan_to_num(quotient, nan=0.0, posinf=LARGEST, neginf=-LARGEST)
+
+
+def most_noise_around(noise, around, sizes, quiet, bend=0.0):
+    """The largest standard deviation of planes (m,) that are as flat as those around them.
+
+    `noise` (n,) are standard deviations from planes, or from smooth surfaces, and `around` has rows
+    of it. `sizes`, a number or (m,), are the members that a standard deviation is from. `bend`, a
+    number or (m,), is what curvature adds to noise.
+
+    `quiet` is the share of the neighbors whose noise is usual at most. Next to an edge less than
+    half of them have planes of their own face; among many outliers fewer have planes without any.
+    """
+    usual = np.hypot(quantile_around(noise, around, quiet), bend)
+    return (1 + NoiseLimits().n_errors / np.sqrt(2 * sizes)) * usual
+
+
+def are_flat(planes, most):
+    """Whether the noise of planes is at most this share of the radius of their neighborhoods.
+
+    So are planes of surfaces, and not those through foliage, which are as noisy as those around. A
+    filled ball has 0.45.
+    """
+    return (planes.scale > 0) & (planes.scale <= most * planes.radius)

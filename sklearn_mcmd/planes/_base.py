@@ -18,20 +18,18 @@ from sklearn_mcmd._validation import (
     check_work,
     validate_points,
 )
-from sklearn_mcmd.planes._comparators import settle_comparator
 from sklearn_mcmd.planes._consistent_set import draw_trials, n_support_points, n_trials_needed
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._resolution import coarse_warning, coordinate_step
-from sklearn_mcmd.planes._rules import METHODS
+from sklearn_mcmd.planes._rules import METHODS, comparator_of
 
 __all__ = ["BaseLocalPlanes", "BasePlaneOutliers", "comparator_model_of", "model_of"]
 
+MAX_TRIALS = 10_000  # in 2D and 3D
 # Each further dimension doubles the trials of Eq. 13: 69 in 3D become 10 million in 20D.
-MAX_TRIALS = 10_000
-# Positions that a trial of one neighborhood of all points may read.
-LONGEST_TRIAL = 4096
 MAX_TRIALS_BEYOND_SPACE = 300
+LONGEST_TRIAL = 4096  # positions that a trial of one neighborhood of all points may read
 
 
 class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
@@ -55,15 +53,15 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
     _work: ClassVar = ("n_neighbors", 1)  # for `check_work`
 
     def _stages(self):
-        """Names of the stages of a fit, which callbacks are told; some may be left out."""
+        """Names of the stages of a fit, for callbacks; some may be left out."""
         return ()
 
     def _fit_planes(self, X, radius=None, cutoff=None):
-        """Validate X, settle the parameters that depend on it, and fit its local planes.
+        """Validate X, find the parameters that depend on it, and fit its local planes.
 
         Members of a neighborhood beyond the cutoff are left out of its plane; None is the rule's.
         """
-        self._settle_comparator()  # before what takes long
+        self._comparator()  # before what takes long
         X, index = self._index_cloud(X, radius)
         d = X.shape[1]
         n_support = n_support_points(self.support_fraction, self.n_neighbors_, d)
@@ -73,7 +71,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         )
         return X
 
-    def _settle_comparator(self):
+    def _comparator(self):
         """The registered method that `method` and `method_params` name; None for a rule."""
         params = getattr(self, "method_params", None)
         if self.method not in METHODS:
@@ -82,7 +80,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
                     f"cutoff={self.cutoff} has no meaning for method={self.method!r}, whose "
                     "parameters are in method_params."
                 )
-            comparator = settle_comparator(self.method, params)
+            comparator = comparator_of(self.method, params)
             if not comparator.has_cutoff and comparator.contamination is None:
                 raise ValueError(
                     f"method={self.method!r} has no cut-off of its own: give the share of "
@@ -127,7 +125,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         check_extent(X)
         return X
 
-    def _settle_n_trials(self, d):
+    def _count_trials(self, d):
         needed = n_trials_needed(self.max_outlier_rate, self.success_probability, d)
         most = MAX_TRIALS if d <= 3 else MAX_TRIALS_BEYOND_SPACE
         if needed > most and METHODS[self.method].needs_consistent_set:
@@ -165,13 +163,13 @@ def model_of(estimator, index, shape, precision, step, cutoff=None):
     """The planes of an index of points of this shape, by the parameters of an estimator.
 
     `precision` is the relative rounding error of the coordinates, `step` that of a lattice. The
-    estimator is told how many trials there are.
+    estimator gets `n_trials_`.
     """
     n, d = shape
-    comparator = estimator._settle_comparator()
+    comparator = estimator._comparator()
     if comparator is not None:
         return comparator_model_of(estimator, comparator, index, shape, precision, step)
-    estimator.n_trials_ = estimator._settle_n_trials(d)
+    estimator.n_trials_ = estimator._count_trials(d)
     rule = METHODS[estimator.method]
     trials = draw_trials(
         estimator.n_trials_ if rule.needs_consistent_set else 0,
@@ -180,7 +178,7 @@ def model_of(estimator, index, shape, precision, step, cutoff=None):
         length=LONGEST_TRIAL if estimator.n_neighbors is None else None,
     )
     settings = PlaneSettings(
-        estimator.method,
+        method=estimator.method,
         precision=precision,
         step=step,
         support_fraction=estimator.support_fraction,
@@ -194,5 +192,7 @@ def comparator_model_of(estimator, comparator, index, shape, precision, step):
     """The same of a registered method, which judges the neighborhoods in place of a rule."""
     n, d = shape
     estimator.n_trials_, _ = comparator.table_shape(index.n_neighbors or n, d)
-    settings = PlaneSettings(estimator.method, precision, step, comparator=comparator)
+    settings = PlaneSettings(
+        method=estimator.method, precision=precision, step=step, comparator=comparator
+    )
     return LocalPlaneModel(index, comparator.tables(estimator.random_state), settings)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd._validation import check_extent
-from sklearn_mcmd.planes._plane import surface_variation
+from sklearn_mcmd.planes._principal_planes import surface_variation
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import run, slices
 
@@ -32,8 +32,8 @@ class Columns(NamedTuple):
     def planes(self, rows, n_jobs=None):
         """The planes of some of the points: float64, of points that are projected on them.
 
-        They count as having kept their neighborhoods. Radius and spacing, which columns do not
-        tell, are not a number; fields that no stage asks for are left out.
+        They count as having kept their neighborhoods. Radius and spacing, which columns lack,
+        are not a number; fields that no stage needs are left out.
         """
         planes = Planes.empty(len(rows), self.coordinates.shape[1])
         planes = planes.without("eigenvalues", "normal_error")
@@ -78,7 +78,7 @@ def plane_offsets(planes, normals, X):
 def split_columns(X, d=None, n_jobs=None):
     """Coordinates and planes of points, as `Columns`, from the columns of a transformer.
 
-    If `d` does not tell the number of dimensions, it follows from the columns: normals have length
+    If `d` is None, the number of dimensions follows from the columns: normals have length
     one, eigenvalues ascend, and surface variation is the share of the least in their sum. Other
     columns raise a ValueError.
     """
@@ -118,7 +118,16 @@ def _cut(X, d, n_jobs):
             wrong.append(part)
 
     run([(part,) for part in slices(len(X), CHUNK)], task, n_jobs)
-    return None if wrong else Columns(coordinates, normals, variation, eigenvalues, offset, scale)
+    if wrong:
+        return None
+    return Columns(
+        coordinates=coordinates,
+        normals=normals,
+        surface_variation=variation,
+        eigenvalues=eigenvalues,
+        offset=offset,
+        scale=scale,
+    )
 
 
 def _are_planes(normals, variation, eigenvalues):

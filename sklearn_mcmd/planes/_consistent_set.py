@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes
 
 __all__ = [
     "Trials",
@@ -31,13 +31,13 @@ EIGENVALUE_STEP = 1e-14
 # A subset spans no plane when its second-least singular value is below this share of the
 # largest: rounding would decide how such a plane lies.
 RANK_TOLERANCE = 1e-6
-MOST_TRIALS = 2**62
+MOST_TRIALS = 2**62  # what a 64-bit integer holds, and no more are ever made
 # Entries of the largest temporary array of maximum_consistent_sets.
 CHUNK_ENTRIES = 2_000_000
 
 
 class Trials(NamedTuple):
-    """Arguments of the compiled Algorithm 1, with its constants; `RuleLimits` says why."""
+    """What the compiled Algorithm 1 knows: it would not notice a constant that changes."""
 
     positions: np.ndarray  # int32 (T, k), the table of `draw_trials`
     n_support: np.ndarray  # int64 (k + 1,), the paper's h of each size

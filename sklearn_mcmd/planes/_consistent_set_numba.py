@@ -4,22 +4,17 @@ All trials of one neighborhood advance together, one trial in each vector lane. 
 float32 gives each trial a lower bound of its least eigenvalue. Float64 then decides among
 the few trials whose bound does not exceed the best value found, in ascending order. So the
 set is the one that float64 alone would find, in the time of float32.
+
+Lanes are the columns of C-contiguous arrays. The compiler makes vectors of each loop over lanes,
+and enters it by comparing the addresses of all arrays. Several rows at once share these
+comparisons. So the number of rows is even, that of levels a multiple of `ROWS`, and rows that pad
+change no result.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._lanes_numba import (
-    FEATURES,
-    MOST_LEVEL,
-    ROWS,
-    SHIFT,
-    lane_distances,
-    lane_levels,
-    lane_limits,
-    lane_moments,
-)
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     eigh_3d,
@@ -29,21 +24,18 @@ from sklearn_mcmd.planes._moments_numba import (
 )
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = [
-    "NO_FIT",
-    "WorkArrays",
-    "consistent_set_3d",
-    "first_members",
-    "least_eigenvalue",
-    "screen",
-    "select_members",
-    "trial_planes",
-]
+__all__ = ["NO_FIT", "WorkArrays", "consistent_set_3d"]
 
 VECTOR = 8  # float32 lanes of a vector; twice as many of int16
 LINE = 16  # float32 numbers of a cache line
-F0, F1, F2 = np.float32(0), np.float32(1), np.float32(2)
-TINY = np.float32(1e-30)
+ROWS = 8  # members that share the comparisons of addresses when lanes are looped over
+FEATURES = 9  # x, y, z, xx, xy, xz, yy, yz, zz
+# A level is a float32 number without its last bits: 512 levels to each power of two.
+SHIFT = 14
+STEPS = 13  # of the bisection of levels
+MOST_LEVEL = 2**STEPS - 1  # the largest level
+F0, F1, F2, I0 = np.float32(0), np.float32(1), np.float32(2), np.int16(0)
+TINY = np.float32(1e-30)  # least divisor
 ZEROS = 0.0, 0.0, 0.0
 NO_FIT = ZEROS, ZEROS, (ZEROS, ZEROS, ZEROS)
 SLACK = np.float32(1.001)  # for rounding of the sum
@@ -53,9 +45,9 @@ FAR = 100.0
 # Error of a distance in float32, as a share of the farthest coordinate: 14 roundings of 2**-24.
 ROUNDING = 1e-6
 MOST_ROWS = 2**15 - 1  # that int16 counts
-# Errors that the screening's least eigenvalue may have: rounding of the moments, a few float32
-# steps of the trace, and rounding of the determinant, larger in flat and long neighborhoods.
+# Errors that the screening's least eigenvalue may have: rounding of the moments,
 SCREEN_RTOL = np.float32(1e-3)
+# and a few float32 steps of the trace and of the determinant, more in flat and long neighborhoods.
 SCREEN_STEP = np.float32(1e-6)
 LEAST_MINORS = np.float32(1e-4)  # squared ratio of width to length below which all is rounding
 
@@ -93,17 +85,17 @@ class WorkArrays(NamedTuple):
         lanes32 = buffer[start : start + size].reshape(21 + n_rows, n_lanes)
         keys = np.zeros(k, dtype=np.int64)
         return cls(
-            np.zeros((3, k)),
-            np.zeros((3, k)),
-            np.zeros((n_rows, FEATURES), dtype=np.float32),
-            np.zeros((4 + 9, n_lanes)),
-            lanes32,
-            lanes32.view(np.int32),
-            np.zeros((n_rows + 2, n_wide), dtype=np.int16),
-            np.zeros(n_trials),
-            keys,
-            keys.view(np.float64),
-            np.zeros(k),
+            local=np.zeros((3, k)),
+            rotated=np.zeros((3, k)),
+            local32=np.zeros((n_rows, FEATURES), dtype=np.float32),
+            lanes=np.zeros((4 + 9, n_lanes)),
+            lanes32=lanes32,
+            lane_bits=lanes32.view(np.int32),
+            levels=np.zeros((n_rows + 2, n_wide), dtype=np.int16),
+            least=np.zeros(n_trials),
+            keys=keys,
+            key_numbers=keys.view(np.float64),
+            member=np.zeros(k),
         )
 
 
@@ -124,9 +116,9 @@ def consistent_set_3d(size, trials, arrays):
         for j in range(size):
             local32[j, axis] = np.float32(local[axis, j])
             farthest = max(farthest, abs(local[axis, j]))
-    first_plane = trial_planes(local, size, trials, lanes, rotated, member)
+    first_plane = _trial_planes(local, size, trials, lanes, rotated, member)
     if first_plane < 0:
-        return first_members(size, n_support, member), NO_FIT
+        return _first_members(size, n_support, member), NO_FIT
     # Lanes without a plane, and lanes that pad the vectors, repeat the first plane.
     for t in range(lanes.shape[1]):
         if t >= n_trials or lanes[3, t] == np.inf:
@@ -134,7 +126,7 @@ def consistent_set_3d(size, trials, arrays):
                 lanes[axis, t] = lanes[axis, first_plane]
     bound = lanes32[20]
     if farthest <= FAR and size <= MOST_ROWS:
-        screen(local32, size, n_support, lanes, lanes32, bits, levels, ROUNDING * farthest)
+        _screen(local32, size, n_support, lanes, lanes32, bits, levels, ROUNDING * farthest)
     else:
         bound[:] = F0
 
@@ -142,37 +134,37 @@ def consistent_set_3d(size, trials, arrays):
     for t in range(n_trials):
         least[t] = np.inf
     for _ in range(n_trials):
-        t, lowest = np.int64(0), bound[0]  # with a plain 0, `select_members` is compiled twice
+        t, lowest = np.int64(0), bound[0]  # with a plain 0, `_select_members` is compiled twice
         for s in range(1, n_trials):
             if bound[s] < lowest:
                 t, lowest = s, bound[s]
         if lowest > best + trials.eigenvalue_step:
             break
         bound[t] = np.inf
-        select_members(local, size, trials, lanes, t, keys, key_numbers, member)
+        _select_members(local, size, trials, lanes, t, keys, key_numbers, member)
         selected = t
-        least[t], fit = least_eigenvalue(local, size, member, trials.rank_tolerance)
+        least[t], fit = _least_eigenvalue(local, size, member, trials.rank_tolerance)
         best = min(best, least[t])
     if best == np.inf:
-        return first_members(size, n_support, member), NO_FIT
+        return _first_members(size, n_support, member), NO_FIT
     first = 0
     while least[first] > best + trials.eigenvalue_step:
         first += 1
     if first != selected:
-        select_members(local, size, trials, lanes, first, keys, key_numbers, member)
-        _, fit = least_eigenvalue(local, size, member, trials.rank_tolerance)
+        _select_members(local, size, trials, lanes, first, keys, key_numbers, member)
+        _, fit = _least_eigenvalue(local, size, member, trials.rank_tolerance)
     return least[first], fit
 
 
 @kernel
-def first_members(size, n_support, member):
+def _first_members(size, n_support, member):
     for j in range(size):
         member[j] = 1.0 if j < n_support else 0.0
     return -1.0
 
 
 @kernel
-def trial_planes(local, size, trials, lanes, rotated, member):
+def _trial_planes(local, size, trials, lanes, rotated, member):
     """Planes of all trials (steps 1 and 2) into lanes; an infinite offset where there is none.
 
     Returns the first trial that has a plane, -1 if none has.
@@ -266,15 +258,14 @@ def _refined_normal(local, size, member, mean, axes, rotated):
 
 
 @kernel(fastmath=FASTMATH)
-def screen(local32, size, n_support, lanes, work, bits, levels, rounding):
+def _screen(local32, size, n_support, lanes, work, bits, levels, rounding):
     """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32, to work[20].
 
     Distances become levels in int16, whose vectors hold twice as many lanes. Bisection of the
     levels by counting finds the largest limit that no more than h members are below. It is a
     comparison and a sum, which run at full vector width; sorting would not. Ties may leave fewer
     than h members. Members nearer than the limit, by more than twice the `rounding` of distances,
-    are surely of the set. Leaving points out can only lower the least eigenvalue of the scatter
-    matrix, so the bound holds.
+    are surely of the set.
     """
     n_lanes = lanes.shape[1]
     total, limit, moments, distances = work[4], work[5], work[10:20], work[21:]
@@ -289,7 +280,7 @@ def screen(local32, size, n_support, lanes, work, bits, levels, rounding):
     # Rows that pad can only raise the sum of distances. Then they are far from all planes.
     n_rows = size + size % 2
     local32[size:n_rows] = F0
-    lane_distances(work, local32, n_rows, distances, total)
+    _lane_distances(work, local32, n_rows, distances, total)
     distances[size:n_rows] = np.inf
     # The h-th distance is not larger than the mean of those that are as large.
     share = SLACK / np.float32(size - n_support + 1)
@@ -297,25 +288,33 @@ def screen(local32, size, n_support, lanes, work, bits, levels, rounding):
         limit[t] = total[t] * share
     for t in range(n_lanes):
         base[t] = np.int32((limit_bits[t] >> SHIFT) - (MOST_LEVEL - 1))
-    lane_levels(bits[21:], base, size, levels)
+    _lane_levels(bits[21:], base, size, levels)
     counts, low = levels[levels.shape[0] - 2], levels[levels.shape[0] - 1]
     n_levels = -(-size // ROWS) * ROWS
     levels[size:n_levels] = MOST_LEVEL
-    lane_limits(levels, n_levels, n_support, counts, low)
+    _lane_limits(levels, n_levels, n_support, counts, low)
     # The limit as a distance; at level 0 it is 0, because members below the levels are there.
     margin = F2 * np.float32(rounding)
     for t in range(n_lanes):
         limit_bits[t] = np.int32((low[t] + base[t]) << SHIFT) if low[t] > 0 else np.int32(0)
     for t in range(n_lanes):
         limit[t] -= margin
-    lane_moments(distances, limit, local32, n_rows, moments)
+    _lane_moments(distances, limit, local32, n_rows, moments)
 
+    _lower_bounds(moments, n_support, work[20])
+
+
+@kernel(fastmath=FASTMATH)
+def _lower_bounds(moments, n_support, bound):
+    """Fill lower bounds of least eigenvalues from moments of members that are surely of the set.
+
+    Leaving members out can only lower the least eigenvalue of the scatter matrix.
+    """
     wanted = np.float32(n_support)
     s, sx, sy, sz = moments[0], moments[1], moments[2], moments[3]
     sxx, sxy, sxz, syy = moments[4], moments[5], moments[6], moments[7]
     syz, szz = moments[8], moments[9]
-    bound = work[20]
-    for t in range(n_lanes):
+    for t in range(len(bound)):
         scale = F1 / (s[t] if s[t] > F1 else F1)
         mx, my, mz = sx[t] * scale, sy[t] * scale, sz[t] * scale
         cxx, cxy, cxz = sxx[t] * scale - mx * mx, sxy[t] * scale - mx * my, sxz[t] * scale - mx * mz
@@ -341,7 +340,7 @@ def screen(local32, size, n_support, lanes, work, bits, levels, rounding):
 
 
 @kernel(fastmath=FASTMATH)
-def select_members(local, size, trials, lanes, t, keys, key_numbers, member):
+def _select_members(local, size, trials, lanes, t, keys, key_numbers, member):
     """Mark the h members nearest to plane t (step 2); ties go to the first."""
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz, offset = lanes[0, t], lanes[1, t], lanes[2, t], lanes[3, t]
@@ -364,7 +363,7 @@ def select_members(local, size, trials, lanes, t, keys, key_numbers, member):
 
 
 @kernel
-def least_eigenvalue(local, size, member, rank_tolerance):
+def _least_eigenvalue(local, size, member, rank_tolerance):
     """Least eigenvalue of the covariance of the members (step 3).
 
     It is the variance of the members along the axis, which can only be too large, and infinite
@@ -376,3 +375,82 @@ def least_eigenvalue(local, size, member, rank_tolerance):
     if values[1] > rank_tolerance**2 * values[2]:
         least = variance_along(local, size, member, mean, axes[0])
     return least, (mean, values, axes)
+
+
+@kernel(fastmath=FASTMATH)
+def _lane_distances(planes, features, n_rows, distances, total):
+    """Absolute distances (rows, lanes) of members from planes (4, lanes), and their sums."""
+    nx, ny, nz, offset = planes[0], planes[1], planes[2], planes[3]
+    total[:] = F0
+    for j in range(0, n_rows, 2):
+        x0, y0, z0 = features[j, 0], features[j, 1], features[j, 2]
+        x1, y1, z1 = features[j + 1, 0], features[j + 1, 1], features[j + 1, 2]
+        row0, row1 = distances[j], distances[j + 1]
+        for t in range(len(total)):
+            a, b, c, d = nx[t], ny[t], nz[t], offset[t]
+            value0 = abs(a * x0 + b * y0 + c * z0 + d)
+            value1 = abs(a * x1 + b * y1 + c * z1 + d)
+            row0[t], row1[t] = value0, value1
+            total[t] += value0 + value1
+
+
+@kernel
+def _lane_levels(bits, base, n_rows, levels):
+    """Levels int16 (rows, lanes): bits without the last, less a base, within 0 and MOST_LEVEL."""
+    for j in range(n_rows):
+        row, out = bits[j], levels[j]
+        for t in range(len(base)):
+            value = max(np.int32((row[t] >> SHIFT) - base[t]), np.int32(0))
+            out[t] = np.int16(min(value, np.int32(MOST_LEVEL)))
+
+
+@kernel
+def _lane_limits(levels, n_rows, wanted, counts, limits):
+    """The largest level, of each lane, that no more than `wanted` rows are below, by bisection."""
+    limits[:] = I0
+    most = np.int16(wanted)
+    for power in range(STEPS - 1, -1, -1):
+        step = np.int16(1 << power)
+        counts[:] = I0
+        for j in range(0, n_rows, ROWS):
+            row0, row1, row2, row3 = levels[j], levels[j + 1], levels[j + 2], levels[j + 3]
+            row4, row5, row6, row7 = levels[j + 4], levels[j + 5], levels[j + 6], levels[j + 7]
+            for t in range(len(limits)):
+                guess = np.int16(limits[t] + step)
+                below = np.int16(row0[t] < guess) + np.int16(row1[t] < guess)
+                below += np.int16(row2[t] < guess) + np.int16(row3[t] < guess)
+                below += np.int16(row4[t] < guess) + np.int16(row5[t] < guess)
+                below += np.int16(row6[t] < guess) + np.int16(row7[t] < guess)
+                counts[t] = np.int16(counts[t] + below)
+        for t in range(len(limits)):
+            guess = np.int16(limits[t] + step)
+            limits[t] = guess if counts[t] <= most else limits[t]
+
+
+@kernel(fastmath=FASTMATH)
+def _lane_moments(distances, limits, features, n_rows, moments):
+    """Number of rows nearer than each lane's limit, and sums of their features, (10, lanes)."""
+    s, sx, sy, sz, sxx = moments[0], moments[1], moments[2], moments[3], moments[4]
+    sxy, sxz, syy, syz, szz = moments[5], moments[6], moments[7], moments[8], moments[9]
+    moments[:] = F0
+    for j in range(0, n_rows, 2):
+        row0, row1 = distances[j], distances[j + 1]
+        x0, y0, z0 = features[j, 0], features[j, 1], features[j, 2]
+        xx0, xy0, xz0 = features[j, 3], features[j, 4], features[j, 5]
+        yy0, yz0, zz0 = features[j, 6], features[j, 7], features[j, 8]
+        x1, y1, z1 = features[j + 1, 0], features[j + 1, 1], features[j + 1, 2]
+        xx1, xy1, xz1 = features[j + 1, 3], features[j + 1, 4], features[j + 1, 5]
+        yy1, yz1, zz1 = features[j + 1, 6], features[j + 1, 7], features[j + 1, 8]
+        for t in range(len(limits)):
+            member0 = F1 if row0[t] < limits[t] else F0
+            member1 = F1 if row1[t] < limits[t] else F0
+            s[t] += member0 + member1
+            sx[t] += member0 * x0 + member1 * x1
+            sy[t] += member0 * y0 + member1 * y1
+            sz[t] += member0 * z0 + member1 * z1
+            sxx[t] += member0 * xx0 + member1 * xx1
+            sxy[t] += member0 * xy0 + member1 * xy1
+            sxz[t] += member0 * xz0 + member1 * xz1
+            syy[t] += member0 * yy0 + member1 * yy1
+            syz[t] += member0 * yz0 + member1 * yz1
+            szz[t] += member0 * zz0 + member1 * zz1

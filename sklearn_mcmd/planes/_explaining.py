@@ -1,42 +1,123 @@
-"""Whose plane explains a point? Every stage searches its neighbors' planes here."""
+"""Whose plane explains a point? And the graph of neighbors whose planes explain each other."""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.planes._around import extents
+from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
+from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["ExplainLimits", "explain"]
+__all__ = ["ExplainLimits", "LinkLimits", "connected", "connected_planes", "explain", "row_linker"]
+
+# Costs that differ by no more than this share of one plus the cost are equal, and the nearest of
+# equal planes is the owner: points that were lent one plane differ by rounding.
+TIE = 1e-9
 
 
 class ExplainLimits(NamedTuple):
-    """Conditions under which a plane explains a point.
+    """When a plane explains a point. All stages read it here."""
 
-    The owner is the nearest plane, in standard deviations, or the most `likely` one, by Bayes'
-    rule. If a point lies on a flat and on a rough plane, the flat one then wins. The prior
-    probability of a plane is the share of its neighborhood that it keeps. Planes that explain the
-    point come first, others only where there is none.
-    """
-
-    likely: bool
-    explained: float = np.inf  # standard deviations within which a plane explains points
-    # Costs that differ by no more than this share of one plus the cost are equal. The nearest of
-    # equal planes is the owner: points that were lent one plane differ by rounding.
-    tie: float = 1e-9
+    explained: float = 3.0  # standard deviations of the plane within which it explains points
 
 
-def explain(queries, candidates, planes, limits, usable, least, most):
-    """The plane of its neighbors that explains each query best.
+def explain(queries, candidates, planes, usable, least, likely=False):
+    """The plane of its neighbors that explains each query best, however far it is.
+
+    This is the nearest plane, in standard deviations, or the most `likely` one, by Bayes' rule. If
+    a point lies on a flat and on a rough plane, the flat one then wins. The prior probability of a
+    plane is the share of its neighborhood that it keeps.
 
     A plane reaches as far from its centroid as its neighborhood does from its point. Queries (m, d)
     are float64, and candidates are rows of `planes`, of which those that are `usable` (bool) may
     explain points. `least` (m,) is a standard deviation that is added to each plane's, for each
-    query. Planes of a standard deviation larger than `most` (m,) come last.
+    query.
 
     Returns the owners (m,), rows of `planes`, -1 where none reaches the query, and the distances
     (m,) from the owner's plane in standard deviations, inf where there is none.
     """
     owners, distances = np.empty(len(queries), dtype=np.int64), np.empty(len(queries))
-    find = compiled_function("planes._explaining_numba", "explain_queries")
-    find(queries, candidates, planes, limits, usable, (least, most), owners, distances)
+    find = _compiled("explain_queries")
+    find(queries, candidates, planes, usable, least, likely, TIE, owners, distances)
     return owners, distances
+
+
+class LinkLimits(NamedTuple):
+    """When two points are linked.
+
+    If it is `mutual`, each plane must explain the other's point. Otherwise only the point's own
+    plane must explain its neighbor. With `both_near` each must be as near to the
+    other as the last of the other's neighbors. Otherwise one among the other's suffices, and the
+    link stands in the row of that other one only.
+    """
+
+    min_cosine: float  # least cosine of the angle between their normals, whatever their signs
+    explained: float  # standard deviations within which a plane explains a point
+    max_gap: float  # largest distance between the points, in their units
+    mutual: bool
+    both_near: bool
+
+
+def connected_planes(index, k, planes, limits, usable):
+    """What hangs together by the links of `row_linker`, as by `connected`, in less memory."""
+    link = row_linker(index, k, planes, limits, usable)
+    join, roots = _compiled("join"), np.arange(len(index.points), dtype=np.int32)
+    links = np.empty((index.chunk, k), np.int32)
+
+    def task(rows):
+        part = links[: rows.stop - rows.start]
+        link(rows, part)
+        join(part, rows.start, roots)
+
+    each_slice(len(roots), index.chunk, task, 1)
+    return _parts(roots)
+
+
+def connected(links):
+    """Connected parts of a graph; a link in one direction is one in both.
+
+    Links, int32 (n, width), are neighbors, then -1. Returns the part of each point, int32 (n,),
+    from 0 on in the order of their first points, and the sizes of the parts. Which points are one
+    part does not depend on the order of points or links.
+    """
+    roots = np.arange(len(links), dtype=np.int32)
+    _compiled("join")(links, 0, roots)
+    return _parts(roots)
+
+
+def _parts(roots):
+    labels = _compiled("number_parts")(roots)
+    return labels, np.bincount(labels)
+
+
+def row_linker(index, k, planes, limits, usable):
+    """What links points to those of their neighbors whose planes and their own explain each other.
+
+    Of k neighbors, the point itself among them, those may be linked that are `usable`, bool (n,).
+    Of the planes, one of each point, centroid, normal and scale are used. One of a negative scale
+    explains nothing.
+
+    Returns a function that takes a slice of m rows and int32 (m, k), which becomes the neighbors
+    linked, the nearest first, then -1. The point itself is none.
+    """
+    own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
+    link = _compiled("link_rows")
+
+    def measure_part(rows):
+        farthest[rows] = extents(index.points, index.points[rows], index.query_own(rows, k))[1]
+
+    farthest = index.empty(len(index.points)) if own.both_near else np.empty(0)
+    if own.both_near:
+        with progress_part(0.0, 0.4):
+            each_slice(len(farthest), index.chunk, measure_part, None)
+
+    def fill(rows, links):
+        around = index.query_own(rows, k)
+        link(index.points, around, planes, own, usable, farthest, rows.start, links)
+
+    return fill
+
+
+def _compiled(name):
+    return compiled_function("planes._explaining_numba", name)

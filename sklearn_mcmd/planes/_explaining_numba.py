@@ -1,23 +1,21 @@
-"""``explain`` of ``_explaining``, compiled; any dimension."""
+"""``_explaining``, compiled; any dimension."""
 
 import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["explain_queries"]
+__all__ = ["explain_queries", "join", "link_rows", "number_parts"]
 
 
 @kernel(cache=True)
-def explain_queries(queries, candidates, planes, limits, usable, scales, owners, distances):
-    """Fill owners and distances; `scales` are the least and the most of `explain`."""
+def explain_queries(queries, candidates, planes, usable, least, likely, tie, owners, distances):
+    """Fill owners and distances as `explain` returns them; costs within `tie` are equal."""
     d = queries.shape[1]
-    least, most = scales
     for i in range(len(queries)):
-        owners[i], distances[i] = -1, np.inf
-        least_cost, best_first = np.inf, False
+        owners[i], distances[i], least_cost = -1, np.inf, np.inf
         for j in range(candidates.sizes[i]):
             row = candidates.indices[i, j]
-            if not usable[row] or (limits.likely and not planes.scale[row] > 0.0):
+            if not usable[row] or (likely and not planes.scale[row] > 0.0):
                 continue
             height = reach = 0.0
             for axis in range(d):
@@ -29,13 +27,85 @@ def explain_queries(queries, candidates, planes, limits, usable, scales, owners,
             variance = planes.scale[row] * planes.scale[row] + least[i] * least[i]
             distance = abs(height) / np.sqrt(variance)
             cost = distance
-            if limits.likely:
+            if likely:
                 cost = 0.5 * (np.log(variance) + distance * distance)
                 cost -= np.log(planes.kept[row])
-            if not cost < np.inf:
-                continue
-            first = variance <= most[i] * most[i] and distance <= limits.explained
-            less = cost < least_cost - limits.tie * (1.0 + abs(cost))
-            if (first and not best_first) or (first == best_first and less):
-                owners[i], distances[i] = row, distance
-                least_cost, best_first = cost, first
+            if cost < np.inf and cost < least_cost - tie * (1.0 + abs(cost)):
+                owners[i], distances[i], least_cost = row, distance, cost
+
+
+@kernel(cache=True)
+def link_rows(points, around, planes, limits, usable, farthest, start, links):
+    """Fill the links, int32 (m, width), of the points from row `start` on.
+
+    `around` has the neighborhoods of these rows; points, planes and `usable`, bool (n,), are those
+    of all points. `farthest` (n,) has the distances of the last neighbors, if both must be near.
+    """
+    centroids, normals, scale = planes.centroids, planes.normals, planes.scale
+    d = points.shape[1]
+    for row in range(len(links)):
+        i = start + row
+        n_links = 0
+        n_near = around.sizes[row] if usable[i] else 0
+        for a in range(n_near):
+            j = around.indices[row, a]
+            square = cosine = height = back = 0.0
+            for axis in range(d):
+                gap = points[j, axis] - points[i, axis]
+                square += gap * gap
+                cosine += normals[i, axis] * normals[j, axis]
+                height += (points[j, axis] - centroids[i, axis]) * normals[i, axis]
+                back += (points[i, axis] - centroids[j, axis]) * normals[j, axis]
+            fits = j != i and usable[j]
+            fits &= abs(height) <= limits.explained * scale[i]
+            fits &= abs(cosine) >= limits.min_cosine
+            distance = np.sqrt(square)
+            fits &= distance <= limits.max_gap
+            if limits.mutual:
+                fits &= abs(back) <= limits.explained * scale[j]
+            if limits.both_near:
+                fits &= distance <= farthest[j]
+            if fits:
+                links[row, n_links] = j
+                n_links += 1
+        links[row, n_links:] = -1
+
+
+@kernel(cache=True)
+def join(links, start, roots):
+    """Join the parts of rows from `start` on and of what they are linked to.
+
+    Following `roots` leads from any row to the first row of its part.
+    """
+    n, width = links.shape
+    for i in range(n):
+        for a in range(width):
+            if links[i, a] < 0:
+                break
+            first, second = _root(roots, start + i), _root(roots, np.int64(links[i, a]))
+            # The root is the first point of its part, in whatever order links are followed.
+            if first < second:
+                roots[second] = first
+            else:
+                roots[first] = second
+
+
+@kernel(cache=True)
+def number_parts(roots):
+    """Numbers of the parts of all rows, in the order of their first points, in place."""
+    n_parts = 0
+    for i in range(len(roots)):
+        if roots[i] == i:
+            roots[i] = n_parts
+            n_parts += 1
+        else:  # what it points to comes before it and has its number
+            roots[i] = roots[roots[i]]
+    return roots
+
+
+@kernel
+def _root(roots, row):
+    while roots[row] != row:
+        roots[row] = roots[roots[row]]
+        row = roots[row]
+    return row

@@ -8,16 +8,14 @@ from weakref import WeakValueDictionary
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd.planes._nearest import COMPILE_FROM, SelfSearch
 from sklearn_mcmd.planes._neighbor_table import NeighborTable
-from sklearn_mcmd.planes._self_search import SelfSearch
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, spatial_order
 
 __all__ = ["IndexedCloud"]
 
-# Below this many points loading compiled code takes longer than the search.
-COMPILE_FROM = 1_000
 ODD = np.uint64(0x9E3779B97F4A7C15)  # of 64 bits, which multiplication spreads
-LEAF = 32
+LEAF = 32  # points a leaf of the tree that answers other queries
 
 
 class IndexedCloud:
@@ -57,7 +55,7 @@ class IndexedCloud:
 
     @classmethod
     def of(cls, X):
-        """The index of a cloud, shared by all who ask for it while one of them keeps it.
+        """The index of a cloud, shared by all its users while one of them keeps it.
 
         The stages of a pipeline see the same coordinates. Each fitted stage keeps its index, and
         the next stage finds it by the content of its own array.
@@ -90,8 +88,8 @@ class IndexedCloud:
         """The k nearest points of some of the points, itself first: int32 (m, k).
 
         Equally distant ones come in the order of their coordinates where compiled code searches: in
-        3D, from 1,000 points on. `n_kept` neighbors of each are searched and kept for the next who
-        asks. With 0, only what was kept before is taken from there, and `rows` must be a slice.
+        3D, from 1,000 points on. `n_kept` neighbors of each are searched and kept for the next
+        time. With 0, only what was kept before is taken from there, and `rows` must be a slice.
         """
         if n_kept:
             with _lock:  # threads that begin together begin one table
@@ -113,12 +111,11 @@ class IndexedCloud:
             distances, near = self.tree.query(queries, k=np.arange(1, k + 1))
             return distances, near.astype(np.int32)
         asking = SelfSearch(queries)  # together they are searched faster
-        near = np.empty((len(queries), k), np.int32)
-        near[asking.order] = asking.query(slice(None), k, among=self.search)
-        squares = np.zeros(near.shape)
-        for axis in range(3):
-            squares += np.square(self.points[near, axis] - queries[:, axis, None])
-        return np.sqrt(squares, out=squares), near
+        found = asking.query(slice(None), k, among=self.search)
+        near, distances = np.empty_like(found), np.empty(found.shape)
+        near[asking.order] = found
+        distances[asking.order] = asking.distances(slice(None), found, self.search)
+        return distances, near
 
     def search_own(self, rows, k):
         """The k nearest points of some of the points, whatever was kept."""

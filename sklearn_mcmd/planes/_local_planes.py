@@ -1,6 +1,5 @@
 """From neighborhoods to planes: Algorithm 4 in chunks and threads, compiled or in NumPy."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,25 +11,27 @@ from sklearn_mcmd.planes._consistent_set import (
     maximum_consistent_sets,
     n_support_points,
 )
-from sklearn_mcmd.planes._plane import RANK_TOLERANCE, fit_planes, flat_normals, normal_errors
+from sklearn_mcmd.planes._nearest import COMPILE_FROM
+from sklearn_mcmd.planes._principal_planes import (
+    RANK_TOLERANCE,
+    fit_planes,
+    flat_normals,
+    normal_errors,
+)
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.planes._resolution import LEAST_STEPS, ROUNDING, least_scales
-from sklearn_mcmd.planes._rules import METHODS, RuleLimits, robust_distances
+from sklearn_mcmd.planes._resolution import RoundingLimits, least_scales
+from sklearn_mcmd.planes._rules import METHODS, RuleArguments, robust_distances
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["LocalPlaneModel", "PlaneSettings"]
 
-# Smaller clouds take NumPy: loading compiled code would take longer than the work.
-COMPILE_FROM = 1_000
 # Neighbors a task in NumPy: what bounds the memory whatever n_neighbors is.
 CHUNK = 12_800
 
 
-@dataclass(frozen=True)
-class RuleFit:
-    """What a rule of `METHODS` found in neighborhoods; `scale`, `support` and `score` are as in
-    ``baselines.NeighborhoodFit``."""
+class RuleFit(NamedTuple):
+    """What a rule of `METHODS` found in neighborhoods, as ``baselines.NeighborhoodFit``."""
 
     origin: np.ndarray
     radius: np.ndarray
@@ -65,8 +66,8 @@ class LocalPlaneModel:
 
     def __init__(self, index, trials, settings):
         self.index, self.trials, self.settings = index, trials, settings
-        self.rounding = ROUNDING * float(settings.precision)  # a float32 would compile anew
-        self.least_scale = LEAST_STEPS * settings.step
+        self.rounding = _rounding(settings.precision)
+        self.least_scale = RoundingLimits().least_steps * settings.step
         n, d = index.points.shape
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
@@ -74,7 +75,7 @@ class LocalPlaneModel:
 
     def evaluate(self, queries, n_jobs=None):
         """Planes of the neighborhoods of queries (m, d), and robust distances (m,) to them."""
-        rounding = max(self.rounding, ROUNDING * float(np.finfo(queries.dtype).eps))
+        rounding = max(self.rounding, _rounding(np.finfo(queries.dtype).eps))
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
         if self.whole is not None:
@@ -114,7 +115,7 @@ class LocalPlaneModel:
 
         `precision` is the relative rounding error of the queries, where that is greater.
         """
-        rounding = max(self.rounding, ROUNDING * float(precision))
+        rounding = max(self.rounding, _rounding(precision))
         return self._evaluate_chunk(queries, neighborhoods, rounding)
 
     def least_scales(self, points):
@@ -153,12 +154,18 @@ class LocalPlaneModel:
 
     def _fit_compiled(self, queries, neighborhoods, rounding, planes, directions, distance):
         sizes = np.arange(neighborhoods.indices.shape[1] + 1)
-        trials = Trials(self.trials, n_support_points(self.settings.support_fraction, sizes, 3))
+        n_support = n_support_points(self.settings.support_fraction, sizes, 3)
+        trials = Trials(positions=self.trials, n_support=n_support)
         own = self.settings
-        limits = RuleLimits.of(own.cutoff, own.reweight, rounding, self.least_scale)
-        out = METHODS[own.method].form, limits, planes, directions, distance
+        rule = RuleArguments.of(
+            cutoff=own.cutoff,
+            reweight=own.reweight,
+            rounding=rounding,
+            least_scale=self.least_scale,
+        )
+        form, out = METHODS[own.method].form, (planes, directions, distance)
         fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")
-        fit(self.index.points, neighborhoods, queries, trials, *out)
+        fit(self.index.points, neighborhoods, queries, trials, form, rule, out)
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
         points = self.index.points[neighborhoods.indices]
@@ -170,7 +177,7 @@ class LocalPlaneModel:
         planes.kept[:] = found.support.sum(axis=1) / neighborhoods.sizes
 
     def _measure_flat(self, queries, neighborhoods, rounding, planes, distance):
-        """Distances where no consistent set spans a plane, which a negative scale tells.
+        """Distances where no consistent set spans a plane: where the scale is negative.
 
         Members of a line or a location are at distance zero from it; a query away from it has
         nothing that explains it. Where the neighborhood as a whole spans a plane, that is it.
@@ -245,10 +252,19 @@ class LocalPlaneModel:
             support, _, flat = maximum_consistent_sets(neighborhoods, self.trials, n_support, sizes)
         centers, whitening = rule.apply(local, valid, support, self.settings.reweight, floor)
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
-        origin = neighborhoods[:, 0]
-        if not rule.needs_consistent_set:
-            return RuleFit(origin, radius, centers, whitening, radius * scale, valid)
-        # No member is an outlier where none spans a plane; see `_measure_flat`.
-        whitening[flat], scale[flat] = 0.0, -1.0
-        inliers = valid & (robust_distances(local, centers, whitening) < self.settings.cutoff)
-        return RuleFit(origin, radius, centers, whitening, radius * scale, inliers)
+        if rule.needs_consistent_set:
+            # No member is an outlier where none spans a plane; see `_measure_flat`.
+            whitening[flat], scale[flat] = 0.0, -1.0
+            valid &= robust_distances(local, centers, whitening) < self.settings.cutoff
+        return RuleFit(
+            origin=neighborhoods[:, 0],
+            radius=radius,
+            centers=centers,
+            whitening=whitening,
+            scale=radius * scale,
+            support=valid,
+        )
+
+
+def _rounding(precision):
+    return RoundingLimits().errors * float(precision)  # a float32 would compile anew

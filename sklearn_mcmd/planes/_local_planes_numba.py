@@ -20,7 +20,7 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["fit_neighborhoods_3d"]
 
-MAGNITUDE = np.int64(2**63 - 1)
+MAGNITUDE = np.int64(2**63 - 1)  # all bits but the sign
 # The compiled forms of rules: whether they need the consistent set, and True if distances within
 # the plane count too, else None. Numba drops the branches of arguments that are None, but not of
 # others, before it compiles. So the default does not compile "mcmd_md".
@@ -37,17 +37,22 @@ class Room(NamedTuple):
     query: np.ndarray  # float64 (3,)
 
 
-def fit_neighborhoods_3d(points, around, queries, trials, form, rule, planes, directions, distance):
+def fit_neighborhoods_3d(points, around, queries, trials, form, rule, out):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
-    Points and queries (m, 3) are float64, `form` is a key of `FORMS`, and `rule` a `RuleLimits`.
-    Filled are `planes`, except for extents and errors, `directions` (m, 3) with the axes of the
-    largest eigenvalues, and `distance` (m,) with robust distances of the queries.
+    Points and queries (m, 3) are float64, `form` is a key of `FORMS`, and `rule` a `RuleArguments`.
+    What is filled, `out`, are planes, except for extents and errors, directions (m, 3), the axes of
+    the largest eigenvalues, and robust distances (m,) of the queries.
     """
     k = around.indices.shape[1]
     arrays, numbers = WorkArrays.of(len(trials.positions), k), np.zeros(k)
-    room = Room(numbers, numbers.view(np.int64), arrays.keys, arrays.key_numbers, np.zeros(3))
-    out = planes, directions, distance
+    room = Room(
+        numbers=numbers,
+        bits=numbers.view(np.int64),
+        keys=arrays.keys,
+        key_numbers=arrays.key_numbers,
+        query=np.zeros(3),
+    )
     _fit_neighborhoods(points, around, queries, trials, rule, *FORMS[form], arrays, room, *out)
 
 

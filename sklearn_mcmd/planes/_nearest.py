@@ -1,23 +1,87 @@
-"""The points nearest to any others, found in chunks and threads."""
+"""The points nearest to others, or to themselves: exact, in chunks and threads."""
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.planes._self_search import SelfSearch
 from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["NearestPoints"]
+__all__ = ["COMPILE_FROM", "NearestPoints", "SelfSearch"]
 
-# Queries at once and neighbors at once, at most: what bounds the memory.
-CHUNK, AT_ONCE = 1024, 32_768
-# Fewer points are searched by SciPy: loading compiled code would take longer.
+# Below this many points SciPy searches: loading compiled code would take longer.
 COMPILE_FROM = 1_000
-# Queries from far off take two thirds of the time with large leaves.
-LEAF = 128
+LEAF = 16  # points a leaf: from 8 to 32, times at 50 neighbors are within 7 %
+CAPACITY = 4096  # candidates that all points of a leaf share; more are searched point by point
+CHUNK = 1024  # queries at once of `NearestPoints`, at most
+AT_ONCE = 32_768  # and their neighbors at once, at most, which bounds the memory
+# Points a leaf of SciPy's tree: queries from far off take two thirds of the time with large leaves.
+TREE_LEAF = 128
 # Squares of distances by SciPy may differ from ours by rounding.
 ALIKE = 1.0 + 1e-14
+
+
+class Tree(NamedTuple):
+    """Boxes of points, as compiled code takes them."""
+
+    points: np.ndarray  # float64 (n, 3), in the order of the leaves
+    first: np.ndarray  # int64 (n_nodes,), the first row of `points` in each node
+    last: np.ndarray  # int64 (n_nodes,), the one behind the last
+    left: np.ndarray  # int64 (n_nodes,), the first of two children, the other follows; -1: leaf
+    boxes: np.ndarray  # (n_nodes, 6), low and high corner of the box of the node's points
+    leaves: np.ndarray  # int64 (n_leaves,), in the order of their rows
+
+
+class SelfSearch:
+    """The k nearest of fixed points to each of these points.
+
+    A tree that answers any query starts from its root each time. Here all queries are the
+    points themselves, so the 16 points of a leaf share one list of candidates. How far the list
+    must reach is guessed from the leaf before, and the k-th distance of a query from the query
+    before. A list that reaches as far as the k-th of its nearest is proven to be complete. Points
+    for which it is not, such as outliers, search the tree one by one, and the k-th distances of
+    others bound theirs: it is at most longer by the distance between the two.
+
+    Equally distant neighbors come in the order of their coordinates, so the answer does not
+    depend on the order of the points.
+
+    X, float64 (n, 3), has distinct points. With `overwrite` it may become `points`, which are
+    ``X[order]``; its rows must then be contiguous. `order` (n,) is that of the leaves: near points
+    are near in memory.
+    """
+
+    def __init__(self, X, overwrite=False):
+        build = compiled_function("planes._nearest_numba", "build_tree")
+        found = build(X if overwrite else X.copy(), LEAF)
+        self.order, points, first, last, left, boxes, leaves = found
+        self.tree = Tree(
+            points=points, first=first, last=last, left=left, boxes=boxes, leaves=leaves
+        )
+        self.points = self.tree.points
+        self.ends = self.tree.last[self.tree.leaves]
+
+    def query(self, rows, k, among=None):
+        """Neighbors of a slice of the points, the nearest first: int32 (m, k).
+
+        They are rows of `points`, each its own first neighbor, or of those of `among`, another
+        search. There must be k points to be found.
+        """
+        begin, end, _ = rows.indices(len(self.points))
+        search = compiled_function("planes._nearest_numba", "search_rows")
+        indices = np.empty((max(end - begin, 0), k), dtype=np.int32)
+        first_leaf = np.searchsorted(self.ends, begin, side="right")
+        tree = self.tree if among is None else among.tree
+        search(self.tree, tree, begin, end, first_leaf, (LEAF, CAPACITY), indices)
+        return indices
+
+    def distances(self, rows, near, among):
+        """Distances (m, k) of a slice of the points from what `query` found for them."""
+        squares = np.zeros(near.shape)
+        for axis in range(3):  # one at a time, for less memory
+            squares += np.square(among.points[near, axis] - self.points[rows, axis][:, None])
+        return np.sqrt(squares, out=squares)
 
 
 class NearestPoints:
@@ -39,14 +103,14 @@ class NearestPoints:
 
     @cached_property
     def tree(self):
-        return cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
+        return cKDTree(self.points, leafsize=TREE_LEAF, balanced_tree=False)
 
     @cached_property
     def search(self):
         return SelfSearch(self.points, overwrite=self._among is not None)
 
     def release(self):
-        """Free what searches; it is made again when someone asks."""
+        """Free what searches; the next query makes it again."""
         self.__dict__.pop("search", None)
         self.__dict__.pop("tree", None)
 
@@ -75,23 +139,20 @@ class NearestPoints:
         shared = queries.shape[1] == 3 and len(queries) >= COMPILE_FROM
         if not (shared and self.n >= max(k, COMPILE_FROM)):
 
-            def ask(rows):
-                work(rows, *_ask_tree(self.tree, queries[rows], k))
+            def search_tree(rows):
+                work(rows, *_query_tree(self.tree, queries[rows], k))
 
-            return each_slice(len(queries), chunk, ask, n_jobs)
-        asking, points = SelfSearch(queries), self.search.points
+            return each_slice(len(queries), chunk, search_tree, n_jobs)
+        asking, search = SelfSearch(queries), self.search
 
-        def ask_together(rows):
-            near = asking.query(rows, k, among=self.search)
-            squares = np.zeros(near.shape)
-            for axis in range(3):  # one at a time, for less memory
-                squares += np.square(points[near, axis] - asking.points[rows, axis][:, None])
-            work(asking.order[rows], np.sqrt(squares, out=squares), self.search.order[near])
+        def search_together(rows):
+            near = asking.query(rows, k, among=search)
+            work(asking.order[rows], asking.distances(rows, near, search), search.order[near])
 
-        return each_slice(len(queries), chunk, ask_together, n_jobs)
+        return each_slice(len(queries), chunk, search_together, n_jobs)
 
 
-def _ask_tree(tree, queries, k):
+def _query_tree(tree, queries, k):
     """The k nearest of a tree's points in the order of the compiled search."""
     width = max(min(k + 1, tree.n), k)  # with one more, to see whether it is as near as the last
     distances, near = tree.query(queries, k=np.arange(1, width + 1))

@@ -14,7 +14,7 @@ AT_ONCE = 200_000
 LONGEST_PART = 4096
 # Binary digits of the place in a group of 16 points.
 BITS = 4
-# Groups that one code of two bytes can tell apart.
+# Groups that one code of two bytes can number.
 MOST_GROUPS = 2 ** (16 - BITS)
 
 
@@ -26,7 +26,7 @@ class NeighborTable:
     bytes: the place of its group in the list, and its own place in the group.
 
     ``search(rows, k)`` returns the neighbors, int32 (m, k), of a slice of rows, itself the first of
-    each. If `sizes` (n,) tells how many are asked of each, parts hold as many as any of their rows
+    each. If `sizes` (n,) says how many each needs, parts hold as many as any of their rows
     needs.
     """
 
@@ -47,10 +47,16 @@ class NeighborTable:
         if isinstance(rows, slice):
             first, last, _ = rows.indices(self.n)
             found = np.empty((max(last - first, 0), k), np.int32)
-            for begin in range(first, last, self.part_size):
-                # Of slices that begin where parts begin this is one part each.
-                end = min(begin + self.part_size, last)
-                found[begin - first : end - first] = self._query_slice(begin, end, k, keep)
+            for i in range(
+                first // self.part_size, -(-last // self.part_size) if len(found) else 0
+            ):
+                begin = i * self.part_size
+                some = slice(max(first, begin), min(last, begin + self.part_size))
+                if keep or self.parts[i] is not None:
+                    near = self._part(i).take(np.arange(some.start, some.stop) - begin, k)
+                else:
+                    near = self.search(some, k)
+                found[some.start - first : some.stop - first] = near
             return found
         found = np.empty((len(rows), k), np.int32)
         part_of = rows // self.part_size
@@ -60,18 +66,6 @@ class NeighborTable:
             places = order[ends[i - 1] if i else 0 : ends[i]]
             found[places] = self._part(i).take(rows[places] - i * self.part_size, k)
         return found
-
-    def _query_slice(self, begin, end, k, keep):
-        """Of at most one part's length, though in two parts maybe."""
-        i = begin // self.part_size
-        middle = min(end, (i + 1) * self.part_size)
-        if not keep and self.parts[i] is None:
-            return self.search(slice(begin, end), k)
-        found = self._part(i).take(np.arange(begin, middle) - i * self.part_size, k)
-        if middle == end:
-            return found
-        rest = self._part(i + 1).take(np.arange(end - middle), k)
-        return np.vstack([found, rest])
 
     def _part(self, i):
         """A part, which is searched if this was not done before."""

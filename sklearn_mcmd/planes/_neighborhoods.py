@@ -19,7 +19,7 @@ class NeighborIndex:
     A neighborhood has `n_neighbors` members, or all distinct points if there are fewer. With None
     there is one neighborhood of all points, which keeps its copies, and `cloud` is None. A member
     is not farther from the query than `radius`, if that is given; where it holds fewer than d + 1
-    points, the nearest d + 1 are taken. `sizes` (m,), at most `n_neighbors`, tells the members of
+    points, the nearest d + 1 are taken. `sizes` (m,), at most `n_neighbors`, are the members of
     each of `points`, if not all have as many. A query has as many as the point nearest to it.
 
     `points` (m, d) are the distinct points in spatial order, and `rows` (m,) the row of X of each.
@@ -56,20 +56,15 @@ class NeighborIndex:
         return self.cloud.n_distinct
 
     @property
-    def tree(self):
-        """The tree that answers queries which are none of the points."""
-        return self.cloud.tree
-
-    @property
     def chunk(self):
-        """Rows that are best asked for at once, in parts that begin at multiples of it."""
+        """Rows that are best searched at once, in parts that begin at multiples of it."""
         return part_size(self.n_neighbors)
 
     def query_own(self, rows, k=None, keep=True):
         """The neighborhoods of some of the `points`, each its own first member.
 
         They have k members, at most the number of points, or `n_neighbors`. With `keep`, neighbors
-        are kept for the next who asks. Otherwise they are taken from there only if they were kept
+        are kept for the next time. Otherwise they are taken from there only if they were kept
         before. Equally distant members come in the order of their coordinates where compiled code
         searches: in 3D, from 1,000 points on.
         """
@@ -145,7 +140,7 @@ class NeighborIndex:
         """Row of `points` nearest to each query; 0 with one neighborhood of all points."""
         if self.n_neighbors is None:
             return np.zeros(len(queries), dtype=np.intp)
-        return self.tree.query(queries, workers=n_workers)[1]
+        return self.cloud.tree.query(queries, workers=n_workers)[1]
 
 
 def within_radius(indices, distances, sizes, radius, d):

@@ -6,14 +6,13 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 
 __all__ = [
     "count_upright",
-    "orient_by_spanning_tree",
     "orient_toward",
     "point_up",
     "signs_along",
     "spanning_forest",
 ]
 
-EDGES_AT_ONCE = 1_000_000
+EDGES_AT_ONCE = 1_000_000  # whose costs are computed; it limits the memory
 UPRIGHT = 80.0  # tilt in degrees from which on noise may decide which normal points up
 
 
@@ -42,20 +41,6 @@ def orient_toward(normals, directions):
     """
     against = np.einsum("ij,ij->i", normals, np.broadcast_to(directions, normals.shape)) < 0
     normals[against] = -normals[against]
-    return normals
-
-
-def orient_by_spanning_tree(normals, points, indices):
-    """Make normals of neighbors agree (Hoppe et al., 1992), in place.
-
-    The sign travels along the minimum spanning tree of the neighborhood graph, whose `indices`
-    (n, k) are the neighbors of each point; there are no copies among the points. In each connected
-    part the normal of the highest point keeps its sign.
-    """
-    n, k = indices.shape
-    first = np.repeat(np.arange(n, dtype=np.int32), k)
-    edges = spanning_forest(normals, points, first, indices.ravel())
-    normals *= signs_along(normals, points, *edges)[:, None]
     return normals
 
 

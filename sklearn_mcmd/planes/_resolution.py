@@ -1,44 +1,45 @@
 """The step to which a file rounded its coordinates, and the least scales that rounding allows."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 __all__ = [
-    "LEAST_STEPS",
-    "ROUNDING",
     "CoarseCoordinatesWarning",
+    "RoundingLimits",
     "coarse_warning",
     "coordinate_step",
     "in_own_precision",
+    "is_coarse",
     "is_single",
     "least_scales",
     "step_of_levels",
 ]
 
-# The least scale of a plane, in steps to which coordinates were rounded: at the usual cutoffs a
-# distance of one step is then no outlier. And in rounding errors of the coordinates' type.
-LEAST_STEPS, ROUNDING = 0.5, 8.0
 
-# A gap is a whole number of steps if it differs from one by this share of a step at most.
-TOLERANCE = 0.02
-# Gaps of more steps are not used: the error of the step, times 100, is no longer small.
-LONGEST = 100
-FEWEST_GAPS = 3
-# Largest share of gaps shorter than the step (from points that were not rounded), and least share
-# of gaps on the lattice.
-SHORTER, ON_LATTICE = 0.02, 0.95
-# A value that occurs less often than this share of what is typical was not rounded. On an axis
-# with few values, those of less than LEAST_LEVEL of all points are not used.
-RARE = 0.1
-LEAST_LEVEL = 0.02
-# float32 coordinates are too coarse if their rounding exceeds this share of a typical
-# neighborhood's radius.
-COARSE_ROUNDING = 0.01
+class RoundingLimits(NamedTuple):
+    """What rounding does to planes, and how a lattice of rounded coordinates is recognized."""
+
+    # The least scale of a plane, in steps to which coordinates were rounded: at the usual cutoffs
+    # a distance of one step is then no outlier.
+    least_steps: float = 0.5
+    errors: float = 8.0  # the same in rounding errors of the coordinates' type
+    tolerance: float = 0.02  # part of a step by which a gap may differ from whole steps
+    # Gaps of more steps are not used: the error of the step, times 100, is no longer small.
+    longest: int = 100
+    fewest_gaps: int = 3  # with fewer an axis has no step of its own
+    shorter: float = 0.02  # largest share of gaps shorter than the step, of points not rounded
+    on_lattice: float = 0.95  # least share of gaps that are whole steps
+    rare: float = 0.1  # a value that occurs less often, of what is typical, was not rounded
+    least_level: float = 0.02  # of an axis with few values, those of fewer points are not used
+    # float32 is too coarse if it rounds by a larger share of a typical neighborhood's radius.
+    coarse: float = 0.01
 
 
 class CoarseCoordinatesWarning(UserWarning):
     """float32 rounds coordinates by a visible share of a typical neighborhood.
 
-    It tells the coordinate of a typical point, the step of float32 there, and the radius of a
+    It has the coordinate of a typical point, the step of float32 there, and the radius of a
     typical neighborhood.
     """
 
@@ -60,8 +61,8 @@ def least_scales(points, precision, step):
     `precision` is the relative rounding error of the coordinates, eps of their dtype, and `step`
     the one to which they were rounded before.
     """
-    largest = np.abs(points).max(axis=1)
-    return np.maximum(ROUNDING * float(precision) * largest, LEAST_STEPS * step)
+    largest, limits = np.abs(points).max(axis=1), RoundingLimits()
+    return np.maximum(limits.errors * float(precision) * largest, limits.least_steps * step)
 
 
 def coordinate_step(X):
@@ -85,13 +86,13 @@ def levels_of(X):
 
 def step_of_levels(levels):
     """The same from what `levels_of` gives."""
-    steps, flat = [], []
+    steps, flat, limits = [], [], RoundingLimits()
     for values, counts in levels:
-        gaps = np.diff(values[counts >= RARE * _typical(counts)])
+        gaps = np.diff(values[counts >= limits.rare * _typical(counts)])
         rounding = 8 * np.finfo(values.dtype).eps * max(abs(values[0]), abs(values[-1]))
         gaps = gaps[gaps > rounding]
-        if gaps.size < FEWEST_GAPS:
-            flat.append(np.diff(values[counts >= LEAST_LEVEL * counts.sum()]))
+        if gaps.size < limits.fewest_gaps:
+            flat.append(np.diff(values[counts >= limits.least_level * counts.sum()]))
             continue
         step = _lattice_step(gaps, rounding)
         if step == 0.0:
@@ -116,15 +117,15 @@ def in_own_precision(X):
 def is_single(levels):
     """Whether float32 rounded coordinates that it holds exactly, from what `levels_of` gives.
 
-    Float32 holds whole meters, too, and rasters, whose own steps are longer than its steps. The
-    axis tells on which float32 is finest, of those on which its steps matter and values differ.
+    Float32 holds whole meters, too, and rasters, whose own steps are longer than its steps. Of
+    the axes on which its steps matter and values differ, the one decides on which it is finest.
     """
-    axes = []
+    axes, limits = [], RoundingLimits()
     for values, counts in levels:
         usual = values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)]
         step = float(np.spacing(np.float32(abs(usual))))
         # Numbers that differ by 1 have a radius of which a finer step is too small to matter.
-        if step > COARSE_ROUNDING and counts.max() < ON_LATTICE * counts.sum():
+        if step > limits.coarse and counts.max() < limits.on_lattice * counts.sum():
             axes.append((step, values.astype(float, copy=False), counts))
     if not axes:
         return True
@@ -139,21 +140,22 @@ def _typical(counts):
 
 
 def _lattice_step(gaps, rounding):
-    gaps = np.sort(gaps)
+    gaps, limits = np.sort(gaps), RoundingLimits()
     # If a lattice has at least about as many points as values, its short gaps are one step.
-    step = gaps[int(SHORTER * gaps.size)]
-    near = gaps[(gaps >= 0.5 * step) & (gaps <= LONGEST * step)] / step
+    step = gaps[int(limits.shorter * gaps.size)]
+    near = gaps[(gaps >= 0.5 * step) & (gaps <= limits.longest * step)] / step
     # Of continuous coordinates few gaps are this short, and one in 25 is a whole number of steps.
-    if near.size < max(FEWEST_GAPS, 0.5 * gaps.size):
+    if near.size < max(limits.fewest_gaps, 0.5 * gaps.size):
         return 0.0
     whole = _whole(near, rounding / step)
-    if whole.mean() < ON_LATTICE:
+    if whole.mean() < limits.on_lattice:
         return 0.0
     return float(np.median(near[whole & (np.rint(near) == 1)]) * step)
 
 
 def _whole(multiples, error=0.0):
-    return (np.abs(multiples - np.rint(multiples)) <= TOLERANCE + error) & (multiples > 0.5)
+    tolerance = RoundingLimits().tolerance + error
+    return (np.abs(multiples - np.rint(multiples)) <= tolerance) & (multiples > 0.5)
 
 
 def coarse_warning(index):
@@ -169,9 +171,14 @@ def coarse_warning(index):
     # Medians, which a few far points do not move.
     radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
     rounding = float(np.spacing(np.float32(largest)))
-    if 0 < COARSE_ROUNDING * radius < rounding:
+    if radius > 0 and is_coarse(rounding, radius):
         return CoarseCoordinatesWarning(largest, rounding, radius)
     return None
+
+
+def is_coarse(rounding, radius):
+    """Whether coordinates are rounded to steps too long for neighborhoods of this radius."""
+    return rounding > RoundingLimits().coarse * radius
 
 
 def _last(index, row):

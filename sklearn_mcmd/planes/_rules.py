@@ -7,44 +7,44 @@ form works in any dimension; ``_local_planes_numba`` repeats it in three, if a r
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import erf, exp, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
-from sklearn_mcmd.planes._plane import fit_planes, orthogonal_distances
+from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 
 __all__ = [
     "METHODS",
     "Rule",
-    "RuleLimits",
+    "RuleArguments",
+    "comparator_of",
     "cut_inflation",
     "mcmd_md",
     "mcmd_z",
     "pca",
+    "register_comparator",
     "robust_distances",
     "small_sample_inflation",
+    "truncated_normal",
 ]
 
 MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent for the normal distribution
-REWEIGHT_CUTOFF = 2.5
-# Outliers raise the median of the first scale: 40 % of them make it half as large again, and the
-# first cut removes too little. The second cut has the right scale.
-REWEIGHT_STEPS = 2
-# For odd and even neighborhoods. They are a compromise, by simulation, between planes without
-# outliers and with 10 %, for 20 to 100 neighbors in 2D to 4D, see `small_sample_inflation`.
-SMALL_SAMPLE_EXCESS = 4.7, 3.2
 
 
-def truncated_normal(cutoff):
-    """Share of a standard normal variable within +-cutoff, and the variance of that part."""
-    share = erf(cutoff / sqrt(2))
-    return share, 1.0 - 2.0 * cutoff * exp(-(cutoff**2) / 2) / (sqrt(2 * pi) * share)
+class ReweightLimits(NamedTuple):
+    """How planes are refitted; the paper does not do this."""
 
-
-TRUNCATED_VARIANCE = truncated_normal(REWEIGHT_CUTOFF)[1]  # 0.911
+    cutoff: float = 2.5  # robust standard deviations within which members are kept for the refit
+    # Times that a plane is refitted. Outliers raise the median of the first scale: 40 % of them
+    # make it half as large again, and the first cut removes too little.
+    steps: int = 2
+    # See `small_sample_inflation`: a compromise, by simulation, between planes without outliers and
+    # with 10 %, for 20 to 100 neighbors in 2D to 4D, of neighborhoods of an odd number of points,
+    odd_excess: float = 4.7
+    even_excess: float = 3.2  # and of an even number
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,8 @@ class Rule:
     form: str | None = None
 
 
-class RuleLimits(NamedTuple):
-    """Arguments of the compiled forms of rules, with their constants.
-
-    Compiled code that is kept on disk would not notice a changed constant of another file.
-    """
+class RuleArguments(NamedTuple):
+    """What the compiled forms of rules know: they would not notice a constant that changes."""
 
     cutoff: float
     reweight: bool
@@ -75,9 +72,22 @@ class RuleLimits(NamedTuple):
     truncated_variance: float
 
     @classmethod
-    def of(cls, *own):
-        """The limits with the constants as they are now, behind the first four."""
-        return cls(*own, MAD_TO_SD, REWEIGHT_CUTOFF, REWEIGHT_STEPS, TRUNCATED_VARIANCE)
+    def of(cls, **own):
+        """The first four, with the limits as they are now."""
+        limits = ReweightLimits()
+        return cls(
+            **own,
+            mad_to_sd=MAD_TO_SD,
+            reweight_cutoff=limits.cutoff,
+            reweight_steps=limits.steps,
+            truncated_variance=truncated_normal(limits.cutoff)[1],
+        )
+
+
+def truncated_normal(cutoff):
+    """Share of a standard normal variable within +-cutoff, and the variance of that part."""
+    share = erf(cutoff / sqrt(2))
+    return share, 1.0 - 2.0 * cutoff * exp(-(cutoff**2) / 2) / (sqrt(2 * pi) * share)
 
 
 def robust_distances(points, centers, whitening):
@@ -145,7 +155,7 @@ def cut_inflation(cutoff):
     cutoff the result is one over the root of the cut normal's variance, 1.05.
     """
     share, variance = truncated_normal(cutoff)
-    before, variance_before = truncated_normal(REWEIGHT_CUTOFF)
+    before, variance_before = truncated_normal(ReweightLimits().cutoff)
     common = min(share * variance, before * variance_before)
     inherited = (1.0 - variance) / (before * variance_before)
     return sqrt(variance + 2.0 * inherited * common + inherited * (1.0 - variance) * share)
@@ -158,7 +168,8 @@ def small_sample_inflation(d, n_inliers, n_members):
     members, and the cuts at 2.5 times it keep too few. With an odd number of members the median is
     the set's own largest distance, and the scale is even smaller.
     """
-    excess = np.where(n_members % 2 == 1, *SMALL_SAMPLE_EXCESS)
+    limits = ReweightLimits()
+    excess = np.where(n_members % 2 == 1, limits.odd_excess, limits.even_excess)
     return 1.0 + excess * d**2 / np.maximum(n_inliers - d, 1.0) ** 1.5
 
 
@@ -169,19 +180,19 @@ def _reweighted_planes(local, valid, support, floor):
     (Rousseeuw and Leroy, 1987, chapter 5). Later scales are the standard deviation of the kept
     members, less the degrees of freedom of the plane, corrected for the cut at 2.5.
     """
-    d = local.shape[-1]
+    d, limits = local.shape[-1], ReweightLimits()
     size = valid.sum(axis=1)
     centers, _, axes = fit_planes(local, support)
     distances = np.abs(orthogonal_distances(local, centers, axes[..., 0]))
     factor = MAD_TO_SD * (1.0 + 5.0 / np.maximum(size - d, 1))
     scale = np.maximum(factor * _masked_median(distances, valid), floor)
-    for _ in range(REWEIGHT_STEPS):
-        kept = valid & (distances < REWEIGHT_CUTOFF * scale[:, None])
+    for _ in range(limits.steps):
+        kept = valid & (distances < limits.cutoff * scale[:, None])
         centers, values, axes = fit_planes(local, kept)
         distances = np.abs(orthogonal_distances(local, centers, axes[..., 0]))
         n_kept = kept.sum(axis=1)
         variance = _variance_along(distances, kept) * n_kept / np.maximum(n_kept - d, 1)
-        scale = np.maximum(np.sqrt(variance / TRUNCATED_VARIANCE), floor)
+        scale = np.maximum(np.sqrt(variance / truncated_normal(limits.cutoff)[1]), floor)
     return centers, values, axes, scale, n_kept
 
 
@@ -214,9 +225,47 @@ def _inflation_md(cutoff, d, n_inliers, n_members):
     return _inflation_z(along, d, n_inliers, n_members)
 
 
+def _rule(apply, cutoff, inflation, needs_consistent_set=True):
+    """A rule that has a compiled form of its own name."""
+    return Rule(
+        apply=apply,
+        default_cutoff=cutoff,
+        needs_consistent_set=needs_consistent_set,
+        inflation=inflation,
+        form=apply.__name__,
+    )
+
+
 METHODS = {
-    "mcmd_z": Rule(mcmd_z, lambda d: 2.5, True, _inflation_z, "mcmd_z"),
+    "mcmd_z": _rule(mcmd_z, lambda d: 2.5, _inflation_z),
     # The paper prints 3.075 for d = 3; the root of chi-squared's quantile is 3.0575.
-    "mcmd_md": Rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md, "mcmd_md"),
-    "pca": Rule(pca, lambda d: 2.5, False, lambda *_: 1.0, "pca"),
+    "mcmd_md": _rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), _inflation_md),
+    "pca": _rule(pca, lambda d: 2.5, lambda *_: 1.0, needs_consistent_set=False),
 }
+# Registered methods, which judge neighborhoods in place of a rule, by name.
+_COMPARATORS: dict[str, type] = {}
+
+
+def register_comparator(name, kind):
+    """Register a method under a name that estimators accept.
+
+    `kind` is a dataclass whose fields are the method's parameters. It has ``fit_sizes``,
+    ``tables``, ``table_shape`` and ``usual_cutoff`` as ``sklearn_mcmd.baselines`` defines them. Its
+    ``has_cutoff`` says whether it decides by itself which points are outliers.
+    """
+    _COMPARATORS[name] = kind
+
+
+def comparator_of(method, method_params=None):
+    """The method with this name and its parameters; errors name what is unknown or wrong."""
+    if method not in _COMPARATORS:
+        raise ValueError(f"method={method!r} is none of {', '.join(sorted(_COMPARATORS))}.")
+    kind, params = _COMPARATORS[method], dict(method_params or {})
+    known = sorted(field.name for field in fields(kind))
+    unknown = sorted(str(name) for name in params if name not in known)
+    if unknown:
+        raise ValueError(
+            f"method_params has {', '.join(map(repr, unknown))}, unknown to method {method!r}; "
+            f"it knows {', '.join(known)}."
+        )
+    return kind(**params)

@@ -96,7 +96,7 @@ class CloudDisplay(ABC):
             Itself.
         """
         view = self._usual_view() if view is None else view
-        return self._draw(self._picture(view), view, max_points, ax)
+        return self._draw(self.picture(view), view, max_points, ax)
 
     @property
     def ax_(self) -> "Axes":
@@ -114,7 +114,7 @@ class CloudDisplay(ABC):
         """What `from_predictions` takes behind the points."""
 
     @abstractmethod
-    def _picture(self, view: View) -> Picture:
+    def picture(self, view: View) -> Picture:
         """What is drawn, seen from there."""
 
     def _usual_view(self) -> View:

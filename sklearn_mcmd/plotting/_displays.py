@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class NormalsDisplay(CloudDisplay):
-    """Normals of a cloud as colors of a lit solid, with a ball that tells them.
+    """Normals of a cloud as colors of a lit solid, with a ball as their legend.
 
     Make it by :meth:`from_estimator` or :meth:`from_predictions`.
 
@@ -60,28 +60,14 @@ class NormalsDisplay(CloudDisplay):
 
     @classmethod
     def from_predictions(cls, X: ArrayLike, normals: ArrayLike, **options: Any) -> "Self":
-        """Draw normals.
-
-        Parameters
-        ----------
-        X : array-like of shape (n, 3)
-            The cloud.
-        normals : array-like of shape (n, 3)
-            Its normals.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        NormalsDisplay
-        """
+        """Draw normals: X is the cloud, `normals` as of the class; options are for :meth:`plot`."""
         return cls(X, normals).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):
         return (estimator.normals_,)
 
-    def _picture(self, view):
+    def picture(self, view):
         colors = normal_colors(self.normals, view=view)
         title = f"Normals of {len(self.xyz):,} points"
         return Picture(colors, np.zeros(len(self.xyz)), title, lambda ax: draw_ball(ax, view))
@@ -123,28 +109,14 @@ class SegmentationDisplay(CloudDisplay):
 
     @classmethod
     def from_predictions(cls, X: ArrayLike, labels: ArrayLike, **options: Any) -> "Self":
-        """Draw regions.
-
-        Parameters
-        ----------
-        X : array-like of shape (n, 3)
-            The cloud.
-        labels : array-like of int of shape (n,)
-            Regions from 0 on; negative ones are none.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        SegmentationDisplay
-        """
+        """Draw regions: X is the cloud, `labels` as of the class; options are for :meth:`plot`."""
         return cls(X, labels).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):
         return (estimator.labels_,)
 
-    def _picture(self, view):
+    def picture(self, view):
         inside = self.labels >= 0
         n = len(np.unique(self.labels[inside]))
         title = f"{n:,} regions, {100 * inside.mean():.2f} % of {len(inside):,} points"
@@ -185,28 +157,15 @@ class EdgeDisplay(CloudDisplay):
 
     @classmethod
     def from_predictions(cls, X: ArrayLike, y_pred: ArrayLike, **options: Any) -> "Self":
-        """Draw edges.
-
-        Parameters
-        ----------
-        X : array-like of shape (n, 3)
-            The cloud.
-        y_pred : array-like of shape (n,)
-            -1 for points of edges.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        EdgeDisplay
-        """
+        """Draw edges: X is the cloud, `y_pred` is -1 for points of edges; options are for
+        :meth:`plot`."""
         return cls(X, is_minus_one(y_pred, "y_pred")).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):
         return (np.where(estimator.scores_ < estimator.offset_, -1, 1),)
 
-    def _picture(self, view):
+    def picture(self, view):
         n, n_all = np.count_nonzero(self.is_edge), len(self.is_edge)
         title = f"{n:,} of {n_all:,} points are edges ({100 * n / n_all:.2f} %)"
         return Picture(choose_colors([self.is_edge], [FOUND], REGULAR), self.is_edge, title)

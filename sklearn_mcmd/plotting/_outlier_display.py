@@ -162,14 +162,14 @@ class OutlierDisplay(CloudDisplay):
         if show == "scores" and self.scores is None:
             raise ValueError("show='scores' needs scores.")
         view = self._usual_view() if view is None else view
-        picture = self._scores_picture() if show == "scores" else self._picture(view)
+        picture = self._scores_picture() if show == "scores" else self.picture(view)
         return self._draw(picture, view, max_points, ax)
 
     @staticmethod
     def _found_by(estimator, X):
         return (estimator.predict(X),)
 
-    def _picture(self, view):
+    def picture(self, view):
         flagged, true = self.is_outlier, self.is_true_outlier
         if true is None:
             return Picture(choose_colors([flagged], [FOUND], REGULAR), flagged, self._title())

@@ -54,23 +54,8 @@ class PlaneResidualDisplay(CloudDisplay):
     def from_predictions(
         cls, X: ArrayLike, residuals: ArrayLike, y_pred: ArrayLike, **options: Any
     ) -> "Self":
-        """Draw residuals.
-
-        Parameters
-        ----------
-        X : array-like of shape (n, 3)
-            The points.
-        residuals : array-like of shape (n,)
-            Their residuals.
-        y_pred : array-like of shape (n,)
-            -1 for outliers.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        PlaneResidualDisplay
-        """
+        """Draw residuals: X has the points, `y_pred` is -1 for outliers; options are for
+        :meth:`plot`."""
         return cls(X, residuals, is_minus_one(y_pred, "y_pred")).plot(**options)
 
     @staticmethod
@@ -80,7 +65,7 @@ class PlaneResidualDisplay(CloudDisplay):
     def _usual_view(self):
         return along_normal(self.xyz[those_of_plane(self.is_outlier)])
 
-    def _picture(self, view):
+    def picture(self, view):
         cm, colors = color_modules()
         # Three standard deviations of what is kept; an outlier would take the contrast of all.
         kept = self.residuals[those_of_plane(self.is_outlier)]

@@ -254,7 +254,7 @@ def region_colors(labels: ArrayLike) -> NDArray[np.float64]:
 
 
 def region_columns(labels, paints):
-    """The columns that tell of regions in a file: their numbers, and colors of 8 bits if wanted."""
+    """The columns of regions in a file: their numbers, and colors of 8 bits if wanted."""
     columns = {"region": labels.astype(np.int32)}
     if paints:
         bits = np.rint(255 * region_colors(labels)).astype(np.uint8)
@@ -282,7 +282,7 @@ def distance_colors(depth, far=FAR, near=NEAR):
 def _marker_size(ax, extent, n_points):
     """Diameter at which the points would cover the picture once, between 0.4 and 6."""
     figure = ax.get_figure()
-    figure.draw_without_rendering()  # settles the layout
+    figure.draw_without_rendering()  # fixes the layout
     box = ax.get_window_extent()
     scale = (
         72.0

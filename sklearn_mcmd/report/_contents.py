@@ -40,10 +40,10 @@ def note_if(holds, *words, warned=""):
 
 
 class Section(NamedTuple):
-    """A part of the page; `html` is escaped where it was made."""
+    """A part of the page; `html` is markup by `part`, other text is escaped."""
 
     title: str
-    html: str
+    html: Any
 
 
 class Contents(NamedTuple):
@@ -52,7 +52,7 @@ class Contents(NamedTuple):
     headline: str  # one sentence, the result
     cards: list[tuple[str, str]]  # numbers and what they count
     notes: list[Note]
-    checks: str  # what was looked for, told where there is no note
+    checks: str  # what was looked for, shown where there is no note
     sections: list[Section]
     cloud_rows: list[tuple[str, str]]  # what the input holds
     output: str  # what the output holds
@@ -60,7 +60,7 @@ class Contents(NamedTuple):
 
 
 def percent(n, n_all):
-    """A share in percent, with digits enough to tell few from none."""
+    """A share in percent, with digits enough to distinguish few from none."""
     value = 100 * n / n_all if n_all else 0.0
     if n and value < 0.1:
         return f"{value:.2g} %"

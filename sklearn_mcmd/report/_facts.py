@@ -6,13 +6,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.io._las import coordinate_system
-from sklearn_mcmd.planes._resolution import COARSE_ROUNDING, coordinate_step, in_own_precision
+from sklearn_mcmd.planes._resolution import coordinate_step, in_own_precision, is_coarse
 
 __all__ = ["Facts", "distinct_points", "median_spacing", "usual_rows"]
 
 SPACING_SAMPLE = 200_000  # largest number of points that the median spacing is taken from
 RADIUS_SAMPLE = 20_000  # and radii of neighborhoods: their median is then known to 1 %
-SPARSE = 0.95  # the quantile that tells how large the largest neighborhoods are
+SPARSE = 0.95  # quantile of radii that stands for the largest neighborhoods
 
 
 class Facts(NamedTuple):
@@ -50,18 +50,18 @@ class Facts(NamedTuple):
             known = scales[np.isfinite(scales)]
             noise = float(np.median(known)) if known.size else np.nan
         return cls(
-            len(xyz),
-            len(distinct),
-            xyz.min(axis=0),
-            xyz.max(axis=0),
-            usual_rows(xyz),
-            n_members,
-            spacing,
-            radius,
-            sparse,
-            float(coordinate_step(xyz)),
-            _coarse_rounding(xyz, radius),
-            noise,
+            n_points=len(xyz),
+            n_distinct=len(distinct),
+            low=xyz.min(axis=0),
+            high=xyz.max(axis=0),
+            near=usual_rows(xyz),
+            n_neighbors=n_members,
+            spacing=spacing,
+            radius=radius,
+            sparse_radius=sparse,
+            step=float(coordinate_step(xyz)),
+            rounding=_coarse_rounding(xyz, radius),
+            noise=noise,
         )
 
     def rows(self, cloud):
@@ -121,4 +121,4 @@ def _coarse_rounding(xyz, radius):
         return 0.0
     largest = np.float32(np.median(np.abs(single).max(axis=1)))
     rounding = float(np.spacing(largest))
-    return rounding if rounding > COARSE_ROUNDING * radius else 0.0
+    return rounding if is_coarse(rounding, radius) else 0.0

@@ -1,16 +1,36 @@
-"""Histograms as markup, which follows the theme and stays readable on a phone."""
+"""Histograms of values, with the cutoff that was applied to them."""
+
+import io
+import re
 
 import numpy as np
 
-from sklearn_mcmd.report._html import text
+from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.report._rendering import part
 
 __all__ = ["histogram"]
 
 N_BINS = 64
-# From this ratio of the 99.9 % to the 50 % quantile on, a linear axis shows one bar and a tail.
-LONG_TAIL = 20
-# From this ratio of the highest to the median bar on, low bars are not seen on a linear axis.
-STEEP = 50
+LONG_TAIL = 20  # a larger ratio of the 99.9 % to the 50 % quantile has a logarithmic axis
+LONGEST = 1e12  # ratio of the ends of a logarithmic axis, at most
+STEEP = 50  # so has a larger ratio of the highest to the median bar: low ones would not be seen
+WITHIN, BEYOND, LINES = "#8d9bac", "#d55e00", "#7b8794"  # to be seen on white and on black
+# Facts that a page does not need, and that would differ between runs.
+NONE = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+SIZE = 5.2, 2.2  # inches of the drawing; it stays readable on a phone
+# Words stay words, which take the page's font and color; the same values give the same markup.
+STYLE = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "report",
+    "font.size": 10,
+    "axes.edgecolor": LINES,
+    "xtick.color": LINES,
+    "xtick.labelcolor": "black",
+    "ytick.color": LINES,
+    "ytick.labelcolor": "black",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
 
 
 def histogram(
@@ -20,53 +40,38 @@ def histogram(
 
     Both axes are logarithmic where a linear one would show nothing. The first bar then holds all
     smaller values, the last one all larger; `least` is the first value of a logarithmic axis. NaN
-    and infinity are left out of the bars, and counted in the caption. `name` is of the axis, `what`
-    of what is counted.
+    and infinity are left out of the bars, and counted below. `name` is of the axis, `what` of what
+    is counted.
     """
     values = np.asarray(values, dtype=np.float64)
     known = values[np.isfinite(values)]
     if known.size == 0:
-        return '<p class="soft">There are no values to draw.</p>'
+        return part("paragraph", "There are no values to draw.", "soft")
     edges, is_log = _edges(known, cutoff, least)
     counts, _ = np.histogram(np.clip(known, edges[0], edges[-1]), edges)
     filled = counts[counts > 0]
-    steep = filled.max() > STEEP * np.median(filled)
-    heights = np.log10(counts + 1) if steep else counts.astype(float)
-    heights = 100 * heights / heights.max()
-    place = _placer(edges, is_log)
     middle = np.sqrt(edges[1:]) * np.sqrt(edges[:-1]) if is_log else (edges[1:] + edges[:-1]) / 2
     beyond = np.zeros(len(counts), bool)
     if cutoff is not None:
         beyond = middle > cutoff if above else middle < cutoff
-    bars = "".join(
-        f'<rect x="{i + 0.06:.2f}" width="0.88" y="{100 - h:.2f}" height="{h:.2f}" '
-        f'class="{"out" if out else "in"}"/>'
-        for i, (h, out) in enumerate(zip(heights, beyond, strict=True))
-        if h > 0
-    )
-    line = ""
-    if cutoff is not None and edges[0] <= cutoff <= edges[-1]:
-        at = place(cutoff)
-        side = "left" if at < 60 else "right"
-        line = (
-            f'<div class="cut {side}" style="left:{at:.2f}%"><span>{text(cutoff_name)} '
-            f"{cutoff:.3g}</span></div>"
-        )
-    ticks = "".join(
-        f'<span style="left:{place(tick):.2f}%">{tick:,.6g}</span>'
-        for tick in _ticks(edges, is_log)
-    )
-    scales = [what + (", logarithmic" if steep else "") + f", up to {counts.max():,} a bar"]
+    drawn = import_extra("matplotlib", "plot", "--report")
+    with drawn.rc_context(STYLE):
+        figure = import_extra("matplotlib.figure", "plot", "--report").Figure(SIZE)
+        ax = figure.add_subplot()
+        colors = np.where(beyond, BEYOND, WITHIN)
+        ax.bar(edges[:-1], counts, np.diff(edges), align="edge", color=colors, linewidth=0)
+        ax.set(xlim=edges[[0, -1]], xlabel=name, ylabel=what)
+        ax.set_xscale("log" if is_log else "linear")  # after its limits, which it would move
+        if filled.max() > STEEP * np.median(filled):
+            ax.set(yscale="log", ylim=(0.5, 2 * filled.max()))
+        if cutoff is not None and edges[0] <= cutoff <= edges[-1]:
+            ax.axvline(cutoff, color=LINES, linestyle="--")
+            ax.set_title(f"{cutoff_name} {cutoff:.3g}", fontsize=11)
+        markup = io.StringIO()
+        figure.savefig(markup, format="svg", transparent=True, bbox_inches="tight", metadata=NONE)
     missing = len(values) - len(known)
-    if missing:
-        scales.append(f"{missing:,} without a finite value are not shown")
-    return (
-        f'<div class="hist" role="img" aria-label="Histogram of {text(name)}"><div class="plot">'
-        f'<svg viewBox="0 0 {len(counts)} 100" preserveAspectRatio="none" aria-hidden="true">'
-        f'{bars}</svg>{line}</div><div class="ticks">{ticks}</div>'
-        f'<p class="axis"><b>{text(name)}</b>{" (logarithmic)" if is_log else ""}; height: '
-        f"{text('; '.join(scales))}</p></div>"
-    )
+    words = f"{missing:,} without a finite value are not shown." if missing else ""
+    return part("histogram", re.search("<svg.*", markup.getvalue(), re.S)[0], name, words)
 
 
 def _edges(known, cutoff, least):
@@ -77,33 +82,9 @@ def _edges(known, cutoff, least):
         positive = known[known > 0]
         first = least or float(np.quantile(positive, 0.01))
         first = min([first, *(e / 3 for e in ends if e > 0)])
-        last = max([high, 3 * first, *(3 * e for e in ends)])
+        last = max([min(high, LONGEST * first), 3 * first, *(3 * e for e in ends)])
         return np.geomspace(first, last, N_BINS + 1), True
     low, high = min([low, *ends]), max([top, *(1.2 * e for e in ends)])
     if high <= low:
         high = low + (abs(low) or 1.0)
     return np.linspace(low, high, N_BINS + 1), False
-
-
-def _placer(edges, is_log):
-    """A value's place along the axis, in percent."""
-    low, high = (np.log(edges[[0, -1]]) if is_log else edges[[0, -1]]).tolist()
-
-    def place(value):
-        return 100 * ((np.log(value) if is_log else value) - low) / (high - low)
-
-    return place
-
-
-def _ticks(edges, is_log):
-    low, high = edges[0], edges[-1]
-    if is_log:
-        powers = np.arange(np.ceil(np.log10(low) - 1e-9), np.floor(np.log10(high) + 1e-9) + 1)
-        step = -(-len(powers) // 6) or 1
-        ticks = 10.0 ** powers[::step]
-        return ticks if len(ticks) > 1 else np.array([low, high])
-    rough = (high - low) / 5
-    power = 10.0 ** np.floor(np.log10(rough))
-    step = next(f * power for f in (1, 2, 5, 10) if f * power >= rough)
-    ticks = np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step
-    return ticks + 0.0

@@ -10,7 +10,7 @@ from sklearn_mcmd.plotting import plot_cloud
 from sklearn_mcmd.plotting._cloud_display import FOUND
 from sklearn_mcmd.plotting._still import ball_picture, distance_colors
 from sklearn_mcmd.plotting._views import look, round_length, thinned
-from sklearn_mcmd.report._html import chips, figure, text
+from sklearn_mcmd.report._rendering import join, part
 
 __all__ = ["ball", "found_maps", "maps"]
 
@@ -31,26 +31,38 @@ LEAST_SHAPE, LARGEST_SHAPE = 0.12, 0.9
 PALETTE = 255  # colors of a picture; half of the bytes of true color
 
 
-def maps(draw, xyz, near, legend=(), views=tuple(VIEWS)):
+def maps(picture, xyz, near, legend=(), views=tuple(VIEWS)):
     """Figures of a cloud, of the points that are `near`, not far from all others.
 
-    ``draw(rows, view, ax, max_points)`` draws some of the points by a display, from a view, into
-    axes. The legend has pairs of a color and words; a view may come with its caption.
+    ``picture(view)`` is the `Picture` of all points from a view, such as that of a display. The
+    legend has pairs of a color and words; a view may come with its caption.
     """
+
+    def draw(rows, view, ax):
+        colors, labels, *_ = picture(view)
+        rows = rows[thinned(labels[rows], MOST_DRAWN)]
+        plot_cloud(xyz[rows], color=colors[rows], view=view, ax=ax)
+
+    return _figures(draw, xyz, near, legend, views)
+
+
+def _figures(draw, xyz, near, legend, views=tuple(VIEWS)):
+    """The same by a function that draws some of the points from a view into axes."""
     rows = np.flatnonzero(near)
     named = [(view, VIEWS[view]) if isinstance(view, str) else view for view in views]
     figures = [_map(draw, xyz, rows, view, caption) for view, caption in named]
     outside = len(xyz) - len(rows)
-    words = '<p class="soft">Lengths are in units of the file.'
-    words += f" {outside:,} points far from the others are not drawn.</p>" if outside else "</p>"
-    return f'{chips(legend) if legend else ""}<div class="maps">{"".join(figures)}</div>{words}'
+    words = "Lengths are in units of the file."
+    words += f" {outside:,} points far from the others are not drawn." if outside else ""
+    chips = [part("chips", legend)] if legend else []
+    return join(*chips, part("maps", figures), part("paragraph", words, "soft"))
 
 
 def found_maps(xyz, found, near, noun):
     """Maps of which points were `found`, on top of the others, which are shaded by distance."""
 
-    def draw(rows, view, ax, max_points):
-        rows = rows[thinned(found[rows], max_points)]
+    def draw(rows, view, ax):
+        rows = rows[thinned(found[rows], MOST_DRAWN)]
         marked = found[rows]
         part, size = xyz[rows[~marked]], LEAST_FOUND
         if len(part):
@@ -61,7 +73,8 @@ def found_maps(xyz, found, near, noun):
             plot_cloud(xyz[rows[marked]], color=FOUND, view=view, size=size, ax=ax)
 
     n = int(np.count_nonzero(found))
-    return maps(draw, xyz, near, [(FOUND, f"{n:,} {noun}"), (DIM, f"{len(found) - n:,} others")])
+    legend = [(FOUND, f"{n:,} {noun}"), (DIM, f"{len(found) - n:,} others")]
+    return _figures(draw, xyz, near, legend)
 
 
 def ball():
@@ -69,8 +82,7 @@ def ball():
     from PIL import Image
 
     pixels = np.rint(255 * np.clip(np.flipud(ball_picture("top")), 0.0, 1.0)).astype(np.uint8)
-    inner = f'<img src="{_encoded(Image.fromarray(pixels, "RGBA"))}" alt="">'
-    return figure(inner, "A ball in these colors", "ball")
+    return part("ball", _encoded(Image.fromarray(pixels, "RGBA")))
 
 
 def _map(draw, xyz, rows, view, caption):
@@ -88,8 +100,7 @@ def _map(draw, xyz, rows, view, caption):
     width, height = max(width, height / shape), max(height, shape * width)
     drawn = new_figure(figsize=(WIDTH, WIDTH * shape), dpi=DPI)
     ax = drawn.add_axes((0.0, 0.0, 1.0, 1.0))
-    draw(rows, view, ax, MOST_DRAWN)
-    _strip(drawn, ax)
+    draw(rows, view, ax)
     middle = (low + high) / 2
     ax.set(
         xlim=(middle[0] - width / 2, middle[0] + width / 2),
@@ -98,27 +109,8 @@ def _map(draw, xyz, rows, view, caption):
     buffer = io.BytesIO()
     drawn.savefig(buffer, format="png", transparent=True)
     length = round_length(0.2 * width)
-    bar = (
-        f'<div class="scale" style="width:{100 * length / width:.2f}%">'
-        f"<span>{length:g}</span></div>"
-    )
-    image = f'<img src="{_encoded(Image.open(buffer).convert("RGBA"))}" alt="{text(caption)}">'
-    kind = "high" if shape > 0.5 else "wide"
-    inner = f'<div class="map" style="--shape:{shape:.4f}">{image}{bar}</div>'
-    return figure(inner, caption, kind)
-
-
-def _strip(drawn, ax):
-    """Leave the points alone: words, bars and legends are those of the page."""
-    ax.set_title("")
-    for artist in (*ax.lines, *ax.texts, *ax.child_axes):
-        artist.remove()
-    for other in drawn.axes:
-        if other is not ax:  # a bar of colors
-            other.remove()
-    if ax.get_legend() is not None:
-        ax.get_legend().remove()
-    ax.set_position((0.0, 0.0, 1.0, 1.0))
+    picture = _encoded(Image.open(buffer).convert("RGBA"))
+    return part("map", picture, caption, shape, length / width, length)
 
 
 def _encoded(image):

@@ -3,6 +3,7 @@
 import numpy as np
 
 from sklearn_mcmd._errors import counted
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.report._contents import Note, note_if, percent
 
 __all__ = ["CHECKS", "CHECKS_OF_ALL", "cloud_notes", "together_notes", "with_warnings"]
@@ -11,59 +12,32 @@ CHECKS_OF_ALL = (
     "duplicates, coordinates that are rounded or too coarse, and points far from all others"
 )
 CHECKS = "too few points, sparse parts, noise that hides surfaces, " + CHECKS_OF_ALL
-# The detector judges clouds of fewer neighborhoods than this by other shares (`LEAST_SHARE`).
-FEW = 10
-# Copies count once in planes. Below this share they change no picture; scanners repeat some.
-COPIES = 0.01
-# Half a step is the least scale of a plane. Where the usual scale is no larger, the step sets it.
-STEP = 0.505
-# The noise of a flat plane is below this share of its radius (`SurfaceLimits.flat`), which 50
-# neighbors have at noise of 0.6 spacings.
-FLAT = 0.15
-# Density falls with the square of the radius: five times the radius is a twenty-fifth of it.
-SPARSE = 5.0
+FEW = 10  # neighborhoods; the detector judges clouds of fewer by other shares (`LEAST_SHARE`)
+COPIES = 0.01  # share of copies, which count once, below which they change no picture
+STEP = 0.505  # steps of coordinates; half a step is the least scale, and sets the usual one then
+SPARSE = 5.0  # times the usual radius: there is a twenty-fifth of the usual density
 
 
 def cloud_notes(facts, *, local=True):
     """What is the matter with the cloud itself; not `local`: where no neighborhoods are taken."""
-    makers = (*OF_ALL, *OF_NEIGHBORHOODS) if local else OF_ALL
-    return [note for make in makers for note in make(facts)]
-
-
-def _few(facts):
-    return note_if(
-        facts.n_distinct < FEW * facts.n_neighbors or facts.n_distinct <= facts.n_neighbors,
-        "Few points.",
-        f"The cloud has {counted(facts.n_distinct, 'distinct point')}, and a neighborhood takes "
-        f"{facts.n_neighbors:,} of them. What is a surface and what is usual is then a guess.",
-        "Give a larger part of the scan, or a smaller --n-neighbors.",
-    )
-
-
-def _copies(facts):
-    n = facts.n_points - facts.n_distinct
-    return note_if(
-        n > COPIES * facts.n_points,
+    n_copies, n_far = facts.n_points - facts.n_distinct, int(np.count_nonzero(~facts.near))
+    spans = " x ".join(f"{value:.4g}" for value in facts.high - facts.low)
+    notes = note_if(
+        n_copies > COPIES * facts.n_points,
         "Duplicates.",
-        f"{n:,} points ({percent(n, facts.n_points)}) lie exactly where another one does. They "
-        "count once in planes, and say nothing about noise.",
+        f"{n_copies:,} points ({percent(n_copies, facts.n_points)}) lie exactly where another one "
+        "does. They count once in planes, and say nothing about noise.",
         "Look for a strip that was merged twice, or thin the cloud to distinct points first.",
     )
-
-
-def _rounded(facts):
-    return note_if(
+    notes += note_if(
         facts.step and facts.noise <= STEP * facts.step,
         "Rounded coordinates.",
         f"Coordinates are multiples of {facts.step:.3g}, which is coarser than the noise. "
-        "Distances from surfaces are told in steps and no longer in noise; what is off by less "
+        "Distances from surfaces are known in steps and no longer in noise; what is off by less "
         "than a step and a half is not seen.",
         "Export the scan with more decimals, if it has them.",
     )
-
-
-def _coarse(facts):
-    return note_if(
+    notes += note_if(
         facts.rounding,
         "Single precision far from the origin.",
         f"The coordinates have the digits of float32, which rounds to {facts.rounding:.2g} so far "
@@ -72,22 +46,25 @@ def _coarse(facts):
         "Write the file in double precision, as LAS, LAZ or text, or subtract an offset before.",
         warned="single precision (float32) rounds coordinates",
     )
-
-
-def _far(facts):
-    n = int(np.count_nonzero(~facts.near))
-    spans = " x ".join(f"{value:.4g}" for value in facts.high - facts.low)
-    return note_if(
-        n > 0,
+    notes += note_if(
+        n_far > 0,
         "Points far from all others.",
-        f"{n:,} points ({percent(n, facts.n_points)}) lie farther from the rest than this is "
-        f"wide: the file spans {spans}. Maps leave them out.",
+        f"{n_far:,} points ({percent(n_far, facts.n_points)}) lie farther from the rest than this "
+        f"is wide: the file spans {spans}. Maps leave them out.",
         "Check them, and cut them off if they are no part of the scan.",
     )
+    return notes + _neighborhood_notes(facts) if local else notes
 
 
-def _sparse(facts):
-    return note_if(
+def _neighborhood_notes(facts):
+    notes = note_if(
+        facts.n_distinct < FEW * facts.n_neighbors or facts.n_distinct <= facts.n_neighbors,
+        "Few points.",
+        f"The cloud has {counted(facts.n_distinct, 'distinct point')}, and a neighborhood takes "
+        f"{facts.n_neighbors:,} of them. What is a surface and what is usual is then a guess.",
+        "Give a larger part of the scan, or a smaller --n-neighbors.",
+    )
+    notes += note_if(
         facts.sparse_radius > SPARSE * facts.radius,
         "Sparse parts.",
         f"A neighborhood of {facts.n_neighbors} points usually has a radius of {facts.radius:.2g}. "
@@ -95,21 +72,15 @@ def _sparse(facts):
         "seen there, and normals are averages over that width.",
         "Trust these parts less, cut them off, or give a smaller --n-neighbors.",
     )
-
-
-def _noisy(facts):
-    return note_if(
-        facts.noise > FLAT * facts.radius,
+    flat = SurfaceLimits().flat  # which 50 neighbors have at noise of 0.6 spacings
+    return notes + note_if(
+        facts.noise > flat * facts.radius,
         "Noise hides the surfaces.",
         f"Points scatter by {facts.noise:.2g} about their planes, and neighborhoods have a radius "
-        f"of {facts.radius:.2g}. From 0.15 of the radius on (0.6 spacings with 50 neighbors) "
+        f"of {facts.radius:.2g}. From {flat:g} of the radius on (0.6 spacings with 50 neighbors) "
         "nothing counts as a surface. The cloud is noise, or foliage.",
         "Give more neighbors, such as --n-neighbors 200, or a cloud of surfaces.",
     )
-
-
-OF_ALL = (_copies, _rounded, _coarse, _far)
-OF_NEIGHBORHOODS = (_few, _sparse, _noisy)
 
 
 def together_notes(words):
@@ -126,7 +97,7 @@ def together_notes(words):
 
 def with_warnings(contents, warned):
     """The same with what the run warned of on the terminal, unless a note is on that matter."""
-    told = [note.warned for note in contents.notes if note.warned]
-    new = [words for words in warned if not any(part in words for part in told)]
+    noted = [note.warned for note in contents.notes if note.warned]
+    new = [words for words in warned if not any(part in words for part in noted)]
     notes = [Note("Warned on the terminal.", words) for words in new]
     return contents._replace(notes=notes + contents.notes)

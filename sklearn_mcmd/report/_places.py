@@ -6,7 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.plotting._views import round_length
 from sklearn_mcmd.report._contents import percent
-from sklearn_mcmd.report._html import bar_table, paragraph, table
+from sklearn_mcmd.report._rendering import join, paragraph, part, table
 
 __all__ = ["Places", "height_rows", "place_sections"]
 
@@ -67,8 +67,9 @@ def place_sections(xyz, found, near, noun):
         f"{len(places.n_all):,} cells hold points."
     )
     heights = height_rows(xyz[near, 2], found[near])
-    bars = bar_table(("z", f"{noun}, and share of the points there"), heights)
-    return intro + table(header, rows, numbers=(2, 3, 4)) + "<h3>By height</h3>" + bars
+    bars = part("bar_table", ("z", f"{noun}, and share of the points there"), heights)
+    cells = table(header, rows, numbers=(2, 3, 4))
+    return join(intro, cells, part("heading", "By height"), bars)
 
 
 def height_rows(z, found):

@@ -1,16 +1,17 @@
 """The points that a report shows: those of memory, or of files by tiles a sample that it states."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.outliers._volumes import place_numbers
 from sklearn_mcmd.report._contents import Note, share
 from sklearn_mcmd.report._facts import Facts, bounds_rows, usual_rows
-from sklearn_mcmd.report._html import paragraph
 from sklearn_mcmd.report._notes import CHECKS, cloud_notes
+from sklearn_mcmd.report._rendering import paragraph
+from sklearn_mcmd.report._volumes import place_numbers
 
 __all__ = ["Shown", "removed_of", "step_of"]
 
@@ -24,12 +25,12 @@ class Shown(NamedTuple):
     cloud: PointCloud  # all points, or every so many-th, with the attributes that were written
     n_all: int  # points of the whole
     near: np.ndarray  # bool (n,), points that are not far from all others
-    words: str  # markup that states the sample; "" if all points are shown
     rows: list[tuple[str, str]]  # what the input holds
-    notes: list[Note]  # what is the matter with the cloud itself
-    checks: str  # what was looked for in the cloud itself
-    cards: list[tuple[str, str]]  # tiles and files
-    files: str  # words on the number of outputs; "" if there is one
+    words: str = ""  # markup that states the sample, if not all points are shown
+    notes: Sequence[Note] = ()  # what is the matter with the cloud itself
+    checks: str = CHECKS  # what was looked for in the cloud itself
+    cards: Sequence[tuple[str, str]] = ()  # tiles and files
+    files: str = ""  # words on the number of outputs, if there are several
 
     @property
     def xyz(self):
@@ -40,9 +41,12 @@ class Shown(NamedTuple):
         """A cloud as it was read, with results, and measured by planes of these scales."""
         facts = Facts.of(cloud.xyz, n_neighbors, scales)
         return cls(
-            cloud.with_attributes(**results), len(cloud), facts.near, "", facts.rows(cloud),
-            cloud_notes(facts), CHECKS, [], "",
-        )  # fmt: skip
+            cloud=cloud.with_attributes(**results),
+            n_all=len(cloud),
+            near=facts.near,
+            rows=facts.rows(cloud),
+            notes=cloud_notes(facts),
+        )
 
     @classmethod
     def of_tiles(cls, catalog, outputs, run, names):
@@ -60,9 +64,15 @@ class Shown(NamedTuple):
         rows += [*bounds_rows(catalog.low, catalog.high), ("CRS", catalog.crs or "not stated")]
         cards = [(f"{run.n_tiles:,}", "tiles"), (f"{len(catalog):,}", "input files")]
         return cls(
-            cloud, run.n_points, usual_rows(cloud.xyz), words, rows, [],
-            "the cloud itself is not measured by tiles", cards, f" in {len(outputs):,} files",
-        )  # fmt: skip
+            cloud=cloud,
+            n_all=run.n_points,
+            near=usual_rows(cloud.xyz),
+            rows=rows,
+            words=words,
+            checks="the cloud itself is not measured by tiles",
+            cards=cards,
+            files=f" in {len(outputs):,} files",
+        )
 
 
 def step_of(run):

@@ -1,8 +1,8 @@
 """The decorator of compiled functions, whose cache depends on all their files.
 
-Numba keeps compiled code for a function and checks that function's file alone. The code also
-holds functions and constants of other files. If these change, or an upgrade renames them, Numba
-would still take the old code, or fail to load it.
+Numba keeps compiled code of a function, and checks the content of that function's file alone. The
+code also holds functions and constants of other files. If these change, or an upgrade renames them,
+Numba would still take the old code, or fail to load it.
 """
 
 from functools import cache
@@ -34,27 +34,26 @@ def kernel(function=None, **options):
     options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": not options.get("cache")}
     options |= {"forceinline": "fastmath" in options, "cache": is_kept and "cache" in options}
     compiled = njit(nogil=True, error_model="numpy", **options)(function)
-    # None where nothing is kept.
-    files = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if files is not None:
-        files._source_stamp = (files._source_stamp, _stamp())
-        files._load_index = _unless_damaged(files._load_index, {})
-        files._load_data = _unless_damaged(files._load_data, None)
+    kept = compiled._cache
+    if hasattr(kept, "_cache_file"):  # not where nothing is kept
+        kept._cache_file._source_stamp = (kept._cache_file._source_stamp, _stamp())
+        kept.load_overload = _load_unless_damaged(kept, kept.load_overload)
     return compiled
 
 
-def _unless_damaged(read, instead):
-    """Answer `instead` for a file that was cut off; Numba then compiles and writes it anew."""
+def _load_unless_damaged(kept, load):
+    """Load what is kept; where a file was cut off, forget all, so that Numba compiles anew."""
 
-    def read_or_not(*arguments):
+    def load_or_forget(*arguments):
         try:
-            return read(*arguments)
+            return load(*arguments)
         except OSError:
             raise  # Numba knows these
         except Exception:  # unpickling wrong bytes may raise anything
-            return instead
+            kept.flush()
+            return None
 
-    return read_or_not
+    return load_or_forget
 
 
 @cache

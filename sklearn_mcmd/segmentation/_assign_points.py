@@ -4,31 +4,26 @@ import numpy as np
 
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.runtime._chunks import run, slices
-from sklearn_mcmd.segmentation._graph import CUTOFF
 from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled, rows_of
 
 __all__ = ["Claims"]
 
-# Neighbors looked at at once: what they need stays in the processor's cache.
-CHUNK = 30_000
-# More neighbors than these are not kept from round to round.
-KEPT = 16_000_000
-# Of planes that claim a point the nearest does, in units of their limits.
-NEAREST = ExplainLimits(likely=False)
+CHUNK = 30_000  # neighbors looked at at once: what they need stays in the processor's cache
+KEPT = 16_000_000  # more neighbors than these are not kept from round to round
 
 
 class Claims:
     """The planes of all points, and which points they claim.
 
-    A plane claims a point that is within `CUTOFF` standard deviations of it and not farther from
-    the plane's own point than that one's neighbors are. A `max_distance` of the rules takes the
-    place of the standard deviations, a `max_gap` that of the radii.
+    A plane claims a point that it explains and that is not farther from the plane's own point than
+    that one's neighbors are. A `max_distance` of the rules takes the place of three standard
+    deviations, a `max_gap` that of the radii.
     """
 
     def __init__(self, index, planes, rules, n_jobs=None):
         n = len(index.points)
         self.index, self.n_jobs = index, n_jobs
-        scale, reach, self.cutoff = planes.scale, planes.radius, CUTOFF
+        scale, reach, self.cutoff = planes.scale, planes.radius, ExplainLimits().explained
         if rules.max_distance is not None:
             scale, self.cutoff = np.full(n, float(rules.max_distance)), 1.0
         if rules.max_gap is not None:
@@ -91,11 +86,8 @@ class Claims:
         owner = np.full(len(rows), -1, dtype=labels.dtype)
 
         def task(part):
-            queries, m = self.index.points[rows[part]], len(rows[part])
-            found, share = explain(
-                queries, around.of(part), self.planes, NEAREST, usable,
-                np.zeros(m), np.full(m, np.inf),
-            )  # fmt: skip
+            queries, floor = self.index.points[rows[part]], np.zeros(len(rows[part]))
+            found, share = explain(queries, around.of(part), self.planes, usable, floor)
             owner[part] = np.where((found >= 0) & (share <= self.cutoff), labels[found], -1)
 
         step = max(1, CHUNK // self.index.n_neighbors)

@@ -6,23 +6,18 @@ import numpy as np
 
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["Cylinder", "fit_cylinder"]
+__all__ = ["N_PARAMETERS", "Cylinder", "FitLimits", "fit_cylinder"]
 
-# Largest number of steps from each start, and least share of the sum of squares that a step must
-# gain. From a good start two or three steps suffice.
-N_STEPS = 8
-LEAST_GAIN = 1e-6
-# Ridge that keeps the equations of a flat strip, whose radius is infinite, from being singular.
-RIDGE = 1e-12
-N_PARAMETERS = 5
+N_PARAMETERS = 5  # of a cylinder
 
 
 class FitLimits(NamedTuple):
-    """Limits of the fit. They reach the kernel as arguments: it would freeze imported constants."""
+    """When a fit ends. They reach kernels as arguments, which would freeze imported constants."""
 
-    n_steps: int
-    least_gain: float
-    ridge: float
+    n_steps: int = 8  # most steps from each start; from a good one two or three suffice
+    least_gain: float = 1e-6  # share of the sum of squares that a step must gain
+    # Keeps the equations of a flat strip, whose radius is infinite, from being singular.
+    ridge: float = 1e-12
 
 
 class Cylinder:
@@ -59,7 +54,8 @@ def fit_cylinder(points, normals):
     extents = np.linalg.eigh(local.T @ local)[1]
     across, turns = np.linalg.eigh(normals.T @ normals)
     starts = [extents[:, 2], extents[:, 1], turns[:, 0]]
-    starts = np.stack(starts if across[1] > RIDGE * len(points) else starts[:2])
+    limits = FitLimits()
+    starts = np.stack(starts if across[1] > limits.ridge * len(points) else starts[:2])
     fit = compiled_function("segmentation._cylinder_numba", "fit")
-    total, model = fit(local, starts, FitLimits(N_STEPS, LEAST_GAIN, RIDGE))
+    total, model = fit(local, starts, limits)
     return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])

@@ -1,35 +1,42 @@
 """Narrow regions that are parts of one cylinder, such as strips of posts, trunks and bins."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import run
 from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, Cylinder, fit_cylinder
-from sklearn_mcmd.segmentation._graph import CUTOFF, by_place, n_within_median
-from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE
-from sklearn_mcmd.segmentation._narrow_faces import REACH
+from sklearn_mcmd.segmentation._graph import by_place, n_within_median
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
+from sklearn_mcmd.segmentation._narrow_faces import NarrowFaceLimits
 from sklearn_mcmd.segmentation._region_sums import region_moments, rows_of, sums_by_region
 
-__all__ = ["CylinderParts"]
+__all__ = ["NO_SHAPES", "CylinderLimits", "CylinderParts"]
 
-# A cylinder is fitted again, and pairs are tried again, when a region has grown by this factor. All
-# fits together then take only about as long as the last one or two.
-GROWTH = 2.0
-# Tasks that the fits of all parts are dealt to.
-N_TASKS = 16
-# With fewer points any cylinder fits.
-LEAST_SIZE = 2 * N_PARAMETERS
+N_TASKS = 16  # that the fits of all parts are dealt to
+
+
+class CylinderLimits(NamedTuple):
+    """When cylinders are fitted."""
+
+    # A cylinder is fitted again, and pairs are tried again, when a region has grown by this factor.
+    # All fits together then take only about as long as the last one or two.
+    growth: float = 2.0
+    least_size: int = 10  # twice the parameters of a cylinder: with fewer points any one fits
 
 
 @dataclass
 class _Part:
     """A narrow region, or several joined.
 
-    It is curved if two conditions hold. Its plane leaves more than `MOST_NOISE` times the root mean
-    square that its cylinder leaves. And `CUTOFF` times the latter, on both sides, fits into the
+    It is curved if two conditions hold. Its plane leaves more than `most_noise` times the root mean
+    square that its cylinder leaves. And three times the latter, on both sides, fits into the
     neighborhoods' radius: this distinguishes a surface from a volume, such as foliage.
     """
 
@@ -44,39 +51,46 @@ class _Part:
     @property
     def curved(self):
         left = max(self.curve, self.floor)
-        return left <= self.ceiling and self.plane > MOST_NOISE**2 * left
+        return left <= self.ceiling and self.plane > JoinLimits().most_noise ** 2 * left
 
     def shares(self, points):
         """Distances of points from the cylinder, as shares of the largest of its own."""
-        limit = CUTOFF * np.sqrt(max(self.curve, self.floor))
+        limit = ExplainLimits().explained * np.sqrt(max(self.curve, self.floor))
         return np.abs(self.cylinder.distances(points)) / limit
 
 
+class Shapes(NamedTuple):
+    """What is known of regions by their labels."""
+
+    curved: np.ndarray  # labels of those that are parts of cylinders
+    wide: np.ndarray  # bool, by label; regions only gain points, so a wide one stays wide
+
+
+NO_SHAPES = Shapes(np.empty(0, np.intp), np.empty(0, bool))
+
+
+@dataclass(frozen=True)
 class CylinderParts:
     """Joins narrow regions that touch if one cylinder explains them.
 
     On a thing no wider than the neighborhoods, normals turn within one or two spacings, and growth
     leaves strips. The positions of the points still show its shape. Two parts are joined if two
     conditions hold. One cylinder leaves less of both than two planes do, with fewer parameters. And
-    of each part it leaves at most `MOST_NOISE` times what the best model of that part alone leaves.
+    of each part it leaves at most `most_noise` times what the best model of that part alone leaves.
     So the noise is measured on the parts themselves. Two narrow faces that meet in an edge stay
     apart, because no cylinder follows both to within their noise.
-
-    The index has points in three dimensions, and `floor` (n,) is the least standard deviation of a
-    plane at each: what rounding amounts to. `max_gap` is the largest distance of points that touch,
-    besides being among the nearer half of neighbors.
     """
 
-    def __init__(self, index, planes, floor, max_gap=None, n_jobs=None):
-        self.index, self.planes, self.floor, self.n_jobs = index, planes, floor, n_jobs
-        self.max_gap = np.inf if max_gap is None else max_gap
-        self.curved = np.empty(0, dtype=np.intp)
-        self.wide = None  # by label; regions only gain points, so a wide one stays wide
+    index: NeighborIndex  # of points in three dimensions
+    planes: Planes
+    floor: np.ndarray  # (n,), the least standard deviation of a plane: what rounding amounts to
+    max_gap: float  # largest distance of points that touch, which also are near neighbors
+    n_jobs: int | None
 
-    def join(self, labels):
+    def join(self, labels, shapes=NO_SHAPES):
         """Labels (n,), -1 for none, in which parts of one cylinder share their smallest label."""
         labels = labels.copy()
-        parts = self._narrow_parts(labels)
+        parts, _ = self._narrow_parts(labels, shapes)
         self._join(labels, parts, set(parts), {})
         return labels
 
@@ -84,22 +98,24 @@ class CylinderParts:
         """As `join`, but curved regions also take in points without region on their cylinders.
 
         The planes of a post's points run off it, onto the ground or into a tree's foliage. The
-        cylinder does not. If parts then touch, they are joined, and so on. The attribute `curved`
-        holds the labels of the regions that are curved at the end.
+        cylinder does not. If parts then touch, they are joined, and so on. Returns the labels
+        and their `Shapes`.
         """
         labels = labels.copy()
-        parts = self._narrow_parts(labels)
+        parts, wide = self._narrow_parts(labels, NO_SHAPES)
         fresh, tried = set(parts), {}
         while fresh:
             fresh |= self._join(labels, parts, fresh, tried)
             fresh = self._claim(labels, parts, fresh & set(parts))
-        self.curved = np.array(sorted(name for name in parts if parts[name].curved), dtype=np.intp)
-        return labels
+        curved = np.array(sorted(name for name in parts if parts[name].curved), dtype=np.intp)
+        return labels, Shapes(curved, wide)
 
-    def _narrow_parts(self, labels):
-        """The parts that may be joined, by label: narrow regions, and regions found curved."""
+    def _narrow_parts(self, labels, shapes):
+        """The parts that may be joined, by label: narrow regions, and regions found curved. And
+        which regions are wide."""
         n_regions = int(labels.max(initial=-1)) + 1
-        wide = np.zeros(n_regions, dtype=bool) if self.wide is None else self.wide[:n_regions]
+        wide = np.zeros(n_regions, dtype=bool)
+        wide[: len(shapes.wide)] = shapes.wide[:n_regions]
         number = np.append(np.where(wide, -1, np.arange(n_regions)), -1)
         found = region_moments(
             self.index.points, labels, n_regions, number=number, n_jobs=self.n_jobs
@@ -109,15 +125,15 @@ class CylinderParts:
         values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
         # Those wider than a disk that reaches as far as a strip's points have good normals, and
         # growth follows them. Points spread evenly over a width deviate by its root 12th.
-        self.wide = wide | (np.sqrt(12 * values[:, 1]) > 2 * REACH * reach)
-        self.wide[self.curved] = False
-        rows = rows_of(labels, np.append(~self.wide & (found.sizes >= 4), False))
+        wide |= np.sqrt(12 * values[:, 1]) > 2 * NarrowFaceLimits().reach * reach
+        wide[shapes.curved] = False
+        rows = rows_of(labels, np.append(~wide & (found.sizes >= 4), False))
         rows = by_place(self.index.points, rows)
         rows = rows[np.argsort(labels[rows], kind="stable")]
         names, starts = np.unique(labels[rows], return_index=True)
         groups = np.split(rows, starts[1:]) if len(rows) else []
         parts = self._each(lambda group: self._part(group, self._around(group)), groups)
-        return dict(zip(names.tolist(), parts, strict=True))
+        return dict(zip(names.tolist(), parts, strict=True)), wide
 
     def _each(self, function, items):
         """The answers of a function to all items, found in threads."""
@@ -145,12 +161,20 @@ class CylinderParts:
         deviations = points - points.mean(axis=0)
         plane = max(np.linalg.eigvalsh(deviations.T @ deviations)[0], 0.0) / (n - 3)
         curve, cylinder = np.inf, None
-        if n >= LEAST_SIZE:
+        if n >= CylinderLimits().least_size:
             curve, cylinder = self._fit(members)
             curve /= n - N_PARAMETERS
         floor = self.floor[members].max() ** 2
-        ceiling = (self.planes.radius[members].mean() / (2 * CUTOFF)) ** 2
-        return _Part(members, around, floor, ceiling, plane, curve, cylinder)
+        ceiling = (self.planes.radius[members].mean() / (2 * ExplainLimits().explained)) ** 2
+        return _Part(
+            members=members,
+            around=around,
+            floor=floor,
+            ceiling=ceiling,
+            plane=plane,
+            curve=curve,
+            cylinder=cylinder,
+        )
 
     def _fit(self, rows):
         return fit_cylinder(self.index.points[rows], self.planes.normals[rows])
@@ -191,11 +215,11 @@ class CylinderParts:
 
     def _are_one(self, first, second):
         rows = np.concatenate([first.members, second.members])
-        n = len(rows)
-        if n < LEAST_SIZE:
+        n, limits = len(rows), CylinderLimits()
+        if n < limits.least_size:
             return False
         small, large = sorted((first, second), key=lambda part: len(part.members))
-        if large.curved and len(large.members) >= GROWTH * len(small.members):
+        if large.curved and len(large.members) >= limits.growth * len(small.members):
             # A small part hardly moves the cylinder of a large one. If most of it lies off that
             # cylinder, no fit is needed. This saves a fit of the large part for each neighbor.
             near = large.shares(self.index.points[small.members]) <= 1
@@ -208,7 +232,7 @@ class CylinderParts:
             return False
         for part in (first, second):
             left = np.square(cylinder.distances(self.index.points[part.members])).mean()
-            if left > MOST_NOISE**2 * max(min(part.plane, part.curve), floor):
+            if left > JoinLimits().most_noise ** 2 * max(min(part.plane, part.curve), floor):
                 return False
         return True
 
@@ -231,7 +255,7 @@ class CylinderParts:
     def _claim(self, labels, parts, fresh):
         """Give points without region to the cylinder that they touch and lie on best, in place.
 
-        Claimed points lead to others, until a part has grown by the factor `GROWTH`. Returns the
+        Claimed points lead to others, until a part has grown by the factor `growth`. Returns the
         names of the parts that grew.
         """
         edges = {name: parts[name].around for name in sorted(fresh) if parts[name].curved}
@@ -244,7 +268,7 @@ class CylinderParts:
                 rows = by_place(self.index.points, claimed[owner == name])
                 gained[name].append(rows)
                 size = len(parts[name].members)
-                if sum(map(len, gained[name])) < (GROWTH - 1) * size:
+                if sum(map(len, gained[name])) < (CylinderLimits().growth - 1) * size:
                     spreading[name] = self._around(rows)
             edges = spreading
         grown = [name for name, rows in gained.items() if rows]

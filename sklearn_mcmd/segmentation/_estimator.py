@@ -59,45 +59,27 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     min_region_size : int, default=10
         Regions of fewer points are dissolved.
 
-    mutual : bool, default=True
-        Whether planes must explain each other: a neighbor joins if each of the two points lies
-        within `max_distance` of the other's plane, and a region grows on only from points whose
-        planes are no noisier than is usual around them. Planes that run across an edge are noisier,
-        and so are many in foliage. False is the paper's form.
+    refine : bool, default=True
+        Whether growth is refined, see :ref:`refined_growth`; False is the paper's growth alone.
 
-    find_narrow_faces : bool, default=True
-        Whether the points that growth left over grow regions again, by the same rules and with
-        normals from such points alone. This finds a kerb three points high between road and
-        footpath. The points are those that no region larger than a neighborhood reached and
-        that lie off all such regions around them. A new region is kept if it is as flat as the
-        regions beside it and larger than a neighborhood. Pieces of one face are joined whatever
-        `join_coplanar` is. They take in the points around that lie on them best. False is the
-        paper's form.
+        - Planes must explain each other: a neighbor joins if each of the two points lies within
+          `max_distance` of the other's plane, and a region grows on only from points whose planes
+          are no noisier than is usual around them. Planes that run across an edge are noisier, and
+          so are many in foliage.
+        - Points that growth left over grow regions again, by the same rules and with normals from
+          such points alone. This finds a kerb three points high between road and footpath.
+        - Regions are divided where two planes that meet in a crease explain them better than one
+          smooth surface. Where points are few or noisy for the angle, a single neighborhood does
+          not show a crease; all points of a region do: a gable of 10 degrees from 1,000 points on.
+        - Regions that lie in one plane are joined if the gap between them is at most half as long
+          as the smaller one: the parts of a wall that a shadow cuts, and strips of a face whose
+          normals are bad.
+        - Regions that touch and are no wider than the neighborhoods are joined if one cylinder
+          explains them: strips of a post, a trunk, a bin. It takes in the points on it.
+        - Points that no region reached go to the region whose plane is nearest to them, if it is
+          near enough for its noise; so does a region no larger than a neighborhood, as a whole.
 
-    divide_at_creases : bool, default=True
-        Whether regions are divided where two planes that meet in a crease explain them better than
-        one smooth surface. Where points are few or noisy for the angle, a single neighborhood does
-        not show a crease, and growth crosses it; all points of a region do: a gable of 10 degrees
-        from 1,000 points on. In three dimensions only. False is the paper's form.
-
-    join_coplanar : bool, default=True
-        Whether regions that lie in one plane are joined if the gap between them is at most half
-        as long as the smaller one. This joins the parts of a wall that a shadow cuts, and the
-        strips of a face whose normals are bad. Noise is that of the neighborhoods, or what flat
-        regions show themselves: a depth camera's table is one. False is the paper's form.
-
-    join_curved : bool, default=True
-        Whether regions that touch and are no wider than the neighborhoods are joined if they
-        are parts of one cylinder: strips of a post, a trunk, a bin. The cylinder must explain
-        them as well as each is explained by itself, and better than a plane of each. With
-        `assign_unlabeled` such a cylinder also takes in the points on it before planes do. In three
-        dimensions only. False is the paper's form.
-
-    assign_unlabeled : bool, default=True
-        Whether points that no region reached go to the region whose local plane is nearest to
-        them, if it is near enough for its noise. Most of these points are next to edges or in
-        the tails of the noise. A region no larger than a neighborhood goes there as a whole if
-        most of its points do.
+        Creases and cylinders are for three dimensions.
 
     normals : {"estimate", "precomputed"}, default="estimate"
         "estimate": X are coordinates, and `normal_estimator` finds normals and curvature.
@@ -166,12 +148,11 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     The paper leaves the automatic thresholds to a reference that was not at hand. Those here,
     the median and two median absolute deviations of the distances to the plane and the median
     of the distances between points, are remembered from later papers of its authors, and
-    unverified. ``mutual=False, find_narrow_faces=False, divide_at_creases=False,
-    join_coplanar=False, join_curved=False, assign_unlabeled=False`` is nearest to the paper.
-    Departures: deviations are scaled to standard deviations by 1.4826, and half the step of rounded
-    coordinates is added, or what their precision amounts to.
+    unverified. ``refine=False`` is nearest to the paper. Departures: deviations are scaled to
+    standard deviations by 1.4826, and half the step of rounded coordinates is added, or what their
+    precision amounts to.
 
-    With `mutual`, the usual noise around a point is the lower quartile of the neighbors'
+    With `refine`, the usual noise around a point is the lower quartile of the neighbors'
     noise. A plane may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 *
     n_neighbors)``, and by the deviation of a surface whose normals turn by `max_angle` over the
     distance of the farthest neighbor. So no threshold depends on the unit or on the density of the
@@ -228,12 +209,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         "max_distance": [Interval(Real, 0, None, closed="neither"), None],
         "max_gap": [Interval(Real, 0, None, closed="neither"), None],
         "min_region_size": [Interval(Integral, 1, None, closed="left")],
-        "mutual": ["boolean"],
-        "find_narrow_faces": ["boolean"],
-        "divide_at_creases": ["boolean"],
-        "join_coplanar": ["boolean"],
-        "join_curved": ["boolean"],
-        "assign_unlabeled": ["boolean"],
+        "refine": ["boolean"],
         "normals": [StrOptions({"estimate", "precomputed"})],
         "normal_estimator": [RobustNormalEstimator, None],
         "random_state": ["random_state"],
@@ -249,12 +225,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         max_distance: float | None = None,
         max_gap: float | None = None,
         min_region_size: int = 10,
-        mutual: bool = True,
-        find_narrow_faces: bool = True,
-        divide_at_creases: bool = True,
-        join_coplanar: bool = True,
-        join_curved: bool = True,
-        assign_unlabeled: bool = True,
+        refine: bool = True,
         normals: Literal["estimate", "precomputed"] = "estimate",
         normal_estimator: RobustNormalEstimator | None = None,
         random_state: int | np.random.RandomState | None = None,
@@ -265,12 +236,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         self.max_distance = max_distance
         self.max_gap = max_gap
         self.min_region_size = min_region_size
-        self.mutual = mutual
-        self.find_narrow_faces = find_narrow_faces
-        self.divide_at_creases = divide_at_creases
-        self.join_coplanar = join_coplanar
-        self.join_curved = join_curved
-        self.assign_unlabeled = assign_unlabeled
+        self.refine = refine
         self.normals = normals
         self.normal_estimator = normal_estimator
         self.random_state = random_state
@@ -299,7 +265,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
             If X has NaN, infinite or too few values, or ``normals="precomputed"`` and X are not
             the columns of a :class:`RobustNormalEstimator`.
         """
-        columns = self._settle_columns(X)
+        columns = self._columns(X)
         xyz = columns.coordinates
         index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
         points, rows = index.points, index.rows
@@ -333,11 +299,11 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
 
     def _stages(self):
         normals = ("normals",) if self.normals == "estimate" else ()
-        narrow = ("narrow faces",) if self.find_narrow_faces else ()
+        narrow = ("narrow faces",) if self.refine else ()
         growth = ("links of neighbors", "growing regions", *narrow)
         return (*normals, *growth, "joining regions", "cylinders and the rest")
 
-    def _settle_columns(self, X):
+    def _columns(self, X):
         """Coordinates and planes of all points."""
         X = validate_points(self, X, ensure_min_features=2)
         check_work(self, len(X))

@@ -4,18 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._flatness import most_noise_around
-from sklearn_mcmd.planes._linking import LinkLimits, farthest_neighbors, row_linker
+from sklearn_mcmd.planes._around import extents, most_noise_around, ratio
+from sklearn_mcmd.planes._explaining import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = [
-    "BENT",
-    "CUTOFF",
     "HEIGHT_BITS",
-    "USUAL",
+    "GrowthLimits",
     "GrowthRules",
     "by_place",
     "grow_regions",
@@ -25,20 +22,22 @@ __all__ = [
     "seed_order",
 ]
 
-# A surface explains a point within so many of its standard deviations.
-CUTOFF = 3.0
-# A plane may be noisier than is usual around by what curvature explains. Points of a disk of radius
-# r on a cylinder whose normals turn by an angle over r deviate from their plane by this share of
-# angle * r (root mean square).
-BENT = 1 / 8
-# Share of the neighbors that tell what noise is usual around. Next to an edge less than half of
-# them have planes of their own face. What fewer tell is small by chance, and faces fall apart.
-USUAL = 0.25
-# The paper's rule A: neighbors within the median and so many standard deviations.
-N_DEVIATIONS = 2.0
-# Seeds are as flat, or as near to their planes, if they differ by less than these bits of the
-# surface variation, and of the plane's standard deviation.
-VARIATION_BITS, HEIGHT_BITS = 30, 16
+# Seeds are as flat, or as near to their planes, if they differ by less than these bits ...
+VARIATION_BITS = 30  # ... of the surface variation, and
+HEIGHT_BITS = 16  # ... of the plane's standard deviation
+
+
+class GrowthLimits(NamedTuple):
+    """When a region may grow on."""
+
+    # A plane may be noisier than is usual around by what curvature explains. Points of a disk of
+    # radius r on a cylinder whose normals turn by an angle over r deviate from their plane by this
+    # share of angle * r (root mean square).
+    bent: float = 1 / 8
+    # Share of the neighbors that tell what noise is usual around. Next to an edge less than half of
+    # them have planes of their own face. What fewer tell is small by chance, and faces fall apart.
+    usual: float = 0.25
+    n_deviations: float = 2.0  # the paper's rule A: the median and this many standard deviations
 
 
 class GrowthRules(NamedTuple):
@@ -71,15 +70,21 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     added from each point, nearest first, then -1; and the distance of the farthest neighbor looked
     at.
     """
-    n, k = len(index.points), n_linked(index, rules)
+    n, k, growth = len(index.points), n_linked(index, rules), GrowthLimits()
     radius, limit, links = index.empty(n), index.empty(n), index.empty((n, k), np.int32)
     max_gap = np.inf if rules.max_gap is None else rules.max_gap
-    limits = LinkLimits(rules.min_cosine, 1.0, max_gap, rules.mutual)
+    limits = LinkLimits(
+        min_cosine=rules.min_cosine,
+        explained=1.0,
+        max_gap=max_gap,
+        mutual=rules.mutual,
+        both_near=False,
+    )
     link = row_linker(index, k, planes._replace(scale=limit), limits, np.ones(n, bool))
 
     def measure(rows):
         around = index.query_own(rows, k)
-        radius[rows] = farthest_neighbors(index.points, around, rows.start)
+        radius[rows] = extents(index.points, index.points[rows], around)[1]
         if rules.max_distance is not None:
             limit[rows] = float(rules.max_distance)
         else:
@@ -89,8 +94,8 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
         link(rows, links[rows])
         if rules.mutual:
             around = index.query_own(rows, k)
-            bend = BENT * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
-            most = most_noise_around(planes.scale, around, index.n_neighbors, USUAL, bend)
+            bend = growth.bent * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
+            most = most_noise_around(planes.scale, around, index.n_neighbors, growth.usual, bend)
             links[rows][planes.scale[rows] > most] = -1
 
     each_slice(n, index.chunk, measure, n_jobs)
@@ -148,4 +153,4 @@ def _rule_a(points, planes, around):
     away = np.abs(np.einsum("mkd,md->mk", gaps, planes.normals))
     middle = np.median(away, axis=1)
     spread = MAD_TO_SD * np.median(np.abs(away - middle[:, None]), axis=1)
-    return middle + N_DEVIATIONS * spread
+    return middle + GrowthLimits().n_deviations * spread

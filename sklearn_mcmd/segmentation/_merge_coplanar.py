@@ -1,31 +1,33 @@
 """Planes of regions, and the joining of regions that are parts of one plane."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._chunks import run, slices
-from sklearn_mcmd.segmentation._graph import CUTOFF
 from sklearn_mcmd.segmentation._region_sums import PART, median_by_region, region_moments, relabeled
 
-__all__ = ["MOST_NOISE", "join_coplanar", "own_noise", "region_planes"]
+__all__ = ["JoinLimits", "join_coplanar", "own_noise", "region_planes"]
 
-# Largest ratio of two root mean squares that count as equal. A region is flat if the distances from
-# its plane are at most this many times the noise of its neighborhoods. Another region lies in that
-# plane if they are at most as many times the noise of the quieter of the two: noise of a curved one
-# contains its bend.
-MOST_NOISE = 1.5
-# Parts are joined over a gap of at most this share of the smaller one's length.
-MOST_GAP = 0.5
-# Rounding error of a least eigenvalue, as a share of the largest one.
-ROUNDING = 16 * np.finfo(np.float64).eps
-# Number of regions whose pairs are tried at once; it limits the memory.
-CHUNK = 256
-# One point in so many is asked first whether a region is near.
-FEW = 128
-# A search reaches farther than the largest gap by more than rounding.
-WIDER = 1.0 + 1e-9
+ROUNDING = 16 * np.finfo(np.float64).eps  # of a least eigenvalue, as a share of the largest one
+CHUNK = 256  # regions whose pairs are tried at once; it limits the memory
+FEW = 128  # one point in so many is asked first whether a region is near
+WIDER = 1.0 + 1e-9  # a search reaches farther than the largest gap by more than rounding
+
+
+class JoinLimits(NamedTuple):
+    """When regions are one surface."""
+
+    # Largest ratio of two root mean squares that count as equal. A region is flat if the distances
+    # from its plane are at most this many times the noise of its neighborhoods. Another region lies
+    # in that plane if they are at most as many times the noise of the quieter of the two: noise of
+    # a curved one contains its bend.
+    most_noise: float = 1.5
+    most_gap: float = 0.5  # parts are joined over a gap of this share of the smaller one's length
 
 
 def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
@@ -82,10 +84,10 @@ def join_coplanar(points, labels, around, n_jobs=None):
 def own_noise(covariances, radius):
     """Root mean square distances of flat regions from their planes; 0 for those that are not.
 
-    `CUTOFF` times that distance is within a neighborhood's radius where a region is flat.
+    Three times that distance is within a neighborhood's radius where a region is flat.
     """
     own = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
-    return np.where(CUTOFF * own <= radius, own, 0.0)
+    return np.where(ExplainLimits().explained * own <= radius, own, 0.0)
 
 
 def _pool(sizes, centroids, covariances, noise, part):
@@ -114,9 +116,9 @@ def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
     eigenvalues, axes = np.linalg.eigh(covariances)
     eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
     # Points spread evenly over a length have its root 12th as standard deviation.
-    length = np.sqrt(12 * eigenvalues[:, -1])
+    length, (most_noise, most_gap) = np.sqrt(12 * eigenvalues[:, -1]), JoinLimits()
     rounding = ROUNDING * eigenvalues[:, -1]
-    flat = eigenvalues[:, 0] <= (MOST_NOISE * noise.max(axis=1)) ** 2 + rounding
+    flat = eigenvalues[:, 0] <= (most_noise * noise.max(axis=1)) ** 2 + rounding
     flat &= sizes > centroids.shape[1]
     # Regions that are not flat are in no pair; a cloud of noise has very many of them.
     flat = np.flatnonzero(flat)
@@ -134,7 +136,7 @@ def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
         thin = np.where(own[rows] > 0, own[rows], -np.inf)[:, None]
         thin = np.where(own > 0, np.maximum(own, thin), 0.0) * (thin > 0)
         limit = np.maximum(np.minimum(scale, scale[rows][:, None]), thin)
-        limit = (MOST_NOISE * limit) ** 2
+        limit = (most_noise * limit) ** 2
         limit += np.maximum(rounding[None], rounding[rows][:, None])
         square = heights**2 + tilted
         candidate = square <= limit
@@ -142,14 +144,14 @@ def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
         r, s = np.nonzero(candidate)
         # This is a lower bound of the gap: no point is farther from its centroid than the length.
         beyond = np.linalg.norm(apart[r, s], axis=-1) - reach[rows][r] - reach[s]
-        near = beyond <= MOST_GAP * reach[s]
+        near = beyond <= most_gap * reach[s]
         r, s = r[near], s[near]
         found[place] = np.column_stack([flat[s], flat[rows][r], square[r, s]])
 
     run(list(enumerate(parts, 1)), search, n_jobs)
     small, large, square = np.concatenate(found).T
     order = np.lexsort((large, square, small))
-    return np.column_stack([small, large])[order].astype(int), MOST_GAP * length
+    return np.column_stack([small, large])[order].astype(int), most_gap * length
 
 
 def _joined_boxes(low, high, part):

@@ -1,34 +1,42 @@
 """Faces a few points wide beside larger ones: what growth left over, grown by itself."""
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._plane import fit_planes
+from sklearn_mcmd.planes._principal_planes import fit_planes
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.segmentation._graph import (
-    CUTOFF,
+    GrowthRules,
     by_place,
     grow_regions,
     link_neighbors,
     n_within_median,
 )
-from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE, join_coplanar
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, join_coplanar
 from sklearn_mcmd.segmentation._region_sums import median_by_region, region_sizes, rows_of
 
-__all__ = ["RestFaces"]
+__all__ = ["NarrowFaceLimits", "NarrowFaces"]
 
-# Points that have a plane together are no farther from each other than so many times the radius
-# that growth looks at: a strip has fewer points within it than a face on all sides.
-REACH = 2.0
-# What keeps points without noise at the origin from a division by zero.
-LEAST_NOISE = np.finfo(np.float64).tiny
-# Neighbors looked at at once: what they need stays in the processor's cache.
-CHUNK = 30_000
+TINY = np.finfo(np.float64).tiny  # least noise: no division by zero of points at the origin
+CHUNK = 30_000  # neighbors looked at at once: what they need stays in the processor's cache
 
 
-class RestFaces:
+class NarrowFaceLimits(NamedTuple):
+    """What a narrow face is."""
+
+    # Points that have a plane together are no farther from each other than this many times the
+    # radius that growth looks at: a strip has fewer points within it than a face on all sides.
+    reach: float = 2.0
+
+
+@dataclass(frozen=True)
+class NarrowFaces:
     """Grows regions of the points that lie off all larger regions around them.
 
     On a face a few points wide, such as a kerb, the neighborhoods have most of their points on
@@ -41,57 +49,57 @@ class RestFaces:
     the wrong face, count for nothing. Its deviation is the region's usual noise, so nothing
     depends on the unit. Planes of a face are, by the same measure, no noisier than those of the
     flattest region beside it.
-
-    `floor` (n,) is the least standard deviation of a plane at each point: what rounding amounts to.
     """
 
-    def __init__(self, index, floor, rules, n_jobs=None):
-        self.index, self.k, self.floor = index, index.n_neighbors, floor
-        self.rules, self.n_jobs = rules, n_jobs
+    index: NeighborIndex
+    planes: Planes  # of all points; those of faces' points are changed in place
+    floor: np.ndarray  # (n,), the least standard deviation of a plane: what rounding amounts to
+    rules: GrowthRules
+    n_jobs: int | None
 
-    def grow(self, labels, planes):
+    def grow(self, labels):
         """Find faces, and let them take in the points around that lie on them best.
 
         Labels are from 0 on without gaps, -1 for none; faces come last. They are larger than a
         neighborhood, as are the regions that count as surfaces; the smaller ones are part of what
-        growth left over. Planes are changed in place: the points of faces have planes of their own.
+        growth left over. The points of faces get planes of their own.
         """
+        planes, cutoff = self.planes, ExplainLimits().explained
         sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1)
         surface = np.append(sizes > self.k, False)  # the last is -1
         rest = rows_of(labels, ~surface)
         if len(rest) <= self.k or not surface.any():
-            return labels, planes
+            return labels
         usual = median_by_region(planes.scale, labels, len(sizes))
-        outer = np.where(surface, np.append(np.maximum(usual, LEAST_NOISE), np.inf), np.inf)
+        outer = np.where(surface, np.append(np.maximum(usual, TINY), np.inf), np.inf)
         # Many points, of which most are in the tails of the noise: the nearer half tells.
-        surfaces = labels, planes, outer
-        _, share, flattest = self._nearest(rest, n_within_median(self.k) + 1, *surfaces)
-        off = np.flatnonzero((share > CUTOFF) & np.isfinite(share))
+        _, share, flattest = self._nearest(rest, n_within_median(self.k) + 1, labels, outer)
+        off = np.flatnonzero((share > cutoff) & np.isfinite(share))
         off = off[np.lexsort(self.index.points[rest[off]].T)]  # as `by_place`
-        rows, face = self._faces(rest[off], flattest[off], planes)
+        rows, face = self._faces(rest[off], flattest[off])
         if len(rows) == 0:
-            return labels, planes
+            return labels
         first = len(sizes)
         labels = labels.copy()
         labels[rows] = first + face
-        self._refit(labels, rows, planes)  # points of other faces were among those asked
+        self._refit(labels, rows)  # points of other faces were among those asked
         own = median_by_region(planes.scale[rows], face, int(face.max()) + 1)
-        own = np.maximum(own, LEAST_NOISE)
+        own = np.maximum(own, TINY)
         usual = np.concatenate([outer[:-1], own, [np.inf]])
         fresh, members = rows, by_place(self.index.points, rows)
         while len(fresh):
             around = np.unique(self.index.query_own(fresh, self.k).indices)
             around = around[labels[around] < first]
-            owner, share, _ = self._nearest(around, self.k, labels, planes, usual)
-            won = (owner >= first) & (share <= CUTOFF)
+            owner, share, _ = self._nearest(around, self.k, labels, usual)
+            won = (owner >= first) & (share <= cutoff)
             fresh = around[won]
             labels[fresh] = owner[won]
             # Handed on as it is, a plane leads off no face; one fitted to an edge's points would.
-            self._lend(labels, members, fresh, planes)
+            self._lend(labels, members, fresh)
             members = by_place(self.index.points, np.union1d(members, fresh))
-        return labels, planes
+        return labels
 
-    def _nearest(self, rows, k, labels, planes, usual):
+    def _nearest(self, rows, k, labels, usual):
         """The region on whose surface each of m rows lies best among k neighbors, and how well.
 
         Not the question of `explain`: a surface is the median of a region's planes around. Single
@@ -105,7 +113,7 @@ class RestFaces:
         owner, share, flattest = np.full(m, -1), np.full(m, np.inf), np.full(m, np.inf)
 
         def task(part):
-            row, region, height = self._heights(rows[part], k, labels, planes, usual)
+            row, region, height = self._heights(rows[part], k, labels, usual)
             height /= usual[region]
             np.minimum.at(flattest[part], row, usual[region])
             order = np.lexsort((region, height, row))
@@ -115,12 +123,12 @@ class RestFaces:
         self._each_part(m, task)
         return owner, share, flattest
 
-    def _heights(self, rows, k, labels, planes, usual):
+    def _heights(self, rows, k, labels, usual):
         """Distances of rows from the regions around: places in `rows`, regions, distances."""
-        points = self.index.points
+        points, planes, most_noise = self.index.points, self.planes, JoinLimits().most_noise
         near = self.index.query_own(rows, k).indices
         region = labels[near]
-        known = np.isfinite(usual)[region] & (planes.scale[near] <= MOST_NOISE * usual[region])
+        known = np.isfinite(usual)[region] & (planes.scale[near] <= most_noise * usual[region])
         heights = np.zeros(near.shape)
         for axis in range(points.shape[1]):
             gaps = points[rows, axis][:, None] - planes.centroids[near, axis]
@@ -145,13 +153,13 @@ class RestFaces:
             np.concatenate([of_single, height[middle]]),
         )
 
-    def _faces(self, rows, flattest, planes):
+    def _faces(self, rows, flattest):
         """Regions of rows by planes among themselves: rows, and the face of each, from 0 on."""
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
-        reach = REACH * planes.radius[rows]
-        found = self._planes(rows, np.zeros(len(rows), dtype=np.intp), reach)
-        flat = found.scale <= MOST_NOISE * flattest
+        reach, planes = NarrowFaceLimits().reach, self.planes
+        found = self._planes(rows, np.zeros(len(rows), dtype=np.intp))
+        flat = found.scale <= JoinLimits().most_noise * flattest
         rows, found = rows[flat], found.take(flat)
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
@@ -159,7 +167,7 @@ class RestFaces:
         rows, found = rows[index.rows], found.take(index.rows)
         links, _ = link_neighbors(index, found, self.floor[rows], self.rules, self.n_jobs)
         gaps = index.points[:, None] - index.points[links]
-        far = np.square(gaps).sum(axis=-1) > np.square(REACH * planes.radius[rows])[:, None]
+        far = np.square(gaps).sum(axis=-1) > np.square(reach * planes.radius[rows])[:, None]
         far |= links < 0
         links = np.where(far, -1, links)
         links = np.take_along_axis(links, np.argsort(far, axis=1, kind="stable"), axis=1)
@@ -170,29 +178,29 @@ class RestFaces:
         inside = large[face]
         return rows[inside], number[face[inside]]
 
-    def _refit(self, labels, rows, planes):
+    def _refit(self, labels, rows):
         """Planes of which rows have those of their own regions' points."""
-        found = self._planes(rows, labels[rows], REACH * planes.radius[rows])
+        found = self._planes(rows, labels[rows])
         fitted = np.isfinite(found.scale)
         rows, found = rows[fitted], found.take(fitted)
         scale = np.maximum(found.scale, self.floor[rows])
-        _replace(planes, rows, found._replace(scale=scale))
+        self._put(rows, found._replace(scale=scale))
 
-    def _lend(self, labels, members, rows, planes):
+    def _lend(self, labels, members, rows):
         """Planes of which rows have that of the nearest member of their face."""
         points = self.index.points
         lenders = np.empty_like(rows)
         for face in np.unique(labels[rows]).tolist():
             own, others = labels[rows] == face, members[labels[members] == face]
             lenders[own] = others[cKDTree(points[others]).query(points[rows[own]])[1]]
-        _replace(planes, rows, planes.take(lenders))
+        self._put(rows, self.planes.take(lenders))
 
-    def _planes(self, rows, group, reach):
+    def _planes(self, rows, group):
         """Centroids, normals and scales of planes of the rows of the same group within reach.
 
         The scale is inf where these are too few.
         """
-        points = self.index.points[rows]
+        points, reach = self.index.points[rows], NarrowFaceLimits().reach * self.planes.radius[rows]
         (m, d), k = points.shape, min(self.k, len(rows))
         found = Planes.unknown(m, d)
         tree = cKDTree(points, balanced_tree=False)
@@ -215,8 +223,12 @@ class RestFaces:
     def _each_part(self, m, task):
         run([(part,) for part in slices(m, max(1, CHUNK // self.k))], task, self.n_jobs)
 
+    def _put(self, rows, found):
+        """Overwrite the planes of rows, but for how far they reach."""
+        for name in ("centroids", "normals", "scale"):
+            getattr(self.planes, name)[rows] = getattr(found, name)
 
-def _replace(planes, rows, others):
-    """Overwrite what tells of the faces of rows."""
-    planes.centroids[rows], planes.normals[rows] = others.centroids, others.normals
-    planes.scale[rows] = others.scale
+    @property
+    def k(self):
+        """Size of a neighborhood."""
+        return self.index.n_neighbors

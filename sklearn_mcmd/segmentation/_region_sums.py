@@ -25,16 +25,11 @@ __all__ = [
     "sums_by_region",
 ]
 
-# Points at once; it limits the memory.
-PART = 2**18
-# Parts whose points are put in order of regions once for all sums, at most.
-KEPT = 8
-# Medians of so many values are sought at once, or of one region with more.
-AT_ONCE = 2_000_000
-# Medians of smaller regions are sought together: each by itself would take longer.
-FEW = 128
-# Bits of a number of double precision.
-BITS = 52
+PART = 2**18  # points at once; it limits the memory
+KEPT = 8  # parts whose points are put in order of regions once for all sums, at most
+AT_ONCE = 2_000_000  # values whose medians are sought at once, or of one region with more
+FEW = 128  # medians of smaller regions are sought together: each by itself would take longer
+BITS = 52  # of a number of double precision
 
 
 class Moments(NamedTuple):
@@ -79,29 +74,14 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
     (n_regions + 1,) takes the place of each label, the last that of -1.
     """
     d, parts = points.shape[1], _Parts(labels, number, n_jobs)
-    sizes = np.zeros(n_regions)
-    low, high = np.full((d, n_regions), np.inf), np.full((d, n_regions), -np.inf)
-
-    def measure(groups, lock):
-        weight = groups.counts if weights is None else groups.sum(groups.take(weights) * 1.0)
-        own = [groups.take(points[:, i]) for i in range(d)]
-        least = [np.minimum.reduceat(column, groups.starts) for column in own]
-        most = [np.maximum.reduceat(column, groups.starts) for column in own]
-        with lock:
-            sizes[groups.regions] += weight
-            for i in range(d):
-                low[i, groups.regions] = np.minimum(low[i, groups.regions], least[i])
-                high[i, groups.regions] = np.maximum(high[i, groups.regions], most[i])
-
-    parts.visit(measure)
+    sizes, low, high = _boxes(points, parts, n_regions, weights)
     inside = np.isfinite(low[0])
     low[:, ~inside] = high[:, ~inside] = 0.0
     # A power of two is the unit, so that squares are near 1.
     unit = int(np.clip(np.frexp((high - low).max(initial=0.0))[1], -1000, 1000))
-    factor = 2.0**-unit
-    extent = np.frexp(np.ldexp(high - low, -unit))[1]
-    bits = np.frexp(np.maximum(sizes, 1.0))[1] + (weights is not None)
+    factor, extent = 2.0**-unit, np.frexp(np.ldexp(high - low, -unit))[1]
     divisor = np.maximum(sizes, 1.0)
+    bits = np.frexp(divisor)[1] + (weights is not None)
 
     def local(groups, i):
         gaps = groups.take(points[:, i]) - np.repeat(low[i, groups.regions], groups.counts)
@@ -111,44 +91,51 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
     def weighted(groups, values):
         return values if weights is None else values * groups.take(weights)
 
-    sums = np.zeros((d, 2, n_regions))
+    def columns(groups):
+        return (weighted(groups, local(groups, i)) for i in range(d))
 
-    def add(groups, lock):
-        found = [
-            _two_sums(groups, weighted(groups, local(groups, i)), extent[i], bits) for i in range(d)
-        ]
-        with lock:
-            for i in range(d):
-                sums[i][:, groups.regions] += found[i]
+    means = _sums(parts, n_regions, columns, extent, bits) / divisor
+    pairs = [(i, j) for i in range(d) for j in range(i + 1)]
 
-    parts.visit(add)
-    means = sums.sum(axis=1) / divisor
-    products = np.zeros((d, d, 2, n_regions))
+    def products(groups):
+        of_mean = [np.repeat(means[i, groups.regions], groups.counts) for i in range(d)]
+        gaps = [local(groups, i) - of_mean[i] for i in range(d)]
+        return (weighted(groups, gaps[i] * gaps[j]) for i, j in pairs)
 
-    def multiply(groups, lock):
-        gaps = [
-            local(groups, i) - np.repeat(means[i, groups.regions], groups.counts) for i in range(d)
-        ]
-        found = {}
-        for i in range(d):
-            for j in range(i + 1):
-                # Rounding may make a deviation longer than the extent.
-                most = extent[i] + extent[j] + 2
-                values = weighted(groups, gaps[i] * gaps[j])
-                found[i, j] = _two_sums(groups, values, most, bits)
-        with lock:
-            for (i, j), pair in found.items():
-                products[i, j][:, groups.regions] += pair
-
-    parts.visit(multiply)
+    # Rounding may make a deviation longer than the extent.
+    extents = [extent[i] + extent[j] + 2 for i, j in pairs]
+    moments = _sums(parts, n_regions, products, extents, bits) / divisor
     covariances = np.empty((n_regions, d, d))
     with np.errstate(over="ignore"):
-        for i in range(d):
-            for j in range(i + 1):
-                moment = np.ldexp(products[i, j].sum(axis=0) / divisor, 2 * unit)
-                covariances[:, i, j] = covariances[:, j, i] = moment
+        for (i, j), moment in zip(pairs, moments, strict=True):
+            covariances[:, i, j] = covariances[:, j, i] = np.ldexp(moment, 2 * unit)
     centroids = np.where(inside, low + np.ldexp(means, unit), 0.0)
-    return Moments(sizes, centroids.T.copy(), covariances, low.T.copy(), high.T.copy())
+    return Moments(
+        sizes=sizes,
+        centroids=centroids.T.copy(),
+        covariances=covariances,
+        low=low.T.copy(),
+        high=high.T.copy(),
+    )
+
+
+def _boxes(points, parts, n_regions, weights):
+    """Sizes of regions, and the low and high corners (d, n_regions) of their boxes."""
+    d, sizes = points.shape[1], np.zeros(n_regions)
+    low, high = np.full((d, n_regions), np.inf), np.full((d, n_regions), -np.inf)
+
+    def measure(groups, lock):
+        weight = groups.counts if weights is None else groups.sum(groups.take(weights) * 1.0)
+        own, there = [groups.take(points[:, i]) for i in range(d)], groups.regions
+        least = [np.minimum.reduceat(column, groups.starts) for column in own]
+        most = [np.maximum.reduceat(column, groups.starts) for column in own]
+        with lock:
+            sizes[there] += weight
+            low[:, there] = np.minimum(low[:, there], least)
+            high[:, there] = np.maximum(high[:, there], most)
+
+    parts.visit(measure)
+    return sizes, low, high
 
 
 def sums_by_region(values, labels, n_regions, number=None, n_jobs=None):
@@ -157,15 +144,22 @@ def sums_by_region(values, labels, n_regions, number=None, n_jobs=None):
     most = max((float(values[rows].max(initial=0.0)) for rows in parts.slices), default=0.0)
     extent = np.full(n_regions, np.frexp(most)[1])
     bits = np.full(n_regions, np.frexp(float(max(len(labels), 1)))[1])
-    sums = np.zeros((2, n_regions))
+    return _sums(parts, n_regions, lambda groups: [groups.take(values)], [extent], bits)[0]
+
+
+def _sums(parts, n_regions, columns, extents, bits):
+    """Sums by region of the values that ``columns(groups)`` gives; for the rest see `_two_sums`."""
+    sums = np.zeros((len(extents), 2, n_regions))
 
     def add(groups, lock):
-        found = _two_sums(groups, groups.take(values), extent, bits)
+        pairs = zip(columns(groups), extents, strict=True)
+        found = [_two_sums(groups, values, extent, bits) for values, extent in pairs]
         with lock:
-            sums[:, groups.regions] += found
+            for total, pair in zip(sums, found, strict=True):
+                total[:, groups.regions] += pair
 
     parts.visit(add)
-    return sums.sum(axis=0)
+    return sums.sum(axis=1)
 
 
 def median_by_region(values, labels, n_regions):

@@ -5,22 +5,22 @@ from scipy.spatial import ConvexHull, QhullError
 
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._orientation import point_up
-from sklearn_mcmd.planes._plane import RANK_TOLERANCE
+from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE
 from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, fit_cylinder
-from sklearn_mcmd.segmentation._cylinder_parts import LEAST_SIZE
+from sklearn_mcmd.segmentation._cylinder_parts import CylinderLimits
 from sklearn_mcmd.segmentation._graph import by_place
-from sklearn_mcmd.segmentation._merge_coplanar import MOST_NOISE, own_noise
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, own_noise
 from sklearn_mcmd.segmentation._region_sums import median_by_region, rows_of
 
 __all__ = ["region_table"]
 
 N_PLANE = 3  # parameters of a plane
+NAMES = "kind points area centroid normal dip dip_direction rms height_error normal_error"
+TYPES = {"kind": "U8", "points": np.int64, "outline": object}  # of columns; others are numbers
+TYPES |= dict.fromkeys(("centroid", "normal", "axis_point", "axis"), "3f8")
 FIELDS = [
-    ("kind", "U8"), ("points", np.int64), ("area", float), ("centroid", float, 3),
-    ("normal", float, 3), ("dip", float), ("dip_direction", float), ("rms", float),
-    ("height_error", float), ("normal_error", float), ("axis_point", float, 3),
-    ("axis", float, 3), ("radius", float), ("outline", object),
-]  # fmt: skip
+    (name, TYPES.get(name, "f8")) for name in f"{NAMES} axis_point axis radius outline".split()
+]
 
 
 def region_table(points, labels, around, moments):
@@ -47,10 +47,11 @@ def region_table(points, labels, around, moments):
         table[name] = np.nan
     if len(sizes) == 0:
         return table
+    most_noise, least_size = JoinLimits().most_noise, CylinderLimits().least_size
     usual = median_by_region(around.scale, labels, len(sizes))
     # What eigenvalues round is no bend, and no cylinder about a line.
     flat, thin = (values[:, i] <= RANK_TOLERANCE * values[:, 2] for i in (0, 1))
-    flat |= table["rms"] <= MOST_NOISE * usual
+    flat |= table["rms"] <= most_noise * usual
     flat |= own_noise(covariances, median_by_region(around.radius, labels, len(sizes))) > 0
     rows = by_place(points, rows_of(labels, np.append(np.ones(len(sizes), bool), False)))
     rows = rows[np.argsort(labels[rows], kind="stable")]
@@ -62,10 +63,10 @@ def region_table(points, labels, around, moments):
         effect = np.sqrt(_design_effect(places, heights, own["area"]))
         own["height_error"] *= effect
         own["normal_error"] = min(effect * own["normal_error"], 90.0)
-        if len(group) >= LEAST_SIZE and not thin[region]:
+        if len(group) >= least_size and not thin[region]:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
             left = np.sqrt(total / (len(group) - N_PARAMETERS))
-            if left <= MOST_NOISE * usual[region] and noise[region] > MOST_NOISE * left:
+            if left <= most_noise * usual[region] and noise[region] > most_noise * left:
                 own["kind"], own["radius"], own["rms"] = "cylinder", cylinder.radius, left
                 axis = point_up(cylinder.axis[None].copy())[0]
                 own["axis"] = axis

@@ -1,23 +1,41 @@
 """The steps of `RegionGrowing` that follow growth, of points in memory or on disk."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.segmentation._assign_points import Claims
-from sklearn_mcmd.segmentation._creases import divide_at_creases
-from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
+from sklearn_mcmd.segmentation._cylinder_parts import NO_SHAPES, CylinderParts
 from sklearn_mcmd.segmentation._graph import GrowthRules
 from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar
-from sklearn_mcmd.segmentation._narrow_faces import RestFaces
+from sklearn_mcmd.segmentation._narrow_faces import NarrowFaces
+from sklearn_mcmd.segmentation._region_division import divide_at_creases
 from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled
 
-__all__ = ["finish_regions", "rules_of"]
+__all__ = ["GrowthSteps", "finish_regions", "rules_of", "steps_of"]
+
+
+class GrowthSteps(NamedTuple):
+    """What refines the paper's growth; the ablation switches single steps off."""
+
+    mutual: bool = True  # planes explain each other
+    find_narrow_faces: bool = True
+    divide_at_creases: bool = True
+    join_coplanar: bool = True
+    join_curved: bool = True
+    assign_unlabeled: bool = True
+
+
+def steps_of(growing):
+    """The `GrowthSteps` of a `RegionGrowing`: all of them, or none."""
+    return GrowthSteps() if growing.refine else GrowthSteps(*[False] * len(GrowthSteps._fields))
 
 
 def rules_of(growing):
     """The `GrowthRules` of a `RegionGrowing`."""
     cosine = np.cos(np.radians(growing.max_angle))
-    return GrowthRules(cosine, growing.max_distance, growing.max_gap, growing.mutual)
+    return GrowthRules(cosine, growing.max_distance, growing.max_gap, steps_of(growing).mutual)
 
 
 def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
@@ -26,29 +44,34 @@ def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
     The planes are of ``index.points``; what tells of their faces may be changed. `floor` is as by
     `least_scales`, `copies` (n,) are the points at each place, and `growing` has the parameters.
     """
-    rules, in_space = rules_of(growing), index.points.shape[1] == 3
+    rules, steps = rules_of(growing), steps_of(growing)
+    in_space = index.points.shape[1] == 3
     labels = _renumber(labels, copies, growing.min_region_size)
-    if growing.find_narrow_faces:
+    if steps.find_narrow_faces:
         with progress_part(0.0, 0.45, "narrow faces"):
-            labels, planes = RestFaces(index, floor, rules, n_jobs).grow(labels, planes)
+            faces = NarrowFaces(index=index, planes=planes, floor=floor, rules=rules, n_jobs=n_jobs)
+            labels = faces.grow(labels)
             labels = _renumber(labels, copies, growing.min_region_size)
     claims = Claims(index, planes, rules, n_jobs)
     with progress_part(0.45, 0.65, "joining regions"):
-        if growing.divide_at_creases and in_space:
+        if steps.divide_at_creases and in_space:
             labels = divide_at_creases(labels, index, planes, rules, n_jobs)
             labels = _renumber(labels, copies, growing.min_region_size)
-        if growing.assign_unlabeled:
+        if steps.assign_unlabeled:
             labels = _renumber(claims.absorb_fragments(labels), copies)
-        if growing.join_coplanar:
+        if steps.join_coplanar:
             labels = join_coplanar(index.points, labels, planes, n_jobs)
-    curved = growing.join_curved and in_space
-    cylinders = CylinderParts(index, planes, floor, growing.max_gap, n_jobs)
+    curved = steps.join_curved and in_space
+    cylinders = CylinderParts(
+        index=index, planes=planes, floor=floor, max_gap=growing.max_gap or np.inf, n_jobs=n_jobs
+    )
+    shapes = NO_SHAPES
     with progress_part(0.65, 1.0, "cylinders and the rest"):
-        if growing.assign_unlabeled:
-            labels = cylinders.grow(labels) if curved else labels
-            labels = claims.assign_unlabeled(labels, cylinders.curved)
+        if steps.assign_unlabeled:
+            labels, shapes = cylinders.grow(labels) if curved else (labels, shapes)
+            labels = claims.assign_unlabeled(labels, shapes.curved)
         if curved:  # once gaps between parts are filled
-            labels = cylinders.join(labels)
+            labels = cylinders.join(labels, shapes)
     return _renumber(labels, copies)
 
 

@@ -8,19 +8,19 @@ from sklearn.base import clone
 from sklearn_mcmd._choices import Mode, choices_of
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._validation import check_sensor_origin, is_auto
-from sklearn_mcmd.io._classes import LOW_NOISE, Choice, LowestPoints, classes_of_noise, ground_in
-from sklearn_mcmd.io._ground import HeightLimits
+from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise, ground_in
+from sklearn_mcmd.io._ground import HeightRange
 from sklearn_mcmd.io._las import is_denoised, read_header
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
-from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, share_to_flag
-from sklearn_mcmd.outliers._kinds import judged_cloud
+from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, share_to_flag
+from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.outliers._model import n_by_rays
-from sklearn_mcmd.outliers._volumes import losses_of
-from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
+from sklearn_mcmd.planes._nearest import COMPILE_FROM
+from sklearn_mcmd.report._volumes import losses_of
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._heights import Heights
@@ -72,7 +72,7 @@ class Denoise(Verb):
             raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
         check_detector(estimator)
         choice = Choice(ignore_classes, only_classes)
-        self.mode, self.limits = mode, HeightLimits.of(above, below, low_groups)
+        self.mode, self.limits = mode, HeightRange.of(above, below, low_groups)
         content = f"{mode} {choice} {self.limits}"
         super().__init__(clone(estimator).set_params(n_jobs=1), content, choice)
         self.needs_ground = self.limits is not None

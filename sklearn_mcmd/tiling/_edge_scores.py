@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.edges._creases import CreaseModel
+from sklearn_mcmd.edges._crease_distance import find_creases
 from sklearn_mcmd.edges._limits import column_of_criterion
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._planes import tell_new, told_planes
@@ -32,8 +32,8 @@ def find_distances(whole, job, all_cells, detector, n_threads):
     kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))
     kept[:] = 1.0
     planes = planes._replace(kept=kept, radius=radius, spacing=spacing)
-    model = CreaseModel(detector.n_neighbors, detector.min_angle, n_threads)
-    distance = model.find(index, planes, index.all_own())
+    around = index.all_own()
+    creases, distance = find_creases(index, planes, detector.min_angle, n_threads, around)
     for cell in range(len(cells)):
         own = distance[whole.rows(cell)]
 
@@ -41,7 +41,7 @@ def find_distances(whole, job, all_cells, detector, n_threads):
             return own[columns.read(cell, "place_of")]
 
         def of_removed(queries):
-            return model.distance_by(queries, index.query(queries, n_threads))
+            return creases.distance(queries, index.query(queries, n_threads))
 
         _write_scores(cell, all_cells, job, of_kept, of_removed)
 

@@ -11,7 +11,8 @@ import numpy as np
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import ground_in
-from sklearn_mcmd.io._ground import CORNERS, NONE_JUDGED, Ground, group_depths
+from sklearn_mcmd.io._ground import NONE_JUDGED, Ground, GroundLimits
+from sklearn_mcmd.outliers._low_groups import group_depths
 from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._memory import bytes_of_groups
@@ -130,7 +131,8 @@ def _nearest_ground(cells, xyz):
 
     Each point asks its own cell, and then all that may have nearer ground.
     """
-    plan, found = _flat(xyz), np.full((2, len(xyz), CORNERS), np.inf)
+    plan, n_nearest = _flat(xyz), GroundLimits().n_nearest
+    found = np.full((2, len(xyz), n_nearest), np.inf)
     own = cells.of(plan)
 
     def ask(cell, asked):
@@ -148,7 +150,7 @@ def _nearest_ground(cells, xyz):
         asked = asked[own[asked] != cell]
         if len(asked):
             both = np.concatenate([found[:, asked], ask(cell, asked)], axis=2)
-            nearest = np.lexsort(both[::-1])[:, :CORNERS]  # of equally distant ones the lowest
+            nearest = np.lexsort(both[::-1])[:, :n_nearest]  # of equally distant ones the lowest
             found[:, asked] = np.take_along_axis(both, nearest[None], axis=2)
     return found
 

@@ -4,7 +4,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.normals._orientation import Sides
+from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.normals._surface_planes import mends_planes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._orientation import count_upright
@@ -47,7 +47,7 @@ def without_sides(estimator):
     Raises as `check_normals` does, and for sides that are none.
     """
     check_normals(estimator)
-    Sides.settled(estimator.orientation, estimator.sensor_origin, np.zeros((1, 3)))
+    Sides.of(estimator.orientation, estimator.sensor_origin, np.zeros((1, 3)))
     return estimator.set_params(orientation=None, sensor_origin=None)
 
 

@@ -6,8 +6,9 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing
 from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
+from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
-from sklearn_mcmd.io._las_parts import read_parts, writing_parts
+from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.runtime._progress import tell_share
 from sklearn_mcmd.tiling._catalog import stamp_of
 from sklearn_mcmd.tiling._memory import PART

@@ -12,14 +12,14 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.normals import RobustNormalEstimator
-from sklearn_mcmd.normals._adaptive_k import AROUND, ScaleFinder
+from sklearn_mcmd.normals._adaptive_k import ScaleFinder, SizeLimits
 from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
-from sklearn_mcmd.normals._fitted import fitted_of
-from sklearn_mcmd.normals._orientation import TREE_NEIGHBORS, Sides
+from sklearn_mcmd.normals._estimator import fitted_of
+from sklearn_mcmd.normals._sides import Sides, TreeLimits
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces, mends_planes
 from sklearn_mcmd.planes._base import model_of
 from sklearn_mcmd.planes._columns import joined_columns, split_columns
-from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM
+from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_slice
@@ -157,8 +157,8 @@ def find_planes(sweeps, cells, job, k=0, least=0, **stored):
         return None
     whole.join("points")
     whole.make(**stored)
-    asked = AROUND if job.is_sized else job.estimator.n_neighbors
-    along = TREE_NEIGHBORS if has_tree(job.estimator) else 0
+    asked = SizeLimits().around if job.is_sized else job.estimator.n_neighbors
+    along = TreeLimits().n_neighbors if has_tree(job.estimator) else 0
     whole.make(near=(np.int32, (max(asked, k, along),)))
     sweep("neighbors", find_neighbors)
     if job.is_sized:
@@ -273,7 +273,7 @@ def _tell_cell(cell, job, name="normals"):
         if surfaces is None:
             found, _ = model.evaluate_neighborhoods(index.points[rows], index.query_own(rows))
             return planes.put(part, found)
-        planes.put(part, surfaces.settled(rows)[1])
+        planes.put(part, surfaces.last(rows)[1])
 
     _each_part(own, model, find, job.n_threads)
     X, (cells, columns) = index.points[own].astype(job.constants.dtype), job.open()
@@ -318,7 +318,7 @@ def _keep_normals(cell, job, fitted):
 def _find_forest(cell, job):
     """Write the edges of the forest of the places of a cell and their neighbors, by rows."""
     whole, columns, index = whole_of(job), job.open()[1], job.index()
-    near = index.query_own(whole.rows(cell), min(TREE_NEIGHBORS, len(whole))).indices
+    near = index.query_own(whole.rows(cell), min(TreeLimits().n_neighbors, len(whole))).indices
     known, local = np.unique(near, return_inverse=True)
     local = local.reshape(near.shape).astype(np.int32)
     first = np.repeat(local[:, 0], local.shape[1])
@@ -335,7 +335,7 @@ def _told(job, model, planes, X, around, n_jobs, orient_by_all=None):
     up, in place, where more than the points tells their sides: a tree, or positions of the sensor.
     """
     if job.origins() is None:
-        sides = Sides.settled(job.estimator.orientation, job.estimator.sensor_origin, X)
+        sides = Sides.of(job.estimator.orientation, job.estimator.sensor_origin, X)
 
     def orient(normals):
         if job.origins() is not None or sides.tree:

@@ -15,12 +15,12 @@ from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.io._trajectory import (
     positions_of_times,
-    settle_shift,
+    time_shift,
     times_of,
     trajectory_of,
     warn_if_far,
 )
-from sklearn_mcmd.outliers._view import view_from_origin
+from sklearn_mcmd.sensors._recognition import view_from_origin
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._stored_columns import made
 
@@ -134,7 +134,7 @@ class OriginWriter:
             cloud.metadata["las_header"] = True  # so that its scan angles are asked
             return sensor_origins(cloud).__getitem__
         times, trajectory = np.concatenate(self.parts), self.sensor.given
-        times -= settle_shift(times, trajectory)
+        times -= time_shift(times, trajectory)
         return lambda rows: positions_of_times(times[rows], trajectory)
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._indexed_cloud import COMPILE_FROM, distinct_rows
-from sklearn_mcmd.planes._linking import farthest_neighbors
+from sklearn_mcmd.planes._around import extents
+from sklearn_mcmd.planes._indexed_cloud import distinct_rows
+from sklearn_mcmd.planes._nearest import COMPILE_FROM, SelfSearch
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded, within_radius
 from sklearn_mcmd.planes._record import Neighborhoods
-from sklearn_mcmd.planes._self_search import SelfSearch
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
 from sklearn_mcmd.tiling._search import StoredNearest
 from sklearn_mcmd.tiling._stored_columns import whole_of
@@ -181,7 +181,7 @@ def _search_own(points, near, n_threads):
     def task(rows):
         found = Neighborhoods(search.query(rows, k), np.full(rows.stop - rows.start, k))
         own = search.order[rows]
-        bounds[own] = farthest_neighbors(search.points, found, rows.start)
+        bounds[own] = extents(search.points, search.points[rows], found)[1]
         near[own] = search.order[found.indices]
 
     each_slice(len(points), CHUNK, task, n_threads)

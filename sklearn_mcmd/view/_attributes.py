@@ -9,21 +9,13 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import COLORS, flat_columns
 
-__all__ = [
-    "ColumnSource",
-    "NumberCode",
-    "code_normals",
-    "free_name",
-    "is_wanted",
-    "plan_attributes",
-]
-
 LONG_TAIL = 20  # ranges of normal values are 6 to 8 times their quartiles' distance
 NARROWEST = 1e-300  # width of a code, over its largest value
 TOP = 65534  # largest code of a number above the first; code 0 is "no value"
 NORMAL_TOP = 4094  # even, so that normals along the axes are exact
 FEW = 64  # this many distinct whole numbers are classes
 MANY = 65_535  # classes of an attribute that is known to hold labels
+# Names of attributes that hold labels, and what their values are called.
 LABELS = {"region", "segment", "label", "cluster", "instance", "classification", "class"}
 CLASSES = (  # of LAS, from 0 on
     "never classified; unclassified; ground; low vegetation; medium vegetation; high vegetation; "

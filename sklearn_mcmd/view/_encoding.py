@@ -12,10 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-__all__ = ["Grid", "pack_column", "pack_points", "shuffled"]
-
-FIRST_CHUNK, LARGEST_CHUNK = 1 << 16, 1 << 20
-SPACING_SAMPLE = 20_000
+FIRST_CHUNK, LARGEST_CHUNK = 1 << 16, 1 << 20  # points
+SPACING_SAMPLE = 20_000  # points whose spacing is measured
 # The error of a coordinate is half a step: at most a sixteenth of the spacing of the points.
 COARSEST, FINEST = 1 / 8, 1 / 256  # steps, in spacings
 MOST_STEPS = 2.0**31 - 1  # so that differences of steps fit 32 bits with a sign
@@ -39,16 +37,18 @@ class Grid(NamedTuple):
         high = np.max([xyz.max(axis=0) for xyz in clouds], axis=0)
         extent = float((high - low).max())
         if extent == 0.0:
-            return cls(low, 1.0, 0.0, 1.0, 1.0)
+            return cls(low=low, step=1.0, error=0.0, spacing=1.0, reach=1.0)
         gaps = [gap for gap in map(typical_spacing, clouds) if gap[0] > 0]
         spacing, reach = np.min(gaps or [(extent, extent)], axis=0).tolist()
         least = extent / MOST_STEPS
-        decimal = _decimal_step(clouds, low, max(FINEST * spacing, least), extent)
-        if decimal is not None:
-            exact = cls(low, decimal, 0.0, spacing, reach)
-            return exact._replace(error=max(map(exact.merging_error, clouds)))
-        step = max(min(extent / 65535, COARSEST * spacing), FINEST * spacing, least)
-        return cls(low, step, step / 2, spacing, reach)
+        step = _decimal_step(clouds, low, max(FINEST * spacing, least), extent)
+        is_decimal = step is not None
+        if not is_decimal:
+            step = max(min(extent / 65535, COARSEST * spacing), FINEST * spacing, least)
+        grid = cls(low=low, step=step, error=step / 2, spacing=spacing, reach=reach)
+        if is_decimal:
+            grid = grid._replace(error=max(map(grid.merging_error, clouds)))
+        return grid
 
     def merging_error(self, xyz):
         """How far coordinates are off if the grid makes one of several of them, else 0.

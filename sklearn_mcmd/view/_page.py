@@ -24,12 +24,10 @@ from sklearn_mcmd.io._units import length_unit
 from sklearn_mcmd.view._attributes import free_name, is_wanted, plan_attributes
 from sklearn_mcmd.view._encoding import Grid, pack_points, shuffled
 
-__all__ = ["MAX_POINTS", "CloudPage", "check_count", "cloud_page"]
-
-MAX_POINTS = 5_000_000
+MAX_POINTS = 5_000_000  # of a page, unless its caller says otherwise
 # WebGL takes float32; the products of its matrices must be finite too.
 LARGEST_EXTENT = 1e18
-SUFFIXES = (".html", ".htm")
+SUFFIXES = (".html", ".htm")  # of a page's name
 # In the order in which they are joined; together they are the page's one script.
 SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "picture", "main")
 # What the page colors by at first: the first of these that the clouds have.
@@ -151,17 +149,11 @@ def cloud_page(
         )
     if isinstance(only, str):
         raise ValueError(f"only must be a collection of names, got the string {only!r}.")
-    if names is None:
-        named = [
-            Path(cloud).name if isinstance(cloud, str | os.PathLike) else f"cloud {number}"
-            for number, cloud in enumerate(clouds, 1)
-        ]
-    elif isinstance(names, str) or len(names) != len(clouds):
+    if isinstance(names, str) or (names is not None and len(names) != len(clouds)):
         raise ValueError(
             f"names must have one entry for each of {len(clouds)} clouds, got {names!r}."
         )
-    else:
-        named = list(names)
+    named = [_name_of(*numbered) for numbered in enumerate(clouds, 1)] if names is None else names
     finite = [_as_cloud(cloud) for cloud in clouds]
     _check_extent(finite, named)
     sizes = [len(rows) for _, rows in finite]
@@ -193,6 +185,10 @@ def cloud_page(
         height=height,
         drawn_error=manifest["drawn"],
     )
+
+
+def _name_of(number, cloud):
+    return Path(cloud).name if isinstance(cloud, str | os.PathLike) else f"cloud {number}"
 
 
 def check_suffix(path: str | os.PathLike[str]) -> Path:

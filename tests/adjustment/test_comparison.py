@@ -58,15 +58,15 @@ def test_a_plane_and_itself_differ_by_0_with_the_errors_of_two_such_planes(varia
 
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
-@pytest.mark.parametrize(("variance", "n"), [("prior", 12), ("posterior", 12), ("posterior", 40)])
+@pytest.mark.parametrize(("variance", "n"), [("prior", 12), ("posterior", 12)])
 def test_equal_planes_differ_with_probability_alpha(surface, variance, n):
     rng = np.random.default_rng(3)
     verdicts = []
-    for _ in range(500):
+    for _ in range(300):
         # One plane is known better: Welch's degrees of freedom.
         a, b = fitted(rng, n, surface=surface), fitted(rng, 3 * n, surface=surface)
         verdicts.append(compare_planes(a, b, variance=variance).verdict != "same")
-    assert np.mean(verdicts) == pytest.approx(0.05, abs=0.03)  # three standard errors
+    assert np.mean(verdicts) == pytest.approx(0.05, abs=0.038)  # three standard errors
 
 
 def test_an_offset_of_the_smallest_size_is_found_with_the_power():
@@ -75,10 +75,10 @@ def test_an_offset_of_the_smallest_size_is_found_with_the_power():
     smallest = compare_planes(a, b, variance="prior").offset.smallest
     height = smallest * np.sqrt(1 + 0.3**2)  # along z
     found = []
-    for _ in range(500):
+    for _ in range(300):
         a, b = fitted(rng, 20), fitted(rng, 20, height=height)
         found.append(compare_planes(a, b, variance="prior").offset.significant)
-    assert np.mean(found) == pytest.approx(0.8, abs=0.055)  # three standard errors
+    assert np.mean(found) == pytest.approx(0.8, abs=0.07)  # three standard errors
 
 
 def test_two_horizontal_lines_are_compared_as_by_welchs_t():

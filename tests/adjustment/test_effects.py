@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sklearn_mcmd.adjustment._effects import hull_vertices
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
 
 def clouds(seed, q):
@@ -33,27 +33,3 @@ def test_no_member_reaches_farther_than_the_vertices(q):
         directions = G[rng.integers(0, len(A), 50)]
         reach = np.abs(G[members] @ directions.T).max(axis=0)
         assert_allclose(np.abs(G[vertices] @ directions.T).max(axis=0), reach, rtol=1e-12)
-
-
-def test_uniform_points_have_few_vertices():
-    rng = np.random.default_rng(2)
-    X = rng.uniform(size=(100_000, 3))
-    plane = adjust_plane(X)
-    vertices = hull_vertices(plane, X, np.arange(len(X)))
-    assert len(vertices) < 80
-
-
-def test_members_on_a_line_have_two_vertices():
-    rng = np.random.default_rng(3)
-    X = rng.uniform(size=(500, 3))
-    X[:200, 1] = 2 * X[:200, 0]
-    plane = adjust_plane(X)
-    vertices = hull_vertices(plane, X, np.arange(200))
-    assert len(vertices) == 2
-
-
-def test_members_of_one_location_have_one_vertex():
-    X = np.random.default_rng(4).uniform(size=(500, 3))
-    X[:100, :2] = 0.3
-    plane = adjust_plane(X)
-    assert len(hull_vertices(plane, X, np.arange(100))) == 1

@@ -7,7 +7,7 @@ from scipy import stats
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, critical_value, local_level, plan_plane
 from sklearn_mcmd.adjustment._planning_numba import _start, snoop_planes
-from sklearn_mcmd.adjustment._start import CUT, half_of
+from sklearn_mcmd.adjustment._start import StartLimits, half_of
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED
 
 
@@ -22,11 +22,8 @@ def snooped(X, n_trials=0, alpha=0.05):
     m, n, _ = X.shape
     limits = [critical_value("w", local_level(alpha, i), 1) for i in range(n + 2)]
     corners = np.random.default_rng(1).integers(n, size=(m, n_trials, 3))
-    sizes, found = np.empty(n), np.empty((m, n), dtype=bool)
-    snoop_planes(
-        X, corners, half_of(n, 3), np.array(limits), CUT, UNCONTROLLED, sizes,
-        sizes.view(np.int64), np.empty(n, dtype=bool), found,
-    )  # fmt: skip
+    found, cut = np.empty((m, n), dtype=bool), StartLimits().cut
+    snoop_planes(X, corners, half_of(n, 3), np.array(limits), cut, UNCONTROLLED, found)
     return found
 
 
@@ -75,7 +72,7 @@ def start(X, corners, half, limit, cut, sizes, keys, member):
     _start(X, corners, half, limit, cut, sizes, keys, member)
 
 
-@pytest.mark.parametrize("cut", [CUT, 0.4])
+@pytest.mark.parametrize("cut", [StartLimits().cut, 0.4])
 def test_the_start_is_that_of_general_least_squares_for_the_same_corners(cut):
     n, rng = 13, np.random.default_rng(0)
     for X in simulated(n, 5, 6, 40):

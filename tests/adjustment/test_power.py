@@ -28,10 +28,6 @@ def test_so_has_a_test_with_an_estimated_scale(dof, dof_scale):
     assert stats.ncf.sf(limit, dof, dof_scale, nc) == pytest.approx(0.8, abs=1e-4)
 
 
-def test_many_degrees_of_freedom_make_the_scale_known():
-    assert noncentrality(0.001, dof_scale=1e6) == pytest.approx(noncentrality(0.001), rel=1e-4)
-
-
 def test_global_and_local_test_of_coupled_levels_find_the_same_bias():
     level = coupled_level(0.001, 50, 0.9)
     assert noncentrality(level, 0.9, 50) == pytest.approx(noncentrality(0.001, 0.9))

@@ -6,7 +6,7 @@ import pytest
 from adjustment_clouds import plane_with_outliers
 from reference_adjustment import redundancy_matrix
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, noncentrality
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
 SIGMA = 0.01
 
@@ -65,7 +65,7 @@ def test_biases_and_their_ratio_to_noise_are_the_formulas(weights):
 def test_effects_are_what_a_refit_with_the_bias_changes(surface, weights):
     X = cloud()
     detector = BaardaPlaneDetector(sigma0=SIGMA, surface=surface).fit(X, weights=weights)
-    told, plane = detector.reliability(X), detector._plane
+    told, plane = detector.reliability(X), detector._fitted.plane
     along = np.array([0, 0, 1.0]) if surface == "vertical" else plane.normal
     for i in (0, 7, 20):
         share = 1e-3  # of the bias: effects are of first order

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
-from sklearn_mcmd.adjustment._plane import adjust_plane
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._robust import m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
@@ -59,7 +59,7 @@ def test_noise_of_twenty_steps_of_float64_is_measured(offset, surface, robust_st
     # Noise of three columns along the residual, 2000 points: 2 % deviation.
     expected = sigma * np.linalg.norm(adjust_plane(X, surface=surface).direction)
     assert abs(detector.sigma0_ / expected - 1) < 0.1
-    assert not detector._sigma0_is_rounding
+    assert not detector._fitted.is_rounding
 
 
 @pytest.mark.parametrize("offset", OFFSETS)

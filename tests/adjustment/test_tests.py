@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy import stats
 
 from sklearn_mcmd.adjustment import critical_value, local_level
 from sklearn_mcmd.adjustment._tests import (
-    first_of_largest,
-    global_test_pvalue,
-    standardized_residuals,
-    statistic,
-    t_to_tau,
     tau_to_t,
 )
 
@@ -80,29 +75,3 @@ def test_tau_and_t_decide_alike():
             by_tau = tau > critical_value("tau", level, f)
             by_t = tau_to_t(tau, f) > critical_value("t", level, f)
             assert np.array_equal(by_tau, by_t)
-
-
-def test_tau_and_t_are_each_other_s_inverse():
-    t = np.array([0.0, 0.5, 3, 100])
-    assert_allclose(tau_to_t(t_to_tau(t, 9), 9), t, rtol=1e-9)
-    assert_array_equal(tau_to_t(t, 1), 0)  # no degree of freedom is left
-
-
-def test_an_uncontrolled_point_has_no_statistic():
-    standardized = standardized_residuals(np.array([1e-9, 1.0]), None, np.array([1e-11, 0.25]))
-    assert_allclose(standardized, [0, 2])
-
-
-def test_a_weight_multiplies_the_statistic_by_its_root():
-    size = standardized_residuals(np.array([-1.0]), np.array([4.0]), np.array([1.0]))
-    assert_allclose(statistic(size, "w", 0.5, np.nan, 3), 4)
-
-
-def test_the_first_of_equal_values_is_taken_whatever_their_rounding():
-    assert first_of_largest(np.array([0.0, 1 - 1e-15, 1.0])) == 1
-    assert first_of_largest(np.array([0.0, 1 - 1e-6, 1.0])) == 2
-
-
-def test_global_test_is_the_tail_of_chi_squared():
-    assert_allclose(global_test_pvalue(8.0, 2.0, 3), stats.chi2(3).sf(2.0), rtol=1e-12)
-    assert np.isnan(global_test_pvalue(0.0, 1.0, 0))

@@ -6,8 +6,6 @@ from numpy.testing import assert_array_equal
 from sklearn import config_context
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import FunctionTransformer
-from sklearn.utils.estimator_checks import check_estimator
-from sklearn.utils.validation import has_fit_parameter
 
 from adjustment_clouds import plane_with_outliers
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
@@ -41,15 +39,6 @@ def test_a_pipeline_hands_requested_weights_to_the_detector(detector, cloud):
 
 
 @parametrized
-def test_weights_may_be_requested_under_another_name(detector, cloud):
-    X, weights = cloud
-    expected = detector().fit(X, weights=weights).labels_
-    with config_context(enable_metadata_routing=True):
-        pipeline = Pipeline([("test", detector().set_fit_request(weights="precision"))])
-        assert_array_equal(pipeline.fit(X, precision=weights)["test"].labels_, expected)
-
-
-@parametrized
 def test_weights_that_nobody_requested_are_refused(detector, cloud):
     X, weights = cloud
     with config_context(enable_metadata_routing=True):
@@ -63,19 +52,6 @@ def test_without_routing_a_step_s_name_leads_weights_to_it(detector, cloud):
     X, weights = cloud
     pipeline = Pipeline([("test", detector())]).fit(X, test__weights=weights)
     assert_array_equal(pipeline["test"].labels_, detector().fit(X, weights=weights).labels_)
-
-
-@parametrized
-def test_nothing_is_called_sample_weight_that_is_no_repetition(detector):
-    assert not has_fit_parameter(detector(), "sample_weight")
-
-
-@parametrized
-@pytest.mark.filterwarnings("ignore")
-def test_check_estimator_has_no_failure_and_needs_no_exception(detector):
-    results = check_estimator(detector(), on_skip=None)
-    assert {result["status"] for result in results} <= {"passed", "skipped"}
-    assert len(results) > 40
 
 
 @parametrized

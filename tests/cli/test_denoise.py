@@ -9,6 +9,7 @@ from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
+from sklearn_mcmd.outliers._lowest_points import LowestPoints
 
 
 def rounded_plane():
@@ -37,7 +38,9 @@ def test_mark_keeps_all_points_and_gives_outliers_class_7_or_18_in_laz(room, roo
     out = read_points(tmp_path / "out.laz")
     outlier = expected_outliers(room.xyz)
     used = np.ones(len(outlier), bool)
-    classes = noise_classes(read_points(room_file), outlier, outlier, used, 50)
+    classes = noise_classes(
+        read_points(room_file), outlier, outlier, used, LowestPoints(len(used), 50)
+    )
     assert set(classes) == {0, 18}  # the room has no outliers under its floor
     np.testing.assert_array_equal(out.attributes["classification"], classes)
     np.testing.assert_array_equal(out.attributes["intensity"], np.arange(len(outlier)))

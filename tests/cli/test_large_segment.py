@@ -12,7 +12,7 @@ ONE = ("--n-jobs", 1)
 
 @pytest.mark.parametrize(
     "options",
-    [(), ("--no-colors", "--growth-neighbors", 20, "--max-angle", 8, "--no-find-narrow-faces")],
+    [(), ("--no-colors", "--growth-neighbors", 20, "--max-angle", 8, "--no-refine")],
 )
 def test_a_file_larger_than_memory_gets_the_output_that_it_has_in_memory(
     options, small_machine, source, tmp_path

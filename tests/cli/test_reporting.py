@@ -130,10 +130,10 @@ def test_the_input_of_a_report_has_all_points_and_those_that_were_used(tmp_path)
 
 
 def test_flags_are_in_the_command_as_typed(room_file, tmp_path):
-    options = ("--no-join-curved", "--quiet", "--report", tmp_path / "a b")
+    options = ("--no-refine", "--quiet", "--report", tmp_path / "a b")
     assert run("segment", room_file, tmp_path / "out.laz", *options).exit_code == 0
     words = words_of(tmp_path / "a b" / "index.html")
-    assert "--no-join-curved" in words
+    assert "--no-refine" in words
     assert "--report '" in words
     assert "--quiet" in words
 

@@ -79,8 +79,7 @@ def test_without_colors_only_the_labels_are_added(room_file, tmp_path):
 def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
     result = run(
         *("segment", room_file, tmp_path / "out.npy", "--max-angle", 7, "--max-distance", 0.003),
-        *("--max-gap", 0.4, "--min-region-size", 30, "--no-join-coplanar", "--no-join-curved"),
-        *("--no-find-narrow-faces", "--no-assign-unlabeled", "--no-divide-at-creases"),
+        *("--max-gap", 0.4, "--min-region-size", 30, "--no-refine"),
         *("--n-neighbors", 20, "--growth-neighbors", 16, "--max-outlier-rate", 0.3),
         *("--random-state", 4, "--n-jobs", 1),
     )
@@ -91,11 +90,7 @@ def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
         max_distance=0.003,
         max_gap=0.4,
         min_region_size=30,
-        find_narrow_faces=False,
-        divide_at_creases=False,
-        join_coplanar=False,
-        join_curved=False,
-        assign_unlabeled=False,
+        refine=False,
         normal_estimator=RobustNormalEstimator(20, max_outlier_rate=0.3, random_state=4),
     )
     labels = growing.fit_predict(read_points(room_file).xyz)

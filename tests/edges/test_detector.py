@@ -9,14 +9,11 @@ from scipy.spatial import cKDTree
 from sklearn.base import clone
 from sklearn.cluster import DBSCAN
 from sklearn.metrics import f1_score, roc_auc_score
-from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
-from sklearn_mcmd.edges._creases import FAR, CreaseModel
-from sklearn_mcmd.planes._columns import split_columns
 
 CRITERIA = ["crease", "eigenvalue", "surface_variation", "removed_fraction"]
 
@@ -76,7 +73,7 @@ def test_edges_of_a_street_are_found_within_two_spacings():
 
 def test_scores_are_the_distance_to_the_edge_in_spacings(box, fitted):
     scores = fitted.score_samples(box.data)
-    near = (box.edge_distance < 1.5 * box.spacing) & (scores < FAR)
+    near = (box.edge_distance < 1.5 * box.spacing) & (scores < 10)
     error = scores[near] - box.edge_distance[near] / box.spacing
     # The spacing is a local estimate, of 8 neighbors.
     assert np.median(np.abs(error)) < 0.15
@@ -114,18 +111,6 @@ def test_points_off_the_faces_are_no_edges(box, fitted):
     assert (fitted.predict(above) == 1).all()
 
 
-def test_points_that_no_plane_reaches_are_no_edges():
-    rng = np.random.default_rng(0)
-    floor, wall, partition = rng.uniform(0, 1, (3, 800, 3))
-    floor[:, 2], wall[:, 0], partition[:, 1] = 0, 1, 0.5
-    partition *= [0.5, 1, 1]
-    points = np.vstack([floor, wall, partition]) + rng.normal(0, 0.002, (2400, 3))
-    # On the floor's plane and the partition's, and half a unit beyond the wall.
-    far = np.array([[1.5, 0.5, 0.0]])
-    assert fast().fit(points).score_samples(far)[0] > 10
-    assert fast().fit(points[::-1]).score_samples(far)[0] > 10
-
-
 def test_foliage_has_hardly_any_edges():
     street = make_street(20_000, outlier_share=0, tree=True, random_state=0)
     labels = fast().fit_predict(street.data)
@@ -148,7 +133,7 @@ def test_corners_of_lines_are_found_in_the_plane():
     scores = fast(n_neighbors=20).fit(bend).score_samples(bend)
     assert (scores[np.abs(t) < 0.008] < 2).mean() > 0.8
     # 20 neighbors reach 0.05 on average.
-    assert (scores[np.abs(t) > 0.15] > FAR).all()
+    assert (scores[np.abs(t) > 0.15] > 10).all()
 
 
 def test_edges_of_a_machined_part_are_found(shared_data):
@@ -186,12 +171,6 @@ def test_fit_predict_equals_predict_and_scores_are_kept(criterion, dtype):
     assert_array_equal(detector.scores_, detector.score_samples(cloud))
 
 
-def test_scores_are_kept_where_the_cloud_is_in_many_chunks_and_spatial_order():
-    street = make_street(12_000, random_state=0).data
-    detector = SharpFeatureDetector(random_state=0).fit(street)
-    assert_array_equal(detector.scores_, detector.score_samples(street))
-
-
 @pytest.mark.parametrize("criterion", ["crease", "eigenvalue", "surface_variation"])
 def test_scores_of_precomputed_normals_are_kept(box, criterion):
     columns = RobustNormalEstimator(40, random_state=0).fit_transform(box.data)
@@ -199,21 +178,6 @@ def test_scores_of_precomputed_normals_are_kept(box, criterion):
     labels = detector.fit_predict(columns)
     assert_array_equal(labels, detector.predict(columns))
     assert_array_equal(detector.scores_, detector.score_samples(columns))
-
-
-def test_the_creases_of_the_fitted_points_are_looked_for_once(box, monkeypatch):
-    asked = []
-    meet = CreaseModel._meet
-
-    def count(self, queries, faces, around):
-        asked.append(len(queries))
-        return meet(self, queries, faces, around)
-
-    monkeypatch.setattr(CreaseModel, "_meet", count)
-    detector = SharpFeatureDetector(random_state=0)
-    detector.fit_predict(box.data)
-    n_kept = np.count_nonzero(detector.inlier_mask_)
-    assert asked == [n_kept, len(box.data) - n_kept]
 
 
 def test_results_do_not_depend_on_threads():
@@ -322,19 +286,6 @@ def test_precomputed_columns_serve_the_other_criteria(box, criterion):
     assert_allclose(scores, fast(criterion=criterion).fit(box.data).score_samples(box.data))
 
 
-def test_a_grid_search_reaches_the_nested_estimators():
-    box = make_box(800, random_state=0)
-    truth = np.where(box.edge_distance <= 2 * box.spacing, -1, 1)
-    everything = [(np.arange(800), np.arange(800))]
-    search = GridSearchCV(
-        fast(normal_estimator=RobustNormalEstimator(30, random_state=0)),
-        {"threshold": [0.2, 2.0], "normal_estimator__n_neighbors": [20, 40]},
-        scoring="accuracy",
-        cv=everything,
-    ).fit(box.data, truth)
-    assert search.best_params_["threshold"] == 2.0
-
-
 # --- Bad input --------------------------------------------------------------------------------
 
 
@@ -400,22 +351,3 @@ def test_copies_of_one_point_and_of_a_line_have_no_edges():
         with np.errstate(all="raise", under="ignore"):
             detector = fast(n_neighbors=10, normal_estimator=RobustNormalEstimator(5, method="pca"))
             assert (detector.fit_predict(X) == 1).all()
-
-
-# --- The parts --------------------------------------------------------------------------------
-
-
-def test_planes_are_those_of_the_columns():
-    rng = np.random.default_rng(0)
-    floor = np.column_stack([*rng.uniform(0, 1, (2, 800)), rng.normal(0, 0.003, 800)])
-    floor += [5e5, 5e6, 100]
-    columns = RobustNormalEstimator(30, random_state=0).fit_transform(floor)
-    model = CreaseModel(30, 20.0).fit(split_columns(columns))
-    own, planes = columns[model.index.rows], model.planes
-    levels = planes.centroids + model.origin - model.index.points
-    assert_allclose(planes.normals, own[:, 3:6], rtol=1e-12)
-    assert_allclose(np.einsum("nd,nd->n", levels, planes.normals), own[:, 10], atol=1e-8)
-    # No plane is known better than a twentieth of the spacing, .002.
-    assert (planes.scale >= own[:, 11]).all()
-    assert (planes.scale > 0.05 * planes.spacing.min() / 2).all()
-    assert (planes.scale == own[:, 11]).mean() > 0.9

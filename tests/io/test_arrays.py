@@ -1,4 +1,4 @@
-"""NumPy's formats: dtypes, tables, and arrays that are no attributes."""
+"""NumPy's formats: dtypes, tables, grids, and arrays that are no attributes."""
 
 import numpy as np
 import pytest
@@ -11,21 +11,22 @@ from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_point
 def test_numpy_files_keep_dtypes_and_tables(tmp_path, cloud, extension):
     cloud = cloud.with_attributes(eigenvalues=np.arange(120.0).reshape(40, 3))
     write_points(tmp_path / f"a{extension}", cloud)
-    back = read_points(tmp_path / f"a{extension}")
-    assert {n: a.dtype for n, a in back.attributes.items()} == {
+    back = read_points(tmp_path / f"a{extension}").attributes
+    assert {n: a.dtype for n, a in back.items()} == {
         n: a.dtype for n, a in cloud.attributes.items()
     }
-    assert_array_equal(back.attributes["eigenvalues"], cloud.attributes["eigenvalues"])
+    assert_array_equal(back["eigenvalues"], cloud.attributes["eigenvalues"])
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int32])
 def test_a_plain_array_gives_coordinates_and_numbered_columns(tmp_path, dtype):
     table = np.arange(10).reshape(2, 5).astype(dtype)
     np.save(tmp_path / "a.npy", table)
-    cloud = read_points(tmp_path / "a.npy")
-    assert cloud.xyz.dtype == np.float64
-    assert_array_equal(cloud.xyz, table[:, :3])
-    assert_array_equal(cloud.attributes["column_5"], table[:, 4])
+    for columns, axes, other in [(None, [0, 1, 2], 5), ({"x": 4, "y": 3, "z": 1}, [3, 2, 0], 2)]:
+        cloud = read_points(tmp_path / "a.npy", columns=columns)
+        assert cloud.xyz.dtype == np.float64
+        assert_array_equal(cloud.xyz, table[:, axes])
+        assert_array_equal(cloud.attributes[f"column_{other}"], table[:, other - 1])
 
 
 def test_npz_arrays_of_another_length_are_kept_aside_and_not_applied(tmp_path):
@@ -48,63 +49,53 @@ def test_npz_coordinates_may_have_other_names(tmp_path, arrays):
 
 @pytest.mark.parametrize("extension", [".npy", ".ply", ".pcd"])
 def test_columns_say_which_fields_are_the_coordinates(tmp_path, extension):
-    path, told = tmp_path / f"a{extension}", {"x": "a", "y": "b", "z": 6}
-    values = np.arange(36.0).reshape(6, 6)
+    path, values = tmp_path / f"a{extension}", np.arange(36.0).reshape(6, 6)
     write_points(path, PointCloud(values[:, :3], dict(zip("abc", values.T[3:], strict=True))))
     assert_array_equal(read_points(path).xyz, values[:, :3])
-    cloud = read_points(path, columns=told)
+    cloud = read_points(path, columns={"x": "a", "y": "b", "z": 6})
     assert_array_equal(cloud.xyz, values[:, 3:])
     assert list(cloud.attributes) == ["x_value", "y_value", "z_value"]
     with pytest.raises(PointFileError, match="no column 'd' among x, y, z, a, b, c"):
         read_points(path, columns={"x": "d"})
 
 
-def test_columns_of_a_plain_array_have_numbers(tmp_path):
-    table = np.arange(12.0).reshape(3, 4)
-    np.save(tmp_path / "a.npy", table)
-    cloud = read_points(tmp_path / "a.npy", columns={"x": 4, "y": 3, "z": 1})
-    assert_array_equal(cloud.xyz, table[:, [3, 2, 0]])
-    assert_array_equal(cloud.attributes["column_2"], table[:, 1])
+GRID = np.random.default_rng(0).random((4, 5, 3))
+GRID[1, 2] = np.nan  # a cell without a point
+AXES = dict(zip("xyz", np.moveaxis(GRID, 2, 0), strict=True))
+RANGE = np.arange(20.0).reshape(4, 5)
+FIELDS = np.zeros((4, 5), [(name, float) for name in ("x", "y", "z", "range")])
+for name, values in (AXES | {"range": RANGE}).items():
+    FIELDS[name] = values
 
 
-def grid_of_points(empty=()):
-    xyz = np.random.default_rng(0).random((4, 5, 3))
-    xyz.reshape(-1, 3)[list(empty)] = np.nan
-    return xyz
-
-
-def fields_of(xyz):
-    fields = np.zeros(xyz.shape[:2], [(name, float) for name in ("x", "y", "z", "range")])
-    for i, axis in enumerate("xyz"):
-        fields[axis] = xyz[..., i]
-    fields["range"] = np.arange(20).reshape(4, 5)
-    return fields
-
-
-ORGANIZED = {
-    "a table": lambda path, xyz: np.save(path, xyz),
-    "fields": lambda path, xyz: np.save(path, fields_of(xyz)),
-    "xyz": lambda path, xyz: np.savez(path, xyz=xyz, range=np.arange(20).reshape(4, 5)),
-    "x, y, z": lambda path, xyz: np.savez(
-        path, **{axis: xyz[..., i] for i, axis in enumerate("xyz")}
-    ),
-}
-
-
-@pytest.mark.parametrize("kind", ORGANIZED)
-def test_organized_arrays_are_read_row_by_row(tmp_path, kind):
-    path = tmp_path / ("a.npy" if kind in ("a table", "fields") else "a.npz")
-    xyz = grid_of_points(empty=[7])
-    ORGANIZED[kind](path, xyz)
-    cloud = read_points(path)
-    kept = np.delete(np.arange(20), 7)
-    assert_array_equal(cloud.xyz, xyz.reshape(-1, 3)[kept])
+@pytest.mark.parametrize(
+    ("arrays", "has_range"),
+    [
+        (GRID, False),
+        (FIELDS, True),
+        ({"xyz": GRID, "range": RANGE}, True),
+        (AXES, False),
+    ],
+    ids=["a table", "fields", "xyz", "x, y, z"],
+)
+def test_organized_arrays_are_read_row_by_row(tmp_path, arrays, has_range):
+    if isinstance(arrays, dict):
+        np.savez(tmp_path / "a.npz", **arrays)
+    else:
+        np.save(tmp_path / "a.npy", arrays)
+    (path,) = tmp_path.iterdir()
+    cloud, kept = read_points(path), np.delete(np.arange(20), 7)
+    assert_array_equal(cloud.xyz, GRID.reshape(-1, 3)[kept])
     assert cloud.n_dropped == 1
     assert cloud.metadata["grid_shape"] == (4, 5)
     assert_array_equal(cloud.attributes["row_index"], kept // 5)
     assert_array_equal(cloud.attributes["column_index"], kept % 5)
-    if kind in ("fields", "xyz"):
+    assert ("range" in cloud.attributes) is has_range
+    if has_range:
         assert_array_equal(cloud.attributes["range"], kept)
+    elif arrays is GRID:
+        turned = read_points(path, columns={"x": 3, "y": 2, "z": 1})
+        assert_array_equal(turned.xyz, cloud.xyz[:, ::-1])
 
 
 @pytest.mark.parametrize("shape", [(4, 5, 4), (3, 4, 5), (2, 4, 5, 3), (4, 5, 2)])
@@ -112,12 +103,6 @@ def test_arrays_whose_axes_are_not_clear_are_refused(tmp_path, shape):
     np.save(tmp_path / "a.npy", np.zeros(shape))
     with pytest.raises(PointFileError, match=r"or \(rows, columns, 3\), .* are needed"):
         read_points(tmp_path / "a.npy")
-
-
-def test_columns_of_an_organized_table_may_be_told(tmp_path):
-    np.save(tmp_path / "a.npy", grid_of_points())
-    cloud = read_points(tmp_path / "a.npy", columns={"x": 3, "y": 2, "z": 1})
-    assert_array_equal(cloud.xyz, grid_of_points()[..., ::-1].reshape(-1, 3))
 
 
 def test_a_table_of_three_rows_is_not_organized(tmp_path):

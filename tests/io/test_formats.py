@@ -2,14 +2,21 @@
 
 import inspect
 import re
+import sys
 from importlib.metadata import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-import sklearn_mcmd.io
-from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.io import (
+    PointCloud,
+    PointFileError,
+    read_points,
+    sensor_origins,
+    write_points,
+)
 from sklearn_mcmd.io._formats import (
     ALL,
     FORMATS,
@@ -24,10 +31,13 @@ from sklearn_mcmd.io._formats import (
 )
 from sklearn_mcmd.tiling import Catalog
 
+for library in ("laspy", "lazrs", "plyfile", "pypcd4", "pye57"):
+    pytest.importorskip(library)
 ROOT = Path(__file__).parents[2]
 # XYZN and XYZRGB say so where they have nothing but coordinates.
 pytestmark = pytest.mark.filterwarnings("ignore:.*few programs read")
 WRITTEN = [one for one in FORMATS if one.write]
+XYZ = np.diag([1.0, 2.0, 3.0])
 EXTENSIONS = [extension for one in FORMATS for extension in one.extensions]
 
 
@@ -58,21 +68,18 @@ def page_row(one):
     )
 
 
-@pytest.mark.parametrize("one", FORMATS, ids=ids)
 @pytest.mark.parametrize(
-    ("page", "row"), [("README.md", readme_row), ("docs/command_line.rst", page_row)]
+    ("page", "row", "any_row"),
+    [
+        ("README.md", readme_row, r"^\| `\..*\|$"),
+        ("docs/command_line.rst", page_row, r"^   \* - ``\..*\n     - .*\n     - .*\n"),
+    ],
 )
-def test_the_tables_of_formats_have_a_row_of_each(page, row, one):
-    assert row(one) in text_of(page), f"{page} has no row:\n{row(one)}"
-
-
-def test_the_tables_of_formats_have_no_other_rows():
-    rows = re.findall(r"^\| `\..*\|$", text_of("README.md"), re.M)
-    assert rows == [readme_row(one) for one in FORMATS]
-    rows = re.findall(
-        r"^   \* - ``\..*\n     - .*\n     - .*\n", text_of("docs/command_line.rst"), re.M
-    )
-    assert rows == [page_row(one) for one in FORMATS]
+def test_the_tables_of_formats_have_a_row_of_each_and_no_other(page, row, any_row):
+    rows, expected = re.findall(any_row, text_of(page), re.M), [row(one) for one in FORMATS]
+    for other in expected:
+        assert other in rows, f"{page} has no row:\n{other}"
+    assert rows == expected
 
 
 @pytest.mark.parametrize("one", FORMATS, ids=ids)
@@ -97,16 +104,15 @@ def test_the_page_of_the_sensor_has_a_row_of_each_format_that_tells_it(one):
     assert re.search(rf"^(\w+, )*{names}\b", table, re.M), f"docs/sensor.rst: no row of {names}"
 
 
-@pytest.mark.parametrize("page", ["docs/command_line.rst"])
-def test_the_page_of_the_command_line_lists_who_tells_the_sensor_and_has_columns(page):
-    text = in_one_line(text_of(page))
-    assert SENSORS in text, f"{page} does not list: {SENSORS}"
-    assert f"in {WITH_COLUMNS}:" in text, f"{page} does not list: {WITH_COLUMNS}"
-
-
-def test_docstrings_list_who_has_columns_and_who_tells_the_sensor():
-    assert f"columns of {WITH_COLUMNS} are" in in_one_line(inspect.getdoc(read_points))
-    assert SENSORS in in_one_line(inspect.getdoc(sklearn_mcmd.io.sensor_origins))
+def test_pages_list_who_has_columns_and_who_tells_the_sensor():
+    page = in_one_line(text_of("docs/command_line.rst"))
+    for text, words in [
+        (page, SENSORS),
+        (page, f"in {WITH_COLUMNS}:"),
+        (in_one_line(inspect.getdoc(read_points)), f"columns of {WITH_COLUMNS} are"),
+        (in_one_line(inspect.getdoc(sensor_origins)), SENSORS),
+    ]:
+        assert words in text, f"not listed: {words}"
 
 
 @pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges", "plane"])
@@ -120,16 +126,11 @@ def test_the_help_of_verbs_names_the_formats_that_are_divided_into_tiles(verb):
 # ---- what the records say --------------------------------------------------------------
 
 
-def test_an_extension_belongs_to_one_format():
-    assert len(EXTENSIONS) == len(set(EXTENSIONS))
-    assert all(extension == extension.lower() for extension in EXTENSIONS)
+def test_an_extension_belongs_to_one_format_and_the_longest_tells_it_in_any_case():
     assert sorted(EXTENSIONS) == [*supported_extensions()]
-
-
-def test_the_longest_extension_in_any_case_tells_the_format():
-    assert format_of("a.b.LAZ").name == "LAS and LAZ"
-    assert format_of("a.b.Copc.LAZ").name == "COPC"
-    assert format_of("a.copc.las").name == "LAS and LAZ"
+    assert all(extension == extension.lower() for extension in EXTENSIONS)
+    names = [format_of(name).name for name in ("a.b.LAZ", "a.b.Copc.LAZ", "a.copc.las")]
+    assert names == ["LAS and LAZ", "COPC", "LAS and LAZ"]
 
 
 @pytest.mark.parametrize("one", [one for one in FORMATS if not one.write], ids=ids)
@@ -142,24 +143,21 @@ def test_what_is_only_read_says_so_and_stays(tmp_path, one):
     assert not set(one.extensions) & set(supported_extensions(written=True))
 
 
-def written(tmp_path, one, cloud, **options):
-    if one.extra:
-        pytest.importorskip(
-            {"PLY": "plyfile", "PCD": "pypcd4", "E57": "pye57"}.get(one.name, "lazrs")
-        )
+def written(tmp_path, one, cloud=XYZ, **options):
     path = tmp_path / f"a{one.extensions[-1]}"
     write_points(path, cloud, **options)
     return path
 
 
 @pytest.mark.parametrize("one", WRITTEN, ids=ids)
-def test_formats_hold_any_attribute_or_are_known_not_to(tmp_path, one):
-    cloud = PointCloud(np.eye(3), {"score": np.arange(3) / 8})
+def test_results_come_back_under_their_names_or_are_known_to_be_lost(tmp_path, one, cloud):
     if one.results == ALL:
-        assert "score" in read_points(written(tmp_path, one, cloud)).attributes
+        back = read_points(written(tmp_path, one, cloud)).attributes
+        for name, values in cloud.attributes.items():
+            assert_array_equal(back[name].astype(values.dtype), values, err_msg=name)
     else:
-        with pytest.warns(UserWarning, match="not written: score"):
-            written(tmp_path, one, cloud)
+        with pytest.warns(UserWarning, match="not written: .*surface_variation"):
+            written(tmp_path, one, PointCloud(cloud.xyz, {"surface_variation": cloud.xyz[:, 0]}))
 
 
 @pytest.mark.parametrize("one", WRITTEN, ids=ids)
@@ -167,43 +165,49 @@ def test_outliers_have_a_mark_a_column_or_no_place(tmp_path, one):
     noise = np.array([False, True, False])
     if not (one.marks or one.results == ALL):
         with pytest.raises(PointFileError, match=f"{one.name} has no place to mark outliers"):
-            written(tmp_path, one, np.eye(3), noise=noise)
+            written(tmp_path, one, noise=noise)
+        assert not list(tmp_path.iterdir())
         return
-    found = read_points(written(tmp_path, one, np.eye(3), noise=noise)).attributes
+    found = read_points(written(tmp_path, one, noise=noise)).attributes
     assert ("outlier" in found) != one.marks
-    assert np.array_equal(found["classification"] == 7 if one.marks else found["outlier"], noise)
+    assert_array_equal(found["classification"] == 7 if one.marks else found["outlier"], noise)
 
 
 @pytest.mark.parametrize("one", WRITTEN, ids=ids)
-def test_columns_are_told_of_formats_that_have_them(tmp_path, one):
-    path, columns = written(tmp_path, one, np.diag([1.0, 2.0, 3.0])), {"x": 2, "y": 1, "z": 3}
+def test_columns_encodings_and_tiles_are_those_of_the_format(tmp_path, one):
+    path, columns = written(tmp_path, one), {"x": 2, "y": 1, "z": 3}
     if one.columns:
-        assert np.array_equal(read_points(path, columns=columns).xyz[:, 0], [0, 2, 0])
+        assert_array_equal(read_points(path, columns=columns).xyz, XYZ[:, [1, 0, 2]])
     else:
         with pytest.raises(PointFileError, match=re.escape(str(no_columns(columns)))):
             read_points(path, columns=columns)
-
-
-@pytest.mark.parametrize("one", WRITTEN, ids=ids)
-def test_encodings_are_those_of_the_format(tmp_path, one):
-    for encoding in one.encodings:
-        assert len(read_points(written(tmp_path, one, np.eye(3), encoding=encoding))) == 3
-    known = ", ".join(one.encodings) or "only None"
-    with pytest.raises(ValueError, match=f"known: {known}"):
-        written(tmp_path, one, np.eye(3), encoding="no such")
-
-
-@pytest.mark.parametrize("one", WRITTEN, ids=ids)
-def test_clouds_larger_than_memory_are_of_the_formats_that_are_divided(tmp_path, one):
-    path = written(tmp_path, one, np.eye(3))
     if one.tiles:
         assert Catalog(path).n_points == 3
     else:
         with pytest.raises(PointFileError, match="must be LAS or LAZ"):
             Catalog(path)
+    for encoding in one.encodings:
+        assert_array_equal(read_points(written(tmp_path, one, encoding=encoding)).xyz, XYZ)
+    known = ", ".join(one.encodings) or "only None"
+    with pytest.raises(ValueError, match=f"known: {known}"):
+        written(tmp_path, one, encoding="no such")
 
 
-@pytest.mark.parametrize("one", [one for one in WRITTEN if one.extra is None], ids=ids)
-def test_formats_without_an_extra_need_no_library(tmp_path, one, monkeypatch):
-    monkeypatch.setattr("sklearn_mcmd._extras.importlib.import_module", None)
-    assert len(read_points(written(tmp_path, one, np.eye(3)))) == 3
+@pytest.mark.parametrize("one", WRITTEN, ids=ids)
+def test_a_missing_library_is_named_with_its_command_and_others_need_none(
+    tmp_path, one, monkeypatch
+):
+    path = written(tmp_path, one)
+    before = path.read_bytes()
+    for library in ("laspy", "lazrs", "plyfile", "pypcd4", "pye57"):
+        monkeypatch.setitem(sys.modules, library, None)
+    if one.extra is None:
+        assert len(read_points(written(tmp_path, one))) == 3
+        return
+    library = {"LAS and LAZ": "laspy[lazrs]", "PLY": "plyfile", "PCD": "pypcd4", "E57": "pye57"}
+    message = rf"which is not installed: pip install \"{re.escape(library[one.name])}>="
+    with pytest.raises(PointFileError, match=message):
+        read_points(path)
+    with pytest.raises(PointFileError, match=message):
+        written(tmp_path, one)
+    assert path.read_bytes() == before

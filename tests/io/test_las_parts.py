@@ -1,16 +1,19 @@
-"""LAS and LAZ in parts hold what they hold as a whole."""
+"""LAS and LAZ in parts hold what they hold as a whole, and several files become one."""
 
 import errno
+import itertools
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
+from las_files import las_file, laspy
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.io._las_parts import read_parts, writing_parts
+from sklearn_mcmd.io._las import writing_parts
+from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
+from sklearn_mcmd.io._las_parts import read_parts
 
-laspy = pytest.importorskip("laspy")
-pytest.importorskip("lazrs")
+N = 60  # points of `las_file`
 
 
 @pytest.fixture(params=["a.las", "a.laz"])
@@ -52,23 +55,121 @@ def test_a_file_written_in_parts_is_the_one_written_at_once(path, name):
         assert_array_equal(getattr(found.header, name), getattr(wanted.header, name))
 
 
-def test_a_truncated_file_is_named(path):
+def test_a_truncated_file_and_a_full_disk_are_named(path, monkeypatch):
+    part = next(read_parts(path, 60_000))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(PointFileError, match=rf"{path.name}: .*truncated"):
         list(read_parts(path, 30_000))
-
-
-def test_a_full_disk_is_told_as_such(path, monkeypatch):
-    from sklearn_mcmd.io import _las
 
     def fail(self, data):
         self.error = OSError(errno.ENOSPC, "No space left on device")
         raise self.error
 
-    monkeypatch.setattr(_las._Sink, "write", fail)
-    part = next(read_parts(path, 60_000))
+    monkeypatch.setattr("sklearn_mcmd.io._las._Sink.write", fail)
     with (
         pytest.raises(OSError, match="No space left"),
         writing_parts(path.with_name("b.laz")) as write,
     ):
         write(part)
+
+
+# ---- several files in one ----------------------------------------------------------------
+
+
+def joined(*paths):
+    """What the files hold together, their number in the name of the file that is written."""
+    target, header = paths[0].with_name("all.laz"), joined_header(paths)
+    with writing_parts(target) as write:
+        for path in paths:
+            for cloud in read_parts(path, 15):
+                write(joined_cloud(cloud, header))
+    return read_points(target)
+
+
+FORMATS = {
+    **{(0, 0): 0, (0, 1): 1, (1, 2): 3, (0, 2): 2, (6, 7): 7, (7, 8): 8, (6, 8): 8},
+    **{(0, 6): 6, (3, 6): 7, (2, 8): 8, (8, 1): 8},
+}
+
+
+@pytest.mark.parametrize("formats", FORMATS)
+def test_the_richest_point_format_holds_all_attributes(tmp_path, formats):
+    paths = [las_file(tmp_path / f"{i}.las", f, seed=i) for i, f in enumerate(formats)]
+    together = joined(*paths)
+    assert together.metadata["las_header"].point_format.id == FORMATS[formats]
+    for i, path in enumerate(paths):
+        cloud, rows = read_points(path), slice(N * i, N * (i + 1))
+        assert_array_equal(together.xyz[rows], cloud.xyz)
+        for name, values in together.attributes.items():
+            if name in cloud.attributes:
+                assert_array_equal(values[rows], cloud.attributes[name])
+            elif name == "scan_angle":
+                degrees = cloud.attributes["scan_angle_rank"]
+                assert_allclose(values[rows] * 0.006, degrees, atol=0.003)
+            else:
+                assert not values[rows].any()
+        assert cloud.attributes.keys() - together.attributes.keys() <= {"scan_angle_rank"}
+
+
+def test_files_of_one_form_are_appended_bit_for_bit(tmp_path):
+    extra = [("beam", "u1"), ("range", "f4")]
+    paths = [las_file(tmp_path / f"{i}.laz", extra=extra, seed=i) for i in range(3)]
+    together = joined(*paths).metadata["las_points"]
+    single = [read_points(path).metadata["las_points"] for path in paths]
+    assert together.dtype == single[0].dtype
+    assert together.tobytes() == b"".join(points.tobytes() for points in single)
+
+
+@pytest.mark.parametrize(
+    ("grids", "atol"),
+    [
+        ([(0.01, 1000.0), (0.001, 1000.0), (0.01, 5.0)], 1e-9),
+        ([(0.001, 0.0), (0.001, 3e6)], 1e-6),  # which get an offset between them
+    ],
+)
+def test_scales_are_the_finest_and_coordinates_stay(tmp_path, grids, atol):
+    paths = [
+        las_file(tmp_path / f"{i}.las", scales=scale, offsets=offset, seed=i)
+        for i, (scale, offset) in enumerate(grids)
+    ]
+    together = joined(*paths)
+    assert_array_equal(together.metadata["las_header"].scales, 0.001)
+    expected = np.vstack([read_points(path).xyz for path in paths])
+    assert_allclose(together.xyz, expected, rtol=0, atol=atol)
+
+
+def test_attributes_that_a_file_has_not_are_0(tmp_path):
+    names = ["beam", "range"]
+    paths = [las_file(tmp_path / f"{name}.las", extra=[(name, "f4")]) for name in names]
+    together = joined(*paths).attributes
+    for (i, path), (j, name) in itertools.product(enumerate(paths), enumerate(names)):
+        rows = slice(N * i, N * (i + 1))
+        expected = read_points(path).attributes[name] if i == j else np.zeros(N)
+        assert_array_equal(together[name][rows], expected)
+
+
+def with_bytes(path, position, data):
+    content = bytearray(path.read_bytes())
+    content[position : position + len(data)] = data
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"extra": [("beam", "f4")]}, r"b\.las: its attribute 'beam'"),
+        ({"scales": 1e-7, "offsets": 9e5}, "span too much"),
+        ({"point_format": 9}, r"b\.las: wave packets"),
+        ({}, r"b\.las: its GPS times"),
+        ({"scales": 1e-6, "offsets": 1e5}, "outside the bounds"),
+    ],
+)
+def test_what_cannot_be_one_file_is_named(tmp_path, other, message):
+    a = las_file(tmp_path / "a.las", extra=[("beam", "u1")], scales=1e-6)
+    b = las_file(tmp_path / "b.las", **other)
+    if not other:
+        with_bytes(b, 6, b"\x01")  # standard time, not that of the week
+    elif "outside" in message:
+        with_bytes(b, 179, np.array([1.0, 0.0] * 3).tobytes())  # bounds that are wrong
+    with pytest.raises(PointFileError, match=message):
+        joined(a, b)

@@ -2,6 +2,7 @@
 
 import io
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -11,54 +12,20 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.io._laz import CHUNKS_A_TIME
+from las_files import las_of, laspy
+from sklearn_mcmd.io import PointFileError, read_points, write_points
 
-laspy = pytest.importorskip("laspy")
 lazrs = pytest.importorskip("lazrs")
 
-N = 3000
+N, ROOT = 3000, Path(__file__).parents[2]
 POINTS_AT, CHUNK_SIZE, VARIABLE = 96, 12, 2**32 - 1
 
-# Reads every file of a folder where no more than 5 GB may be asked for. lazrs ends the process
-# (SIGABRT) when it gets less than it asks for, so the last name printed is the guilty one.
-READ_ALL = """
-import resource, sys, time, warnings
-from pathlib import Path
-from sklearn_mcmd.io import PointFileError, read_points
-resource.setrlimit(resource.RLIMIT_AS, (5 << 30, 5 << 30))
-warnings.simplefilter("ignore")
-for path in sorted(Path(sys.argv[1]).iterdir()):
-    print(path.name, end=" ", flush=True)
-    start = time.perf_counter()
-    try:
-        read_points(path)
-        print("read", end=" ")
-    except PointFileError as err:
-        print("refused", end=" ")
-    print(f"{time.perf_counter() - start:.3f}", flush=True)
-# Not getrusage: that of a new process begins with the size of the one that started it.
-status = dict(line.split(":", 1) for line in open("/proc/self/status"))
-print("peak", status["VmHWM"].split()[0])
-"""
 
-
-def las_of(point_format, n=N, extra=False):
-    """Points that compress as a scan does, with all that the format has."""
-    rng = np.random.default_rng(point_format)
-    header = laspy.LasHeader(version="1.4", point_format=point_format)
-    header.scales = [0.001] * 3
-    if extra:
-        header.add_extra_dim(laspy.ExtraBytesParams("quality", np.float32))
-    las = laspy.LasData(header)
-    for axis in "XYZ":
-        las[axis] = np.cumsum(rng.integers(-9, 10, n)).astype(np.int32)
-    las.intensity = rng.integers(0, 65536, n)
-    las.classification = rng.integers(0, 8, n)
-    for name in {"red", "gps_time", "nir"} & set(las.point_format.dimension_names):
-        las[name] = np.sort(rng.integers(0, 60_000, n))
-    if extra:
-        las.quality = rng.normal(size=n)
+def made(point_format, n=N, **options):
+    """Points of LAS 1.4. Of several scanner channels lazrs 0.8 would change the wave packets."""
+    las = las_of(point_format, n=n, version="1.4", **options)
+    if point_format > 8:
+        las.scanner_channel[:] = 0
     return las
 
 
@@ -101,85 +68,56 @@ def first_chunk_at(content):
     return struct.unpack_from("<I", content, POINTS_AT)[0] + 8
 
 
-def read_in_a_process(folder):
-    pytest.importorskip("resource")
-    done = subprocess.run(
-        [sys.executable, "-c", READ_ALL, str(folder)],
-        capture_output=True,
-        text=True,
-        timeout=600,
-        cwd=Path(__file__).parents[1],
-    )
-    assert done.returncode == 0, done.stdout[-200:] + done.stderr[-500:]
-    *rows, peak = done.stdout.splitlines()
-    return [row.split() for row in rows], int(peak.split()[1]) / 1024
-
-
 # ---- whole files -------------------------------------------------------------------------
 
 
-CHUNKS = [{}, {"chunk_size": 20}, {"cuts": [7, 8, 1500]}]  # of a usual, a small, and their own size
+QUALITY = [("quality", "f4")]
+CHUNKS = [{}, {"chunk_size": 40}, {"cuts": [7, 8, 1500]}]  # of a usual, a small, and their own size
+
+
+def read_as_laspy_does(path, las):
+    """Write the points of a file."""
+    points = las.points.array.tobytes()
+    assert read_points(path).metadata["las_points"].tobytes() == points
+    assert laspy.read(path).points.array.tobytes() == points
 
 
 @pytest.mark.parametrize(
     ("point_format", "extra", "chunks"),
-    [(n, bool(n % 2) == swap, CHUNKS[(n + swap) % 3]) for n in range(11) for swap in (0, 1)],
+    [(n, QUALITY * (n % 2 == swap), CHUNKS[(n + swap) % 3]) for n in range(11) for swap in (0, 1)],
 )
 def test_whole_files_read_as_laspy_reads_them(tmp_path, point_format, extra, chunks):
-    las = las_of(point_format, extra=extra)
-    path = tmp_path / "a.laz"
+    las = made(point_format, extra=extra)
+    path = tmp_path / ("a.las" if extra else "a.laz")  # whose extension counts for nothing
     path.write_bytes(laz_of(las, **chunks))
-    assert read_points(path).metadata["las_points"].tobytes() == las.points.array.tobytes()
-    assert laspy.read(path).points.array.tobytes() == las.points.array.tobytes()
+    read_as_laspy_does(path, las)
 
 
-def test_the_chunks_of_that_test_are_more_than_are_read_at_a_time():
-    assert CHUNKS_A_TIME < N / 20
-
-
-def test_a_file_written_to_a_stream_names_its_chunk_table_at_the_end(tmp_path):
-    las = las_of(6)
-    content = laz_of(las)
-    position = struct.pack("<q", table_at(content))
-    content[first_chunk_at(content) - 8 : first_chunk_at(content)] = struct.pack("<q", -1)
-    (tmp_path / "a.laz").write_bytes(content + position)
-    points = read_points(tmp_path / "a.laz").metadata["las_points"]
-    assert points.tobytes() == las.points.array.tobytes()
-
-
-def test_a_file_of_one_chunk_without_a_table_is_read(tmp_path):
-    las = las_of(1)
+def test_files_of_a_stream_or_of_one_chunk_have_no_table_in_front(tmp_path):
+    las = made(1)
     content = laz_of(las)
     start = first_chunk_at(content)
+    position = struct.pack("<q", table_at(content))  # at the end of what is written to a stream
+    stream = content[: start - 8] + struct.pack("<q", -1) + content[start:] + position
     struct.pack_into("<H", content, record_at(content), 1)  # LASzip's first compressor
-    (tmp_path / "a.laz").write_bytes(content[: start - 8] + content[start : table_at(content)])
-    points = read_points(tmp_path / "a.laz").metadata["las_points"]
-    assert points.tobytes() == las.points.array.tobytes()
-    assert laspy.read(tmp_path / "a.laz").points.array.tobytes() == las.points.array.tobytes()
-
-
-def test_a_chunk_without_a_table_holds_no_more_points_than_its_bytes_can(tmp_path):
-    content = laz_of(las_of(1))
-    struct.pack_into("<H", content, record_at(content), 1)
-    struct.pack_into("<Q", content, 247, 2**32)
-    (tmp_path / "a.laz").write_bytes(content)
+    chunk = content[: start - 8] + content[start : table_at(content)]
+    for name, data in {"stream.laz": stream, "chunk.laz": chunk}.items():
+        (tmp_path / name).write_bytes(data)
+        read_as_laspy_does(tmp_path / name, las)
+    struct.pack_into("<Q", chunk, 247, 2**32)
+    (tmp_path / "a.laz").write_bytes(chunk)
     with pytest.raises(PointFileError, match="damaged: 4,294,967,296 points need 1,481,"):
         read_points(tmp_path / "a.laz")
 
 
 @pytest.mark.parametrize("point_format", [1, 6])
-def test_a_chunk_of_a_million_equal_points_is_read(tmp_path, point_format):
-    las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=point_format))
-    las.points = laspy.ScaleAwarePointRecord.zeros(1_000_000, header=las.header)
-    content = laz_of(las, chunk_size=1_000_000)
-    assert len(content) < 10_000
+def test_a_chunk_of_many_equal_points_is_read(tmp_path, point_format):
+    las = made(point_format, n=1)
+    las.points = laspy.ScaleAwarePointRecord.zeros(300_000, header=las.header)
+    content = laz_of(las, chunk_size=300_000)
+    assert len(content) < 5_000
     (tmp_path / "a.laz").write_bytes(content)
-    assert len(read_points(tmp_path / "a.laz")) == 1_000_000
-
-
-def test_a_compressed_file_with_the_extension_las_is_read(tmp_path):
-    (tmp_path / "a.las").write_bytes(laz_of(las_of(3)))
-    assert len(read_points(tmp_path / "a.las")) == N
+    assert len(read_points(tmp_path / "a.laz")) == 300_000
 
 
 @pytest.mark.parametrize("name", ["autzen_trim/autzen_trim.laz", "laspy_plane_patch/plane.laz"])
@@ -191,178 +129,78 @@ def test_real_files_read_as_laspy_reads_them(shared_data, name):
 # ---- damaged files -----------------------------------------------------------------------
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="limits memory as Linux does")
-@pytest.mark.parametrize("suffix", [".laz", ".copc.laz"])
-def test_an_absurd_number_of_chunks_does_not_end_the_process(tmp_path, suffix):
-    content = laz_of(las_of(6), cuts=[1000] if suffix == ".copc.laz" else None)
-    struct.pack_into("<I", content, table_at(content) + 4, 0x7FFFFFFF)
-    (tmp_path / f"a{suffix}").write_bytes(content)
-    rows, _ = read_in_a_process(tmp_path)
-    assert [row[1] for row in rows] == ["refused"]
+def points_at(content):
+    return first_chunk_at(content) - 8
 
 
-def damages():
-    """Name, what to change, and what the error says of it."""
+# What is changed, to which number, and what the error says of it.
+DAMAGES = [
+    (table_at, 4, "<I", 0x7FFFFFFF, "not in 2147483647 chunks"),
+    (table_at, 4, "<I", 0, "not in 0 chunks"),
+    (record_at, CHUNK_SIZE, "<I", 10, "are not in 6 chunks"),
+    (record_at, CHUNK_SIZE, "<I", 0, "chunks are of 0 points"),
+    (record_at, CHUNK_SIZE, "<I", VARIABLE, "chunk"),
+    (points_at, 0, "<q", 2**40, "truncated: its chunk table begins"),
+    (points_at, 0, "<q", -1, "has no chunk table"),
+    (record_at, 0, "<H", 9, "compressed in a way unknown"),
+    (record_at, 32, "<H", 500, "too short"),
+    (record_at, 34, "<H", 11, "item 11 of 30 bytes"),
+    (record_at, 36, "<H", 29, "item 10 of 29 bytes"),
+    (record_at, 38, "<H", 2, "version 2"),
+    (first_chunk_at, 34, "<I", 0x70000000, "chunk 1 of .* would need"),  # of the first layer
+    (first_chunk_at, 30, "<I", 3, "chunk 1 holds 3 points, not 500"),
+    (lambda _: 247, 0, "<Q", 3001, "3001 points in .* are not in 6 chunks"),
+    (lambda _: 247, 0, "<Q", 2**60, "points need .* bytes or more"),
+]
 
-    def at(where, value, form="<I", offset=0):
-        return lambda content: struct.pack_into(form, content, where(content) + offset, value)
 
-    def points_at(content):
-        return first_chunk_at(content) - 8
-
-    def table_is_lost(content):
-        struct.pack_into("<q", content, points_at(content), -1)
+@pytest.mark.parametrize(("where", "offset", "form", "value", "message"), DAMAGES)
+def test_damage_is_named(tmp_path, where, offset, form, value, message):
+    content = laz_of(made(6), chunk_size=500)
+    struct.pack_into(form, content, where(content) + offset, value)
+    if value == -1:
         content[-8:] = bytes(8)
-
-    layers = 34  # bytes of the first point and count, of point format 6
-    return {
-        "count of chunks": (at(table_at, 0x7FFFFFFF, offset=4), "not in 2147483647 chunks"),
-        "no chunks": (at(table_at, 0, offset=4), "not in 0 chunks"),
-        "chunk size": (at(record_at, 10, offset=CHUNK_SIZE), "are not in 6 chunks"),
-        "chunk size 0": (at(record_at, 0, offset=CHUNK_SIZE), "chunks are of 0 points"),
-        "sizes become variable": (at(record_at, VARIABLE, offset=CHUNK_SIZE), "chunk"),
-        "table beyond the end": (at(points_at, 2**40, "<q"), "truncated: its chunk table begins"),
-        "table nowhere": (table_is_lost, "has no chunk table"),
-        "compressor": (at(record_at, 9, "<H"), "compressed in a way unknown"),
-        "number of items": (at(record_at, 500, "<H", 32), "too short"),
-        "item": (at(record_at, 11, "<H", 34), "item 11 of 30 bytes"),
-        "size of an item": (at(record_at, 29, "<H", 36), "item 10 of 29 bytes"),
-        "version of an item": (at(record_at, 2, "<H", 38), "version 2"),
-        "layer": (at(first_chunk_at, 0x70000000, offset=layers), "chunk 1 of .* would need"),
-        "points of a chunk": (at(first_chunk_at, 3, offset=30), "chunk 1 holds 3 points, not 500"),
-        "more points": (at(lambda _: 247, 3001, "<Q"), "3001 points in .* are not in 6 chunks"),
-        "points beyond reason": (at(lambda _: 247, 2**60, "<Q"), "points need .* bytes or more"),
-    }
-
-
-@pytest.mark.parametrize("name", damages())
-def test_damage_is_named(tmp_path, name):
-    damage, message = damages()[name]
-    content = laz_of(las_of(6), chunk_size=500)
-    damage(content)
     (tmp_path / "a.laz").write_bytes(content)
     with pytest.raises(PointFileError, match=message) as error:
         read_points(tmp_path / "a.laz")
     assert "\n" not in str(error.value)
 
 
-def test_an_extended_record_longer_than_the_file_is_refused(tmp_path):
-    las = las_of(6)
-    las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR("someone", 7, "", bytes(100))])
-    buffer = io.BytesIO()
-    las.write(buffer, do_compress=True)
-    content = bytearray(buffer.getvalue())
-    struct.pack_into("<Q", content, len(content) - 100 - 40, 2**40)
-    (tmp_path / "a.laz").write_bytes(content)
-    with pytest.raises(PointFileError, match="more metadata records than the file has room for"):
-        read_points(tmp_path / "a.laz")
-
-
-def test_a_count_of_las_1_4_that_the_file_cannot_hold_is_refused(tmp_path):
-    buffer = io.BytesIO()
-    las_of(6).write(buffer)
-    content = bytearray(buffer.getvalue())
-    struct.pack_into("<Q", content, 247, 2**33)
-    (tmp_path / "a.las").write_bytes(content)
-    with pytest.raises(PointFileError, match="truncated: 8589934592 points of 30 bytes need"):
-        read_points(tmp_path / "a.las")
-
-
-def mutated(content, part, rng):
-    """One to four changes: bits, bytes, extreme integers; one file in ten is cut off as well."""
-    content = bytearray(content)
-    points_at = first_chunk_at(content) - 8
-    table = table_at(content)
-    low, high = {
-        "header": (4, 375),
-        "records": (375, points_at),
-        "compression": (record_at(content), points_at),
-        "position of the table": (points_at, points_at + 8),
-        "first chunk": (points_at + 8, points_at + 100),
-        "points": (points_at + 8, table),
-        "table": (table, len(content)),
-    }[part]
-    for position in rng.integers(low, high, rng.integers(1, 5)):
-        kind = rng.integers(3)
-        if kind == 0:
-            content[position] ^= 1 << rng.integers(8)
-        elif kind == 1:
-            content[position] = rng.choice([0, 1, 127, 128, 255])
-        else:
-            value = int(rng.choice([0, 2**16, 2**30, 2**31 - 1, 2**31, 2**32 - 1]))
-            end = min(position + 4, len(content))
-            content[position:end] = struct.pack("<I", value)[: end - position]
-    if rng.random() < 0.1:
-        content = content[: rng.integers(points_at, len(content))]
-    return bytes(content)
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="limits memory as Linux does")
 def test_no_damage_ends_the_process_or_takes_its_time_or_memory(tmp_path):
-    rng = np.random.default_rng(7)
-    parts = ["header", "records", "compression", "position of the table"]
-    parts += ["first chunk", "points", "table"]
-    sources = [laz_of(las_of(f)) for f in (0, 1, 3, 6, 7)]
-    sources += [laz_of(las_of(f, extra=True), chunk_size=500) for f in (3, 7)]
-    sources += [laz_of(las_of(f), cuts=[400, 1000, 1001]) for f in (3, 6)]
-    for i in range(300):
-        content = mutated(sources[i % len(sources)], parts[i % len(parts)], rng)
-        (tmp_path / f"{i:03}.laz").write_bytes(content)
-    rows, peak = read_in_a_process(tmp_path)
-    assert len(rows) == 300
-    # Fewer are refused than are damaged: a changed bit of an intensity is nobody's to notice.
-    assert 150 < sum(row[1] == "refused" for row in rows) < 300
-    assert max(float(row[2]) for row in rows) < 5  # seconds; mostly below 0.05
-    assert peak < 600  # MB, of which the interpreter and its libraries take 120
+    """lazrs ends the process (SIGABRT) when it gets less memory than it asks for."""
+    command = [sys.executable, "benchmarks/fuzz_files.py", "--reader", "laz", "--unguided"]
+    command += ["--executions", "400", "--keep", tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, cwd=ROOT)
+    failures = "\n".join(path.read_text() for path in tmp_path.glob("*.txt"))
+    assert re.match(r"laz +400 executions +[\d.]+ h +0 failures", done.stdout), failures
 
 
 # ---- writing -----------------------------------------------------------------------------
 
 
-def test_laz_is_written_as_laspy_writes_it(tmp_path):
-    las = las_of(7, n=120_000)
-    las.write(tmp_path / "a.laz")
-    write_points(tmp_path / "b.laz", read_points(tmp_path / "a.laz"))
-    first, second = (tmp_path / "a.laz").read_bytes(), (tmp_path / "b.laz").read_bytes()
-    assert second == first
-
-
-def test_laz_in_several_parts_is_the_same_file(tmp_path, monkeypatch):
-    cloud = PointCloud(np.random.default_rng(0).integers(0, 999, (120_000, 3)) / 100)
-    write_points(tmp_path / "a.laz", cloud)
-    monkeypatch.setattr("sklearn_mcmd.io._las.WRITTEN_AT_ONCE", 7_001)
-    write_points(tmp_path / "b.laz", cloud)
-    assert (tmp_path / "b.laz").read_bytes() == (tmp_path / "a.laz").read_bytes()
+def test_laz_in_any_parts_is_written_as_laspy_writes_it(tmp_path, monkeypatch):
+    made(7, n=120_000).write(tmp_path / "a.laz")
+    for at_once in (2_000_000, 7_001):
+        monkeypatch.setattr("sklearn_mcmd.io._las.WRITTEN_AT_ONCE", at_once)
+        write_points(tmp_path / "b.laz", read_points(tmp_path / "a.laz"))
+        assert (tmp_path / "b.laz").read_bytes() == (tmp_path / "a.laz").read_bytes()
 
 
 def waves(point_format, offsets):
-    las = las_of(point_format, n=len(offsets))
-    rng = np.random.default_rng(0)
-    records = las.points.array
-    records["wavepacket_index"] = 1
-    records["wavepacket_offset"] = offsets
-    records["wavepacket_size"] = 256
-    records["return_point_wave_location"] = rng.random(len(offsets)) * 1e4
-    for name in ("x_t", "y_t", "z_t"):
-        records[name] = rng.normal(size=len(offsets))
+    las = made(point_format, n=len(offsets))
+    las.points.array["wavepacket_offset"] = offsets
     return las
 
 
 @pytest.mark.parametrize("point_format", [4, 5, 9, 10])
-def test_wave_packets_one_after_the_other_survive_laz(tmp_path, point_format):
-    las = waves(point_format, 60 + 256 * np.arange(N))
-    las.write(tmp_path / "a.las")
-    write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
-    back = laspy.read(tmp_path / "b.laz").points.array
-    assert_array_equal(back, las.points.array)
-
-
-@pytest.mark.parametrize("point_format", [4, 5, 9, 10])
-def test_wave_packets_anywhere_survive_laz(tmp_path, point_format):
-    las = waves(point_format, np.random.default_rng(0).integers(0, 2**40, N))
-    las.write(tmp_path / "a.las")
-    write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
-    assert_array_equal(laspy.read(tmp_path / "b.laz").points.array, las.points.array)
+def test_wave_packets_in_any_order_survive_laz(tmp_path, point_format):
+    anywhere = np.random.default_rng(0).integers(0, 2**40, N)
+    for offsets in (60 + 256 * np.arange(N), anywhere):
+        las = waves(point_format, offsets)
+        las.write(tmp_path / "a.las")
+        write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
+        assert_array_equal(laspy.read(tmp_path / "b.laz").points.array, las.points.array)
 
 
 @pytest.fixture(params=[9, 10])
@@ -405,8 +243,8 @@ start = time.perf_counter()
 write_points(path, xyz)
 act()
 seconds = time.perf_counter() - start
-for i in range(12):
-    timer = threading.Timer(seconds * (i + 1) / 14, os.kill, [os.getpid(), signal.SIGINT])
+for i in range(5):
+    timer = threading.Timer(seconds * (i + 1) / 7, os.kill, [os.getpid(), signal.SIGINT])
     try:
         timer.start()
         act()
@@ -428,7 +266,7 @@ def test_ctrl_c_is_a_keyboard_interrupt_and_no_matter_of_the_file(tmp_path, acti
         capture_output=True,
         text=True,
         timeout=600,
-        cwd=Path(__file__).parents[1],
+        cwd=ROOT,
     )
-    assert done.stdout.splitlines() == ["interrupted"] * 12, done.stderr
+    assert done.stdout.splitlines() == ["interrupted"] * 5, done.stderr
     assert os.listdir(tmp_path) == ["a.laz"]

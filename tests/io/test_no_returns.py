@@ -4,59 +4,37 @@ import warnings
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import supported_extensions
 from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.io._no_returns import NoReturns
 from sklearn_mcmd.tiling import Catalog
+
+for library in ("laspy", "lazrs", "plyfile", "pypcd4", "pye57"):
+    pytest.importorskip(library)
 
 CORNER = np.array([500_000, 200_000, 100])
 SURVEY = CORNER + np.round(np.random.default_rng(0).uniform(0, 20, (30, 3)), 2)
 HOLED = np.insert(SURVEY, [7, 7, 20], 0, axis=0)
-
-
-@pytest.mark.filterwarnings("ignore:.*few programs read")
-@pytest.mark.parametrize("extension", supported_extensions(written=True))
-def test_every_format_says_how_many_and_the_first(tmp_path, extension):
-    libraries = {".e57": "pye57", ".pcd": "pypcd4", ".ply": "plyfile"}
-    pytest.importorskip(libraries.get(extension, "laspy"))
-    write_points(tmp_path / f"a{extension}", HOLED)
-    with pytest.warns(UserWarning, match="3 of 33 points are 0, 0, 0 .* is point 8: ") as told:
-        cloud = read_points(tmp_path / f"a{extension}")
-    assert len(cloud) == 33
-    assert told[0].filename == __file__
-
-
-def test_parts_tell_what_the_whole_tells():
-    whole, parts = NoReturns().add(HOLED), NoReturns()
-    for start in range(0, 33, 8):  # the zeros of row 8 begin a part
-        parts.add(HOLED[start : start + 8])
-    assert parts.warning("a.las") == whole.warning("a.las")
-
-
-@pytest.mark.parametrize("shift", [[0, 0, 0], [90_000, 0, 0]])
-def test_an_origin_among_smaller_coordinates_is_a_point(tmp_path, shift):
-    xyz = np.r_[SURVEY - CORNER + shift, [[0, 0, 0]]]
-    np.save(tmp_path / "a.npy", xyz)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        read_points(tmp_path / "a.npy")
-
-
 OWN_FRAME = np.random.default_rng(1).normal(size=(300, 3))
 SPINNING = np.insert(OWN_FRAME, np.repeat([0, 40, 200], 30), 0, axis=0)
 
 
 @pytest.mark.filterwarnings("ignore:.*few programs read")
 @pytest.mark.parametrize("extension", supported_extensions(written=True))
-def test_many_zeros_in_the_frame_of_the_scanner_are_left_out_of_every_format(tmp_path, extension):
-    libraries = {".e57": "pye57", ".pcd": "pypcd4", ".ply": "plyfile"}
-    pytest.importorskip(libraries.get(extension, "laspy"))
-    write_points(tmp_path / f"a{extension}", np.round(SPINNING, 3))
+def test_zeros_of_every_format_are_named_and_many_in_the_scanners_frame_left_out(
+    tmp_path, extension
+):
+    path = tmp_path / f"a{extension}"
+    write_points(path, HOLED)
+    with pytest.warns(UserWarning, match="3 of 33 points are 0, 0, 0 .* is point 8: ") as shown:
+        assert len(read_points(path)) == 33
+    assert shown[0].filename == __file__
+    write_points(path, np.round(SPINNING, 3))
     with pytest.warns(UserWarning, match="90 of 390 points are 0, 0, 0, the first is point 1: no"):
-        cloud = read_points(tmp_path / f"a{extension}")
-    np.testing.assert_allclose(cloud.xyz, np.round(OWN_FRAME, 3), rtol=0, atol=1e-12)
+        cloud = read_points(path)
+    assert_allclose(cloud.xyz, np.round(OWN_FRAME, 3), rtol=0, atol=1e-12)
     assert cloud.n_dropped == 90
 
 
@@ -71,15 +49,20 @@ def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
     assert (len(cloud), cloud.n_dropped) == (300, 90)
 
 
+TENS = np.repeat(np.outer(np.arange(-30.0, 30), [1, 2, 3]), 10, axis=0)  # each place ten times
+
+
 @pytest.mark.parametrize(
     "xyz",
     [
+        np.r_[SURVEY - CORNER, [[0, 0, 0]]],  # an origin among smaller coordinates
+        np.r_[SURVEY - CORNER + [90_000, 0, 0], [[0, 0, 0]]],
         np.vstack([OWN_FRAME, np.zeros((8, 3))]),  # a target at the origin
         np.round(np.vstack([OWN_FRAME * [1, 1, 0.01], np.zeros((20, 3))])),  # coarse steps
-        np.repeat(np.outer(np.arange(30.0), [1, 2, 3]), 10, axis=0),  # every place ten times
+        TENS,
         np.vstack([OWN_FRAME * [1, 0, 0], np.zeros((200, 3))]),  # along an axis
     ],
-    ids=["few", "rounded", "copies", "axis"],
+    ids=["origin", "far", "few", "rounded", "copies", "axis"],
 )
 def test_zeros_that_may_be_points_are_kept(tmp_path, xyz):
     np.save(tmp_path / "a.npy", xyz)
@@ -99,29 +82,25 @@ FLOOR = np.c_[np.random.default_rng(2).integers(1, 5_000, (3_000, 2)), np.zeros(
         (OWN_FRAME * [1, 1, 0], 200),  # a lidar of one plane, or a plan
         (np.vstack(RINGS), 30),  # the middle one is level
         (np.vstack([OWN_FRAME * 1_000, FLOOR]), 100),  # a floor at height 0
+        (TENS[TENS.any(axis=1)], 19),  # more copies than any other place has
     ],
-    ids=["plan", "rings", "floor"],
+    ids=["plan", "rings", "floor", "copies"],
 )
 def test_zeros_are_no_returns_where_more_points_have_one_coordinate_0(tmp_path, points, n_zeros):
     np.save(tmp_path / "a.npy", np.vstack([points, np.zeros((n_zeros, 3))]))
     with pytest.warns(UserWarning, match=f"a.npy: {n_zeros} of .* no returns.*they are left out$"):
-        np.testing.assert_array_equal(read_points(tmp_path / "a.npy").xyz, points)
+        assert_array_equal(read_points(tmp_path / "a.npy").xyz, points)
 
 
-def test_of_parts_as_many_are_left_out_as_of_the_whole():
-    tens = np.repeat(np.outer(np.arange(-3.0, 4), [1, 2, 3]), 10, axis=0)
-    for xyz, n_left_out in ((SPINNING, 90), (tens, 0), (np.vstack([tens, np.zeros((9, 3))]), 19)):
-        for n_parts in (1, 3, 7):
-            no_returns = NoReturns()
-            for part in np.array_split(xyz, n_parts):
-                no_returns.add(part)
-            assert no_returns.n_left_out == n_left_out
-
-
-def test_parts_of_las_leave_out_what_the_whole_file_does(tmp_path):
-    write_points(tmp_path / "a.las", np.round(SPINNING, 3))
-    with pytest.warns(UserWarning, match="90 of 390"):
-        whole = read_points(tmp_path / "a.las").xyz
-    parts = [part.xyz for part in read_parts(tmp_path / "a.las", 20)]
-    np.testing.assert_array_equal(np.vstack(parts), whole)
-    assert Catalog(tmp_path / "a.las").counts == [300]
+@pytest.mark.parametrize(("xyz", "n_left"), [(SPINNING, 300), (TENS[::-1], 600), (HOLED, 33)])
+@pytest.mark.parametrize("n_part", [7, 20, 1000])
+@pytest.mark.filterwarnings("ignore:.*points are 0, 0, 0")
+def test_parts_of_las_leave_out_what_the_whole_file_does(
+    tmp_path, monkeypatch, xyz, n_left, n_part
+):
+    monkeypatch.setattr("sklearn_mcmd.io._las_parts.POINTS_A_TIME", n_part)
+    write_points(tmp_path / f"{n_part}.las", np.round(xyz, 3))
+    whole = read_points(tmp_path / f"{n_part}.las").xyz
+    parts = [part.xyz for part in read_parts(tmp_path / f"{n_part}.las", 20)]
+    assert_array_equal(np.vstack(parts), whole)
+    assert Catalog(tmp_path / f"{n_part}.las").counts == [len(whole)] == [n_left]

@@ -57,22 +57,17 @@ def test_points_are_moved_by_the_pose_of_their_scan(tmp_path):
     assert length_unit(cloud) == "m"
 
 
-def test_each_point_has_its_row_and_column_of_which_columns_come_first(tmp_path):
-    cloud = read_points(written(tmp_path, header((4, 3)), body(scan())))
-    assert_array_equal(cloud.attributes["column_index"], np.repeat(np.arange(4), 3))
-    assert_array_equal(cloud.attributes["row_index"], np.tile(np.arange(3), 4))
-    assert "scan_index" not in cloud.attributes
-
-
-def test_rays_without_a_return_are_left_out_and_counted(tmp_path):
+def test_points_have_rows_and_columns_and_rays_without_a_return_are_left_out(tmp_path):
     table = scan()
     table[[2, 7]] = 0, 0, 0, 0.5
     table[4, :2] = 0  # a point on the axis
     cloud = read_points(written(tmp_path, header((4, 3)), body(table)))
     assert cloud.n_dropped == 2
     kept = np.delete(np.arange(12), [2, 7])
-    assert_array_equal(3 * cloud.attributes["column_index"] + cloud.attributes["row_index"], kept)
+    assert_array_equal(cloud.attributes["column_index"], kept // 3)  # columns come first
+    assert_array_equal(cloud.attributes["row_index"], kept % 3)
     assert_allclose(cloud.attributes["intensity"], table[kept, 3])
+    assert "scan_index" not in cloud.attributes
 
 
 def test_a_scan_without_a_return_counts_in_no_number(tmp_path):
@@ -130,48 +125,32 @@ SCALED = np.diag([0.3048, 0.3048, 0.3048, 1])
 MIRROR, SHIFTED = np.diag([1, 1, -1, 1]), np.eye(4)
 SHIFTED[0, 3] = 5
 LINES = body(scan()).splitlines(keepends=True)
-BAD = {
+SCAN = [header((4, 3)), *LINES]
+BAD = {  # what a file has, and what the error says
     "ends in a header": (
         header((4, 3)).splitlines(keepends=True)[:7],
         "truncated: it ends before the row of four of the",
     ),
-    "ends in a scan": (
-        [header((4, 3)), *LINES[:7]],
-        "truncated: the scan of line 1 has 7 of 12 points",
-    ),
-    "ends in the second": (
-        [header((4, 3)), *LINES, header((4, 3)), *LINES[:11]],
-        "the scan of line 23 has 11 of 12 points",
-    ),
+    "ends in a scan": (SCAN[:8], "truncated: the scan of line 1 has 7 of 12 points"),
+    "ends in the second": (SCAN + SCAN[:12], "the scan of line 23 has 11 of 12 points"),
     "too many points": ([header((4, 2)), *LINES], "line 19: needs the number of columns, has"),
     "no counts": (LINES, "line 1: needs the number of columns, has"),
     "a broken count": ([header((4, "x")), *LINES], "line 2: needs the number of rows, has 'x'"),
     "half a row": ([header((4, 2.5)), *LINES], "line 2: needs the number of rows, has '2.5'"),
     "a negative count": ([header((-4, 3)), *LINES], "line 1: needs the number of columns"),
-    "no number": (
-        [header((4, 3)), *LINES[:4], "1 2 b 4\n", *LINES[5:]],
-        "line 15: '1 2 b 4' is no point; points have 4",
-    ),
-    "a gap": (
-        [header((4, 3)), *LINES[:4], "1 2 3\n", *LINES[5:]],
-        "line 15: '1 2 3' is no point",
-    ),
-    "three columns": (
-        [header((4, 3)), *["1 2 3\n"] * 12],
-        "line 22: a point of 3 numbers; points have 4 numbers",
-    ),
-    "a scale": (
-        [header((4, 3), matrix=SCALED), *LINES],
-        "line 7: the matrix .* is no rigid motion",
-    ),
-    "a mirror": ([header((4, 3), matrix=MIRROR), *LINES], "line 7: the matrix that begins here is"),
-    "zeros": ([header((4, 3), matrix=np.zeros((4, 4))), *LINES], "line 7: the matrix that"),
-    "a perspective": ([header((4, 3), matrix=SHIFTED), *LINES], "line 7: the matrix that begins"),
+    "no number": ([*SCAN[:5], "1 2 b 4\n", *SCAN[6:]], "line 15: '1 2 b 4' is no point; points"),
+    "a gap": ([*SCAN[:5], "1 2 3\n", *SCAN[6:]], "line 15: '1 2 3' is no point"),
+    "three columns": ([SCAN[0], *["1 2 3\n"] * 12], "line 22: a point of 3 numbers; points have 4"),
+    "more than bytes": ([header((10**9, 10**9)), *LINES], "1,000,000,000,000,000,000 points need"),
     "no matrix": (
         [header((4, 3), matrix=np.full((4, 4), np.nan)), *LINES],
         "line 7: needs the row",
     ),
-    "more than bytes": ([header((10**9, 10**9)), *LINES], "1,000,000,000,000,000,000 points need"),
+}
+MATRICES = {"a scale": SCALED, "a mirror": MIRROR, "zeros": SCALED * 0, "a perspective": SHIFTED}
+BAD |= {
+    kind: ([header((4, 3), matrix=matrix), *LINES], "line 7: the matrix .* is no rigid motion")
+    for kind, matrix in MATRICES.items()
 }
 
 

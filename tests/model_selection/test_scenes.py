@@ -21,7 +21,7 @@ GRID = {"segment__max_angle": [15.0, 60.0], "normals__n_neighbors": [10, 30]}
 def pipeline(**parameters):
     steps = [
         ("normals", RobustNormalEstimator(30, random_state=0)),
-        ("segment", RegionGrowing(normals="precomputed", divide_at_creases=False)),
+        ("segment", RegionGrowing(normals="precomputed", refine=False)),
     ]
     return Pipeline(steps).set_params(**parameters)
 

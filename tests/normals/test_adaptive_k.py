@@ -13,17 +13,15 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.normals._adaptive_k import (
-    AROUND,
-    LEAST,
-    MOST,
-    QUIET,
-    TILT,
     ScaleFinder,
+    SizeLimits,
     are_turned,
     wanted_by,
 )
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._plane import normal_errors
+from sklearn_mcmd.planes._principal_planes import normal_errors
+
+TILT, LEAST, MOST, QUIET, AROUND = SizeLimits()
 
 
 def sheet(n, noise, seed=0):
@@ -84,7 +82,7 @@ def test_sizes_are_those_of_the_literal_steps_on_a_cloud_of_three_noises():
     k, wanted = LEAST, np.full(450, np.inf)
     while np.isinf(wanted).any() and k <= MOST // 2:
         (errors, normals), (_, larger) = planes_by_numpy(X, k), planes_by_numpy(X, 2 * k)
-        error, found = wanted_by(quiet(errors), k, 3)
+        error, found = wanted_by(quiet(errors), k, 3, SizeLimits())
         cosine = np.minimum(np.abs(np.einsum("ij,ij->i", normals, larger)), 1)
         bent = (found > 2 * k) & are_turned(quiet(np.degrees(np.arccos(cosine))), error)
         found = np.maximum(np.where(bent, k, np.where(found > 2 * k, np.inf, found)), LEAST)
@@ -108,26 +106,6 @@ def test_each_part_has_its_own_size():
     assert_array_equal(sizes[:3000], LEAST)
     assert_array_equal(sizes[3000:], sizes_of(noisy))  # a quiet part elsewhere changes nothing
     assert sizes[3000:].min() > 2 * LEAST
-
-
-def test_what_no_one_asks_for_need_not_be_known(monkeypatch):
-    """Against planes of all points at each step, where half of the cloud has more noise."""
-    X = sheet(3000, 0.1)
-    X[X[:, 0] > 30, 2] *= 8
-    sizes = sizes_of(X)
-    monkeypatch.setattr(ScaleFinder, "_reached", lambda self, rows: np.ones_like(rows))
-    assert_array_equal(sizes, sizes_of(X))
-
-
-def test_the_number_follows_from_the_noise():
-    """The error of a plane of k points on unit squares is noise * sqrt(8 pi) / k.
-
-    A fifth more comes from Student's factor of few points, and from their thickness.
-    """
-    for noise in (0.2, 0.4, 0.8):
-        expected = np.degrees(noise * np.sqrt(8 * np.pi)) / TILT
-        found = np.median(sizes_of(sheet(5000, noise)))
-        assert expected <= found <= 1.25 * expected
 
 
 @pytest.mark.parametrize("n", [700, 3000])
@@ -178,22 +156,6 @@ def test_a_radius_limits_them():
 def test_more_dimensions_than_three_ask_for_a_number():
     with pytest.raises(ValueError, match="X has 4 features; give a number of neighbors"):
         RobustNormalEstimator("auto").fit(np.random.default_rng(0).normal(size=(40, 4)))
-
-
-@pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize("n", [6, 40, 300])
-def test_few_points(n, d):
-    X = np.random.default_rng(0).normal(size=(n, d))
-    X[:, -1] *= 0.01
-    estimator = RobustNormalEstimator("auto", random_state=0).fit(X)
-    assert estimator.n_neighbors_.max() <= min(n, MOST)
-    assert np.isfinite(estimator.normals_).all()
-
-
-def test_copies_have_the_size_of_their_place():
-    X = sheet(1500, 0.3)
-    estimator = RobustNormalEstimator("auto", random_state=0).fit(np.vstack([X, X[:200]]))
-    assert_array_equal(estimator.n_neighbors_[1500:], estimator.n_neighbors_[:200])
 
 
 def waves(noise, n=4000):

@@ -80,12 +80,6 @@ def test_a_sphere_has_one_over_its_radius(n):
     assert (found.shape_index < -0.95).all()  # a cup from within
 
 
-def test_a_ball_seen_from_outside_is_a_cap():
-    found = measure(sphere(3000)[0], sphere(3000)[1])
-    assert_allclose(found.mean_curvature, -1, rtol=0.05)
-    assert (found.shape_index > 0.95).all()
-
-
 @pytest.mark.parametrize("n", [900, 5000])
 def test_a_cylinder_bends_across_its_axis(n):
     X, N = cylinder(n, 0.0)
@@ -167,14 +161,14 @@ def test_the_fit_is_least_squares_of_the_members_it_chose():
     tangents = np.array([[[1.0, 0, 0], [0, 1, 0]]])
     origin, floor = np.zeros((1, 3)), np.zeros(1)
     jets = Jets.undetermined(1)
-    fit_jets(points, around, origin, tangents, planes, floor, JetLimits(), jets)
+    fit_jets(points, around, origin, tangents, planes, floor, JetLimits.now(), jets)
     assert jets.n_used[0] == 37
     design = np.column_stack([np.ones(40), u, v, u * u, u * v, v * v])[3:]
     expected, squares, _, _ = np.linalg.lstsq(design, height[3:], rcond=None)
     assert_allclose(jets.slopes[0], expected[1:3], rtol=1e-9)
     assert_allclose(jets.bends[0], 2 * expected[3:], rtol=1e-9)  # in radii of 2
     deviation = np.sqrt(squares[0] / 31)
-    assert_allclose(2 * jets.noise[0], JetLimits().truncation * deviation, rtol=1e-9)
+    assert_allclose(2 * jets.noise[0], JetLimits.now().truncation * deviation, rtol=1e-9)
     covariance = np.linalg.inv(design.T @ design)[3:, 3:]
     lower = np.zeros((3, 3))
     lower[np.tril_indices(3)] = jets.factors[0]
@@ -185,46 +179,8 @@ def test_the_fit_is_least_squares_of_the_members_it_chose():
     found = _derive(flat, tangents, planes.normals, planes.radius)
     mean = (found.max_curvature[0] + found.min_curvature[0]) / 2
     assert_allclose(mean, expected[3] + expected[5], rtol=1e-9)
-    own = np.sqrt(gradient @ covariance @ gradient) * JetLimits().truncation * deviation
+    own = np.sqrt(gradient @ covariance @ gradient) * JetLimits.now().truncation * deviation
     assert 1.0 < found.mean_error[0] / own < 1.06  # Student's quantile of 31 over the normal one
-
-
-def members_by_numpy(points, scale, rounds):
-    """Members within `explained` deviations of the last quadric, first of the plane z = 0."""
-    u, v, z = points.T
-    design = np.column_stack([np.ones_like(u), u, v, u * u, u * v, v * v])
-    rest, noise, used = z, scale, np.zeros(len(z), dtype=bool)
-    for _ in range(1 + rounds):
-        inside = np.abs(rest) <= JetLimits().explained * noise
-        if (inside == used).all():
-            break
-        used = inside
-        if used.sum() < 8:
-            return 0
-        rest = z - design @ np.linalg.lstsq(design[used], z[used], rcond=None)[0]
-        noise = JetLimits().truncation * np.sqrt((rest[used] ** 2).sum() / (used.sum() - 6))
-    return used.sum()
-
-
-@pytest.mark.parametrize("n", [7, 8, 60])
-def test_members_are_chosen_again_after_each_fit_up_to_the_last_round(n):
-    rng, numbers = np.random.default_rng(n), []
-    for _ in range(20):
-        points = rng.normal(size=(n, 3)) * [1, 1, 0.05 if n == 60 else 1e-3]
-        points[:, 2] += 0.1 * points[:, 0] ** 2 * (n == 60)
-        planes = Planes.unknown(1, 3)
-        planes.centroids[:], planes.normals[:] = 0, [0, 0, 1]
-        planes.scale[:], planes.radius[:] = 0.05, 2.0
-        around = Neighborhoods(np.arange(n, dtype=np.int32)[None], np.array([n]))
-        tangents, origin = np.array([[[1.0, 0, 0], [0, 1, 0]]]), np.zeros((1, 3))
-        for rounds in range(4):
-            jets, limits = Jets.undetermined(1), JetLimits(rounds=rounds)
-            fit_jets(points, around, origin, tangents, planes, np.zeros(1), limits, jets)
-            numbers.append((jets.n_used[0], members_by_numpy(points, 0.05, rounds)))
-    found, expected = np.array(numbers).T
-    assert_array_equal(found, expected)
-    if n == 60:
-        assert (np.diff(found.reshape(20, 4)) != 0).any(axis=0).all()
 
 
 @pytest.mark.parametrize(("n", "noise"), [(900, 0.03), (5000, 0.005), (5000, 0.015)])
@@ -235,16 +191,6 @@ def test_errors_are_those_of_repeated_measurement(n, noise):
     z = (found.mean_curvature - 1 - bias) / found.mean_curvature_error
     assert 0.8 < z.std() < 1.3
     assert abs(z.mean()) < 0.4
-
-
-def test_errors_of_principal_curvatures_where_these_differ():
-    X, N = cylinder(5000, 0.01)
-    inside = (X[:, 2] > 0.5) & (X[:, 2] < 5.5)
-    found = measure(X, -N)
-    across = (found.max_curvature - 1) / found.max_curvature_error
-    along = found.min_curvature / found.min_curvature_error
-    for z in (across, along):
-        assert 0.8 < z[inside].std() < 1.3
 
 
 @pytest.mark.parametrize("k", [12, 30])
@@ -290,11 +236,6 @@ def test_new_points_and_threads_give_the_same(mixed, parameters):
     assert_allclose(estimator.transform(X[7:8]), found[7:8], rtol=1e-9, atol=1e-12)
     assert_array_equal(columns(X, n_jobs=2, **parameters), found[:, 12:])
     assert np.isfinite(found).all()
-
-
-def test_curvatures_do_not_depend_on_the_order_of_rows(mixed):
-    order = np.random.default_rng(1).permutation(len(mixed))
-    assert_allclose(columns(mixed[order]), columns(mixed)[order], rtol=1e-6, atol=1e-9)
 
 
 @given(
@@ -354,14 +295,6 @@ def test_directions_are_unit_vectors_in_the_surface(mixed):
         assert (vectors[known, 2] >= 0).all()
 
 
-def test_float32_clouds_have_the_curvatures_of_their_float64_copies(mixed):
-    X = mixed.astype(np.float32)
-    single = RobustNormalEstimator(30, features=NAMES, random_state=0).fit_transform(X)
-    assert single.dtype == np.float32
-    double = columns(X.astype(np.float64))
-    assert np.isclose(single[:, 12:], double, rtol=1e-3, atol=1e-3).all(axis=1).mean() > 0.99
-
-
 @pytest.mark.parametrize("orientation", [None, "sensor"])
 def test_one_neighborhood_has_one_quadric(orientation):
     X, N, most, least = saddle(200)
@@ -384,9 +317,3 @@ def test_what_nothing_determines_is_zero_with_the_largest_error():
         distances = np.sort(np.linalg.norm(X - X[3], axis=1))
         assert_array_equal(np.delete(estimator.features_, [5, 6, 7], axis=1), 0)
         assert_allclose(estimator.features_[3, 5:8], 1 / distances[k - 1])
-
-
-def test_curvatures_are_in_three_dimensions_only():
-    X = np.random.default_rng(0).normal(size=(50, 2))
-    with pytest.raises(ValueError, match="'mean_curvature' is defined in 3D only"):
-        RobustNormalEstimator(20, features="mean_curvature").fit(X)

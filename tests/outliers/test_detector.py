@@ -1,15 +1,12 @@
 """MCMDOutlierDetector: the paper's form, the interface, new points, odd clouds, bad input."""
 
-import pickle
 import warnings
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from sklearn.base import clone
-from sklearn.model_selection import GridSearchCV, KFold
 
-from reference import neighborhood, saliency
+from reference import saliency
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._consistent_set import draw_trials
@@ -70,14 +67,6 @@ def test_the_papers_form_measures_each_point_by_its_own_plane(street):
     assert_allclose(-given.scores_, distances * planes.scale / 0.02)
 
 
-def test_one_plane_for_all_is_measured_by_a_given_noise():
-    rng = np.random.default_rng(0)
-    X = rng.uniform(size=(200, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (200, 3))
-    given = MCMDOutlierDetector(None, noise_scale=0.02, random_state=0).fit(X)
-    own = MCMDOutlierDetector(None, random_state=0).fit(X)
-    assert_allclose(given.score_samples(X) / own.score_samples(X), 0.5, rtol=0.15)
-
-
 def test_the_default_finds_more_outliers_and_loses_fewer_points_than_the_papers_form():
     street = make_street(20_000, outlier_share=0.1, random_state=0)
     X, y = street.data, street.target
@@ -87,13 +76,6 @@ def test_the_default_finds_more_outliers_and_loses_fewer_points_than_the_papers_
     kept = [(form[y == 1] == 1).mean() for form in (paper, labels)]
     assert found[1] > found[0] + 0.1
     assert kept[1] > 0.999 > kept[0]
-
-
-def test_points_before_a_wall_are_found_and_the_wall_is_kept():
-    X, y = wall_with_car()
-    labels = MCMDOutlierDetector(random_state=0).fit_predict(X)
-    assert (labels[y == -1] == -1).mean() > 0.9
-    assert (labels[y == 1] == 1).mean() > 0.95
 
 
 @pytest.mark.parametrize("copies", [False, True])
@@ -215,15 +197,6 @@ def test_a_cloud_without_any_surface_is_judged_by_company(d, strictness):
     assert (labels[1:] == 1).all()
 
 
-def test_a_cloud_that_surfaces_explain_whole_judges_new_points():
-    rng = np.random.default_rng(0)
-    X = np.column_stack([rng.uniform(0, 1, (400, 2)), rng.uniform(-0.01, 0.01, 400)])
-    for strictness in ("isolated", "groups", "surfaces"):
-        detector = MCMDOutlierDetector(strictness=strictness, random_state=0).fit(X)
-        assert detector.on_surface_.all()
-        assert_array_equal(detector.predict([[0.5, 0.5, 0.005], [0.5, 0.5, 1.0]]), [1, -1])
-
-
 def test_thousands_of_points_in_one_place_do_not_slow_the_search():
     """A scanner's missing returns at the origin; quadratic work would take minutes.
 
@@ -260,14 +233,6 @@ def test_copies_change_no_plane_of_a_cloud(street):
     assert_array_equal(found.scores_[len(street) :], found.scores_[: len(street) : 3])
 
 
-def test_changing_the_input_after_fitting_changes_nothing(street):
-    X = street.copy()
-    detector = MCMDOutlierDetector(random_state=0).fit(X)
-    expected = detector.score_samples(street)
-    X *= 0
-    assert_array_equal(detector.score_samples(street), expected)
-
-
 def test_single_precision_queries_are_measured_with_their_own_rounding():
     X = np.random.default_rng(0).uniform(0, 9, (2000, 3))
     X[:, 2] = 0.3 * X[:, 0] - 0.2 * X[:, 1] + 7
@@ -292,33 +257,6 @@ def test_more_neighbors_than_points_means_all_points_with_a_warning():
         detector = MCMDOutlierDetector(50, random_state=0).fit(X)
     assert detector.n_neighbors_ == 42
     assert detector.n_support_ == 21
-
-
-def test_a_fixed_seed_repeats_and_seeds_differ(street):
-    first, again, other = (
-        MCMDOutlierDetector(random_state=seed).fit(street).score_samples(street)
-        for seed in (0, 0, 1)
-    )
-    assert_array_equal(first, again)
-    assert (first != other).mean() > 0.05
-
-
-def test_it_survives_cloning_and_pickling(street):
-    detector = MCMDOutlierDetector(random_state=0, cutoff=3).fit(street[:1500])
-    copy = pickle.loads(pickle.dumps(detector))
-    assert_array_equal(copy.score_samples(street), detector.score_samples(street))
-    assert clone(detector).cutoff == 3
-
-
-def test_it_can_be_searched_over_a_grid():
-    X, y = wall_with_car()
-    search = GridSearchCV(
-        MCMDOutlierDetector(max_outlier_rate=0.2, random_state=0),
-        {"n_neighbors": [10, 30], "method": ["mcmd_z", "mcmd_md"]},
-        scoring="balanced_accuracy",
-        cv=KFold(2, shuffle=True, random_state=0),  # without it, the car is in one half
-    ).fit(X, y)
-    assert search.best_score_ > 0.8
 
 
 @pytest.mark.parametrize(
@@ -371,30 +309,11 @@ def test_points_of_another_dimension_are_refused():
         detector.predict(X[:, :2])
 
 
-def test_queries_beyond_measure_are_refused():
-    X, _ = wall_with_car(40)
-    detector = MCMDOutlierDetector(20, random_state=0).fit(X)
-    with pytest.raises(ValueError, match="in row 1"):
-        detector.predict([[0, 0, 0], [1e200, 0, 0]])
-
-
 @pytest.mark.filterwarnings("ignore:strictness=.* in 8D")
 def test_trials_beyond_space_are_limited_with_a_warning():
     X = np.random.default_rng(0).normal(size=(40, 8))
     with pytest.warns(UserWarning, match="max_outlier_rate=0.5 in 8D asks for 2354 trials; 300"):
         MCMDOutlierDetector(20, random_state=0).fit(X)
-
-
-def test_neighborhoods_are_those_of_sorting_all_distances(street):
-    detector = MCMDOutlierDetector(random_state=0).fit(street)
-    index = detector._model.index
-    found, _ = index.query(street[:20])
-    for query, row in zip(street[:20], found, strict=True):
-        expected = street[neighborhood(street, query, 50)]
-        assert_allclose(
-            np.linalg.norm(index.points[row] - query, axis=1),
-            np.linalg.norm(expected - query, axis=1),
-        )
 
 
 @pytest.mark.parametrize("strictness", [None, "isolated", "groups", "surfaces"])

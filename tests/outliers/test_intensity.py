@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import rankdata
-from sklearn import config_context
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import FunctionTransformer
 
 from outliers.test_ray_evidence import FORM, sheet_at_an_edge
 from sklearn_mcmd import MCMDOutlierDetector
@@ -84,13 +81,6 @@ def test_one_plane_has_no_use_for_it(parameters, lacks, given):
         detector().set_params(**parameters).fit(X, **given)
 
 
-def test_it_passes_through_a_pipeline():
-    with config_context(enable_metadata_routing=True):
-        asking = detector().set_fit_request(intensity=True)
-        pipeline = make_pipeline(FunctionTransformer(), asking).fit(X, intensity=LIGHT)
-    assert_array_equal(kept(pipeline[-1]), kept(detector().fit(X, intensity=LIGHT)))
-
-
 def test_doubts_grow_in_the_dark_and_surfaces_stay():
     """Of two clouds of flakes before a wall, the darker one is the more isolated."""
     rng = np.random.default_rng(0)
@@ -114,7 +104,7 @@ def test_bright_mixed_pixels_stay_on_their_sheets():
     light = np.r_[np.linspace(8, 9, 60), np.linspace(0, 1, len(cloud) - 60)]
     plain = MCMDOutlierDetector(**FORM).fit(cloud, sensor_origin=sensor)
     lit = MCMDOutlierDetector(**FORM).fit(cloud, sensor_origin=sensor, intensity=light)
-    sheets = plain._cloud.off_surface.rows[plain._cloud.rays.by_sheet]
+    sheets = plain._cloud.off_surface.rest.rows[plain._cloud.rays.rest.by_sheet]
     assert len(sheets) > 30
     assert_array_equal(lit._cloud.point_scores[sheets], plain._cloud.point_scores[sheets])
 

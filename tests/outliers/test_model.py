@@ -138,25 +138,17 @@ def test_clean_planes_of_few_points_are_flagged_no_more_than_the_cutoff_says(d, 
 
     Points of one cloud share a plane, and where its scale is small several are flagged together:
     their number varies more than a binomial number, with up to twice its variance (measured, 20
-    points in 2D). Of 2,000 points of a size, four standard deviations above 0.27 % are 0.93 %.
+    points in 2D). Of 2,000 points of most sizes, four standard deviations above 0.27 % are 0.93 %.
     One size is above 0.27 %: 30 to 40 points in 2D have 0.4 to 0.6 % (12,000 points), as the scale
     of few points has a heavier tail than its correction. All sizes together are not.
     """
     monkeypatch.setattr("sklearn_mcmd.planes._local_planes.COMPILE_FROM", 0)  # in 3D it is quick
     shares = []
     for n in SMALL:
-        clouds = [clean_plane(n, d, seed) for seed in range(2_000 // n)]
+        clouds = [clean_plane(n, d, seed) for seed in range(min(2_000 // n, 100))]
         shares.append(np.mean([flagged(X, "surfaces") for X in clouds]))
     assert max(shares) <= CLEAN_RATE + 4 * np.sqrt(2 * CLEAN_RATE / 2_000)
     assert np.mean(shares) <= CLEAN_RATE
-
-
-@pytest.mark.filterwarnings("ignore:n_neighbors=50 is more than")
-@pytest.mark.parametrize("strictness", STRICTNESSES)
-def test_a_far_point_is_found_in_a_small_cloud(strictness):
-    for n in (10, 20, 30, 50, 80, 200):
-        X = np.vstack([clean_plane(n, 3, seed=0), [[0.5, 0.5, 5.0]]])
-        assert flagged(X, strictness)[-1]
 
 
 # What is kept and what is flagged
@@ -287,7 +279,7 @@ def test_far_outliers_come_before_all_real_points():
     crown = ball(500, [1.5, 1.5, 2.0], 0.4, rng)
     floor = rng.uniform(0, 3, (3000, 3)) * [1, 1, 0] + rng.normal(0, 0.004, (3000, 3))
     real = np.vstack([wall(3000, rng), floor, crown])
-    places = rng.uniform(0, 3, (5000, 3))
+    places = rng.uniform(0, 3, (1500, 3))
     gaps = np.min(np.linalg.norm(places[:, None] - real[None, ::5], axis=2), axis=1)
     X = np.vstack([real, places[gaps > 0.35][:100]])
     y = np.arange(len(X)) >= len(real)

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from reference import judged
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
-from sklearn_mcmd.outliers._rays import RayLimits
 from sklearn_mcmd.planes._consistent_set import draw_trials
+from sklearn_mcmd.sensors._rays import RayLimits
 
 FORM = {"n_neighbors": 30, "max_outlier_rate": 0.2, "random_state": 0}
 

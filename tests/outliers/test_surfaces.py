@@ -9,7 +9,6 @@ from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
     distances_to_surfaces,
     find_surfaces,
-    own_distances,
 )
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
@@ -45,22 +44,6 @@ def surfaces(points, neighbors, planes, least=K, distances=None):
 @pytest.fixture
 def rng():
     return np.random.default_rng(0)
-
-
-def test_one_face_is_one_surface(rng):
-    assert surfaces(*face(500, rng)).all()
-
-
-def test_density_plays_no_part(rng):
-    """A tenth of the density, and a stripe of ten times the density in it."""
-    sparse = rng.uniform(0, 1, (300, 3)) * [1, 1, 0]
-    stripe = rng.uniform(0, 1, (600, 3)) * [0.1, 1, 0] + [0.4, 0, 0]
-    index = NeighborIndex(np.vstack([sparse, stripe]), K)
-    neighbors = index.query(index.points)
-    last = index.points[neighbors.indices[:, -1]]
-    radius = np.linalg.norm(last - index.points, axis=1)
-    planes = planes_at(index.points, [0, 0, 1], radius, scale=1e-3)
-    assert surfaces(index.points, neighbors, planes).mean() > 0.99
 
 
 def test_a_part_of_too_few_points_is_no_surface(rng):
@@ -117,15 +100,6 @@ def test_levels_that_do_not_explain_each_other_are_two_surfaces(rng):
         assert surfaces(lifted, neighbors, planes, least=300).all() == linked
 
 
-def test_own_distances_are_in_standard_deviations_and_finite():
-    planes = planes_at(np.zeros((4, 3)), [0, 0, 1], 1.0, scale=[0.3, 0.0, 0.0, 1e-300])
-    queries = np.array([[9, 9, 1.0], [0, 0, 0], [0, 0, 0.1], [0, 0, 1e99]])
-    floor = np.array([0.4, 0.0, 0.01, 0.0])
-    found = own_distances(queries, planes, floor)
-    assert_allclose(found[:3], [2, 0, 10])
-    assert np.isfinite(found).all()
-
-
 def distances(queries, indices, planes, on_surface, chunk=1000, n_jobs=None):
     near = Neighborhoods(indices.astype(np.int32), np.full(len(queries), indices.shape[1]))
     floor = np.zeros(len(queries))
@@ -142,14 +116,3 @@ def test_the_nearest_plane_of_a_surface_that_reaches_the_point_measures_it():
     owners, found = distances(queries, candidates, planes, on_surface)
     assert_array_equal(owners, [3, 1, -1])
     assert_allclose(found, [0.1, 0.2, np.inf])
-
-
-def test_chunks_and_threads_change_no_distance(rng):
-    points, neighbors, planes = face(2000, rng)
-    queries = points + rng.normal(0, 0.05, points.shape)
-    on_surface = rng.random(2000) < 0.5
-    expected = distances(queries, neighbors.indices, planes, on_surface)
-    pieces = distances(queries, neighbors.indices, planes, on_surface, 97, 2)
-    assert_array_equal(expected[0], pieces[0])
-    assert_array_equal(expected[1], pieces[1])
-    assert (expected[0] >= 0).any()

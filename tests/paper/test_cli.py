@@ -1,7 +1,5 @@
 """``python -m benchmarks.paper``: names, files and errors."""
 
-import pytest
-
 from benchmarks.paper import EXPERIMENTS, table2
 from benchmarks.paper.__main__ import main
 
@@ -22,11 +20,3 @@ def test_a_name_prints_the_report_and_out_holds_its_plot_and_text(tmp_path, caps
     assert sorted(p.name for p in folder.iterdir()) == ["table2.png", "table2.txt"]
     assert (folder / "table2.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "table2.txt").read_text(encoding="utf-8").strip() == report
-
-
-@pytest.mark.parametrize("option", [("--runs", "1"), ("--seed", "-1"), ("--runs", "many")])
-def test_a_bad_option_is_named(option, capsys):
-    with pytest.raises(SystemExit) as end:
-        main(["table1", *option])
-    assert end.value.code == 2
-    assert option[0] in capsys.readouterr().err

@@ -1,7 +1,8 @@
 """The reproductions: figures within the errors of an independent replication, any run count.
 
 The expected figures are those of a replication by independent code, with the number of its runs.
-Bounds are four standard errors of the difference of two Monte-Carlo means.
+Bounds are four standard errors of the difference of two Monte-Carlo means. The rows of MCMD are in
+test_tables.
 """
 
 import numpy as np
@@ -20,6 +21,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.runtime._progress import listen_to_progress
 
 RUNS = 200
+LITERAL_MD = {"method": "mcmd_md", "reweight": False}
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +53,6 @@ def few_verdicts():
         ("uniform", "RPCA", 0.675, 0.504, 1000),  # the paper
         ("clustered", "RPCA rrcov", 0.545, 0.410, 500),
         ("uniform", "RPCA rrcov", 0.556, 0.438, 500),
-        ("clustered", "MCMD_Z", 0.368, 0.251, 1000),
-        ("uniform", "MCMD_Z", 0.406, 0.288, 1000),
-        ("clustered", "MCMD_MD", 0.518, 0.315, 1000),
-        ("uniform", "MCMD_MD", 0.525, 0.335, 1000),
         ("clustered", "MCMD_MD h=.5n", 0.866, 0.744, 1000),
     ],
 )
@@ -80,9 +78,6 @@ def test_no_robust_row_of_table_1_is_as_good_as_the_default(angles):
         ("RANSAC", (32.6, 33.6, 34.9), 3.7),
         ("RPCA", (94.3, 96.3, 98.3), 3.6),  # the paper
         ("RPCA rrcov", (95.8, 99.1, 99.9), 2.3),
-        ("MCMD_Z", (98.11, 99.69, 100.0), 1.6),
-        ("MCMD_MD", (97.90, 97.95, 98.13), 1.6),
-        ("MCMD_MD h=.5n", (64.9, 75.2, 91.0), 4.0),
     ],
 )
 def test_table_4_is_that_of_the_replication(verdicts, method, kept, deviation):
@@ -117,14 +112,6 @@ def test_peers_told_the_share_are_as_in_the_replication(verdicts, method, found,
         assert abs(rates[:, 1].mean() - kept[i]) < 4 * np.sqrt(2) * errors[1] + 1.5
 
 
-def test_the_rates_of_every_run_add_up(few_verdicts):
-    for (percentage, _), rates in few_verdicts.items():
-        found, kept, swamped, masked, accuracy = rates.T
-        assert_allclose(kept + swamped, 100)
-        assert_allclose(found + masked, 100)
-        assert_allclose(accuracy, (percentage * found + (100 - percentage) * kept) / 100)
-
-
 def test_scores_flag_as_many_points_as_the_paper_did(few_verdicts):
     for name, counts in (("uLSIF", (7, 23, 46)), ("qSp", (8, 30, 40))):
         for percentage, count in zip((5, 20, 40), counts, strict=True):
@@ -150,16 +137,8 @@ def test_breakdown_points_are_within_two_percent_of_the_replication():
     [
         ("PCA", {"method": "pca"}),
         ("MCMD_Z", {"reweight": False}),
-        (
-            "MCMD_MD",
-            {
-                "method": "mcmd_md",
-                "reweight": False,
-                "support_fraction": 0.96,
-                "max_outlier_rate": 0.04,
-            },
-        ),
-        ("MCMD_MD h=.5n", {"method": "mcmd_md", "reweight": False}),
+        ("MCMD_MD", {**LITERAL_MD, "support_fraction": 0.96, "max_outlier_rate": 0.04}),
+        ("MCMD_MD h=.5n", LITERAL_MD),
         ("reweighted", {}),
     ],
 )
@@ -187,13 +166,6 @@ def test_a_clean_twin_differs_in_the_outliers_only():
     # Outliers are anywhere in a cloud, so that no table of trials favors them.
     first = np.argmin(clouds.regular, axis=1)
     assert len(np.unique(first)) > 3
-
-
-@pytest.mark.parametrize(("n", "percentage", "count"), [(20, 1, 1), (50, 45, 23), (100, 0, 0)])
-def test_the_number_of_outliers_is_rounded_but_not_to_none(n, percentage, count):
-    clouds = contaminated_planes(3, n, percentage, stream(0))
-    assert clouds.n_outliers == count
-    assert clouds.points.shape == (3, n, 3)
 
 
 def test_uniform_outliers_fill_the_cube_of_section_5_1():

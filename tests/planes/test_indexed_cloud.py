@@ -3,8 +3,6 @@
 import copy
 import gc
 import pickle
-import weakref
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -45,8 +43,7 @@ def searched(monkeypatch):
     return counts
 
 
-def street(n=3000):
-    return make_street(n, random_state=0).data
+STREET = make_street(3000, random_state=0).data
 
 
 def cloud_with_copies(n, d, seed=0):
@@ -78,14 +75,6 @@ def test_rows_of_equal_hash_need_not_be_copies(monkeypatch):
         assert_array_equal(found, wanted)
 
 
-def test_distinct_rows_are_the_first_of_their_places():
-    X = np.array([[1.0, 2], [0, 5], [1, 2], [0, 5], [1, 3], [1, 2]])
-    rows, locations = distinct_rows(X)
-    assert_array_equal(rows, [0, 1, 4])
-    assert_array_equal(locations, [0, 1, 0, 1, 2, 0])
-    assert distinct_rows(X[[0, 1, 4]])[1] is None
-
-
 @pytest.mark.parametrize("d", [2, 3])
 def test_neighbors_are_those_of_a_tree(d):
     X = np.random.default_rng(0).normal(size=(2500, d))
@@ -101,7 +90,7 @@ def test_neighbors_are_those_of_a_tree(d):
 
 
 def test_stages_of_a_pipeline_search_once(searched):
-    X = street()
+    X = STREET
     pipeline = make_pipeline(
         RobustNormalEstimator(random_state=0), RegionGrowing(normals="precomputed")
     )
@@ -117,27 +106,8 @@ def test_stages_of_a_pipeline_search_once(searched):
     assert searched == {"rows": 2 * len(X), "clouds": 2}
 
 
-def test_an_estimator_with_normals_of_its_own_searches_once(searched):
-    X = street()
-    RegionGrowing(random_state=0).fit(X)
-    assert searched == {"rows": len(X), "clouds": 1}
-    gc.collect()
-    edges = SharpFeatureDetector(random_state=0).fit(X)
-    n_kept = np.count_nonzero(edges.inlier_mask_)
-    assert n_kept < len(X)  # first outliers are sought, then edges of the others
-    assert searched == {"rows": 2 * len(X) + n_kept, "clouds": 3}
-
-
-def test_the_paper_s_forms_keep_no_table():
-    for form in (
-        RobustNormalEstimator(reweight=False, random_state=0),
-        MCMDOutlierDetector(strictness=None, reweight=False, random_state=0),
-    ):
-        assert form.fit(street(2000))._model.index.cloud.table is None
-
-
 def test_results_are_those_of_a_stage_alone():
-    X = street()
+    X = STREET
     alone = RobustNormalEstimator(random_state=0).fit(X).normals_.copy()
     gc.collect()
     larger = MCMDOutlierDetector(70, random_state=0).fit(X)
@@ -146,14 +116,8 @@ def test_results_are_those_of_a_stage_alone():
     assert_array_equal(shared.normals_, alone)
 
 
-def test_another_dtype_of_the_same_coordinates_is_the_same_cloud():
-    X = street().astype(np.float32)
-    first, second = (NeighborIndex(x.astype(np.float64), 20) for x in (X, np.asfortranarray(X)))
-    assert first.cloud is second.cloud
-
-
 def test_other_points_or_another_order_are_another_cloud():
-    X = street()
+    X = STREET.copy()
     first = NeighborIndex(X, 20)
     moved = X.copy()
     moved[5, 1] += 1e-9
@@ -163,17 +127,8 @@ def test_other_points_or_another_order_are_another_cloud():
     assert NeighborIndex(X, 20).cloud is not first.cloud
 
 
-def test_nothing_is_kept_once_no_estimator_is():
-    fitted = RobustNormalEstimator(random_state=0).fit(street())
-    cloud = weakref.ref(fitted._model.index.cloud)
-    assert cloud() in _indexed_cloud._known.values()
-    del fitted
-    gc.collect()
-    assert cloud() is None
-
-
 def test_pickles_and_copies_are_without_the_table():
-    X = street()
+    X = STREET
     fitted = RobustNormalEstimator(random_state=0).fit(X)
     assert fitted._model.index.cloud.table is not None
     for other in (pickle.loads(pickle.dumps(fitted)), copy.deepcopy(fitted)):
@@ -182,15 +137,6 @@ def test_pickles_and_copies_are_without_the_table():
     again = clone(fitted).fit(X)
     assert again._model.index.cloud is fitted._model.index.cloud
     assert_array_equal(again.normals_, fitted.normals_)
-
-
-def test_threads_that_fit_at_once_share_one_cloud():
-    X = street()
-    with ThreadPoolExecutor(8) as pool:
-        fitted = list(pool.map(lambda _: RobustNormalEstimator(random_state=0).fit(X), range(8)))
-    assert len({id(one._model.index.cloud) for one in fitted}) == 1
-    for one in fitted:
-        assert_array_equal(one.normals_, fitted[0].normals_)
 
 
 @pytest.mark.parametrize("digits", [1, 3])

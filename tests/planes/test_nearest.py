@@ -1,12 +1,123 @@
-"""The points nearest to others, against SciPy's tree."""
+"""The points nearest to others and to themselves, against brute force and SciPy's tree."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes import _nearest
-from sklearn_mcmd.planes._nearest import NearestPoints
+from sklearn_mcmd.planes._nearest import NearestPoints, SelfSearch
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+
+
+def brute_force(points, k):
+    """Neighbors by squared distance, then by coordinates, each sum in the order of the axes."""
+    dx, dy, dz = (points[:, None, i] - points[None, :, i] for i in range(3))
+    squares = dx * dx + dy * dy + dz * dz
+    x, y, z = (np.broadcast_to(points[:, i], squares.shape) for i in range(3))
+    return np.lexsort((z, y, x, squares), axis=1)[:, :k]
+
+
+def cloud(kind, n, rng):
+    if kind == "street":
+        return make_street(n, outlier_share=0.3, random_state=rng.integers(1000)).data
+    if kind == "grid":
+        side = int(np.ceil(n ** (1 / 3)))
+        return np.stack(np.meshgrid(*[np.arange(side) * 1.0] * 3), axis=-1).reshape(-1, 3)
+    if kind == "line":
+        return np.arange(n)[:, None] * np.array([[1.0, 2.0, -1.0]])
+    if kind == "clusters":  # a million to one in density
+        dense, sparse = rng.normal(size=(2, n // 2, 3))
+        return np.vstack([dense * 1e-6, sparse])
+    if kind == "far":
+        return np.vstack([rng.normal(size=(n - 1, 3)), [[1e30] * 3]])
+    if kind == "sphere":  # all as far from the last
+        directions = rng.normal(size=(n - 1, 3))
+        return np.vstack([directions / np.linalg.norm(directions, axis=1)[:, None], [[0.0] * 3]])
+    if kind == "nested":  # each leaf is denser or sparser than the one before
+        return rng.normal(size=(n, 3)) * np.exp(3.0 * rng.normal(size=(n, 1)))
+    if kind == "near copies":  # more of each than a leaf holds
+        return np.repeat(rng.uniform(size=(n // 50, 3)), 50, axis=0) + 1e-9 * rng.random((n, 3))
+    return rng.uniform(size=(n, 3)) * [1, 1, 1e-9]
+
+
+KINDS = ["street", "grid", "line", "clusters", "far", "sphere", "nested", "near copies", "flat"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("k", [1, 4, 50])
+def test_neighbors_are_those_of_brute_force(kind, k):
+    X = cloud(kind, 700, np.random.default_rng(0))
+    search = SelfSearch(X)
+    assert_array_equal(search.query(slice(None), k), brute_force(search.points, k))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_distances_are_those_of_scipy_to_the_last_bit(kind):
+    X = cloud(kind, 20_000, np.random.default_rng(1))
+    search = SelfSearch(X)
+    indices = search.query(slice(None), 20)
+    gaps = search.points[indices] - search.points[:, None]
+    squares = gaps[..., 0] ** 2 + gaps[..., 1] ** 2 + gaps[..., 2] ** 2
+    expected, _ = cKDTree(search.points).query(search.points, 20)
+    assert_array_equal(np.sqrt(squares), expected)
+
+
+@settings(max_examples=30)
+@given(
+    n=st.integers(20, 300),
+    k=st.integers(1, 20),
+    step=st.sampled_from([0.0, 0.25]),
+    shift=st.floats(-1e6, 1e6),
+    seed=st.integers(0, 1000),
+)
+def test_neighbors_of_any_cloud(n, k, step, shift, seed):
+    X = np.random.default_rng(seed).normal(size=(n, 3)) + shift
+    if step:
+        X = np.unique(np.round(X / step) * step, axis=0)
+    k = min(k, len(X))
+    search = SelfSearch(X)
+    assert_array_equal(search.query(slice(None), k), brute_force(search.points, k))
+
+
+@pytest.mark.parametrize("scale", [1e160, 1e-160, 3e-162, 1e-200])
+@pytest.mark.parametrize("k", [1, 2, 20])
+@pytest.mark.filterwarnings("ignore:overflow")  # of brute force
+def test_squares_may_overflow_and_underflow(scale, k):
+    X = np.random.default_rng(7).normal(size=(400, 3)) * scale
+    search = SelfSearch(X)
+    assert_array_equal(search.query(slice(None), k), brute_force(search.points, k))
+
+
+def test_parts_are_those_of_the_whole():
+    search = SelfSearch(cloud("street", 5000, np.random.default_rng(2)))
+    whole = search.query(slice(None), 30)
+    for rows in (slice(0, 1), slice(17, 18), slice(5, 1003), slice(4990, None), slice(40, 40)):
+        assert_array_equal(search.query(rows, 30), whole[rows])
+
+
+def test_too_many_candidates_are_searched_one_by_one(monkeypatch):
+    X = cloud("street", 5000, np.random.default_rng(3))
+    expected = SelfSearch(X).query(slice(None), 30)
+    monkeypatch.setattr(_nearest, "CAPACITY", 16)
+    assert_array_equal(SelfSearch(X).query(slice(None), 30), expected)
+
+
+@pytest.mark.parametrize("radius", [None, 0.2])
+@pytest.mark.parametrize("n", [900, 3000])  # by SciPy's tree, and compiled
+def test_the_index_answers_for_its_own_points_as_for_others(n, radius):
+    X = cloud("street", n, np.random.default_rng(6))
+    index = NeighborIndex(X, 20, radius)
+    own, any_points = index.query_own(slice(100, 400)), index.query(index.points[100:400])
+    assert_array_equal(own.sizes, any_points.sizes)
+    valid = own.valid
+    assert_array_equal(own.indices[valid], any_points.indices[valid])
+    assert_array_equal(
+        index.query_own(slice(0, 9), k=5).indices, index.query_own(slice(0, 9)).indices[:, :5]
+    )
 
 
 @pytest.mark.parametrize(
@@ -14,7 +125,7 @@ from sklearn_mcmd.planes._nearest import NearestPoints
 )
 @pytest.mark.parametrize("k", [1, 5, 128])
 @pytest.mark.parametrize("far", [0.1, 100.0])
-def test_neighbors_are_those_of_a_tree(n, m, d, k, far):
+def test_neighbors_of_others_are_those_of_a_tree(n, m, d, k, far):
     rng = np.random.default_rng(0)
     points, queries = rng.normal(size=(n, d)), far * rng.normal(size=(m, d))
     distances, indices = NearestPoints(points).query(queries, k)
@@ -28,22 +139,6 @@ def test_missing_neighbors_are_infinitely_far():
     distances, indices = NearestPoints(points).query(points + 0.1, 4)
     assert np.isinf(distances[:, 2:]).all()
     assert_array_equal(indices[:, 2:], 2)
-
-
-def test_compiled_code_and_a_tree_agree(monkeypatch):
-    rng = np.random.default_rng(1)
-    points, queries = rng.normal(size=(2000, 3)), rng.normal(size=(1500, 3))
-    compiled = NearestPoints(points).query(queries, 20)
-    monkeypatch.setattr(_nearest, "COMPILE_FROM", 10**9)
-    assert_array_equal(NearestPoints(points).query(queries, 20), compiled)
-
-
-def test_chunks_and_threads_change_nothing(monkeypatch):
-    rng = np.random.default_rng(2)
-    points, queries = rng.normal(size=(2000, 3)), rng.normal(size=(1500, 3))
-    whole = NearestPoints(points).query(queries, 9)
-    monkeypatch.setattr(_nearest, "CHUNK", 37)
-    assert_array_equal(NearestPoints(points).query(queries, 9, n_jobs=2), whole)
 
 
 @pytest.mark.parametrize("n_copies", [1, 40])

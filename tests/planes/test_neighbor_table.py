@@ -6,18 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.planes._neighbor_table import NeighborTable, Packed, part_size
+from sklearn_mcmd.planes._neighbor_table import NeighborTable, Packed
 
 
-def table_of(indices, calls=None):
-    """A table of given neighbors, which writes down the slices that it searches."""
-
-    def search(rows, k):
-        if calls is not None:
-            calls.append((rows.start, rows.stop, k))
-        return indices[rows, :k].copy()
-
-    return NeighborTable(search, *indices.shape)
+def table_of(indices):
+    """A table of given neighbors."""
+    return NeighborTable(lambda rows, k: indices[rows, :k].copy(), *indices.shape)
 
 
 def neighbors(n, k, spread=None, seed=0):
@@ -56,29 +50,11 @@ def test_any_slice_and_any_rows(n, k, spread, begin, length, seed):
     indices = neighbors(n, k, spread, seed)
     table = table_of(indices)
     rows = slice(begin, begin + length)
+    assert_array_equal(table.query(rows, k, keep=False), indices[rows])
+    assert table.parts == [None] * len(table.parts)
     assert_array_equal(table.query(rows, k), indices[rows])
     some = np.random.default_rng(seed).integers(0, n, length)
     assert_array_equal(table.query(some, k), indices[some])
-
-
-def test_each_row_is_searched_once():
-    calls = []
-    indices = neighbors(9000, 50)
-    table = table_of(indices, calls)
-    table.query(slice(0, 3000), 50)
-    table.query(np.arange(100, 8000, 7), 20)
-    table.query(slice(None), 50)
-    size = part_size(50)
-    assert sorted(calls) == [(i, min(i + size, 9000), 50) for i in range(0, 9000, size)]
-
-
-def test_what_is_not_to_be_kept_is_searched_as_asked_for():
-    calls = []
-    indices = neighbors(9000, 50)
-    table = table_of(indices, calls)
-    assert_array_equal(table.query(slice(10, 20), 5, keep=False), indices[10:20, :5])
-    assert calls == [(10, 20, 5)]
-    assert table.parts == [None] * len(table.parts)
 
 
 def test_neighbors_take_half_of_their_size():
@@ -102,10 +78,3 @@ def test_parts_hold_as_many_as_their_rows_ask_for():
     assert_array_equal(found[-1], indices[-1, :30])
     assert_array_equal(found[0, 20:], found[0, 0])  # what no row of the part asks for
     assert_array_equal(table.query(np.array([2999, 0]), 300)[0], indices[-1])
-
-
-@pytest.mark.parametrize("k", [1, 2, 10, 50, 1000, 200_000, 10**6])
-def test_parts_bound_the_neighbors_that_are_searched_at_once(k):
-    size = part_size(k)
-    assert size & (size - 1) == 0
-    assert size == 1 or size * k <= 200_000

@@ -117,9 +117,8 @@ ROUNDED = {
 }
 
 
-@pytest.mark.parametrize("name", WHOLE)
-def test_whole_meters_in_national_coordinates_are_not_rounded_by_float32(name):
-    X = WHOLE[name]
+@pytest.mark.parametrize("X", WHOLE.values(), ids=WHOLE)
+def test_whole_meters_in_national_coordinates_are_not_rounded_by_float32(X):
     assert np.array_equal(single(X), X)
     assert in_own_precision(X).dtype == np.float64
 

@@ -28,6 +28,7 @@ PLATE = DRAWN.uniform(0, 1, (250, 3)) * [1, 1, 0] + DRAWN.normal(0, NOISE, (250,
 FLAT = np.round(DRAWN.uniform(0, 1, (250, 3)) * 2**20) / 2**20
 FLAT[:, 2] = FLAT[:, 0] / 2 + FLAT[:, 1] / 4  # exact in binary
 LATTICE = np.indices((20, 20, 1)).reshape(3, -1).T * 0.01
+SHEET = np.indices((40, 30, 1)).reshape(3, -1).T
 SHEETS = DRAWN.uniform(0, 1, (400, 3)) * [1, 1, 0]
 SHEETS[200:, 2] = 0.002
 
@@ -44,10 +45,7 @@ PLANES = {
     "coplanar in binary": (FLAT, np.array([-2, -1, 4]) / np.sqrt(21)),
     "lattice": (LATTICE, [0, 0, 1]),
     "turned lattice": (LATTICE @ TURN.T, TURN[:, 2]),
-    "compiled turned lattice": (
-        np.indices((40, 30, 1)).reshape(3, -1).T @ TURN.T * 0.01,
-        TURN[:, 2],
-    ),
+    "compiled turned lattice": (SHEET @ TURN.T * 0.01, TURN[:, 2]),
 }
 # Nothing determines a plane.
 LINES = {

@@ -143,9 +143,3 @@ def test_every_public_name_is_tested():
                 assert thing in {type(estimator) for estimator in ESTIMATORS.values()}
         else:
             assert short in ELSEWHERE.get(room, "").split() or f"{short}(" in source, name
-
-
-def test_both_sizes_are_as_they_are_called(monkeypatch):
-    from sklearn_mcmd.planes._local_planes import COMPILE_FROM
-
-    assert CLOUDS["small"] < COMPILE_FROM <= CLOUDS["compiled"]

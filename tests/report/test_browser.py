@@ -1,9 +1,9 @@
-"""Reports in a browser: no error, no request, and nothing wider than a phone."""
+"""Reports in a browser: no error, no request, no script, and nothing wider than a phone."""
 
 import os
 import shutil
 import socket
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -15,84 +15,7 @@ playwright = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.slow
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip("no Chromium is installed")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="module")
-def source(tmp_path_factory):
-    """A floor and a wall with stray points, of a name that is no markup."""
-    rng = np.random.default_rng(0)
-    floor = rng.uniform(0, 4, (3000, 3)) * [1, 1, 0]
-    wall = rng.uniform(0, 4, (3000, 3)) * [1, 0, 1] + [0, 4, 0]
-    xyz = np.vstack([floor, wall, rng.uniform(0, 4, (100, 3))]) + rng.normal(0, 0.004, (6100, 3))
-    path = tmp_path_factory.mktemp("report") / "a & b.npz"
-    write_points(path, PointCloud(np.round(xyz, 4), {"<b>": np.arange(6100)}))
-    return path
-
-
-@pytest.fixture(scope="module", params=["denoise", "normals", "segment", "edges", "plane"])
-def page(request, source):
-    folder = source.parent / request.param
-    result = run(request.param, source, source.parent / "out.npz", "--report", folder)
-    assert result.exit_code == 0, result.output
-    return folder / "index.html"
-
-
-@pytest.mark.parametrize("size", [(1400, 900), (390, 844)])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_page_opens_without_error_or_request_and_fits(size, scheme, chromium, page):
-    context = chromium.new_context(
-        viewport={"width": size[0], "height": size[1]}, color_scheme=scheme
-    )
-    said, asked = [], []
-    tab = context.new_page()
-    tab.on("console", lambda message: said.append(message.text))
-    tab.on("pageerror", lambda error: said.append(str(error)))
-    tab.on("request", lambda request: asked.append(request.url))
-    tab.goto(page.as_uri())
-    assert said == []
-    assert [url for url in asked if not url.startswith("data:")] == [page.as_uri()]
-    assert tab.evaluate("document.documentElement.scrollWidth") == size[0]
-    images = "[...document.images].every(image => image.complete && image.naturalWidth > 0)"
-    assert tab.evaluate(images)
-    lightness = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g)[0] > 128"
-    assert tab.evaluate(lightness) == (scheme == "light")
-    # The bar is as long as its share of the picture says.
-    bar, picture = (
-        tab.locator(f".map:first-child {part}").first.bounding_box() for part in (".scale", "img")
-    )
-    assert bar["width"] < 0.21 * picture["width"]
-    context.close()
-
-
-def test_the_link_leads_to_the_other_page(chromium, page):
-    tab = chromium.new_page()
-    tab.goto(page.as_uri())
-    tab.click("text=Look around in the cloud")
-    tab.wait_for_url("**/view.html")
-    tab.close()
-
-
-def test_tables_and_pictures_are_printed(chromium, page, tmp_path):
-    tab = chromium.new_page()
-    tab.goto(page.as_uri())
-    tab.emulate_media(media="print")
-    assert not tab.is_visible("text=Look around in the cloud")
-    tab.pdf(path=tmp_path / "report.pdf")
-    assert (tmp_path / "report.pdf").stat().st_size > 10_000
-    tab.close()
-
-
+VERBS = ("denoise", "normals", "segment", "edges", "plane")
 EVIL = "<script>window.ran = alert(1)</script>"
 # What a page must not do even if markup came into it: run scripts, and ask for anything.
 SCRIPT = """() => {
@@ -113,52 +36,98 @@ ASKING = """(url) => {
 
 
 @pytest.fixture(scope="module")
-def evil_pages(tmp_path_factory):
-    """All pages of a file and an attribute whose names are scripts."""
-    folder = tmp_path_factory.mktemp("evil")
+def chromium():
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip("no Chromium is installed")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """The name of a file that is a script, and all pages of it; an attribute is one, too."""
+    folder = tmp_path_factory.mktemp("report")
     name = EVIL.replace("/", "") + "<img src=x onerror=alert(1)>.npz"
     source = folder / (name if os.name == "posix" else "&lt;.npz")
     rng = np.random.default_rng(0)
-    xyz = rng.uniform(0, 4, (2000, 3)) * [1, 1, 0.002]
-    scores = {EVIL: np.arange(2000), "&quot;<!--": np.zeros(2000), "\x00\x1b": np.ones(2000)}
-    write_points(source, PointCloud(xyz, scores))
-    pages = []
-    for verb in ("denoise", "normals", "segment", "edges", "plane"):
+    xyz = rng.uniform(0, 4, (3000, 3)) * [1, 1, 0] + rng.normal(0, 0.004, (3000, 3))
+    xyz[:50] = rng.uniform(0, 4, (50, 3))
+    scores = {EVIL: np.arange(3000), "&quot;<!--": np.zeros(3000), "\x00\x1b": np.ones(3000)}
+    write_points(source, PointCloud(np.round(xyz, 4), scores))
+    for verb in VERBS:
         result = run(verb, source, folder / f"{verb}.npz", "--report", folder / verb)
         assert result.exit_code == 0, result.output
-        pages += sorted((folder / verb).glob("*.html"))
-    options = ("--color", EVIL, "--title", EVIL, "-o", folder / f"<script>{verb}.html")
+    view = folder / "<script>view.html"
+    options = ("--color", EVIL, "--title", EVIL, "-o", view)
     result = run("view", source, folder / "denoise.npz", *options)
     assert result.exit_code == 0, result.output
-    assert len(pages) == 10
-    return source.name, [*pages, options[-1]]
+    reports = [folder / verb / "index.html" for verb in VERBS]
+    return source.name, reports, [view, *(page.with_name("view.html") for page in reports)]
 
 
-def test_names_that_are_scripts_are_shown_and_run_nowhere(chromium, evil_pages):
-    name, pages = evil_pages
-    for page in pages:
-        said, asked = [], []
-        tab = chromium.new_page()
-        tab.on("console", lambda told, said=said: told.type == "error" and said.append(told.text))
-        for event in ("pageerror", "dialog"):
-            tab.on(event, lambda told, said=said: said.append(str(told)))
-        tab.on("request", lambda request, asked=asked: asked.append(request.url))
-        tab.goto(page.as_uri())
-        tab.wait_for_load_state("networkidle")
-        assert said == [], page
-        assert {url for url in asked if not url.startswith("data:")} == {page.as_uri()}
-        assert name in tab.evaluate("document.documentElement.textContent + document.title")
-        assert not tab.query_selector("img[src=x]")
-        assert tab.evaluate("window.ran") is None
-        tab.close()
+@contextmanager
+def opened(chromium, page, width=1400, scheme="light"):
+    """A page that makes no error and no request."""
+    context = chromium.new_context(viewport={"width": width, "height": 844}, color_scheme=scheme)
+    errors, requests, tab = [], [], context.new_page()
+    tab.on("console", lambda line: line.type == "error" and errors.append(line.text))
+    for event in ("pageerror", "dialog"):
+        tab.on(event, lambda error: errors.append(str(error)))
+    tab.on("request", lambda request: requests.append(request.url))
+    tab.goto(page.as_uri())
+    tab.wait_for_load_state("networkidle")
+    yield tab
+    assert errors == [], page
+    assert {url for url in requests if not url.startswith("data:")} == {page.as_uri()}
+    context.close()
 
 
-def test_the_policy_of_pages_lets_nothing_run_or_ask(chromium, evil_pages):
+@pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (1400, "dark"), (390, "dark")])
+def test_a_report_fits_the_window_and_follows_the_theme(width, scheme, chromium, pages):
+    images = "[...document.images].every(image => image.complete && image.naturalWidth > 0)"
+    lightness = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g)[0] > 128"
+    for page in pages[1]:
+        with opened(chromium, page, width, scheme) as tab:
+            assert tab.evaluate("document.documentElement.scrollWidth") == width
+            assert tab.evaluate(images)
+            assert tab.evaluate(lightness) == (scheme == "light")
+            # The bar is as long as its share of the picture says.
+            parts = (tab.locator(f".map {part}").first for part in (".scale", "img"))
+            bar, picture = (part.bounding_box()["width"] for part in parts)
+            assert bar < 0.21 * picture
+
+
+def test_a_report_is_printed_and_leads_to_the_other_page(chromium, pages, tmp_path):
+    tab = chromium.new_page()
+    tab.goto(pages[1][0].as_uri())
+    tab.emulate_media(media="print")
+    assert not tab.is_visible("text=Look around in the cloud")
+    tab.pdf(path=tmp_path / "report.pdf")
+    assert (tmp_path / "report.pdf").stat().st_size > 10_000
+    tab.emulate_media(media="screen")
+    tab.click("text=Look around in the cloud")
+    tab.wait_for_url("**/view.html")
+    tab.close()
+
+
+def test_names_that_are_scripts_are_shown_and_run_nowhere(chromium, pages):
+    for page in pages[1] + pages[2]:
+        with opened(chromium, page) as tab:
+            text = tab.evaluate("document.documentElement.textContent + document.title")
+            assert pages[0] in text
+            assert not tab.query_selector("img[src=x]")
+            assert tab.evaluate("window.ran") is None
+
+
+def test_the_policy_of_pages_lets_nothing_run_or_ask(chromium, pages):
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(0.5)
         url = "http://{}:{}/x".format(*server.getsockname())
         tab = chromium.new_page()
-        for page in evil_pages[1]:
+        for page in pages[1] + pages[2]:
             tab.goto(page.as_uri())
             tab.wait_for_load_state("networkidle")
             tab.evaluate(SCRIPT)

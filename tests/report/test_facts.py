@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd.io import PointCloud
-from sklearn_mcmd.report._facts import Facts, distinct_points, usual_rows
+from sklearn_mcmd.report._facts import Facts, distinct_points
 
 
 def raster(n=40, step=0.5):
@@ -14,18 +14,15 @@ def raster(n=40, step=0.5):
 
 def test_spacing_copies_and_step_of_a_raster_are_those_it_was_made_with():
     xyz = np.vstack([raster(), raster()[:100]])
-    xyz[:, 2] = xyz[:, 0]  # of one level no step is told
-    facts = Facts.of(xyz, 9)
+    xyz[:, 2] = xyz[:, 0]  # of one level no step is known
+    facts = Facts.of(xyz, 9, np.array([0.1, np.nan, 0.3, 0.2]))
     assert (facts.n_points, facts.n_distinct) == (1700, 1600)
-    assert facts.spacing == 0.5
+    assert (facts.spacing, facts.step, facts.noise) == (0.5, 0.5, 0.2)
     assert facts.radius == pytest.approx(0.5 * np.sqrt(3))  # eight neighbors, where z = x
-    assert facts.step == 0.5
     assert facts.near.all()
-    assert np.isnan(facts.noise)
-
-
-def test_noise_is_the_median_of_what_is_known():
-    assert Facts.of(raster(), 9, np.array([0.1, np.nan, 0.3, 0.2])).noise == 0.2
+    assert np.isnan(Facts.of(xyz, 9).noise)
+    assert Facts.of(np.zeros((1, 3)), 50).n_distinct == 1
+    assert Facts.of(np.array([[0.0, 0, 0], [3, 4, 0]]), 50).spacing == 5
 
 
 def test_distinct_points_are_each_place_once():
@@ -35,7 +32,7 @@ def test_distinct_points_are_each_place_once():
 
 def test_only_points_farther_away_than_the_cloud_is_wide_are_far():
     xyz = np.vstack([raster(), [[500.0, 0, 0], [25, 0, 0]]])
-    assert np.flatnonzero(~usual_rows(xyz)).tolist() == [1600]
+    assert np.flatnonzero(~Facts.of(xyz, 9).near).tolist() == [1600]
 
 
 @pytest.mark.parametrize(("offset", "coarse"), [(0.0, False), (5e6, True)])
@@ -45,18 +42,12 @@ def test_float32_is_coarse_far_from_the_origin_only(offset, coarse):
     assert (Facts.of(xyz, 50).rounding > 0) == coarse
 
 
-def test_two_points_and_one_point_have_facts():
-    assert Facts.of(np.zeros((1, 3)), 50).n_distinct == 1
-    assert Facts.of(np.array([[0.0, 0, 0], [3, 4, 0]]), 50).spacing == 5
-
-
-def test_rows_tell_bounds_and_attributes():
+def test_rows_have_bounds_and_attributes():
     cloud = PointCloud(
         raster() + np.array([1000, 2000, 3]), {"intensity": np.arange(1600)}, n_dropped=2
     )
     rows = dict(Facts.of(cloud.xyz, 9).rows(cloud))
-    assert rows["points"] == "1,600"
+    assert (rows["points"], rows["attributes"]) == ("1,600", "intensity")
     assert rows["left out"].startswith("2 ")
     assert rows["x"] == "1000 to 1019.5 (extent 19.5)"
-    assert rows["attributes"] == "intensity"
     assert rows["duplicates"] == "0 (0.00 %)"

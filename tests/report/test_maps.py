@@ -18,11 +18,13 @@ def pictures(markup):
         yield np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGBA"))
 
 
-def cloud():
-    rng = np.random.default_rng(0)
-    xyz = rng.uniform(0, 1, (3000, 3)) * [10, 5, 1]
-    found = (xyz[:, 0] > 8) & (xyz[:, 1] > 4)
-    return xyz, found
+def made(offset=0.0, n_far=0):
+    """Maps of a box, whose upper right corner was found, and their markup."""
+    xyz = np.random.default_rng(0).uniform(0, 1, (3000, 3)) * [10, 5, 1]
+    found, near = (xyz[:, 0] > 8) & (xyz[:, 1] > 4), np.arange(len(xyz)) >= n_far
+    xyz[~near] += 1e6
+    markup = found_maps(xyz + offset, found, near, "outliers")
+    return *pictures(markup), markup
 
 
 def orange(pixels):
@@ -31,38 +33,22 @@ def orange(pixels):
 
 
 def test_what_was_found_is_drawn_where_it_is_and_the_rest_is_clear():
-    xyz, found = cloud()
-    top, front, side = pictures(found_maps(xyz, found, np.ones(len(xyz), bool), "outliers"))
+    top, front, side, markup = made()
     rows, columns = np.nonzero(orange(top))
     assert columns.min() > 0.7 * top.shape[1]  # to the right
     assert rows.max() < 0.35 * top.shape[0]  # and far up
     assert (top[..., 3] == 0).any()
     assert orange(front).any()
     assert orange(side).any()
-
-
-def test_the_bar_is_a_fifth_of_the_map_at_most():
-    xyz, found = cloud()
-    markup = found_maps(xyz, found, np.ones(len(xyz), bool), "outliers")
     bars = re.findall(r'class="scale" style="width:([\d.]+)%"><span>([\d.]+)<', markup)
     assert [length for _, length in bars] == ["2", "2", "1"]
     assert float(bars[0][0]) == pytest.approx(100 * 2 / 10.3, abs=0.2)  # 3 % of margins
 
 
-def test_a_map_is_filled_far_from_the_origin_too():
-    xyz, found = cloud()
-    offset = np.array([1_423_215.0, 4_189_097.0, 67.0])
-    top, *_ = pictures(found_maps(xyz + offset, found, np.ones(len(xyz), bool), "outliers"))
+def test_a_map_is_filled_far_from_the_origin_and_far_points_are_counted():
+    top, *_, markup = made(np.array([1_423_215.0, 4_189_097.0, 67.0]), n_far=7)
     columns = np.flatnonzero((top[..., 3] > 0).any(axis=0))
     assert np.ptp(columns) > 0.95 * top.shape[1]
-
-
-def test_far_points_are_not_drawn_but_told():
-    xyz, found = cloud()
-    near = np.ones(len(xyz), bool)
-    near[:7] = False
-    xyz[:7] += 1e6
-    markup = found_maps(xyz, found, near, "outliers")
     assert "7 points far from the others are not drawn" in markup
 
 
@@ -75,5 +61,4 @@ def test_clouds_without_extent_are_drawn(xyz):
 
 def test_the_ball_is_a_picture_that_is_clear_at_its_corners():
     (pixels,) = pictures(ball())
-    assert pixels[0, 0, 3] == 0
-    assert pixels[60, 60, 3] == 255
+    assert (pixels[0, 0, 3], pixels[60, 60, 3]) == (0, 255)

@@ -79,7 +79,7 @@ sys.path.insert(0, sys.argv[1])
 tempfile.tempdir = sys.argv[2]
 import numpy as np
 from sklearn_mcmd.runtime._compiling import compiled_function
-number_parts = compiled_function("planes._linking_numba", "number_parts")
+number_parts = compiled_function("planes._explaining_numba", "number_parts")
 assert number_parts(np.array([0, 0, 2], np.int32)).tolist() == [0, 0, 1]
 compiled_function("planes._around_numba", "extents_of_neighborhoods")
 print(sum(number_parts.stats.cache_misses.values()))

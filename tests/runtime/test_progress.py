@@ -133,7 +133,7 @@ def own_compilation(monkeypatch):
     monkeypatch.setattr(_progress, "PATIENCE", 0.0)
     watch_compilation.__wrapped__()
 
-    def compile_one(module="sklearn_mcmd.planes._linking_numba"):
+    def compile_one(module="sklearn_mcmd.planes._explaining_numba"):
         def twice(x):
             return 2 * x
 

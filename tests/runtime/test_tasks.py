@@ -37,7 +37,7 @@ ESTIMATORS = [
     RobustNormalEstimator("auto", features="all", random_state=0),
     RobustNormalEstimator(method="pca", features=["linearity"]),
     RegionGrowing(random_state=0),
-    RegionGrowing(find_narrow_faces=False, divide_at_creases=False, random_state=0),
+    RegionGrowing(refine=False, random_state=0),
     SharpFeatureDetector(random_state=0),
     SharpFeatureDetector(criterion="eigenvalue", outlier_detector="passthrough"),
     PlaneOutlierDetector(method="pca", contamination=0.1),

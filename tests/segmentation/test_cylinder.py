@@ -1,6 +1,5 @@
 """The least squares cylinder: exact ones, noise, another library, degenerate points."""
 
-import numba
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -8,7 +7,6 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from sklearn_mcmd.segmentation._cylinder import fit_cylinder
-from sklearn_mcmd.segmentation._cylinder_numba import _across, _moved
 
 POSE = Rotation.from_euler("xyz", [20, 35, 50], degrees=True)
 SHIFT = np.array([4e3, -2e3, 10.0])
@@ -71,17 +69,6 @@ def test_points_of_no_cylinder_give_finite_results(points):
     assert np.isfinite(cylinder.distances(points)).all()
 
 
-def test_equal_normals_tell_no_direction():
-    """The direction across equal normals is any: rounding would decide where the search starts."""
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        points = rng.normal(size=(15, 3))
-        normals = np.tile([[0.6, 0.0, 0.8]], (15, 1))
-        total, _ = fit_cylinder(points, normals)
-        moved, _ = fit_cylinder((points + 1e5) - 1e5, normals)
-        assert_allclose(moved, total, rtol=1e-6)
-
-
 def test_equal_normals_start_no_search_in_a_direction_that_rounding_picks():
     """A wavy strip has several cylinders, and none depends on how the strip lies."""
     u, v = np.random.default_rng(0).uniform(-1, 1, (2, 60))
@@ -91,23 +78,3 @@ def test_equal_normals_start_no_search_in_a_direction_that_rounding_picks():
         for turn in Rotation.random(40, random_state=1)
     ]
     assert_allclose(totals, totals[0], rtol=1e-9)
-
-
-@numba.njit
-def across_and_moved(axis, a, s, t):
-    u, v = _across(axis)
-    return u, v, _moved(a, s, u, t, v)
-
-
-def test_directions_across_an_axis_are_so_wherever_it_points():
-    rng = np.random.default_rng(0)
-    near_axes = np.repeat(np.eye(3), 20, axis=0) + rng.normal(size=(60, 3)) * 1e-9
-    for axis in np.concatenate(
-        [np.eye(3), np.eye(3)[::-1] + 1e-9, near_axes, rng.normal(size=(20, 3))]
-    ):
-        axis = axis / np.linalg.norm(axis)
-        a, (s, t) = rng.normal(size=3), rng.normal(size=2)
-        u, v, moved = map(np.array, across_and_moved(tuple(axis), tuple(a), s, t))
-        frame = np.array([u, v, axis])
-        assert_allclose(frame @ frame.T, np.eye(3), atol=1e-14)
-        assert_allclose(moved, a + s * u + t * v, atol=1e-14)

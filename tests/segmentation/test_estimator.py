@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from sklearn.base import clone
 from sklearn.metrics import adjusted_rand_score
-from sklearn.model_selection import ParameterGrid
-from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.pipeline import make_pipeline
 
 from benchmarks.simulators import make_bus_stop, make_traffic_furniture
+from growth import fitted_without, grown_without
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import read_points
@@ -62,8 +62,8 @@ def test_division_mends_what_planes_across_a_sparse_kerb_lead_over_it():
         scene = make_traffic_furniture(20_000, random_state=seed)
         columns = RobustNormalEstimator(random_state=0).fit_transform(scene.data)
         for divide, found in scores.items():
-            growing = RegionGrowing(normals="precomputed", divide_at_creases=divide)
-            found.append(adjusted_rand_score(scene.surface, growing.fit_predict(columns)))
+            labels = grown_without(columns, *["divide_at_creases"] * (not divide))
+            found.append(adjusted_rand_score(scene.surface, labels))
     assert min(scores[False]) < 0.5
     assert min(scores[True]) > 0.97
 
@@ -143,13 +143,6 @@ def test_terraces_four_steps_of_rounding_apart_are_two_regions():
     assert adjusted_rand_score(upper, labels) == 1.0
 
 
-def test_labels_are_the_same_in_national_coordinates_and_minus_whole_meters():
-    offset = np.array([119849.0, 485249.0, -1.0])
-    X = np.round(make_street(6000, random_state=2).data, 3) + offset
-    labels, moved = (RegionGrowing(random_state=0).fit_predict(Y) for Y in (X, X - offset))
-    assert_array_equal(labels, moved)
-
-
 def test_labels_depend_little_on_the_attitude(street):
     X, columns = street
     turned = Rotation.random(random_state=0).as_matrix()
@@ -171,20 +164,12 @@ def test_copies_of_a_point_share_its_label_and_count(street):
 # ---- Parameters ------------------------------------------------------------------------------
 
 
-def test_regions_are_numbered_by_size(street):
-    _, columns = street
-    growing = RegionGrowing(normals="precomputed").fit(columns)
-    sizes = np.bincount(growing.labels_[growing.labels_ >= 0])
-    assert_array_equal(growing.region_sizes_, sizes)
-    assert_array_equal(sizes, np.sort(sizes)[::-1])
-    assert growing.n_regions_ == len(sizes)
-
-
 def test_regions_of_too_few_points_are_dissolved(street):
     _, columns = street
-    params = {"normals": "precomputed", "assign_unlabeled": False, "join_coplanar": False}
-    every = RegionGrowing(min_region_size=1, **params).fit(columns)
-    large = RegionGrowing(min_region_size=50, **params).fit(columns)
+    every, large = (
+        RegionGrowing(min_region_size=least, normals="precomputed", refine=False).fit(columns)
+        for least in (1, 50)
+    )
     assert every.labels_.min() == 0
     kept = every.region_sizes_ >= 50
     assert 0 < kept.sum() < every.n_regions_
@@ -202,9 +187,8 @@ def test_the_rest_is_assigned_to_planes_that_pass_it(street):
     X, _ = street
     # Points next to an edge that borrow their face's plane are in its region already.
     columns = RobustNormalEstimator(neighbor_planes=False, random_state=0).fit_transform(X)
-    params = {"normals": "precomputed", "join_coplanar": False}
-    left = RegionGrowing(assign_unlabeled=False, **params).fit_predict(columns)
-    labels = RegionGrowing(**params).fit_predict(columns)
+    left = grown_without(columns, "join_coplanar", "assign_unlabeled")
+    labels = grown_without(columns, "join_coplanar")
     whole = (left >= 0) & (np.bincount(left + 1) > 30)[left + 1]  # fragments go as a whole
     assert_array_equal(labels[whole], left[whole])
     rest = np.flatnonzero((left < 0) & (labels >= 0))
@@ -236,7 +220,7 @@ def test_a_given_gap_parts_what_is_farther_apart():
     X = X[np.abs(X[:, 0] - 0.5) > 0.02]  # a slit of 4 cm, the spacing is 2 cm
     X += rng.normal(0, 0.001, X.shape)
     for gap, n_regions in ((0.035, 2), (0.1, 1)):
-        growing = RegionGrowing(60, max_gap=gap, join_coplanar=False, random_state=0).fit(X)
+        growing = fitted_without(X, "join_coplanar", n_neighbors=60, max_gap=gap)
         assert growing.n_regions_ == n_regions
 
 
@@ -289,35 +273,6 @@ def test_a_pipeline_and_a_nested_estimator_give_the_same(street):
     assert_array_equal(nested.normal_estimator_.normals_.shape, X.shape)
 
 
-@pytest.mark.parametrize("output", ["pandas", "polars"])
-def test_columns_may_come_as_a_data_frame_with_features(street, output):
-    pytest.importorskip(output)
-    X, columns = street
-    normals = RobustNormalEstimator(features=["planarity", "verticality"], random_state=0)
-    pipeline = make_pipeline(normals, RegionGrowing(normals="precomputed"))
-    pipeline.set_output(transform=output)
-    labels = RegionGrowing(normals="precomputed").fit_predict(columns)
-    assert_array_equal(pipeline.fit_predict(X), labels)
-
-
-def test_parameters_of_both_steps_are_reached_by_name(street):
-    X, _ = street
-    pipeline = Pipeline(
-        [
-            ("normals", RobustNormalEstimator(random_state=0)),
-            ("segment", RegionGrowing(normals="precomputed")),
-        ]
-    )
-    grid = {"normals__n_neighbors": [20, 50], "segment__max_angle": [1.0, 15.0]}
-    fitted = [clone(pipeline).set_params(**params).fit(X) for params in ParameterGrid(grid)]
-    # With 15 degrees both numbers of neighbors may find the same regions.
-    assert len({tuple(found["segment"].labels_) for found in fitted}) >= 3
-    assert len({found["normals"].normals_.tobytes() for found in fitted}) == 2
-    nested = RegionGrowing(normal_estimator=RobustNormalEstimator())
-    nested.set_params(normal_estimator__n_neighbors=20)
-    assert nested.normal_estimator.n_neighbors == 20
-
-
 def test_columns_in_two_dimensions_with_features_are_not_taken_for_three():
     rng = np.random.default_rng(0)
     side, noise = rng.integers(2, size=800), rng.normal(0, 0.002, (800, 2))
@@ -360,7 +315,7 @@ def test_columns_that_are_not_the_transformers_are_refused(street, change):
         ({"max_angle": 91}, "max_angle"),
         ({"max_distance": -1.0}, "max_distance"),
         ({"max_gap": 0.0}, "max_gap"),
-        ({"mutual": 0.5}, "mutual"),
+        ({"refine": 0.5}, "refine"),
         ({"min_region_size": 0}, "min_region_size"),
         ({"n_neighbors": 1}, "n_neighbors"),
         ({"normals": "given"}, "normals"),

@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from benchmarks._ablation_changes import changed
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
+from sklearn_mcmd.segmentation._graph import (
+    GrowthLimits,
+    GrowthRules,
+    grow_regions,
+    link_neighbors,
+)
 
 
 def adversarial_clouds():
@@ -81,14 +87,14 @@ def test_links_and_regions_are_those_of_numpy_on_adversarial_clouds(name, k, mut
     assert_array_equal(grow_regions(links, seeds), grown_by_sets(links, seeds))
 
 
-def test_links_notice_an_edited_constant(monkeypatch):
+def test_links_notice_an_edited_constant():
     # Constants that a kernel imports are frozen when it is compiled, and by Numba's cache for good.
     X = adversarial_clouds()["a national grid"]
     columns = split_columns(RobustNormalEstimator(20, random_state=0).fit_transform(X))
     index = NeighborIndex(X, 16)
     planes, found = columns.planes(index.rows), []
-    for _ in range(2):
-        links, _ = link_neighbors(index, planes, 1e-9 * planes.scale, GrowthRules(0.96))
+    for n_deviations in (2.0, 0.5):
+        with changed(GrowthLimits, n_deviations=n_deviations):
+            links, _ = link_neighbors(index, planes, 1e-9 * planes.scale, GrowthRules(0.96))
         found.append(np.count_nonzero(links >= 0))
-        monkeypatch.setattr("sklearn_mcmd.segmentation._graph.N_DEVIATIONS", 0.5)
     assert found[1] < 0.9 * found[0]

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sklearn.metrics import adjusted_rand_score
 
+from growth import fitted_without
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar
@@ -42,7 +43,7 @@ def planes_of(noise, radius=0.0):
 )
 def test_parts_of_one_plane_are_joined_across_short_gaps_only(second, n_regions):
     X, part = walls(np.random.default_rng(0), (0.0, 1.0, 0.0, 0.0), second)
-    apart = RegionGrowing(random_state=0, join_coplanar=False).fit(X)
+    apart = fitted_without(X, "join_coplanar")
     assert apart.n_regions_ == 2
     assert adjusted_rand_score(part, apart.labels_) > 0.99
     assert RegionGrowing(random_state=0).fit(X).n_regions_ == n_regions
@@ -114,7 +115,7 @@ def test_a_wall_that_a_projecting_part_cuts_is_one_region_or_two(joined, n_regio
         side = np.column_stack([np.full(900, x), rng.uniform(-0.3, 0, 900), rng.uniform(0, 1, 900)])
         X = np.vstack([X, side + rng.normal(0, 0.003, side.shape)])
         part = np.append(part, np.full(900, i))
-    found = RegionGrowing(join_coplanar=joined, random_state=0).fit(X)
+    found = fitted_without(X, *["join_coplanar"] * (not joined))
     assert found.n_regions_ == n_regions
     wall = np.where(part == 1, 0, part) if joined else part
     assert adjusted_rand_score(wall, found.labels_) > 0.97

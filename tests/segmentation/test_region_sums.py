@@ -81,16 +81,6 @@ def test_moments_are_nearly_those_of_exact_arithmetic():
     assert_allclose(found.centroids[0], [float(m) for m in means], rtol=1e-15)
 
 
-def test_copies_count_as_points(cloud):
-    points, labels, _ = cloud
-    weights = np.arange(len(labels)) % 4 + 1
-    found = region_moments(points, labels, N_REGIONS, weights)
-    expected = region_moments(np.repeat(points, weights, axis=0), np.repeat(labels, weights), 40)
-    assert_array_equal(found.sizes, expected.sizes)
-    assert_allclose(found.centroids, expected.centroids, rtol=1e-14)
-    assert_allclose(found.covariances, expected.covariances, rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize("unit", [1e-150, 1e-3, 1e150])
 def test_the_unit_does_not_matter(cloud, unit):
     points, labels, _ = cloud
@@ -98,14 +88,6 @@ def test_the_unit_does_not_matter(cloud, unit):
     found = region_moments(local * unit, labels, N_REGIONS).covariances
     expected = region_moments(local, labels, N_REGIONS).covariances
     assert_allclose(found / unit / unit, expected, rtol=1e-6, atol=1e-12)
-
-
-def test_regions_of_one_point_and_none_are_plain():
-    points = np.array([[1.0, 2, 3], [4, 5, 6]])
-    found = region_moments(points, np.array([0, -1]), 2)
-    assert_array_equal(found.sizes, [1, 0])
-    assert_array_equal(found.centroids, [[1, 2, 3], [0, 0, 0]])
-    assert not found.covariances.any()
 
 
 @pytest.mark.parametrize("at_once", [2_000_000, 100, 1])

@@ -125,12 +125,6 @@ def test_there_is_a_table_without_regions_and_none_in_a_plane():
     assert RegionGrowing(random_state=0).fit(rng.uniform(size=(200, 2))).regions_ is None
 
 
-def test_points_of_a_line_have_an_empty_outline():
-    line = np.outer(np.arange(200.0), [1, 2, 3])
-    regions = RegionGrowing(random_state=0).fit(line).regions_
-    assert (regions["area"] < 1e-6).all()
-
-
 def test_errors_of_narrow_regions_are_how_normals_scatter():
     """A strip with noise of a quarter of its half-width, drawn 300 times: normals scatter by the
     error. Without the share of noise in the width it would be a sixth too small."""

@@ -2,18 +2,11 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from sklearn.metrics import adjusted_rand_score
 
-from sklearn_mcmd import RegionGrowing
-
-LITERAL = {
-    "find_narrow_faces": False,
-    "divide_at_creases": False,
-    "join_coplanar": False,
-    "join_curved": False,
-    "assign_unlabeled": False,
-    "min_region_size": 1,
-}
+from growth import fitted_without
+from sklearn_mcmd.segmentation._steps import GrowthSteps
 
 
 def columns_of(X, normals, rng):
@@ -98,16 +91,13 @@ def test_regions_are_those_of_the_rules_taken_literally(
     rng = np.random.default_rng(n + d)
     X, normals, _ = corner(n, d, rng)
     columns = columns_of(X, normals, rng)
-    growing = RegionGrowing(
-        k,
-        max_angle=max_angle,
-        max_distance=max_distance,
-        max_gap=max_gap,
-        mutual=mutual,
-        normals="precomputed",
-        **LITERAL,
+    limits = {"max_angle": max_angle, "max_distance": max_distance, "max_gap": max_gap}
+    steps = GrowthSteps._fields[1 if mutual else 0 :]
+    growing = fitted_without(
+        columns, *steps, n_neighbors=k, min_region_size=1, normals="precomputed", **limits
     )
-    labels = growing.fit_predict(columns)
+    if not mutual:  # the parameter leaves out all
+        assert_array_equal(growing.labels_, growing.set_params(refine=False).fit(columns).labels_)
     expected = grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, mutual)
     assert growing.n_regions_ == expected.max() + 1 > 1
-    assert adjusted_rand_score(expected, labels) == 1.0
+    assert adjusted_rand_score(expected, growing.labels_) == 1.0

@@ -15,6 +15,7 @@ from sklearn_mcmd.datasets import make_lidar_turn, make_street
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.io._point_cloud import without_outliers
+from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.tiling import TilingError, _denoise, _result_files, process_files
 from sklearn_mcmd.tiling._result_files import SCORED, Results
 from tiled import divide, is_killed, street
@@ -196,7 +197,8 @@ def test_files_are_those_that_memory_writes(mode, n_jobs, tmp_path):
         write_points(expected, without_outliers(cloud, ~is_outlier))
     else:
         scores = (-fitted.scores_).astype(np.float32)
-        noise = noise_classes(cloud, is_outlier, is_outlier, np.ones(8_000, bool), 16)
+        used, lowest = np.ones(8_000, bool), LowestPoints(8_000, 16)
+        noise = noise_classes(cloud, is_outlier, is_outlier, used, lowest)
         assert set(noise) == {0, 7, 18}
         write_points(expected, cloud.with_attributes(outlier_score=scores), noise=noise)
     report = process_files(path, target, DETECTOR, mode=mode, tile_size=3_000, n_jobs=n_jobs)
@@ -222,7 +224,8 @@ def test_points_that_are_withheld_or_of_other_classes_are_as_in_memory(mode, tmp
     if mode == "drop":
         write_points(expected, without_outliers(cloud, ~is_outlier))
     else:
-        noise = noise_classes(cloud, is_outlier, is_outlier, used, 16)
+        lowest = LowestPoints(len(cloud), 16)
+        noise = noise_classes(cloud, is_outlier, is_outlier, used, lowest)
         scores = scores.astype(np.float32)
         write_points(expected, cloud.with_attributes(outlier_score=scores), noise=noise)
     report = process_files(

@@ -63,15 +63,10 @@ LARGER_TILES = {"street", "copies", "far apart", "volume"}  # these are tried wi
 SLOW_SCENES = ("bus stop", "airborne", "single precision", "sparse beside dense")
 SWITCHES = [
     {"normal_estimator__n_neighbors": "auto", "normal_estimator__orientation": "mst"},
-    {"find_narrow_faces": False},
-    {"divide_at_creases": False},
-    {"join_coplanar": False},
-    {"join_curved": False},
-    {"assign_unlabeled": False},
-    {"mutual": False},
+    {"refine": False},
     {"max_gap": 0.15},
     {"max_distance": 0.02},
-    {"mutual": False, "max_distance": 0.02, "max_gap": 0.2},
+    {"refine": False, "max_distance": 0.02, "max_gap": 0.2},
     {"min_region_size": 1, "n_neighbors": 30},
     {"normal_estimator__neighbor_planes": False},
 ]

@@ -48,40 +48,37 @@ def test_scores_with_a_long_tail_keep_their_small_values_apart():
 
 
 def test_nan_and_infinity_have_no_value():
-    sources, _, _ = plan(score=np.array([0.5, np.nan, np.inf, 2.25]))
+    sources, _, _ = plan(score=np.array([0.5, np.nan, np.inf, 2.25]), none=np.full(4, np.nan))
     codes = sources["score"].codes[0][0]
     np.testing.assert_array_equal(codes == 0, [False, True, True, False])
-    sources, _, _ = plan(score=np.array([np.nan, np.nan]))
-    assert sources["score"].codes[0][0].tolist() == [0, 0]
+    assert sources["none"].codes[0][0].tolist() == [0] * 4
 
 
-def test_few_whole_numbers_are_classes_with_exact_values():
-    sources, _, _ = plan(kind=np.array([5, -1, 5, 300]), half=np.array([0.5, 1, 1.5, 2]))
-    assert sources["kind"].info["values"] == [-1, 5, 300]
-    assert sources["kind"].codes[0][0].tolist() == [1, 0, 1, 2]
-    assert sources["half"].info["kind"] == "number"
-
-
-def test_whole_numbers_of_text_files_are_classes_too():
-    sources, _, _ = plan(outlier=np.array([0.0, 1.0, 1.0]))
-    assert sources["outlier"].info["names"] == {"0": "regular", "1": "outlier"}
-    assert sources["outlier"].info["outliers"] == [1]
-
-
-def test_many_regions_are_classes_and_many_intensities_are_exact_numbers():
-    values = np.arange(3000) % 1500
-    sources, _, _ = plan(region=values - 1, intensity=values)
-    assert sources["region"].info["kind"] == "class"
-    assert sources["region"].codes[0][0].dtype == np.uint16
-    told = sources["intensity"].info
-    assert (told["kind"], told["error"]) == ("number", 0.0)
-    np.testing.assert_array_equal(sources["intensity"].codes[0][0] - 1 + told["low"], values)
-
-
-def test_noise_of_las_is_outliers():
-    sources, _, _ = plan(classification=np.array([2, 7, 18, 6], np.uint8))
-    assert sources["classification"].info["outliers"] == [2, 3]
-    assert sources["classification"].info["names"]["7"] == "noise"
+@pytest.mark.parametrize(
+    ("name", "values", "classes", "names", "outliers"),
+    [
+        ("kind", [5, -1, 5, 300], [-1, 5, 300], {}, None),
+        ("outlier", [0.0, 1.0, 1.0], [0, 1], {"0": "regular", "1": "outlier"}, [1]),
+        ("classification", [2, 7, 18, 6], [2, 6, 7, 18], {"7": "noise"}, [2, 3]),
+        ("region", np.arange(3000) % 1500 - 1, [*range(-1, 1499)], {"-1": "none"}, None),
+        ("half", [0.5, 1, 1.5, 2], None, {}, None),
+        ("intensity", np.arange(3000) % 1500, None, {}, None),
+    ],
+)
+def test_few_whole_numbers_and_labels_are_classes_with_exact_values_and_names(
+    name, values, classes, names, outliers
+):
+    source = plan(**{name: np.array(values)})[0][name]
+    info, (codes,) = source.info, source.codes[0]
+    assert info["kind"] == ("number" if classes is None else "class")
+    assert info.get("values") == classes
+    assert names.items() <= info.get("names", {}).items()
+    assert info.get("outliers") == outliers
+    if classes is not None:
+        np.testing.assert_array_equal(np.array(classes)[codes], values)
+    elif name == "intensity":
+        assert info["error"] == 0.0
+        np.testing.assert_array_equal(codes - 1 + info["low"], values)
 
 
 @given(arrays(np.float64, (20, 3), elements=st.floats(-1, 1)))
@@ -124,9 +121,13 @@ def test_colors_of_8_and_16_bits_and_shares_are_equal_in_the_page(scale, dtype):
 
 def test_what_is_equal_for_all_points_is_told_once_and_text_is_left_out():
     sources, constants, skipped = plan(
-        user_data=np.zeros(3, np.uint8), name=np.array(["a", "b", "c"]), x_t=np.array([1, 2, 3])
+        user_data=np.zeros(3, np.uint8),
+        name=np.array(["a", "b", "c"]),
+        normals=np.eye(3),
+        moments=np.arange(6.5, 12).reshape(3, 2),
     )
-    assert (list(sources), constants, skipped) == (["x_t"], {"user_data": 0}, ["name"])
+    assert list(sources) == ["normal", "moments_0", "moments_1"]
+    assert (constants, skipped) == ({"user_data": 0}, ["name"])
 
 
 def test_clouds_share_classes_and_ranges():
@@ -136,8 +137,3 @@ def test_clouds_share_classes_and_ranges():
     assert by_name["region"].info["values"] == [0, 1, 7]
     assert by_name["region"].codes[1][0].tolist() == [2]
     assert by_name["a"].codes[1] is None
-
-
-def test_tables_become_columns_and_normals_one_attribute():
-    sources, _, _ = plan(normals=np.eye(3), moments=np.arange(6.5, 12).reshape(3, 2))
-    assert list(sources) == ["normal", "moments_0", "moments_1"]

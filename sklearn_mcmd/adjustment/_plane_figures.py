@@ -1,0 +1,364 @@
+"""The figures of a tested plane, each once: text, picture, page and terminal print these rows."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd._errors import counted
+from sklearn_mcmd.adjustment._power import POWER
+from sklearn_mcmd.adjustment._precision import quantile
+from sklearn_mcmd.adjustment._reliability import PlaneReliability
+
+__all__ = ["PlaneFigures", "Row", "Table", "plan_rows", "plane_figures"]
+
+LEAST_ERROR = 1e-9  # the least standard error that is printed
+NO_DIRECTION = 60.0  # standard error in degrees from which on a plane falls to no side
+OUTCOMES = {
+    "found": "of the outliers",
+    "correct": "all outliers and no other point go",
+    "missed": "outliers stay, no good point goes",
+    "wrongly_excluded": "good points go in place of outliers (type III)",
+    "over_excluded": "good points go with all outliers",
+    "false_alarm": "a point goes though there is no outlier",
+}
+
+
+class Row(NamedTuple):
+    """A figure: numbers to the second digit of their standard error, or words."""
+
+    name: str
+    value: str
+    unit: str = ""
+    error: str = ""
+    note: str = ""
+
+    def __str__(self):
+        words = f"{self.value} ± {self.error}" if self.error else self.value
+        words = f"{words} {self.unit}" if self.unit else words
+        return f"{words} ({self.note})" if self.note else words
+
+
+class Table(NamedTuple):
+    """Figures of several points or groups of points."""
+
+    header: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+
+class PlaneFigures(NamedTuple):
+    """All figures of a plane: rows by the title of their part, and tables by their title."""
+
+    parts: dict[str, list[Row]]
+    tables: dict[str, Table]
+    reliability: PlaneReliability | None
+
+    def rows(self):
+        """The rows of all parts by their names, which differ."""
+        return {row.name: row for rows in self.parts.values() for row in rows}
+
+
+def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatness=None):
+    """The figures of a fitted detector, its training points, and what was compared with them.
+
+    The unit is only printed. The last two are results of `compare_planes` and `flatness`. Without
+    `n_worst`, the number of points to list, there are neither tables nor reliability.
+    """
+    unit = f" {unit}" if unit else ""
+    reliability = None if n_worst is None else _usual_reliability(detector, X, n_worst)
+    found = {"method": _method(detector), "points": len(X)}
+    found["outliers"] = _share(np.count_nonzero(detector.labels_ == -1), len(X))
+    parts = {
+        "": _words(found),
+        "Plane": _plane_rows(detector, unit),
+        "Standard errors": _error_rows(detector, X, unit),
+        "Tests": _test_rows(detector, unit),
+        "Reliability": _reliability_rows(reliability, unit),
+        "Flatness": _flatness_rows(flatness, unit),
+        "Against the other plane": _comparison_rows(comparison, unit),
+        "Residuals": _residual_rows(detector, X, unit),
+    }
+    tables = {}
+    if n_worst is not None:
+        worst = _worst_table(detector, X, reliability, n_worst)
+        tables["Residuals by verdict"] = _residual_table(detector, X)
+        tables[f"{len(worst.rows)} largest test statistics"] = worst
+    return PlaneFigures({title: rows for title, rows in parts.items() if rows}, tables, reliability)
+
+
+def _usual_reliability(detector, X, n_worst):
+    """The reliability of the usual power, or None where there is none: of M-estimates, of tests so
+    lax that their level is no smaller, and of points without noise."""
+    is_lax = detector._level_of_one() >= POWER
+    if detector.loss != "squared_error" or is_lax or detector._fitted.is_rounding:
+        return None
+    return detector.reliability(X, n_worst=n_worst)
+
+
+def plan_rows(plan, unit):
+    """What data snooping will find: words by names."""
+    unit = f" {unit}" if unit else ""
+    value, error = plan.bias
+    bias = f"{value:.4g}{unit} (given)" if error == 0 else str(_row("", value, unit, error=error))
+    rows = {
+        "outliers": str(plan.n_outliers),
+        "detectable bias": f"{plan.minimal_bias:.4g}{unit} of one outlier, by formula (MDB)",
+        "bias": bias if np.isfinite(value) else "none up to 1000 deviations is found so often",
+    }
+    for name, words in OUTCOMES.items():
+        value, error = getattr(plan, name)
+        rows[name.replace("_", " ")] = f"{value:.4f} ± {error:.4f}  {words}"
+    normal = " and ".join(f"{error:.2g}" for error in plan.normal_errors)
+    rows["plane"] = f"± {plan.offset_error:.3g}{unit} at the center, ± {normal} degrees"
+    return rows
+
+
+def _words(rows):
+    """Rows of words; what is a row already stays."""
+    named = rows.items()
+    return [row if isinstance(row, Row) else _row(name, row) for name, row in named]
+
+
+def _row(name, value, unit="", *, error=None, note=""):
+    """A row of words, or of numbers with a standard error."""
+    if error is not None:
+        value, error = _rounded(np.atleast_1d(value), float(error))
+    return Row(name=name, value=str(value), unit=unit.strip(), error=error or "", note=note)
+
+
+def _rounded(values, error):
+    """Numbers to the second digit of their standard error, which exact points do not have."""
+    digits = 6
+    if error < np.inf:
+        digits = int(np.clip(1 - np.floor(np.log10(max(error, LEAST_ERROR))), 0, 9))
+    words = " ".join(f"{value:.{digits}f}" for value in np.round(values, digits) + 0.0)
+    return words, f"{error:.{digits}f}" if error >= LEAST_ERROR else "less than 1e-9"
+
+
+def _share(part, total, noun=""):
+    return f"{part} of {total}{noun} ({100 * part / total:.2f} %)"
+
+
+def _method(detector):
+    if hasattr(detector, "elimination_step_"):
+        how = "one at a time" if detector.elimination == "single" else "all rejected at once"
+        how += ", robust start" if detector.robust_start else ""
+        name = f"Baarda's data snooping, {how}"
+    else:
+        name = f"fuzzy memberships, width {detector.width:g}, weighting {detector.weighting}"
+    how = "least squares" if detector.loss == "squared_error" else f"{detector.loss} loss"
+    return f"{name}; {detector.surface} surface, {how}"
+
+
+def _is_exact(detector):
+    """Whether the points that pass have no noise, so that errors are those of a given sigma0."""
+    fitted = detector._fitted
+    return fitted.scale == fitted.rounding and not fitted.is_rounding
+
+
+def _plane_rows(detector, unit):
+    plane = detector._fitted.plane
+    precision = detector.precision("prior" if _is_exact(detector) else "posterior")
+    at_center = precision.scale / np.sqrt(plane.sum_weights)
+    rows = [
+        _row("normal", detector.normal_, error=np.radians(precision.ellipse[0])),
+        _row("point", plane.center, unit, error=at_center, note="on the plane"),
+    ]
+    if detector.surface == "vertical":
+        errors = np.sqrt(np.diag(precision.slopes_covariance)[:-1])
+        rows.append(_row("slopes", detector.coef_, error=errors.max()))
+    unit_of_tilt = " degrees from the horizontal"
+    rows.append(_row("tilt", precision.tilt, unit_of_tilt, error=precision.tilt_error))
+    if detector._fitted.is_rounding:
+        return rows
+    if precision.azimuth_error < NO_DIRECTION:
+        clockwise = " degrees from the y axis, clockwise"
+        rows.append(_row("falls to", precision.azimuth, clockwise, error=precision.azimuth_error))
+    error = np.sqrt(precision.covariance[-1, -1])
+    return [*rows, _row("distance", detector.distance_, f"{unit} from the origin", error=error)]
+
+
+def _error_rows(detector, X, unit):
+    """Standard errors a posteriori, and how much they change a priori."""
+    if detector._fitted.is_rounding:
+        return []
+    variance = "prior" if _is_exact(detector) else "posterior"
+    precision = detector.precision(variance)
+    center = quantile(0.95, precision.dof) * precision.offset_error
+    plane, point = detector.band(X[detector.support_], variance=variance)
+    prior = "there are none a priori, because sigma0 is estimated"
+    if detector.sigma0 != "auto":
+        prior = f"a priori {detector.sigma0_ / precision.scale:.3g} times as large"
+    posterior = f"with {precision.dof:g} degrees of freedom; {prior}"
+    exact = "the points have no noise; these are a priori"
+    ellipse = " x ".join(f"{error:.2g}" for error in precision.ellipse)
+    return _words(
+        {
+            "a posteriori": exact if variance == "prior" else posterior,
+            "normal's ellipse": f"{ellipse}, cone {precision.cone:.2g} degrees; 95 %: "
+            f"{precision.confidence_factor():.2f} ellipses",
+            "band of 95 %": f"plane ± {center:.3g} at its center to ± {plane.max():.3g}{unit} at "
+            f"its rim, a point ± {point.max():.3g}{unit}",
+        }
+    )
+
+
+def _test_rows(detector, unit):
+    replaced = " in place of w, as sigma0 is estimated" if detector.test_ != detector.test else ""
+    squared = unit and f"{unit}^2"
+    origin = "estimated" if detector.sigma0 == "auto" else "given"
+    if detector._fitted.is_rounding:
+        origin = "float64's rounding: no noise to test against"
+    return _words(
+        {
+            "test": f"{detector.test_}{replaced}, {detector.correction} correction, "
+            f"alpha = {detector.alpha:g}",
+            "level of one point": f"{detector._level_of_one():.3g}",
+            "critical value": f"{detector.critical_value_:.4f}",
+            "sigma0": _row("sigma0", f"{detector.sigma0_:.4g}", unit, note=origin),
+            "degrees of freedom": detector.dof_,
+            "variance factor": f"{detector.variance_factor_initial_:.6g}{squared} with all points, "
+            f"{detector.variance_factor_:.6g}{squared} without outliers",
+            "deviation": f"{np.sqrt(detector.variance_factor_):.4g}{unit} of one observation, "
+            "without outliers",
+            "global test": _global_test(detector),
+            **_details(detector),
+        }
+    )
+
+
+def _global_test(detector):
+    """p of the global test before and after the removal, or why there is none, in words."""
+    if detector.sigma0 == "auto":
+        return "none: sigma0 is estimated from these points, so it fits them at any noise"
+    before, after = detector.global_test_pvalue_initial_, detector.global_test_pvalue_
+    level = detector.global_test_level_
+    verdict = f"; rejected at the level {level:.3g}" if after < level else ""
+    return f"p = {before:.2g} with all points, {after:.2g} without outliers{verdict}"
+
+
+def _details(detector):
+    if hasattr(detector, "elimination_step_"):
+        removed = np.count_nonzero(detector.elimination_step_)
+        back = np.count_nonzero((detector.elimination_step_ > 0) & (detector.labels_ == 1))
+        return {"removed": f"{removed} in {counted(detector.n_iter_, 'round')}, {back} came back"}
+    if np.isnan(detector.defuzzification_limit_):
+        return {"limit": "none: no residual is abnormal"}
+    return {"limit": f"1 - C_H = {detector.defuzzification_complement_:.6g}"}
+
+
+def _reliability_rows(reliability, unit):
+    """Internal and external reliability."""
+    if reliability is None:
+        return []
+    bias = reliability.minimal_bias[np.isfinite(reliability.minimal_bias)]
+    if len(bias) == 0:
+        return _words({"detectable bias": "none: no point is controlled by others"})
+    kinds = ("normal", "tilt", "offset")
+    normal, tilt, offset = (getattr(reliability, f"effect_on_{kind}").max() for kind in kinds)
+    rows = {
+        "level, power": f"{reliability.level:.3g} of one point, {reliability.power:g}; "
+        f"noncentrality {reliability.noncentrality:.2f}",
+        "B-method": f"a global test of level {reliability.coupled_level:.3g} finds the same bias",
+        "detectable bias": f"{bias.min():.4g} to {bias.max():.4g}{unit} (MDB)",
+        "effect of such a bias": f"normal {normal:.2g} degrees, tilt {tilt:.2g} degrees, center "
+        f"{offset:.2g}{unit} at most; below, in degrees of the normal",
+        "gross error": "below: what a point is wrong by, if no other is",
+        "bias to noise": f"{reliability.bias_to_noise.max():.3g} at most",
+    }
+    if len(reliability.pairs):
+        at = int(np.abs(reliability.correlation).argmax())
+        i, j = reliability.pairs[at]
+        rows["hardest to separate"] = (
+            f"rows {i} and {j}, correlation {reliability.correlation[at]:.2g}: from a bias of "
+            f"{reliability.identifiable_bias[at]:.4g}{unit} on"
+        )
+    return _words(rows)
+
+
+def _comparison_rows(comparison, unit):
+    """The verdict on two planes, and both differences with their tests."""
+    if comparison is None:
+        return []
+    rows = _words({"against": comparison.verdict})
+    along = f"{unit} along the normal"
+    both = ("tilt between", comparison.tilt, " degrees"), ("offset", comparison.offset, along)
+    for name, one, of_it in both:
+        note = f"{'' if one.significant else 'not '}significant, p = {one.pvalue:.2g}; "
+        note += f"{one.smallest:.2g} would be found with a power of {POWER:g}"
+        rows.append(_row(name, one.value, of_it, error=one.error, note=note))
+    return rows
+
+
+def _flatness_rows(flat, unit):
+    """Points against the tolerance, both zones and the verdict."""
+    if flat is None:
+        return []
+    outside = _share(flat.n_outside, flat.n_points, " points")
+    return _words(
+        {
+            "tolerance": f"{flat.tolerance:g}{unit} between two parallel planes",
+            "outside": f"{outside}, {flat.n_significant} of them by more than their uncertainty of "
+            f"{flat.uncertainty:.3g}{unit}",
+            "zone": f"{flat.zone:.4g}{unit} by least squares, {flat.minimum_zone:.4g}{unit} at "
+            "least; without outliers, with noise",
+            "flatness": f"{flat.verdict}, the uncertainty of the points considered",
+        }
+    )
+
+
+def _groups(detector, X):
+    """Residuals by the verdict on their points."""
+    residuals, outliers = detector.residuals(X), detector.labels_ == -1
+    return {"all": residuals, "inliers": residuals[~outliers], "outliers": residuals[outliers]}
+
+
+def _residual_rows(detector, X, unit):
+    side = "on the side of the normal" if detector.surface == "orthogonal" else "above the plane"
+    rms, without, _ = (
+        f"{_rms(part):.4g}{unit}" if len(part) else "none" for part in _groups(detector, X).values()
+    )
+    return _words({"residuals": f"rms {rms}, without outliers {without}; positive {side}"})
+
+
+def _residual_table(detector, X):
+    groups, rows = _groups(detector, X), []
+    digits = _decimals(groups["inliers"])
+    for name, part in groups.items():
+        values = [part.mean(), _rms(part), part.min(), part.max()] if len(part) else []
+        cells = [f"{value:.{digits}f}" for value in np.round(values, digits) + 0.0]
+        rows.append((name, str(len(part)), *(cells or ["none"] * 4)))
+    return Table(("", "points", "mean", "rms", "least", "largest"), rows)
+
+
+def _worst_table(detector, X, reliability, n_worst):
+    """The points of the largest test statistics."""
+    groups, tests = _groups(detector, X), detector.test_statistic_
+    length = f".{_decimals(groups['inliers'])}f"
+    columns = {
+        "residual": (groups["all"], length),
+        "redundancy": (detector.redundancy_, ".6f"),
+        "statistic": (tests, ".4g"),
+    }
+    if reliability is not None:
+        columns |= {
+            "MDB": (reliability.minimal_bias, length),
+            "gross error": (reliability.gross_error, length),
+            "deviation": (reliability.gross_error_deviation, length),
+            "effect": (reliability.effect_on_normal, ".2g"),
+        }
+    rows = []
+    for i in np.argsort(-tests, kind="stable")[:n_worst]:
+        cells = [f"{values[i]:{digits}}" for values, digits in columns.values()]
+        verdict = "outlier" if detector.labels_[i] == -1 else "inlier"
+        rows.append((str(i), *cells, verdict, " ".join(f"{value:.6f}" for value in X[i])))
+    return Table(("row", *columns, "verdict", "coordinates"), rows)
+
+
+def _rms(values):
+    return np.sqrt(np.mean(values**2))
+
+
+def _decimals(residuals):
+    """Number of decimals that shows three digits of a typical residual."""
+    rms = _rms(residuals) if len(residuals) else 0.0
+    return int(np.clip(2 - np.floor(np.log10(rms)), 0, 9)) if rms > 0 else 6

@@ -1,0 +1,215 @@
+"""A report of a fitted plane test for a surveyor's files, as a figure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ndtri, stdtrit
+
+from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
+from sklearn_mcmd.adjustment._plane_figures import plane_figures
+from sklearn_mcmd.adjustment._tests import t_to_tau
+
+__all__ = ["plot_report"]
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MAX_DRAWN = 50_000  # more points take minutes to draw, and show no more
+MAX_DEVIATIONS = 15  # half width of the histogram, in standard deviations of the inliers
+BLUE, RED, GRAY = "#1f77b4", "#d62728", "#7f7f7f"
+
+
+def plot_report(
+    detector: PlaneDetector,
+    X: ArrayLike,
+    *,
+    title: str = "Plane test",
+    unit: str = "",
+    figure: Figure | None = None,
+) -> Figure:
+    """Residual map, histogram against the normal curve, and memberships or statistics.
+
+    Parameters
+    ----------
+    detector : BaardaPlaneDetector or FuzzyPlaneDetector
+        Fitted to X.
+    X : array-like of shape (n_samples, n_features)
+        The training points.
+    title : str, default="Plane test"
+    unit : str, default=""
+        Unit of X, for example "m"; only printed.
+    figure : matplotlib.figure.Figure, default=None
+        Figure to draw on. None means a new figure without a window.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        ``figure.savefig("report.png")`` saves it.
+
+    Raises
+    ------
+    ImportError
+        If matplotlib is missing.
+    """
+    new_figure = import_extra("matplotlib.figure", "plot", "plot_report").Figure
+    X = check_points(detector, X)
+    figure = figure or new_figure(figsize=(11.7, 8.3), layout="constrained")  # A4
+    view, names = _view(detector, X)
+    wide = view.shape[1] >= 2 and np.ptp(view[:, 0]) > 1.5 * np.ptp(view[:, 1])
+    if wide:
+        panels = figure.subplot_mosaic("mm;ht")
+    else:
+        panels = figure.subplot_mosaic("mh;mt", width_ratios=[1.2, 1])
+    residuals = detector.residuals(X)
+    outliers = detector.labels_ == -1
+    suffix = f" [{unit}]" if unit else ""
+    figure.suptitle(title, fontsize="x-large")
+    figure.supxlabel(_key_figures(detector, X, unit), fontsize="medium")
+    _draw_map(panels["m"], view, names, residuals, outliers, suffix)
+    _draw_histogram(panels["h"], residuals, outliers, suffix)
+    if hasattr(detector, "membership_residual_"):
+        _draw_memberships(panels["t"], detector)
+    else:
+        _draw_statistics(panels["t"], detector, outliers)
+    return figure
+
+
+def _key_figures(detector, X, unit):
+    """The lines below the panels."""
+    rows = plane_figures(detector, X, unit).rows()
+    lines = ("outliers", "deviation"), ("normal", "tilt"), ("test", "sigma0"), ("residuals",)
+    lines = ["; ".join(f"{name} {rows[name]}" for name in names) for names in lines]
+    return "\n".join([*lines, str(rows["method"])])
+
+
+def _thinned(rows):
+    """At most `MAX_DRAWN` of the rows, at even steps."""
+    return rows[:: len(rows) // MAX_DRAWN + 1]
+
+
+def _draw_map(axes, view, names, residuals, outliers, suffix):
+    """A map of the residuals."""
+    good, bad = (_thinned(np.flatnonzero(mask)) for mask in (~outliers, outliers))
+    marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
+    if view.shape[1] >= 2:
+        # Not the largest residual: one point would make all others pale.
+        reach = np.percentile(np.abs(residuals[good]), 99) if len(good) else 1.0
+        ends = {"cmap": "coolwarm", "vmin": -(reach or 1.0), "vmax": reach or 1.0}
+        shown = axes.scatter(
+            *view[good, :2].T, c=residuals[good], s=4, linewidths=0, rasterized=True, **ends
+        )
+        axes.scatter(*view[bad, :2].T, **marks, rasterized=True)
+        axes.set_aspect("equal", adjustable="box")
+        place = {"location": "bottom", "shrink": 0.8, "aspect": 40, "pad": 0.02}
+        label = f"residual of inliers{suffix}"
+        bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
+        bar.ax.locator_params(nbins=6)
+    else:
+        along = view[:, 0] if view.shape[1] else np.zeros(len(residuals))
+        axes.scatter(along[good], residuals[good], s=4, c=BLUE, rasterized=True)
+        axes.scatter(along[bad], residuals[bad], **marks, rasterized=True)
+        names = [names[0] if names else "", "residual"]
+    axes.set(title="Residual map", xlabel=names[0] + suffix, ylabel=names[1] + suffix)
+    if len(bad):
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), markerscale=2, frameon=False)
+
+
+def _view(detector, X):
+    """Map coordinates of the points and their names.
+
+    A plane in space that is steeper than 45 degrees is seen from the side to which its normal
+    points, with the level line to the right and height up. All others are seen from above.
+    """
+    normal = detector.normal_
+    if X.shape[1] == 3 and detector.surface == "orthogonal" and abs(normal[2]) < np.sqrt(0.5):
+        right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(*normal[:2])
+        along = (X - detector._fitted.plane.center) @ right
+        return np.column_stack([along, X[:, 2]]), ["along the level line", "z"]
+    names = ["x", "y"] if X.shape[1] <= 3 else [f"column {i}" for i in range(X.shape[1] - 1)]
+    return X[:, :-1], names
+
+
+def _draw_histogram(axes, residuals, outliers, suffix):
+    """Residuals against the normal curve of the inliers' scale."""
+    inliers = residuals[~outliers]
+    scale = inliers.std() if len(inliers) else 0.0
+    if scale == 0:
+        scale = max(np.abs(residuals).max(), 1.0)
+    largest = np.abs(residuals).max() / scale
+    reach = np.clip(np.ceil(largest), 4, MAX_DEVIATIONS)
+    bins = scale * np.linspace(-reach, reach, int(10 * reach) + 1)
+    # The last bins count all points beyond them, so that all points are seen.
+    highest = 1.0
+    for values, color, name in ((inliers, BLUE, "inliers"), (residuals[outliers], RED, "outliers")):
+        if len(values):
+            clipped = np.clip(values, bins[0], bins[-1])
+            counts, _, _ = axes.hist(clipped, bins, color=color, alpha=0.7, label=name)
+            highest = max(highest, counts.max())
+    curve = np.linspace(bins[0], bins[-1], 800)
+    density = np.exp(-0.5 * (curve / scale) ** 2) / (scale * np.sqrt(2 * np.pi))
+    axes.plot(curve, density * len(inliers) * (bins[1] - bins[0]), color="k", label="normal curve")
+    beyond = f", beyond {MAX_DEVIATIONS} deviations in the last bin" if largest > reach else ""
+    axes.set(title="Residuals", xlabel=f"residual{suffix}{beyond}", ylabel="points")
+    axes.set(yscale="log", ylim=(0.5, 3 * highest))
+    axes.locator_params(axis="x", nbins=7)
+    axes.legend(loc="best")
+
+
+def _scatter_both(axes, x, y, outliers, kind=""):
+    """Inliers and outliers."""
+    for mask, color, name in ((~outliers, BLUE, "inlier"), (outliers, RED, "outlier")):
+        rows = _thinned(np.flatnonzero(mask))
+        if len(rows):
+            axes.scatter(x[rows], y[rows], s=7, c=color, label=f"{kind}{name}", rasterized=True)
+
+
+def _draw_memberships(axes, detector):
+    """m_M and the verdict by test statistic."""
+    outliers = detector.labels_ == -1
+    statistic, residual = detector.test_statistic_, detector.membership_residual_
+    _scatter_both(axes, statistic, residual, outliers, "m$_M$, ")
+    rows = _thinned(np.arange(len(outliers)))
+    below = {"s": 3, "c": GRAY, "label": "m$_H$", "zorder": 0, "rasterized": True}
+    axes.scatter(statistic[rows], detector.membership_[rows], **below)
+    axes.axvline(detector.critical_value_, color="k", linestyle="--", label="critical value")
+    axes.set(title="Memberships", xlabel=f"test statistic {detector.test}", ylabel="membership")
+    axes.legend(loc="center right")
+
+
+def _draw_statistics(axes, detector, outliers):
+    """Test statistics in ascending order, and the values expected of the inliers."""
+    order = np.argsort(detector.test_statistic_, kind="stable")
+    statistic = detector.test_statistic_[order]
+    rank = np.arange(1, len(order) + 1)
+    _scatter_both(axes, rank, statistic, outliers[order])
+    n = np.count_nonzero(~outliers)
+    if n:
+        ranks = np.unique(np.linspace(1, n, 500).astype(int))
+        expected = _expected(detector, (ranks - 0.5) / n)
+        axes.plot(ranks, expected, color="k", lw=1, label="expected without outliers")
+    limit = detector.critical_value_
+    if np.isfinite(limit):
+        axes.axhline(limit, color="k", linestyle="--", label="critical value")
+        # Linear up to the critical value, logarithmic above it.
+        axes.set_yscale("symlog", linthresh=limit, linscale=2.5, subs=range(2, 10))
+        ticks = np.arange(0, np.floor(limit) + 1, max(np.floor(limit / 4), 1))
+        tens = 10.0 ** np.arange(np.ceil(np.log10(limit)), 20)
+        axes.set_yticks([*ticks, *tens[tens <= 2 * statistic.max()]])
+        axes.yaxis.set_major_formatter("{x:g}")
+    highest = max(statistic.max(), limit if np.isfinite(limit) else 1)
+    axes.set(title="Test statistics", ylim=(0, 1.3 * highest))
+    axes.set(xlabel="points, in ascending order", ylabel=f"test statistic {detector.test_}")
+    axes.legend(loc="center left")
+
+
+def _expected(detector, probability):
+    """Quantiles of the statistic in clean data."""
+    level = 1 - probability
+    if detector.test_ == "w" or detector.dof_ < 2:
+        return -ndtri(level / 2)
+    t = -stdtrit(detector.dof_ - 1, level / 2)
+    return t if detector.test_ == "t" else t_to_tau(t, detector.dof_)

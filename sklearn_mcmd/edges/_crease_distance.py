@@ -1,0 +1,384 @@
+"""How far points are from a crease: the line in which the planes of two faces meet.
+
+Near an edge the neighborhood of a point holds two faces. The point is given the plane that
+explains it best, its own or a neighbor's, and so are its neighbors; where two of these planes
+meet is the edge, known to a fraction of the spacing of the points. Whether there is an edge is
+decided by the Bayesian information criterion (BIC): faces that meet in creases, or a surface
+without any. The verdict is pooled over the neighbors, as an edge is a line and not a point.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.edges._faces import Faces, are_faces, give_faces, measure_spacing
+from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
+from sklearn_mcmd.runtime._progress import progress_part
+
+__all__ = ["CreaseLimits", "Creases", "find_creases"]
+
+CHUNK = 1_500_000  # entries of the largest array a task holds
+# Ends of the steps, as shares of the time, for the display of progress.
+SEARCHED, MEASURED, GIVEN, MET = 0.1, 0.15, 0.3, 0.9
+CERTAIN = -np.log(np.finfo(float).eps)  # logarithm of the inverse of the rounding of a likelihood
+
+
+class CreaseLimits(NamedTuple):
+    """How creases are found."""
+
+    far: float = 10.0  # largest distance of a point from a crease that counts, in spacings
+    evening_steps: int = 2  # passes in which the spacing becomes the mean of those around
+    smooth_steps: int = 3  # fits of a smooth surface
+    huber: float = 1.5  # standard deviations beyond which points count less in such a fit
+    # Radii of rounded edges, in spacings: what is rounded by less is sharp.
+    radii: tuple = (1.0, 1.5, 2.0, 3.0, 4.0)
+
+
+def find_creases(index, planes, min_angle, n_jobs=None, around=None):
+    """The `Creases` of the points of an index, or of what answers as one, and their distances.
+
+    Of the planes, of these points, centroids, normals and scale are known, and are changed. Those
+    of two faces meet at `min_angle` degrees at least. `around` are the points' `Neighborhoods`,
+    where they are known.
+    """
+    # Of heights, which are differences of coordinates that may be large. One point may be far.
+    origin = np.array([np.median(coordinate) for coordinate in index.points.T])
+    points = np.subtract(index.points, origin, out=index.empty(index.points.shape))
+    planes.centroids[:] -= origin
+    with progress_part(0.0, SEARCHED):
+        around = _search(index, index.points, n_jobs) if around is None else around
+    with progress_part(SEARCHED, MEASURED):
+        _measure_spacing(index, points, planes, around, n_jobs)
+    cloud = _Cloud(index=index, points=points, planes=planes, flat=are_faces(planes), n_jobs=n_jobs)
+    with progress_part(MEASURED, GIVEN):
+        faces = cloud.give_planes(points, around)
+    cosine = np.cos(np.radians(min_angle))
+    with progress_part(GIVEN, MET):
+        distance, evidence = cloud.meet(points, faces, faces, cosine, around)
+    with progress_part(MET, 1.0):
+        cloud.judge(faces, distance, evidence, around)
+    creases = Creases(cloud=cloud, origin=origin, faces=faces, evidence=evidence, cosine=cosine)
+    return creases, distance
+
+
+class Creases(NamedTuple):
+    """A cloud whose creases are known."""
+
+    cloud: "_Cloud"
+    origin: np.ndarray
+    faces: Faces
+    evidence: np.ndarray
+    cosine: float  # that of two faces is smaller
+
+    def distance(self, queries, around=None):
+        """Distances of queries (m, d) to the nearest crease, in spacings.
+
+        Where no crease is found it is between `far` and twice as much, the less, the less flat
+        the neighborhood. `around` are the queries' `Neighborhoods`, where they are known.
+        """
+        cloud = self.cloud
+        with progress_part(0.0, SEARCHED):
+            around = _search(cloud.index, queries, cloud.n_jobs) if around is None else around
+        queries = queries - self.origin
+        with progress_part(MEASURED, GIVEN):
+            own = cloud.give_planes(queries, around)
+        with progress_part(GIVEN, MET):
+            distance, _ = cloud.meet(queries, own, self.faces, self.cosine, around)
+        with progress_part(MET, 1.0):
+            cloud.judge(own, distance, self.evidence, around)
+        return distance
+
+
+@dataclass(frozen=True)
+class _Cloud:
+    """Points whose planes are measured."""
+
+    index: NeighborIndex
+    points: np.ndarray  # from the origin
+    planes: Planes
+    flat: np.ndarray  # bool: which planes are those of faces
+    n_jobs: int | None
+
+    def give_planes(self, queries, around):
+        """Of the planes of its neighbors, the one that explains each query best."""
+        faces = Faces.empty(*queries.shape, self.index.empty)
+        usable = np.ones(len(self.points), dtype=bool)
+
+        def give(part, around):
+            faces.put(part, give_faces(queries[part], around, self.planes, self.flat, usable))
+
+        _in_chunks(around, give, self.points.shape[1], self.n_jobs)
+        return faces
+
+    def meet(self, queries, own, faces, cosine, around):
+        """Distance to the nearest crease in spacings, and the evidence for it."""
+        distance, evidence = (self.index.empty(len(queries)) for _ in range(2))
+
+        def meet(part, around):
+            distance[part], evidence[part] = meet_faces(
+                queries[part], own.take(part), around, self.points, faces, cosine
+            )
+
+        _in_chunks(around, meet, min(self.index.n_neighbors, 1_000), self.n_jobs)
+        return distance, evidence
+
+    def judge(self, faces, distance, evidence, around):
+        """Let the neighbors say, in place, how far each point counts as from the crease."""
+
+        def judge(part, around):
+            pooled, most = pool_evidence(around, self.points, evidence)
+            distance[part] = judged_distances(faces.take(part), distance[part], pooled, most)
+
+        _in_chunks(around, judge, self.points.shape[1], self.n_jobs)
+
+
+def _in_chunks(around, work, width, n_jobs):
+    """Call `work` with rows of queries and their neighborhoods."""
+    n, k = around.indices.shape
+    step = max(1, CHUNK // (k * width))
+    each_slice(n, step, lambda part: work(part, around.take(part)), n_jobs)
+
+
+def _search(index, queries, n_jobs):
+    """The neighborhoods of queries, or of all points: one search for all that follows."""
+    own = queries is index.points
+    (m, d), k = queries.shape, index.n_neighbors
+    indices = np.empty((m, k), dtype=np.int32)
+
+    def task(rows):
+        around = index.query_own(rows) if own else index.query(queries[rows])
+        indices[rows] = around.indices
+
+    if own:
+        each_slice(m, max(1, CHUNK // (k * d)), task, n_jobs)
+    else:
+        each_chunk(queries, index.chunk, task, n_jobs)
+    return Neighborhoods(indices, np.full(m, k))
+
+
+def _measure_spacing(index, points, planes, around, n_jobs):
+    """Fill spacing and radius of the planes, and their noise, which is not known better."""
+    even = index.empty(len(points))
+
+    def measure(part, around):
+        found = measure_spacing(points, points[part], around, planes.scale[part])
+        planes.spacing[part], planes.radius[part], planes.scale[part] = found
+
+    def smooth(part, around):
+        even[part] = planes.spacing[around.indices].mean(axis=1)
+
+    works = [measure, *[smooth] * CreaseLimits().evening_steps]
+    for step, work in enumerate(works):
+        with progress_part(step / len(works), (step + 1) / len(works)):
+            _in_chunks(around, work, points.shape[1], n_jobs)
+        if step:
+            planes.spacing[:] = even
+
+
+def meet_faces(queries, own, around, points, faces, cosine):
+    """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
+
+    The evidence is half the BIC of the best two or three faces less that of the best surface
+    without a crease: negative where there is an edge. `own` are the faces of the queries; `around`,
+    their neighborhoods, has rows of `points` and of their `faces`.
+    """
+    distance, evidence = np.full(len(queries), np.inf), np.full(len(queries), np.nan)
+    indices = around.indices
+    cosines = np.abs(np.einsum("md,mkd->mk", own.normals, faces.normals[indices]))
+    other = (cosines < cosine) & faces.on_face[indices]
+    # A face has as many points as determine a plane.
+    busy = np.flatnonzero(other.sum(axis=1) >= queries.shape[1])
+    busy = busy[own.flat[busy] & (own.spacing[busy] > 0)]
+    if busy.size:
+        near = indices[busy]
+        given = faces.normals[near], faces.levels[near], cosines[busy], other[busy]
+        distance[busy], evidence[busy] = _faces_or_smooth(
+            queries[busy], own.take(busy), points[near], *given, cosine
+        )
+    return distance, evidence
+
+
+def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, cosine):
+    """Distance and evidence of queries (m, d) with other faces among their neighbors (m, k, d)."""
+    k, d = neighbors.shape[1:]
+    # Heights (m, k, k) of each neighbor above the plane given to each other one.
+    heights = np.matmul(neighbors, normals.swapaxes(1, 2)) - levels[:, None]
+    first = np.einsum("mkd,md->mk", neighbors, own.normals) - own.levels[:, None]
+    above = np.einsum("md,mkd->mk", queries, normals) - levels
+    limit = ExplainLimits().explained * own.scale[:, None]
+    each = np.arange(len(queries))
+
+    second, squares, surface = _join(first, heights, other, limit)
+    distance = _to_line(above[each, second], cosines[each, second])
+    between = np.abs(np.einsum("md,mkd->mk", normals[each, second], normals))
+    third_faces = other & (between < cosine)
+    third, fewer, corner = _join(surface, heights, third_faces, limit)
+    meets = fewer < k ** (-d / k) * squares  # by BIC: a plane has d numbers
+    to_third = _to_line(above[each, third], cosines[each, third])
+    distance = np.where(meets, np.minimum(distance, to_third), distance)
+    surface = np.where(meets[:, None], corner, surface)
+
+    def cost(residuals, n_numbers):
+        """Half the BIC, of the numbers of a model that are fitted or chosen here."""
+        least = np.finfo(float).tiny  # of exact faces
+        squares = np.mean(np.clip(residuals, -limit, limit) ** 2, axis=1) + least
+        return 0.5 * (k * np.log(squares) + n_numbers * np.log(k))
+
+    sharp = cost(surface, d + d * meets)
+    smooth = _smooth_residuals(neighbors, own.scale)
+    if smooth is None:
+        return distance / own.spacing, np.full(len(queries), -1.0)
+    best = cost(smooth, d + d * (d - 1) // 2)
+    best = np.minimum(best, cost(_arc_residuals(neighbors, normals, own.scale), 3))
+    beside, beyond = ((heights[each, :, f], normals[each, f]) for f in (second, third))
+    for one, two, there in ((first, own.normals), beside, True), (beside, beyond, meets):
+        for residuals in _rounded(*one, *two, own.spacing[:, None]):
+            best = np.where(there, np.minimum(best, cost(residuals, d + 1)), best)
+    return distance / own.spacing, sharp - best
+
+
+def pool_evidence(around, points, evidence):
+    """What the neighbors say of an edge (m,), and the largest distance (m,) that counts."""
+    pooled = _median(evidence[around.indices])
+    return pooled, CreaseLimits().far * (2.0 - _roundness(points[around.indices]))
+
+
+def judged_distances(faces, distance, pooled, most):
+    """Distances (m,) by what neighbors say: where an edge is the better model, to the crease."""
+    # Continuous: as far as it is where an edge is the better model, farther where not.
+    smooth = np.exp(np.clip(pooled, 0.0, CERTAIN))
+    off = np.maximum(np.abs(faces.height) / (ExplainLimits().explained * faces.scale), 1.0)
+    found = np.isfinite(distance) & np.isfinite(pooled)
+    return np.minimum(np.where(found, distance * smooth * off, np.inf), most)
+
+
+def _join(surface, heights, allowed, limit):
+    """The face that, joined to a surface in a crease, leaves the least squared residuals.
+
+    Two planes that cross make four surfaces with a crease, each a half of one and a half of the
+    other: the larger or the lesser of both heights, either side of the second plane up.
+
+    `surface` (m, k) has the heights of neighbors above the surface so far, `heights` (m, k, k)
+    those above the plane of each neighbor. Only planes of neighbors that are `allowed` (m, k) are
+    joined, and residuals count as `limit` (m, 1) at most. Returns the position of the best neighbor
+    (m,), the sum of squares (m,), inf where none is allowed, and the heights above the joined
+    surface (m, k).
+    """
+    each = np.arange(len(surface))
+    best, squares = np.zeros(len(surface), dtype=np.intp), np.full(len(surface), np.inf)
+    joined = surface.copy()
+    room = np.empty_like(heights)
+    for side in (1.0, -1.0):
+        for choose in (np.maximum, np.minimum):
+            np.multiply(heights, side, out=room)
+            choose(room, surface[:, :, None], out=room)
+            np.clip(room, -limit[:, :, None], limit[:, :, None], out=room)
+            sums = np.where(allowed, np.einsum("mqj,mqj->mj", room, room), np.inf)
+            candidate = sums.argmin(axis=1)
+            least = sums[each, candidate]
+            better = np.flatnonzero(least < squares)
+            best[better], squares[better] = candidate[better], least[better]
+            plane = side * heights[better, :, candidate[better]]
+            joined[better] = choose(plane, surface[better])
+    return best, squares, joined
+
+
+def _to_line(height, cosine):
+    """Distance, along the own plane, to the line where it meets one this far below."""
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, np.finfo(float).tiny))
+    return np.abs(height) / sine
+
+
+def _smooth_residuals(neighbors, scale):
+    """Residuals (m, k) to the best surface of second order, None if too many coefficients."""
+    _, k, d = neighbors.shape
+    pairs = [(a, b) for a in range(1, d) for b in range(a, d)]
+    n_coefficients = d + len(pairs)
+    if k <= n_coefficients + 1:
+        return None
+    centered = neighbors - neighbors.mean(axis=1, keepdims=True)
+    size = np.sqrt(np.einsum("mkd,mkd->m", centered, centered) / k)
+    size = np.maximum(size, np.finfo(float).tiny)
+    centered /= size[:, None, None]
+    _, axes = np.linalg.eigh(np.matmul(centered.swapaxes(1, 2), centered))
+    local = np.matmul(centered, axes)
+    heights, plane = local[..., 0], local[..., 1:]
+    squares = [local[..., a] * local[..., b] for a, b in pairs]
+    terms = np.stack([np.ones_like(heights), *np.moveaxis(plane, -1, 0), *squares], axis=-1)
+    residuals = np.zeros_like(heights)
+    for _ in range(CreaseLimits().smooth_steps):
+        solution = _solve(terms, heights, residuals / scale[:, None])
+        residuals = heights - np.einsum("mka,ma->mk", terms, solution)
+        slope = np.repeat(solution[:, None, 1:d], k, axis=1)
+        for (a, b), curvature in zip(pairs, solution[:, d:].T, strict=True):
+            slope[..., a - 1] += curvature[:, None] * local[..., b]
+            slope[..., b - 1] += curvature[:, None] * local[..., a]
+        residuals = np.abs(residuals) / np.sqrt(1.0 + np.einsum("mka,mka->mk", slope, slope))
+        residuals *= size[:, None]
+    return residuals
+
+
+def _arc_residuals(neighbors, normals, scale):
+    """Residuals (m, k) to a cylinder whose axis the normals tell: a circle of three numbers."""
+    across = np.linalg.eigh(np.matmul(normals.swapaxes(1, 2), normals))[1][:, :, -2:]
+    flat = np.matmul(neighbors - neighbors.mean(axis=1, keepdims=True), across)
+    square = np.einsum("mkd,mkd->mk", flat, flat)
+    size = np.maximum(np.sqrt(square.mean(axis=1)), np.finfo(float).tiny)[:, None]
+    flat /= size[..., None]
+    terms = np.concatenate([2.0 * flat, np.ones_like(flat[..., :1])], axis=2)
+    residuals = np.zeros_like(square)
+    solution = _solve(terms, square / size**2, residuals)
+    squares = solution[:, 2] + np.square(solution[:, :2]).sum(axis=1)
+    solution[:, 2] = np.sqrt(np.maximum(squares, 0.0))
+    for _ in range(CreaseLimits().smooth_steps + 1):  # the first of them measures only
+        solution += _solve(terms, residuals, residuals * size / scale[:, None])
+        gaps = flat - solution[:, None, :2]
+        away = np.maximum(np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps)), np.finfo(float).eps)
+        residuals = away - solution[:, 2:]
+        terms[..., :2] = gaps / away[..., None]
+    return residuals * size
+
+
+def _rounded(one, first, two, second, spacing):
+    """Residuals (m, k), by heights and normals, to two faces that an arc joins in each way."""
+    cosine = np.einsum("md,md->m", first, second)[:, None]
+    sine2 = np.maximum(1.0 - cosine**2, np.finfo(float).eps)
+    for up, side in (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0):
+        for radius in CreaseLimits().radii:
+            # From the axis, which is a radius below both planes.
+            a, b, c = up * one + radius * spacing, up * side * two + radius * spacing, side * cosine
+            away = np.sqrt(np.maximum(a * a + b * b - 2.0 * a * b * c, 0.0) / sine2)
+            yield np.where((a > b * c) & (b > a * c), away, np.maximum(a, b)) - radius * spacing
+
+
+def _solve(terms, values, deviations):
+    """Coefficients (m, a) of terms (m, k, a), by least squares that deviations weigh."""
+    # A few points off the surface must not bend it: Huber's weights.
+    with np.errstate(divide="ignore"):
+        weights = np.minimum(1.0, CreaseLimits().huber / np.abs(deviations))
+    weighted = terms * weights[..., None]
+    normal = np.matmul(weighted.swapaxes(1, 2), terms) + 1e-9 * np.eye(terms.shape[2])
+    right = np.einsum("mka,mk->ma", weighted, values)
+    return np.linalg.solve(normal, right[..., None])[..., 0]
+
+
+def _roundness(neighbors):
+    """Surface variation (m,) of neighborhoods (m, k, d), from 0 on a plane to 1 in a ball."""
+    centered = neighbors - neighbors.mean(axis=1, keepdims=True)
+    values = np.linalg.eigvalsh(np.matmul(centered.swapaxes(1, 2), centered))
+    total = np.maximum(values.sum(axis=1), np.finfo(float).tiny)
+    return neighbors.shape[2] * np.clip(values[:, 0] / total, 0.0, 1.0 / neighbors.shape[2])
+
+
+def _median(values):
+    """Medians of rows without their NaN, NaN where all are."""
+    values = np.sort(values, axis=1)  # NaN last
+    count = np.isfinite(values).sum(axis=1)
+    each = np.arange(len(values))
+    low = values[each, np.maximum(count - 1, 0) // 2]
+    high = values[each, np.minimum(count // 2, values.shape[1] - 1)]
+    return np.where(count > 0, 0.5 * (low + high), np.nan)

@@ -1,0 +1,75 @@
+"""What a report says about edges."""
+
+import numpy as np
+
+from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.report._histogram import histogram
+from sklearn_mcmd.report._maps import found_maps
+from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._rendering import paragraph
+
+__all__ = ["edges_contents"]
+
+MANY = 0.4  # share of edge points, of areas and not of lines; machined parts have a third
+
+
+def edges_contents(shown, criterion, n, limit, cards):
+    """The contents of a report of `mcmd edges`, of whose points `n` are of edges.
+
+    What is shown has ``edge`` and ``edge_score``. The limit is of scores; None is the least value
+    of an edge. `cards` are what else is known.
+    """
+    is_crease, n_all, xyz, near = criterion == "crease", shown.n_all, shown.xyz, shown.near
+    found = shown.cloud.attributes["edge"] > 0
+    values = shown.cloud.attributes["edge_score"].astype(np.float64)
+    if limit is None:
+        limit = values[found].min(initial=values.max())
+    name = "distance to the nearest crease, in spacings" if is_crease else criterion
+    limit_name = "limit, in spacings" if is_crease else f"limit of {criterion}"
+    drawn = histogram(values, cutoff=limit, cutoff_name="limit", above=not is_crease, name=name)
+    return Contents(
+        headline=f"{share(n, n_all)} lie on edges.",
+        cards=[
+            (f"{n_all:,}", "points"),
+            (f"{n:,}", f"edge points, {percent(n, n_all)}"),
+            (f"{limit:.3g}", limit_name),
+            *cards,
+            *shown.cards,
+        ],
+        notes=[*_notes(n, n_all), *shown.notes],
+        checks=f"edges that are areas, no edges, {shown.checks}",
+        sections=[
+            Section(
+                "Where the edges are", shown.words + found_maps(xyz, found, near, "edge points")
+            ),
+            Section("Scores", shown.words + drawn + _score_words(is_crease)),
+            Section("Places", shown.words + place_sections(xyz, found, near, "edge points")),
+        ],
+        cloud_rows=shown.rows,
+        output=f"{n_all:,} points{shown.files}, with edge and edge_score",
+        shown=shown.cloud,
+    )
+
+
+def _score_words(is_crease):
+    """What to know of scores and counts."""
+    words = "Points farther than 20 spacings from all creases have the score 20. " * is_crease
+    words += "Edges are counted in points and not in lengths, which sampling alone would change."
+    return paragraph(words, "soft")
+
+
+def _notes(n, n_all):
+    """Warnings of no edges, or of edges that are areas."""
+    return note_if(
+        n == 0,
+        "No edges.",
+        "No point lies on an edge: there are none, they are blunter than --min-angle, or the "
+        "neighborhoods do not see two faces.",
+        "Give a smaller --min-angle or more --n-neighbors.",
+    ) + note_if(
+        n > MANY * n_all,
+        "Edges that are areas.",
+        f"{share(n, n_all)} lie on edges. Lines take few points, so these are things as narrow as "
+        "a neighborhood, foliage, or noise.",
+        "Denoise the cloud first, or give a smaller --threshold or a larger --min-angle.",
+    )

@@ -1,0 +1,204 @@
+"""What a report says about outliers."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
+from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.report._histogram import histogram
+from sklearn_mcmd.report._kinds import KINDS, kinds_of_outliers, plane_scales, reasons_of
+from sklearn_mcmd.report._maps import found_maps
+from sklearn_mcmd.report._notes import together_notes
+from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._rendering import join, paragraph, part, table
+from sklearn_mcmd.report._shown import Shown, removed_of, step_of
+
+__all__ = ["Verdict", "denoise_contents", "shown_of_tiles"]
+
+MANY = 0.25  # share of outliers; neighborhoods with a half, which planes withstand, are then common
+CLEAR, GROSS = 10, 100  # scores, as the detector's documentation names them
+WORST = 10  # outliers, or groups of them, whose reasons are given
+LEAST_SCORE = 0.01  # where the axis of scores begins: smaller ones are on a plane
+WORDS = {
+    "isolated": "single points and pairs, far from everything else",
+    "in groups": "small groups that stand apart: ghosts, birds, dust",
+    "off surfaces": "points that lie on no surface: foliage, wires, noise",
+}
+
+
+class Verdict(NamedTuple):
+    """Outliers, points that were used, all others, the cutoff of scores, None if unknown, and rows
+    on the sensor."""
+
+    n: int
+    n_all: int
+    n_others: int
+    cutoff: float | None
+    sensor: Mapping[str, str] = {}
+
+
+def shown_of_tiles(catalog, outputs, run, marked):
+    """What is shown of a run by tiles: a sample of the judged points, and which are outliers."""
+    if marked:
+        names = "outlier_score", "classification"
+        cloud = Shown.of_tiles(catalog, outputs, run, names).cloud
+        cloud = cloud.subset(np.isfinite(cloud.attributes["outlier_score"]))
+        found = np.isin(cloud.attributes["classification"], (LOW_NOISE, HIGH_NOISE))
+    else:
+        cloud, found = removed_of(catalog.paths, outputs, step_of(run))
+    if found is not None:
+        cloud = cloud.with_attributes(outlier=found.astype(np.uint8))
+    return Shown.of_sample(cloud, catalog, outputs, run)
+
+
+def denoise_contents(shown, verdict, *, marked, together="", judged=()):
+    """The contents of a report of `mcmd denoise`.
+
+    What is shown has ``outlier``, and ``outlier_score`` if scores are known; neither if nobody
+    knows which points were removed. Outliers are marked, or dropped. `together` says where they lie
+    together, by `words_of`; `judged` has the fitted detector, if it is there.
+    """
+    n, n_all, n_others, cutoff, sensor = verdict
+    given, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
+    found, score = given.get("outlier"), given.get("outlier_score")
+    cards = [(f"{n_all:,}", "points that were used" if n_others else "points in the input")]
+    if n_others:
+        cards.append((f"{n_others:,}", "others, neither judged nor used"))
+    cards.append((f"{n:,}", f"outliers, {percent(n, n_all)}"))
+    notes = _sensor_notes(sensor) + together_notes(together) + _judged_notes(n, n_all)
+    if found is None:
+        words = "The outputs replaced the inputs, or have other coordinates. --mode mark keeps "
+        words += "outliers, and then they have maps."
+        sections = [Section("Where the outliers are", paragraph(words))]
+    else:
+        found = found > 0
+        drawn = found_maps(xyz, found, near, "outliers")
+        sections = [Section("Where the outliers are", shown.words + drawn)]
+    if score is not None:
+        score = score.astype(np.float64)
+        if cutoff is None:  # the run found it: the largest score below it
+            cutoff = float(score[~found].max(initial=0.0))
+        drawn = histogram(score, cutoff=cutoff, name="score", least=LEAST_SCORE)
+        drawn += _grade_table(score, cutoff)
+        sections.append(Section("How clear they are", shown.words + drawn))
+    for detector in judged:
+        on_surface = int(np.count_nonzero(detector.on_surface_))
+        cards.append((f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"))
+        cards.append((f"{cutoff:.3g}", "cutoff of the score"))
+        notes += _surface_notes(detector, n_all)
+        if plane_scales(detector) is not None:
+            drawn = _kind_table(detector, found) + _worst_table(detector, xyz, found)
+            sections.append(Section("What they are", drawn))
+    if found is not None:
+        drawn = place_sections(xyz, found, near, "outliers")
+        sections.append(Section("Places", shown.words + drawn))
+    n_out = n_all + n_others - (0 if marked else n)
+    done = "are marked" if marked else "were removed"
+    return Contents(
+        headline=f"{share(n, n_all)} are outliers; they {done}.",
+        cards=[*cards, *shown.cards],
+        notes=[*notes, *shown.notes],
+        checks=f"many outliers, many that lie together, {shown.checks}",
+        sections=sections,
+        cloud_rows=[*shown.rows, *sensor.items()],
+        output=f"{n_out:,} points{shown.files}" + ", with outlier_score and marks" * marked,
+        shown=shown.cloud,
+    )
+
+
+def _grade_table(score, cutoff):
+    """Outliers by how clear they are."""
+    grades = [
+        ("doubtful", cutoff, CLEAR),
+        ("clear", max(cutoff, CLEAR), GROSS),
+        ("gross", max(cutoff, GROSS), np.inf),
+    ]
+    n = np.count_nonzero(score > cutoff)
+    rows = []
+    for name, low, high in grades:
+        if low < high:
+            found = np.count_nonzero((score > low) & (score <= high))
+            span = f"{low:.3g} to {high:g}" if np.isfinite(high) else f"above {low:.3g}"
+            rows.append((name, span, f"{found:,}", percent(found, n)))
+    words = paragraph(
+        "A score up to 3 means that the point is on a surface or near other points; 10 is a clear "
+        "error, 100 a gross one."
+    )
+    return words + table(("outliers", "score", "points", "share"), rows, numbers=(2, 3))
+
+
+def _sensor_notes(sensor):
+    """What speaks against the position of the sensor."""
+    return note_if(
+        "doubt" in sensor,
+        "Where was the sensor?",
+        f"The position is {sensor.get('sensor')}: {sensor.get('doubt')}.",
+        "Give --sensor X,Y,Z as it was, or --sensor none.",
+        warned=sensor.get("doubt", ""),
+    )
+
+
+def _judged_notes(n, n_all):
+    """Notes on a verdict: its share."""
+    return note_if(
+        n > MANY * n_all,
+        "Many outliers.",
+        f"{share(n, n_all)} are flagged. Planes withstand up to a half of outliers in a "
+        "neighborhood, and some neighborhoods now have more.",
+        "Look at the maps before points are dropped; --mode mark keeps them all.",
+    )
+
+
+def _surface_notes(detector, n_all):
+    from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
+
+    n_exact = int(np.count_nonzero(detector.scores_ < -EXACT_PLANE_SCORE))
+    notes = note_if(
+        n_exact >= 0.01 * n_all,
+        "Planes without noise.",
+        f"{share(n_exact, n_all)} are outliers only because most of their neighbors lie exactly in "
+        "one plane, as where coordinates are rounded more coarsely than the noise.",
+        "Check these before they are dropped (--mode mark).",
+        warned="are outliers only because most of their neighbors lie exactly in one plane",
+    )
+    n_on = int(np.count_nonzero(detector.on_surface_))
+    return notes + note_if(
+        n_on < 0.5 * n_all and plane_scales(detector) is not None,
+        "Few points on surfaces.",
+        f"Only {share(n_on, n_all)} lie on a surface. The others are judged by the company that "
+        "they keep, which finds fewer outliers.",
+        "That is right for foliage. If these are surfaces, they are noisy: give more "
+        "--n-neighbors.",
+    )
+
+
+def _kind_table(detector, found):
+    kinds, n = kinds_of_outliers(detector)[found], int(np.count_nonzero(found))
+    counts = np.bincount(kinds[kinds >= 0], minlength=len(KINDS))
+    rows = [
+        (name, f"{count:,}", percent(count, n), WORDS[name])
+        for name, count in zip(KINDS, counts.tolist(), strict=True)
+        if count or name != "off surfaces"
+    ]
+    n_large = int(np.count_nonzero(kinds < 0))
+    if n_large:
+        words = "groups far below the ground"
+        rows.append(("in low groups", f"{n_large:,}", percent(n_large, n), words))
+    return table(("kind", "points", "share", ""), rows, numbers=(1, 2))
+
+
+def _worst_table(detector, xyz, found):
+    """The worst outliers and why they are, of each group its worst."""
+    rows = np.flatnonzero(found & (detector.scores_ < detector.offset_))
+    rows = rows[np.argsort(detector.scores_[rows], kind="stable")]
+    alone = -1 - np.arange(len(xyz))  # points on surfaces have no group
+    groups = np.where(detector.on_surface_, alone, detector.group_index_)[rows]
+    rows = rows[np.sort(np.unique(groups, return_index=True)[1])[:WORST]]
+    rows = [
+        (*(f"{value:.9g}" for value in xyz[row]), f"{-detector.scores_[row]:.3g}", reason)
+        for row, reason in zip(rows, reasons_of(detector, rows), strict=True)
+    ]
+    drawn = table(("x", "y", "z", "score", "why"), rows, numbers=range(4))
+    return join(part("heading", "The worst"), drawn) if rows else ""

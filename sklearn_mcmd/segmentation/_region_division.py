@@ -1,0 +1,252 @@
+"""Regions that are several surfaces: what growth led across a crease is divided there."""
+
+from functools import cache
+from heapq import heapify, heappop, heappush
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.spatial import cKDTree
+
+from sklearn_mcmd.planes._around import quantile_around, ratio
+from sklearn_mcmd.runtime._chunks import each_slice, run
+from sklearn_mcmd.runtime._compiling import compiled_function
+from sklearn_mcmd.segmentation._cylinder import FitLimits
+from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, GrowthLimits, n_linked
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
+from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
+
+__all__ = ["VoteLimits", "divide_at_creases"]
+
+UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in its nine
+WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
+CHUNK = 64  # borders that are voted on in one task
+FEW = 2**16  # pairs of cells from which on trees are faster
+ROWS = 2**18  # whose neighbors are looked at at once; it limits the memory
+
+
+class VoteLimits(NamedTuple):
+    """When borders vote."""
+
+    # A smooth surface, a quadric over a plane, has six numbers, and so have two planes. A strip has
+    # no vote if its points are fewer than twice the numbers of both models. Patches of as many are
+    # large.
+    least_points: int = 24
+
+
+class _Cells(NamedTuple):
+    """Small neighborhoods that divide the regions, in the order in which they were begun."""
+
+    members: np.ndarray  # int32, rows of the points, cell after cell
+    starts: np.ndarray  # int (n_cells + 1,), where each begins
+    of: np.ndarray  # int32 (n,), cell of each point, -1 for none
+
+    def rows(self, cells):
+        """Rows of the points of some cells, and the cell of each."""
+        sizes = self.starts[cells + 1] - self.starts[cells]
+        before = np.cumsum(sizes) - sizes
+        places = np.arange(sizes.sum()) + np.repeat(self.starts[cells] - before, sizes)
+        return self.members[places], np.repeat(cells, sizes)
+
+
+def divide_at_creases(labels, index, planes, rules, n_jobs=None):
+    """Divide regions where two planes that meet in a crease explain them better than one surface.
+
+    Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
+    first, while one plane explains two as well as two planes do, by the Bayesian information
+    criterion (BIC). Then each border of two patches votes (`vote`), and patches become groups
+    (`_groups`). Last, where a border parts two groups, its points go to the side on which its
+    crease has them. Points of patches that are of both sides get label -1.
+
+    Noise is what is usual around, and what the bend adds that growth allows, as in
+    `link_neighbors`. Labels are from 0 on, -1 for none; the new ones have no order. In three
+    dimensions.
+    """
+    noise, near = _noise_and_neighbors(index, planes, rules, n_jobs)
+    unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
+    if not (labels >= 0).any() or not noise.min() * unit > 0:
+        return labels
+    noise[:] = np.maximum(noise / unit, FitLimits().ridge)
+    # The flattest begin. Their order depends on no rounding error, and on no order of rows.
+    flatness = np.rint(np.ldexp(ratio(planes.scale / unit, noise), HEIGHT_BITS))
+    order = np.lexsort((*index.points.T, flatness))
+    cells = _Cells(*_compiled("gather_cells")(order[labels[order] >= 0], near, labels))
+    edges = _edges(cells, near, labels)
+    found = region_moments(index.points, cells.of, len(cells.starts) - 1, n_jobs=n_jobs)
+    weights = found.sizes / np.square(median_by_region(noise, cells.of, len(found.sizes)))
+    means = (found.centroids - found.centroids[0]) / unit
+    scatters = found.covariances.reshape(-1, 9)[:, UPPER] * (weights / unit**2)[:, None]
+    patch = _compiled("join_cells")(found.sizes, weights, means, scatters, edges)
+    first, patch = np.unique(patch, return_inverse=True)
+    if len(first) == len(np.unique(labels[labels >= 0])):
+        return labels
+    normals = np.linalg.eigh(scatters[first][:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
+    large = (
+        found.sizes[first] >= VoteLimits().least_points
+    )  # of the patches, since cells were joined
+    borders = patch[edges]
+    borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
+    strips = _Strips(index.points, noise, unit, cells, patch, normals)
+    votes = strips.votes(borders, n_jobs)
+    group, mixed = _groups(borders, votes, large)
+    divided = np.append(np.where(mixed, -1, group)[patch], -1)[cells.of].astype(labels.dtype)
+    parting = (votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]])
+    parting = np.flatnonzero(parting & ~mixed[borders].any(axis=1))
+    parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
+    strips.part(borders[parting], group, divided, n_jobs)
+    return divided
+
+
+def _noise_and_neighbors(index, planes, rules, n_jobs):
+    """Standard deviation (n,) that is usual around each point, and its neighbors (n, k)."""
+    n, k = len(index.points), n_linked(index, rules)
+    noise, near = index.empty(n), index.empty((n, k), np.int32)
+    limits = GrowthLimits()
+    bend = limits.bent * np.arccos(min(rules.min_cosine, 1.0))
+
+    def measure(rows):
+        around = index.query_own(rows, k)
+        near[rows] = around.indices
+        usual = quantile_around(planes.scale, around, limits.usual)
+        noise[rows] = np.hypot(usual, bend * planes.radius[rows])
+
+    each_slice(n, index.chunk, measure, n_jobs)
+    return noise, near
+
+
+def _edges(cells, near, labels):
+    """Pairs (m, 2) of cells of one region of which a point of one has a neighbor in the other."""
+    pairs, n = [np.empty(0, np.int64)], len(cells.starts) - 1
+    for start in range(0, len(near), ROWS):
+        part = slice(start, start + ROWS)
+        own, other = cells.of[part, None].astype(np.int64), cells.of[near[part]]
+        beside = (labels[near[part]] == labels[part, None]) & (other != own) & (own >= 0)
+        keys = np.minimum(own, other) * n + np.maximum(own, other)
+        pairs.append(np.unique(keys[beside]))
+    keys = np.unique(np.concatenate(pairs))
+    return np.column_stack([keys // n, keys % n])
+
+
+class _Strips:
+    """The points of two patches near to their border, what they vote, and on which side they are.
+
+    A strip reaches on both sides as far as the smaller patch, so that both weigh alike.
+    """
+
+    def __init__(self, points, noise, unit, cells, patch, normals):
+        self.points, self.noise, self.unit = points, noise, unit
+        self.cells, self.normals = cells, normals
+        self.centers = centers = points[cells.members[cells.starts[:-1]]]
+        order = np.argsort(patch, kind="stable")
+        self.groups = groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
+        self.tree = cache(lambda name: cKDTree(centers[groups[name]]))
+
+    def votes(self, borders, n_jobs):
+        """The vote of each pair of patches; see `vote`."""
+        votes = np.empty(len(borders))
+
+        def task(start):
+            for i in range(start, min(start + CHUNK, len(borders))):
+                votes[i] = self.vote_on(borders[i])[0]
+
+        run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
+        return votes
+
+    def part(self, borders, group, labels, n_jobs):
+        """Give the points of each strip in turn to the group on their side of its crease.
+
+        Strips are asked for again: all together may take more memory than the cloud.
+        """
+
+        def task(i):
+            _, names, rows, first = self.vote_on(borders[i])
+            parts[i % CHUNK] = rows, group[names], first
+
+        for start in range(0, len(borders), CHUNK):
+            parts = [None] * min(CHUNK, len(borders) - start)
+            run([(start + i,) for i in range(len(parts))], task, n_jobs)
+            for rows, groups, first in parts:
+                own = np.isin(labels[rows], groups)
+                labels[rows[own]] = np.where(first[own], *groups)
+
+    def vote_on(self, border):
+        """The vote of two patches, their names, rows of their strip, and which are the first's."""
+        names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
+        centers = self.centers
+        small, large = (self.groups[name] for name in names)
+        if len(small) * len(large) <= FEW:
+            large = large[_compiled("strip_of")(centers[small], centers[large])]
+        else:
+            large = large[_strip(self.tree(names[0]), self.tree(names[1]))]
+        rows, cell = self.cells.rows(np.concatenate([small, large]))
+        local = (self.points[rows] - centers[small[0]]) / self.unit
+        n_first = (self.cells.starts[small + 1] - self.cells.starts[small]).sum()
+        first, fit = np.arange(len(rows)) < n_first, FitLimits()
+        sides, weights = first.copy(), 1.0 / self.noise[rows]
+        value = fit.ridge  # too few to tell
+        if len(rows) >= VoteLimits().least_points:
+            normals, most_noise = self.normals[names], JoinLimits().most_noise
+            value = _compiled("vote")(local, weights, cell, first, normals, fit, most_noise, sides)
+        return value, names, rows, sides
+
+
+def _strip(small, large):
+    """Rows of the large of two trees, ascending: `strip_of` many points."""
+    reach = large.query(small.data)[0].max()
+    middle = (small.mins + small.maxes) / 2
+    around = (np.linalg.norm(small.maxes - middle) + reach) * (1 + 1e-9)
+    rows = np.sort(large.query_ball_point(middle, around))
+    return rows[small.query(large.data[rows])[0] <= reach]
+
+
+def _groups(borders, votes, large):
+    """The group (n,) of each patch, and which patches are of two groups.
+
+    Votes are added over all borders of two groups, and groups are joined, the highest sum first,
+    while it is positive. So a bent surface stays one, and a few wrong borders make no bridge. Large
+    patches are joined first, and what they part stays apart. A small patch beside two groups that
+    they part is of both: it has points from both sides of the crease. The other small ones vote
+    then.
+    """
+    n = len(large)
+    both = large[borders].all(axis=1)
+    group = _joined(n, borders[both], votes[both])
+    pairs = group[borders]
+    parted = both & (pairs[:, 0] != pairs[:, 1])
+    ends = np.concatenate([borders[~both], borders[~both, ::-1]])
+    ends = ends[~large[ends[:, 0]] & large[ends[:, 1]]]
+    beside = coo_array((np.ones(len(ends)), (ends[:, 0], group[ends[:, 1]])), (n, n)).tocsr()
+    apart = coo_array((np.ones(np.count_nonzero(parted)), pairs[parted].T), (n, n)).tocsr()
+    mixed = (beside @ apart).multiply(beside).sum(axis=1) > 0
+    asked = ~mixed[borders].any(axis=1) & (pairs[:, 0] != pairs[:, 1])
+    final = _joined(n, pairs[asked], np.where(parted, -np.inf, votes)[asked])
+    return final[group], mixed
+
+
+def _joined(n, borders, votes):
+    """The group (n,) of each patch, named by its first; the highest sum of votes joins first."""
+    around, group = [{} for _ in range(n)], np.arange(n)
+    for (a, b), value in zip(borders.tolist(), votes.tolist(), strict=True):
+        around[a][b] = around[b][a] = around[a].get(b, 0.0) + value
+    heap = [(-value, a, b) for a in range(n) for b, value in around[a].items() if a < b]
+    heapify(heap)
+    while heap:
+        value, a, b = heappop(heap)
+        if value >= 0:
+            break
+        if around[a].get(b) != -value:  # one of them was joined, or has more borders by now
+            continue
+        group[b] = a
+        del around[a][b], around[b][a]
+        for c, more in around[b].items():
+            del around[c][b]
+            around[a][c] = around[c][a] = total = around[a].get(c, 0.0) + more
+            heappush(heap, (-total, min(a, c), max(a, c)))
+        around[b] = {}
+    for b in range(n):  # a group's name is smaller than those that joined it
+        group[b] = group[group[b]]
+    return group
+
+
+def _compiled(name):
+    return compiled_function("segmentation._region_division_numba", name)

@@ -1,0 +1,176 @@
+"""Least-squares planes against dense matrices and statsmodels."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import reference_adjustment as reference
+from sklearn_mcmd.adjustment import _least_squares
+from sklearn_mcmd.adjustment._least_squares import adjust_plane
+
+
+def random_cloud(seed, n=None, d=None):
+    rng = np.random.default_rng(seed)
+    d = d or int(rng.integers(2, 6))
+    n = n or int(rng.integers(d + 2, 80))
+    X = rng.normal(size=(n, d)) * rng.uniform(0.1, 10, d) + rng.uniform(-100, 100, d)
+    return X, rng.uniform(0.1, 10, n)
+
+
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_redundancy_numbers_are_the_diagonal_of_the_explicit_matrix(surface, weighted):
+    for seed in range(50):
+        X, p = random_cloud(seed)
+        p = p if weighted else None
+        plane = adjust_plane(X, p, surface=surface)
+        _, cofactors, _ = plane.evaluate(X)
+        leverage = cofactors if p is None else p * cofactors
+        explicit = np.diag(reference.redundancy_matrix(X, p, surface))
+        assert_allclose(1 - leverage, explicit, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
+def test_residuals_and_their_weighted_squares_are_those_of_dense_algebra(surface):
+    for seed in range(50):
+        X, p = random_cloud(seed)
+        plane = adjust_plane(X, p, surface=surface)
+        v, _, omega, rank = reference.adjustment(X, p, surface)
+        residuals = plane.evaluate(X)[0]
+        assert plane.rank == rank
+        # The sign of a normal is a convention.
+        residuals = residuals * np.sign(residuals @ v)
+        assert_allclose(residuals, v, rtol=0, atol=1e-11 * np.abs(X).max())
+        assert_allclose(plane.sum_of_squares, omega, rtol=1e-9)
+
+
+def test_leverage_and_studentized_residuals_agree_with_statsmodels():
+    linear_model = pytest.importorskip("statsmodels.regression.linear_model")
+    from sklearn_mcmd.adjustment._tests import standardized_residuals, statistic
+
+    for seed in range(20):
+        X, p = random_cloud(seed, n=40)
+        A = np.column_stack([X[:, :-1], np.ones(len(X))])
+        # Weighted least squares is ordinary least squares of scaled rows.
+        root = np.sqrt(p)
+        influence = linear_model.OLS(X[:, -1] * root, A * root[:, None]).fit().get_influence()
+        plane = adjust_plane(X, p)
+        residuals, cofactors, _ = plane.evaluate(X)
+        standardized = standardized_residuals(residuals, p, 1 - p * cofactors)
+        m0 = np.sqrt(plane.variance_factor)
+        tau, t = (statistic(standardized, test, 1.0, m0, plane.dof) for test in ("tau", "t"))
+        assert_allclose(p * cofactors, influence.hat_matrix_diag, rtol=1e-10)
+        assert_allclose(tau, np.abs(influence.resid_studentized_internal), rtol=1e-10)
+        assert_allclose(t, np.abs(influence.resid_studentized_external), rtol=1e-10)
+
+
+def test_utm_coordinates_lose_no_accuracy():
+    X, _ = random_cloud(2, n=100, d=3)
+    X = np.round(X, 3)
+    shift = np.array([5e5, 1e7, 100.0])
+    near, far = adjust_plane(X), adjust_plane(X + shift)
+    assert_allclose(far.coef, near.coef, rtol=1e-8)
+    assert_allclose(far.evaluate(X + shift)[1], near.evaluate(X)[1], rtol=1e-8)
+    # 1e7 is stored to 2e-9.
+    assert_allclose(far.evaluate(X + shift)[0], near.evaluate(X)[0], atol=1e-8)
+
+
+def test_collinear_regressors_lower_the_rank_and_change_no_residual():
+    rng = np.random.default_rng(3)
+    x = rng.uniform(0, 10, 50)
+    z = 2 * x + rng.normal(size=50)
+    line = adjust_plane(np.column_stack([x, z]))
+    plane = adjust_plane(np.column_stack([x, 3 * x + 1, z]))
+    assert plane.rank == line.rank == 2
+    assert_allclose(
+        plane.evaluate(np.column_stack([x, 3 * x + 1, z]))[0],
+        line.evaluate(np.column_stack([x, z]))[0],
+        atol=1e-11,
+    )
+
+
+def test_collinear_regressors_get_the_slopes_of_least_norm():
+    x = np.arange(10.0)
+    X = np.column_stack([x, 2 * x, 5 * x + 1])
+    expected = np.linalg.pinv(X[:, :2] - X[:, :2].mean(0)) @ (X[:, 2] - X[:, 2].mean())
+    assert_allclose(adjust_plane(X).coef, expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("value", [0.0, 0.1, 5e6 + 0.1])
+def test_a_constant_column_counts_for_nothing(value):
+    x = np.linspace(0, 10, 30)
+    X = np.column_stack([x, np.full(30, value), np.sin(x)])
+    plane = adjust_plane(X)
+    assert plane.rank == 2
+    assert abs(plane.coef[1]) < 1e-20  # a slope of any size would fit
+
+
+def test_points_of_one_location_have_their_mean_as_plane():
+    X = np.column_stack([np.full((10, 2), 3.3), np.arange(10.0)])
+    plane = adjust_plane(X)
+    assert plane.rank == 1
+    assert_allclose(plane.evaluate(X)[0], np.arange(10) - 4.5, atol=1e-12)
+    assert_allclose(plane.evaluate(X)[1], 0.1, rtol=1e-12)
+
+
+def test_weight_zero_is_the_same_as_absence():
+    X, p = random_cloud(4, n=60, d=3)
+    p[::3] = 0
+    X[0] = 1e9  # so gross that it would show
+    with_zeros, without = adjust_plane(X, p), adjust_plane(X[p > 0], p[p > 0])
+    assert with_zeros.dof == without.dof
+    assert_allclose(with_zeros.coef, without.coef, rtol=1e-10)
+    assert_allclose(with_zeros.sum_of_squares, without.sum_of_squares, rtol=1e-10)
+
+
+def test_a_point_of_huge_weight_lies_on_the_plane():
+    X, p = random_cloud(5, n=60, d=3)
+    p[7] = 1e13
+    residuals, cofactors, _ = adjust_plane(X, p).evaluate(X)
+    assert abs(residuals[7]) < 1e-9
+    assert_allclose(p[7] * cofactors[7], 1, rtol=1e-9)
+
+
+def test_chunks_don_t_change_the_plane(monkeypatch):
+    X, p = random_cloud(6, n=70, d=3)
+    whole = adjust_plane(X, p)
+    monkeypatch.setattr(_least_squares, "CHUNK", 13)
+    parts = adjust_plane(X, p)
+    assert_allclose(parts.coef, whole.coef, rtol=1e-12)
+    assert_allclose(parts.evaluate(X)[1], whole.evaluate(X)[1], rtol=1e-11)
+
+
+def test_an_upright_plane_has_a_normal_but_no_slopes():
+    rng = np.random.default_rng(7)
+    X = np.column_stack([np.zeros(50), rng.uniform(0, 5, 50), rng.uniform(0, 5, 50)])
+    plane = adjust_plane(X, surface="orthogonal")
+    assert_allclose(plane.normal, [1, 0, 0], atol=1e-12)
+    assert not np.isfinite(plane.coef).all()
+
+
+def test_an_orthogonal_plane_doesn_t_depend_on_the_frame():
+    rng = np.random.default_rng(8)
+    X = rng.normal(size=(80, 3)) * [10, 5, 0.1]
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    near = adjust_plane(X, surface="orthogonal").evaluate(X)
+    far = adjust_plane(X @ rotation.T + 50, surface="orthogonal").evaluate(X @ rotation.T + 50)
+    assert_allclose(np.abs(far[0]), np.abs(near[0]), atol=1e-12)
+    assert_allclose(far[1], near[1], rtol=1e-10)
+
+
+def test_coordinates_whose_squares_overflow_are_refused_with_a_remedy():
+    with pytest.raises(ValueError, match="rescale X"):
+        adjust_plane(np.array([[0.0, 1e300], [1e300, 0], [3e300, 1]]))
+
+
+@pytest.mark.parametrize(
+    ("X", "weights", "message"),
+    [
+        ([[0.0], [1.0]], None, "2 columns or more"),
+        ([[0.0, 1], [1, np.nan]], None, "missing or infinite"),
+        ([[0.0, 1], [1, 2]], [0, 0], "no point of positive weight"),
+    ],
+)
+def test_bad_input_is_refused_with_a_remedy(X, weights, message):
+    with pytest.raises(ValueError, match=message):
+        adjust_plane(X, weights)

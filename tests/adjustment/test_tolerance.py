@@ -1,0 +1,97 @@
+"""Zones against all candidates of a hull, and verdicts against the uncertainty."""
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, flatness
+from sklearn_mcmd.adjustment._tolerance import minimum_zone
+
+
+def sheet(n=60, noise=0.05, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.column_stack([rng.uniform(0, 4, (n, 2)), rng.normal(0, noise, n)])
+
+
+def least_width(X):
+    """The least width is that across a face of the hull, or across two of its edges."""
+    hull = ConvexHull(X)
+    edges = {tuple(sorted(pair)) for s in hull.simplices for pair in zip(s, np.roll(s, 1))}  # noqa: B905
+    D = np.array([X[a] - X[b] for a, b in edges])
+    normals = np.cross(D[:, None], D[None]).reshape(-1, 3)
+    length = np.linalg.norm(normals, axis=1)
+    normals = np.vstack(
+        [normals[length > 1e-9] / length[length > 1e-9, None], hull.equations[:, :3]]
+    )
+    return np.ptp(X @ normals.T, axis=0).min()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_minimum_zone_is_the_least_width_of_the_hull(seed):
+    X = sheet(seed=seed)
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    expected = least_width(X)
+    assert minimum_zone(X) == pytest.approx(expected, rel=1e-6)
+    assert minimum_zone(X @ turn + 5e6) == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_minimum_zone_of_an_exact_plane_is_nothing_and_of_a_line_has_two_dimensions():
+    exact = sheet(noise=0)
+    assert minimum_zone(exact) == pytest.approx(0, abs=1e-15)
+    assert minimum_zone(np.array([[0.0, 0], [1, 1], [2, 0]])) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("tolerance", "verdict"), [(0.02, "kept"), (0.005, "undecided")])
+def test_noise_leaves_a_verdict_open_between_two_widths(tolerance, verdict):
+    X = sheet(300, noise=0.001)
+    for detector in (BaardaPlaneDetector(sigma0=0.001), FuzzyPlaneDetector(sigma0=0.001)):
+        found = flatness(detector.fit(X), X, tolerance)
+        assert found.verdict == verdict
+        assert found.minimum_zone <= found.zone
+    distances = np.abs(BaardaPlaneDetector(sigma0=0.001).fit(X).residuals(X))
+    assert found.n_outside == np.count_nonzero(distances > tolerance / 2)
+
+
+def test_points_within_the_tolerance_are_significant_with_probability_alpha_at_most():
+    # The worst case: true distances of exactly half the tolerance, to both sides of each place.
+    rng = np.random.default_rng(0)
+    xy, side = np.repeat(rng.uniform(0, 4, (50, 2)), 2, axis=0), np.tile([0.05, -0.05], 50)
+    significant = []
+    for _ in range(200):
+        X = np.column_stack([xy, side + rng.normal(0, 0.001, 100)])
+        detector = FuzzyPlaneDetector(0.05, sigma0=0.001, contamination=0.01).fit(X)
+        significant.append(flatness(detector, X, 0.1).n_significant > 0)
+    # Each point can leave to one side only: half of the two-sided level, known to 0.011.
+    assert 0.005 < np.mean(significant) <= 0.05
+
+
+def test_a_dent_exceeds_the_tolerance_and_its_points_are_counted():
+    X = sheet(500, noise=0.001)
+    X[:7, 2] -= 0.02
+    found = flatness(BaardaPlaneDetector(sigma0="auto", surface="orthogonal").fit(X), X, 0.01)
+    assert found.verdict == "exceeded"
+    assert found.n_significant == found.n_outside == 7
+    assert found.zone < 0.01  # of the others
+
+
+def test_where_no_point_passes_the_zone_is_that_of_all():
+    X = sheet(60, noise=0.05)
+    detector = FuzzyPlaneDetector(sigma0=0.05).fit(X)
+    detector.labels_ = np.full(60, -1)
+    assert flatness(detector, X, 0.1).minimum_zone == pytest.approx(minimum_zone(X))
+
+
+def test_a_tilted_plane_has_perpendicular_distances():
+    X = sheet(200, noise=0)
+    X[:, 2] = 2 * X[:, 0]
+    X[0, 2] += 1
+    found = flatness(BaardaPlaneDetector(sigma0=0.01).fit(X), X, 0.9)
+    assert found.n_outside == 0  # 1 along z is 0.447 across
+    assert flatness(BaardaPlaneDetector(sigma0=0.01).fit(X), X, 0.88).n_outside == 1
+
+
+@pytest.mark.parametrize("width", [0, -1, np.nan, np.inf, "5mm"])
+def test_a_width_that_cannot_be_is_refused(width):
+    X = sheet()
+    with pytest.raises(ValueError, match="is no width: give a finite number"):
+        flatness(BaardaPlaneDetector().fit(X), X, width)

@@ -1,0 +1,91 @@
+"""Removed points that lie together are told, and single errors and small groups are not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd.report._volumes import lost_volumes, words_of
+
+RNG = np.random.default_rng(0)
+WALL = RNG.uniform([0, 0, 0], [6, 0.01, 3], (20_000, 3))
+ERRORS = RNG.uniform([-0.3, -3, -0.3], [6.3, 0.3, 3.3], (1_000, 3))
+GROUPS = np.repeat(RNG.uniform([0, -3, 0], [6, -0.5, 3], (12, 3)), 40, axis=0)
+GROUPS += RNG.normal(0, 0.03, GROUPS.shape)
+
+
+def ball(n, center, radius=0.5):
+    directions = RNG.normal(size=(n, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return center + radius * np.cbrt(RNG.random((n, 1))) * directions
+
+
+def volumes(kept, removed, n_parts=1):
+    """Of points in any order, in parts."""
+    xyz = np.vstack([kept, removed])
+    order = np.random.default_rng(n_parts).permutation(len(xyz))
+    parts = [(xyz[rows], rows >= len(kept)) for rows in np.array_split(order, n_parts)]
+    return lost_volumes(lambda: iter(parts), len(xyz))
+
+
+def test_errors_and_small_groups_are_single_however_many_there_are():
+    assert volumes(WALL, np.vstack([ERRORS, GROUPS])) == []
+
+
+def test_copies_of_one_point_have_no_volume():
+    copies = np.tile([1.0, 2.0, 3.0], (1_000, 1))
+    assert volumes(copies, copies) == []
+
+
+def test_a_lost_ball_before_a_wall_is_told_with_its_place():
+    (found,) = volumes(WALL, ball(1_500, [3, -1.5, 1.5]))
+    assert found.n_lost == found.n_all >= 1_450
+    assert np.abs(found.low - [2.5, -2, 1]).max() < 0.3
+    assert np.abs(found.high - [3.5, -1, 2]).max() < 0.3
+    assert f"{found.n_lost:,} outliers lie together, of" in words_of([found])
+
+
+def test_a_lost_ball_among_errors_is_told_in_any_order_and_parts():
+    removed = np.vstack([ERRORS, GROUPS, ball(1_500, [3, -1.5, 1.5])])
+    (found,), (same,) = (volumes(WALL, removed, n_parts) for n_parts in (1, 5))
+    assert 1_400 < found.n_lost < 1_700
+    np.testing.assert_equal(tuple(found), tuple(same))
+
+
+def test_a_crown_of_which_most_but_not_all_is_lost_is_told():
+    crown = ball(3_000, [3, -1.5, 1.5], 1.0)
+    (found,) = volumes(np.vstack([WALL, crown[:1_000]]), np.vstack([crown[1_000:], ERRORS[:200]]))
+    assert found.n_lost > 1_000
+    assert volumes(np.vstack([WALL, crown[200:]]), np.vstack([crown[:200], ERRORS])) == []
+
+
+def test_what_is_all_at_one_place_or_far_away_breaks_nothing():
+    assert volumes(np.zeros((5, 3)), np.zeros((600, 3))) == []
+    far = np.vstack([WALL, [[1e9, 1e9, 1e9]]])
+    assert len(volumes(far, ball(1_500, [3, -1.5, 1.5]))) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "speaks"), [(1.0, False), (0.1, True)])
+def test_thinned_vegetation_is_told_and_that_of_a_whole_village_is_not(shared_data, share, speaks):
+    with np.load(shared_data / "ign_village" / "cloud.npz") as arrays:
+        xyz, classes = arrays["xyz"], arrays["classification"]
+    plants = np.isin(classes, [3, 4, 5])
+    xyz = xyz[~plants | (np.random.default_rng(0).random(len(xyz)) < share)]
+    found = MCMDOutlierDetector(random_state=0, n_jobs=2).fit_predict(xyz) < 0
+    assert bool(lost_volumes(lambda: [(xyz, found)], len(xyz))) == speaks
+
+
+@pytest.mark.slow
+def test_simulated_errors_in_real_clouds_are_single(shared_data, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
+    from _real_clouds import inject, load_clouds
+
+    for cloud in load_clouds(shared_data, limit=60_000):
+        real = np.ones(len(cloud.points), bool) if cloud.noise is None else ~cloud.noise
+        xyz, _ = inject(cloud.points[real], np.random.default_rng(0))
+        found = MCMDOutlierDetector(random_state=0, n_jobs=2).fit_predict(xyz) < 0
+        volumes = lost_volumes(lambda: [(xyz, found)], len(xyz))  # noqa: B023
+        # In the turn of heavy snow hundreds of real points next to the sensor are lost.
+        assert bool(volumes) == ("half_turn" in cloud.name), cloud.name

@@ -1,0 +1,264 @@
+"""Which regions are divided at creases; and cells, patches and votes against literal forms."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
+from sklearn.metrics import adjusted_rand_score
+
+from growth import fitted_without
+from sklearn_mcmd import RegionGrowing
+from sklearn_mcmd.datasets import make_crown_roof
+from sklearn_mcmd.segmentation._cylinder import FitLimits
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
+from sklearn_mcmd.segmentation._region_division import _groups, _joined, _strip
+from sklearn_mcmd.segmentation._region_division_numba import (
+    gather_cells,
+    join_cells,
+    strip_of,
+    vote,
+)
+
+FIT, MOST_NOISE = FitLimits(), JoinLimits().most_noise
+
+
+def roof(n, crease, noise, seed=0):
+    """A gable of 2 by 2 whose planes' normals differ by an angle; noise in spacings."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-1, 1, n), rng.uniform(0, 2, n)
+    z = -np.tan(np.radians(crease / 2)) * np.abs(x) + rng.normal(0, noise * 2 / np.sqrt(n), n)
+    return np.column_stack([x, y, z]), x > 0
+
+
+def barrel(n, noise, seed=0, turn=50.0):
+    """A vault of 2 by 2 that turns by an angle from one side to the other; noise in spacings."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-1, 1, n), rng.uniform(0, 2, n)
+    z = np.sqrt(1 / np.sin(np.radians(turn / 2)) ** 2 - x * x)
+    return np.column_stack([x, y, z + rng.normal(0, noise * 2 / np.sqrt(n), n)])
+
+
+@pytest.mark.parametrize(
+    ("n", "crease", "noise"), [(400, 35, 0.2), (1000, 20, 0.2), (5000, 10, 0.2), (20_000, 35, 0.3)]
+)
+def test_blunt_creases_divide_a_roof_that_growth_alone_leaves_whole(n, crease, noise):
+    X, side = roof(n, crease, noise)
+    whole = fitted_without(X, "divide_at_creases").labels_
+    assert adjusted_rand_score(side, whole) < 0.1
+    # Cells at the ridge have points of both sides: 15 of 400 are some .1.
+    assert adjusted_rand_score(side, RegionGrowing(random_state=0).fit_predict(X)) > 0.75
+
+
+@pytest.mark.parametrize("n", [400, 3000, 20_000])
+@pytest.mark.parametrize("noise", [0.1, 0.3])
+def test_vaults_stay_whole(n, noise):
+    assert RegionGrowing(random_state=0).fit(barrel(n, noise)).n_regions_ == 1
+
+
+def test_faces_that_are_bent_themselves_part_where_the_noise_hides_the_creases():
+    scene = make_crown_roof(30_000, random_state=0)
+    labels = RegionGrowing(random_state=0).fit_predict(scene.data)
+    assert adjusted_rand_score(scene.surface, labels) > 0.95
+
+
+def test_results_depend_on_no_order_of_rows_place_or_unit():
+    X, _ = roof(1000, 25, 0.2)
+    labels = RegionGrowing(random_state=0).fit_predict(X)
+    order = np.random.default_rng(1).permutation(len(X))
+    assert labels.max() == 1
+    for moved in (X[order], X[order] + [4e5, 5e6, 300.0], 1e-3 * X[order]):
+        assert_array_equal(RegionGrowing(random_state=0).fit_predict(moved), labels[order])
+
+
+def test_rings_that_a_given_gap_joins_are_not_torn_without_a_vote():
+    """Rings of a scanned tunnel are farther apart than the nearer half of the neighbors reaches."""
+    rng = np.random.default_rng(0)
+    angle, along = (
+        np.tile(np.linspace(0, 2 * np.pi, 600, endpoint=False), 12),
+        np.repeat(range(12), 600),
+    )
+    X = np.column_stack([3 * np.cos(angle), 0.3 * along, 3 * np.sin(angle)])
+    X += rng.normal(0, 0.003, X.shape)
+    whole = fitted_without(X, "divide_at_creases", max_gap=0.5)
+    divided = RegionGrowing(max_gap=0.5, random_state=0).fit(X)
+    assert divided.region_sizes_[0] >= whole.region_sizes_[0] - 10 > 0.7 * len(X)
+
+
+def test_cells_hold_each_point_once_and_no_points_of_two_regions():
+    rng = np.random.default_rng(0)
+    points, labels = rng.uniform(size=(200, 3)), rng.integers(-1, 2, 200).astype(np.int32)
+    gaps = np.linalg.norm(points[:, None] - points, axis=2)
+    near = np.argsort(gaps, axis=1)[:, :7].astype(np.int32)
+    order = rng.permutation(np.flatnonzero(labels >= 0))
+    members, starts, cell = gather_cells(order, near, labels)
+    expected, n_cells = np.full(200, -1), 0
+    for i in order:
+        if expected[i] < 0:
+            free = [j for j in near[i] if expected[j] < 0 and labels[j] == labels[i]]
+            expected[free] = n_cells
+            n_cells += 1
+    assert_array_equal(cell, expected)
+    assert_array_equal(cell[members], np.repeat(np.arange(n_cells), np.diff(starts)))
+    assert len(members) == len(order)
+    # A cell of each point alone.
+    members, starts, cell = gather_cells(order, near[:, :1], labels)
+    assert_array_equal(members, order)
+    assert_array_equal(starts, np.arange(len(order) + 1))
+
+
+def join_by_numpy(points, edges):
+    """Patches of cells (m, k, 3) in units of noise: the frozen set of cells of each."""
+
+    def rest(cells):
+        some = points[sorted(cells)].reshape(-1, 3)
+        return np.linalg.eigvalsh((some - some.mean(axis=0)).T @ (some - some.mean(axis=0)))[0]
+
+    def candidate(one, other):
+        apart, n = rest(one) + rest(other), len(one | other) * points.shape[1]
+        factor = max(1.0, apart / max(n - 6, 1))
+        return (rest(one | other) - apart) / factor, 3 * np.log(n)
+
+    patch = {c: frozenset([c]) for c in range(len(points))}
+    waiting = [(a, b, patch[a], patch[b], *candidate(patch[a], patch[b])) for a, b in edges]
+    while waiting := [entry for entry in waiting if entry[4] <= entry[5]]:
+        best = min(range(len(waiting)), key=lambda i: waiting[i][4])
+        a, b, one, other, _, _ = waiting.pop(best)
+        if patch[a] is patch[b]:
+            continue
+        if {one, other} != {patch[a], patch[b]}:  # judged before one of them grew
+            one, other = patch[a], patch[b]
+            waiting.append((a, b, one, other, *candidate(one, other)))
+            continue
+        patch |= dict.fromkeys(one | other, one | other)
+    return np.array([min(patch[c]) for c in range(len(points))])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_are_joined_as_literally_from_their_points(seed):
+    """Lattices of 6 by 6 cells on a bent surface, whose noise lets some join and others not."""
+    rng = np.random.default_rng(seed)
+    corner = np.stack(np.meshgrid(range(6), range(6)), axis=-1).reshape(-1, 1, 2)
+    x, y = np.moveaxis(corner + rng.uniform(size=(36, 8, 2)), 2, 0)
+    points = np.stack(
+        [9 * x, 9 * y, np.abs(x - 3) * 3 + y * y / 4 + rng.normal(size=x.shape)], axis=2
+    )
+    means = points.mean(axis=1)
+    gaps = points - means[:, None]
+    scatters = np.einsum("nki,nkj->nij", gaps, gaps)[:, *np.triu_indices(3)]
+    a, b = np.triu_indices(36, 1)
+    beside = np.abs(corner[a, 0] - corner[b, 0]).sum(axis=1) == 1
+    edges = np.column_stack([a, b])[beside]
+    patch = join_cells(np.full(36, 8.0), np.full(36, 8.0), means, scatters, edges)
+    expected = join_by_numpy(points, edges.tolist())
+    assert 2 < len(np.unique(expected)) < 20
+    assert_array_equal(patch, expected)
+
+
+def vote_by_numpy(points, weights, cells, first):
+    """A vote over the plane z = 0, and the first of its two sides, by general least squares."""
+    x, y, z = points.T
+    plane, rows = np.stack([np.ones_like(x), x, y]).T, np.arange(len(x))
+
+    def fitted(terms, some):
+        solution = np.linalg.lstsq(terms[some] * weights[some, None], (z * weights)[some])[0]
+        return terms @ solution
+
+    smooth = (z - fitted(np.column_stack([plane, x * x, x * y, y * y]), rows)) * weights
+    one, other = fitted(plane, first), fitted(plane, ~first)
+    step = np.square((z - np.where(first, one, other)) * weights).sum()
+    choose = np.minimum if (np.where(first, one < other, other < one)).mean() > 0.5 else np.maximum
+    side, left, rest, best_side = choose(one, other) == one, np.inf, smooth, first
+    for _ in range(FIT.n_steps):
+        if min(side.sum(), (~side).sum()) <= 3:
+            break
+        one, other = fitted(plane, side), fitted(plane, ~side)
+        crease = (z - choose(one, other)) * weights
+        if crease @ crease < left:
+            left, rest, best_side = crease @ crease, crease, choose(one, other) == one
+        side = choose(one, other) == one
+    best = min(left, MOST_NOISE**2 * step)
+    best_side = best_side if left == best else first
+    rest = smooth if smooth @ smooth <= best else rest
+    effect = max(np.square(np.bincount(cells, rest)).sum() / (rest @ rest), 1.0)
+    n = len(x) / effect
+    return (n * np.log(best / (smooth @ smooth)) + 3 * np.log(n)) / 2, best_side
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("make", ["gable", "barrel", "step", "plane"])
+def test_votes_are_those_of_general_least_squares(make, seed):
+    X, first = roof(300, 25 if make == "gable" else 0, 0.2, seed)
+    if make == "barrel":
+        X = barrel(300, 0.2, seed)
+        first = X[:, 0] > 0
+    X[:, 2] += (make == "step") * 0.3 * first
+    order = np.lexsort((np.floor(4 * X[:, 1]), np.floor(4 * X[:, 0])))
+    X, first = X[order] - X.mean(axis=0), X[order, 0] > 0
+    cells, weights = np.arange(300) // 15, np.random.default_rng(seed).uniform(20, 60, 300)
+    normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    sides = np.zeros(300, dtype=bool)
+    found = vote(X, weights, cells, first, normals, FIT, MOST_NOISE, sides)
+    # The ridge of the normal equations is a millionth of a millionth.
+    expected, expected_sides = vote_by_numpy(X, weights, cells, first)
+    assert_allclose(found, expected, rtol=1e-6)
+    assert_array_equal(sides, expected_sides)
+    assert (found > 0) == (make in ("barrel", "plane"))
+
+
+def test_groups_are_joined_by_the_highest_sum_of_votes():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        borders = np.array([(a, b) for b in range(12) for a in range(b) if rng.uniform() < 0.4])
+        votes = rng.normal(size=len(borders))
+        group = np.arange(12)
+        while True:  # the literal form: all sums anew for each
+            sums = {}
+            for (a, b), value in zip(group[borders], votes, strict=True):
+                if a != b:
+                    key = min(a, b), max(a, b)
+                    sums[key] = sums.get(key, 0.0) + value
+            best = max(sums, key=sums.get, default=None)
+            if best is None or sums[best] <= 0:
+                break
+            group[group == best[1]] = best[0]
+        assert_array_equal(_joined(12, borders, votes), group)
+
+
+def test_small_patches_join_no_groups_that_large_ones_part():
+    """0 and 1 are parted, as are 1 and 2; 3 is beside 0 and 1, 4 and 5 are bridges of 0 and 2."""
+    large = np.array([True, True, True, False, False, False])
+    borders = np.array([(0, 1), (1, 2), (0, 3), (1, 3), (0, 4), (2, 5), (4, 5)])
+    votes = np.array([-1.0, -5.0, 9.0, 9.0, 2.0, 3.0, -1.0])
+    group, mixed = _groups(borders, votes, large)
+    assert mixed.tolist() == [False, False, False, True, False, False]
+    assert group[[4, 5]].tolist() == group[[0, 2]].tolist()
+    assert len(set(group[:3])) == 3
+    # Nothing speaks against two parts that no border of large patches parts.
+    votes[-1] = 1.0
+    group, _ = _groups(borders, votes, large)
+    assert group[0] == group[2] == group[4] == group[5] != group[1]
+    # What large patches part stays apart, whatever small ones say.
+    borders, votes = np.array([(0, 1), (0, 2), (1, 3), (2, 3)]), np.array([-1.0, 9, 9, 9])
+    group, mixed = _groups(borders, votes, np.array([True, True, False, False]))
+    assert group[0] != group[1]
+    assert not mixed.any()
+
+
+def test_points_beside_a_crease_are_on_its_sides():
+    """Without strips a face's points are those of its cells, which lie across the ridge."""
+    X, side = roof(3000, 30, 0.1)
+    labels = RegionGrowing(random_state=0).fit_predict(X)
+    assert np.mean((labels == labels[side][0]) == side) > 0.99
+
+
+def test_a_strip_is_as_wide_as_the_small_patch_by_pairs_and_by_trees():
+    """Brute force over all distances tells which points of the large patch are near enough."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        small, large = rng.random((rng.integers(1, 30), 3)), rng.random((rng.integers(30, 90), 3))
+        large[:, 0] += 0.8
+        gaps = np.linalg.norm(small[:, None] - large, axis=2)
+        near = gaps.min(axis=0) <= gaps.min(axis=1).max()
+        assert near.sum() > 0
+        assert_array_equal(strip_of(small, large), near)
+        assert_array_equal(_strip(cKDTree(small), cKDTree(large)), np.flatnonzero(near))
