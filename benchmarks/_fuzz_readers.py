@@ -10,10 +10,10 @@ from sklearn_mcmd.cli._file_summary import summarize
 from sklearn_mcmd.io import PointFileError, read_points, read_trajectory
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.tiling import Catalog, TilingError
-from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._folder import WorkFolder
-from sklearn_mcmd.tiling._publish_outputs import resume_moves
+from sklearn_mcmd.tiling._outputs import resume_moves
+from sklearn_mcmd.tiling._stored_columns import CellColumns
 
 STORED = "manifest.json moves.json lock 0.written cells.npz 0.a.npy 0.a.json"
 

@@ -141,16 +141,17 @@ def _las_files(folder, suffix, xyz):
 
 
 def _stores(folder):
-    from sklearn_mcmd.tiling._cells import write_boxes
+    from sklearn_mcmd.tiling._cells import CellWriter
     from sklearn_mcmd.tiling._folder import write_json
 
     for number, store in enumerate(STORES):
         write_json(folder / f"{number}.json", store)
     (folder / "3.json").write_text(json.dumps(STORES[1]))  # a lock, which has no digest
-    told = dict.fromkeys(("low", "high", "least", "most"), np.zeros((1, 3)))
-    names = write_boxes(folder, names=np.zeros(1, int), counts=np.ones(1, int), **told).folder
+    writer = CellWriter(folder, 10)
+    writer.add(np.zeros((1, 3)), np.zeros(1, int))
+    writer.close()
     jsons = [(folder / f"{number}.json").read_bytes() for number in range(4)]
-    return [*jsons, DEEP, (names / "cells.npz").read_bytes(), _npy(np.zeros((2, 3)))]
+    return [*jsons, DEEP, (folder / "cells.npz").read_bytes(), _npy(np.zeros((2, 3)))]
 
 
 def _npy(array):

@@ -22,9 +22,9 @@ def _run():
     import sys
 
     from sklearn_mcmd._extras import import_extra
-    from sklearn_mcmd.runtime._interrupts import INTERRUPTED, exit_at_once, ignore_interrupts
+    from sklearn_mcmd.runtime._interrupts import INTERRUPTED, handle_signals, ignore_interrupts
 
-    exit_at_once("mcmd")
+    handle_signals("mcmd")
     try:
         for library in ("rich", "typer"):
             import_extra(library, "cli", "the command line")

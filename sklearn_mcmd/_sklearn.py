@@ -31,10 +31,18 @@ __all__ = [
     "Interval",
     "StrOptions",
     "check_feature_names_in",
+    "check_parameters",
     "fit_context",
     "validate_parameter_constraints",
     "validate_params",
 ]
+
+
+def check_parameters(estimator):
+    """Raise InvalidParameterError for a parameter of an estimator, or of one within it."""
+    for one in (estimator, *estimator.get_params(deep=False).values()):
+        if hasattr(one, "_validate_params"):
+            one._validate_params()
 
 
 class DocLinkMixin:

@@ -20,5 +20,12 @@ def error_line(result, code=1):
     return lines[0]
 
 
+def usage_error(result):
+    """What is in the box of wrong usage, its lines joined."""
+    assert result.exit_code == 2, result.output
+    lines = [line.strip("│╭╮╰╯─ ") for line in result.stderr.splitlines()]
+    return " ".join(" ".join(lines).split())
+
+
 def files_in(folder):
     return sorted(p.name for p in folder.iterdir())

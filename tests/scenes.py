@@ -36,6 +36,13 @@ REAL_CLOUDS = [
 ]
 
 
+def near_the_first(shared_data, name, n):
+    """Of a real cloud the n points nearest to its first."""
+    with np.load(shared_data / name / "cloud.npz") as arrays:
+        X = arrays["xyz"]
+    return X[np.argsort(np.linalg.norm(X - X[0], axis=1), kind="stable")[:n]]
+
+
 def corner(n, noise=0.002):
     """Two square faces of 1 m at a right angle: points, normals, distance to the edge."""
     rng = np.random.default_rng(0)

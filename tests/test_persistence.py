@@ -10,8 +10,8 @@ from sklearn_mcmd.datasets import make_contaminated_plane, make_street
 skops = pytest.importorskip("skops.io")
 ESTIMATORS = sorted(set(sklearn_mcmd._HOMES) - {"RegionGrowing"})
 N_TYPES = {  # as docs/policy.rst tells
-    "BaardaPlaneDetector": 2,
-    "FuzzyPlaneDetector": 2,
+    "BaardaPlaneDetector": 3,
+    "FuzzyPlaneDetector": 4,
     "MCMDOutlierDetector": 14,
     "RegionGrowing": 12,
     "RobustNormalEstimator": 11,

@@ -1,4 +1,4 @@
-"""Clouds in files and their normals in memory, which those by tiles must equal."""
+"""Clouds in files, results in memory, which those by tiles must equal, and runs that are killed."""
 
 import os
 import subprocess
@@ -32,12 +32,81 @@ def _made(n, seed):
     return make_street(n, outlier_share=0.03, random_state=seed).data
 
 
+def written(folder, cloud):
+    """A file of points or a cloud."""
+    write_points(folder / "a.las", cloud)
+    return folder / "a.las"
+
+
+def two_files(folder, cloud):
+    """A folder in which a cloud has a file for each of its halves, and these as they are read."""
+    left = cloud.xyz[:, 0] < np.median(cloud.xyz[:, 0])
+    (folder / "in").mkdir()
+    parts = []
+    for name, rows in {"a.laz": left, "b.las": ~left}.items():
+        write_points(folder / "in" / name, cloud.subset(rows))
+        parts.append(read_points(folder / "in" / name))
+    return folder / "in", parts
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def fit_in_memory(xyz, estimator=ESTIMATOR, **given):
+    """An estimator fitted as by tiles: in single precision, if the file has it."""
+    single = xyz.astype(np.float32)
+    return clone(estimator).fit(single if np.array_equal(single, xyz) else xyz, **given)
+
+
 def in_memory(source, target, estimator=ESTIMATOR):
-    """Write what a run by tiles must equal."""
+    """Write the normals that a run by tiles must equal."""
     cloud = read_points(source)
-    names, columns = normal_columns(clone(estimator).fit(cloud.xyz))
-    write_points(target, with_results(cloud, dict(zip(names, columns.T.copy(), strict=True))))
+    columns = dict(zip(*columns_of(fit_in_memory(cloud.xyz, estimator)), strict=True))
+    write_points(target, with_results(cloud, columns))
     return target
+
+
+def columns_of(fitted):
+    """Names and values of normals."""
+    names, columns = normal_columns(fitted)
+    return names, columns.T.copy()
+
+
+def divide(source, target, estimator, *, cut=0.5, **options):
+    """`process_files` with tiles that begin elsewhere: `cut` is the share left of a division."""
+    with patch.object(_run, "CUT", cut):
+        return process_files(source, target, estimator, **options)
+
+
+# A run that kills itself when a function of a module of tiling is called once too often.
+RUN = """
+import os, signal, sys
+from importlib import import_module
+from sklearn_mcmd import *
+from sklearn_mcmd.tiling import process_files
+
+source, target, place, n_calls, estimator, options = sys.argv[1:]
+module, *owners, name = place.split(".")
+owner = import_module("sklearn_mcmd.tiling." + module)
+for attribute in owners:
+    owner = getattr(owner, attribute)
+work, calls = getattr(owner, name), []
+
+def die_late(*args, **kwargs):
+    calls.append(name)
+    if len(calls) > int(n_calls):
+        os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+    return work(*args, **kwargs)
+
+setattr(owner, name, die_late)
+process_files(source, target, eval(estimator), **eval(options))
+"""
+
+
+def run_is_killed(source, target, place, n_calls, estimator, **options):
+    """If a run is killed at a place, ``"module.function"``, after so many calls of it."""
+    return is_killed(RUN, source, target, place, n_calls, repr(estimator), repr(options))
 
 
 def is_killed(code, *arguments):
@@ -53,9 +122,3 @@ def is_killed(code, *arguments):
         finally:
             os._exit(1)
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
-
-
-def divide(source, target, estimator, *, cut=0.5, **options):
-    """`process_files` with tiles that begin elsewhere: `cut` is the share left of a division."""
-    with patch.object(_run, "CUT", cut):
-        return process_files(source, target, estimator, **options)

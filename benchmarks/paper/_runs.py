@@ -42,7 +42,7 @@ class Steps:
     def advance(self, n):
         self.done += n
         if self.span is not None:
-            self.span.tell(self.done / self.total)
+            self.span.report(self.done / self.total)
 
 
 def bias_angles(method, clouds, random_state, steps):

@@ -6,8 +6,7 @@ from sklearn_mcmd._errors import ParameterError, counted
 
 __all__ = ["AS_THICK_AS_WIDE", "check_distinct", "check_rank", "normal_pvalue"]
 
-# The first points, which are checked quickly, nearly always hold enough distinct ones.
-N_FIRST = 1024
+N_FIRST = 1024  # points that are checked first, and nearly always hold enough distinct ones
 # Begin of the message for points with a large `normal_pvalue`.
 AS_THICK_AS_WIDE = "The points that pass are as thick as they are wide, as those about a line are"
 

@@ -13,8 +13,8 @@ __all__ = [
     "largest_effects_of_others",
 ]
 
-# In more dimensions a hull has too many vertices to save time; then all points are taken.
-MAX_DIMENSIONS = 5
+MAX_DIMENSIONS = 5  # in more a hull has too many vertices to save time; then all points are taken
+FEWEST = 32  # members that a hull has; of fewer all are taken
 
 
 def bounding_points(plane, X, members, alone):
@@ -39,7 +39,7 @@ def hull_vertices(plane, X, members):
     """
     if plane.rank == 1:
         return members[:1]
-    if len(members) <= 32 or plane.rank > MAX_DIMENSIONS + 1:
+    if len(members) <= FEWEST or plane.rank > MAX_DIMENSIONS + 1:
         return members
     U = plane.whiten(X[members])[0]
     U -= U.mean(axis=0)
@@ -74,7 +74,7 @@ def largest_effects(plane, X, vertices, rows=None):
         return effect
     design = plane.design(plane.whiten(vertices)[0])
     # With many regressors there is no hull, and all points are vertices.
-    step = max(CHUNK * 32 // (32 + len(vertices)), 1)
+    step = max(CHUNK * FEWEST // (FEWEST + len(vertices)), 1)
     for start in range(0, n, step):
         part = slice(start, start + step)
         points = X[part] if rows is None else X[rows[part]]

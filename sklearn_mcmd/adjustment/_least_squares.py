@@ -13,13 +13,9 @@ from sklearn_mcmd.runtime._chunks import slices
 
 __all__ = ["PlaneAdjustment", "adjust_plane", "weights_of"]
 
-# Rows that are processed together. Their centered copy stays in the processor's cache, and it is
-# the most working memory that a pass needs.
-CHUNK = 1 << 15
+CHUNK = 1 << 15  # rows that are processed together, whose copy stays in the processor's cache
 
-# Columns are collinear if the spread of a direction is below 3e-7 of the largest one, after every
-# column is scaled to unit spread. Rounding of exactly collinear columns is far smaller (1e-16,
-# squared), and the narrowest strip worth an adjustment is far wider.
+# Spread of a direction over the largest, squared and of columns scaled alike, of collinear columns.
 RANK_TOLERANCE = 1e-13
 
 

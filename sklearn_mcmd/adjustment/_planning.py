@@ -9,7 +9,7 @@ from sklearn.utils import check_random_state
 from sklearn_mcmd._choices import Correction, choices_of
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 from sklearn_mcmd.adjustment._power import POWER, SHARE, noncentrality
-from sklearn_mcmd.adjustment._start import StartLimits, half_of, n_trials_of_start
+from sklearn_mcmd.adjustment._start import MAX_ROUNDS, StartLimits, half_of, n_trials_of_start
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value, local_level
 from sklearn_mcmd.runtime._compiling import compiled_function
 
@@ -17,9 +17,8 @@ __all__ = ["PlanePlan", "plan_plane"]
 
 BATCH = 1_000_000  # points of the planes that are simulated together
 COARSE = 10  # share of the repetitions that bracket the smallest bias, inverted
-# Half width of the bracket in which it is interpolated, and the largest that is tried, in
-# standard deviations.
-STEP, LARGEST = 0.1, 1000.0
+STEP = 0.1  # standard deviations, half width of the bracket in which it is interpolated
+LARGEST = 1000.0  # standard deviations, the largest bias that is tried
 
 
 class PlanePlan(NamedTuple):
@@ -176,8 +175,8 @@ def _outcomes(n, k, bias, limits, robust_start, seed, n_repetitions):
         corners = rng.randint(n, size=(m, needed if robust_start else 0, 3), dtype=np.int64)
         found = np.empty((m, n), dtype=np.bool_)
         snoop_planes = compiled_function("adjustment._planning_numba", "snoop_planes")
-        half, cut = half_of(n, 3), StartLimits().cut
-        snoop_planes(points, corners, half, limits, cut, UNCONTROLLED, found)
+        start = half_of(n, 3), StartLimits().cut, MAX_ROUNDS
+        snoop_planes(points, corners, start, limits, UNCONTROLLED, found)
         counts.append([found[:, :k].sum(axis=1), found[:, k:].sum(axis=1)])
     n_found, n_false = np.concatenate(counts, axis=1)
     full, clean = n_found == k, n_false == 0

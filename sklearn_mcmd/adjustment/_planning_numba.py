@@ -7,27 +7,24 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["snoop_planes"]
 
-MAX_ROUNDS = 20  # of concentration and of reweighting, as of `robust_start`
-
 
 @kernel(cache=True)
-def snoop_planes(points, corners, half, limits, cut, least_redundancy, found):
+def snoop_planes(points, corners, start, limits, least_redundancy, found):
     """Verdicts of `BaardaPlaneDetector` with known sigma0, one plane at a time.
 
     They fill `found`, bool (m, n), for points (m, n, 3). The minimal subsets of the robust start
-    are `corners`, int64 (m, n_trials, 3); with no trials there is no such start. Its plane fits
-    `half` points, a number of them, and the points that deviate by at most `cut` belong to it.
-    `limits` (n + 2,) has the critical value of w by the number of retained points, and
-    `least_redundancy` is that of a controlled point.
+    are `corners`, int64 (m, n_trials, 3); with no trials there is no such start. `start` has the
+    number of points that its plane fits, by how much points that belong to it deviate at most, and
+    the rounds of concentration and of reweighting. `limits` (n + 2,) has the critical value of w by
+    the number of retained points, and `least_redundancy` is that of a controlled point.
     """
     n = points.shape[1]
     sizes, member = np.empty(n), np.empty(n, dtype=np.bool_)
-    keys = sizes.view(np.int64)  # bits of positive numbers sort as the numbers do
     for i in range(len(points)):
         X = points[i]
         member[:] = True
         if corners.shape[1] > 0:
-            _start(X, corners[i], half, limits[n], cut, sizes, keys, member)
+            _start(X, corners[i], start, limits[n], sizes, member)
         plane, worst = _fit(X, member), 0
         while worst >= 0 and plane[0] > 4:
             worst, largest = -1, limits[int(plane[0])]
@@ -73,8 +70,10 @@ def _evaluate(plane, point):
 
 
 @kernel
-def _start(X, corners, half, limit, cut, sizes, keys, member):
+def _start(X, corners, start, limit, sizes, member):
     """Leave out what is outside of the plane of the most coplanar half (`robust_start`)."""
+    half, cut, max_rounds = start
+    keys = sizes.view(np.int64)  # bits of positive numbers sort as the numbers do
     n, best = len(X), np.inf
     for t in range(len(corners)):
         a, b, c = corners[t]
@@ -94,15 +93,15 @@ def _start(X, corners, half, limit, cut, sizes, keys, member):
             for j in range(n):
                 member[j] = keys[j] <= nearest
     # Concentration on the nearest half, reweighting, and the points to begin with.
-    for turn in range(2 * MAX_ROUNDS + 1):
+    for turn in range(2 * max_rounds + 1):
         plane, n_members = _fit(X, member), 0
         for j in range(n):
             residual, spread = _evaluate(plane, X[j])
-            sizes[j] = residual if turn < MAX_ROUNDS else residual / np.sqrt(1 + spread)
-        most = limit if turn == 2 * MAX_ROUNDS else cut
+            sizes[j] = residual if turn < max_rounds else residual / np.sqrt(1 + spread)
+        most = limit if turn == 2 * max_rounds else cut
         nearest = kth_smallest(keys, n, half)
         for j in range(n):
             n_members += sizes[j] <= most
-        if turn < MAX_ROUNDS or n_members > 3:
+        if turn < max_rounds or n_members > 3:
             for j in range(n):
-                member[j] = keys[j] <= nearest if turn < MAX_ROUNDS else sizes[j] <= most
+                member[j] = keys[j] <= nearest if turn < max_rounds else sizes[j] <= most

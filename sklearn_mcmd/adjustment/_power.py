@@ -14,9 +14,9 @@ __all__ = ["POWER", "coupled_level", "identifiable_bias", "noncentrality"]
 
 POWER = 0.8  # Baarda's; the usual one of reliability
 SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="left")]
-# Standard deviations beyond which the normal density counts as 0, nodes of its integrals, and the
-# largest bias that is tried.
-REACH, N_NODES, LARGEST_BIAS = 9.0, 200, 1e6
+REACH = 9.0  # standard deviations beyond which the normal density counts as 0
+N_NODES = 200  # of its integrals
+LARGEST_BIAS = 1e6  # standard deviations, the largest that is tried
 _rule = cache(np.polynomial.legendre.leggauss)
 
 

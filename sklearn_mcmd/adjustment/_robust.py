@@ -1,6 +1,6 @@
 """Robust adjustment by iteratively reweighted least squares (Eqs 2-8)."""
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,11 +13,16 @@ from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
 __all__ = ["WEIGHT_FUNCTIONS", "huber", "m_estimate", "robust_scale", "tukey"]
 
-MAX_ITERATIONS = 200
-# Largest change of a residual, in units of the scale, at which the iteration ends.
-TOLERANCE = 1e-6
-# The median of |v| is this share of a normal standard deviation.
-NORMAL_QUARTILE = 0.6744897501960817
+MAX_ITERATIONS = 200  # adjustments of an M-estimate, after which it warns
+TOLERANCE = 1e-6  # change of a residual, in units of the scale, at which the iteration ends
+NORMAL_QUARTILE = 0.6744897501960817  # median of |v| in normal standard deviations
+
+
+class LossLimits(NamedTuple):
+    """Standardized residuals at which weights fall; both are 95 % efficient in normal data."""
+
+    huber: float = 1.345  # up to which the weight is 1
+    tukey: float = 4.685  # from which on the weight is 0
 
 
 def m_estimate(
@@ -84,15 +89,15 @@ def m_estimate(
     return plane, robust_weights, float(scale)
 
 
-def huber(standardized, k=1.345):
-    """Huber's weights ``min(1, k / |t|)``, 95 % efficient in normal data."""
-    size = np.abs(standardized)
+def huber(standardized):
+    """Huber's weights ``min(1, k / |t|)``."""
+    size, k = np.abs(standardized), LossLimits().huber
     return np.divide(k, size, out=np.ones_like(size), where=size > k)
 
 
-def tukey(standardized, k=4.685):
-    """Tukey's biweight ``(1 - (t / k)^2)^2`` within k and 0 beyond, 95 % efficient."""
-    ratio = np.minimum(np.abs(standardized) / k, 1.0)
+def tukey(standardized):
+    """Tukey's biweight ``(1 - (t / k)^2)^2`` within k and 0 beyond."""
+    ratio = np.minimum(np.abs(standardized) / LossLimits().tukey, 1.0)
     return (1 - ratio**2) ** 2
 
 

@@ -22,9 +22,7 @@ __all__ = ["StartLimits", "half_of", "n_trials_of_start", "robust_start"]
 class StartLimits(NamedTuple):
     """How the plane of the most coplanar half is found, and which points belong to it."""
 
-    cut: float = (
-        2.5  # standard deviations within which points do, as usual of least trimmed squares
-    )
+    cut: float = 2.5  # standard deviations within which points do, as in least trimmed squares
     cut_deviation: float = 0.9546  # of normal residuals cut there, in standard deviations
     support_fraction: float = 0.5  # of the points that the best plane fits
     success_probability: float = 0.9999  # of one trial without outliers

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd import __version__
+from sklearn_mcmd.cli._command import TypedCommand
 from sklearn_mcmd.cli._config import config
 from sklearn_mcmd.cli._demo import demo, info
 from sklearn_mcmd.cli._denoise import denoise
@@ -15,7 +16,6 @@ from sklearn_mcmd.cli._edges import edges
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._plan import plan
 from sklearn_mcmd.cli._plane import plane
-from sklearn_mcmd.cli._reporting import Verb
 from sklearn_mcmd.cli._segment import segment
 from sklearn_mcmd.cli._view import view
 from sklearn_mcmd.cli._warm_up import warm_up
@@ -56,8 +56,7 @@ def _root(
 
 # Options that few need are not in the help of a verb; `mcmd config` has them all.
 for verb in (denoise, normals, edges, segment, plane, plan, view):
-    app.command(cls=Verb, epilog=f"All options and their defaults: mcmd config {verb.__name__}.")(
-        verb
-    )
+    epilog = f"All options and their defaults: mcmd config {verb.__name__}."
+    app.command(cls=TypedCommand, epilog=epilog)(verb)
 for other in (config, info, demo, warm_up):
     app.command()(other)

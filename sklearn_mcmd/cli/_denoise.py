@@ -2,137 +2,145 @@
 
 import warnings
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Literal, NamedTuple
 
 import numpy as np
 import typer
 
 import sklearn_mcmd
 from sklearn_mcmd._choices import Mode, OutlierMethod, Strictness
-from sklearn_mcmd.cli import _files, _options, _point_selection, _sensor
-from sklearn_mcmd.cli._cloud_verb import CloudVerb, command_of, counts, tiles_row
-from sklearn_mcmd.cli._large import outputs_of
+from sklearn_mcmd.cli import _options, _sensor
+from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
+from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.io._classes import LOW_NOISE, Choice, noise_classes
-from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
+from sklearn_mcmd.cli._options import length, option
+from sklearn_mcmd.io._classes import LOW_NOISE, Choice, class_numbers, noise_classes
+from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._point_cloud import (
+    PointFileError,
+    denoised_before,
+    with_results,
+    without_outliers,
+)
 from sklearn_mcmd.io._sensor import rows_of_sensor
+from sklearn_mcmd.planes._resolution import in_own_precision
 
 __all__ = ["denoise"]
 
-# Rates of false positives: the least that the simulation resolves in 3D, and the detector's limit.
-LEAST_RATE, LARGEST_RATE = 1e-4, 0.5
 PAPER = "paper"  # the level that is None in Python
+MANY_EXACT = 0.01  # share of points without a scale that is warned of
+
+
+def _classes(text):
+    """Classes, separated by commas."""
+    try:
+        numbers = [int(part) for part in text.split(",")]
+    except ValueError:
+        numbers = [None]
+    try:
+        return class_numbers(numbers)
+    except ValueError as err:
+        raise typer.BadParameter(f"{text} {err}, such as 6,9") from err
+
+
+HEIGHT = {"metavar": "HEIGHT", "hidden": True, "signed": True}
+CLASSES = {"parser": _classes, "metavar": "CLASSES"}
 
 
 @dataclass
 class Denoise(CloudVerb):
     """Remove or mark the points that lie on no surface and stand apart from all else.
 
-    The default keeps everything real, and is for any cloud: curved, with foliage and wires, of any
-    spacing and noise. To keep only faces, give --strictness surfaces. A score up to 3 means that
-    the point is on a surface or near other points, 10 means a clear error, and 100 a gross error.
-
-    Points that are marked withheld are neither judged nor used to judge others. With
-    --ignore-class, --only-class, --above and --below, others are not judged either. All of these
-    stay in the file, as they are.
+    The default keeps everything real, of any cloud. A score up to 3 is on a surface or near others,
+    10 is a clear error, 100 a gross one. Points that are not judged stay as they are.
     """
 
-    mode: Annotated[
-        Mode,
-        typer.Option(
-            help="drop: remove outliers. mark: keep all points, add an 'outlier_score' and mark "
-            "outliers: in LAS and LAZ as class 7 (low noise) if they lie lower than all ground "
-            "(class 2) around, or without ground than all kept points around, else as class 18 "
-            "(high noise), or 7 where the point format has no 18; elsewhere by an attribute "
-            "'outlier'."
-        ),
-    ] = "drop"
+    mode: Mode = option(
+        "drop",
+        "drop: remove outliers. mark: add outlier_score, and class 7 (low noise) or 18, or an "
+        "attribute outlier.",
+    )
     n_neighbors: _options.NNeighbors = 50
-    method: Annotated[
-        OutlierMethod,
-        typer.Option(
-            help="How outliers of a plane are removed before it is fitted. mcmd_z: by their "
-            "distance to it. mcmd_md: by their distance within it as well; with --strictness paper "
-            "it also decides which points are outliers.",
-            hidden=True,
-        ),
-    ] = "mcmd_z"
-    strictness: Annotated[
-        Literal[Strictness, "paper"],
-        typer.Option(
-            help="Which points are outliers. isolated: single points and pairs far from everything "
-            "else. groups: also small groups that stand apart, such as ghosts, birds and dust; "
-            "foliage, wires and small things that touch others are kept, unless they are more than "
-            "three times as sparse as the surfaces around. surfaces: all points that lie on no "
-            "surface; foliage, wires and thin posts are removed. paper: points off the plane of "
-            "their own neighborhood, as in the paper; weak on whole clouds."
-        ),
-    ] = "groups"
-    noise_scale: Annotated[
-        float | None,
-        _options.length_option(
-            "The scanner's standard deviation, in units of the file. Distances to surfaces "
-            "are divided by it.",
-            "the noise around each point",
-        ),
-    ] = None
-    cutoff: Annotated[
-        float | None,
-        _options.number_option(
-            "Score above which a point is an outlier. 3: the point is three standard "
-            "deviations of the noise off the surfaces, and three usual spacings, or sizes of its "
-            "group, away from everything real. 10: ten of each, for clear errors only. 100: for "
-            "gross errors only.",
-            "3; with --strictness paper 2.5, for mcmd_md 3.06",
-        ),
-    ] = None
-    false_positive_rate: Annotated[
-        float | None,
-        _options.number_option(
-            "Share of the points on surfaces that noise may flag, such as 0.01. A simulation "
-            "then tells the cutoff; do not give --cutoff. From 0.0001 to below 0.5.",
-            metavar="RATE",
-            hidden=True,
-            expected=f"a number from {LEAST_RATE:g} to below {LARGEST_RATE:g}",
-            fits=lambda rate: LEAST_RATE <= rate < LARGEST_RATE,
-        ),
-    ] = None
-    contamination: Annotated[
-        float | None,
-        _options.number_option(
-            "Share of all points that are outliers: those of the highest scores. Do not give "
-            "--cutoff. Above 0, up to 0.5.",
-            metavar="SHARE",
-            expected=f"a number above 0 and up to {LARGEST_RATE:g}",
-            fits=lambda share: 0 < share <= LARGEST_RATE,
-        ),
-    ] = None
-    ignore_class: _point_selection.IgnoreClass = None
-    only_class: _point_selection.OnlyClass = None
-    above: _point_selection.Above = None
-    below: _point_selection.Below = None
-    low_groups: _point_selection.LowGroups = False
-    sensor: _sensor.SensorOrView = None
-    trajectory: _sensor.TrajectoryFile = None
-    intensity: _sensor.Intensity = False
+    method: OutlierMethod = option(
+        "mcmd_z",
+        "How outliers of a plane are removed before it is fitted. mcmd_z: by their distance to it. "
+        "mcmd_md: by their distance within it as well; with --strictness paper it also decides "
+        "which points are outliers.",
+        hidden=True,
+    )
+    strictness: Literal[Strictness, "paper"] = option(
+        "groups",
+        "isolated: single points and pairs. groups: small groups, too; foliage and wires stay. "
+        "surfaces: all that is on no surface. paper: all off their own plane.",
+    )
+    noise_scale: float | None = length(
+        None, "Noise of the scanner.", show_default="that around each point"
+    )
+    cutoff: float | None = option(
+        None, "Least score of an outlier; 10 for clear errors.", show_default="3; paper: 2.5"
+    )
+    false_positive_rate: float | None = option(
+        None,
+        "Share of the points on surfaces that noise may flag, such as 0.01. A simulation then "
+        "tells the cutoff; do not give --cutoff. From 0.0001 to below 0.5.",
+        metavar="RATE",
+        hidden=True,
+    )
+    contamination: float | None = option(
+        None, "Share of outliers, up to 0.5, in place of --cutoff.", metavar="SHARE"
+    )
+    ignore_class: tuple | None = option(
+        None, "Leave points of these classes alone, such as 6,9.", **CLASSES
+    )
+    only_class: tuple | None = option(
+        None, "Leave all but points of these classes alone.", **CLASSES
+    )
+    above: float | None = length(
+        None,
+        "Judge only points that are higher than this over the ground (class 2): over the mean of "
+        "the three ground points that are nearest in plan. All are used.",
+        **HEIGHT,
+    )
+    below: float | None = length(
+        None,
+        "Judge only points that are lower than this over the ground; -0.5 is half a unit under it.",
+        **HEIGHT,
+    )
+    low_groups: bool = option(
+        False,
+        "A group of any number of points is an outlier if it lies below the ground (class 2) by "
+        "more sizes of its own than the cutoff. Otherwise large groups are kept.",
+        "--low-groups",
+        hidden=True,
+    )
+    sensor: tuple | None = _sensor.position_option(
+        "auto: as stated. none: unknown.",
+        _sensor.AUTO,
+        _sensor.NONE,
+        show_default="if stated or seen",
+    )
+    trajectory: Path | None = _sensor.trajectory_option()
+    intensity: bool = option(
+        False, "Take the file's intensity as evidence, too.", "--intensity", hidden=True
+    )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
     random_state: _options.RandomState = 0
     n_jobs: _options.NJobs = -1
 
     def __post_init__(self):
         _at_most_one(self, "cutoff", "false_positive_rate", "contamination")
-        _sensor.check_one_position(self.sensor, self.trajectory)
         unknown = self.sensor is None and self.trajectory is None
-        self.recognize = unknown and self.strictness != PAPER
-        self.sensor = None if self.sensor == _sensor.NONE else self.sensor
-        self.mark = self.mode == "mark"
+        sensor = None if self.sensor == _sensor.NONE else self.sensor
+        recognize = unknown and self.strictness != PAPER
+        self.asked = _sensor.Asked(self.source, sensor, self.trajectory, recognize).check()
+        self.marks = self.writes_all = self.mode == "mark"
+        self.results = "marks of outliers" if self.marks else ""
         self.choice = Choice(self.ignore_class or (), self.only_class or ())
         limits = {"above": self.above, "below": self.below}
         self.heights = limits | {"low_groups": self.low_groups}
         by_height = self.low_groups or any(limit is not None for limit in limits.values())
-        work = "heights" if by_height else "outliers"
-        work = _sensor.work_of_options(work, self.sensor, self.trajectory, rays=True)
-        self.work = _sensor.work_if_seen(work, self.source) if self.recognize else work
+        self.work = self.asked.work("heights" if by_height else "outliers", rays=True)
 
     def check(self, catalog):
         if self.intensity and catalog is not None:
@@ -141,74 +149,89 @@ class Denoise(CloudVerb):
             )
 
     def estimator(self):
-        auto = _sensor.AUTO if self.recognize else None
+        auto = _sensor.AUTO if self.asked.recognize else None
         return self.made(
             sklearn_mcmd.MCMDOutlierDetector,
             strictness=None if self.strictness == PAPER else self.strictness,
-            sensor_origin=self.sensor if isinstance(self.sensor, tuple) else auto,
+            sensor_origin=self.asked.one_position or auto,
         )
 
     def dry_estimator(self):
         origin = "origin" if "rays" in self.work else None
         return self.estimator().set_params(sensor_origin=origin)
 
-    def in_memory(self):
-        from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
-        from sklearn_mcmd.report._volumes import losses_of
-
-        cloud = self.read("marks of outliers" if self.mark else None)
+    def find(self, cloud):
+        """What is `Found`."""
         if cloud.metadata.get("denoised"):
             warnings.warn(denoised_before(self.source), stacklevel=2)
-        points = _point_selection.judged_points(self.source, cloud, self.choice, **self.heights)
-        nothing = _files.blank(cloud)
-        blank = _denoised(cloud, nothing.astype(np.uint8), nothing, self.mark)
-        _files.rehearse(self.target, *blank, whole=self.mark)
+        points = judged_points(self.source, cloud, self.choice, **self.heights)
         some = cloud if points.used.all() else cloud.subset(points.used)
-        detector, sensed = self._find(cloud, some, points.used)
+        detector, sensed = self._detect(cloud, some, points.used)
         classes, score, under = _verdict(cloud, points, detector, self.low_groups)
-        is_outlier = classes != 0
-        _warn_if_without_scale(np.sum(score[is_outlier] > EXACT_PLANE_SCORE), len(cloud))
-        removed = (is_outlier & ~under)[points.used]
-        together = losses_of(detector, lambda: [(some.xyz, removed)], len(some))
-        if together:
-            warnings.warn(together, stacklevel=2)
-        told = counts(
-            len(cloud), n_judged=np.count_nonzero(points.judged),
-            n_outliers=np.count_nonzero(is_outlier), together=together, sensor=sensed,
-        )  # fmt: skip
-        found = is_outlier[points.used]
-        _files.write(self.target, *_denoised(cloud, classes, score, self.mark))
-        return told, lambda: _contents(some, detector, self.mark, found, told)
+        return Found(
+            some=some,
+            points=points,
+            detector=detector,
+            classes=classes,
+            score=score,
+            under=under,
+            sensed=sensed,
+        )
 
-    def _find(self, cloud, some, used):
+    def _detect(self, cloud, some, used):
         """The detector that judged some of the points, and rows on the sensor."""
         from sklearn_mcmd.outliers._detector import judged_cloud
 
         light = _sensor.intensity_of(self.source, cloud)[used] if self.intensity else None
-        with _files.working(self.source):
-            origins, where, refused = _sensor.sensor_of_rays(
-                self.source, cloud, used, self.sensor, self.trajectory, self.recognize
-            )
-            doubted = origins is not None and (self.recognize or self.sensor == _sensor.AUTO)
-            detector = self.estimator().set_params(sensor_origin=_sensor.AUTO if doubted else None)
-            detector.fit(_files.coordinates(some), sensor_origin=origins, intensity=light)
+        origins, where, refused = self.asked.of_rays(cloud, used)
+        doubted = origins is not None and (
+            self.asked.recognize or self.asked.sensor == _sensor.AUTO
+        )
+        detector = self.estimator().set_params(sensor_origin=_sensor.AUTO if doubted else None)
+        detector.fit(in_own_precision(some.xyz), sensor_origin=origins, intensity=light)
         judged = judged_cloud(detector)
         where = "" if judged.rays is None else where  # it is not used
         return detector, rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
+
+    def written(self, cloud, found=None):
+        n = len(cloud)
+        classes = np.zeros(n, np.uint8) if found is None else found.classes
+        score = np.zeros(n, np.float32) if found is None else found.score.astype(np.float32)
+        if self.marks:
+            return with_results(cloud, {"outlier_score": score}), classes
+        return without_outliers(cloud, classes == 0), None
+
+    def counts(self, cloud, found):
+        from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
+        from sklearn_mcmd.report._volumes import losses_of
+
+        is_outlier, used = found.classes != 0, found.points.used
+        _warn_if_without_scale(np.sum(found.score[is_outlier] > EXACT_PLANE_SCORE), len(cloud))
+        removed = (is_outlier & ~found.under)[used]
+        together = losses_of(found.detector, lambda: [(found.some.xyz, removed)], len(found.some))
+        if together:
+            warnings.warn(together, stacklevel=2)
+        return {
+            "n_judged": np.count_nonzero(found.points.judged),
+            "n_used": len(found.some),
+            "n_outliers": np.count_nonzero(is_outlier),
+            "together": together,
+            "sensor": found.sensed,
+        }
 
     def rows(self, told):
         rows = {}
         if told.n_judged < told.n_points:
             rows["judged"] = number_and_share(told.n_judged, told.n_points)
         found = number_and_share(told.n_outliers, told.n_points)
-        return rows | tiles_row(told) | told.sensor | {"marked" if self.mark else "removed": found}
+        return rows | tiles_row(told) | told.sensor | {"marked" if self.marks else "removed": found}
 
     def tile_options(self):
         return self.heights | {
             "mode": self.mode,
             "ignore_classes": self.choice.ignored,
             "only_classes": self.choice.only,
-            "sensor_origin": _sensor.path_of_options(self.sensor, self.trajectory),
+            "sensor_origin": self.asked.path(),
         }
 
     def by_tiles(self, catalog):
@@ -216,21 +239,84 @@ class Denoise(CloudVerb):
         _warn_if_without_scale(told.n_exact, told.n_points)
         return told, contents
 
+    def contents(self, cloud, found, told):
+        from sklearn_mcmd.report._kinds import plane_scales
+        from sklearn_mcmd.report._shown import Shown
+
+        some, detector = found.some, found.detector
+        results = {
+            "outlier": (found.classes != 0)[found.points.used].astype(np.uint8),
+            "outlier_score": (-detector.scores_).astype(np.float32),
+        }
+        shown = Shown.of_memory(some, detector.n_neighbors_, plane_scales(detector), **results)
+        if told.n_used < told.n_points:
+            used = ("used", f"{told.n_used:,}, as follows")
+            shown = shown._replace(rows=[("points", f"{told.n_points:,}"), used, *shown.rows[1:]])
+        n = np.count_nonzero(results["outlier"])
+        return self._contents(shown, told, n, -float(detector.offset_), judged=[detector])
+
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.planes._explaining import ExplainLimits
-        from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents, shown_of_tiles
+        from sklearn_mcmd.report._outliers_page import shown_of_tiles
+        from sklearn_mcmd.tiling._outputs import targets_of
 
-        shown = shown_of_tiles(catalog, outputs_of(catalog, self.target), told, self.mark)
+        shown = shown_of_tiles(catalog, targets_of(catalog, self.target), told, self.marks)
         found_by_run = (self.contamination, self.false_positive_rate) != (None, None)
         cutoff = self.cutoff
         if cutoff is None and not found_by_run and self.strictness != PAPER:
             cutoff = ExplainLimits().explained
+        return self._contents(shown, told, told.n_outliers, cutoff)
+
+    def _contents(self, shown, told, n_outliers, cutoff, **judged):
+        from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents
+
         n_others = told.n_points - told.n_used
-        verdict = Verdict(told.n_outliers, told.n_used, n_others, cutoff, told.sensor)
-        return denoise_contents(shown, verdict, marked=self.mark, together=told.together)
+        verdict = Verdict(
+            n=n_outliers, n_all=told.n_used, n_others=n_others, cutoff=cutoff, sensor=told.sensor
+        )
+        return denoise_contents(shown, verdict, marked=self.marks, together=told.together, **judged)
 
 
-denoise = command_of(Denoise)
+denoise = command_of(Denoise, more=BY_TILES)
+
+
+class Judged(NamedTuple):
+    """Points of a cloud (n,)."""
+
+    used: np.ndarray  # bool: they are judged, or others are judged by them
+    judged: np.ndarray  # bool: they may be outliers
+    ground: np.ndarray | None  # bool, where heights are asked for
+
+
+def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):
+    """The `Judged` points of a cloud; errors name its source."""
+    from sklearn_mcmd.io._ground import NONE_JUDGED, HeightRange, ground_of, heights_over_ground
+
+    with one_clear_line(source, "read"):
+        used, ground = choice.of(cloud), None
+        if used is None:
+            used = np.ones(len(cloud), bool)
+        judged = used
+        if low_groups or above is not None or below is not None:
+            ground = ground_of(cloud)
+        if above is not None or below is not None:
+            heights = heights_over_ground(cloud.xyz, ground)
+            judged = used & HeightRange(above, below).judged(heights)
+        if not judged.any():
+            raise PointFileError(NONE_JUDGED)
+    return Judged(used, judged, ground)
+
+
+class Found(NamedTuple):
+    """What was found in a cloud in memory."""
+
+    some: object  # the points that were used, as a cloud
+    points: Judged
+    detector: object
+    classes: np.ndarray  # of each outlier as noise, 0 of others
+    score: np.ndarray  # NaN where none is judged
+    under: np.ndarray  # bool: in groups below the ground
+    sensed: dict  # rows on the sensor
 
 
 def _at_most_one(verb, *names):
@@ -267,42 +353,13 @@ def _verdict(cloud, points, detector, low_groups):
     return classes, score, under
 
 
-def _contents(cloud, detector, mark, found, told):
-    from sklearn_mcmd.report._kinds import plane_scales
-    from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents
-    from sklearn_mcmd.report._shown import Shown
-
-    shown = Shown.of_memory(
-        cloud, detector.n_neighbors_, plane_scales(detector), outlier=found.astype(np.uint8),
-        outlier_score=(-detector.scores_).astype(np.float32),
-    )  # fmt: skip
-    n_others = told.n_points - len(cloud)
-    if n_others:
-        rows = [
-            ("points", f"{told.n_points:,}"),
-            ("used", f"{len(cloud):,}, as follows"),
-            *shown.rows[1:],
-        ]
-        shown = shown._replace(rows=rows)
-    n_found, cutoff = np.count_nonzero(found), -float(detector.offset_)
-    verdict = Verdict(n_found, len(cloud), n_others, cutoff, told.sensor)
-    return denoise_contents(shown, verdict, marked=mark, together=told.together, judged=[detector])
-
-
 def _warn_if_without_scale(n_without, n_points):
     """Warn if many points are outliers only because an exact plane has no noise."""
     share = n_without / n_points
-    if share >= 0.01:
+    if share >= MANY_EXACT:
         warnings.warn(
             f"{100 * share:.1f} % of the points are outliers only because most of their neighbors "
             "lie exactly in one plane, as where coordinates are rounded more coarsely than the "
             "noise; check these before they are dropped (--mode mark)",
             stacklevel=2,
         )
-
-
-def _denoised(cloud, classes, score, mark):
-    """The cloud to write, and the classes of noise to mark in it."""
-    if not mark:
-        return without_outliers(cloud, classes == 0), None
-    return with_results(cloud, {"outlier_score": score.astype(np.float32)}), classes

@@ -1,34 +1,27 @@
 """Reading and writing by the verbs. Errors of writing appear before the long work."""
 
 import os
-import tempfile
 import warnings
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 
 from sklearn_mcmd._errors import counted
-from sklearn_mcmd.cli._large import is_several, outputs_of
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.io._files import check_writable, one_clear_line, system_error
-from sklearn_mcmd.io._formats import ALL, TILED, format_of, supported_extensions
-from sklearn_mcmd.io._grid import scale_of
+from sklearn_mcmd.io._formats import ALL, INDEX, TILED, format_of, supported_extensions
 from sklearn_mcmd.io._no_returns import LEFT_OUT
 from sklearn_mcmd.io._point_cloud import joined
+from sklearn_mcmd.io._rehearsal import naming, rehearse
 from sklearn_mcmd.planes._resolution import coarse_warning, in_own_precision
 from sklearn_mcmd.runtime._progress import progress_part
 
 __all__ = [
-    "blank",
-    "coordinates",
     "files_of",
+    "is_several",
     "naming",
     "read",
     "read_all",
     "refuse_existing",
-    "rehearse",
-    "standing_in",
     "warn_if_coarse",
     "working",
     "write",
@@ -39,31 +32,18 @@ USUAL_NEIGHBORS = 50
 WORKING = (0.04, 0.97)
 
 
-def coordinates(cloud):
-    """Coordinates in their real precision. The estimators warn if float32 is too coarse."""
-    return in_own_precision(cloud.xyz)
-
-
 def warn_if_coarse(cloud):
     """Warn as estimators with neighborhoods do, for a verb whose estimator has none."""
-    if coordinates(cloud).dtype == np.float32:
+    if in_own_precision(cloud.xyz).dtype == np.float32:
         from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
         if coarse := coarse_warning(NeighborIndex(cloud.xyz, USUAL_NEIGHBORS)):
             warnings.warn(coarse, stacklevel=2)
 
 
-@contextmanager
-def naming(path):
-    """Name the file in the system's errors of writing."""
-    try:
-        yield
-    except OSError as err:
-        raise system_error(path, "written", err) from err
-
-
-def blank(cloud):
-    return np.zeros(len(cloud), dtype=np.float32)
+def is_several(source):
+    """Whether a source stands for several files."""
+    return source.is_dir() or source.suffix.lower() == INDEX
 
 
 def files_of(source):
@@ -115,13 +95,14 @@ def refuse_existing(no_clobber, *targets, report=None, catalog=None):
     known = set()
     if catalog is not None:
         from sklearn_mcmd.tiling._folder import WorkFolder
+        from sklearn_mcmd.tiling._outputs import targets_of
 
         known = WorkFolder.written(targets[0])
-        targets = (*outputs_of(catalog, targets[0]), *targets[1:])
+        targets = (*targets_of(catalog, targets[0]), *targets[1:])
     if report is not None:
         from sklearn_mcmd.report._report_folder import PAGE, VIEW
 
-        targets = [*targets, report.folder / PAGE, report.folder / VIEW]
+        targets = (*targets, report.folder / PAGE, report.folder / VIEW)
     for path in targets:
         if os.path.lexists(path) and os.path.realpath(path) not in known:
             raise FileExistsError(f"{path}: is there already, and --no-clobber keeps it")
@@ -129,51 +110,16 @@ def refuse_existing(no_clobber, *targets, report=None, catalog=None):
 
 @contextmanager
 def working(source, stage=None):
-    """The work between reading and writing. A note of its errors names the file."""
+    """The work between reading and writing. Its errors name the file, if they do not yet."""
     with progress_part(*WORKING, stage):
         try:
             yield
         except Exception as err:
-            err.add_note(f"{source}: ")
+            if not str(err).startswith(str(source)):
+                err.add_note(f"{source}: ")
             raise
 
 
 def write(target, cloud, noise=None):
     with progress_part(WORKING[1], 1.0, "writing"):
-        _write(target, cloud, noise)
-
-
-def _write(target, cloud, noise):
-    with naming(target):
         write_points(target, cloud, noise=noise)
-
-
-def rehearse(target, cloud, noise=None, *, whole=True):
-    """Write one point beside `target`, so that errors appear before the long work.
-
-    `whole` says that all points will be written.
-    """
-    if whole and target.suffix.lower() in TILED and "las_header" not in cloud.metadata:
-        with one_clear_line(target, "written"):
-            scale_of(cloud.xyz)
-    with standing_in(target) as stand_in:
-        _write(stand_in, cloud.subset(slice(0, 1)), None if noise is None else noise[:1])
-
-
-@contextmanager
-def standing_in(target):
-    """A path beside `target` for trial writing; errors name `target` itself."""
-    real = check_writable(target)
-    try:
-        with (
-            tempfile.TemporaryDirectory(prefix=".mcmd-", dir=real.parent) as folder,
-            warnings.catch_warnings(),
-        ):
-            warnings.simplefilter("ignore")  # the real writing will give them
-            stand_in = Path(folder) / target.name
-            try:
-                yield stand_in
-            except ValueError as err:
-                raise ValueError(str(err).replace(str(stand_in), str(target))) from err
-    except OSError as err:
-        raise system_error(target, "written", err) from err

@@ -1,15 +1,14 @@
 """Messages of the verbs: errors, warnings and summaries."""
 
 import logging
+import re
 import time
 import warnings
 from contextlib import contextmanager
 
-import numpy as np
 import typer
 
 from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted
-from sklearn_mcmd.cli._termination import tidy_when_terminated
 from sklearn_mcmd.runtime._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
 
 __all__ = [
@@ -30,7 +29,7 @@ def clear_exits(*, allow_coarse=False):
     Coordinates that float32 rounds too coarsely are an error unless `allow_coarse`.
     """
     try:
-        with raise_interrupts(), tidy_when_terminated(), _plain_warnings(allow_coarse):
+        with raise_interrupts(), _plain_warnings(allow_coarse):
             yield
     except typer.Exit:  # from a verb within a verb, which has said why
         raise
@@ -40,6 +39,8 @@ def clear_exits(*, allow_coarse=False):
             raise typer.Exit(INTERRUPTED) from None
         if isinstance(err, BrokenPipeError):
             raise
+        if type(err).__name__ == "InvalidParameterError":  # of scikit-learn: wrong usage
+            raise _wrong_parameter(err) from None
         file = "".join(getattr(err, "__notes__", ()))  # of the work on its points
         if isinstance(err, MemoryError):
             _fail(f"{file}not enough memory; take fewer points or a smaller --n-neighbors")
@@ -56,6 +57,13 @@ def clear_exits(*, allow_coarse=False):
 def _fail(message):
     typer.echo(f"mcmd: error: {_printable(' '.join(message.split()))}", err=True)
     raise typer.Exit(1)
+
+
+def _wrong_parameter(err):
+    """The same error with an option in place of a parameter of Python."""
+    pattern = r"The '(\w+)' parameter of \w+ must be (.*?)( or None)?\. Got (.*) instead\."
+    name, constraint, _, value = re.fullmatch(pattern, str(err), re.DOTALL).groups()
+    return typer.BadParameter(f"{value} is not {constraint}", param_hint=_option(name, None))
 
 
 def _in_words(err):
@@ -90,7 +98,6 @@ def _is_coarse(warning):
 
 
 def _coarse_words(warning):
-    """The warning in words."""
     return (
         f"single precision (float32) rounds coordinates as large as {warning.largest:,.0f} to "
         f"steps of {warning.rounding:.2g}, and those of the file have no more digits: too coarse "
@@ -148,7 +155,7 @@ def print_summary(source, target, n_points, seconds, **rows):
 
 def count_and_share(mask):
     """The number of marked points, and their percentage."""
-    return number_and_share(np.count_nonzero(mask), len(mask))
+    return number_and_share(mask.sum(), len(mask))
 
 
 def number_and_share(n, n_all):

@@ -1,22 +1,34 @@
 """``mcmd normals``."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import typer
 
 import sklearn_mcmd
 from sklearn_mcmd._choices import RuleMethod
-from sklearn_mcmd.cli import _files, _options, _sensor
-from sklearn_mcmd.cli._cloud_verb import CloudVerb, command_of, counts, tiles_row
+from sklearn_mcmd.cli import _options, _sensor
+from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
+from sklearn_mcmd.cli._command import command_of
+from sklearn_mcmd.cli._options import length, option
+from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.planes._resolution import in_own_precision
 
 __all__ = ["normals"]
 
-# Share of normals of upright faces that is worth a line.
-SOME_UPRIGHT = 0.05
+SOME_UPRIGHT = 0.05  # share of normals of upright faces that is worth a line
 DIRECTIONS = {"none": None, "up": [0.0, 0.0, 1.0]}
+
+
+def _count_or_auto(value):
+    """A whole number from 4 on, or auto."""
+    text = str(value)
+    if text != "auto" and not (text.isdecimal() and int(text) >= 4):
+        raise typer.BadParameter(f"{text} is not auto or a whole number from 4 on")
+    return text if text == "auto" else int(text)
 
 
 @dataclass
@@ -29,73 +41,72 @@ class Normals(CloudVerb):
     --features, and n_neighbors with --n-neighbors auto.
     """
 
-    n_neighbors: _options.NNeighborsOrAuto = 50
-    method: Annotated[
-        RuleMethod,
-        typer.Option(
-            help="How outliers of a neighborhood are found before its plane is fitted. mcmd_z: by "
-            "their distance to the plane. mcmd_md: by their distance within it as well. pca: not "
-            "at all."
-        ),
-    ] = "mcmd_z"
-    radius: Annotated[
-        float | None,
-        _options.length_option("Largest distance of a neighbor, in units of the file."),
-    ] = None
-    orientation: Annotated[
-        Literal["none", "up", "sensor", "mst"],
-        typer.Option(
-            help="Which of two opposite normals to take. none, up: the one with positive z, which "
-            "for upright faces noise decides from point to point. sensor: the one toward --sensor "
-            "or --trajectory. mst: the one that agrees with the neighbors."
-        ),
-    ] = "none"
-    sensor: _sensor.SensorOrigin = None
-    trajectory: _sensor.TrajectoryFile = None
-    features: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,...",
-            help="Further attributes, or all of them: linearity, planarity, sphericity, "
-            "omnivariance, anisotropy, eigenentropy, verticality, roughness, normal_error (in "
-            "degrees; the true normal is within 1.73 errors with 95 % confidence); "
-            "mean_curvature, gaussian_curvature, max_curvature, min_curvature, shape_index, "
-            "mean_curvature_error, max_curvature_error, min_curvature_error, "
-            "max_curvature_direction, min_curvature_direction (three attributes each). "
-            "Curvatures are in one over units of the file, and positive where the surface bends "
-            "to the side of its normal.",
-        ),
-    ] = None
-    cutoff: Annotated[
-        float | None,
-        _options.number_option(
-            "Distance from which on a neighbor is an outlier, in robust standard deviations.",
-            "2.5, for mcmd_md 3.06",
-        ),
-    ] = None
+    n_neighbors: int = option(
+        50,
+        "Points in a neighborhood, with the point. auto: as many for each point as its noise asks "
+        "for; an attribute n_neighbors tells how many.",
+        parser=_count_or_auto,
+        metavar="NUMBER|auto",
+    )
+    method: RuleMethod = option(
+        "mcmd_z",
+        "How outliers of a neighborhood are found before its plane is fitted. mcmd_z: by their "
+        "distance to the plane. mcmd_md: by their distance within it as well. pca: not at all.",
+    )
+    radius: float | None = length(None, "Largest distance of a neighbor.")
+    orientation: Literal["none", "up", "sensor", "mst"] = option(
+        "none",
+        "Which of two opposite normals to take. none, up: the one with positive z, which for "
+        "upright faces noise decides from point to point. sensor: the one toward --sensor or "
+        "--trajectory. mst: the one that agrees with the neighbors.",
+    )
+    sensor: tuple | None = _sensor.position_option(
+        f"auto: as the file states, by {SENSORS}, if the cloud looks as if measured from there.",
+        _sensor.AUTO,
+        show_default="not known",
+    )
+    trajectory: Path | None = _sensor.trajectory_option()
+    features: str | None = option(
+        None,
+        "Further attributes, or all of them: linearity, planarity, sphericity, omnivariance, "
+        "anisotropy, eigenentropy, verticality, roughness, normal_error (in degrees; the true "
+        "normal is within 1.73 errors with 95 % confidence); mean_curvature, gaussian_curvature, "
+        "max_curvature, min_curvature, shape_index, mean_curvature_error, max_curvature_error, "
+        "min_curvature_error, max_curvature_direction, min_curvature_direction (three attributes "
+        "each). Curvatures are in one over units of the file, and positive where the surface bends "
+        "to the side of its normal.",
+        metavar="NAME,...",
+    )
+    cutoff: float | None = option(
+        None,
+        "Distance from which on a neighbor is an outlier, in robust standard deviations.",
+        show_default="2.5, for mcmd_md 3.06",
+    )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
     random_state: _options.RandomState = 0
     n_jobs: _options.NJobs = -1
 
+    results = "normals"
+
     def __post_init__(self):
+        self.asked = _sensor.Asked(self.source, self.sensor, self.trajectory).check()
         given = self.sensor is not None or self.trajectory is not None
         if given != (self.orientation == "sensor"):
             raise typer.BadParameter(
                 "--orientation sensor needs --sensor X,Y,Z|auto or --trajectory FILE, and these "
                 "need --orientation sensor: give both or neither."
             )
-        _sensor.check_one_position(self.sensor, self.trajectory)
         self.features = _parse_features(self.features)
         self.n_features = len(_feature_columns(self.features))
         work = "tree" if self.orientation == "mst" else "normals"
         work = f"{work}, auto" if self.n_neighbors == "auto" else work
-        self.work = _sensor.work_of_options(work, self.sensor, self.trajectory, rays=False)
+        self.work = self.asked.work(work, rays=False)
 
     def estimator(self):
         return self.made(
             sklearn_mcmd.RobustNormalEstimator,
             orientation=DIRECTIONS.get(self.orientation, self.orientation),
-            sensor_origin=self.sensor if isinstance(self.sensor, tuple) else None,
+            sensor_origin=self.asked.one_position,
         )
 
     def dry_estimator(self):
@@ -104,31 +115,34 @@ class Normals(CloudVerb):
             estimator.set_params(orientation=None, sensor_origin=None)
         return estimator
 
-    def in_memory(self):
+    def find(self, cloud):
+        """The fitted estimator, and a row of the summary on the sensor."""
+        origins, sensed = self.asked.of_normals(cloud)
+        fitted = self.estimator().fit(in_own_precision(cloud.xyz), sensor_origin=origins)
+        return fitted, sensed
+
+    def written(self, cloud, found=None):
+        if found is None:
+            names = self._columns() + ["n_neighbors"] * (self.n_neighbors == "auto")
+            results = dict.fromkeys(names, np.zeros(len(cloud), np.float32))
+        else:
+            results = _results(found[0])
+        return with_results(cloud, results), None
+
+    def counts(self, cloud, found):
         from sklearn_mcmd.planes._orientation import count_upright
 
-        cloud = self.read("normals")
-        sizes = ["n_neighbors"] if self.n_neighbors == "auto" else []
-        blanks = dict.fromkeys([*self._columns(), *sizes], _files.blank(cloud))
-        _files.rehearse(self.target, with_results(cloud, blanks))
-        origins, sensed = _sensor.sensor_of_normals(
-            self.source, cloud, self.sensor, self.trajectory
-        )
-        with _files.working(self.source):
-            fitted = self.estimator().fit(_files.coordinates(cloud), sensor_origin=origins)
-            results = _results(fitted)
-        told = counts(
-            len(cloud),
-            removed_fraction=results["removed_fraction"].mean(dtype=np.float64),
-            n_upright=count_upright(fitted.normals_),
-            variation=np.median(results["surface_variation"]),
-            sensor=sensed,
-        )
-        _files.write(self.target, with_results(cloud, results))
-        return told, lambda: _contents(cloud, fitted, results, sensed)
+        fitted, sensed = found
+        results = _results(fitted)
+        return {
+            "removed_fraction": results["removed_fraction"].mean(dtype=np.float64),
+            "n_upright": count_upright(fitted.normals_),
+            "variation": np.median(results["surface_variation"]),
+            "sensor": sensed,
+        }
 
     def tile_options(self):
-        return {"sensor_origin": _sensor.path_of_options(self.sensor, self.trajectory)}
+        return {"sensor_origin": self.asked.path()}
 
     def rows(self, told):
         rows = tiles_row(told)
@@ -141,6 +155,18 @@ class Normals(CloudVerb):
             rows["sides"] = f"{share}, to either side by chance; see --orientation sensor and mst"
         return rows
 
+    def contents(self, cloud, found, told):
+        from sklearn_mcmd.report._normals_page import normals_contents
+        from sklearn_mcmd.report._shown import Shown
+
+        fitted, sensed = found
+        results = _results(fitted)
+        both = results | {"normal_error": fitted.normal_error_.astype(np.float32)}
+        n_neighbors = int(np.median(fitted.n_neighbors_))
+        shown = Shown.of_memory(cloud, n_neighbors, fitted.plane_scale_, **both)
+        shown = shown._replace(rows=[*shown.rows, *sensed.items()])
+        return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
+
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.report._normals_page import normals_contents
 
@@ -151,10 +177,10 @@ class Normals(CloudVerb):
     def _columns(self):
         from sklearn_mcmd.tiling._result_files import NORMAL_COLUMNS
 
-        return (*NORMAL_COLUMNS, *_feature_columns(self.features))
+        return [*NORMAL_COLUMNS, *_feature_columns(self.features)]
 
 
-normals = command_of(Normals)
+normals = command_of(Normals, more=BY_TILES)
 
 
 def _results(fitted):
@@ -163,17 +189,6 @@ def _results(fitted):
 
     names, columns = normal_columns(fitted)
     return dict(zip(names, columns.T.copy(), strict=True))
-
-
-def _contents(cloud, fitted, results, sensed):
-    from sklearn_mcmd.report._normals_page import normals_contents
-    from sklearn_mcmd.report._shown import Shown
-
-    told = results | {"normal_error": fitted.normal_error_.astype(np.float32)}
-    n_neighbors = int(np.median(fitted.n_neighbors_))
-    shown = Shown.of_memory(cloud, n_neighbors, fitted.plane_scale_, **told)
-    shown = shown._replace(rows=[*shown.rows, *sensed.items()])
-    return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
 
 
 def _feature_columns(features):

@@ -1,13 +1,14 @@
-"""Arguments and options that several verbs share, and parsers of options."""
+"""Options of verbs: fields of records, lengths with units, and what several verbs share."""
 
-from math import inf, nan
+from dataclasses import field
+from math import isfinite
 from pathlib import Path
 from string import ascii_letters
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from sklearn_mcmd.io._formats import INDEX, TILED_NAMES, WITH_COLUMNS
+from sklearn_mcmd.io._formats import INDEX, TILED_NAMES
 
 __all__ = [
     "AllowCoarse",
@@ -17,62 +18,45 @@ __all__ = [
     "MaxOutlierRate",
     "NJobs",
     "NNeighbors",
-    "NNeighborsOrAuto",
     "NoClobber",
     "OutFiles",
     "Quiet",
     "RandomState",
     "Unit",
-    "colors_option",
-    "length_option",
-    "number_or",
+    "length",
+    "option",
 ]
 
+# Units of lengths, in meters.
 METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 
 
-def _is_positive(number):
-    return 0 < number < inf
+def option(default, help, *names, **settings) -> Any:
+    """A field of a verb, with what Typer makes of it; `command_of` reads both."""
+    return field(default=default, metadata={"option": typer.Option(*names, help=help, **settings)})
 
 
-def number_or(*words, expected="a number above 0", fits=_is_positive):
-    """Parser of an option that is one of some words, or a number that `fits`.
+def length(default, help, *words, metavar="LENGTH", signed=False, **settings) -> Any:
+    """The field of a length in units of the file, or with a unit of its own, or of some words."""
+    about = "a number" if signed else "a number above 0"
 
-    `expected` describes such a number in the error. NaN must not fit.
-    """
-
-    def parse(value):
-        if value in words:
-            return value
+    def number(text):
         try:
-            number = float(value)
+            value = float(text)
         except ValueError:
-            number = nan
-        if not fits(number):
+            value = float("nan")
+        if not isfinite(value) or (value <= 0 and not signed):
             choices = ", ".join(words) + " or " if words else ""
-            raise typer.BadParameter(f"{value} is not {choices}{expected}")
-        return number
-
-    return parse
-
-
-def number_option(help, default=True, *words, metavar="NUMBER", hidden=False, **limits):
-    """The option of one of some words, or a number, as of `number_or`; `default` is in words."""
-    parser = number_or(*words, **limits)
-    return typer.Option(
-        parser=parser, metavar=metavar, help=help, show_default=default, hidden=hidden
-    )
-
-
-def length_option(help, default=True, *words, metavar="LENGTH", hidden=False, **limits):
-    """The option of a length, as of `number_option`: in units of the file, or with its own."""
-    number = number_or(*words, **limits)
+            raise typer.BadParameter(f"{text} is not {choices}{about}")
+        return value
 
     def parse(context: typer.Context, text):
-        digits = (text or "").rstrip(f"{ascii_letters} ")
+        if text is None or text in words:
+            return text
+        digits = text.rstrip(f"{ascii_letters} ")
         if not digits or digits == text:
-            return text if text is None else number(text)
-        length, own, unit = number(digits), text[len(digits) :].strip(), context.params["unit"]
+            return number(text)
+        value, own, unit = number(digits), text[len(digits) :].strip(), context.params["unit"]
         if own in METERS and not unit:
             raise typer.BadParameter(f"{text}: say the unit of the file as well, such as --unit m")
         if not METERS.keys() >= {own, unit}:
@@ -80,30 +64,9 @@ def length_option(help, default=True, *words, metavar="LENGTH", hidden=False, **
                 f"{text} is no number. With a unit, it needs --unit, the unit of the file; both "
                 f"are one of {', '.join(METERS)}"
             )
-        return METERS[own] / METERS[unit] * length
+        return METERS[own] / METERS[unit] * value
 
-    return typer.Option(
-        parser=str, callback=parse, metavar=metavar, help=help, show_default=default, hidden=hidden
-    )
-
-
-def _count_or_auto(text):
-    """A whole number from 4 on, or auto."""
-    whole = number_or(
-        "auto", expected="a whole number from 4 on", fits=lambda n: n >= 4 and n == int(n)
-    )(text)
-    return whole if whole == "auto" else int(whole)
-
-
-def colors_option(help):
-    """The option of verbs that color their results."""
-    return typer.Option("--colors/--no-colors", help=help, show_default="unless IN has colors")
-
-
-def _not_zero(value):
-    if value == 0:
-        raise typer.BadParameter("0 threads cannot work; -1 is one a processor")
-    return value
+    return option(default, help, parser=str, callback=parse, metavar=metavar, **settings)
 
 
 def _columns(text):
@@ -117,39 +80,20 @@ def _columns(text):
 InFiles = Annotated[
     Path,
     typer.Argument(
-        metavar="IN",
-        help=f"Point file to read, or a folder or {INDEX} index of {TILED_NAMES} files.",
+        metavar="IN", help=f"Point file to read, or a folder or {INDEX} index of {TILED_NAMES}."
     ),
 ]
 OutFiles = Annotated[
-    Path,
-    typer.Argument(
-        metavar="OUT",
-        help="Point file to write, of any format, or a folder for several files; may be IN.",
-    ),
+    Path, typer.Argument(metavar="OUT", help="Point file to write, or a folder; may be IN.")
 ]
 NNeighbors = Annotated[
-    int,
-    typer.Option(
-        min=4, help="Points in a neighborhood, the point itself included. More is smoother."
-    ),
-]
-NNeighborsOrAuto = Annotated[
-    int,
-    typer.Option(
-        parser=_count_or_auto,
-        metavar="NUMBER|auto",
-        help="Points in a neighborhood, the point itself included. More is smoother. auto: as many "
-        "for each point as its noise asks for; then an attribute n_neighbors tells how many.",
-    ),
+    int, typer.Option(min=4, metavar="NUMBER", help="Points in a neighborhood, itself included.")
 ]
 MaxOutlierRate = Annotated[
     float,
-    number_option(
-        "Largest share of outliers that a neighborhood must survive, up to 0.99. It sets the "
-        "number of trials, not the share that is removed.",
-        expected="a number from 0 to 0.99",
-        fits=lambda rate: 0 <= rate <= 0.99,
+    typer.Option(
+        help="Largest share of outliers that a neighborhood must survive. It sets the number of "
+        "trials, not the share that is removed.",
         hidden=True,
     ),
 ]
@@ -160,19 +104,14 @@ RandomState = Annotated[
     ),
 ]
 NJobs = Annotated[
-    int,
-    typer.Option(
-        callback=_not_zero, help="Number of threads. -1: one for each processor.", hidden=True
-    ),
+    int, typer.Option(help="Number of threads. -1: one for each processor.", hidden=True)
 ]
 Columns = Annotated[
     dict | None,
     typer.Option(
         parser=_columns,
-        metavar="x=NAME,y=NAME,z=NAME",
-        help=f"Columns of {WITH_COLUMNS} that are the coordinates: their names, or numbers "
-        "from 1 on.",
-        show_default="x, y, z, easting and the like, as the header says",
+        metavar="x=A,y=B,...",
+        help="Columns of the coordinates: names, or numbers from 1 on.",
     ),
 ]
 AllowCoarse = Annotated[
@@ -187,9 +126,5 @@ AllowCoarse = Annotated[
 UNIT = {"is_eager": True, "help": "Unit of the file, such as m. Lengths may then have another."}
 Unit = Annotated[str, typer.Option(**UNIT)]
 HiddenUnit = Annotated[str, typer.Option(hidden=True, **UNIT)]
-NoClobber = Annotated[
-    bool, typer.Option("--no-clobber", help="Replace no file: if an output is there, fail.")
-]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Show no progress bar and no summary, only warnings.")
-]
+NoClobber = Annotated[bool, typer.Option("--no-clobber", help="Replace no file: fail instead.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show warnings only.")]

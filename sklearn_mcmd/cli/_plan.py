@@ -1,59 +1,52 @@
 """``mcmd plan``."""
 
-from typing import Annotated
-
-import typer
+from dataclasses import dataclass
 
 from sklearn_mcmd.cli import _messages, _options
+from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._config import Config
+from sklearn_mcmd.cli._options import length, option
 
 __all__ = ["plan"]
 
 
-def _share(help, least=1e-300, below=1.0):
-    return _options.number_option(
-        help,
-        expected=f"a number {'above' if least else 'from'} 0 and below {below:g}",
-        fits=lambda share: least <= share < below,
-    )
-
-
-def plan(
-    points: Annotated[int, typer.Option(min=5, help="Points on the plane.")] = 100,
-    sigma0: Annotated[float, _options.length_option("Standard deviation of a point.")] = 1.0,
-    width: Annotated[
-        float, _options.length_option("Of the plane, in the unit of sigma0, for the normal.")
-    ] = 1.0,
-    height: Annotated[float, _options.length_option("The other side of the plane.")] = 1.0,
-    alpha: Annotated[float, _share("Level of the test of all points.")] = 0.05,
-    outlier_rate: Annotated[
-        float, _share("Share of outliers; there is at least one.", least=0.0, below=0.5)
-    ] = 0.0,
-    power: Annotated[float, _share("Share of the outliers that shall be found.")] = 0.8,
-    robust_start: Annotated[
-        bool, typer.Option(help="Start from the plane of the most coplanar half of the points.")
-    ] = True,
-    repetitions: Annotated[
-        int, typer.Option(min=100, help="Simulated planes of each size of bias.")
-    ] = 10_000,
-    unit: _options.Unit = "",
-    random_state: _options.RandomState = 0,
-    config: Config = None,
-) -> None:
+@dataclass
+class Plan:
     """Say before a measurement which errors of a plane its tests will find.
 
     Planes with outliers on one side are simulated, and tested as mcmd plane does with a given
     sigma0. Rates come with their standard errors.
     """
-    with _messages.clear_exits():
+
+    points: int = option(100, "Points on the plane.", min=5)
+    sigma0: float = length(1.0, "Standard deviation of a point.")
+    width: float = length(1.0, "Of the plane, in the unit of sigma0, for the normal.")
+    height: float = length(1.0, "The other side of the plane.")
+    alpha: float = option(0.05, "Level of the test of all points.")
+    outlier_rate: float = option(0.0, "Share of outliers; there is at least one.")
+    power: float = option(0.8, "Share of the outliers that shall be found.")
+    robust_start: bool = option(
+        True, "Start from the plane of the most coplanar half of the points."
+    )
+    repetitions: int = option(10_000, "Simulated planes of each size of bias.", min=100)
+    unit: _options.Unit = ""
+    random_state: _options.RandomState = 0
+    config: Config = None
+
+    def run(self):
         from sklearn_mcmd.adjustment import plan_plane
         from sklearn_mcmd.adjustment._plane_figures import plan_rows
 
         seconds = _messages.stopwatch()
+        same = "sigma0", "alpha", "outlier_rate", "power", "robust_start", "random_state"
         made = plan_plane(
-            points, sigma0=sigma0, extent=(width, height), alpha=alpha, outlier_rate=outlier_rate,
-            power=power, robust_start=robust_start, n_repetitions=repetitions,
-            random_state=random_state,
-        )  # fmt: skip
-        rows = plan_rows(made, unit)
-        _messages.print_table(f"{points} points", **rows, seconds=f"{seconds():.1f}")
+            self.points,
+            extent=(self.width, self.height),
+            n_repetitions=self.repetitions,
+            **{name: getattr(self, name) for name in same},
+        )
+        rows = plan_rows(made, self.unit)
+        _messages.print_table(f"{self.points} points", **rows, seconds=f"{seconds():.1f}")
+
+
+plan = command_of(Plan)

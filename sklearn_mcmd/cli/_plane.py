@@ -3,6 +3,7 @@
 import os
 import warnings
 from contextlib import ExitStack
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -15,8 +16,9 @@ from sklearn_mcmd import __version__
 from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
+from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._large import is_several, large_catalog, outputs_of
+from sklearn_mcmd.cli._options import length, option
 from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
 from sklearn_mcmd.io import PointCloud, read_points
@@ -24,6 +26,7 @@ from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.io._rehearsal import rehearse, standing_in
 from sklearn_mcmd.planes._resolution import coordinate_step
 
 __all__ = ["plane"]
@@ -49,128 +52,9 @@ SUMMARY = (
     "offset",
 )
 
-Method = Literal["baarda", "fuzzy"]
-OutFiles = Annotated[
-    Path | None,
-    typer.Argument(
-        metavar="OUT",
-        help="Point file to write, of any format, or a folder for several files; may be IN. It "
-        "may be left out: then the summary is all that is told.",
-        show_default=False,
-    ),
-]
 
-
-def plane(
-    source: _options.InFiles,
-    target: OutFiles = None,
-    method: Annotated[
-        Method,
-        typer.Option(
-            help="baarda: data snooping, which removes the worst point and adjusts again. fuzzy: "
-            "one adjustment, and a limit between outliers and the rest. fuzzy is the weaker test "
-            "at the same critical value."
-        ),
-    ] = "baarda",
-    test: Annotated[
-        Test,
-        typer.Option(
-            help="w: compare residuals with sigma0, or by tau if sigma0 is auto. tau, t: compare "
-            "them with their own scale; without the robust start these find nothing above about "
-            "5 % of outliers."
-        ),
-    ] = "w",
-    alpha: Annotated[
-        float,
-        _options.number_option(
-            "Level of the test of the whole cloud, between 0 and 1.",
-            expected="a number between 0 and 1",
-            fits=lambda alpha: 0 < alpha < 1,
-        ),
-    ] = 0.05,
-    sigma0: Annotated[
-        str,
-        _options.length_option(
-            "Standard deviation of a coordinate, in units of the file. Give it if you know it. "
-            "auto: estimated from the points that pass; a rough surface then passes like a "
-            "smooth one.",
-            True,
-            "auto",
-            metavar="LENGTH|auto",
-        ),
-    ] = "auto",
-    correction: Annotated[
-        Correction | None,
-        typer.Option(
-            help="How the level of one point follows from alpha. sidak, bonferroni: so that alpha "
-            "is the level of all together, exactly or at most. none: it is alpha, and that share "
-            "of the good points is flagged. b-method: so too, and the level of the global test "
-            "follows from it.",
-            show_default="sidak, for fuzzy none",
-        ),
-    ] = None,
-    elimination: Annotated[
-        EliminationRule | None,
-        typer.Option(
-            help="For baarda only. single: remove the worst point of each round. all: remove all "
-            "rejected points.",
-            show_default="single",
-        ),
-    ] = None,
-    surface: Annotated[
-        Surface,
-        typer.Option(
-            help="orthogonal: residuals are distances from the plane, for any tilt. vertical: "
-            "residuals are along z, for heights at exact positions; wrong for walls."
-        ),
-    ] = "orthogonal",
-    robust_start: Annotated[
-        bool | None,
-        typer.Option(
-            help="For baarda only. Start from the plane of the most coplanar half of the points, "
-            "so that outliers at one edge do not tilt it. --no-robust-start is the paper's least "
-            "squares.",
-            show_default="robust-start",
-        ),
-    ] = None,
-    against: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="B",
-            help="Another point file, in the same coordinates. Its plane is tested likewise, and "
-            "compared: same, moved, tilted? With the smallest difference that would be seen.",
-        ),
-    ] = None,
-    tolerance: Annotated[
-        float | None,
-        _options.length_option(
-            "Width of the zone that shall hold the points: a number in units of the file, or such "
-            "as 5mm with --unit. Says how many are outside, and whether that is more than noise.",
-            metavar="WIDTH",
-        ),
-    ] = None,
-    text: Annotated[
-        Path | None,
-        typer.Option(
-            help="Text report to write.", show_default="OUT, its extension replaced by _report.txt"
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Figure to write: .png, .pdf or .svg.",
-            show_default="OUT, its extension replaced by _report.png",
-        ),
-    ] = None,
-    unit: _options.Unit = "",
-    random_state: _options.RandomState = 0,
-    report: ReportFolder = None,
-    columns: _options.Columns = None,
-    no_clobber: _options.NoClobber = False,
-    allow_coarse: _options.AllowCoarse = False,
-    config: Config = None,
-    quiet: _options.Quiet = False,
-) -> None:
+@dataclass
+class Plane:
     """Test one plane, such as a wall or a floor: mark its outliers and write a report.
 
     All points are kept. Outliers get class 7 (noise) in LAS and LAZ, elsewhere an attribute
@@ -181,143 +65,250 @@ def plane(
     The files of a folder, or of an index .vpc, are tested as one plane. A folder OUT gets one file
     for each; an OUT that ends in .las or .laz gets all.
     """
-    params = _detector_params(
-        method, alpha, test, sigma0, correction, elimination, surface, robust_start
+
+    source: _options.InFiles
+    target: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="OUT",
+            help="Point file to write, or a folder; may be IN. Without it the summary is all.",
+            show_default=False,
+        ),
+    ] = None
+    method: Literal["baarda", "fuzzy"] = option(
+        "baarda",
+        "baarda: data snooping, which removes the worst point and adjusts again. fuzzy: one "
+        "adjustment, and a limit between outliers and the rest; the weaker test.",
     )
-    if method == "baarda":
-        params["random_state"] = random_state
-    if target is None and (text or plot or report):
-        raise typer.BadParameter(
-            "is missing. It can be left out if there are no --text, --plot and --report.",
-            param_hint="OUT",
-        )
-    sheets = () if target is None else _choose_sheets(source, target, text, plot)
-    with _messages.clear_exits(allow_coarse=allow_coarse):
+    test: Test = option(
+        "w",
+        "w: compare residuals with sigma0, or by tau if sigma0 is auto. tau, t: compare them with "
+        "their own scale; without the robust start these find nothing above about 5 % of outliers.",
+    )
+    alpha: float = option(0.05, "Level of the test of the whole cloud, between 0 and 1.")
+    sigma0: str = length(
+        "auto",
+        "Standard deviation of a coordinate. Give it if you know it. auto: estimated from the "
+        "points that pass; a rough surface then passes like a smooth one.",
+        "auto",
+        metavar="LENGTH|auto",
+    )
+    correction: Correction | None = option(
+        None,
+        "How the level of one point follows from alpha. sidak, bonferroni: so that alpha is the "
+        "level of all together, exactly or at most. none: it is alpha. b-method: so too, and the "
+        "level of the global test follows from it.",
+        show_default="sidak, for fuzzy none",
+    )
+    elimination: EliminationRule | None = option(
+        None,
+        "For baarda only. single: remove the worst point of each round. all: remove all rejected.",
+        show_default="single",
+    )
+    surface: Surface = option(
+        "orthogonal",
+        "orthogonal: residuals are distances from the plane, for any tilt. vertical: residuals are "
+        "along z, for heights at exact positions; wrong for walls.",
+    )
+    robust_start: bool | None = option(
+        None,
+        "For baarda only. Start from the plane of the most coplanar half of the points. "
+        "--no-robust-start is the paper's least squares.",
+        show_default="robust-start",
+    )
+    against: Path | None = option(
+        None,
+        "Another point file, in the same coordinates. Its plane is tested likewise, and compared: "
+        "same, moved, tilted? With the smallest difference that would be seen.",
+        metavar="B",
+    )
+    tolerance: float | None = length(
+        None,
+        "Width of the zone that shall hold the points, such as 0.005, or 5mm with --unit. Says how "
+        "many are outside, and whether that is more than noise.",
+        metavar="WIDTH",
+    )
+    text: Path | None = option(
+        None, "Text report to write.", show_default="OUT, its extension replaced by _report.txt"
+    )
+    plot: Path | None = option(
+        None,
+        "Figure to write: .png, .pdf or .svg.",
+        show_default="OUT, its extension replaced by _report.png",
+    )
+    unit: _options.Unit = ""
+    random_state: _options.RandomState = 0
+    report: ReportFolder = None
+    columns: _options.Columns = None
+    no_clobber: _options.NoClobber = False
+    allow_coarse: _options.AllowCoarse = False
+    config: Config = None
+    quiet: _options.Quiet = False
+
+    def __post_init__(self):
+        if self.method == "fuzzy" and self.elimination is not None:
+            raise typer.BadParameter(
+                "--method fuzzy eliminates nothing.", param_hint="--elimination"
+            )
+        if self.method == "fuzzy" and self.robust_start:
+            raise typer.BadParameter(
+                "--method fuzzy is of one least-squares plane.", param_hint="--robust-start"
+            )
+        if self.target is None and (self.text or self.plot or self.report):
+            raise typer.BadParameter(
+                "is missing. It can be left out if there are no --text, --plot and --report.",
+                param_hint="OUT",
+            )
+
+    def run(self):
+        from sklearn_mcmd._sklearn import check_parameters
+
+        check_parameters(self.detector())
         seconds = _messages.stopwatch()
-        with progress("plane", quiet):
-            catalog = large_catalog(source, 0, 0, columns=columns) if is_several(source) else None
-            if target is not None:
-                _files.refuse_existing(no_clobber, target, *sheets, report=report, catalog=catalog)
-                sheets = _rehearse(target, catalog, sheets, plot)
-            cloud = _read(source, target, catalog, columns)
-            with _files.working(source, "plane"):
+        sheets = () if self.target is None else self._choose_sheets()
+        with progress("plane", self.quiet):
+            catalog = None
+            if _files.is_several(self.source):
+                from sklearn_mcmd.cli._large import catalog_of
+
+                catalog = catalog_of(self.source, self.columns)
+            if self.target is not None:
+                there = {"report": self.report, "catalog": catalog}
+                _files.refuse_existing(self.no_clobber, self.target, *sheets, **there)
+                sheets = self._rehearse(catalog, *sheets)
+            cloud = self._read(catalog)
+            with _files.working(self.source, "plane"):
                 _files.warn_if_coarse(cloud)
-                detector = _test_plane(cloud.xyz, method, params)
-            more = _further(detector, cloud, tolerance, against, method, params, columns)
-            figures = _figures_of(detector, cloud, unit, more, lists_worst=target is not None)
-            if target is not None:
+                detector = self.tested(cloud.xyz)
+            more = self._further(detector, cloud)
+            is_written = self.target is not None
+            figures = _figures_of(detector, cloud, self.unit, more, lists_worst=is_written)
+            if is_written:
+                self._write(catalog, sheets, cloud, detector, figures)
                 from sklearn_mcmd.report._plane_page import plane_contents
 
-                title = f"Plane test of {source.name}"
-                text = _text_of(title, figures, source, target, sheets)
-                draw = partial(_draw, detector, cloud, title=title, unit=unit)
-                _write_all(target, catalog, sheets, cloud, detector, text, draw)
-                contents = partial(plane_contents, cloud, detector, figures, unit)
-                write_report_of(report, source, target, seconds, contents)
-        if not quiet:
-            _summarize(source, target, sheets, detector, figures, seconds())
+                contents = partial(plane_contents, cloud, detector, figures, self.unit)
+                write_report_of(self, seconds, contents)
+        if not self.quiet:
+            _summarize(self.source, self.target, sheets, detector, figures, seconds())
 
+    def detector(self):
+        """The detector, with its parameters as options tell them."""
+        from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
-def _rehearse(target, catalog, sheets, plot_wanted):
-    """The paths of text and figure after a trial; None for a figure that cannot be drawn."""
-    if catalog is not None:
-        outputs_of(catalog, target)
-    text, plot = sheets
-    for path in (text,) if catalog is not None else (target, text):
-        with _files.standing_in(path):
+        params = {name: getattr(self, name) for name in ("alpha", "test", "sigma0", "surface")}
+        if self.correction is not None:
+            params["correction"] = self.correction
+        if self.method == "fuzzy":
+            return FuzzyPlaneDetector(**params)
+        return BaardaPlaneDetector(
+            elimination=self.elimination or "single",
+            robust_start=self.robust_start is not False,
+            random_state=self.random_state,
+            **params,
+        )
+
+    def tested(self, xyz):
+        """The fitted detector."""
+        with warnings.catch_warnings(record=True) as caught:
+            fitted = self.detector().fit(xyz)
+        _check_width(fitted, xyz)  # what is refused needs no warning
+        for one in caught:
+            warnings.warn(one.message, stacklevel=2)
+        if fitted.global_test_pvalue_ < fitted.global_test_level_:
+            warnings.warn(
+                f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}, level "
+                f"{fitted.global_test_level_:.2g}): its points scatter more than --sigma0 "
+                f"{fitted.sigma0:g} says, or their surface is no plane",
+                stacklevel=2,
+            )
+        return fitted
+
+    def _choose_sheets(self):
+        """Paths of the text and the figure, which must not be those of the point files."""
+        # Not OUT with .txt, which may be the name of a point file.
+        text = self.text or self.target.with_name(f"{self.target.stem}_report.txt")
+        plot = self.plot or self.target.with_name(f"{self.target.stem}_report.png")
+        if plot.suffix.lower() not in FIGURE_EXTENSIONS:
+            raise typer.BadParameter(
+                f"{plot}: a figure ends in {', '.join(FIGURE_EXTENSIONS)}.", param_hint="--plot"
+            )
+        taken = {os.path.realpath(self.source): "IN", os.path.realpath(self.target): "OUT"}
+        for name, path in (("--text", text), ("--plot", plot)):
+            other = taken.setdefault(os.path.realpath(path), name)
+            if other != name:
+                raise typer.BadParameter(f"{path} is {other} as well.", param_hint=name)
+        return text, plot
+
+    def _rehearse(self, catalog, text, plot):
+        """Text and figure after a trial of all outputs; None for a figure that cannot be drawn."""
+        if catalog is not None:
+            from sklearn_mcmd.tiling._outputs import targets_of
+
+            targets_of(catalog, self.target)
+        for path in (text,) if catalog is not None else (self.target, text):
+            with standing_in(path):
+                pass
+        try:
+            import_extra("matplotlib", "plot", "the figure")
+        except (ImportError, OSError) as err:  # it refuses to be without any folder to write to
+            if self.plot is not None:
+                raise
+            warnings.warn(f"{err}; the text alone is written", stacklevel=2)
+            return text, None
+        with standing_in(plot):
             pass
-    try:
-        import_extra("matplotlib", "plot", "the figure")
-    except (ImportError, OSError) as err:  # it refuses to be without any folder to write to
-        if plot_wanted is not None:
-            raise
-        warnings.warn(f"{err}; the text alone is written", stacklevel=2)
-        return text, None
-    with _files.standing_in(plot):
-        pass
-    return text, plot
+        return text, plot
+
+    def _read(self, catalog):
+        """The points to test; of several files that are written one by one, coordinates alone."""
+        if self.target is None:
+            return _files.read_all(self.source, self.columns)
+        if catalog is not None:
+            clouds = (_files.read(path, columns=self.columns) for path in catalog.paths)
+            return PointCloud(np.concatenate([cloud.xyz for cloud in clouds]))
+        cloud = _files.read(self.source, self.target, "results of a test", columns=self.columns)
+        none = np.zeros(len(cloud))
+        rehearse(self.target, *_tested(cloud, none > 0, none, none))
+        return cloud
+
+    def _further(self, detector, cloud):
+        """Results that are asked for: flatness, and the comparison with another file's plane."""
+        from sklearn_mcmd.adjustment import compare_planes, flatness
+
+        further = {}
+        if self.tolerance is not None:
+            further["flatness"] = flatness(detector, cloud.xyz, self.tolerance)
+        if self.against is not None:
+            other = _files.read_all(self.against, self.columns)
+            with _files.working(self.against, "the other plane"):
+                fitted = self.tested(other.xyz)
+            further["comparison"] = compare_planes(detector, fitted)
+        return further
+
+    def _write(self, catalog, sheets, cloud, detector, figures):
+        """Write the points and both sheets; no file is replaced before all are on the disk."""
+        from sklearn_mcmd.adjustment import plot_report
+
+        text_file, plot = sheets
+        title = f"Plane test of {self.source.name}"
+        with ExitStack() as stack:
+            temporary = stack.enter_context(replacing(text_file))
+            text = _text_of(title, figures, self.source, self.target, sheets)
+            temporary.write_text(text, encoding="utf-8", errors="replace")
+            if plot is not None:
+                temporary = stack.enter_context(replacing(plot))
+                figure = plot_report(detector, cloud.xyz, title=title, unit=self.unit)
+                figure.savefig(temporary, dpi=150)
+            residuals = detector.residuals(cloud.xyz)
+            results = (detector.labels_ == -1, detector.test_statistic_, residuals)
+            if catalog is None:
+                _files.write(self.target, *_tested(cloud, *results))
+            else:
+                _write_each(catalog, self.target, results)
 
 
-def _read(source, target, catalog, columns):
-    """The points to test; of several files that are written one by one, the coordinates alone."""
-    if target is None:
-        return _files.read_all(source, columns)
-    if catalog is not None:
-        clouds = (_files.read(path, columns=columns) for path in catalog.paths)
-        return PointCloud(np.concatenate([cloud.xyz for cloud in clouds]))
-    cloud = _files.read(source, target, "results of a test", columns=columns)
-    none = _files.blank(cloud)
-    _files.rehearse(target, *_tested(cloud, none > 0, none, none))
-    return cloud
-
-
-def _detector_params(method, alpha, test, sigma0, correction, elimination, surface, robust_start):
-    """Parameters of the detector; options that the method lacks are wrong usage."""
-    params = {"alpha": alpha, "test": test, "sigma0": sigma0, "surface": surface}
-    if correction is not None:
-        params["correction"] = correction
-    if method == "baarda":
-        params["elimination"] = elimination or "single"
-        params["robust_start"] = robust_start is not False
-    elif elimination is not None:
-        raise typer.BadParameter("--method fuzzy eliminates nothing.", param_hint="--elimination")
-    elif robust_start:
-        raise typer.BadParameter(
-            "--method fuzzy is of one least-squares plane.", param_hint="--robust-start"
-        )
-    return params
-
-
-def _choose_sheets(source, target, text, plot):
-    """Paths of the text and the figure, which must not be those of the point files."""
-    # Not OUT with .txt, which may be the name of a point file.
-    text = text or target.with_name(f"{target.stem}_report.txt")
-    plot = plot or target.with_name(f"{target.stem}_report.png")
-    if plot.suffix.lower() not in FIGURE_EXTENSIONS:
-        raise typer.BadParameter(
-            f"{plot}: a figure ends in {', '.join(FIGURE_EXTENSIONS)}.", param_hint="--plot"
-        )
-    taken = {os.path.realpath(source): "IN", os.path.realpath(target): "OUT"}
-    for option, path in (("--text", text), ("--plot", plot)):
-        other = taken.setdefault(os.path.realpath(path), option)
-        if other != option:
-            raise typer.BadParameter(f"{path} is {other} as well.", param_hint=option)
-    return text, plot
-
-
-def _test_plane(xyz, method, params):
-    """The fitted detector."""
-    from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
-
-    detector = {"baarda": BaardaPlaneDetector, "fuzzy": FuzzyPlaneDetector}[method]
-    with warnings.catch_warnings(record=True) as caught:
-        fitted = detector(**params).fit(xyz)
-    _check_width(fitted, xyz)  # what is refused needs no warning
-    for one in caught:
-        warnings.warn(one.message, stacklevel=2)
-    if fitted.global_test_pvalue_ < fitted.global_test_level_:
-        warnings.warn(
-            f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}, level "
-            f"{fitted.global_test_level_:.2g}): its points scatter more than --sigma0 "
-            f"{fitted.sigma0:g} says, or their surface is no plane",
-            stacklevel=2,
-        )
-    return fitted
-
-
-def _further(detector, cloud, width, against, method, params, columns):
-    """Results that are asked for: flatness, and the comparison with the plane of another file."""
-    from sklearn_mcmd.adjustment import compare_planes, flatness
-
-    further = {}
-    if width is not None:
-        further["flatness"] = flatness(detector, cloud.xyz, width)
-    if against is not None:
-        other = _files.read_all(against, columns)
-        with _files.working(against, "the other plane"):
-            fitted = _test_plane(other.xyz, method, params)
-        further["comparison"] = compare_planes(detector, fitted)
-    return further
+plane = command_of(Plane)
 
 
 def _check_width(detector, xyz):
@@ -345,6 +336,25 @@ def _tested(cloud, is_outlier, statistic, residuals):
     return with_results(cloud, results), is_outlier
 
 
+def _write_each(catalog, target, results):
+    """Write the points of each file with their results, or all into one file."""
+    from sklearn_mcmd.tiling._outputs import targets_of
+
+    paths = targets_of(catalog, target)
+    ends = np.cumsum(catalog.counts)[:-1]
+    parts = zip(*(np.split(values, ends) for values in results), strict=True)
+    clouds = map(read_points, catalog.paths)
+    if len(paths) == len(catalog):
+        paths[0].parent.mkdir(exist_ok=True)
+        for path, cloud, part in zip(paths, clouds, parts, strict=True):
+            _files.write(path, *_tested(cloud, *part))
+        return
+    header = joined_header(catalog.paths)
+    with replacing(target) as temporary, writing_parts(temporary) as put:
+        for cloud, part in zip(clouds, parts, strict=True):
+            put(*_tested(joined_cloud(cloud, header), *part))
+
+
 def _figures_of(detector, cloud, unit, more, lists_worst):
     from sklearn_mcmd.adjustment._plane_figures import plane_figures
 
@@ -364,49 +374,6 @@ def _text_of(title, figures, source, target, sheets):
         "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
     }
     return figures_as_text(title, figures) + "\n".join(with_heading("Record", rows)) + "\n"
-
-
-def _draw(detector, cloud, **options):
-    from sklearn_mcmd.adjustment import plot_report
-
-    return plot_report(detector, cloud.xyz, **options)
-
-
-def _write_all(target, catalog, sheets, cloud, detector, text, draw):
-    """Write the points and both sheets; no file is replaced before all are on the disk."""
-    text_file, plot = sheets
-    with ExitStack() as stack:
-        temporary = stack.enter_context(replacing(text_file))
-        with _files.naming(text_file):
-            temporary.write_text(text, encoding="utf-8", errors="replace")
-        if plot is not None:
-            temporary = stack.enter_context(replacing(plot))
-            figure = draw()
-            with _files.naming(plot):
-                figure.savefig(temporary, dpi=150)
-        residuals = detector.residuals(cloud.xyz)
-        results = (detector.labels_ == -1, detector.test_statistic_, residuals)
-        if catalog is None:
-            _files.write(target, *_tested(cloud, *results))
-        else:
-            _write_each(catalog, target, results)
-
-
-def _write_each(catalog, target, results):
-    """Write the points of each file with their results, or all into one file."""
-    paths = outputs_of(catalog, target)
-    ends = np.cumsum(catalog.counts)[:-1]
-    parts = zip(*(np.split(values, ends) for values in results), strict=True)
-    clouds = map(read_points, catalog.paths)
-    if len(paths) == len(catalog):
-        paths[0].parent.mkdir(exist_ok=True)
-        for path, cloud, part in zip(paths, clouds, parts, strict=True):
-            _files.write(path, *_tested(cloud, *part))
-        return
-    header = joined_header(catalog.paths)
-    with replacing(target) as temporary, writing_parts(temporary) as put:
-        for cloud, part in zip(clouds, parts, strict=True):
-            put(*_tested(joined_cloud(cloud, header), *part))
 
 
 def _summarize(source, target, sheets, detector, figures, seconds):

@@ -24,39 +24,8 @@ def progress(title, quiet):
 
     console = Console(stderr=True)
     show = _bars if console.is_terminal else _lines
-    shown = nullcontext() if quiet else show(title, console)
-    with shown as state, listen_to_progress(state and state.hear):
+    with nullcontext() if quiet else show(title, console) as listener, listen_to_progress(listener):
         yield progress_part
-
-
-class _State:
-    """The progress of the work, which never decreases, and of its stage."""
-
-    def __init__(self, changed=lambda state: None):
-        self.stage, self.note, self.compiling = "", "", None
-        self.share = self.part = 0.0
-        self.since = time.monotonic()
-        self.changed = changed
-        self.lock = threading.Lock()
-
-    @property
-    def doing(self):
-        return self.compiling or self.stage
-
-    def hear(self, told):
-        with self.lock:
-            before = self.doing
-            if told.share is None:
-                self.compiling = told.stage
-            else:
-                self.share = max(self.share, told.share)
-                if told.stage:  # else between stages
-                    same = told.stage == self.stage
-                    self.part = max(self.part, told.part) if same else told.part
-                    self.stage, self.note = told.stage, told.note
-            if self.doing != before:
-                self.since = time.monotonic()
-            self.changed(self)
 
 
 @contextmanager
@@ -72,46 +41,42 @@ def _bars(title, console):
         TimeLeft(elapsed_when_finished=True),
         TextColumn("{task.fields[note]}", style="dim"),
     )
+    lock = threading.Lock()  # any thread may tell of progress
     with Progress(*columns, console=console, transient=True) as bars:
-        shown, current = None, None
 
-        def changed(state):
-            nonlocal shown, current
-            if state.stage and state.stage != shown:
-                if current is not None:
-                    bars.update(current, completed=1.0, note="")
-                shown = state.stage
-                current = bars.add_task(f"{title}: {shown}", total=1.0, note="")
-            if current is not None:
-                note = state.compiling or state.note
-                bars.update(current, completed=state.part, note=note)
+        def hear(told):
+            with lock:
+                task = bars.tasks[-1] if bars.tasks else None
+                if told.share is None and task:  # while something is compiled
+                    bars.update(task.id, note=told.stage or "")
+                    return
+                name = f"{title}: {told.stage}"
+                if told.stage and (task is None or task.description != name):
+                    if task:
+                        bars.update(task.id, completed=1.0, note="")
+                    bars.add_task(name, total=1.0, note=told.note)
+                elif told.stage:
+                    done = max(task.completed, told.part)  # threads may be late
+                    bars.update(task.id, completed=done, note=told.note)
 
-        yield _State(changed)
+        yield hear
 
 
 @contextmanager
 def _lines(title, console):
-    state, done = _State(), threading.Event()
-    start = time.monotonic()
+    start = since = last = time.monotonic()
+    stage, share, named, lock = "", 0.0, "", threading.Lock()
 
-    def tell():
-        told, at = None, start
-        while not done.wait(0.2):
-            now = time.monotonic()
-            with state.lock:
-                doing, note, share = state.doing, state.note, state.share
-                lasted = now - state.since
-            news = doing != told and lasted >= PATIENCE
-            if doing and (news or now - at >= AGAIN):
-                told, at = doing, now
-                doing_so = f"{doing}, {note}" if note else doing
-                line = f"mcmd: {title}: {doing_so}, {100 * share:.0f} % done, {now - start:.0f} s"
+    def hear(told):
+        nonlocal since, last, stage, share, named
+        with lock:
+            now, share = time.monotonic(), max(share, told.share or 0.0)
+            if told.stage and told.stage != stage:
+                stage, since = told.stage, now
+            if (stage != named and now - since >= PATIENCE) or now - last >= AGAIN:
+                named, last = stage, now
+                doing = f"{stage}, {told.note}" if told.note else stage
+                line = f"mcmd: {title}: {doing}, {100 * share:.0f} % done, {now - start:.0f} s"
                 print(line, file=sys.stderr, flush=True)
 
-    thread = threading.Thread(target=tell, daemon=True)
-    thread.start()
-    try:
-        yield state
-    finally:
-        done.set()
-        thread.join()
+    yield hear

@@ -8,6 +8,8 @@ import os
 import numpy as np
 import typer
 
+from sklearn_mcmd.io._rehearsal import standing_in
+
 __all__ = ["check_regions_file", "write_regions"]
 
 SUFFIXES = (".csv", ".geojson", ".json")
@@ -15,8 +17,6 @@ SUFFIXES = (".csv", ".geojson", ".json")
 
 def check_regions_file(path, catalog, *taken):
     """Raise if a table cannot be written there, or is asked of a cloud in tiles."""
-    if path is None:
-        return
     fault = None
     if path.suffix.lower() not in SUFFIXES:
         fault = f"{path}: a table of regions ends in {', '.join(SUFFIXES)}"
@@ -26,6 +26,8 @@ def check_regions_file(path, catalog, *taken):
         fault = "is for clouds in memory, not for tiles; give more --memory, or one file"
     if fault:
         raise typer.BadParameter(fault, param_hint="--regions")
+    with standing_in(path):
+        pass
 
 
 def write_regions(path, table):

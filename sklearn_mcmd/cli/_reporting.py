@@ -5,25 +5,15 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import typer
-from typer.core import TyperCommand
 
+from sklearn_mcmd.cli._command import TYPED
 from sklearn_mcmd.cli._messages import clear_exits, warned
-from sklearn_mcmd.report._contents import Parameter, Run
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import current_span, progress_part
 
-__all__ = ["ReportFolder", "Verb", "write_report_of"]
+__all__ = ["ReportFolder", "write_report_of"]
 
-TYPED = f"{__name__}.typed"
 DRAWN = 0.8  # share of a report's time until its maps are drawn
-
-
-class Verb(TyperCommand):
-    """A command that remembers what was typed after its name."""
-
-    def parse_args(self, ctx, args):
-        ctx.meta[TYPED] = list(args)
-        return super().parse_args(ctx, args)
 
 
 class Report(NamedTuple):
@@ -51,34 +41,43 @@ ReportFolder = Annotated[
         metavar="DIR",
         parser=Path,  # also keeps the value that the callback returns
         callback=_check,
-        help="Folder for a report: index.html with counts, maps and warnings in plain words, and "
-        "view.html to look around in. It is made if missing.",
+        help="Folder for a report: counts, maps, warnings, the cloud.",
     ),
 ]
 
 
-def write_report_of(report, source, target, seconds, contents):
-    """Write a report, if one is asked for. Then all outputs are there: Ctrl-C comes too late.
+def write_report_of(verb, seconds, contents):
+    """Write a verb's report, if one is asked for. Then all outputs are there: Ctrl-C is too late.
 
     ``seconds()`` is the time of the work so far. ``contents()`` makes the `Contents`, and takes
     time.
     """
-    if report is not None:
+    if verb.report is not None:
+        from sklearn_mcmd.report._contents import Run
         from sklearn_mcmd.report._notes import with_warnings
         from sklearn_mcmd.report._report_folder import write_report
 
-        name, typed = report.context.command.name, report.context.meta[TYPED]
-        command, parameters = shlex.join(["mcmd", name, *typed]), _parameters(report.context)
-        run = Run(name, command, tuple(parameters), source, target, seconds())
+        folder, context = verb.report
+        name = context.command.name
+        run = Run(
+            verb=name,
+            command=shlex.join(["mcmd", name, *context.meta[TYPED]]),
+            parameters=tuple(_parameters(context)),
+            source=verb.source,
+            target=verb.target,
+            seconds=seconds(),
+        )
         with progress_part(1.0, 1.0, "report"):
             span, made = current_span(), contents()
             if span is not None:
-                span.tell(DRAWN)
-            write_report(report.folder, run, with_warnings(made, warned()))
+                span.report(DRAWN)
+            write_report(folder, run, with_warnings(made, warned()))
     ignore_interrupts()
 
 
 def _parameters(context):
+    from sklearn_mcmd.report._contents import Parameter
+
     for parameter in context.command.params:
         if parameter.param_type_name != "option" or parameter.name == "help":
             continue

@@ -1,16 +1,18 @@
 """``mcmd view``."""
 
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from sklearn_mcmd.cli import _files, _messages, _options
+from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._files import read_all, refuse_existing, standing_in
-from sklearn_mcmd.cli._messages import clear_exits, print_table, stopwatch
-from sklearn_mcmd.cli._options import Columns, NoClobber, Quiet
+from sklearn_mcmd.cli._options import option
 from sklearn_mcmd.cli._progress_bar import progress
+from sklearn_mcmd.io._rehearsal import standing_in
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -19,90 +21,86 @@ __all__ = ["view"]
 LARGE_PAGE = 50_000_000  # bytes; browsers on phones take no larger ones
 
 
-def view(
-    sources: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FILE...",
-            help="Point files to show, of any format, or folders of them; two compare.",
-        ),
-    ],
-    page: Annotated[
-        Path, typer.Option("--output", "-o", metavar="PAGE.html", help="The page to write.")
-    ],
-    color: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Attribute to color by at first.",
-            show_default="the first of results, colors, class, intensity and height",
-        ),
-    ] = None,
-    only: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,NAME...",
-            help="Attributes to put into the page, for a smaller one.",
-            show_default="all",
-        ),
-    ] = None,
-    max_points: Annotated[
-        int, typer.Option(min=1, help="Points in the page. Of more, so many are chosen at random.")
-    ] = 5_000_000,
-    title: Annotated[
-        str | None, typer.Option(help="Title of the page.", show_default="names of the files")
-    ] = None,
-    columns: Columns = None,
-    no_clobber: NoClobber = False,
-    config: Config = None,
-    quiet: Quiet = False,
-) -> None:
+@dataclass
+class View:
     """Make one HTML page that shows point clouds in any browser, offline.
 
     Colors, classes, a threshold of scores, sections, distances, and all that is known of a point.
     Give two files, such as before and after, for a slider between them. The files of a folder, or
     of an index .vpc, are one cloud.
     """
-    with clear_exits():
-        seconds = stopwatch()
-        refuse_existing(no_clobber, page)
-        with progress("view", quiet):
-            made = _make(
-                sources, page, columns, only, color=color, max_points=max_points, title=title
-            )
-            with progress_part(0.97, 1.0, "writing"):
-                made.save(page)
-                ignore_interrupts()
-        if not quiet:
-            _report(sources, page, made, seconds())
 
-
-def _make(sources, page, columns, only, **options):
-    from sklearn_mcmd.view._page import check_suffix, cloud_page
-
-    check_suffix(page)
-    with standing_in(page) as stand_in:
-        stand_in.touch()
-    clouds = []
-    for number, source in enumerate(sources):
-        with progress_part(0.4 * number / len(sources), 0.4 * (number + 1) / len(sources)):
-            clouds.append(read_all(source, columns))
-    wanted = None if only is None else [name.strip() for name in only.split(",") if name.strip()]
-    names = [source.name for source in sources]
-    with progress_part(0.4, 0.97, "packing"):
-        return cloud_page(clouds, names=names, only=wanted, **options)
-
-
-def _report(sources, page, made, seconds):
-    size = page.stat().st_size
-    exact = "as in the file" if made.error == 0 else f"within {made.error:.2g}"
-    print_table(
-        f"{', '.join(map(str, sources))} -> {page}",
-        points=f"{made.n_shown:,}",
-        coordinates=f"{exact} (spacing {made.spacing:.3g})",
-        size=f"{size / 1e6:.1f} MB",
-        seconds=f"{seconds:.1f}",
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="Point files to show, of any format, or folders of them; two compare.",
+        ),
+    ]
+    page: Annotated[
+        Path, typer.Option("--output", "-o", metavar="PAGE.html", help="The page to write.")
+    ]
+    color: str | None = option(
+        None,
+        "Attribute to color by at first.",
+        metavar="NAME",
+        show_default="the first of results, colors, class, intensity and height",
     )
-    if size > LARGE_PAGE:
-        words = "--only or --max-points makes it smaller"
-        warnings.warn(f"the page has {size / 1e6:.0f} MB; {words}", stacklevel=2)
+    only: str | None = option(
+        None,
+        "Attributes to put into the page, for a smaller one.",
+        metavar="NAME,NAME...",
+        show_default="all",
+    )
+    max_points: int = option(
+        5_000_000, "Points in the page. Of more, so many are chosen at random.", min=1
+    )
+    title: str | None = option(None, "Title of the page.", show_default="names of the files")
+    columns: _options.Columns = None
+    no_clobber: _options.NoClobber = False
+    config: Config = None
+    quiet: _options.Quiet = False
+
+    def run(self):
+        seconds = _messages.stopwatch()
+        _files.refuse_existing(self.no_clobber, self.page)
+        with progress("view", self.quiet):
+            made = self._make()
+            with progress_part(0.97, 1.0, "writing"):
+                made.save(self.page)
+                ignore_interrupts()
+        if not self.quiet:
+            self._report(made, seconds())
+
+    def _make(self):
+        from sklearn_mcmd.view._page import check_suffix, cloud_page
+
+        check_suffix(self.page)
+        with standing_in(self.page) as stand_in:
+            stand_in.touch()
+        clouds, n = [], len(self.sources)
+        for number, source in enumerate(self.sources):
+            with progress_part(0.4 * number / n, 0.4 * (number + 1) / n):
+                clouds.append(_files.read_all(source, self.columns))
+        only = self.only and [name.strip() for name in self.only.split(",") if name.strip()]
+        names = [source.name for source in self.sources]
+        shown = {"color": self.color, "max_points": self.max_points, "title": self.title}
+        with progress_part(0.4, 0.97, "packing"):
+            return cloud_page(clouds, names=names, only=only, **shown)
+
+    def _report(self, made, seconds):
+        size = self.page.stat().st_size
+        exact = "as in the file" if made.error == 0 else f"within {made.error:.2g}"
+        _messages.print_table(
+            f"{', '.join(map(str, self.sources))} -> {self.page}",
+            points=f"{made.n_shown:,}",
+            coordinates=f"{exact} (spacing {made.spacing:.3g})",
+            size=f"{size / 1e6:.1f} MB",
+            seconds=f"{seconds:.1f}",
+        )
+        if size > LARGE_PAGE:
+            words = "--only or --max-points makes it smaller"
+            warnings.warn(f"the page has {size / 1e6:.0f} MB; {words}", stacklevel=2)
+
+
+view = command_of(View)

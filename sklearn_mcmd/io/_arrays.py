@@ -72,28 +72,21 @@ def read_npz(path):
 
 def write_npy(path, cloud):
     """Write a plain (n, 3) array, or a structured one if there are attributes."""
-    if not cloud.attributes:
-        _save(path, cloud.xyz)
-        return
-    fields = [(axis, np.float64) for axis in "xyz"]
-    fields += [(name, a.dtype, a.shape[1:]) for name, a in cloud.attributes.items()]
-    arrays = [*cloud.xyz.T, *cloud.attributes.values()]
-    records = np.rec.fromarrays(arrays, dtype=fields, shape=len(cloud))
-    _save(path, records)
-
-
-def _save(path, array):
-    """Save through Python's own write, because NumPy's does not name a full disk as the reason."""
-    with open(path, "wb") as file:
+    array = cloud.xyz
+    if cloud.attributes:
+        fields = [(axis, np.float64) for axis in "xyz"]
+        fields += [(name, a.dtype, a.shape[1:]) for name, a in cloud.attributes.items()]
+        arrays = [*cloud.xyz.T, *cloud.attributes.values()]
+        array = np.rec.fromarrays(arrays, dtype=fields, shape=len(cloud))
+    with open(path, "wb") as file:  # by Python, as NumPy does not name a full disk as the reason
         np.save(SimpleNamespace(write=file.write), array, allow_pickle=False)
 
 
 def write_npz(path, cloud):
     """Write ``xyz``, every attribute and the source's other arrays, uncompressed."""
     arrays = {**cloud.metadata.get("npz_arrays", {}), **cloud.attributes}
-    for name in ("file", "allow_pickle"):
-        if name in arrays:
-            raise PointFileError(f"attribute name {name!r} is reserved in NPZ; rename it")
+    for name in arrays.keys() & {"file", "allow_pickle"}:
+        raise PointFileError(f"attribute name {name!r} is reserved in NPZ; rename it")
     if any(a.dtype.hasobject for a in arrays.values()):
         raise PointFileError("attributes that hold Python objects cannot be stored in NPZ")
     np.savez(path, xyz=cloud.xyz, **arrays)
@@ -124,9 +117,7 @@ def cloud_from_records(records, columns=None, **kwargs):
         raise PointFileError(f"the structured array has shape {records.shape}; (n,) is needed")
     names = list(records.dtype.names)
     axes = [names[i] for i in coordinate_columns(names, columns)]
-    xyz = np.empty((len(records), 3))
-    for i, axis in enumerate(axes):
-        xyz[:, i] = records[axis]
+    xyz = np.column_stack([np.asarray(records[axis], dtype=np.float64) for axis in axes])
     # Copies, so that the records and a memory map of the file can be freed.
     others = [name for name in names if name not in axes]
     attributes = {attribute_name(name): records[name].copy() for name in others}

@@ -7,18 +7,6 @@ import numpy as np
 
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = [
-    "GROUND",
-    "HIGH_NOISE",
-    "LOW_NOISE",
-    "Choice",
-    "class_numbers",
-    "classes_of",
-    "classes_of_noise",
-    "ground_in",
-    "noise_classes",
-]
-
 # ASPRS LAS 1.4. Point formats 0 to 5 define no high noise: they have 18 reserved.
 GROUND, LOW_NOISE, HIGH_NOISE = 2, 7, 18
 LARGEST = 255  # class of LAS 1.4

@@ -4,6 +4,7 @@ import os
 import re
 import struct
 from types import FunctionType, SimpleNamespace
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -37,7 +38,13 @@ E57_FIELDS = {  # of our attributes: the name in E57, and the dtype that is writ
 COLOR_FIELDS = [E57_FIELDS[color][0] for color in COLORS]
 PAGE, CHECKSUM = 1024, 4  # bytes
 ANY = "{*}"  # of the spaces of names
-UNIT, FARTHEST = 1e-3, 1e9  # of a rotation's length, what differs from 1; meters of a translation
+
+
+class PoseLimits(NamedTuple):
+    """Which poses of scans are taken as they are."""
+
+    unit: float = 1e-3  # of a rotation's length, what differs from 1
+    farthest: float = 1e9  # meters of a translation
 
 
 def read_e57(path):
@@ -99,7 +106,7 @@ def _checked_scans(path):
 
 def _pose(path, number, scan):
     """Rotation and translation of a scan. Zeros are no rotation, as other programs take them."""
-    parts = []
+    limits, parts = PoseLimits(), []
     for part, axes, values in (("rotation", "wxyz", [1, 0, 0, 0]), ("translation", "xyz", [0] * 3)):
         if (told := scan.find(f"{ANY}pose/{ANY}{part}")) is not None:
             values = [told.findtext(ANY + axis, "nan") or 0 for axis in axes]
@@ -107,7 +114,7 @@ def _pose(path, number, scan):
     try:
         rotation, translation = (np.array(values, float) for values in parts)
         length = np.linalg.norm(rotation)
-        if not (np.isfinite(length) and np.abs(translation).max() < FARTHEST):
+        if not (np.isfinite(length) and np.abs(translation).max() < limits.farthest):
             raise ValueError
     except ValueError:
         turn, move = (" ".join(map(str, values)) for values in parts)
@@ -115,12 +122,12 @@ def _pose(path, number, scan):
             f"scan {number}: broken pose: rotation {turn}, translation {move}; get the file anew "
             "from where it was made, or without that scan"
         ) from None
-    if abs(length - 1) > UNIT:
-        taken = "its direction" if length > UNIT else "no rotation"
+    if abs(length - 1) > limits.unit:
+        taken = "its direction" if length > limits.unit else "no rotation"
         warn_caller(
             f"{path}: scan {number}: its rotation has length {length:.3g}, not 1; {taken} is taken"
         )
-    return rotation if length > UNIT else np.eye(1, 4)[0], translation
+    return rotation if length > limits.unit else np.eye(1, 4)[0], translation
 
 
 def _scan(pye57, file, header):
@@ -193,12 +200,12 @@ def write_e57(path, cloud):
         try:
             data[theirs] = fit_dtype(name, values, {code}, "E57")
         except PointFileError:
-            if name != "intensity" or values.dtype.kind not in "iuf":
+            if name == "intensity" and values.dtype.kind in "iuf":
+                rounded.append(name)
+                with np.errstate(over="ignore"):
+                    data[theirs] = values.astype(code)
+            else:
                 lost.append(name)
-                continue
-            rounded.append(name)
-            with np.errstate(over="ignore"):
-                data[theirs] = values.astype(code)
     if not np.isfinite(data.get("intensity", 0)).all():
         lost.append("intensity")
         del data["intensity"]

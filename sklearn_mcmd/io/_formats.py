@@ -44,26 +44,17 @@ class Format(NamedTuple):
         return self.write is not None and "noise" in signature(self.write).parameters
 
 
+las = partial(Format, read=_las.read_las, extra="las", tiles=True)
 text = partial(Format, read=_text.read_text, write=_text.write_text)
 FORMATS = (
-    Format(
+    las(
         name="LAS and LAZ",
         extensions=(".las", ".laz"),
         kept="everything but waveform samples of LAS 1.3; results become extra dimensions",
-        read=_las.read_las,
         write=_las.write_las,
-        extra="las",
-        tiles=True,
         sensor="LAS's scan angles",
     ),
-    Format(
-        name="COPC",
-        extensions=(".copc.laz",),
-        kept="as LAZ; read only",
-        read=_las.read_las,
-        extra="las",
-        tiles=True,
-    ),
+    las("COPC", (".copc.laz",), "as LAZ; read only"),
     Format(
         name="PLY",
         extensions=(".ply",),

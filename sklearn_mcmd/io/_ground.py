@@ -9,16 +9,6 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.io._classes import GROUND, classes_of, ground_in
 from sklearn_mcmd.io._point_cloud import PointFileError
 
-__all__ = [
-    "NONE_JUDGED",
-    "Ground",
-    "GroundLimits",
-    "HeightRange",
-    "check_ground",
-    "ground_of",
-    "heights_over_ground",
-]
-
 AT_ONCE = 100_000  # points whose nearest are asked for at once
 NONE_JUDGED = "no points are judged: all are withheld, of other classes, or at other heights"
 

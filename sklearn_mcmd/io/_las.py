@@ -78,7 +78,7 @@ def writing_parts(path):
     """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
-    writer, header, written = None, None, {}
+    writer, header, written, ends = None, None, {}, []
     with open(path, "wb+") as file:
         sink = _Sink(file)
 
@@ -98,6 +98,9 @@ def writing_parts(path):
                     )
                 for start in range(0, len(las.points), WRITTEN_AT_ONCE):  # Ctrl-C ends between
                     writer.write_points(las.points[start : start + WRITTEN_AT_ONCE])
+                if (las.header.scales < 0).any():
+                    xyz = _coordinates(las.points.array, las.header)
+                    ends.append([xyz.min(axis=0), xyz.max(axis=0)])
             if compressed and header.point_format.id in WAVE_PACKET_FORMATS:
                 _digest(written, las.points.array)
 
@@ -111,18 +114,21 @@ def writing_parts(path):
         with sink.own_errors():
             if header.version.minor >= 4 and header.evlrs is not None:
                 writer.write_evlrs(header.evlrs)
-            _correct(writer.header)
+            _correct(writer.header, np.array(ends))
             writer.close()
     if written:
         _refuse_changed(path, written)
 
 
-def _correct(header):
-    """Put bounds in order, which negative scales turn around, and say where waveforms are now.
+def _correct(header, ends):
+    """Set the bounds of negative scales from those of parts, and say where waveforms are now.
 
     LAS 1.3 has their samples behind the points, where laspy reads nothing: 0 is for none.
     """
-    header.mins, header.maxs = np.sort([header.mins, header.maxs], axis=0)
+    if len(ends):  # laspy takes the largest integer for the largest coordinate
+        turned = header.scales < 0
+        header.mins = np.where(turned, ends[:, 0].min(axis=0), header.mins)
+        header.maxs = np.where(turned, ends[:, 1].max(axis=0), header.maxs)
     if header.start_of_waveform_data_packet_record:
         at, found = header.start_of_first_evlr, 0
         for record in header.evlrs or []:

@@ -3,6 +3,7 @@
 import io
 import os
 import struct
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +11,13 @@ from sklearn_mcmd.io._point_cloud import PointFileError
 
 SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393  # bytes
 VLR_HEADER, EVLR_HEADER = 54, 60  # bytes of the head of a record, and of an extended one
-SAME_PLACE = 1_000  # records in one step of double precision, which would be one place
 LENGTH_FIELD, GRID_FIELD, WAVEFORMS_FIELD = 105, 131, 227  # places in a header
+
+
+class ScaleLimits(NamedTuple):
+    """Which scales of coordinates are believed."""
+
+    same_place: float = 1_000.0  # steps in one of double precision, which would be one place
 
 
 def check_structure(file):
@@ -62,7 +68,7 @@ def check_grid(axis, scale, offset):
     """Refuse a scale that puts all points at one place about the offset, or beyond all bounds."""
     with np.errstate(invalid="ignore"):
         finest = np.spacing(max(abs(offset), 1.0))
-    if not finest / SAME_PLACE <= abs(scale) <= 1 / np.finfo(float).eps:
+    if not finest / ScaleLimits().same_place <= abs(scale) <= 1 / np.finfo(float).eps:
         raise PointFileError(
             f"broken header: scale {scale:g} and offset {offset:g} of {axis} give no "
             "coordinates that differ; get the file anew from where it was made"

@@ -206,8 +206,7 @@ def joined(clouds, called="clouds"):
     """One cloud of several, with the attributes that all of them have; others are warned of."""
     shapes = [{name: a.shape[1:] for name, a in cloud.attributes.items()} for cloud in clouds]
     shared = [n for n, shape in shapes[0].items() if all(s.get(n) == shape for s in shapes)]
-    lost = sorted(set().union(*shapes) - set(shared))
-    if lost:
+    if lost := sorted(set().union(*shapes) - set(shared)):
         warn_caller(f"attributes that not all {called} have are left out: {', '.join(lost)}")
     return PointCloud(
         np.concatenate([cloud.xyz for cloud in clouds]),
@@ -241,14 +240,14 @@ def joined_scans(scans, setups, n_points):
 
 def with_results(cloud, results):
     """The cloud with results, which replace input attributes written under the same names."""
-    kept, replaced = {}, []
-    for name, values in cloud.attributes.items():
-        if name not in results and not flat_columns({name: values}).keys().isdisjoint(results):
-            replaced.append(name)
-        else:
-            kept[name] = values
+    replaced = [
+        name
+        for name, values in cloud.attributes.items()
+        if name not in results and not flat_columns({name: values}).keys().isdisjoint(results)
+    ]
     if replaced:
         warn_caller(f"the results replace what the input calls {', '.join(replaced)}")
+    kept = {name: values for name, values in cloud.attributes.items() if name not in replaced}
     return PointCloud(cloud.xyz, {**kept, **results}, dict(cloud.metadata), cloud.n_dropped)
 
 

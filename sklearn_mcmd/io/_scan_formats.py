@@ -75,13 +75,10 @@ def write_ply(path, cloud, encoding="binary"):
     comments = list(cloud.metadata.get("ply_comments", []))
     if cloud.metadata.get("denoised") and DENOISED not in comments:
         comments.append(DENOISED)
-    plyfile.PlyData(
-        [plyfile.PlyElement.describe(records, "vertex")],
-        text=encoding == "ascii",
-        byte_order="=" if encoding == "ascii" else "<",
-        comments=comments,
-        obj_info=cloud.metadata.get("ply_obj_info", []),
-    ).write(str(path))
+    elements, is_text = [plyfile.PlyElement.describe(records, "vertex")], encoding == "ascii"
+    options = {"comments": comments, "obj_info": cloud.metadata.get("ply_obj_info", [])}
+    ply = plyfile.PlyData(elements, text=is_text, byte_order="=" if is_text else "<", **options)
+    ply.write(str(path))
 
 
 def read_pcd(path, columns=None):
@@ -105,13 +102,10 @@ def read_pcd(path, columns=None):
     cloud = cloud_from_records(records, columns, metadata=metadata)
     attributes = {}
     for name, values in cloud.attributes.items():
-        if name.startswith("#$%&~~"):  # pypcd4's name for the padding field "_"
-            continue
         if name == "rgb" and values.dtype.itemsize == 4 and not attributes.keys() & set(COLORS):
-            packed = values.view(np.uint32)
-            for color, shift in zip(COLORS, (16, 8, 0), strict=True):
-                attributes[color] = (packed >> shift & 255).astype(np.uint8)
-        else:
+            bits = values.view(np.uint32) >> np.array([[16], [8], [0]], np.uint32) & 255
+            attributes |= zip(COLORS, bits.astype(np.uint8), strict=True)
+        elif not name.startswith("#$%&~~"):  # pypcd4's name for the padding field "_"
             attributes[name] = values
     cloud.attributes = attributes
     return with_cells(cloud, (header.height, header.width))
@@ -132,11 +126,11 @@ def write_pcd(path, cloud, encoding="binary"):
     columns = {n: fit_dtype(n, v, PCD_DTYPES, "PCD") for n, v in columns.items()}
     columns, cells = {**_axes(cloud.xyz), **columns}, cells_of(cloud)
     if cells is not None:
-        for name in columns.keys() - set(CELL):  # NaN, or 0 of integers, where there is no point
-            values, empty = columns[name], np.nan if columns[name].dtype.kind == "f" else 0
+        columns = {name: values for name, values in columns.items() if name not in CELL}
+        for name, values in columns.items():  # NaN, or 0 of integers, where there is no point
+            empty = np.nan if values.dtype.kind == "f" else 0
             columns[name] = np.full(prod(cloud.metadata[SHAPE]), empty, values.dtype)
             columns[name][cells] = values
-        columns = {name: values for name, values in columns.items() if name not in CELL}
     pcd = pypcd4.PointCloud.from_points(
         list(columns.values()), list(columns), [v.dtype for v in columns.values()]
     )

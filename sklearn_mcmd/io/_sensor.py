@@ -9,23 +9,13 @@ from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import SETUPS, PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
-NO_VIEWPOINT = (0.0, 0.0, 0.0)  # which is written where it is not known
-
 
 class Stated(NamedTuple):
-    """What a file says of the sensor.
+    """What a file says of the sensor."""
 
-    positions : ndarray of shape (n, 3), (1, 3), or None
-        For each point, or for all; None if the file does not tell.
-    words : str
-        Where they are from, or why there are none.
-    setups : ndarray of int of shape (n,), or None
-        Of points of several setups, their numbers.
-    """
-
-    positions: np.ndarray | None
-    words: str
-    setups: np.ndarray | None = None
+    positions: np.ndarray | None  # (n, 3), or (1, 3) for all points; None if the file has none
+    words: str  # where they are from, or why there are none
+    setups: np.ndarray | None = None  # (n,), of points of several setups, their numbers
 
 
 def place_words(positions, words):
@@ -120,14 +110,13 @@ def stated_positions(cloud):
     if SETUPS in cloud.metadata:
         return _of_setups(cloud)
     if "pcd_viewpoint" in cloud.metadata:
-        position = np.array([cloud.metadata["pcd_viewpoint"][:3]], float)
-        if not np.isfinite(cloud.metadata["pcd_viewpoint"]).all():
+        viewpoint = np.array(cloud.metadata["pcd_viewpoint"], float)
+        if not np.isfinite(viewpoint).all():
             return Stated(None, "PCD's VIEWPOINT has numbers that are not finite")
-        if tuple(position[0]) == NO_VIEWPOINT:
-            return Stated(
-                None, "PCD's VIEWPOINT is 0 0 0, which is also written where it is not known"
-            )
-        return Stated(position, "PCD's VIEWPOINT")
+        if not viewpoint[:3].any():
+            why = "PCD's VIEWPOINT is 0 0 0, which is also written where it is not known"
+            return Stated(None, why)
+        return Stated(viewpoint[None, :3], "PCD's VIEWPOINT")
     if "las_header" in cloud.metadata:
         from sklearn_mcmd.io._flight_lines import positions_of_lines
 

@@ -1,6 +1,7 @@
 """The unit of coordinates, where the file tells it, and degrees beside other units."""
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,12 +14,18 @@ MODEL, GEOGRAPHIC, PROJECTED = 1024, 2048, 3072  # the first is 2 for geographic
 # WKT of a geographic system, and names of columns of degrees.
 GEOGRAPHIC_WKT = re.compile(r"(?!.*(?:PROJ|GEOCCS|Cartesian)).*\bGEO[GD]", re.DOTALL)
 DEGREES = re.compile(r"(?<![a-z])(lon|long|longitude|lng|lat|latitude)(?![a-z])", re.IGNORECASE)
-# Heights that reach so many times as far as x and y: of meters beside degrees, all terrain does
-# that does not rise by less than 0.002 of its width; of one unit, only a wire that hangs down.
-STEEP, SAMPLE = 200, 10_000
+SAMPLE = 10_000  # points whose extents are looked at
 # In WKT of version 2, parts with a unit that need not be that of coordinates.
 PARTS = re.compile(r"\b(?:ELLIPSOID|PARAMETER)\[[^\[\]]*(?:\[[^\[\]]*\][^\[\]]*)*\]")
 UNIT = re.compile(r'\b(?:LENGTH)?UNIT\["(?!degree|grad|gon|rad)[^"]*", *(\d+\.?\d*)', re.IGNORECASE)
+
+
+class DegreeLimits(NamedTuple):
+    """Which extents are of degrees beside heights of another unit."""
+
+    # Times that heights reach farther than x and y. Of meters beside degrees, all terrain does that
+    # does not rise by less than 0.002 of its width; of one unit, only a wire that hangs down.
+    steep: float = 200.0
 
 
 def length_unit(cloud):
@@ -57,7 +64,7 @@ def degrees_warning(path, xyz, header=None, columns=None):
         reason = "its coordinate system is geographic"
     elif named:
         reason = f"they are {' and '.join(named)}"
-    elif not (wkts or keys) and height > STEEP * max(extent_x, extent_y) > 0:
+    elif not (wkts or keys) and height > DegreeLimits().steep * max(extent_x, extent_y) > 0:
         reason = "heights reach so much farther"
     else:
         return None

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from sklearn_mcmd.normals._quadrics import QuadricLimits, tangents_of
+from sklearn_mcmd.normals._quadrics import QuadricLimits, n_terms, tangents_of
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import CONFIDENCE
@@ -21,7 +21,7 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 
 __all__ = ["Curvatures", "curvatures_of_each", "curvatures_of_fitted", "curvatures_of_new"]
 
-TERMS = 6  # of a quadric over a plane in 3D
+TERMS = n_terms(3)  # of a quadric
 
 
 class Curvatures(NamedTuple):
@@ -63,7 +63,7 @@ class JetLimits(NamedTuple):
     truncation: float  # standard deviation of noise over that of its part within `explained`
     pivot: float  # as in `QuadricLimits`
     rounds: int = 2  # times that the members are chosen anew, by the quadric
-    least_members: int = TERMS + 2  # leaves two degrees of freedom for the noise
+    least_members: int = 8  # leaves two degrees of freedom for the noise
 
     @classmethod
     def now(cls):

@@ -3,6 +3,7 @@
 import numpy as np
 
 from sklearn_mcmd.normals._quadrics_numba import (
+    ORIGIN,
     TERMS,
     back_substitute,
     decompose,
@@ -15,8 +16,6 @@ from sklearn_mcmd.normals._quadrics_numba import (
 from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["fit_jets"]
-
-ORIGIN = (0.0, 0.0, 0.0)
 
 
 def fit_jets(points, around, queries, tangents, planes, floor, limits, jets):

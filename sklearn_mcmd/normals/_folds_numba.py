@@ -3,6 +3,7 @@
 import numpy as np
 
 from sklearn_mcmd.normals._quadrics_numba import (
+    ORIGIN,
     TERMS,
     back_substitute,
     decompose,
@@ -23,8 +24,7 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = ["find_folded", "find_quadric_normals"]
 
-ORIGIN = (0.0, 0.0, 0.0)
-TINY = np.finfo(np.float64).tiny
+TINY = np.finfo(np.float64).tiny  # least variance
 
 
 def find_folded(points, around, planes, tangents, faces, limits, folded):

@@ -13,6 +13,7 @@ from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighte
 from sklearn_mcmd.runtime._kernels import kernel
 
 __all__ = [
+    "ORIGIN",
     "TERMS",
     "back_substitute",
     "decompose",
@@ -26,6 +27,7 @@ __all__ = [
 ]
 
 TERMS = 6  # of a quadric over a plane in 3D
+ORIGIN = 0.0, 0.0, 0.0  # the mean of members that are centered
 
 
 def work_arrays(rows, k):

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.outliers._model import JudgedCloud
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
@@ -49,8 +50,8 @@ def calibrated_cutoff(model, settings, rate, rows=None):
     d = model.index.points.shape[1]
     compiled = d == 3 and model.index.n_neighbors is not None
     if rate * MOST[compiled] < LEAST_EXPECTED:
-        raise ValueError(
-            f"false_positive_rate={rate} is less than the simulation can resolve: at least "
+        raise ParameterError(
+            f"$false_positive_rate={rate} is less than the simulation can resolve: at least "
             f"{LEAST_EXPECTED / MOST[compiled]:g} is needed here. Choose a cutoff instead."
         )
     n_counted = int(np.clip(EXPECTED / rate, FEWEST[compiled], MOST[compiled]))

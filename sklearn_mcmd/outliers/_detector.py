@@ -17,7 +17,7 @@ from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
 from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._explaining import ExplainLimits
-from sklearn_mcmd.runtime._progress import progress_part, told_to
+from sklearn_mcmd.runtime._progress import heard_by, progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 from sklearn_mcmd.sensors._recognition import origin_if_seen
 
@@ -407,7 +407,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         """The cutoff, and the share of the time after which it is known."""
         if self.false_positive_rate is not None:
             begin = 0.4  # for the display of progress
-            with progress_part(0.0, begin, "cutoff by simulation"), told_to(None):
+            with progress_part(0.0, begin, "cutoff by simulation"), heard_by(None):
                 rate = self.false_positive_rate
                 return calibrated_cutoff(self._model, self._settings(), rate), begin
         if self.cutoff is not None:

@@ -6,9 +6,14 @@ import numpy as np
 
 from sklearn_mcmd._errors import warn
 from sklearn_mcmd.outliers._intensity import darkness
-from sklearn_mcmd.outliers._isolation import chosen_rows, mean_distance
 from sklearn_mcmd.outliers._levels import LEVELS
-from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Places, judge_off_surface
+from sklearn_mcmd.outliers._off_surface import (
+    OffSurfaceLimits,
+    Rest,
+    chosen_rows,
+    judge_off_surface,
+    mean_distance,
+)
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
@@ -122,19 +127,17 @@ class JudgedCloud:
                 owners, distances = self._find_surfaces(planes)
             share = self.surface_limits.least_share * n_points
             least = min(self.off_surface_limits.thing * index.n_neighbors, share)
-            places = Places.of(index, counts, self.explained, *spacings)
+            rest = Rest.of(index, counts, self.explained, *spacings, self.off_surface_limits)
             del planes, spacings
             with progress_part(0.4, 1.0):
-                self.off_surface = off_surface = judge_off_surface(
-                    places, least, self.off_surface_limits, self.n_jobs
-                )
+                self.off_surface = off_surface = judge_off_surface(rest, least, self.n_jobs)
         rest, points = off_surface.rest.rows, off_surface.rest.points
         doubt = self._darkness(rest)
         apart = off_surface.isolation * doubt, off_surface.separation
         if self.rays is None:
             distances[rest] = self._joined(distances[rest], *apart, points)
         else:
-            known = places.spacing, self.explained, self.to_planes
+            known = off_surface.rest.among_all, self.explained, self.to_planes
             by_rays = self.rays.judge(off_surface, *known, doubt)
             # To coordinates, sheets of rays are surfaces.
             without = np.where(self.rays.rest.of_sheets, 0.0, distances[rest])

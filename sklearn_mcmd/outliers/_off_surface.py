@@ -8,7 +8,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.outliers._groups import are_flat_groups, gaps_of_groups, separation_of_groups
-from sklearn_mcmd.outliers._isolation import chosen_rows, mean_distance_to_rest
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits, connected
@@ -16,7 +15,16 @@ from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["OffSurface", "OffSurfaceLimits", "Places", "judge_off_surface"]
+__all__ = [
+    "OffSurface",
+    "OffSurfaceLimits",
+    "Rest",
+    "chosen_rows",
+    "judge_off_surface",
+    "mean_distance",
+]
+
+AT_ONCE = 1_000_000  # rows that are copied at once; it limits the memory
 
 
 class OffSurfaceLimits(NamedTuple):
@@ -39,35 +47,6 @@ class OffSurfaceLimits(NamedTuple):
     # Dimensions from which on company is everywhere. Of gross errors beside a plane, 10 % of 1,000
     # points, company tells 88 % and more in 4D, 22 % in 5D and 4 % in 6D; planes alone tell all.
     crowded: int = 5
-
-
-class Places(NamedTuple):
-    """The places of a cloud, which are its n distinct points, and how close they lie.
-
-    Points that a surface explains are `explained`, bool (n,); the other m are off-surface points.
-    Their `spacing` (m,) is the mean distance to the nearest measurements, by `mean_distance`. The
-    `usual_spacing` is that of the explained, or of all if there are none, to measurements at other
-    places, which is never 0.
-    """
-
-    cloud: NeighborIndex  # or what answers as one
-    counts: np.ndarray  # measurements at each: a place measured often is near to itself
-    explained: np.ndarray
-    spacing: np.ndarray
-    usual_spacing: np.ndarray
-
-    @classmethod
-    def of(cls, index, counts, explained, spacing, other_spacing):
-        """From both spacings of all points, which need not be kept."""
-        if explained.any():
-            other_spacing = chosen_rows(index, other_spacing, explained)
-        return cls(
-            cloud=index,
-            counts=counts,
-            explained=explained,
-            spacing=spacing[~explained],
-            usual_spacing=other_spacing,
-        )
 
 
 @dataclass
@@ -122,23 +101,31 @@ class Rest(NamedTuple):
     rows: np.ndarray  # (m,), in the cloud
     points: np.ndarray
     counts: np.ndarray  # (m,), measurements at each
+    among_all: np.ndarray  # (m,), the mean distance to the nearest measurements
 
     @classmethod
-    def of(cls, places, limits):
-        """Those of `Places`."""
-        index, explained = places.cloud, places.explained
+    def of(cls, index, counts, explained, spacing, other_spacing, limits):
+        """Of an index of n distinct points, or what answers as one, those that no surface explains.
+
+        `explained` is bool (n,), `counts` (n,) are the measurements at each point: a place measured
+        often is near to itself. Both spacings (n,) are the mean distance to the nearest
+        measurements, as by `mean_distance`, and to those at other places, which is never 0.
+        """
         rows, any_explained = np.flatnonzero(~explained), explained.any()
+        if any_explained:
+            other_spacing = chosen_rows(index, other_spacing, explained)
         return cls(
             cloud=index,
             limits=limits,
             box=(index.points.min(axis=0), index.points.max(axis=0)),
             reference=index.among(explained if any_explained else ~explained),
-            reference_spacing=places.usual_spacing,
+            reference_spacing=other_spacing,
             quantile=limits.usual if any_explained else limits.half,
             others=index.among(~explained),
             rows=rows,
             points=chosen_rows(index, index.points, ~explained),
-            counts=places.counts[rows],
+            counts=counts[rows],
+            among_all=spacing[rows],
         )
 
     @property
@@ -176,7 +163,11 @@ class Rest(NamedTuple):
         """Mean distance of queries to off-surface points, `itself` among these or not."""
         counts = np.append(self.counts, self.limits.n_near)[near]  # of a missing one: all
         counts[:, 0] -= itself
-        return mean_distance_to_rest(queries, distances, counts, self.box, self.limits.n_near)
+        # Those that are missing are as far away as the cloud with the query in it is large.
+        extent = np.maximum(queries, self.box[1]) - np.minimum(queries, self.box[0])
+        extent = np.linalg.norm(extent, axis=1)[:, None]
+        distances = np.where(np.isinf(distances), extent, distances)
+        return mean_distance(distances, counts, self.limits.n_near)
 
     def isolated(self, among_rest, among_all, usual):
         """Most weight is on off-surface points: what lies near surfaces may be alone off them."""
@@ -206,14 +197,13 @@ class Rest(NamedTuple):
         return self.reference.query(queries, 1, n_jobs)[0][:, 0]
 
 
-def judge_off_surface(places, least, limits, n_jobs):
-    """The `OffSurface` of some `Places`, where a thing has `least` measurements."""
-    rest = Rest.of(places, limits)
+def judge_off_surface(rest, least, n_jobs):
+    """The `OffSurface` of the `Rest`, where a thing has `least` measurements."""
     with progress_part(0.0, 0.2):
         usual = rest.usual_around(rest.points, n_jobs)
     with progress_part(0.2, 0.7):
         among_rest, linked = rest.neighbors(usual, n_jobs)
-    isolation = rest.isolated(among_rest, places.spacing, usual)
+    isolation = rest.isolated(among_rest, rest.among_all, usual)
     groups = connected(linked)[0]
     del linked
     groups = _pieces_joined(rest, groups, least, n_jobs)
@@ -324,3 +314,23 @@ def _separate_large(rest, usual, groups, least, small, separation, n_jobs):
                 near = rest.search_of(others).query(rest.points[rows[asked]], 1, n_jobs)[0][:, 0]
                 gaps[asked] = np.minimum(gaps[asked], near)
     separation[rows] = _separation(rest, usual, groups, rows, gaps) * weight[groups[rows]]
+
+
+def mean_distance(distances, counts, n_near):
+    """Mean distance to the `n_near` nearest measurements, or to all that there are.
+
+    Distances (m, w) to neighbors are ascending; `counts` are the measurements at each of these.
+    """
+    reached = np.minimum(np.cumsum(counts, axis=1), n_near)
+    taken = np.diff(reached, axis=1, prepend=0)
+    return (taken * distances).sum(axis=1) / np.maximum(reached[:, -1], 1)
+
+
+def chosen_rows(index, values, chosen):
+    """Those of the values (n, ...) that are chosen, bool (n,), as an array of the index."""
+    rows = index.empty((np.count_nonzero(chosen), *values.shape[1:]), values.dtype)
+    end = 0
+    for first in range(0, len(values), AT_ONCE):  # so that no more is in memory
+        part = values[first : first + AT_ONCE][chosen[first : first + AT_ONCE]]
+        rows[end : end + len(part)], end = part, end + len(part)
+    return rows

@@ -36,7 +36,7 @@ STEPS = 13  # of the bisection of levels
 MOST_LEVEL = 2**STEPS - 1  # the largest level
 F0, F1, F2, I0 = np.float32(0), np.float32(1), np.float32(2), np.int16(0)
 TINY = np.float32(1e-30)  # least divisor
-ZEROS = 0.0, 0.0, 0.0
+ZEROS = 0.0, 0.0, 0.0  # of the types of a mean, of eigenvalues and of an axis
 NO_FIT = ZEROS, ZEROS, (ZEROS, ZEROS, ZEROS)
 SLACK = np.float32(1.001)  # for rounding of the sum
 # Beyond this number of median radii float32 rounds too coarsely for a bound. Then float64 decides

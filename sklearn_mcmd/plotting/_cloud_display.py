@@ -1,7 +1,7 @@
 """What displays of clouds share: how they are made and drawn, legends, and checks."""
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,11 +22,11 @@ __all__ = [
     "choose_colors",
     "is_minus_one",
     "one_for_each",
+    "picture_of",
 ]
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from typing import Self
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -55,7 +55,7 @@ class CloudDisplay(ABC):
     from_predictions: ClassVar["Callable[..., Any]"]  # each display's own, by names of arguments
 
     @classmethod
-    def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> "Self":
+    def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> Self:
         """Draw what a fitted estimator found.
 
         Parameters
@@ -77,7 +77,7 @@ class CloudDisplay(ABC):
 
     def plot(
         self, *, view: View | None = None, max_points: int = MOST_DRAWN, ax: "Axes | None" = None
-    ) -> "Self":
+    ) -> Self:
         """Draw the cloud.
 
         Parameters
@@ -96,7 +96,7 @@ class CloudDisplay(ABC):
             Itself.
         """
         view = self._usual_view() if view is None else view
-        return self._draw(self.picture(view), view, max_points, ax)
+        return self._draw(self._picture(view), view, max_points, ax)
 
     @property
     def ax_(self) -> "Axes":
@@ -114,7 +114,7 @@ class CloudDisplay(ABC):
         """What `from_predictions` takes behind the points."""
 
     @abstractmethod
-    def picture(self, view: View) -> Picture:
+    def _picture(self, view: View) -> Picture:
         """What is drawn, seen from there."""
 
     def _usual_view(self) -> View:
@@ -130,6 +130,11 @@ class CloudDisplay(ABC):
         if picture.complete is not None:
             picture.complete(self._ax)
         return self
+
+
+def picture_of(display, view):
+    """What a display draws, seen from there."""
+    return display._picture(view)
 
 
 def add_legend(ax, entries):

@@ -1,6 +1,6 @@
 """Normals, regions and edges as pictures, in the manner of scikit-learn's displays."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,9 +17,6 @@ from sklearn_mcmd.plotting._cloud_display import (
 from sklearn_mcmd.plotting._still import check_points, draw_ball, normal_colors, region_colors
 
 __all__ = ["EdgeDisplay", "NormalsDisplay", "SegmentationDisplay"]
-
-if TYPE_CHECKING:
-    from typing import Self
 
 
 class NormalsDisplay(CloudDisplay):
@@ -59,7 +56,7 @@ class NormalsDisplay(CloudDisplay):
             raise ValueError(f"normals has {len(self.normals)} rows, the cloud {len(self.xyz)}.")
 
     @classmethod
-    def from_predictions(cls, X: ArrayLike, normals: ArrayLike, **options: Any) -> "Self":
+    def from_predictions(cls, X: ArrayLike, normals: ArrayLike, **options: Any) -> Self:
         """Draw normals: X is the cloud, `normals` as of the class; options are for :meth:`plot`."""
         return cls(X, normals).plot(**options)
 
@@ -67,7 +64,7 @@ class NormalsDisplay(CloudDisplay):
     def _found_by(estimator, X):
         return (estimator.normals_,)
 
-    def picture(self, view):
+    def _picture(self, view):
         colors = normal_colors(self.normals, view=view)
         title = f"Normals of {len(self.xyz):,} points"
         return Picture(colors, np.zeros(len(self.xyz)), title, lambda ax: draw_ball(ax, view))
@@ -108,7 +105,7 @@ class SegmentationDisplay(CloudDisplay):
         self.labels = _whole(one_for_each(labels, self.xyz, "labels"), "labels")
 
     @classmethod
-    def from_predictions(cls, X: ArrayLike, labels: ArrayLike, **options: Any) -> "Self":
+    def from_predictions(cls, X: ArrayLike, labels: ArrayLike, **options: Any) -> Self:
         """Draw regions: X is the cloud, `labels` as of the class; options are for :meth:`plot`."""
         return cls(X, labels).plot(**options)
 
@@ -116,7 +113,7 @@ class SegmentationDisplay(CloudDisplay):
     def _found_by(estimator, X):
         return (estimator.labels_,)
 
-    def picture(self, view):
+    def _picture(self, view):
         inside = self.labels >= 0
         n = len(np.unique(self.labels[inside]))
         title = f"{n:,} regions, {100 * inside.mean():.2f} % of {len(inside):,} points"
@@ -156,7 +153,7 @@ class EdgeDisplay(CloudDisplay):
         self.is_edge = one_for_each(is_edge, self.xyz, "is_edge").astype(bool)
 
     @classmethod
-    def from_predictions(cls, X: ArrayLike, y_pred: ArrayLike, **options: Any) -> "Self":
+    def from_predictions(cls, X: ArrayLike, y_pred: ArrayLike, **options: Any) -> Self:
         """Draw edges: X is the cloud, `y_pred` is -1 for points of edges; options are for
         :meth:`plot`."""
         return cls(X, is_minus_one(y_pred, "y_pred")).plot(**options)
@@ -165,7 +162,7 @@ class EdgeDisplay(CloudDisplay):
     def _found_by(estimator, X):
         return (np.where(estimator.scores_ < estimator.offset_, -1, 1),)
 
-    def picture(self, view):
+    def _picture(self, view):
         n, n_all = np.count_nonzero(self.is_edge), len(self.is_edge)
         title = f"{n:,} of {n_all:,} points are edges ({100 * n / n_all:.2f} %)"
         return Picture(choose_colors([self.is_edge], [FOUND], REGULAR), self.is_edge, title)

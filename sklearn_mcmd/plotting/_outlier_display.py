@@ -1,6 +1,6 @@
 """Verdicts about outliers as a picture."""
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,8 +22,6 @@ from sklearn_mcmd.plotting._still import check_points, color_modules
 __all__ = ["OutlierDisplay"]
 
 if TYPE_CHECKING:
-    from typing import Self
-
     from matplotlib.axes import Axes
 
 MISSED, WRONG = "#0072b2", "#e69f00"  # beside FOUND, of the same palette
@@ -81,24 +79,19 @@ class OutlierDisplay(CloudDisplay):
     @classmethod
     def from_estimator(
         cls, estimator: Any, X: ArrayLike, y: ArrayLike | None = None, **options: Any
-    ) -> "Self":
+    ) -> Self:
         """Draw the verdict of a fitted detector.
 
         Parameters
         ----------
         estimator : fitted outlier detector
-            With `predict` and `score_samples`, such as
-            :class:`~sklearn_mcmd.MCMDOutlierDetector`.
+            With `predict` and `score_samples`.
         X : array-like of shape (n, 3)
             Points to judge.
         y : array-like of shape (n,), default=None
             The truth, -1 for outliers.
         **options : dict
             For :meth:`plot`.
-
-        Returns
-        -------
-        OutlierDisplay
         """
         scores = -estimator.score_samples(X)
         return super().from_estimator(estimator, X, scores=scores, y_true=y, **options)
@@ -112,25 +105,9 @@ class OutlierDisplay(CloudDisplay):
         scores: ArrayLike | None = None,
         y_true: ArrayLike | None = None,
         **options: Any,
-    ) -> "Self":
-        """Draw a verdict.
-
-        Parameters
-        ----------
-        X : array-like of shape (n, 3)
-            The cloud.
-        y_pred : array-like of shape (n,)
-            -1 for outliers, as detectors of scikit-learn have it.
-        scores : array-like of shape (n,), default=None
-            Scores, larger for outliers.
-        y_true : array-like of shape (n,), default=None
-            The truth, -1 for outliers.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        OutlierDisplay
+    ) -> Self:
+        """Draw a verdict: X is the cloud, `y_pred` and the truth `y_true` are -1 for outliers, as
+        detectors of scikit-learn have it; `scores` as of the class, options are for :meth:`plot`.
         """
         true = None if y_true is None else is_minus_one(y_true, "y_true")
         found = is_minus_one(y_pred, "y_pred")
@@ -143,7 +120,7 @@ class OutlierDisplay(CloudDisplay):
         view: View | None = None,
         max_points: int = MOST_DRAWN,
         ax: "Axes | None" = None,
-    ) -> "Self":
+    ) -> Self:
         """Draw the cloud.
 
         Parameters
@@ -162,14 +139,14 @@ class OutlierDisplay(CloudDisplay):
         if show == "scores" and self.scores is None:
             raise ValueError("show='scores' needs scores.")
         view = self._usual_view() if view is None else view
-        picture = self._scores_picture() if show == "scores" else self.picture(view)
+        picture = self._scores_picture() if show == "scores" else self._picture(view)
         return self._draw(picture, view, max_points, ax)
 
     @staticmethod
     def _found_by(estimator, X):
         return (estimator.predict(X),)
 
-    def picture(self, view):
+    def _picture(self, view):
         flagged, true = self.is_outlier, self.is_true_outlier
         if true is None:
             return Picture(choose_colors([flagged], [FOUND], REGULAR), flagged, self._title())

@@ -1,6 +1,6 @@
 """Residuals of one plane as a picture."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,9 +9,6 @@ from sklearn_mcmd.plotting._cloud_display import CloudDisplay, Picture, is_minus
 from sklearn_mcmd.plotting._still import check_points, color_modules
 
 __all__ = ["PlaneResidualDisplay", "along_normal", "those_of_plane"]
-
-if TYPE_CHECKING:
-    from typing import Self
 
 
 class PlaneResidualDisplay(CloudDisplay):
@@ -53,7 +50,7 @@ class PlaneResidualDisplay(CloudDisplay):
     @classmethod
     def from_predictions(
         cls, X: ArrayLike, residuals: ArrayLike, y_pred: ArrayLike, **options: Any
-    ) -> "Self":
+    ) -> Self:
         """Draw residuals: X has the points, `y_pred` is -1 for outliers; options are for
         :meth:`plot`."""
         return cls(X, residuals, is_minus_one(y_pred, "y_pred")).plot(**options)
@@ -65,7 +62,7 @@ class PlaneResidualDisplay(CloudDisplay):
     def _usual_view(self):
         return along_normal(self.xyz[those_of_plane(self.is_outlier)])
 
-    def picture(self, view):
+    def _picture(self, view):
         cm, colors = color_modules()
         # Three standard deviations of what is kept; an outlier would take the contrast of all.
         kept = self.residuals[those_of_plane(self.is_outlier)]

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 # Red, green, blue of surfaces and of edges in files.
 SURFACE_COLOR, EDGE_COLOR = (170, 170, 170), (215, 30, 30)
-OUTLIER_COLOR = (0.84, 0.10, 0.11)
-# Of the ball in the picture of normals: left, bottom, width and height as shares of the axes.
-BALL_PLACE, BALL_PIXELS = (0.02, 0.72, 0.18, 0.18), 121
-FAR, NEAR = (0.80, 0.83, 0.87), (0.24, 0.28, 0.34)
+OUTLIER_COLOR = (0.84, 0.10, 0.11)  # red, of outliers in pictures
+BALL_PLACE = (0.02, 0.72, 0.18, 0.18)  # left, bottom, width and height, as shares of the axes
+BALL_PIXELS = 121  # along a side of the ball
+FAR, NEAR = (0.80, 0.83, 0.87), (0.24, 0.28, 0.34)  # grays that shade a cloud by distance
 
 
 def plot_cloud(

@@ -17,8 +17,7 @@ __all__ = [
 
 VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
 VIEWS = {"top": (-90.0, 90.0), "front": (-90.0, 0.0), "side": (0.0, 0.0), "perspective": VIEW}
-# The eye of the perspective view, in radii of the cloud from its middle.
-EYE = 2.6
+EYE = 2.6  # of the perspective view, in radii of the cloud from its middle
 NEAREST = 0.25  # no point is enlarged as if it were nearer than this share of that distance
 
 

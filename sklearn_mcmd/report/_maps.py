@@ -7,7 +7,7 @@ import numpy as np
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.plotting import plot_cloud
-from sklearn_mcmd.plotting._cloud_display import FOUND
+from sklearn_mcmd.plotting._cloud_display import FOUND, Picture, picture_of
 from sklearn_mcmd.plotting._still import ball_picture, distance_colors
 from sklearn_mcmd.plotting._views import look, round_length, thinned
 from sklearn_mcmd.report._rendering import join, part
@@ -17,7 +17,8 @@ __all__ = ["ball", "found_maps", "maps"]
 # Points that were not found, from far to near: to be seen on white and on black.
 FAR, NEAR = (0.72, 0.76, 0.81), (0.46, 0.51, 0.58)
 DIM = "#98a4b3"  # between them
-LEAST_FOUND, ENLARGED = 1.6, 1.15  # size of a point that was found, and over that of the others
+LEAST_FOUND = 1.6  # size of a point that was found, at least
+ENLARGED = 1.15  # the same over the size of the others
 
 VIEWS = {
     "top": "From above: x to the right, y up",
@@ -25,21 +26,23 @@ VIEWS = {
     "side": "From the side: y to the right, z up",
 }
 MOST_DRAWN = 120_000  # points of a map; more cover each other at this size
-WIDTH, DPI = 10.0, 144  # inches of a map, and its pixels
-# Height over width of a map. Narrower clouds have margins.
-LEAST_SHAPE, LARGEST_SHAPE = 0.12, 0.9
+WIDTH = 10.0  # inches of a map
+DPI = 144  # its pixels an inch
+LEAST_SHAPE = 0.12  # height over width of a map; narrower clouds have margins
+LARGEST_SHAPE = 0.9  # the same; so have higher ones
 PALETTE = 255  # colors of a picture; half of the bytes of true color
 
 
-def maps(picture, xyz, near, legend=(), views=tuple(VIEWS)):
+def maps(shown, xyz, near, legend=(), views=tuple(VIEWS)):
     """Figures of a cloud, of the points that are `near`, not far from all others.
 
-    ``picture(view)`` is the `Picture` of all points from a view, such as that of a display. The
-    legend has pairs of a color and words; a view may come with its caption.
+    Colors are those of what is `shown`, a display or its `Picture`. The legend has pairs of a color
+    and words; a view may come with its caption.
     """
 
     def draw(rows, view, ax):
-        colors, labels, *_ = picture(view)
+        picture = shown if isinstance(shown, Picture) else picture_of(shown, view)
+        colors, labels, *_ = picture
         rows = rows[thinned(labels[rows], MOST_DRAWN)]
         plot_cloud(xyz[rows], color=colors[rows], view=view, ax=ax)
 

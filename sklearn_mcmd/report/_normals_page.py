@@ -86,7 +86,7 @@ def _errors_drawn(errors):
 
 def _maps_of(xyz, normals, near):
     """Maps by direction, and the legend."""
-    return ball() + maps(NormalsDisplay(xyz, normals).picture, xyz, near)
+    return ball() + maps(NormalsDisplay(xyz, normals), xyz, near)
 
 
 def _notes(errors, removed):

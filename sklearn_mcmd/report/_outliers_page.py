@@ -18,7 +18,8 @@ from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 __all__ = ["Verdict", "denoise_contents", "shown_of_tiles"]
 
 MANY = 0.25  # share of outliers; neighborhoods with a half, which planes withstand, are then common
-CLEAR, GROSS = 10, 100  # scores, as the detector's documentation names them
+CLEAR = 10  # score of a clear error, as the detector's documentation says
+GROSS = 100  # score of a gross one
 WORST = 10  # outliers, or groups of them, whose reasons are given
 LEAST_SCORE = 0.01  # where the axis of scores begins: smaller ones are on a plane
 WORDS = {

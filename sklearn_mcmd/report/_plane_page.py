@@ -71,8 +71,7 @@ def _maps(xyz, residuals, found, near, rms, unit):
         (RED, f"{3 * rms:.2g}{unit} or more to the side of the normal"),
         (BLUE, f"{3 * rms:.2g}{unit} or more to the other side"),
     ]
-    picture = PlaneResidualDisplay(xyz, residuals, found).picture
-    return maps(picture, xyz, near, ends, views)
+    return maps(PlaneResidualDisplay(xyz, residuals, found), xyz, near, ends, views)
 
 
 def _found_biases(xyz, reliability, near, unit):
@@ -94,7 +93,7 @@ def _found_biases(xyz, reliability, near, unit):
         "redundancy number, so the map shows the redundancy as well."
     )
     views = [(along_normal(xyz[near]), "Along the normal")]
-    figures = maps(lambda view: picture, xyz, near, ends, views)
+    figures = maps(picture, xyz, near, ends, views)
     return [Section("Which errors are found", paragraph(words) + figures)]
 
 

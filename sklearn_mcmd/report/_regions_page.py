@@ -85,7 +85,7 @@ def segment_contents(shown, regions, n_regions, inside):
 def _maps_of(xyz, labels, near):
     """Maps of a color for each region."""
     words = paragraph("Each region has a color; points of no region are dark gray.", "soft")
-    return words + maps(SegmentationDisplay(xyz, labels).picture, xyz, near)
+    return words + maps(SegmentationDisplay(xyz, labels), xyz, near)
 
 
 def _region_table(regions, n_all):

@@ -1,7 +1,8 @@
-"""Work on rows in chunks and threads; listeners are told of the progress."""
+"""Work on rows in chunks and threads; listeners hear of the progress."""
 
 from collections import deque
-from threading import Lock, Thread
+from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
 
 import numpy as np
 from joblib.parallel import get_active_backend
@@ -12,7 +13,7 @@ from sklearn_mcmd.runtime._progress import current_span
 __all__ = ["ORDER_FROM", "each_chunk", "each_slice", "run", "slices", "spatial_order"]
 
 ORDER_FROM = 10_000  # below this many points the order of memory does not matter
-COARSE_LEAF = 256
+COARSE_LEAF = 256  # points in a leaf of the tree that orders others
 
 
 def each_chunk(queries, size, work, n_jobs):
@@ -32,7 +33,7 @@ def each_slice(n, size, work, n_jobs):
         if span is not None:
             with lock:
                 n_done += rows.stop - rows.start
-                span.tell(n_done / n)
+                span.report(n_done / n)
 
     run([(rows,) for rows in slices(n, size)], task, n_jobs)
 
@@ -50,40 +51,29 @@ def spatial_order(X):
 def run(tasks, work, n_jobs):
     """Call ``work(*task)`` for each task, in threads if there is more than one.
 
-    They are threads of our own: joblib's take 10 to 30 ms to begin and to end.
+    They are not joblib's, which take 10 to 30 ms to begin and to end; but as many as it would take.
     """
-    todo, errors = deque(tasks), []
+    backend, n_usual = get_active_backend(require="sharedmem")
+    n_threads = backend.effective_n_jobs(n_usual if n_jobs is None else n_jobs)
+    n_threads, todo = min(n_threads, len(tasks)), deque(tasks)
 
     def work_off():
-        while True:
-            try:
-                task = todo.popleft()
-            except IndexError:
-                return
-            work(*task)
-
-    def help():
         try:
-            work_off()
-        except BaseException as error:
-            errors.append(error)
+            while todo:
+                try:
+                    task = todo.popleft()
+                except IndexError:  # another thread was faster
+                    return
+                work(*task)
+        finally:  # where one fails, the others end after their tasks
             todo.clear()
 
-    helpers = [Thread(target=help) for _ in range(min(_n_threads(n_jobs), len(tasks)) - 1)]
-    try:
-        for thread in helpers:
-            thread.start()
+    if n_threads <= 1:
         work_off()
-    finally:  # where this thread failed or was interrupted, the others end after their tasks
-        todo.clear()
-        for thread in helpers:
-            if thread.ident is not None:
-                thread.join()
-    if errors:
-        raise errors[0]
-
-
-def _n_threads(n_jobs):
-    """Threads of ``Parallel(n_jobs, require="sharedmem")``."""
-    backend, n_usual = get_active_backend(require="sharedmem")
-    return backend.effective_n_jobs(n_usual if n_jobs is None else n_jobs)
+        return
+    with ThreadPoolExecutor(n_threads) as pool:
+        try:
+            for thread in [pool.submit(work_off) for _ in range(n_threads)]:
+                thread.result()
+        finally:  # this thread may be interrupted
+            todo.clear()

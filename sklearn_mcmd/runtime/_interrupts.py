@@ -1,14 +1,15 @@
-"""Ctrl-C in a program: one line and exit code 130, until its outputs are there."""
+"""How signals end a program: at once, or when unfinished files are removed, or not any more."""
 
 import os
 import signal
 import sys
 import threading
 from contextlib import contextmanager
+from functools import partial
 
 __all__ = [
     "INTERRUPTED",
-    "exit_at_once",
+    "handle_signals",
     "ignore_interrupts",
     "ignoring_interrupts",
     "raise_interrupts",
@@ -19,62 +20,75 @@ INTERRUPTED = 130  # the shells' 128 + SIGINT
 AGAIN_AFTER = 0.05  # seconds
 
 _seen = threading.Event()
-_exit = None  # the handler that ends the program; None in a process that is not ours
-_within = 0  # how many verbs run within another one, as the demo's do
+_program = ""  # the name of the program that `handle_signals` is in force for
+_depth = 0  # how many verbs run, one within another as the demo's do
 
 
-def exit_at_once(name):
-    """Let Ctrl-C end this process with one line of this name, while there is nothing to clean up.
+def handle_signals(program):
+    """Let Ctrl-C, SIGTERM and SIGHUP end this process, whose name Ctrl-C prints.
 
-    While modules are imported an exception may get lost. Some modules turn it into another one, and
-    Python only prints an exception that is raised in a callback of the garbage collector.
+    At once, while there is nothing to clean up: during imports an exception may get lost. Some
+    modules turn it into another one, and Python only prints an exception that is raised in a
+    callback of the garbage collector. Within `raise_interrupts` by an exception.
     """
-    global _exit
+    global _program
+    _program = program
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
+            signal.signal(number, _handle)
 
-    def end(*_):
-        # The system's write, because `sys.stderr` may be in use at this moment.
-        os.write(2, f"{name}: interrupted\n".encode())
-        os._exit(INTERRUPTED)
 
-    _exit = end
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # nohup ignores it
-        signal.signal(signal.SIGINT, end)
+def _handle(number, frame):
+    if number != signal.SIGINT:
+        signal.signal(number, signal.SIG_IGN)  # a second signal must not interrupt the tidying
+    if not _depth:
+        if number == signal.SIGINT:  # the system's write: `sys.stderr` may be in use
+            os.write(2, f"{_program}: interrupted\n".encode())
+        os._exit(128 + number)
+    if number == signal.SIGINT:
+        _seen.set()
+        raise KeyboardInterrupt
+    raise SystemExit(128 + number)
 
 
 @contextmanager
 def raise_interrupts():
-    """Let Ctrl-C raise KeyboardInterrupt within, so that unfinished files are removed.
+    """Let signals raise KeyboardInterrupt, or SystemExit(128 + number), within a verb.
 
-    Then `was_interrupted` is True, even if a library turned the interrupt into another exception.
-    If Python ignored it in a callback, it is raised again. This does nothing in processes and
-    threads where `exit_at_once` is not in force.
+    So unfinished files are removed. After Ctrl-C `was_interrupted` is True, even if a library
+    turned the interrupt into another exception. If Python ignored it in a callback, it is raised
+    again. This does nothing in processes where `handle_signals` is not in force.
+
+    SIGKILL cannot be caught, and a file ``.mcmd-<hex>`` may remain. No later run removes it: its
+    writer may still run on another machine or in another container.
     """
-    global _within
-    if not _is_ours() or signal.getsignal(signal.SIGINT) is not _exit:
-        _within += 1
-        try:
-            yield
-        finally:
-            _within -= 1
+    global _depth
+    if not _program:
+        yield
         return
-    hook = sys.unraisablehook
-
-    def raise_again(unraisable):
-        if unraisable.exc_type is KeyboardInterrupt:
-            again = threading.Timer(AGAIN_AFTER, _interrupt_main_thread)
-            again.daemon = True
-            again.start()
-        else:
-            hook(unraisable)
-
-    sys.unraisablehook = raise_again
-    signal.signal(signal.SIGINT, _raise)
+    hook, _depth = sys.unraisablehook, _depth + 1
+    sys.unraisablehook = partial(_raise_again, hook)
     try:
         yield
     finally:
-        if signal.getsignal(signal.SIGINT) is _raise:  # not ignored since
-            signal.signal(signal.SIGINT, _exit)
-        sys.unraisablehook = hook
+        sys.unraisablehook, _depth = hook, _depth - 1
+
+
+def _raise_again(hook, unraisable):
+    if unraisable.exc_type is not KeyboardInterrupt:
+        hook(unraisable)
+        return
+    again = threading.Timer(AGAIN_AFTER, _interrupt_main_thread)
+    again.daemon = True
+    again.start()
+
+
+def _interrupt_main_thread():
+    if hasattr(signal, "pthread_kill"):  # ends waiting and sleeping, too
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+    else:  # Windows
+        signal.raise_signal(signal.SIGINT)
 
 
 def ignore_interrupts():
@@ -83,14 +97,14 @@ def ignore_interrupts():
     Python's own handlers are gone while it clears up, and Ctrl-C would kill it without a word. This
     does nothing in a verb that another one runs, nor in processes that are not ours.
     """
-    if _is_ours() and not _within:
+    if _program and _depth <= 1:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
 def ignoring_interrupts():
     """Ignore Ctrl-C within, where outputs are there and temporary files are removed."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if _is_ours() else None
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if _program else None
     try:
         yield
     finally:
@@ -101,20 +115,3 @@ def ignoring_interrupts():
 def was_interrupted():
     """Whether Ctrl-C came within `raise_interrupts`."""
     return _seen.is_set()
-
-
-def _is_ours():
-    """Whether `exit_at_once` is in force, and this is the thread that may handle signals."""
-    return _exit is not None and threading.current_thread() is threading.main_thread()
-
-
-def _interrupt_main_thread():
-    if hasattr(signal, "pthread_kill"):  # ends waiting and sleeping, too
-        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
-    else:  # Windows
-        signal.raise_signal(signal.SIGINT)
-
-
-def _raise(*_):
-    _seen.set()
-    raise KeyboardInterrupt

@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 __all__ = [
     "COMPILING",
+    "Progress",
     "Span",
-    "Told",
     "current_span",
+    "heard_by",
     "listen_to_progress",
     "progress_part",
-    "tell_share",
-    "told_to",
+    "report_share",
     "watch_compilation",
 ]
 
@@ -29,11 +29,11 @@ COMPILING = "compiling for this computer (once; then kept on disk)"  # or as `_c
 PATIENCE = 1.0  # seconds of compiling that pass without a word where nobody listens
 
 _span = ContextVar("sklearn_mcmd_progress", default=None)
-_listeners: list = []  # those in force; any thread may compile and tell them
+_listeners: list = []  # those in force; any thread may compile and report
 
 
-class Told(NamedTuple):
-    """What a listener is told."""
+class Progress(NamedTuple):
+    """What a listener hears of the work."""
 
     # What is done. With a share of None: what is compiled, or None when that is done.
     stage: str | None
@@ -54,12 +54,12 @@ class Span:
     end: float = 1.0
     note: str = ""
 
-    def tell(self, share):
+    def report(self, share):
         """Say that this share of the part is done, from 0 to 1; any thread may call it."""
         done = self.low + share * (self.high - self.low)
         length = self.end - self.begin
         part = (done - self.begin) / length if length > 0 else share
-        self.listener(Told(self.stage, done, min(max(part, 0.0), 1.0), self.note))
+        self.listener(Progress(self.stage, done, min(max(part, 0.0), 1.0), self.note))
 
     def within(self, low, high, stage=None):
         """A part of this part; with a name, it is a stage."""
@@ -75,25 +75,29 @@ class Span:
 
 @contextmanager
 def listen_to_progress(listener):
-    """Call ``listener(told)``, from any thread, while the work within proceeds.
+    """Call ``listener(progress)``, from any thread, while the work within proceeds.
 
-    It is `Told` of `COMPILING` when compilation begins, and of None when it ends and the work goes
-    on. A listener of None is not called.
+    Its stage is `COMPILING` when compilation begins, and None when it ends and the work goes on. A
+    listener of None is not called.
     """
     _listeners.append(listener)
     try:
-        with told_to(listener):
+        with heard_by(listener):
             yield
     finally:
         _listeners.remove(listener)
 
 
-@contextmanager
-def told_to(listener):
+def heard_by(listener):
     """The same but for compilation, which all programs that show progress hear of."""
-    token = _span.set(None if listener is None else Span(listener))
+    return _in_span(None if listener is None else Span(listener))
+
+
+@contextmanager
+def _in_span(span):
+    token = _span.set(span)
     try:
-        yield
+        yield span
     finally:
         _span.reset(token)
 
@@ -105,14 +109,10 @@ def progress_part(low, high, stage=None):
     if whole is None:
         yield
         return
-    span = whole.within(low, high, stage)
-    token = _span.set(span)
-    try:
-        span.tell(0.0)
+    with _in_span(whole.within(low, high, stage)) as span:
+        span.report(0.0)
         yield
-        span.tell(1.0)
-    finally:
-        _span.reset(token)
+        span.report(1.0)
 
 
 def current_span():
@@ -120,19 +120,16 @@ def current_span():
     return _span.get()
 
 
-def tell_share(share, note=""):
-    """Say what share of this part of the work is done, and what else there is to say of it."""
+def report_share(share, note=""):
+    """Report what share of this part of the work is done, and what else there is to say of it."""
     if span := _span.get():
-        replace(span, note=note).tell(share)
+        replace(span, note=note).report(share)
 
 
 @cache
 def watch_compilation():
     """Tell listeners when Numba compiles. Call this after Numba is imported."""
-    try:
-        from numba.core import event
-    except ImportError:  # this place is documented, but may change
-        return
+    from numba.core import event
 
     class Compilation(event.Listener):
         depth = 0  # compiling a function compiles those that it calls
@@ -142,17 +139,17 @@ def watch_compilation():
             if self.depth == 0:
                 self.since, self.own = time.monotonic(), _is_own(event)
             self.depth += 1
-            _tell_all(COMPILING)
+            _report_to_all(COMPILING)
             lasted = self.spent + time.monotonic() - self.since
             if self.own and lasted >= PATIENCE and not self.said and not _listeners:
                 self.said = True
-                _say(f"sklearn_mcmd: {COMPILING}")
+                _print_or_log(f"sklearn_mcmd: {COMPILING}")
 
         def on_end(self, event):
             self.depth -= 1
             if self.depth == 0:
                 self.spent += time.monotonic() - self.since if self.own else 0.0
-                _tell_all(None)
+                _report_to_all(None)
 
     event.register("numba:compile", Compilation())
 
@@ -163,7 +160,7 @@ def _is_own(event):
     return getattr(function, "__module__", "").startswith("sklearn_mcmd.")
 
 
-def _say(line):
+def _print_or_log(line):
     """Log a line, or print it where somebody waits at a terminal or a notebook.
 
     ``logging.getLogger("sklearn_mcmd").setLevel("WARNING")`` silences both.
@@ -182,6 +179,6 @@ def _somebody_waits():
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
-def _tell_all(stage):
+def _report_to_all(stage):
     if _listeners and _listeners[-1] is not None:
-        _listeners[-1](Told(stage, None))
+        _listeners[-1](Progress(stage, None))

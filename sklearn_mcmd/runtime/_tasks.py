@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
 
-from sklearn_mcmd.runtime._progress import current_span, progress_part, told_to
+from sklearn_mcmd.runtime._progress import current_span, heard_by, progress_part
 
 __all__ = ["PARTS", "fit_in_tasks", "sub_fit"]
 
@@ -17,14 +17,14 @@ _tasks = ContextVar("sklearn_mcmd_tasks", default=None)
 
 
 def fit_in_tasks(fit):
-    """Decorate a `fit` whose stages are told to callbacks.
+    """Decorate a `fit` whose stages are reported to callbacks.
 
     The estimator has `_stages`, the names of its stages, at least of those that come. Use it below
     ``fit_context``, which ends callbacks whatever happens.
     """
 
     @wraps(fit)
-    def fit_and_tell(self, X, y=None, *args, **params):
+    def fit_and_report(self, X, y=None, *args, **params):
         if not _is_watched(self):
             token = _tasks.set(None)
             try:
@@ -36,7 +36,7 @@ def fit_in_tasks(fit):
         tasks = _FitTasks(self, context, outer=current_span())
         token = _tasks.set(tasks)
         try:
-            with told_to(tasks.hear):
+            with heard_by(tasks.hear):
                 result = fit(self, X, y, *args, **params)
         finally:
             _tasks.reset(token)
@@ -45,7 +45,7 @@ def fit_in_tasks(fit):
         context.call_on_fit_task_end(estimator=self, X=X, y=y, reconstruction_attributes=dict)
         return result
 
-    return fit_and_tell
+    return fit_and_report
 
 
 @contextmanager
@@ -60,7 +60,7 @@ def sub_fit(low, high, name, estimator):
     context = tasks.context.subcontext(task_name=name)
     # Stages of the estimator are not the outer one's: only who listens otherwise hears of them.
     with (
-        told_to(tasks.tell_outer),
+        heard_by(tasks.report_outer),
         progress_part(low, high),
         context.propagate_callback_context(estimator),
     ):
@@ -72,38 +72,38 @@ def sub_fit(low, high, name, estimator):
 class _FitTasks:
     """The tasks of one fit, begun and ended as its stages are heard of.
 
-    The context is that of the whole fit. `outer` is the `Span` of who else is told, or None.
+    The context is that of the whole fit. `outer` is the `Span` of who else listens, or None.
     """
 
     def __init__(self, estimator, context, outer):
         self.estimator, self.context, self.outer = estimator, context, outer
         self.stage, self.task, self.n_done = "", None, 0
 
-    def hear(self, told):
+    def hear(self, progress):
         """Hear of progress; one thread at a time calls it."""
-        if not told.stage:  # between stages
-            self.tell_outer(told)
+        if not progress.stage:  # between stages
+            self.report_outer(progress)
             return
-        if told.stage != self.stage:
+        if progress.stage != self.stage:
             self.end_stage()
-            self.stage, self.n_done = told.stage, 0
-            self.task = self.context.subcontext(task_name=told.stage, max_subtasks=PARTS)
+            self.stage, self.n_done = progress.stage, 0
+            self.task = self.context.subcontext(task_name=progress.stage, max_subtasks=PARTS)
             self.task.call_on_fit_task_begin(estimator=self.estimator)
-        while self.n_done < int(PARTS * told.part + 1e-9):
+        while self.n_done < int(PARTS * progress.part + 1e-9):
             self.n_done += 1
             part = self.task.subcontext(task_name="part")
             part.call_on_fit_task_begin(estimator=self.estimator)
             part.call_on_fit_task_end(estimator=self.estimator)
-        self.tell_outer(told)
+        self.report_outer(progress)
 
     def end_stage(self):
         if self.task is not None:
             task, self.task, self.stage = self.task, None, ""
             task.call_on_fit_task_end(estimator=self.estimator)
 
-    def tell_outer(self, told):
+    def report_outer(self, progress):
         if self.outer is not None:
-            self.outer.in_stage(told.stage).tell(told.share)
+            self.outer.in_stage(progress.stage).report(progress.share)
 
 
 def _is_watched(estimator):

@@ -73,12 +73,9 @@ NO_SHAPES = Shapes(np.empty(0, np.intp), np.empty(0, bool))
 class CylinderParts:
     """Joins narrow regions that touch if one cylinder explains them.
 
-    On a thing no wider than the neighborhoods, normals turn within one or two spacings, and growth
-    leaves strips. The positions of the points still show its shape. Two parts are joined if two
-    conditions hold. One cylinder leaves less of both than two planes do, with fewer parameters. And
-    of each part it leaves at most `most_noise` times what the best model of that part alone leaves.
-    So the noise is measured on the parts themselves. Two narrow faces that meet in an edge stay
-    apart, because no cylinder follows both to within their noise.
+    Two parts are joined if two conditions hold. One cylinder leaves less of both than two planes
+    do, with fewer parameters. And of each part it leaves at most `most_noise` times what the best
+    model of that part alone leaves: so the noise is measured on the parts themselves.
     """
 
     index: NeighborIndex  # of points in three dimensions

@@ -52,23 +52,10 @@ class GrowthRules(NamedTuple):
 def link_neighbors(index, planes, floor, rules, n_jobs=None):
     """Link each point to the neighbors that may join its region (section 5.2.3).
 
-    A neighbor is linked if
-
-    - its distance to the point's plane is at most `max_distance`; by default the median of the
-      neighbors' distances and two robust standard deviations, and what rounding amounts to,
-      `floor` (n,),
-    - it is not farther than `max_gap`; by default the median of the neighbors' distances, which
-      leaves the nearer half,
-    - its normal is within the angle,
-
-    and, if `mutual`, also the point is within such a distance of the neighbor's plane, and its own
-    plane is quiet: no noisier than is usual around and than surfaces are whose normals turn by the
-    angle over a neighborhood. A plane that runs across an edge is noisier, and so are many in
-    foliage.
-
-    The planes are of ``index.points``. Returns links (n, width) of int32, neighbors that may be
-    added from each point, nearest first, then -1; and the distance of the farthest neighbor looked
-    at.
+    The rules are those of `RegionGrowing`; `floor` (n,) is what rounding adds to the distance from
+    a plane. The planes are of ``index.points``. Returns links (n, width) of int32, neighbors that
+    may be added from each point, nearest first, then -1; and the distance of the farthest neighbor
+    looked at.
     """
     n, k, growth = len(index.points), n_linked(index, rules), GrowthLimits()
     radius, limit, links = index.empty(n), index.empty(n), index.empty((n, k), np.int32)

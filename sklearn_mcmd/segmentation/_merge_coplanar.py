@@ -45,11 +45,9 @@ def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
 def join_coplanar(points, labels, around, n_jobs=None):
     """Give one label to regions that are parts of one plane: new labels, by their first parts.
 
-    A shadow, or a few bad normals, cut a wall into parts. A smaller region lies in the plane of a
-    larger, flat one if the noise explains its root mean square distance to that plane. It is joined
-    to the nearest such plane if the gap between them is at most half as long as the smaller one.
-    Labels are from 0 on without gaps, -1 for none. The noise (n,) is the standard deviation of each
-    neighborhood along its normal, in units of the points.
+    A smaller region lies in the plane of a larger, flat one if the noise explains its root mean
+    square distance to that plane. It is joined to the nearest such plane if the gap between them is
+    small. Labels are from 0 on without gaps, -1 for none; `around` are the planes of the points.
     """
     n_regions = int(labels.max(initial=-1)) + 1
     if n_regions < 2:

@@ -39,11 +39,6 @@ class NarrowFaceLimits(NamedTuple):
 class NarrowFaces:
     """Grows regions of the points that lie off all larger regions around them.
 
-    On a face a few points wide, such as a kerb, the neighborhoods have most of their points on
-    the faces beside it. Its normals are theirs, or a plane's that runs across the edge, and growth
-    leaves most of it over. What is left over and lies off the regions around has normals that tell
-    of the face, once only such points are asked.
-
     A region's surface is told by its planes that are no noisier than is usual in it, the median of
     those around a point: single planes that run across the edge, or were lent to a point of
     the wrong face, count for nothing. Its deviation is the region's usual noise, so nothing

@@ -57,10 +57,6 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     criterion (BIC). Then each border of two patches votes (`vote`), and patches become groups
     (`_groups`). Last, where a border parts two groups, its points go to the side on which its
     crease has them. Points of patches that are of both sides get label -1.
-
-    Noise is what is usual around, and what the bend adds that growth allows, as in
-    `link_neighbors`. Labels are from 0 on, -1 for none; the new ones have no order. In three
-    dimensions.
     """
     noise, near = _noise_and_neighbors(index, planes, rules, n_jobs)
     unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers

@@ -14,7 +14,7 @@ __all__ = ["gather_cells", "join_cells", "strip_of", "vote"]
 N_PLANE = 3  # parameters of a plane
 # The points that a surface is fitted to; with plain numbers, `_fitted` is compiled for each.
 OTHER, FIRST, BOTH = np.int64(0), np.int64(1), np.int64(2)
-NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
 
 
 @kernel(cache=True)

@@ -14,12 +14,13 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._formats import INDEX, TILED, listed
 from sklearn_mcmd.io._las import coordinate_system, read_header
-from sklearn_mcmd.io._las_parts import no_returns_of
+from sklearn_mcmd.io._las_parts import no_returns_of, read_parts
 from sklearn_mcmd.io._units import degrees_warning
+from sklearn_mcmd.tiling._memory import PART
 
-__all__ = ["Catalog", "paths_of", "stamp_of"]
+__all__ = ["Catalog", "parts_of", "paths_of", "stamp_of"]
 
-PROJECTION = "LASF_Projection"  # of the records that tell the coordinate system
+PROJECTION = "LASF_Projection"  # of the records of the coordinate system
 
 
 class Catalog:
@@ -114,6 +115,18 @@ def stamp_of(path):
     """What changes when a file does: its size in bytes, and its time in nanoseconds."""
     status = path.stat()
     return status.st_size, status.st_mtime_ns
+
+
+def parts_of(paths, choice=None):
+    """Parts of files in their order: the path, the cloud, and a mask of the points that are chosen.
+
+    The mask is None if all are.
+    """
+    for path in paths:
+        for cloud in read_parts(path, PART):
+            with one_clear_line(path, "read"):
+                chosen = None if choice is None else choice.of(cloud)
+            yield path, cloud, chosen
 
 
 def paths_of(source, extensions=TILED):

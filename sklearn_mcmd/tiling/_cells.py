@@ -6,22 +6,25 @@ are read only once. Each point is written about two and a half times.
 """
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
-from sklearn_mcmd.tiling._cell_columns import in_place_of
+from sklearn_mcmd.planes._resolution import is_single, step_of_levels
+from sklearn_mcmd.tiling._stored_columns import in_place_of
 
-__all__ = ["RECORD", "CellWriter", "Cells", "write_boxes"]
+__all__ = ["CellWriter", "Cells", "Constants", "WholeCloud"]
 
 # A point as it is stored, with its place in the order of all inputs.
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"
-TOLD_APART = 2**16  # points whose cells are found at once
-# Of a cell that is cut, COUNTED points tell how many lie near the cut: nearer than NEAR of the
-# length that holds all but a share STRAY of them at each end. Only the time depends on these.
-COUNTED, NEAR, STRAY = 20_000, 0.02, 0.05
+LOCATED_AT_ONCE = 2**16  # points whose cells are found at once
+# How cells are cut; only the time depends on it.
+COUNTED = 20_000  # points of a cell that are counted to find the best cut
+NEAR = 0.02  # share of the length of a cell within which a point is near the cut
+STRAY = 0.05  # share of the points at each end that do not count for the length
 
 
 class CellWriter:
@@ -40,22 +43,20 @@ class CellWriter:
         self.extents = [_no_extent()]
 
     def add(self, xyz, rows):
-        """Take points (n, 3); `rows` are their places, or that of the first of them."""
+        """Take points (n, 3); `rows` are their places in the order of all inputs."""
         records = np.empty(len(xyz), RECORD)
-        if np.ndim(rows) == 0:
-            rows = np.arange(rows, rows + len(xyz))
         records["xyz"], records["row"] = xyz, rows
         self.n_points += len(xyz)
         self._put(0, records)
 
     def close(self):
         """Write what the cells are; returns these as `Cells`."""
-        counts, leaves = np.array(self.counts), np.flatnonzero(self.counts)
+        leaves = np.flatnonzero(self.counts)
         boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
-        return write_boxes(
-            self.folder, names=leaves, low=boxes[:, 0], high=boxes[:, 1],
-            least=extents[:, 0], most=extents[:, 1], counts=counts[leaves],
-        )  # fmt: skip
+        known = {"names": leaves, "counts": np.array(self.counts)[leaves]}
+        with in_place_of(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
+            np.savez(file, boxes=boxes, extents=extents, **known)
+        return Cells(self.folder)
 
     def _put(self, node, records):
         waiting = [(node, records)]
@@ -107,8 +108,9 @@ class Cells:
         self.folder = Path(folder)
         path = self.folder / BOXES
         with one_clear_line(path, "read"), np.load(path) as stored:
-            self.low, self.high, self.counts = stored["low"], stored["high"], stored["counts"]
-            self._names, self._least, self._most = (stored[n] for n in ("names", "least", "most"))
+            boxes, self.counts = stored["boxes"], stored["counts"]
+            self._names, self._extents = stored["names"], stored["extents"]
+        self.low, self.high, self._stored = boxes[:, 0], boxes[:, 1], self.counts
 
     def __len__(self):
         return len(self.counts)
@@ -117,15 +119,18 @@ class Cells:
         """The points of a cell, as records in the order of the inputs."""
         path = _path(self.folder, self._names[cell])
         records = np.fromfile(path, RECORD)
-        if len(records) != self.counts[cell]:
+        if len(records) != self._stored[cell]:
             raise PointFileError(f"{path}: is damaged; begin anew (restart)")
         return records
 
     def of(self, points):
         """The cell in whose box each point lies; 0 where there is none, since it would be empty."""
         of = np.zeros(len(points), np.int32)
-        for first in range(0, len(points), TOLD_APART):
-            part, cells = points[first : first + TOLD_APART], of[first : first + TOLD_APART]
+        for first in range(0, len(points), LOCATED_AT_ONCE):
+            part, cells = (
+                points[first : first + LOCATED_AT_ONCE],
+                of[first : first + LOCATED_AT_ONCE],
+            )
             low, high = part.min(axis=0), part.max(axis=0)
             for cell in np.flatnonzero(((self.low <= high) & (self.high > low)).all(axis=1)):
                 cells[((part >= self.low[cell]) & (part < self.high[cell])).all(axis=1)] = cell
@@ -133,14 +138,15 @@ class Cells:
 
     def extent(self, cell):
         """The least and the most coordinates of a cell's points."""
-        return self._least[cell], self._most[cell]
+        return self._extents[cell, 0], self._extents[cell, 1]
 
 
-def write_boxes(folder, **told):
-    """Write what the cells of a folder are; returns these as `Cells`."""
-    with in_place_of(folder / BOXES) as temporary, open(temporary, "wb") as file:
-        np.savez(file, **told)
-    return Cells(folder)
+def _path(folder, name):
+    return folder / f"{name}.points"
+
+
+def _no_extent():
+    return np.array([[np.inf] * 3, [-np.inf] * 3])
 
 
 def _best_cut(points, share):
@@ -174,9 +180,59 @@ def _cut(values, share):
     return float(above.min()) if len(above) else None
 
 
-def _no_extent():
-    return np.array([[np.inf] * 3, [-np.inf] * 3])
+class Constants(NamedTuple):
+    """What every tile must know of the whole cloud: the precision of the coordinates, float32 if it
+    rounded them, and the step to which they were rounded, 0 where there is none.
+    """
+
+    dtype: str
+    step: float
 
 
-def _path(folder, name):
-    return folder / f"{name}.points"
+class WholeCloud:
+    """Collects constants while the points are read once."""
+
+    def __init__(self):
+        self.single = True
+        self.axes = [_Levels() for _ in range(3)]
+
+    def add(self, xyz):
+        """Take some of the points, (n, 3)."""
+        if self.single:
+            with np.errstate(over="ignore"):
+                self.single = bool((xyz.astype(np.float32) == xyz).all())
+        for axis, values in zip(self.axes, xyz.T, strict=True):
+            axis.add(*np.unique(values, return_counts=True))
+
+    def constants(self, dtype=None):
+        """The `Constants` of all points that were taken, in a given precision or that of these."""
+        levels = [axis.merged() for axis in self.axes]
+        if dtype is None:
+            dtype = np.float32 if self.single and is_single(levels) else np.float64
+        dtype = np.dtype(dtype)
+        step = step_of_levels((values.astype(dtype), counts) for values, counts in levels)
+        return Constants(dtype.name, float(step))
+
+
+class _Levels:
+    """The values of an axis and how often each occurs; 16 bytes for each value."""
+
+    def __init__(self):
+        self.parts = []
+
+    def add(self, values, counts):
+        """Join parts of like size, so that each value is sorted a few times only."""
+        self.parts.append((values, counts))
+        while len(self.parts) > 1 and len(self.parts[-2][0]) < 2 * len(self.parts[-1][0]):
+            self.parts.append(_joined([self.parts.pop(), self.parts.pop()]))
+
+    def merged(self):
+        self.parts = [_joined(self.parts)]
+        return self.parts[0]
+
+
+def _joined(parts):
+    values, rows = np.unique(np.concatenate([v for v, _ in parts]), return_inverse=True)
+    counts = np.zeros(len(values), np.int64)
+    np.add.at(counts, rows, np.concatenate([c for _, c in parts]))
+    return values, counts

@@ -1,19 +1,21 @@
-"""The folder of a run: what is done, so that a run that was ended goes on."""
+"""The folder of a run: what is done, so that a run that was ended goes on; one run at a time."""
 
 import hashlib
 import json
 import os
 import re
+import secrets
 import shutil
+import socket
 from contextlib import suppress
 from pathlib import Path
 
 from sklearn_mcmd.tiling._catalog import stamp_of
-from sklearn_mcmd.tiling._cell_columns import in_place_of
-from sklearn_mcmd.tiling._cloud_constants import Constants
-from sklearn_mcmd.tiling._lock import Lock
+from sklearn_mcmd.tiling._cells import Constants
+from sklearn_mcmd.tiling._stored_columns import CellColumns, in_place_of
+from sklearn_mcmd.tiling._sweeps import TilingError
 
-__all__ = ["WorkFolder", "key_of", "read_json", "write_json"]
+__all__ = ["Lock", "WorkFolder", "key_of", "read_json", "write_json"]
 
 MANIFEST = "manifest.json"
 MOVES = "moves.json"
@@ -66,6 +68,11 @@ class WorkFolder:
         stored = read_json(self._manifest)
         return Constants(**stored["constants"]) if stored else None
 
+    @property
+    def columns(self):
+        """The columns of all places."""
+        return CellColumns(self.results)
+
     def finish_cells(self, constants):
         """Remember that all points are in cells."""
         write_json(self._manifest, {"key": self.key, "constants": constants._asdict()})
@@ -88,9 +95,8 @@ class WorkFolder:
         self._lock.release()
 
     def remove(self):
-        """Remove the folder, and outputs that wait; last of all what tells of moves."""
+        """Remove the folder, and outputs that wait; the list of moves last."""
         self._empty()
-        self.moves.unlink(missing_ok=True)
         self.release()
         with suppress(OSError):  # another run may have begun
             self.path.rmdir()
@@ -98,12 +104,11 @@ class WorkFolder:
     def clear(self):
         """Begin anew."""
         self._empty()
-        self.moves.unlink(missing_ok=True)
         self.cells.mkdir(parents=True)
         self.results.mkdir()
 
     def _empty(self):
-        self._manifest.unlink(missing_ok=True)  # which else would tell of cells that are not there
+        self._manifest.unlink(missing_ok=True)  # first: it says that the cells are there
         for file in self.path.glob(f"*{WRITTEN}"):
             path = Path(read_json(file).get("path", ""))
             if STAGED.fullmatch(path.name):
@@ -113,11 +118,78 @@ class WorkFolder:
         for file in self.path.glob("*"):
             if file not in (self.moves, self._lock.path) and not file.is_dir():
                 file.unlink(missing_ok=True)
+        self.moves.unlink(missing_ok=True)
 
     def _is_ours(self):
         """Of a run that ended before its manifest, or while it was removed; or an empty folder."""
         ours = re.compile(rf"cells|results|({LOCK}|{MANIFEST}|{MOVES}|\d+{WRITTEN})(\..*)?")
         return all(ours.fullmatch(entry.name) for entry in self.path.iterdir())
+
+
+class Lock:
+    """A file that names the process that works in a folder.
+
+    What a process of this machine has left is taken over when it is no more.
+    """
+
+    def __init__(self, path):
+        self.path = path
+        self.is_held = False
+
+    def acquire(self):
+        """Take the lock, or raise TilingError with a message that names it."""
+        owner, host = self._owner(), socket.gethostname()
+        if owner and owner["host"] == host and not _lives(owner["pid"]):
+            self.path.unlink(missing_ok=True)
+        try:
+            self._take(json.dumps({"host": host, "pid": os.getpid()}))
+        except FileExistsError:
+            owner = self._owner() or {"host": "an unknown machine", "pid": "?"}
+            raise TilingError(
+                f"{self.path}: another run works on this output (process {owner['pid']} on "
+                f"{owner['host']}); wait for it, or remove this file if it is no more"
+            ) from None
+        self.is_held = True
+
+    def release(self):
+        if self.is_held:
+            self.path.unlink(missing_ok=True)
+            self.is_held = False
+
+    def _take(self, content):
+        """Make the file appear with its content: a kill leaves none that names nobody."""
+        temporary = self.path.with_name(f"{self.path.name}.{secrets.token_hex(4)}.part")
+        try:
+            temporary.write_text(content)
+            try:
+                os.link(temporary, self.path)
+            except FileExistsError:
+                raise
+            except OSError:  # a disk that has no links
+                with open(self.path, "x") as file:
+                    file.write(content)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def _owner(self):
+        try:
+            owner = json.loads(self.path.read_text())
+            return {"host": owner["host"], "pid": int(owner["pid"])}
+        except Exception:  # of a file that is not there, or damaged
+            return {}
+
+
+def _lives(pid):
+    """Whether a process of this machine is at work, or cannot be asked."""
+    if os.name == "nt":  # where the question would end it
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def read_json(path):
@@ -135,6 +207,14 @@ def write_json(path, content):
         temporary.write_text(f"{_digest(content)}\n{content}")
 
 
+def key_of(estimator, *known):
+    """A hash of an estimator and all else that results depend on."""
+    from sklearn_mcmd import __version__
+
+    params = sorted(estimator.get_params().items())
+    return _digest(repr((__version__, type(estimator).__name__, params, *known)))
+
+
 def _digest(content):
     return hashlib.sha256(content.encode()).hexdigest()
 
@@ -144,12 +224,3 @@ def _mark(path, content):
     path = Path(os.path.realpath(path))
     stamp = list(stamp_of(path)) if path.exists() else None
     return {"path": str(path), "content": content, "stamp": stamp}
-
-
-def key_of(estimator, *known):
-    """A hash of an estimator and all else that results depend on."""
-    from sklearn_mcmd import __version__
-
-    params = sorted(estimator.get_params().items())
-    content = repr((__version__, type(estimator).__name__, params, *known))
-    return _digest(content)

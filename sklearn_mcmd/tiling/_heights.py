@@ -13,18 +13,11 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._ground import NONE_JUDGED, Ground, GroundLimits
 from sklearn_mcmd.outliers._low_groups import group_depths
-from sklearn_mcmd.tiling._cell_columns import CellColumns
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._memory import bytes_of_groups
-from sklearn_mcmd.tiling._result_files import (
-    SCORED,
-    VERDICTS,
-    has_scores,
-    tile_file,
-    write_results,
-)
-from sklearn_mcmd.tiling._search import SLACK, asking, by_distance, near_box
-from sklearn_mcmd.tiling._sweeps import Sweeps
+from sklearn_mcmd.tiling._result_files import write_results
+from sklearn_mcmd.tiling._search import SLACK, by_distance, near_box, within_reach
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
 
 __all__ = ["GROUND", "GroundWriter", "Heights"]
 
@@ -44,38 +37,32 @@ class GroundWriter(CellWriter):
 class Heights:
     """What is found by heights in a run, beside the scores, which depend on none."""
 
-    def __init__(self, run, limits):
+    def __init__(self, run, limits, sweeps):
         self.run, self.limits = run, limits
         # Other limits have another folder.
-        folder = run.folder.results / "heights {} {} {}".format(*limits)
-        folder.mkdir(exist_ok=True)
-        self.columns = CellColumns(folder)
+        self.columns = CellColumns(run.folder.results / "heights {} {} {}".format(*limits))
+        self.columns.folder.mkdir(exist_ok=True)
+        self._sweep = partial(sweeps, cells=run.cells, columns=self.columns, limits=limits)
 
     def find(self):
-        """Find which points are judged, how many, and groups below the ground."""
-        n_cells = len(self.run.cells)
-        self._sweep("heights", find_heights, points=self.run.folder.cells)
-        n_judged = self.columns.total(n_cells, "heights", "n_judged")
+        """Find which points are judged, and groups below the ground; returns how many are."""
+        is_done = partial(self.columns.is_done, sweep="heights")
+        self._sweep("heights", _find_heights, is_done=is_done, points=self.run.folder.cells)
+        reports = [self.columns.report(cell, "heights") for cell in range(len(self.run.cells))]
+        n_judged, n_below = (sum(r[name] for r in reports) for name in ("n_judged", "n_below"))
         if not n_judged:
             raise PointFileError(f"{self.run.catalog.paths[0]}: {NONE_JUDGED}")
-        if self.limits.low_groups and not self.columns.is_done("all", "groups"):
-            n_below = self.columns.total(n_cells, "heights", "n_below")
-            self._find_groups(n_cells, n_below)
-            self.columns.finish("all", "groups", n_below=n_below)
+        if self.limits.low_groups and not self.columns.is_done(ALL, "groups"):
+            self._find_groups(n_below)
+            self.columns.finish(ALL, "groups")
         return n_judged
 
-    def scored(self):
-        """Find what heights say of each score; returns what `Results` takes."""
-        folder, results = self.columns.folder, self.run.folder.results
-        self._sweep("verdicts", find_verdicts, partial(has_scores, folder), results=results)
-        return folder, len(self.run.cells), VERDICTS
+    def find_verdicts(self):
+        """Write what heights say of each score, as results of their own."""
+        is_done = partial(self.columns.is_done, sweep="verdicts")
+        self._sweep("verdicts", _find_verdicts, is_done=is_done, scored=self.run.folder.columns)
 
-    def _sweep(self, name, work, is_done=None, **known):
-        known |= {"folder": self.columns.folder, "limits": self.limits}
-        sweep = Sweeps(self.columns, self.run.plan.n_workers, {name: 1.0})
-        sweep(name, work, self.run.cells, is_done, **known)
-
-    def _find_groups(self, n_cells, n_below):
+    def _find_groups(self, n_below):
         """Write how deep the groups of points below the ground lie; all are in memory at once."""
         needed = bytes_of_groups(n_below)
         if needed > self.run.memory:
@@ -84,7 +71,7 @@ class Heights:
                 f"{needed / 1e6:.0f}MB, more than $memory={self.run.memory / 1e6:.0f}MB; give more "
                 "memory, check the ground (class 2), or leave groups below it out (low_groups)"
             )
-        parts = [self.columns.read(cell, "below") for cell in range(n_cells)]
+        parts = [self.columns.read(cell, "below") for cell in range(len(self.run.cells))]
         below = np.concatenate(parts)
         depths = group_depths(below[:, :3], below[:, 3], below[:, 4])
         ends = np.cumsum([len(part) for part in parts])[:-1]
@@ -92,13 +79,12 @@ class Heights:
             self.columns.write(cell, depths=part)
 
 
-def find_heights(cell, points, folder, limits):
+def _find_heights(cell, points, columns, limits):
     """Write which points of a cell are judged, and those that lie below the ground.
 
     Columns: judged, of all points; below_rows, and below: coordinates, how deep, and the distance
     in plan of the third nearest ground point.
     """
-    columns = CellColumns(folder)
     xyz = np.ascontiguousarray(Cells(points).read(cell)["xyz"])
     away, near = _nearest_ground(Cells(points / GROUND), xyz)
     judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
@@ -113,29 +99,31 @@ def find_heights(cell, points, folder, limits):
     columns.finish(cell, "heights", n_judged=int(np.count_nonzero(judged)), n_below=n_below)
 
 
-def find_verdicts(cell, results, folder, limits):
-    """Write the scores of a cell's points with what heights say of them, as `VERDICTS`."""
-    columns = CellColumns(folder)
-    scored = np.fromfile(tile_file(results, cell), SCORED)
-    scores, depths = scored["values"][:, 0], np.zeros(len(scored))
+def _find_verdicts(cell, scored, columns, limits):
+    """Write the scores of a cell's points, or depths below the ground if these are more.
+
+    Beside them the depths of groups below the ground, NaN of points that are not judged.
+    """
+    results = scored.read(cell, "results")
+    scores, depths = results["values"][:, 0], np.zeros(len(results))
     if limits.low_groups:
         depths[columns.read(cell, "below_rows")] = columns.read(cell, "depths")
         scores = np.maximum(scores, depths)
     depths[~columns.read(cell, "judged")] = np.nan
-    verdicts = np.column_stack([scores, depths])
-    write_results(folder, cell, scored["row"], verdicts, VERDICTS)
+    write_results(columns, cell, results["row"], np.column_stack([scores, depths]))
+    columns.finish(cell, "verdicts")
 
 
 def _nearest_ground(cells, xyz):
-    """What `Ground.nearest` tells, of all points of the ground.
+    """What `Ground.nearest` returns, of all points of the ground.
 
-    Each point asks its own cell, and then all that may have nearer ground.
+    The own cell of each point is searched, and then all that may have nearer ground.
     """
     plan, n_nearest = _flat(xyz), GroundLimits().n_nearest
     found = np.full((2, len(xyz), n_nearest), np.inf)
     own = cells.of(plan)
 
-    def ask(cell, asked):
+    def nearest_in(cell, asked):
         records, reach = cells.read(cell), SLACK * found[0, asked, -1]
         if np.isfinite(reach).all():
             records = records[near_box(records["xyz"], plan[asked], reach)]
@@ -144,12 +132,12 @@ def _nearest_ground(cells, xyz):
 
     for cell in np.unique(own):
         asked = np.flatnonzero(own == cell)
-        found[:, asked] = ask(cell, asked)
+        found[:, asked] = nearest_in(cell, asked)
     for cell in by_distance(cells, plan, SLACK * found[0, :, -1]):
-        asked = asking(cells, cell, plan, SLACK * found[0, :, -1])
+        asked = within_reach(cells, cell, plan, SLACK * found[0, :, -1])
         asked = asked[own[asked] != cell]
         if len(asked):
-            both = np.concatenate([found[:, asked], ask(cell, asked)], axis=2)
+            both = np.concatenate([found[:, asked], nearest_in(cell, asked)], axis=2)
             nearest = np.lexsort(both[::-1])[:, :n_nearest]  # of equally distant ones the lowest
             found[:, asked] = np.take_along_axis(both, nearest[None], axis=2)
     return found

@@ -23,18 +23,16 @@ __all__ = [
     "most_neighbors",
     "parse_memory",
     "plan_run",
-    "sensed",
-    "sized",
     "usual_memory",
+    "work_of",
 ]
 
-# Share of the machine's memory that a run may take by itself, and what it takes where the machine
-# does not tell.
-SHARE, UNKNOWN = 0.5, 4e9
+SHARE = 0.5  # share of the machine's memory that a run may take if nothing is said
+UNKNOWN = 4e9  # bytes of a machine that does not say how many it has
 
 
 class Costs(NamedTuple):
-    """Bytes that a work takes, measured, see docs/tiling.rst: for each point."""
+    """Bytes for each point that a work takes, measured, see docs/tiling.rst."""
 
     tile: int  # of a tile
     stored: int  # of temporary files
@@ -44,35 +42,36 @@ class Costs(NamedTuple):
 
 
 COSTS = {
-    "normals": Costs(650, 430, 450),
-    "outliers": Costs(450, 400, 450, 35, "judges"),
-    "heights": Costs(450, 460, 450, 35, "judges"),
-    "edges": Costs(750, 480, 1100, 35, "judges"),
-    "tree": Costs(650, 480, 850, 200, "holds the tree of"),
-    "regions": Costs(650, 550, 720, 100, "joins the regions of"),
+    "normals": Costs(tile=650, stored=430, cloud=450),
+    "outliers": Costs(tile=450, stored=400, cloud=450, whole=35, does="judges"),
+    "heights": Costs(tile=450, stored=460, cloud=450, whole=35, does="judges"),
+    "edges": Costs(tile=750, stored=480, cloud=1100, whole=35, does="judges"),
+    "tree": Costs(tile=650, stored=480, cloud=850, whole=200, does="holds the tree of"),
+    "regions": Costs(tile=650, stored=550, cloud=720, whole=100, does="joins the regions of"),
 }
-# What more a work takes: a tile and a cloud in memory, at least; what is stored; and one process.
-# Numbers of neighbors are found, rays are followed, and there is a position for each point.
+# What more a work takes, at least but for what is stored: numbers of neighbors are found, rays
+# are followed, and there is a position for each point.
 MORE = {
-    "auto": Costs(1300, 370, 750, 80, "finds the numbers of neighbors of"),
-    "rays": Costs(0, 155, 650, 200, "follows the rays to"),
-    "positions": Costs(0, 50, 500, 24, "holds positions for"),
-    "trajectory": Costs(0, 50, 500, 30, "keeps the times of"),
-    "angles": Costs(0, 50, 750, 300, "adjusts the flight lines of"),
+    "auto": Costs(tile=1300, stored=370, cloud=750, whole=80, does="finds neighbors of"),
+    "rays": Costs(tile=0, stored=155, cloud=650, whole=200, does="follows the rays to"),
+    "positions": Costs(tile=0, stored=50, cloud=500, whole=24, does="holds positions for"),
+    "trajectory": Costs(tile=0, stored=50, cloud=500, whole=30, does="keeps the times of"),
+    "angles": Costs(tile=0, stored=50, cloud=750, whole=300, does="adjusts the flight lines of"),
 }
-# Bytes of a process with its compiled code, and for each value of a feature.
-PROCESS, FEATURE = 330e6, 24
-# Costs are those of so many neighbors. Each that is more takes 4 bytes of disk and 8 of a tile.
+PROCESS = 330e6  # bytes of a process with its compiled code
+FEATURE = 24  # bytes of a feature of a point
+# Neighbors whose costs these are. Each more takes 4 bytes of disk for a point, and 8 of a tile.
 NEIGHBORS = 50
-# Each point that lies below the ground; of regions, so many points at once, each point, and one
-# that growth left over.
-BELOW_POINT, JOINED_POINT, JOINED_AT_ONCE, GROWN_LEAST, REST_POINT = 750, 150, 1_000_000, 26, 200
-# Points read or written at once, and bytes for each while that is done.
-PART, PART_POINT = 250_000, 400
+BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
+JOINED_POINT = 150  # bytes of a point while regions are joined
+JOINED_AT_ONCE = 1_000_000  # points of regions that are joined at once
+GROWN_LEAST = 26  # bytes of a point of regions
+REST_POINT = 200  # bytes of a point that growth left over
+PART = 250_000  # points read or written at once
+PART_POINT = 400  # bytes of a point while it is read or written
 LEAST_TILE = 20_000  # most points of smaller tiles have neighbors in others
-# Where there is memory for more, each process gets EACH tiles or more, of GOOD_TILE points or more.
-# Where there is less, fewer processes with more threads each have tiles as large.
-EACH, GOOD_TILE = 2, 1_000_000
+EACH = 2  # tiles that each process gets at least, where there is memory for more
+GOOD_TILE = 1_000_000  # points of a tile that is worth a process of its own
 FILL = 0.7  # how full cells are that are halved when they are full
 
 
@@ -112,16 +111,11 @@ def most_neighbors(n_points, *estimators):
     return max((k for k in numbers if isinstance(k, Integral)), default=NEIGHBORS)
 
 
-def sized(work, estimator):
-    """The name of some work with an estimator of normals."""
-    return f"{work}, auto" if estimator.n_neighbors == "auto" else work
-
-
-def sensed(work, detector, sensor=None):
-    """The name of some work with a detector, or None, and a `SensorPath`."""
-    if detector is not None and not (sensor is None and detector.sensor_origin is None):
-        work = f"{work}, rays"
-    return work if sensor is None else f"{work}, {sensor.kind}"
+def work_of(base, normals=None, detector=None, sensor=None):
+    """The name of some work, as of `costs_of`, with estimators and a `SensorPath`, or None."""
+    has_rays = detector is not None and not (sensor is None and detector.sensor_origin is None)
+    more = ["auto"] * (normals is not None and normals.n_neighbors == "auto") + ["rays"] * has_rays
+    return ", ".join([base, *more, *([] if sensor is None else [sensor.kind])])
 
 
 def costs_of(work):
@@ -130,7 +124,9 @@ def costs_of(work):
     costs = COSTS[base]
     for other in (MORE[name] for name in more):
         tile, stored, cloud = max(costs.tile, other.tile), costs.stored + other.stored, costs.cloud
-        costs = Costs(tile, stored, max(cloud, other.cloud), *max(costs[3:], other[3:]))
+        whole, does = max(costs[3:], other[3:])
+        cloud = max(cloud, other.cloud)
+        costs = Costs(tile=tile, stored=stored, cloud=cloud, whole=whole, does=does)
     return costs
 
 
@@ -195,19 +191,57 @@ def bytes_of_groups(n_points):
 
 
 def plan_run(
-    n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals",
-    n_neighbors=NEIGHBORS,
-):  # fmt: skip
+    n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals", n_neighbors=None
+):
     """Divide points so that all workers together stay within the memory.
 
     `work` is as of `costs_of`, and `n_neighbors` the most that are asked for. Raise if one worker
     with the smallest tile would take more.
     """
-    costs, more = costs_of(work), 4 * max(0, n_neighbors - NEIGHBORS)
+    costs, more = costs_of(work), 4 * max(0, (n_neighbors or NEIGHBORS) - NEIGHBORS)
     stored, bytes_a_point = costs.stored + more, costs.tile + FEATURE * n_features + 2 * more
-    own = PROCESS + PART * PART_POINT  # of the process that reads and writes
-    least = PROCESS + LEAST_TILE * bytes_a_point
-    why = f" with $n_neighbors={n_neighbors}" if more else ""
+    own, least = _least(n_points, work, bytes_a_point, n_neighbors if more else None, memory)
+    n_jobs = n_workers = _n_jobs(n_jobs)
+    if costs.whole:  # other processes stay, while one works on the whole
+        n_workers = max(1, min(n_workers, int((memory - own) // max(PROCESS, 1))))
+    if n_workers > 1:  # processes of their own
+        n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
+
+    def capacity(n_workers):
+        for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
+        return int(for_tiles / n_workers / bytes_a_point)
+
+    shares = not _is_elsewhere()
+    # Fewer processes with more threads each have tiles that are large enough.
+    if tile_size is None and shares:
+        while n_workers > 1 and capacity(n_workers) < min(GOOD_TILE, n_points / n_workers):
+            n_workers -= 1
+    if tile_size is None:
+        enough = n_points if n_workers == 1 else max(GOOD_TILE, int(n_points / n_workers / EACH))
+        tile_size = min(capacity(n_workers), enough, n_points)
+    n_tiles = max(1, round(n_points / (FILL * tile_size))) if tile_size < n_points else 1
+    n_workers = min(n_workers, n_tiles)
+    used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
+    if costs.whole and n_workers > 1:
+        own += PROCESS * n_workers
+    return Plan(
+        n_workers=n_workers,
+        n_threads=max(1, n_jobs // n_workers) if shares else 1,
+        tile_size=tile_size,
+        n_tiles=n_tiles,
+        memory=max(own, used),
+        disk=n_points * (stored + 4 * n_features),
+    )
+
+
+def _least(n_points, work, bytes_a_point, n_neighbors, memory):
+    """What the process that reads and writes takes, and one with the smallest tile.
+
+    Raise if this is more than the memory; `n_neighbors` are named if they are many.
+    """
+    costs = costs_of(work)
+    own, least = PROCESS + PART * PART_POINT, PROCESS + LEAST_TILE * bytes_a_point
+    why = f" with $n_neighbors={n_neighbors}" if n_neighbors else ""
     if costs.whole:
         joins = work.startswith("regions")
         at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if joins else 0
@@ -220,32 +254,7 @@ def plan_run(
         raise ParameterError(
             f"$memory={given} is too little: at least {max(own, least) / 1e6:.0f}MB is needed{why}."
         )
-    n_jobs = n_workers = _n_jobs(n_jobs)
-    if costs.whole:  # other processes stay, while one works on the whole
-        n_workers = max(1, min(n_workers, int((memory - own) // max(PROCESS, 1))))
-    if n_workers > 1:  # processes of their own
-        n_workers = max(1, min(n_workers, int((memory - PROCESS) // least)))
-
-    def capacity(n_workers):
-        for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
-        return int(for_tiles / n_workers / bytes_a_point)
-
-    shares = not _is_elsewhere()
-    if tile_size is None and shares:
-        while n_workers > 1 and capacity(n_workers) < min(GOOD_TILE, n_points / n_workers):
-            n_workers -= 1
-    most = capacity(n_workers)
-    if tile_size is None:
-        enough = n_points if n_workers == 1 else max(GOOD_TILE, int(n_points / n_workers / EACH))
-        tile_size = min(most, enough, n_points)
-    n_tiles = max(1, round(n_points / (FILL * tile_size))) if tile_size < n_points else 1
-    n_workers = min(n_workers, n_tiles)
-    n_threads = max(1, n_jobs // n_workers) if shares else 1
-    used = PROCESS * (n_workers + (n_workers > 1)) + n_workers * tile_size * bytes_a_point
-    disk = n_points * (stored + 4 * n_features)
-    if costs.whole and n_workers > 1:
-        own += PROCESS * n_workers
-    return Plan(n_workers, n_threads, tile_size, n_tiles, max(own, used), disk)
+    return own, least
 
 
 def _n_jobs(n_jobs):

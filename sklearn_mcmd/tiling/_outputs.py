@@ -1,6 +1,15 @@
-"""Outputs of a run: where they go, and their writing in the order of the inputs."""
+"""Outputs of a run: where they go, their writing in the order of the inputs, and their moves.
+
+Outputs that replace their inputs are all written first, then moved, and a run may end between. The
+inputs are one cloud. If one was replaced and another not, nobody could judge them again. So a run
+that ended while outputs were moved has only to move the others.
+"""
 
 import os
+import shutil
+from pathlib import Path
+
+import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
@@ -8,13 +17,13 @@ from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing
 from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
 from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
-from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.runtime._progress import tell_share
-from sklearn_mcmd.tiling._catalog import stamp_of
+from sklearn_mcmd.runtime._progress import report_share
+from sklearn_mcmd.tiling._catalog import parts_of, stamp_of
+from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
 from sklearn_mcmd.tiling._memory import PART
-from sklearn_mcmd.tiling._publish_outputs import places_of
+from sklearn_mcmd.tiling._sweeps import TilingError
 
-__all__ = ["targets_of", "write_outputs"]
+__all__ = ["move_outputs", "resume_moves", "targets_of", "write_outputs"]
 
 LAS_OR_LAZ = listed(TILED, "or")
 
@@ -27,31 +36,11 @@ def targets_of(catalog, target):
     """
     named_as_file = target.suffix.lower() in TILED and not target.is_dir()
     as_folder = catalog.is_many and not named_as_file
-    if as_folder and target.suffix.lower() in supported_extensions() and not target.exists():
-        raise PointFileError(
-            f"{target}: several files become a folder, or one {LAS_OR_LAZ}; {target.suffix} is no "
-            "name for either"
-        )
-    if not as_folder:
-        targets = [target]
-        if len(catalog) > 1:
-            if os.path.realpath(target) in map(os.path.realpath, catalog.paths):
-                raise PointFileError(f"{target}: is one of the inputs; name another file")
-            joined_header(catalog.paths)
-    else:
-        if target.exists() and not target.is_dir():
-            raise PointFileError(
-                f"{target}: several outputs need a folder; to join them in one file, name a "
-                f"{LAS_OR_LAZ}"
-            )
-        names = [path.name.replace(".copc.", ".") for path in catalog.paths]
-        for path, name in zip(catalog.paths, names, strict=True):
-            if names.count(name) > 1:
-                raise PointFileError(
-                    f"{path}: several files have this name, and so would the outputs; to join them "
-                    f"in one file, name a {LAS_OR_LAZ}"
-                )
-        targets = [target / name for name in names]
+    targets = _names_in(target, catalog) if as_folder else [target]
+    if not as_folder and len(catalog) > 1:
+        if os.path.realpath(target) in map(os.path.realpath, catalog.paths):
+            raise PointFileError(f"{target}: is one of the inputs; name another file")
+        joined_header(catalog.paths)
     for path in targets:
         folder = target.parent if as_folder and not target.exists() else path.parent
         check_writable(path, folder)
@@ -64,24 +53,43 @@ def targets_of(catalog, target):
     return targets
 
 
-def write_outputs(run, verb, results):
-    """Write each output in the order of its inputs; returns the sum of what `Verb.measure` tells.
+def _names_in(folder, catalog):
+    """The outputs in a folder, which have the names of the inputs."""
+    if folder.suffix.lower() in supported_extensions() and not folder.exists():
+        raise PointFileError(
+            f"{folder}: several files become a folder, or one {LAS_OR_LAZ}; {folder.suffix} is no "
+            "name for either"
+        )
+    if folder.exists() and not folder.is_dir():
+        raise PointFileError(
+            f"{folder}: several outputs need a folder; to join them in one file, name a "
+            f"{LAS_OR_LAZ}"
+        )
+    names = [path.name.replace(".copc.", ".") for path in catalog.paths]
+    for path, name in zip(catalog.paths, names, strict=True):
+        if names.count(name) > 1:
+            raise PointFileError(
+                f"{path}: several files have this name, and so would the outputs; to join them "
+                f"in one file, name a {LAS_OR_LAZ}"
+            )
+    return [folder / name for name in names]
+
+
+def write_outputs(run, verb):
+    """Write each output in the order of its inputs; returns the sum of what the verb measures.
 
     Points that the verb's choice does not take have no `Results`: NaN.
     """
-    catalog, targets, choice = run.catalog, run.targets, verb.choice
-    first, total = 0, 0.0
+    catalog, targets, results, first, total = run.catalog, run.targets, verb.results(run), 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
-    everything = range(len(catalog))
-    for i, place in enumerate(places_of(catalog, targets, run.folder)):
-        inputs = everything if joined else [i]
+    for i, place in enumerate(_places_of(catalog, targets, run.folder)):
+        inputs = range(len(catalog)) if joined else [i]
         if run.folder.is_written(i, place, verb.content):
-            n = sum(catalog.counts[j] for j in inputs)
-            for start in range(first, first + n, PART):
-                values = results.take(start, min(PART, first + n - start), choice is None)
-                total += verb.measure(values)
-            first += n
+            end = first + sum(catalog.counts[j] for j in inputs)
+            for start in range(first, end, PART):
+                total += verb.measure(results.take(start, min(PART, end - start)))
+            first = end
             continue
         for j in inputs:
             with one_clear_line(catalog.paths[j], "read"):
@@ -89,20 +97,102 @@ def write_outputs(run, verb, results):
                     raise PointFileError("has changed since it was read")
         n_written = 0
         with replacing(place) as temporary, writing_parts(temporary) as write:
-            for path in (catalog.paths[j] for j in inputs):
-                for cloud in read_parts(path, PART):
-                    xyz, chosen = cloud.xyz, None if choice is None else choice.of(cloud)
-                    if joined:
-                        with one_clear_line(path, "read"):
-                            cloud = joined_cloud(cloud, header)
-                    values = results.take(first, len(cloud), True if chosen is None else chosen)
-                    total += verb.measure(values)
-                    made, marked = verb.make(cloud, values, xyz)
-                    write(made, marked)
-                    n_written += len(made)
-                    first += len(cloud)
-                    tell_share(first / catalog.n_points)
+            paths = [catalog.paths[j] for j in inputs]
+            for path, cloud, chosen in parts_of(paths, verb.choice):
+                n, xyz = len(cloud), cloud.xyz
+                values = results.take(first, n, n if chosen is None else np.count_nonzero(chosen))
+                first += n
+                total += verb.measure(values)
+                if joined:
+                    with one_clear_line(path, "read"):
+                        cloud = joined_cloud(cloud, header)
+                made, marked = verb.make(cloud, values, xyz)
+                write(made, marked)
+                n_written += len(made)
+                report_share(first / catalog.n_points)
         run.folder.mark_written(i, place, verb.content)
         if n_written == 0:
             warn_caller(f"{targets[i]}: all points are outliers, so the file has none")
     return total
+
+
+def _places_of(catalog, targets, folder):
+    """Where outputs are written: to their targets, or beside them if they replace inputs."""
+    inputs = set(map(os.path.realpath, catalog.paths))
+    if not any(os.path.realpath(target) in inputs for target in targets):
+        return targets
+    return [folder.staged(i, target) for i, target in enumerate(targets)]
+
+
+def move_outputs(verb, catalog, targets, folder, report):
+    """Move all outputs that wait; a report is kept for a run that has only to move them."""
+    places = _places_of(catalog, targets, folder)
+    if places is targets:
+        return
+    moves = [
+        [str(place), os.path.realpath(target), list(stamp_of(place))]
+        for place, target in zip(places, targets, strict=True)
+    ]
+    # Files without points, which no run can read again, come last.
+    moves.sort(key=lambda move: -move[2][0])
+    inputs, key = [list(stamp) for stamp in catalog.stamps], _key(verb, catalog, targets)
+    # A run that ends after this has only to move them.
+    write_json(folder.moves, {"key": key, "inputs": inputs, "moves": moves, "report": report})
+    _move(moves)
+
+
+def resume_moves(verb, catalog, targets, folder):
+    """The report of an earlier run of which outputs were to be moved, now that they are.
+
+    None if there is none. Raise if another run has replaced some inputs.
+    """
+    stored = read_json(folder.moves)
+    if not stored:
+        if folder.moves.exists():
+            raise TilingError(
+                f"{folder.moves}: is damaged, and some inputs may be replaced; begin anew with "
+                "files as they are (restart)"
+            )
+        return None
+    if stored["key"] == _key(verb, catalog, targets) and _fits(stored, catalog):
+        _move(stored["moves"])
+        return stored["report"]
+    if any(_is_there(target, stamp) for _, target, stamp in stored["moves"]):
+        raise TilingError(
+            f"{folder.moves}: an earlier run ended when it had replaced some of its inputs; give "
+            "its command again, or begin anew with files as they are (restart)"
+        )
+    folder.moves.unlink(missing_ok=True)
+    return None
+
+
+def _key(verb, catalog, targets):
+    """A hash of what outputs depend on, besides the inputs' stamps."""
+    paths = [os.path.realpath(path) for path in (*catalog.paths, *targets)]
+    return key_of(verb.estimator, paths, verb.content, verb.sensor and verb.sensor.key)
+
+
+def _fits(stored, catalog):
+    """Whether inputs are as they were, or replaced, and all outputs are there."""
+    moved = {target: stamp for _, target, stamp in stored["moves"]}
+    paths = zip(catalog.paths, stored["inputs"], strict=True)
+    return all(
+        _is_there(path, stamp) or _is_there(path, moved.get(os.path.realpath(path)))
+        for path, stamp in paths
+    ) and all(
+        _is_there(place, stamp) or _is_there(target, stamp)
+        for place, target, stamp in stored["moves"]
+    )
+
+
+def _move(moves):
+    for place, target, _ in moves:
+        if Path(place).exists():
+            if Path(target).exists():
+                shutil.copymode(target, place)
+            os.replace(place, target)
+
+
+def _is_there(path, stamp):
+    path = Path(path)
+    return path.exists() and list(stamp_of(path)) == stamp

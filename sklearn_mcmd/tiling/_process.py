@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable
+from inspect import signature
 from reprlib import repr as shorter
 from typing import Literal
 
@@ -18,20 +19,20 @@ from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.segmentation import RegionGrowing
 from sklearn_mcmd.tiling._catalog import Catalog
-from sklearn_mcmd.tiling._denoise import Denoise
-from sklearn_mcmd.tiling._edges import Edges
-from sklearn_mcmd.tiling._normals import Normals
 from sklearn_mcmd.tiling._run import RunReport, run_by_tiles
-from sklearn_mcmd.tiling._segments import Segments
+from sklearn_mcmd.tiling._tiled_edges import TiledEdges
+from sklearn_mcmd.tiling._tiled_normals import TiledNormals
+from sklearn_mcmd.tiling._tiled_outliers import TiledOutliers
+from sklearn_mcmd.tiling._tiled_regions import TiledRegions
 
 __all__ = ["process_files"]
 
 # What an estimator of each class does to files; the first that fits counts.
 VERBS = {
-    MCMDOutlierDetector: Denoise,
-    RegionGrowing: Segments,
-    SharpFeatureDetector: Edges,
-    BaseLocalPlanes: Normals,
+    MCMDOutlierDetector: TiledOutliers,
+    RegionGrowing: TiledRegions,
+    SharpFeatureDetector: TiledEdges,
+    BaseLocalPlanes: TiledNormals,
 }
 
 
@@ -164,28 +165,28 @@ def process_files(
     normal_x normal_y normal_z surface_variation
     """
     given = {
-        "mode": (mode, "drop"),
-        "ignore_classes": (_classes("ignore_classes", ignore_classes), ()),
-        "only_classes": (_classes("only_classes", only_classes), ()),
-        "above": (above, None),
-        "below": (below, None),
-        "low_groups": (low_groups, False),
-        "colors": (colors, None),
-        "sensor_origin": (sensor_origin, None),
+        "mode": mode,
+        "ignore_classes": _classes("ignore_classes", ignore_classes),
+        "only_classes": _classes("only_classes", only_classes),
+        "above": above,
+        "below": below,
+        "low_groups": low_groups,
+        "colors": colors,
+        "sensor_origin": sensor_origin,
     }
-    verb = _verb_of(estimator)
-    for name, (value, idle) in given.items():
+    verb, parameters = _verb_of(estimator), signature(process_files).parameters
+    for name, value in given.items():
+        idle = parameters[name].default
         if name not in verb.options and repr(value) != repr(idle):
             raise ValueError(
                 f"{name}={shorter(value)} has no meaning for {type(estimator).__name__}: leave it "
                 f"{idle!r}."
             )
-    # What a run keeps tells parameters by their repr, and that of NumPy's numbers is no literal.
-    parameters = estimator.get_params().items()
-    numbers = {name: value.item() for name, value in parameters if isinstance(value, np.generic)}
+    # The folder of a run knows parameters by their repr, and that of NumPy's numbers is no literal.
+    items = estimator.get_params().items()
+    numbers = {name: value.item() for name, value in items if isinstance(value, np.generic)}
     estimator = clone(estimator).set_params(**numbers)
-    options = {name: given[name][0] for name in verb.options}
-    verb = verb(estimator, **options)
+    verb = verb(estimator, **{name: given[name] for name in verb.options})
     report = run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart)
     if report.together:
         warn_caller(report.together)

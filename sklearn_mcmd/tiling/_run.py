@@ -1,4 +1,4 @@
-"""The skeleton of runs by tiles: points into cells, results of all tiles, outputs in order."""
+"""One run of any verb by tiles: points into cells, results of all tiles, outputs in order."""
 
 import shutil
 import time
@@ -17,31 +17,23 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._ground import check_ground
-from sklearn_mcmd.io._las_parts import no_returns_of, read_parts
+from sklearn_mcmd.io._las_parts import no_returns_of
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
-from sklearn_mcmd.runtime._progress import progress_part, tell_share
-from sklearn_mcmd.tiling._catalog import Catalog
-from sklearn_mcmd.tiling._cells import Cells, CellWriter
-from sklearn_mcmd.tiling._cloud_constants import WholeCloud
+from sklearn_mcmd.runtime._progress import progress_part, report_share
+from sklearn_mcmd.tiling._catalog import Catalog, parts_of
+from sklearn_mcmd.tiling._cells import Cells, CellWriter, WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
 from sklearn_mcmd.tiling._heights import GROUND, GroundWriter
-from sklearn_mcmd.tiling._memory import (
-    PART,
-    Plan,
-    check_tile_size,
-    parse_memory,
-    plan_run,
-    usual_memory,
-)
-from sklearn_mcmd.tiling._outputs import targets_of
-from sklearn_mcmd.tiling._publish_outputs import move_outputs, resume_moves
-from sklearn_mcmd.tiling._sensor_origins import OriginWriter, SensorPath
-from sklearn_mcmd.tiling._sweeps import TilingError
+from sklearn_mcmd.tiling._memory import Plan, check_tile_size, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._outputs import move_outputs, resume_moves, targets_of, write_outputs
+from sklearn_mcmd.tiling._result_files import Results
+from sklearn_mcmd.tiling._sensor_origins import SensorPath
+from sklearn_mcmd.tiling._sweeps import Sweeps, TilingError
 
-__all__ = ["Run", "RunReport", "Verb", "check_seed", "run_by_tiles", "warm_up"]
+__all__ = ["RunReport", "TiledRun", "TiledVerb", "check_estimator", "run_by_tiles", "warm_up"]
 
-# Shares of the time, for the display of progress.
-SCATTERED, COMPUTED = 0.07, 0.93
+SCATTERED = 0.07  # the share of the time after which all points are in cells, for the progress
+FOUND = 0.93  # the same of the results of all tiles
 WARM_UP = 100  # neighbors at most that load or compile the code
 # Share of a tile that comes to the left when it is divided. Results do not depend on it.
 CUT = 0.5
@@ -102,7 +94,7 @@ class RunReport(NamedTuple):
     sensor: Mapping[str, str] = {}
 
 
-class Run(NamedTuple):
+class TiledRun(NamedTuple):
     """What a verb has to work with, once all points are in cells."""
 
     catalog: Catalog
@@ -112,18 +104,26 @@ class Run(NamedTuple):
     plan: Plan
     memory: float  # bytes that the run may take
 
+    @property
+    def n_threads(self):
+        """Threads of a process that works on all places at once."""
+        return self.plan.n_workers * self.plan.n_threads
 
-class Verb(ABC):
-    """What one verb does in a run; `run_by_tiles` does all else.
+    def sweeps(self, steps):
+        """The `Sweeps` of these steps over the cells."""
+        return Sweeps(self.folder.columns, self.plan.n_workers, steps)
 
-    The estimator has the number of jobs of a tile. `content` tells apart outputs of one estimator.
-    With a choice, some points are used.
+
+class TiledVerb(ABC):
+    """What one verb knows of its estimator, which has one job a tile; `run_by_tiles` does all else.
+
+    `content` distinguishes outputs of one estimator. With a choice, some points are used.
     """
 
     options: tuple[str, ...] = ()  # those of `process_files` that mean something to it
+    last_sweep = "normals"  # which has done a tile that an earlier run had finished
     needs_ground = False  # whether the points of the ground get cells of their own
     sensor: SensorPath | None = None  # where it was for each point, if at more than one place
-    n_resumed = 0
 
     def __init__(self, estimator, content="", choice=None):
         self.estimator, self.content, self.choice = estimator, content, choice
@@ -140,9 +140,9 @@ class Verb(ABC):
     def find(self, run):
         """Write the results of all tiles that an earlier run has not done."""
 
-    @abstractmethod
-    def write(self, run):
-        """Write the outputs; returns a dict of all other fields of the `RunReport`."""
+    def results(self, run):
+        """The `Results` of all tiles."""
+        return Results(run.folder.columns, len(run.cells))
 
     @abstractmethod
     def make(self, cloud, values, xyz):
@@ -154,6 +154,10 @@ class Verb(ABC):
     def measure(self, values):
         """What is summed up of the results of points."""
         return 0
+
+    @abstractmethod
+    def report(self, run, total):
+        """A dict of all other fields of the `RunReport`; `total` is the sum of what is measured."""
 
 
 def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
@@ -175,15 +179,21 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
     with _kept(folder):
         for path in targets:
             path.parent.mkdir(exist_ok=True)
-        run = Run(catalog, targets, folder, Cells(folder.cells), plan, memory)
-        with progress_part(SCATTERED, COMPUTED):
+        cells, columns = Cells(folder.cells), folder.columns
+        run = TiledRun(catalog, targets, folder, cells, plan, memory)
+        n_resumed = sum(columns.is_done(cell, verb.last_sweep) for cell in range(len(cells)))
+        with progress_part(SCATTERED, FOUND):
             verb.find(run)
-        with progress_part(COMPUTED, 1.0, "writing"):
-            found = verb.write(run)
+        with progress_part(FOUND, 1.0, "writing"):
+            found = verb.report(run, write_outputs(run, verb))
         report = RunReport(
-            catalog.n_points, len(run.cells), plan.n_workers, verb.n_resumed,
-            seconds=time.perf_counter() - begin, **found,
-        )  # fmt: skip
+            n_points=catalog.n_points,
+            n_tiles=len(cells),
+            n_workers=plan.n_workers,
+            n_resumed=n_resumed,
+            seconds=time.perf_counter() - begin,
+            **found,
+        )
         move_outputs(verb, catalog, targets, folder, report._asdict())
         with ignoring_interrupts():
             folder.remove()
@@ -204,8 +214,21 @@ def warm_up(estimator, n_points=3_000):
         return clone(estimator).set_params(**fewer).fit(points)
 
 
-def check_seed(estimator):
-    """Raise if trials would differ from tile to tile."""
+def check_estimator(estimator, kind):
+    """Raise if an estimator is of another kind, or its results depend on the whole cloud."""
+    name = type(estimator).__name__
+    if not isinstance(estimator, kind):
+        raise ValueError(f"{name} cannot work by tiles: it is no {kind.__name__}.")
+    if estimator.n_neighbors is None:
+        raise ValueError(
+            f"{name} cannot work by tiles with n_neighbors=None: the whole cloud is one "
+            "neighborhood."
+        )
+    if np.ndim(getattr(estimator, "sensor_origin", None)) == 2:
+        raise ValueError(
+            "sensor_origin of an estimator is one position by tiles. For outliers and normals "
+            "process_files takes positions of all points."
+        )
     if not isinstance(estimator.random_state, Integral):
         raise ValueError(
             f"random_state={estimator.random_state!r} must be an int, so that all tiles make the "
@@ -236,24 +259,15 @@ def _scattered(verb, catalog, target, plan, restart):
 
 def _finished_before(verb, catalog, target, targets):
     """The report of an earlier run that had only to move its outputs, which is done; or None."""
-    path = WorkFolder.path_of(target)
-    if not path.exists():
+    if not WorkFolder.path_of(target).exists():
         return None
     folder = WorkFolder(target, None)
     with _kept(folder):
         report = resume_moves(verb, catalog, targets, folder)
-        if report:
-            folder.remove()
-    if report is False:
-        raise TilingError(
-            f"{target}: an earlier run ended when it had replaced some of its inputs; give the "
-            "same command again to replace the others, or begin anew with files as they are "
-            "(restart)"
-        )
-    if report is None:
-        return None
-    report = RunReport(**report)
-    return report._replace(n_resumed=report.n_tiles)
+        if report is None:
+            return None
+        folder.remove()
+    return RunReport(**report)._replace(n_resumed=report["n_tiles"])
 
 
 @contextmanager
@@ -283,26 +297,23 @@ def _check_disk(folder, wanted):
 def _scatter(verb, catalog, folder, capacity):
     """Read all points once: into cells, and for the constants of the whole cloud."""
     writer, whole, row = CellWriter(folder.cells, capacity, CUT), WholeCloud(), 0
-    choice, ground = verb.choice, None
+    ground = None
     if verb.needs_ground:
         (folder.cells / GROUND).mkdir()
         ground = GroundWriter(folder.cells / GROUND, capacity, CUT)
-    origins = None if verb.sensor is None else OriginWriter(folder.cells, verb.sensor)
+    for path, cloud, chosen in parts_of(catalog.paths, verb.choice):
+        xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
+        rows = np.arange(row, row + len(cloud))
+        if len(xyz):
+            writer.add(xyz, rows if chosen is None else rows[chosen])
+            whole.add(xyz)
+        if ground is not None:
+            ground.add(cloud)
+        if verb.sensor is not None:
+            verb.sensor.add(cloud, path)
+        row += len(cloud)
+        report_share(row / catalog.n_points)
     for path in catalog.paths:
-        for cloud in read_parts(path, PART):
-            with one_clear_line(path, "read"):
-                chosen = None if choice is None else choice.of(cloud)
-            xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
-            rows = np.arange(row, row + len(cloud))
-            if len(xyz):
-                writer.add(xyz, rows if chosen is None else rows[chosen])
-                whole.add(xyz)
-            if ground is not None:
-                ground.add(cloud)
-            if origins is not None:
-                origins.add(cloud, path)
-            row += len(cloud)
-            tell_share(row / catalog.n_points)
         if warning := no_returns_of(path).warning(path):
             warn_caller(warning)
     if not writer.n_points:
@@ -314,6 +325,6 @@ def _scatter(verb, catalog, folder, capacity):
         with one_clear_line(catalog.paths[0], "read"):
             check_ground(ground.n_points)
         ground.close()
-    if origins is not None:
-        origins.close(catalog.paths[0])
+    if verb.sensor is not None:
+        verb.sensor.write(folder.cells, catalog.paths[0])
     folder.finish_cells(whole.constants())

@@ -1,22 +1,20 @@
 """Exact searches over all cells, of which only what can matter is read."""
 
 from itertools import pairwise
-from threading import Lock
 
 import numpy as np
 
 from sklearn_mcmd.planes._nearest import NearestPoints
-from sklearn_mcmd.runtime._chunks import ORDER_FROM, spatial_order
+from sklearn_mcmd.runtime._chunks import ORDER_FROM, slices, spatial_order
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["SLACK", "StoredNearest", "asking", "by_distance", "near_box"]
+__all__ = ["SLACK", "StoredNearest", "by_distance", "near_box", "within_reach"]
 
 # Distances are computed with rounding errors, of about 1e-16 of their size.
 SLACK = 1.0 + 1e-12
-# Distances that are kept at once, what bounds the memory.
-AT_ONCE = 1_000_000
-FAR_AT_ONCE = 8 * AT_ONCE  # neighbors that are known before other cells are seen
+AT_ONCE = 1_000_000  # distances that are kept at once, what bounds the memory
+FAR_AT_ONCE = 8_000_000  # neighbors that are known before other cells are seen
 
 
 class StoredNearest(NearestPoints):
@@ -48,33 +46,26 @@ class StoredNearest(NearestPoints):
 
     def visit_in(self, cell, queries, k, work, n_jobs=None):
         """As `visit`, of queries most of which lie in one cell."""
-        points, numbers = self._load(cell)
-        search, size = NearestPoints(points), max(1, FAR_AT_ONCE // k)
-        for first in range(0, len(queries), size):
-            some = slice(first, first + size)
+        (points, numbers), inside = self._load(cell), self._to_border(cell, queries)
+        search = NearestPoints(points)
+        for some in slices(len(queries), max(1, FAR_AT_ONCE // k)):
+            all_rows = np.arange(some.start, some.stop)
+            left = [(np.empty(0, np.intp), np.empty((0, k), np.int32), np.empty(0))]
 
-            def tell(rows, *found, first=first):
-                work(first + rows, *found)
+            def answer(rows, distances, near, all_rows=all_rows, left=left):
+                rows = all_rows[rows]
+                is_near = SLACK * distances[:, -1] < inside[rows]
+                work(rows[is_near], distances[is_near], numbers[near[is_near]])
+                known, bounds = near[~is_near].astype(np.int32), distances[~is_near, -1]
+                left.append((rows[~is_near], known, bounds))  # of any thread, in any order
 
-            self._visit_some(cell, search, numbers, queries[some], k, tell, n_jobs)
+            search.visit(queries[some], k, answer, n_jobs)
+            far, known, bounds = map(np.concatenate, zip(*left, strict=True))
 
-    def _visit_some(self, cell, search, numbers, queries, k, work, n_jobs):
-        inside = self._to_border(cell, queries)
-        left, lock = [(np.empty(0, np.intp), np.empty((0, k), np.int32), np.empty(0))], Lock()
+            def answer_far(rows, *found, far=far):
+                work(far[rows], *found)
 
-        def answer(rows, distances, near):
-            rows = np.arange(len(queries))[rows]
-            is_near = SLACK * distances[:, -1] < inside[rows]
-            work(rows[is_near], distances[is_near], numbers[near[is_near]])
-            known, bounds = near[~is_near].astype(np.int32), distances[~is_near, -1]
-            with lock:
-                left.append((rows[~is_near], known, bounds))
-
-        search.visit(queries, k, answer, n_jobs)
-        far, known, bounds = map(np.concatenate, zip(*left, strict=True))
-        self.visit_far(
-            cell, queries[far], bounds, known, lambda rows, *found: work(far[rows], *found)
-        )
+            self.visit_far(cell, queries[far], bounds, known, answer_far)
 
     def visit_far(self, cell, queries, bounds, known, work):
         """As `visit_in` of those queries whose nearest places may not all be in the cell.
@@ -93,7 +84,7 @@ class StoredNearest(NearestPoints):
             nearest.take(*own, np.flatnonzero(is_whole), known[some[is_whole]])
             nearest.see(*own, np.flatnonzero(~is_whole))
             for other in by_distance(self._cells, nearest.queries, nearest.reach):
-                asked = asking(self._cells, other, nearest.queries, nearest.reach)
+                asked = within_reach(self._cells, other, nearest.queries, nearest.reach)
                 if len(asked) and other != cell:
                     points, numbers = self._load(other)
                     near = near_box(points, nearest.queries[asked], nearest.reach[asked])
@@ -158,7 +149,7 @@ def by_distance(cells, queries, reach):
     return near[np.argsort(np.square(np.maximum(between, 0)).sum(axis=1), kind="stable")]
 
 
-def asking(cells, cell, queries, reach):
+def within_reach(cells, cell, queries, reach):
     """Queries that a cell may have points for."""
     least, most = cells.extent(cell)
     gaps = np.maximum(np.maximum(least - queries, queries - most), 0.0)

@@ -1,22 +1,73 @@
-"""Columns of all places of a cloud, cell after cell in one file each."""
+"""Values of places on disk, which one sweep over the cells writes for the next.
 
+A place is a distinct point; its copies lie in the same cell. `CellColumns` has a file for each
+cell and column, `StoredColumns` one for each column of all cells.
+"""
+
+import json
 import mmap
 import os
 import secrets
 import shutil
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from threading import Event, Thread
+from types import SimpleNamespace
 
 import numpy as np
 
 from sklearn_mcmd.io._files import PointFileError, one_clear_line
 from sklearn_mcmd.planes._record import Planes
 
-__all__ = ["ALL", "StoredColumns", "made", "whole_of"]
+__all__ = ["ALL", "CellColumns", "StoredColumns", "in_place_of", "made"]
 
-SECONDS = 0.2  # after which what was read is freed
+RELEASE_SECONDS = 0.2  # after which what was read of mapped files is freed
 MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
-ALL = "all"  # in the place of a cell's number
+ALL = "all"  # stands for all cells, in the place of a cell's number
+
+
+class CellColumns:
+    """Arrays by their cell and name.
+
+    What a sweep has written of a cell counts when its report is there, which it writes last.
+    """
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+
+    def read(self, cell, name):
+        path = self.path(cell, name)
+        with one_clear_line(path, "read"):
+            return np.load(path)
+
+    def write(self, cell, **arrays):
+        for name, values in arrays.items():
+            with in_place_of(self.path(cell, name)) as temporary, open(temporary, "wb") as file:
+                # To what is no file NumPy writes so that errors say why it failed.
+                np.lib.format.write_array(SimpleNamespace(write=file.write), np.asarray(values))
+
+    def finish(self, cell, sweep, **report):
+        """Remember that a sweep has written all of a cell, and what it reports of it."""
+        with in_place_of(self._report(cell, sweep)) as temporary:
+            temporary.write_text(json.dumps(report))
+
+    def is_done(self, cell, sweep):
+        return self._report(cell, sweep).exists()
+
+    def report(self, cell, sweep):
+        path = self._report(cell, sweep)
+        with one_clear_line(path, "read"):
+            return json.loads(path.read_text())
+
+    def all_have(self, n_cells, name):
+        """Whether each cell has a column."""
+        return all(self.path(cell, name).exists() for cell in range(n_cells))
+
+    def path(self, cell, name):
+        return self.folder / f"{cell}.{name}.npy"
+
+    def _report(self, cell, sweep):
+        return self.folder / f"{cell}.{sweep}.json"
 
 
 class StoredColumns:
@@ -53,7 +104,8 @@ class StoredColumns:
                 for cell in cells:
                     self.put(cell, **{name: self.columns.read(cell, name)})
                 self.columns.finish(ALL, name)
-            self.columns.remove(self.n_cells, name)
+            for cell in range(self.n_cells):
+                self.columns.path(cell, name).unlink(missing_ok=True)
 
     def make(self, n_rows=None, /, **columns):
         """Make files for columns that `put` fills, by their names and (dtype, shape of a row).
@@ -114,12 +166,13 @@ class StoredColumns:
     def releasing(self):
         """Free what was read of open arrays, time and again, while the work goes on.
 
-        Without this the system does so when others need the memory.
+        Without this the system does so when others need the memory. It takes a thread of its own:
+        compiled code that works for minutes calls nobody, and joblib has no timer.
         """
         done = Event()
 
         def release():
-            while not done.wait(SECONDS):
+            while not done.wait(RELEASE_SECONDS):
                 self.release()
 
         thread = Thread(target=release, daemon=True)
@@ -139,13 +192,15 @@ class StoredColumns:
     def rows_of(self, name, rows):
         """Some rows of a column, of which nothing else stays in memory."""
         dtype, shape, offset = self._header(name)
-        if not isinstance(rows, slice):
-            return np.memmap(self._path(name), dtype, "r", offset, shape)[rows]
-        width, n = int(np.prod(shape[1:])), rows.stop - rows.start
-        offset += rows.start * width * dtype.itemsize
-        return np.fromfile(self._path(name), dtype, n * width, offset=offset).reshape(
-            -1, *shape[1:]
-        )
+        return np.array(np.memmap(self._path(name), dtype, "r", offset, shape)[rows])
+
+    def planes(self, changing=False):
+        """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
+        names = ("centroids", "normals", "scale")
+        known = {name: self.open(name, changing) for name in names}
+        if self.columns.is_done(ALL, "radius"):
+            known["radius"] = self.open("radius")
+        return Planes.empty(0, 3)._replace(**known)
 
     def _header(self, name):
         """The dtype and the shape of a column, and where its file has the first row."""
@@ -154,21 +209,8 @@ class StoredColumns:
             self._headers[name] = stored.dtype, stored.shape, stored.offset
         return self._headers[name]
 
-    def planes(self, changing=False):
-        """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
-        nothing = np.empty(0)
-        faces = [self.open(name, changing) for name in ("centroids", "normals", "scale")]
-        radius = self.open("radius") if self.columns.is_done(ALL, "radius") else nothing
-        return Planes(*faces[:2], np.empty((0, 3)), faces[2], nothing, radius, nothing, nothing)
-
     def _path(self, name):
-        return self.columns.folder / f"{ALL}.{name}.npy"
-
-
-def whole_of(job):
-    """The columns of all places that the sweep over a job's cells has found."""
-    cells, columns = job.open()
-    return StoredColumns(columns, len(cells))
+        return self.columns.path(ALL, name)
 
 
 def made(path, dtype, shape):
@@ -186,3 +228,14 @@ def made(path, dtype, shape):
             path.unlink()
             raise
     return stored
+
+
+@contextmanager
+def in_place_of(path):
+    """A name that no other process takes; its file replaces `path`, which others may read."""
+    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -9,14 +9,8 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded, within_rad
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
 from sklearn_mcmd.tiling._search import StoredNearest
-from sklearn_mcmd.tiling._stored_columns import whole_of
 
-__all__ = [
-    "StoredIndex",
-    "find_larger",
-    "find_neighbors",
-    "find_places",
-]
+__all__ = ["StoredIndex", "find_larger", "find_neighbors", "find_places"]
 
 STEP = 1.25  # ratio of numbers of neighbors that are searched at once
 CHUNK = 4096  # rows that are asked for at once
@@ -114,8 +108,7 @@ def find_places(cell, job):
 
     Columns: points; counts, of copies of each; place_of, the place of each point of the cell.
     """
-    cells, columns = job.open()
-    points = cells.read(cell)["xyz"]
+    columns, points = job.columns, job.cells.read(cell)["xyz"]
     rows, place_of = distinct_rows(points)
     place_of = np.arange(len(points)) if place_of is None else place_of
     if len(rows) >= ORDER_FROM:
@@ -130,7 +123,7 @@ def find_places(cell, job):
 
 def find_neighbors(cell, job):
     """Fill near, the nearest of all places, each its own first, as many as the column holds."""
-    (cells, columns), whole = job.open(), whole_of(job)
+    cells, columns, whole = job.cells, job.columns, job.whole()
     points, own, k = whole.open("points"), whole.rows(cell), whole.open("near").shape[1]
     queries, near = np.array(points[own]), np.empty((own.stop - own.start, k), np.int32)
     search = StoredNearest(whole, cells)
@@ -150,8 +143,8 @@ def find_neighbors(cell, job):
 
 
 def find_larger(cell, job):
-    """Fill larger, the neighbors of places that have more than near holds, where starts tells."""
-    (cells, columns), whole = job.open(), whole_of(job)
+    """Fill larger, from `starts` on: the neighbors of places that have more than near holds."""
+    cells, columns, whole = job.cells, job.columns, job.whole()
     own, k = whole.rows(cell), whole.open("near").shape[1]
     sizes, points = whole.rows_of("sizes", own), whole.open("points")
     starts = whole.rows_of("starts", own)

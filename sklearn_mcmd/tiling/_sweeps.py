@@ -1,44 +1,99 @@
-"""Kinds of work on all cells, one after another: what fails is told, the others are finished.
-
-And the warning of coordinates that single precision rounds too coarsely.
-"""
+"""Kinds of work on all cells, one after another: the others are finished where one fails."""
 
 import time
 import warnings
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
+import numpy as np
 from joblib import Parallel, delayed
+from sklearn.base import BaseEstimator, clone
 
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd.planes._base import model_of
 from sklearn_mcmd.planes._resolution import coarse_warning
-from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, tell_share
+from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, report_share
+from sklearn_mcmd.tiling._cells import Cells, Constants
+from sklearn_mcmd.tiling._stored_columns import CellColumns, StoredColumns
 
-__all__ = ["Sweeps", "TilingError", "compute_cells", "warn_if_coarse"]
+__all__ = ["Job", "Sweeps", "TilingError", "warn_if_coarse"]
+
+# How long each step of a run takes, for the display of progress: percents of what normals take.
+WEIGHTS = {
+    **{"places": 2, "neighbors": 20, "planes": 55, "bends": 10, "normals": 15},
+    **{"sizes": 48, "larger": 8},  # of n_neighbors="auto"
+    **{"forest": 6, "sides": 12},  # of orientation="mst"
+    **{"heights": 18, "scores": 25, "verdicts": 1},
+    **{"outliers": 135, "kept": 3, "edges": 60},
+    **{"growth": 14, "joining": 26},
+}
 
 
 class TilingError(ValueError):
     """A run ended before its output was whole; the message names what is kept of it."""
 
 
+@dataclass(frozen=True)
+class Job:
+    """What all sweeps over the cells of a cloud know."""
+
+    points: Path  # folder of `Cells`
+    found: Path  # folder of `CellColumns`
+    estimator: BaseEstimator
+    constants: Constants
+    n_threads: int = 1  # of each worker
+
+    @classmethod
+    def of(cls, run, estimator, **others):
+        """The job on all points of a `TiledRun`."""
+        folder, n_threads = run.folder, run.plan.n_threads
+        known = folder.cells, folder.results, estimator, folder.constants
+        return cls(*known, n_threads=n_threads, **others)
+
+    @property
+    def cells(self):
+        return Cells(self.points)
+
+    @property
+    def columns(self):
+        return CellColumns(self.found)
+
+    def whole(self):
+        """The `StoredColumns` of all places, once these are found."""
+        return StoredColumns(self.columns, len(self.cells))
+
+    def model_on(self, index, *more):
+        """The `LocalPlaneModel` of the places of an index."""
+        precision, shape = np.finfo(self.constants.dtype).eps, index.points.shape
+        estimator = clone(self.estimator)  # which is told the number of trials
+        return model_of(estimator, index, shape, precision, self.constants.step, *more)
+
+
 class Sweeps:
     """Call it with one sweep after the other; each is finished before the next begins.
 
-    They write `columns`, and `ends` tells the end of each, as a share of the time.
+    They write `columns`. `steps` are the names of all that is done, in its order.
     """
 
-    def __init__(self, columns, n_workers, ends):
-        self.columns, self.n_workers, self.ends, self.begin = columns, n_workers, ends, 0.0
+    def __init__(self, columns, n_workers, steps):
+        self.columns, self.n_workers = columns, n_workers
+        ends = np.cumsum([0.0, *(WEIGHTS[name] for name in steps)])
+        self._spans = dict(zip(steps, np.stack([ends[:-1], ends[1:]], 1) / ends[-1], strict=True))
+
+    def part(self, name, stage=None):
+        """The part of the progress that a step makes; `stage` is as of `progress_part`."""
+        return progress_part(*map(float, self._spans[name]), stage)
 
     def __call__(self, name, work, cells, is_done=None, **known):
         """Do some work, which takes a cell and what is `known`, on all cells with points.
 
-        `is_done` tells whether an earlier run has done a cell; None asks the reports of the sweep.
+        `is_done` knows whether an earlier run has done a cell; None asks the reports of the sweep.
         """
         is_done = is_done or partial(self.columns.is_done, sweep=name)
         todo = [cell for cell in range(len(cells)) if cells.counts[cell] and not is_done(cell)]
-        with progress_part(self.begin, self.ends[name], name):
+        with self.part(name, name):
             compute_cells(partial(work, **known), cells, todo, self.n_workers)
-        self.begin = self.ends[name]
 
 
 def compute_cells(task, cells, todo, n_workers):
@@ -63,7 +118,7 @@ def compute_cells(task, cells, todo, n_workers):
             between = _between(*cells.extent(cell))
             warn_caller(f"tile {cell} failed ({between}): {error}")
         rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
-        tell_share(n_done / n_points, f"{rate:,.0f} points/s")
+        report_share(n_done / n_points, f"{rate:,.0f} points/s")
     if n_failed:
         raise TilingError(f"{n_failed} of {len(cells)} tiles failed")
 

@@ -13,6 +13,8 @@ LONG_TAIL = 20  # ranges of normal values are 6 to 8 times their quartiles' dist
 NARROWEST = 1e-300  # width of a code, over its largest value
 TOP = 65534  # largest code of a number above the first; code 0 is "no value"
 NORMAL_TOP = 4094  # even, so that normals along the axes are exact
+# Of kinds of attributes, the columns of which they are made.
+PARTS = {"normal": ("normal_x", "normal_y", "normal_z"), "rgb": COLORS}
 FEW = 64  # this many distinct whole numbers are classes
 MANY = 65_535  # classes of an attribute that is known to hold labels
 # Names of attributes that hold labels, and what their values are called.
@@ -83,16 +85,12 @@ class NumberCode(NamedTuple):
 
     def info(self, exact):
         """What the page needs; `error` is absolute near the center, `relative` holds far away."""
-        told = {"low": self.low, "step": self.step}
+        info = {"low": self.low, "step": self.step}
         if self.width is None:
-            return told | {"error": 0.0 if exact else self.step / 2}
-        error = self.width * np.sinh(self.step / 2)
-        return told | {
-            "center": self.center,
-            "width": self.width,
-            "error": float(error),
-            "relative": self.step / 2,
-        }
+            return info | {"error": 0.0 if exact else self.step / 2}
+        info |= {"center": self.center, "width": self.width}
+        error = float(self.width * np.sinh(self.step / 2))
+        return info | {"error": error, "relative": self.step / 2}
 
 
 def plan_attributes(clouds, only=None):
@@ -107,11 +105,8 @@ def plan_attributes(clouds, only=None):
     pairs = zip(tables, columns, strict=True)
     skipped = sorted({name for table, known in pairs for name in table.keys() - known.keys()})
     sources = []
-    for name, kind, parts, code in (
-        ("normal", "normal", ("normal_x", "normal_y", "normal_z"), code_normals),
-        ("color", "rgb", COLORS, _code_colors),
-    ):
-        joined = _join(columns, parts, name, code)
+    for name, kind, code in (("normal", "normal", code_normals), ("color", "rgb", _code_colors)):
+        joined = _join(columns, PARTS[kind], name, code)
         if any(codes is not None for codes in joined):
             name = free_name(name, {other for table in columns for other in table})
             sources.append(ColumnSource({"name": name, "kind": kind}, joined))
@@ -171,13 +166,12 @@ def _code_colors(colors):
 
 def _join(columns, names, name, code):
     """Three columns of each cloud as one attribute; they are taken out of the clouds."""
-    joined = []
-    for table in columns:
-        if table.keys() >= set(names) and name not in table:
-            joined.append(code(np.column_stack([table.pop(part) for part in names])))
-        else:
-            joined.append(None)
-    return joined
+    return [
+        code(np.column_stack([table.pop(part) for part in names]))
+        if table.keys() >= set(names) and name not in table
+        else None
+        for table in columns
+    ]
 
 
 def _only_value(arrays):
@@ -225,8 +219,5 @@ def _classes(name, arrays, distinct, counts):
 
 
 def is_wanted(info, wanted):
-    parts = {
-        "normal": {"normal", "normals", "normal_x", "normal_y", "normal_z"},
-        "rgb": {"color", "rgb", "red", "green", "blue"},
-    }
-    return not wanted.isdisjoint({info["name"]} | parts.get(info["kind"], set()))
+    others = {"normal": {"normal", "normals"}, "rgb": {"color", "rgb"}}.get(info["kind"], set())
+    return not wanted.isdisjoint({info["name"], *PARTS.get(info["kind"], ()), *others})

@@ -262,8 +262,7 @@ def _fill(manifest, blocks):
         [
             before.replace("<!--title-->", title),
             f'<script type="application/json" id="manifest">{told}</script>\n',
-            "\n".join(scripts),
-            after,
+            "\n".join(scripts) + after,
         ]
     )
 
@@ -295,12 +294,9 @@ def _first_color(color, known):
 
 
 def _missing(only, sources, constants):
-    return [
-        name
-        for name in only
-        if not any(is_wanted(source.info, {name}) for source in sources)
-        and not any(name in kept for kept in constants)
-    ]
+    known = set().union(*constants)
+    wanted = (name for name in only if name not in known)
+    return [name for name in wanted if not any(is_wanted(s.info, {name}) for s in sources)]
 
 
 def _as_cloud(cloud):

@@ -23,6 +23,8 @@ def test_labels_and_limits_are_those_of_the_matrix_form(surface, weighting, widt
         )
         detector = FuzzyPlaneDetector(0.15, width=width, weighting=weighting, surface=surface)
         detector.fit(X, weights=p)
+        # So Eqs 14, 15 and the larger of both in Eq. 18 change nothing.
+        assert np.all(expected["m_B"] >= expected["m_A"] - 1e-12)
         assert_array_equal(detector.labels_, expected["labels"])
         # Heavy-tailed regressors have condition numbers up to 1e4: their square times 1e-16.
         assert_allclose(detector.membership_, expected["m_H"], rtol=0, atol=1e-8)

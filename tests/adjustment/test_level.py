@@ -68,11 +68,11 @@ def test_an_estimated_sigma0_is_tested_by_tau_and_has_no_global_test():
     np.testing.assert_array_equal(estimated.labels_, again.labels_)
 
 
-def test_the_global_test_of_a_given_sigma0_is_told_before_and_after_the_removal():
+def test_the_global_test_of_a_given_sigma0_is_the_tail_of_chi_squared():
     X = next(planes(200, 1, off=0.1))
     fitted = BaardaPlaneDetector(sigma0=0.004).fit(X)
-    assert fitted.test_ == "w"
     ratio = fitted.variance_factor_initial_ / 0.004**2
     assert_allclose(fitted.global_test_pvalue_initial_, stats.chi2(197).sf(197 * ratio), rtol=1e-9)
     assert fitted.global_test_pvalue_initial_ < 1e-9
     assert fitted.global_test_pvalue_ > 0.001
+    assert BaardaPlaneDetector(sigma0=0.4).fit(X).global_test_pvalue_ > 1 - 1e-9

@@ -22,8 +22,8 @@ def snooped(X, n_trials=0, alpha=0.05):
     m, n, _ = X.shape
     limits = [critical_value("w", local_level(alpha, i), 1) for i in range(n + 2)]
     corners = np.random.default_rng(1).integers(n, size=(m, n_trials, 3))
-    found, cut = np.empty((m, n), dtype=bool), StartLimits().cut
-    snoop_planes(X, corners, half_of(n, 3), np.array(limits), cut, UNCONTROLLED, found)
+    found, start = np.empty((m, n), dtype=bool), (half_of(n, 3), StartLimits().cut, 20)
+    snoop_planes(X, corners, start, np.array(limits), UNCONTROLLED, found)
     return found
 
 
@@ -68,8 +68,8 @@ def start_by_numpy(X, corners, half, limit, cut):
 
 
 @numba.njit
-def start(X, corners, half, limit, cut, sizes, keys, member):
-    _start(X, corners, half, limit, cut, sizes, keys, member)
+def start(X, corners, start, limit, sizes, member):
+    _start(X, corners, start, limit, sizes, member)
 
 
 @pytest.mark.parametrize("cut", [StartLimits().cut, 0.4])
@@ -78,7 +78,7 @@ def test_the_start_is_that_of_general_least_squares_for_the_same_corners(cut):
     for X in simulated(n, 5, 6, 40):
         corners, sizes, member = rng.integers(n, size=(3, 3)), np.empty(n), np.empty(n, dtype=bool)
         corners[0] = rng.choice(n, 3, replace=False)
-        start(X, corners, half_of(n, 3), 2.9, cut, sizes, sizes.view(np.int64), member)
+        start(X, corners, (half_of(n, 3), cut, 20), 2.9, sizes, member)
         expected = start_by_numpy(X, corners, half_of(n, 3), 2.9, cut)
         np.testing.assert_array_equal(member, expected)
 

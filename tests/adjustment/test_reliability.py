@@ -31,8 +31,8 @@ def test_a_bias_of_the_detectable_size_is_detected_with_the_power(n, test):
     power = 0.8
     reliability = detector.reliability(X, power)
     R = redundancy_matrix(X)
-    rng = np.random.default_rng(2)
-    noise, at = rng.normal(0, SIGMA, (60_000, n)), rng.integers(n, size=60_000)
+    rng, m = np.random.default_rng(2), 60_000 if n < 100 else 20_000
+    noise, at = rng.normal(0, SIGMA, (m, n)), rng.integers(n, size=m)
     scale = SIGMA if test == "w" else detector.variance_factor_**0.5
     # Of the true deviation, which the detector estimates by its own scale for tau and t.
     noise[np.arange(len(at)), at] += reliability.minimal_bias[at] * SIGMA / scale
@@ -45,7 +45,7 @@ def test_a_bias_of_the_detectable_size_is_detected_with_the_power(n, test):
         f = n - 3
         statistic = tau if test == "tau" else tau * np.sqrt((f - 1) / (f - tau**2))
     found = np.mean(statistic > detector.critical_value_)
-    assert found == pytest.approx(power, abs=0.01)  # six standard errors of 60,000 draws
+    assert found == pytest.approx(power, abs=0.011)  # six standard errors, or of fewer draws four
 
 
 def test_biases_and_their_ratio_to_noise_are_the_formulas(weights):
@@ -134,29 +134,12 @@ def test_a_point_that_nothing_controls_hides_any_error():
     assert np.isfinite(told.minimal_bias[:3]).all()
 
 
-def test_points_of_weight_zero_have_no_effect():
-    X, p = cloud(), np.ones(30)
-    p[0] = 0
-    told = BaardaPlaneDetector(sigma0=SIGMA).fit(X, weights=p).reliability(X)
-    rest = BaardaPlaneDetector(sigma0=SIGMA).fit(X[1:]).reliability(X[1:])
-    np.testing.assert_allclose(told.minimal_bias[1:], rest.minimal_bias)
-    assert told.effect_on_normal[0] == told.bias_to_noise[0] == 0
-    assert told.minimal_bias[0] == np.inf
-
-
 def test_the_b_method_gives_the_global_test_the_level_of_the_same_bias():
     X = plane_with_outliers(100, 3, 12.0)
     detector = BaardaPlaneDetector(0.001, correction="b-method").fit(X)
     assert detector.critical_value_ == pytest.approx(3.2905, abs=1e-4)
     assert detector.global_test_level_ == detector.reliability(X).coupled_level
     assert FuzzyPlaneDetector(0.05).fit(X).global_test_level_ == 0.05
-
-
-def test_without_worst_points_there_are_no_pairs():
-    X = cloud()
-    told = BaardaPlaneDetector(sigma0=SIGMA).fit(X).reliability(X, n_worst=0)
-    assert told.pairs.shape == (0, 2)
-    assert told.identifiable_bias.shape == (0,)
 
 
 def test_what_cannot_be_is_refused():

@@ -48,13 +48,6 @@ def test_weights_that_nobody_requested_are_refused(detector, cloud):
 
 
 @parametrized
-def test_without_routing_a_step_s_name_leads_weights_to_it(detector, cloud):
-    X, weights = cloud
-    pipeline = Pipeline([("test", detector())]).fit(X, test__weights=weights)
-    assert_array_equal(pipeline["test"].labels_, detector().fit(X, weights=weights).labels_)
-
-
-@parametrized
 def test_a_weight_is_no_repetition(detector):
     X = plane_with_outliers(200, 0)
     once = detector(sigma0=9.0).fit(X, weights=np.full(200, 2.0))

@@ -23,24 +23,6 @@ def test_the_table_is_that_of_plan_plane():
     assert float(rows["bias"].split()[0]) == pytest.approx(plan.bias[0], abs=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("--points", 4),
-        ("--sigma0", -1),
-        ("--alpha", 2),
-        ("--power", 1),
-        ("--outlier-rate", 0.5),
-        ("--width", "nan"),
-        ("--repetitions", 10),
-    ],
-)
-def test_wrong_values_name_the_option(option, value):
-    result = run("plan", option, value)
-    assert result.exit_code == 2
-    assert option in result.stderr
-
-
 def test_a_power_that_needs_no_bias_is_one_line():
     result = run(*FAST, "--power", 1e-6)
     assert result.exit_code == 1

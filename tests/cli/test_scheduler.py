@@ -7,20 +7,12 @@ import pytest
 
 from commands import error_line, files_in, run
 from sklearn_mcmd.cli import _scheduler
-from sklearn_mcmd.io import write_points
-from tiled import street
 
 distributed = pytest.importorskip("distributed")
 
 # A warning that is an error would be lost in a thread of dask, and the test would wait for it.
 pytestmark = pytest.mark.filterwarnings("default")
 LOCAL = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
-
-
-@pytest.fixture
-def source(tmp_path):
-    write_points(tmp_path / "street.laz", street(3_000))
-    return tmp_path / "street.laz"
 
 
 def test_a_scheduler_divides_the_work(source, tmp_path):
@@ -46,7 +38,7 @@ def free_port():
         return taken.getsockname()[1]
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "127.0.0.1", "no://127.0.0.1:{}"])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "no://127.0.0.1:{}"])
 def test_an_address_that_does_not_answer_is_said_soon(address, source, tmp_path, monkeypatch):
     monkeypatch.setattr(_scheduler, "SECONDS", 0.3)
     address = address.format(free_port())

@@ -1,15 +1,11 @@
 """``mcmd view`` makes a page of the outputs of all verbs and of all formats."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from commands import error_line, files_in, run
 from pages import read_page
 from sklearn_mcmd.io import PointCloud, write_points
-from sklearn_mcmd.io._formats import supported_extensions
 
 
 def page_of(*args, path):
@@ -39,26 +35,6 @@ def test_the_result_of_each_verb_is_what_the_page_colors_by(verb, color, kind, r
         assert by_name["classification"]["outliers"]
     numbers = by_name["intensity"]
     np.testing.assert_array_equal(shown.columns["intensity"][0] - 1 + numbers["low"], shown.rows)
-
-
-@pytest.mark.filterwarnings("ignore:XYZ")  # not written: intensity
-@pytest.mark.parametrize("extension", supported_extensions(written=True))
-def test_each_format_can_be_shown(extension, room, tmp_path):
-    source = tmp_path / f"room{extension}"
-    write_points(source, room)
-    manifest, (shown,) = page_of(source, path=tmp_path / "page.html")
-    xyz = np.array(manifest["low"]) + manifest["step"] * shown.steps
-    np.testing.assert_allclose(xyz, room.xyz[shown.rows], atol=manifest["error"] + 1e-6)
-    names = {attribute["name"] for attribute in manifest["attributes"]}
-    assert ("intensity" in names) != extension.startswith(".xyz") or extension == ".xyz"
-
-
-def test_the_attributes_that_the_documentation_chooses_are_those_of_results(room_file, tmp_path):
-    text = (Path(__file__).parents[2] / "docs" / "view.rst").read_text(encoding="utf-8")
-    (names,) = re.findall(r"``--only (\S+)``", text)
-    run("denoise", "--mode", "mark", room_file, tmp_path / "out.laz", "-q")
-    manifest, _ = page_of(tmp_path / "out.laz", "--only", names, path=tmp_path / "page.html")
-    assert {attribute["name"] for attribute in manifest["attributes"]} == set(names.split(","))
 
 
 def test_coordinates_that_no_page_can_hold_are_refused_by_the_name_of_the_file(tmp_path):
@@ -100,28 +76,6 @@ def test_options_choose_color_attributes_and_number(room_file, tmp_path):
     )
 
 
-def test_errors_are_one_line_and_leave_no_page(room_file, tmp_path):
-    page = tmp_path / "page.html"
-    assert "missing.laz: no such file" in error_line(
-        run("view", tmp_path / "missing.laz", "-o", page)
-    )
-    assert "ends in .html" in error_line(run("view", room_file, "-o", tmp_path / "page.laz"))
-    nowhere = tmp_path / "no" / "page.html"
-    assert "does not exist" in error_line(run("view", room_file, "-o", nowhere))
-    assert "'hue'" in error_line(run("view", room_file, "-o", page, "--color", "hue"))
-    assert "'hue'" in error_line(run("view", room_file, "-o", page, "--only", "hue"))
-    assert run("view", room_file).exit_code == 2
-    assert files_in(tmp_path) == ["room.laz"]
-
-
-def test_a_large_page_comes_with_advice(room_file, tmp_path, monkeypatch):
-    from sklearn_mcmd.cli import _view
-
-    monkeypatch.setattr(_view, "LARGE_PAGE", 1000)
-    result = run("view", room_file, "-o", tmp_path / "page.html")
-    assert "--only or --max-points makes it smaller" in result.stderr
-
-
 def test_the_files_of_a_folder_are_one_cloud(room, tmp_path):
     folder = tmp_path / "rooms"
     folder.mkdir()
@@ -137,3 +91,18 @@ def test_the_files_of_a_folder_are_one_cloud(room, tmp_path):
     assert manifest["title"] == "rooms"
     assert len(shown.rows) == len(room)
     assert "intensity" in {attribute["name"] for attribute in manifest["attributes"]}
+
+
+@pytest.mark.parametrize(
+    ("source", "page", "options", "words"),
+    [
+        ("missing.laz", "p.html", (), "missing.laz: no such file"),
+        ("room.laz", "p.laz", (), "ends in .html"),
+        ("room.laz", "no/p.html", (), "does not exist"),
+        ("room.laz", "p.html", ("--color", "hue"), "'hue'"),
+        ("room.laz", "p.html", ("--only", "hue"), "'hue'"),
+    ],
+)
+def test_errors_are_one_line_and_leave_no_page(source, page, options, words, room_file, tmp_path):
+    assert words in error_line(run("view", tmp_path / source, "-o", tmp_path / page, *options))
+    assert files_in(tmp_path) == ["room.laz"]

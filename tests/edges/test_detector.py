@@ -171,15 +171,6 @@ def test_fit_predict_equals_predict_and_scores_are_kept(criterion, dtype):
     assert_array_equal(detector.scores_, detector.score_samples(cloud))
 
 
-@pytest.mark.parametrize("criterion", ["crease", "eigenvalue", "surface_variation"])
-def test_scores_of_precomputed_normals_are_kept(box, criterion):
-    columns = RobustNormalEstimator(40, random_state=0).fit_transform(box.data)
-    detector = SharpFeatureDetector(normals="precomputed", criterion=criterion, random_state=0)
-    labels = detector.fit_predict(columns)
-    assert_array_equal(labels, detector.predict(columns))
-    assert_array_equal(detector.scores_, detector.score_samples(columns))
-
-
 def test_results_do_not_depend_on_threads():
     cloud = make_box(1500, random_state=0).data
     one, two = (fast(n_jobs=n).fit(cloud).score_samples(cloud) for n in (1, 2))
@@ -257,17 +248,6 @@ def test_the_given_detector_cleans_the_cloud():
     assert_allclose(detector.score_samples(cloud.data), alone.score_samples(cloud.data))
 
 
-def test_estimators_that_were_given_stay_unfitted_and_unseeded(box):
-    cleaner, normals = MCMDOutlierDetector(30), RobustNormalEstimator(30)
-    detector = SharpFeatureDetector(
-        outlier_detector=cleaner, normal_estimator=normals, random_state=0
-    )
-    first, again = (detector.fit(box.data).score_samples(box.data) for _ in range(2))
-    assert_array_equal(first, again)
-    assert not hasattr(cleaner, "offset_")
-    assert cleaner.random_state is normals.random_state is None
-
-
 def test_labels_are_the_same_if_the_default_normal_estimator_is_passed_or_stands_before():
     street = make_street(3000, outlier_share=0, random_state=0)  # with poles, whose planes bend
     default = fast().fit(street.data)
@@ -327,11 +307,6 @@ def test_bad_parameters_are_named(box, parameters, message):
 def test_estimators_that_do_not_serve_are_named(box, parameters, message):
     with pytest.raises(ValueError, match=message):
         fast(**parameters).fit(box.data)
-
-
-def test_columns_that_are_no_unit_normals_are_refused(box):
-    with pytest.raises(ValueError, match="the 6 columns of X are not those of"):
-        fast(normals="precomputed").fit(np.hstack([box.data, box.data]))
 
 
 def test_the_size_of_the_default_detector_is_not_warned_of(box):

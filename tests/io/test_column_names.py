@@ -12,37 +12,22 @@ def places(tmp_path, names, columns=None):
     return read_points(tmp_path / "a.csv", columns=columns).xyz[0].tolist()
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        "x y z",
-        "id Y X Z",
-        "point northing easting elevation",
-        "E N H",
-        "East North Altitude",
-        "X[m] Y[m] Z[m] height",
-        "x_m y_m z_m normal_x nx ny nz",
-        "Points:0 Points:1 Points:2 Normals:0 Normals:1 Normals:2",
-        "Points_0 Points_1 Points_2",
-        "POINT_X POINT_Y POINT_Z",
-        "utm_x utm_y elev_ft",
-        "n easting northing height h u v e",
-        "x y z easting northing height",
-        "Rechtswert Hochwert height",
-        "height_above_ground x y elevation",
-        "Rechtswert Hochwert Höhe",
-        "RECHTSWERT HOCHWERT HÖHE",
-        "Rechtswert[m] Hochwert[m] Hoehe[m]",
-        "x_koordinate y_koordinate Ho\u0308he",
-        "Ost Nord Höhe",
-        "est nord hauteur",
-        "Coordonnée_X Coordonne\u0301e_Y élévation",
-        "este norte cota",
-        "coordenada_x coordenada_y elevación",
-        "Est Nord Quota",
-        "est nord altezza label",
-    ],
+NAMES = (
+    "x y z, id Y X Z, point northing easting elevation, E N H, East North Altitude, "
+    "X[m] Y[m] Z[m] height, x_m y_m z_m normal_x nx ny nz, "
+    "Points:0 Points:1 Points:2 Normals:0 Normals:1 Normals:2, "
+    "Points_0 Points_1 Points_2, POINT_X POINT_Y POINT_Z, utm_x utm_y elev_ft, "
+    "n easting northing height h u v e, x y z easting northing height, "
+    "Rechtswert Hochwert height, height_above_ground x y elevation, "
+    "Rechtswert Hochwert Höhe, RECHTSWERT HOCHWERT HÖHE, "
+    "Rechtswert[m] Hochwert[m] Hoehe[m], x_koordinate y_koordinate Ho\u0308he, "
+    "Ost Nord Höhe, est nord hauteur, Coordonnée_X Coordonne\u0301e_Y élévation, "
+    "este norte cota, coordenada_x coordenada_y elevación, Est Nord Quota, "
+    "est nord altezza label"
 )
+
+
+@pytest.mark.parametrize("names", NAMES.split(", "))
 def test_names_that_people_use_are_known(tmp_path, names):
     first = {"point": [2, 1, 3], "id": [2, 1, 3], "n": [1, 2, 3], "height_above_ground": [1, 2, 3]}
     names = names.split()

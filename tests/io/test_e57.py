@@ -15,23 +15,15 @@ from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_point
 pye57 = pytest.importorskip("pye57")
 
 
-def test_e57_scans_are_merged_with_their_poses(tmp_path):
-    zeros, ones = np.zeros(2), np.ones(2)
-    points = {"cartesianX": ones, "cartesianY": zeros, "cartesianZ": np.array([0.0, 3.0])}
-    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
-        file.write_scan_raw(points, translation=np.array([10.0, 0, 0]))
-        half = np.sqrt(0.5)  # a quarter turn about z takes the x axis to the y axis
-        file.write_scan_raw(points, rotation=np.array([half, 0, 0, half]))
-    cloud = read_points(tmp_path / "a.e57")
-    assert_allclose(cloud.xyz, [[11, 0, 0], [11, 0, 3], [0, 1, 0], [0, 1, 3]], atol=1e-12)
-    assert_array_equal(cloud.attributes["scan_index"], [0, 0, 1, 1])
+def write_scan(path, points, **pose):
+    with pye57.E57(str(path), mode="w") as file:
+        file.write_scan_raw(points, **pose)
 
 
 def test_points_that_e57_marks_invalid_are_dropped_and_counted(tmp_path):
     points = {f"cartesian{axis}": np.array([0.0, 1, 2]) for axis in "XYZ"}
     points["cartesianInvalidState"] = np.array([0, 2, 0], dtype=np.int8)
-    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
-        file.write_scan_raw(points)
+    write_scan(tmp_path / "a.e57", points)
     cloud = read_points(tmp_path / "a.e57")
     assert_array_equal(cloud.xyz[:, 0], [0, 2])
     assert cloud.n_dropped == 1
@@ -152,12 +144,9 @@ def with_xml(source, target, *changes):
 @pytest.fixture
 def plain(tmp_path):
     """A scan that is turned about z by a quarter and moved by 10, 20, 30."""
-    half = np.sqrt(0.5)
     data = {f"cartesian{axis}": NUMBERS + 0.5 * i for i, axis in enumerate("XYZ")}
-    with pye57.E57(str(tmp_path / "plain.e57"), mode="w") as file:
-        file.write_scan_raw(
-            data, rotation=np.array([half, 0, 0, half]), translation=np.array([10.0, 20, 30])
-        )
+    turn, move = np.sqrt([0.5, 0, 0, 0.5]), np.array([10.0, 20, 30])
+    write_scan(tmp_path / "plain.e57", data, rotation=turn, translation=move)
     return tmp_path / "plain.e57"
 
 

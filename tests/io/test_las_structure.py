@@ -84,7 +84,14 @@ def test_scales_and_offsets_that_can_be_are_read(tmp_path, scale, offset):
     assert_array_equal(xyz[:, 0], np.arange(-9, 9) * scale + offset)
 
 
-@WAYS
+def by_parts(path, target):
+    with writing_parts(target) as write_part:
+        for part in read_parts(path, 15):
+            write_part(part)
+    return target
+
+
+@pytest.mark.parametrize("way", [at_once, in_parts, by_parts])
 @pytest.mark.parametrize("name", ["b.las", "b.laz"])
 def test_negative_scales_keep_the_bounds_in_order(tmp_path, way, name):
     path = write(tmp_path / "a.las", scales=[-0.001, 0.001, -0.01])

@@ -35,7 +35,7 @@ def test_zeros_of_every_format_are_named_and_many_in_the_scanners_frame_left_out
     with pytest.warns(UserWarning, match="90 of 390 points are 0, 0, 0, the first is point 1: no"):
         cloud = read_points(path)
     assert_allclose(cloud.xyz, np.round(OWN_FRAME, 3), rtol=0, atol=1e-12)
-    assert cloud.n_dropped == 90
+    assert cloud.n_dropped == cloud.metadata["n_no_returns"] == 90
 
 
 def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
@@ -46,7 +46,7 @@ def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
         file.write_scan_raw(raw, **pose)
     with pytest.warns(UserWarning, match=r"a.e57, scan 1: 90 of 390 points are 0, 0, 0"):
         cloud = read_points(tmp_path / "a.e57")
-    assert (len(cloud), cloud.n_dropped) == (300, 90)
+    assert (len(cloud), cloud.n_dropped, cloud.metadata["n_no_returns"]) == (300, 90, 90)
 
 
 TENS = np.repeat(np.outer(np.arange(-30.0, 30), [1, 2, 3]), 10, axis=0)  # each place ten times
@@ -92,7 +92,10 @@ def test_zeros_are_no_returns_where_more_points_have_one_coordinate_0(tmp_path, 
         assert_array_equal(read_points(tmp_path / "a.npy").xyz, points)
 
 
-@pytest.mark.parametrize(("xyz", "n_left"), [(SPINNING, 300), (TENS[::-1], 600), (HOLED, 33)])
+PARTED = [(SPINNING, 300), (-np.abs(SPINNING), 300), (TENS[::-1], 600), (HOLED, 33)]
+
+
+@pytest.mark.parametrize(("xyz", "n_left"), PARTED)
 @pytest.mark.parametrize("n_part", [7, 20, 1000])
 @pytest.mark.filterwarnings("ignore:.*points are 0, 0, 0")
 def test_parts_of_las_leave_out_what_the_whole_file_does(

@@ -81,20 +81,20 @@ def test_times_may_be_counted_from_elsewhere_which_is_said(of_points, of_path):
     assert all(expected in some for some in words)
 
 
-@pytest.mark.parametrize("off", [-0.5, 0.5, 1e5, -3e7])
-def test_points_before_or_after_the_trajectory_are_refused(off):
-    with pytest.raises(PointFileError, match=r"of 21 points were measured when there is no"):
-        sensor_origins(points_at(SECONDS + off), (SECONDS, PATH))
-
-
-def test_points_without_times_are_refused():
-    with pytest.raises(PointFileError, match="points have no times"):
-        sensor_origins(PointCloud(np.eye(3)), (SECONDS, PATH))
-
-
-def test_arrays_of_other_shapes_are_refused():
-    with pytest.raises(PointFileError, match=r"shapes \(21,\) and \(21, 2\)"):
-        sensor_origins(points_at(SECONDS), (SECONDS, PATH[:, :2]))
+@pytest.mark.parametrize(
+    ("cloud", "path", "message"),
+    [
+        *[
+            (points_at(SECONDS + off), PATH, "of 21 points were measured when there is no")
+            for off in (-0.5, 0.5, 1e5, -3e7)
+        ],
+        (PointCloud(np.eye(3)), PATH, "points have no times"),
+        (points_at(SECONDS), PATH[:, :2], r"shapes \(21,\) and \(21, 2\)"),
+    ],
+)
+def test_points_and_trajectories_that_do_not_fit_are_refused(cloud, path, message):
+    with pytest.raises(PointFileError, match=message):
+        sensor_origins(cloud, (SECONDS, path))
 
 
 def test_a_trajectory_in_another_coordinate_system_is_warned_of():

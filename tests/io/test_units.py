@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sklearn_mcmd.io import PointCloud
+from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.io._units import degrees_warning, length_unit
 
 GEOGRAPHIC = 'GEOGCS["NAD83",DATUM["x",SPHEROID["GRS 80",6378137,298.25]],UNIT["degree",0.0174533]]'
@@ -47,14 +47,9 @@ def test_the_unit_of_a_projected_system_is_told_where_all_axes_have_it(wkt, keys
     assert length_unit(cloud(wkt, keys)) == unit
 
 
-def test_e57_is_in_meters_and_other_formats_do_not_tell():
+def test_e57_is_in_meters_and_other_formats_have_no_unit(shared_data):
     assert length_unit(PointCloud(np.eye(3), {}, {"sensor_origins": np.zeros((1, 3))})) == "m"
     assert length_unit(PointCloud(np.eye(3))) is None
-
-
-def test_a_real_file_in_feet_says_so(shared_data):
-    from sklearn_mcmd.io import read_points
-
     assert length_unit(read_points(shared_data / "autzen_trim" / "autzen_trim.laz")) == "ft"
 
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.metrics import average_precision_score
 
 from reference import judged
-from scenes import corner, cylinder, sphere, torus
+from scenes import corner, cylinder, near_the_first, sphere, torus
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._consistent_set import draw_trials
@@ -308,13 +308,6 @@ def test_the_farther_a_group_the_larger_its_scores(strictness):
     assert (np.diff(scores, axis=0) > 0).all()
 
 
-def real_cloud(shared_data, name, n=10_000):
-    """The n points nearest to the first."""
-    with np.load(shared_data / name / "cloud.npz") as arrays:
-        X = arrays["xyz"]
-    return X[np.argsort(np.linalg.norm(X - X[0], axis=1), kind="stable")[:n]]
-
-
 CLOUDS = ["street", "jakarto_scanlines", "pcl_cars_mincut", "ahn3_amsterdam_2397"]
 
 
@@ -322,7 +315,7 @@ CLOUDS = ["street", "jakarto_scanlines", "pcl_cars_mincut", "ahn3_amsterdam_2397
 def cloud(request):
     if request.param == "street":
         return make_street(6000, outlier_share=0.2, random_state=1).data
-    return real_cloud(request.getfixturevalue("shared_data"), request.param)
+    return near_the_first(request.getfixturevalue("shared_data"), request.param, 10_000)
 
 
 def test_each_strictness_flags_what_the_one_before_does(cloud):

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Places, judge_off_surface
+from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Rest, judge_off_surface
 from sklearn_mcmd.planes._nearest import NearestPoints
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
@@ -37,8 +37,8 @@ def company(points, n_explained, least=100, counts=None, n_jobs=None):
     counts = np.ones(len(points), dtype=int) if counts is None else counts
     explained = np.arange(len(points)) < n_explained
     spacings = (spacing_of(points, counts, others_only=only) for only in (False, True))
-    places = Places.of(index_of(points), counts, explained, *spacings)
-    found = judge_off_surface(places, least, OffSurfaceLimits(), n_jobs)
+    rest = Rest.of(index_of(points), counts, explained, *spacings, OffSurfaceLimits())
+    found = judge_off_surface(rest, least, n_jobs)
     assert_array_equal(found.rest.rows, np.flatnonzero(~explained))
     isolation, separation = np.zeros(len(points)), np.zeros(len(points))
     isolation[~explained], separation[~explained] = found.isolation, found.separation
@@ -76,14 +76,6 @@ def test_a_small_group_stands_off_by_its_gap_in_sizes_of_its_own():
     assert_allclose(found.separation[400:], 5 / size)
     close = company(with_rest([10, 10, 5], [10, 10, 5.5]), 400)  # as small as a point
     assert_allclose(close.separation[400:], 5 / LATTICE)
-
-
-def test_clumps_are_linked_where_16_neighbors_reach_from_one_to_the_other():
-    rng = np.random.default_rng(0)
-    for n, one_group in ((10, True), (20, False)):
-        clump = [10, 10, 5] + 0.01 * rng.normal(size=(n, 3))
-        found = company(with_rest(clump, clump + np.array([0, 0, 1.0])), 400, least=n + 1)
-        assert (found.separation[400:] == 0).all() == one_group
 
 
 def test_n_times_as_many_points_as_a_thing_must_stand_off_n_times_as_far():
@@ -221,8 +213,8 @@ def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
 def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
     X = np.zeros((4, 3))
     counts, explained = np.ones(4, dtype=int), np.ones(4, dtype=bool)
-    places = Places.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4))
-    fitted = judge_off_surface(places, 2, OffSurfaceLimits(), None)
+    rest = Rest.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4), OffSurfaceLimits())
+    fitted = judge_off_surface(rest, 2, None)
     isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
     assert isolation >= 1e300
     assert separation >= 1e300

@@ -240,13 +240,6 @@ def test_all_points_at_the_sensor_have_no_rays():
         detector(sensor_origin=[1.0, 1.0, 1.0]).fit(np.ones((60, 3)))
 
 
-@pytest.mark.parametrize("parameters", [{"strictness": None}, {"n_neighbors": None}])
-def test_planes_alone_have_no_use_for_it(parameters):
-    X = np.random.default_rng(0).random((60, 3))
-    with pytest.raises(ValueError, match="sensor_origin has no meaning"):
-        detector(sensor_origin="origin", **parameters).fit(X)
-
-
 @pytest.mark.parametrize("n_features", [2, 3, 4])
 def test_it_works_in_any_dimension_and_on_few_points(n_features):
     rng = np.random.default_rng(0)

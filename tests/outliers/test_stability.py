@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
+from scenes import near_the_first
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 
@@ -32,14 +34,7 @@ def flips(before, after, tolerance=1e-6):
 
 def turn(angles):
     """Rotation by angles about three axes."""
-    matrix = np.eye(3)
-    for (i, j), angle in zip([(0, 1), (0, 2), (1, 2)], angles, strict=True):
-        step = np.eye(3)
-        step[[i, i, j, j], [i, j, i, j]] = (
-            np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle),
-        )  # fmt: skip
-        matrix = matrix @ step
-    return matrix
+    return Rotation.from_euler("zyx", angles).as_matrix()
 
 
 def changed(X):
@@ -59,13 +54,9 @@ def changed(X):
 
 
 def cloud_of(name, n, request):
-    """Of a real cloud the points next to its first."""
     if name == "street":
         return make_street(n, outlier_share=0.2, random_state=1).data
-    path = request.getfixturevalue("shared_data") / name / "cloud.npz"
-    with np.load(path) as arrays:
-        X = arrays["xyz"]
-    return X[np.argsort(np.linalg.norm(X - X[0], axis=1), kind="stable")[:n]]
+    return near_the_first(request.getfixturevalue("shared_data"), name, n)
 
 
 def off_the_lattice(X):

@@ -52,21 +52,11 @@ def test_a_part_of_too_few_points_is_no_surface(rng):
     assert not surfaces(points, neighbors, planes, least=501).any()
 
 
-@pytest.mark.parametrize(
-    ("what", "bad"),
-    [
-        ("rough", {"scale": 0.16}),
-        ("no plane", {"scale": 0.0}),
-    ],
-)
-def test_bad_planes_are_of_no_surface(rng, what, bad):
+@pytest.mark.parametrize(("scale", "good"), [(0.14, True), (0.16, False), (0.0, False)])
+def test_rough_planes_and_those_without_noise_are_of_no_surface(rng, scale, good):
     points, neighbors, planes = face(500, rng)
-    limits = {"scale": 0.14}
-    good = {name: limits[name] for name in bad}
-    for values, expected in ((good, True), (bad, False)):
-        changed = planes._replace(**{k: np.full(500, v) for k, v in values.items()})
-        changed = changed._replace(radius=np.ones(500))
-        assert (surfaces(points, neighbors, changed) == expected).all()
+    changed = planes._replace(scale=np.full(500, scale), radius=np.ones(500))
+    assert (surfaces(points, neighbors, changed) == good).all()
 
 
 def test_a_point_off_its_own_plane_is_of_no_surface(rng):

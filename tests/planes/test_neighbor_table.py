@@ -78,3 +78,14 @@ def test_parts_hold_as_many_as_their_rows_ask_for():
     assert_array_equal(found[-1], indices[-1, :30])
     assert_array_equal(found[0, 20:], found[0, 0])  # what no row of the part asks for
     assert_array_equal(table.query(np.array([2999, 0]), 300)[0], indices[-1])
+
+
+def test_rows_share_a_list_of_groups_while_two_bytes_can_number_them():
+    """The neighbors of two rows are in 8,192 groups, twice as many as that."""
+
+    def search(rows, k):
+        odd = np.arange(rows.start, rows.stop)[:, None] % 2
+        return (32 * np.arange(k) + 16 * odd).astype(np.int32)
+
+    table = NeighborTable(search, 2**17, 4096)
+    assert_array_equal(table.query(slice(0, 8), 4096), search(slice(0, 8), 4096))

@@ -30,6 +30,16 @@ def test_continuous_coordinates_have_no_step(n):
         assert coordinate_step(X) == 0
 
 
+def test_steps_are_found_that_float32_has_rounded_once_more():
+    X = np.round(np.random.default_rng(0).uniform(0, 0.3, (3000, 3)), 3) + 400
+    assert_allclose(coordinate_step(X.astype(np.float32)), 0.001, rtol=0.01)
+
+
+def test_coordinates_that_are_a_hundredth_of_a_step_off_a_lattice_have_no_step():
+    off = np.random.default_rng(0).uniform(-0.01, 0.01, (400, 3))
+    assert coordinate_step(np.arange(400.0)[:, None] + off) == 0
+
+
 def test_a_raster_of_heights_has_no_step():
     x, y = np.meshgrid(np.arange(30.0), np.arange(30.0))
     z = np.random.default_rng(0).normal(size=900)

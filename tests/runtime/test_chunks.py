@@ -1,6 +1,6 @@
 """Tasks in threads: each is done once, and errors end the work."""
 
-from threading import Barrier, current_thread, get_ident, main_thread
+from threading import Barrier, get_ident
 from time import sleep
 
 import pytest
@@ -30,21 +30,11 @@ def threads_of(n_jobs):
     return len(seen)
 
 
-def test_as_many_threads_work_as_there_are_jobs():
-    together, seen = Barrier(3, timeout=600), set()
-
-    def meet(i):
-        seen.add(current_thread())
-        together.wait()
-
-    run([(i,) for i in range(6)], meet, 3)
-    assert len(seen) == 3
-
-
 def test_the_number_of_jobs_means_what_it_means_to_joblib():
-    together = Barrier(2, timeout=600)
-    with parallel_config(backend="threading", n_jobs=2):
-        run([(i,) for i in range(4)], lambda i: together.wait(), None)
+    for n, n_jobs in ((3, 3), (2, None)):
+        together = Barrier(n, timeout=600)  # so many work at once
+        with parallel_config(backend="threading", n_jobs=2):
+            run([(i,) for i in range(2 * n)], lambda i, b=together: b.wait(), n_jobs)
     assert threads_of(None) == threads_of(1) == 1
     with pytest.raises(ValueError, match="n_jobs == 0"):
         run([(0,), (1,)], print, 0)
@@ -52,19 +42,17 @@ def test_the_number_of_jobs_means_what_it_means_to_joblib():
     assert nested == [1, 1]
 
 
-@pytest.mark.parametrize("in_main", [True, False])
+@pytest.mark.parametrize("n_jobs", [1, 2])
 @pytest.mark.parametrize("kind", [ValueError, KeyboardInterrupt])
-def test_an_error_in_any_thread_ends_the_work(kind, in_main):
-    begun, together = [], Barrier(2, timeout=600)
+def test_an_error_in_any_thread_ends_the_work(kind, n_jobs):
+    begun = []
 
     def work(i):
         begun.append(i)
-        if i < 2:
-            together.wait()  # both threads are at work
-            if (current_thread() is main_thread()) == in_main:
-                raise kind("broken")
-        sleep(1e-4)  # lets the thread that fails come to its turn
+        if i == 1:
+            raise kind("broken")
+        sleep(1e-4)
 
     with pytest.raises(kind, match="broken"):
-        run([(i,) for i in range(10**5)], work, 2)
+        run([(i,) for i in range(10**5)], work, n_jobs)
     assert len(begun) < 10**5

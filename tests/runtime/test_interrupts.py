@@ -1,4 +1,4 @@
-"""Ctrl-C, met by real processes: one line and 130, until their outputs are there."""
+"""Signals, met by real processes: one line and an exit code, until the outputs are there."""
 
 import os
 import subprocess
@@ -12,8 +12,8 @@ from sklearn_mcmd.planes._local_planes import COMPILE_FROM
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 
-# The program meets Ctrl-C at a moment of its own, which does not depend on how fast it is.
-CTRL_C = """
+# The program meets a signal at a moment of its own, which does not depend on how fast it is.
+SEND = """
 import os, signal, sys
 
 def ctrl_c():
@@ -46,25 +46,39 @@ event.register("numba:compile", Listener())
 FITTING = """
 from sklearn_mcmd.runtime._progress import Span
 
-tell = Span.tell
+report = Span.report
 
-def tell_and_stop(self, share):
-    tell(self, share)
+def report_and_stop(self, share):
+    report(self, share)
     if self.stage == "planes" and share > 0:
         ctrl_c()
 
-Span.tell = tell_and_stop
+Span.report = report_and_stop
+"""
+# The rehearsal is of one point.
+WRITING = """
+import time
+from sklearn_mcmd.io import _formats
+
+def stuck(path, cloud):
+    path.write_text("half of it")
+    if len(cloud) > 1:
+        os.kill(os.getpid(), signal.{name})
+        time.sleep(3600)
+
+known = _formats._BY_EXTENSION
+known[".xyz"] = known[".xyz"]._replace(write=stuck)
 """
 SUMMING_UP = """
-from sklearn_mcmd.cli import {module}
+from sklearn_mcmd.cli import _messages
 
-told = {module}.{function}
+told = _messages.print_table
 
 def tell_late(*args, **kwargs):
     ctrl_c()
     told(*args, **kwargs)
 
-{module}.{function} = tell_late
+_messages.print_table = tell_late
 """
 # Python calls the first while its handlers are in force, and the second when they are gone.
 CLEARING_UP = """
@@ -80,9 +94,9 @@ late = Late()
 
 
 def outcome_of(moment, *args, **variables):
-    """Exit code, stdout and stderr of a command that meets Ctrl-C."""
+    """Exit code, stdout and stderr of a command that meets a signal."""
     done = subprocess.run(
-        [sys.executable, "-c", CTRL_C + moment + MAIN, *map(str, args)],
+        [sys.executable, "-c", SEND + moment + MAIN, *map(str, args)],
         capture_output=True,
         text=True,
         env=os.environ | variables,
@@ -90,13 +104,7 @@ def outcome_of(moment, *args, **variables):
     return done.returncode, done.stdout, done.stderr
 
 
-def printed_by(code):
-    """What a program prints, and what it says of errors."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    return done.stdout, done.stderr
-
-
-@pytest.mark.parametrize("name", ["sklearn_mcmd._extras", "typer", "numpy", "sklearn"])
+@pytest.mark.parametrize("name", ["sklearn_mcmd._extras", "numpy"])
 def test_ctrl_c_ends_in_one_line_while_modules_are_imported(name, room_file, tmp_path):
     moment = IMPORTING.format(name=name)
     outcome = outcome_of(moment, "denoise", room_file, tmp_path / "out.npy")
@@ -113,27 +121,28 @@ def test_ctrl_c_ends_in_one_line_while_code_is_compiled(tmp_path):
     assert files_in(tmp_path) == ["compiled", "in.npy"]
 
 
-def test_ctrl_c_ends_in_one_line_while_planes_are_fitted(room_file, tmp_path):
-    code, out, err = outcome_of(FITTING, "denoise", room_file, tmp_path / "out.npy")
-    assert (code, out) == (130, "")
-    assert err.splitlines()[-1] == "mcmd: interrupted"  # a slow machine tells its progress before
+@pytest.mark.parametrize(
+    ("moment", "expected"),
+    [
+        (FITTING, 130),
+        (WRITING.format(name="SIGINT"), 130),
+        (WRITING.format(name="SIGTERM"), 143),
+        (WRITING.format(name="SIGHUP"), 129),
+    ],
+)
+def test_a_signal_during_the_work_leaves_no_file(moment, expected, room_file, tmp_path):
+    code, out, err = outcome_of(moment, "denoise", room_file, tmp_path / "out.xyz")
+    assert (code, out) == (expected, "")
+    if code == 130:
+        assert err.splitlines()[-1] == "mcmd: interrupted"  # a slow machine tells its progress
     assert files_in(tmp_path) == ["room.laz"]
 
 
 @pytest.mark.parametrize(
-    ("verb", "function", "arguments"),
-    [
-        ("denoise", "_messages.print_summary", ["out.xyz"]),
-        ("view", "_view._report", ["-o", "out.html"]),
-    ],
+    ("verb", "options", "name"), [("denoise", [], "out.xyz"), ("view", ["-o"], "out.html")]
 )
-def test_ctrl_c_comes_too_late_when_the_output_is_there(
-    verb, function, arguments, room_file, tmp_path
-):
-    module, function = function.split(".")
-    *options, name = arguments
-    moment = SUMMING_UP.format(module=module, function=function)
-    code, out, _ = outcome_of(moment, verb, room_file, *options, tmp_path / name)
+def test_ctrl_c_comes_too_late_when_the_output_is_there(verb, options, name, room_file, tmp_path):
+    code, out, _ = outcome_of(SUMMING_UP, verb, room_file, *options, tmp_path / name)
     assert code == 0
     assert "points" in out
     assert files_in(tmp_path) == sorted([name, "room.laz"])
@@ -147,74 +156,70 @@ def test_ctrl_c_does_not_change_how_a_command_has_ended_while_python_clears_up(r
     assert (code, err) == (1, f"mcmd: error: {tmp_path / 'none.laz'}: no such file\n")
 
 
-def test_a_verb_within_another_one_does_not_end_its_interrupts():
-    code = (
-        "import signal\n"
-        "from sklearn_mcmd.runtime._interrupts import "
-        "exit_at_once, ignore_interrupts, raise_interrupts\n"
-        "exit_at_once('mcmd')\n"
-        "with raise_interrupts():\n"
-        "    with raise_interrupts():\n"
-        "        ignore_interrupts()\n"
-        "    try:\n"
-        "        signal.raise_signal(signal.SIGINT)\n"
-        "    except KeyboardInterrupt:\n"
-        "        print('interrupted')\n"
-        "    ignore_interrupts()\n"
-        "    signal.raise_signal(signal.SIGINT)\n"
-        "signal.raise_signal(signal.SIGINT)\n"
-        "print('done')\n"
+WITHIN_ANOTHER = """
+with raise_interrupts():
+    with raise_interrupts():
+        ignore_interrupts()
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        print("interrupted")
+    ignore_interrupts()
+    signal.raise_signal(signal.SIGINT)
+signal.raise_signal(signal.SIGINT)
+"""
+TURNED_INTO_ANOTHER_ERROR = """
+import typer
+from sklearn_mcmd.cli._messages import clear_exits
+try:
+    with clear_exits():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except BaseException:
+            raise ImportError("cannot import half of it")
+except typer.Exit as end:
+    print(end.exit_code)
+"""
+FORGOTTEN_BY_A_CALLBACK = """
+import time
+class Forgets:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+try:
+    with raise_interrupts():
+        Forgets()
+        begin = time.monotonic()
+        time.sleep(600)
+        print("forgotten")
+except KeyboardInterrupt:
+    print("came again", time.monotonic() - begin < 500)
+"""
+IGNORED = """
+both = signal.SIGINT, signal.SIGHUP  # as of nohup
+for number in both:
+    signal.signal(number, signal.SIG_IGN)
+handle_signals("mcmd")
+for number in both:
+    signal.raise_signal(number)
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "printed", "error"),
+    [
+        (WITHIN_ANOTHER, "interrupted\n", ""),
+        (TURNED_INTO_ANOTHER_ERROR, "130\n", "mcmd: interrupted\n"),
+        (FORGOTTEN_BY_A_CALLBACK, "came again True\n", ""),
+        (IGNORED, "", ""),
+    ],
+    ids=["within", "turned", "forgotten", "ignored"],
+)
+def test_ctrl_c_is_an_interruption_where_and_while_it_may_be(code, printed, error):
+    """A verb within another one does not end its interrupts; libraries may turn one into another
+    error, or a callback forget it; and what a process ignores stays ignored."""
+    begin = (
+        "import signal\nfrom sklearn_mcmd.runtime._interrupts import *\nhandle_signals('mcmd')\n"
     )
-    assert printed_by(code) == ("interrupted\ndone\n", "")
-
-
-def test_ctrl_c_that_a_library_turns_into_another_error_is_still_an_interruption():
-    code = (
-        "import signal\n"
-        "from sklearn_mcmd.runtime._interrupts import exit_at_once\n"
-        "exit_at_once('mcmd')\n"
-        "import typer\n"
-        "from sklearn_mcmd.cli._messages import clear_exits\n"
-        "try:\n"
-        "    with clear_exits():\n"
-        "        try:\n"
-        "            signal.raise_signal(signal.SIGINT)\n"
-        "        except BaseException:\n"
-        "            raise ImportError('cannot import half of it')\n"
-        "except typer.Exit as end:\n"
-        "    print(end.exit_code)\n"
-    )
-    assert printed_by(code) == ("130\n", "mcmd: interrupted\n")
-
-
-def test_ctrl_c_that_a_callback_forgets_comes_again():
-    code = (
-        "import signal, time\n"
-        "from sklearn_mcmd.runtime._interrupts import exit_at_once, raise_interrupts\n"
-        "exit_at_once('mcmd')\n"
-        "class Forgets:\n"
-        "    def __del__(self):\n"
-        "        signal.raise_signal(signal.SIGINT)\n"
-        "try:\n"
-        "    with raise_interrupts():\n"
-        "        Forgets()\n"
-        "        begin = time.monotonic()\n"
-        "        time.sleep(600)\n"
-        "        print('forgotten')\n"
-        "except KeyboardInterrupt:\n"
-        "    print('came again', time.monotonic() - begin < 500)\n"
-    )
-    assert printed_by(code) == ("came again True\n", "")
-
-
-def test_a_process_that_ignores_ctrl_c_goes_on_ignoring_it():
-    code = (
-        "import signal\n"
-        "from sklearn_mcmd.runtime._interrupts import exit_at_once\n"
-        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-        "exit_at_once('mcmd')\n"
-        "signal.raise_signal(signal.SIGINT)\n"
-        "print('goes on')\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (0, "goes on\n")
+    command = [sys.executable, "-c", f"{begin}{code}\nprint('goes on')"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == (f"{printed}goes on\n", error)

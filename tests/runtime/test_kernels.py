@@ -2,16 +2,11 @@
 
 import importlib
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
-from pathlib import Path
 
-import numpy as np
 import pytest
 
-from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.runtime import _compiling, _kernels
 
 SOURCE = """
@@ -123,54 +118,6 @@ def test_a_package_that_cannot_be_written_keeps_its_code_elsewhere_or_compiles_e
         assert done.stderr.count("Compiled code cannot be kept, so each run compiles anew") == (
             compilations - 1
         )
-
-
-@pytest.fixture
-def open_folder():
-    """A folder for all users, which pytest's own are not."""
-    with tempfile.TemporaryDirectory() as folder:
-        os.chmod(folder, 0o777)
-        yield Path(folder)
-
-
-COMMAND = """
-import sys, tempfile
-tempfile.tempdir, *sys.argv[1:] = sys.argv[1:]
-from sklearn_mcmd.__main__ import main
-main()
-"""
-
-
-@pytest.mark.slow
-def test_another_user_without_a_home_and_any_folder_to_write_to_has_all_results(
-    copied, open_folder, tmp_path
-):
-    """The files of the user are in one folder that the program is not told of as temporary."""
-    folder, drop = open_folder, []
-    if not hasattr(os, "geteuid") or os.geteuid() == 0:
-        if not shutil.which("setpriv"):
-            pytest.skip("root may write everywhere, and there is no setpriv to become another user")
-        drop = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
-        drop += ["--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search"]
-    wall = np.random.default_rng(0).uniform(size=(3_000, 3)) * [4, 2, 0]
-    wall[:, 2] = np.random.default_rng(1).normal(0, 0.004, 3_000)
-    write_points(folder / "wall.npz", PointCloud(wall))
-    (folder / "wall.npz").chmod(0o644)
-    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": str(copied)}
-    outputs = {"denoise": "clean.npz", "plane": "tested.npz"}
-    for verb, output in outputs.items():
-        files = [str(folder / "wall.npz"), str(folder / output)]
-        command = [*drop, sys.executable, "-c", COMMAND, str(tmp_path / "no" / "t"), verb, *files]
-        done = subprocess.run(
-            command, env=environment, cwd=tmp_path, capture_output=True, text=True
-        )
-        assert done.returncode == 0, done.stderr
-        assert len(read_points(files[1])) > 2_990
-        warnings = [line for line in done.stderr.splitlines() if line.startswith("mcmd: warning: ")]
-        assert warnings, done.stderr
-        told = "Compiled code cannot be kept" if verb == "denoise" else "the text alone is written"
-        assert sum(told in line for line in warnings) == 1
-        assert "Matplotlib created" not in done.stderr
 
 
 def test_the_folder_is_this_users_alone(tmp_path, monkeypatch):

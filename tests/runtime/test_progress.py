@@ -1,7 +1,5 @@
 """Progress: what estimators tell whoever listens, of the whole of their work."""
 
-from itertools import pairwise
-
 import numba
 import numpy as np
 import pytest
@@ -38,7 +36,7 @@ def all_told(work):
 def test_parts_of_parts_are_shares_of_the_whole():
     def work():
         with progress_part(0.0, 0.5, "first"):
-            current_span().tell(0.5)
+            current_span().report(0.5)
         with progress_part(0.5, 1.0, "second"), progress_part(0.0, 0.2):
             pass
 
@@ -52,26 +50,13 @@ def test_a_stage_is_told_from_its_begin_to_its_end_whatever_its_share_of_the_who
     def work():
         with progress_part(0.5, 0.75, "stage"):
             with progress_part(0.0, 0.5):
-                current_span().tell(0.5)
+                current_span().report(0.5)
             with progress_part(0.5, 1.0):
-                current_span().tell(0.5)
+                current_span().report(0.5)
 
     told = all_told(work)
     assert [t.part for t in told] == [0, 0, 0.25, 0.5, 0.5, 0.75, 1, 1]
     assert {t.stage for t in told} == {"stage"}
-
-
-def test_nobody_listening_is_no_error():
-    with progress_part(0.0, 1.0, "alone"):
-        assert current_span() is None
-
-
-def test_a_listener_of_none_hears_nothing_of_what_is_within():
-    def work():
-        with listen_to_progress(None), progress_part(0.0, 1.0, "hidden"):
-            pass
-
-    assert heard(work) == []
 
 
 @pytest.mark.parametrize(
@@ -91,24 +76,6 @@ def test_estimators_name_their_stages_in_order_and_tell_the_whole(estimator, sta
     shares = [share for _, share in told if share is not None]  # None while compiling
     assert min(shares) == 0
     assert max(shares) == pytest.approx(1)
-
-
-def test_the_cutoff_and_the_verdict_of_the_detector_divide_the_whole_without_gaps(room):
-    detector = MCMDOutlierDetector(false_positive_rate=0.05, random_state=0)
-    ends = {}
-    told = heard(lambda: detector.fit(room.xyz))
-    for stage, share in told:
-        if share is None:  # while compiling
-            continue
-        first, last = ends.get(stage, (share, share))
-        ends[stage] = min(first, share), max(last, share)
-    ends.pop("")  # the parts that hold stages
-    stages = ["cutoff by simulation", "planes", "outliers"]
-    assert list(ends) == stages == list(detector._stages())
-    assert min(begin for begin, _ in ends.values()) == 0
-    for (_, end), (begin, _) in pairwise(ends.values()):
-        assert end == pytest.approx(begin)
-    assert max(end for _, end in ends.values()) == pytest.approx(1)
 
 
 def test_compilation_is_told_and_its_end():
@@ -133,7 +100,7 @@ def own_compilation(monkeypatch):
     monkeypatch.setattr(_progress, "PATIENCE", 0.0)
     watch_compilation.__wrapped__()
 
-    def compile_one(module="sklearn_mcmd.planes._explaining_numba"):
+    def compile_one(module):
         def twice(x):
             return 2 * x
 
@@ -144,38 +111,33 @@ def own_compilation(monkeypatch):
     registered[:] = others
 
 
-def test_one_line_tells_whoever_waits_at_a_terminal(own_compilation, monkeypatch, capsys):
-    own_compilation("mine")
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    own_compilation("mine")
-    assert capsys.readouterr().err == ""
-    own_compilation()
-    own_compilation()
-    assert capsys.readouterr().err == f"sklearn_mcmd: {COMPILING}\n"
+LINE = f"sklearn_mcmd: {COMPILING}"
 
 
-@pytest.mark.parametrize("listener", [None, lambda told: None])
-def test_no_line_where_a_program_shows_progress_or_nobody_waits(
-    own_compilation, listener, monkeypatch, capsys
+@pytest.mark.parametrize(
+    ("module", "level", "terminal", "printed", "logged"),
+    [
+        ("sklearn_mcmd.planes", "NOTSET", True, [LINE], []),
+        ("sklearn_mcmd.planes", "NOTSET", False, [], []),  # nobody waits
+        ("sklearn_mcmd.planes", "INFO", True, [], [LINE]),
+        ("sklearn_mcmd.planes", "WARNING", True, [], []),  # silenced
+        ("mine", "NOTSET", True, [], []),
+    ],
+)
+def test_one_line_tells_of_compilation_whoever_waits(
+    module, level, terminal, printed, logged, own_compilation, monkeypatch, caplog, capsys
 ):
-    own_compilation()  # the output of tests is no terminal
+    monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
+    with caplog.at_level(level, logger="sklearn_mcmd"):
+        own_compilation(module)
+        own_compilation(module)
+    assert capsys.readouterr().err.splitlines() == printed
+    assert [record.getMessage() for record in caplog.records] == logged
+
+
+@pytest.mark.parametrize("listener", [None, lambda progress: None])
+def test_no_line_where_a_program_shows_progress(listener, own_compilation, monkeypatch, capsys):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     with listen_to_progress(listener):
-        own_compilation()
-    assert capsys.readouterr().err == ""
-
-
-def test_the_line_goes_to_the_log_where_there_is_one(own_compilation, monkeypatch, caplog, capsys):
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    with caplog.at_level("INFO", logger="sklearn_mcmd"):
-        own_compilation()
-    assert [record.getMessage() for record in caplog.records] == [f"sklearn_mcmd: {COMPILING}"]
-    assert capsys.readouterr().err == ""
-
-
-def test_the_line_can_be_silenced(own_compilation, monkeypatch, caplog, capsys):
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    with caplog.at_level("WARNING", logger="sklearn_mcmd"):
-        own_compilation()
-    assert not caplog.records
+        own_compilation("sklearn_mcmd.planes")
     assert capsys.readouterr().err == ""

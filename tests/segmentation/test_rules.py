@@ -5,7 +5,9 @@ import pytest
 from numpy.testing import assert_array_equal
 from sklearn.metrics import adjusted_rand_score
 
+from benchmarks._ablation_changes import changed
 from growth import fitted_without
+from sklearn_mcmd.segmentation._graph import GrowthLimits
 from sklearn_mcmd.segmentation._steps import GrowthSteps
 
 
@@ -101,3 +103,14 @@ def test_regions_are_those_of_the_rules_taken_literally(
     expected = grown_by_loops(columns, d, k, max_angle, max_distance, max_gap, mutual)
     assert growing.n_regions_ == expected.max() + 1 > 1
     assert adjusted_rand_score(expected, growing.labels_) == 1.0
+
+
+def test_growth_notices_an_edited_limit():
+    """Constants that a kernel imports are frozen when it is compiled, and in Numba's cache."""
+    X, normals, _ = corner(1500, 3, np.random.default_rng(0))
+    columns, found = columns_of(X, normals, np.random.default_rng(0)), []
+    for n_deviations in (2.0, -0.5):
+        with changed(GrowthLimits, n_deviations=n_deviations):
+            growing = fitted_without(columns, *GrowthSteps._fields, normals="precomputed")
+        found.append(np.count_nonzero(growing.labels_ < 0))
+    assert found[1] > 10 * found[0]

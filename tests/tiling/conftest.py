@@ -1,10 +1,10 @@
-"""Clouds in files, their normals, and tiles that fail."""
+"""Clouds in files, results by tiles as they are before they are written, and tiles that fail."""
 
 import pytest
 
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.tiling import _planes
-from tiled import in_memory, street
+from sklearn_mcmd.tiling import _plane_sweeps, _run
+from tiled import divide, in_memory, street
 
 
 @pytest.fixture(scope="session")
@@ -23,14 +23,32 @@ def small_file(tmp_path):
 
 
 @pytest.fixture
+def by_tiles(monkeypatch, tmp_path):
+    """A run by tiles; returns the results of all points, its verb, and the report."""
+    found, write = [], _run.write_outputs
+
+    def keep_results(run, verb):
+        found.append((verb.results(run).take(0, run.catalog.n_points), verb))
+        return write(run, verb)
+
+    monkeypatch.setattr(_run, "write_outputs", keep_results)
+
+    def run(source, estimator, **options):
+        report = divide(source, tmp_path / "out.las", estimator, **options)
+        return *found.pop(), report
+
+    return run
+
+
+@pytest.fixture
 def failing(monkeypatch):
     """Cells whose tiles fail."""
     cells = set()
 
-    def work(cell, job, fit=_planes._fit_own):
+    def work(cell, job, fit=_plane_sweeps._fit_own):
         if cell in cells:
             raise MemoryError("too much\nof it")
         return fit(cell, job)
 
-    monkeypatch.setattr(_planes, "_fit_own", work)
+    monkeypatch.setattr(_plane_sweeps, "_fit_own", work)
     return cells

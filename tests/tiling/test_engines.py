@@ -10,7 +10,7 @@ import joblib
 import pytest
 
 from sklearn_mcmd import RobustNormalEstimator, SharpFeatureDetector
-from sklearn_mcmd.tiling import TilingError, _planes, process_files
+from sklearn_mcmd.tiling import TilingError, _plane_sweeps, process_files
 from sklearn_mcmd.tiling._memory import plan_run, usual_memory
 from tiled import ESTIMATOR, in_memory
 
@@ -46,21 +46,13 @@ def test_dask_gives_the_output_of_memory(client, small_file, tmp_path, monkeypat
     assert (tmp_path / "out.las").read_bytes() == expected
 
 
-@pytest.mark.parametrize(
-    ("write", "estimator"),
-    [
-        (process_files, SharpFeatureDetector(12, random_state=0)),
-        (process_files, RobustNormalEstimator("auto", random_state=0)),
-    ],
-    ids=["edges", "auto"],
-)
-def test_sweeps_on_dask_give_the_output_of_this_process(
-    write, estimator, client, small_file, tmp_path
-):
+def test_sweeps_on_dask_give_the_output_of_this_process(client, small_file, tmp_path):
     a, b = tmp_path / "a.las", tmp_path / "b.las"
-    write(small_file, a, estimator, tile_size=2_000)
+    normals = RobustNormalEstimator("auto", random_state=0)
+    estimator = SharpFeatureDetector(12, normal_estimator=normals, random_state=0)
+    process_files(small_file, a, estimator, tile_size=2_000)
     with joblib.parallel_config(backend="dask"):
-        report = write(small_file, b, estimator, tile_size=2_000)
+        report = process_files(small_file, b, estimator, tile_size=2_000)
     assert report.n_workers == 2
     assert a.read_bytes() == b.read_bytes()
 
@@ -75,7 +67,7 @@ def test_the_memory_is_that_of_the_workers(client):
 def lose_a_worker(folder, pid):
     """Kill a process once a tile is done."""
     end = time.monotonic() + 600
-    while time.monotonic() < end and not list(folder.glob("*.results")):
+    while time.monotonic() < end and not list(folder.glob("*.results.npy")):
         time.sleep(0.01)
     os.kill(pid, signal.SIGKILL)
 
@@ -111,7 +103,7 @@ def test_a_tile_that_kills_its_process_ends_the_run_with_one_line(
         os.kill(os.getpid(), signal.SIGKILL)
 
     target = tmp_path / "out.las"
-    monkeypatch.setattr(_planes, "_fit_own", die)
+    monkeypatch.setattr(_plane_sweeps, "_fit_own", die)
     with pytest.raises(TilingError, match=r"(?s)terminated.*SIGKILL.*; what was done is kept in"):
         process_files(small_file, target, ESTIMATOR, tile_size=2_000, n_jobs=2)
     assert not target.exists()

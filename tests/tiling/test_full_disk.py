@@ -64,24 +64,11 @@ def test_a_read_only_disk_is_refused_before_the_work(disk, small_file):
         process_files(small_file, folder / "out.las", ESTIMATOR, tile_size=2_000)
 
 
-class Full:
-    """A file on a full disk."""
-
-    def __init__(self, path, mode):
-        self.path = path
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *args):
-        pass
-
-    def write(self, data):
+def test_a_disk_that_is_full_for_the_cells_is_said(small_file, tmp_path, monkeypatch):
+    def full(path, mode):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-
-def test_a_disk_that_is_full_for_the_cells_is_said(small_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(_cells, "open", Full, raising=False)
+    monkeypatch.setattr(_cells, "open", full, raising=False)
     with pytest.raises(PointFileError, match=r"out\.las\.tiles.*: no space left on device"):
         process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.las"]

@@ -1,5 +1,7 @@
 """Heights over the ground by tiles are those in memory to the last bit."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,13 +10,11 @@ from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.cli._denoise import _denoised, _verdict
-from sklearn_mcmd.cli._point_selection import judged_points
+from sklearn_mcmd.cli._denoise import Denoise, _verdict, judged_points
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import Choice
-from sklearn_mcmd.io._ground import Ground
 from sklearn_mcmd.tiling import TilingError, _heights, _memory, process_files
-from tiled import divide, is_killed
+from tiled import divide, fit_in_memory, names_in
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
 NEAR = {"above": -0.5, "below": 6.0}
@@ -65,42 +65,34 @@ def little_ground():
     return cloud.with_attributes(classification=classes)
 
 
-SCENES = {
-    "site": site,
-    "lattice": lattice,
-    "far apart": far_apart,
-    "little ground": little_ground,
-}
+SCENES = {"lattice": lattice, "far apart": far_apart, "little ground": little_ground}
 
 
 def in_memory(source, target, mode="mark", choice=None, detector=DETECTOR, **heights):
     """Write what a run by tiles must equal; returns the `Judged` points and the classes."""
     cloud = read_points(source)
     points = judged_points(source, cloud, choice or Choice(), **heights)
-    used = cloud.xyz[points.used]
-    single = used.astype(np.float32)
-    fitted = clone(detector).fit(single if np.array_equal(single, used) else used)
+    fitted = fit_in_memory(cloud.xyz[points.used], detector)
     low_groups = heights.get("low_groups", False)
     classes, score, _ = _verdict(cloud, points, fitted, low_groups)
-    made, noise = _denoised(cloud, classes, score, mode == "mark")
+    found = SimpleNamespace(classes=classes, score=score)
+    made, noise = Denoise(source, target, mode=mode).written(cloud, found)
     write_points(target, made, noise=noise)
     return points, classes
 
 
+@pytest.fixture
 def files(tmp_path):
     return tuple(tmp_path / name for name in ("a.las", "b.las", "c.las"))
 
 
 @pytest.mark.parametrize(
     ("scene", "heights"),
-    [
-        *(pytest.param("site", heights) for heights in (NEAR, GROUPS, ALL)),
-        *[("lattice", ALL), ("far apart", ALL), ("little ground", ALL)],
-    ],
+    [*(("site", heights) for heights in (NEAR, GROUPS, ALL)), *((scene, ALL) for scene in SCENES)],
 )
-def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, tmp_path):
-    a, b, c = files(tmp_path)
-    write_points(a, SCENES[scene]())
+def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, files):
+    a, b, c = files
+    write_points(a, SCENES.get(scene, site)())
     points, classes = in_memory(a, b, **heights)
     for tile_size, cut in ((500, 0.3), *[(10_000, 0.5)] * (scene == "lattice")):
         report = divide(a, c, DETECTOR, mode="mark", tile_size=tile_size, cut=cut, **heights)
@@ -121,15 +113,21 @@ def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, tmp_p
     ],
     ids=["ignored", "only", "paper"],
 )
-def test_verdicts_are_those_of_memory_for_other_points_and_detectors(
-    options, params, mode, tmp_path
-):
-    a, b, c = files(tmp_path)
+def test_verdicts_are_those_of_memory_for_other_points_and_detectors(options, params, mode, files):
+    a, b, c = files
     write_points(a, site())
     detector = clone(DETECTOR).set_params(**params)
     choice = Choice(options.get("ignore_classes", ()), options.get("only_classes", ()))
     in_memory(a, b, mode, choice, detector, **ALL)
     process_files(a, c, detector, mode=mode, tile_size=900, **options, **ALL)
+    assert c.read_bytes() == b.read_bytes()
+
+
+def test_cells_of_fewer_ground_points_than_a_height_needs_are_put_together(files):
+    a, b, c = files
+    write_points(a, site(60))
+    in_memory(a, b, **ALL)
+    process_files(a, c, DETECTOR, mode="mark", tile_size=2, **ALL)
     assert c.read_bytes() == b.read_bytes()
 
 
@@ -142,10 +140,8 @@ def test_verdicts_are_those_of_memory_for_other_points_and_detectors(
     above=st.sampled_from([None, -8.0, 0.0]),
 )
 @settings(max_examples=4)
-def test_verdicts_of_any_cloud_are_those_of_memory(
-    n, seed, digits, tile_size, cut, above, tmp_path
-):
-    a, b, c = files(tmp_path)
+def test_verdicts_of_any_cloud_are_those_of_memory(n, seed, digits, tile_size, cut, above, files):
+    a, b, c = files
     cloud = site(n, seed)
     write_points(a, cloud_of(np.round(cloud.xyz, digits), cloud.attributes["classification"]))
     in_memory(a, b, above=above, low_groups=True)
@@ -154,25 +150,18 @@ def test_verdicts_of_any_cloud_are_those_of_memory(
     assert c.read_bytes() == b.read_bytes()
 
 
-@pytest.mark.parametrize("n_jobs", [1, 2])
-def test_the_ground_of_one_file_counts_for_the_points_of_another(n_jobs, tmp_path):
+def test_the_ground_of_one_file_counts_for_the_points_of_another(tmp_path):
     cloud = site()
     cloud.xyz[:] = np.round(cloud.xyz, 3)  # one step for all three files
     is_ground = cloud.attributes["classification"] == 2
     (tmp_path / "in").mkdir()
     write_points(tmp_path / "in" / "a.las", cloud.subset(is_ground))
     write_points(tmp_path / "in" / "b.las", cloud.subset(~is_ground))
-    parts = [read_points(tmp_path / "in" / name) for name in ("a.las", "b.las")]
-    columns = {
-        name: np.concatenate([part.attributes[name] for part in parts])
-        for name in ("classification", "withheld")
-    }
-    write_points(tmp_path / "all.las", PointCloud(np.vstack([p.xyz for p in parts]), columns))
+    order = np.concatenate([np.flatnonzero(is_ground), np.flatnonzero(~is_ground)])
+    write_points(tmp_path / "all.las", cloud.subset(order))
     _, classes = in_memory(tmp_path / "all.las", tmp_path / "expected.las", **ALL)
-    process_files(
-        *(tmp_path / "in", tmp_path / "out", DETECTOR), mode="mark", tile_size=900, n_jobs=n_jobs,
-        **ALL,
-    )  # fmt: skip
+    options = {"mode": "mark", "tile_size": 900, **ALL}
+    process_files(tmp_path / "in", tmp_path / "out", DETECTOR, **options)
     found = [read_points(tmp_path / "out" / name).attributes for name in ("a.las", "b.las")]
     found = {name: np.concatenate([f[name] for f in found]) for name in found[0]}
     noise = np.isin(found["classification"], (7, 18))
@@ -181,15 +170,15 @@ def test_the_ground_of_one_file_counts_for_the_points_of_another(n_jobs, tmp_pat
     assert_array_equal(found["outlier_score"], expected)
 
 
-def test_other_heights_need_no_new_scores(tmp_path, monkeypatch):
-    a, b, c = files(tmp_path)
+def test_other_heights_need_no_new_scores(files, monkeypatch):
+    a, b, c = files
     write_points(a, site())
 
     def fail(*args):
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(_heights.Heights, "scored", fail)
+        patch.setattr(_heights.Heights, "find_verdicts", fail)
         with pytest.raises(TilingError, match="MemoryError; what was done is kept"):
             process_files(a, c, DETECTOR, mode="mark", tile_size=900, **ALL)
     in_memory(a, b, **NEAR)
@@ -198,46 +187,8 @@ def test_other_heights_need_no_new_scores(tmp_path, monkeypatch):
     assert c.read_bytes() == b.read_bytes()
 
 
-# A run that kills itself while it looks at heights.
-RUN = """
-import os, signal, sys
-from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.tiling import _heights, process_files
-
-source, target, place = sys.argv[1:]
-
-def twice(work, done=[]):
-    def some(*args, **kwargs):
-        if len(done) == 2:
-            os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
-        done.append(work(*args, **kwargs))
-        return done[-1]
-    return some
-
-setattr(_heights, place, twice(getattr(_heights, place)))
-process_files(source, target, MCMDOutlierDetector(16, random_state=0), tile_size=900,
-               mode="mark", above=-30.0, below=40.0, low_groups=True)
-"""
-
-
-@pytest.mark.parametrize(
-    ("place", "n_resumed"),
-    [("find_verdicts", 5), pytest.param("find_heights", 0, marks=pytest.mark.slow)],
-)
-def test_a_run_that_was_killed_goes_on(place, n_resumed, tmp_path):
-    a, b, c = files(tmp_path)
-    write_points(a, site())
-    in_memory(a, b, **ALL)
-    assert is_killed(RUN, a, c, place)
-    assert not c.exists()
-    report = process_files(a, c, DETECTOR, mode="mark", tile_size=900, **ALL)
-    assert c.read_bytes() == b.read_bytes()
-    assert (report.n_resumed > 0) == (n_resumed > 0)
-    assert not (tmp_path / "c.las.tiles").exists()
-
-
-def test_points_without_ground_or_at_other_heights_are_said(tmp_path):
-    a, _, c = files(tmp_path)
+def test_points_without_ground_or_at_other_heights_are_said(files, tmp_path):
+    a, _, c = files
     write_points(a, site(600))
     with pytest.raises(TilingError, match=r"no points are judged: .* or at other heights"):
         process_files(a, c, DETECTOR, above=1e6)
@@ -245,42 +196,12 @@ def test_points_without_ground_or_at_other_heights_are_said(tmp_path):
     write_points(a, cloud.subset(cloud.attributes["classification"] != 2))
     with pytest.raises(PointFileError, match=r"a\.las: .* fewer than 3 points have the class 2"):
         process_files(a, c, DETECTOR, low_groups=True, restart=True)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.las"]
+    assert names_in(tmp_path) == ["a.las"]
 
 
-@pytest.mark.parametrize("wrong", [{"above": np.nan}, {"below": "2"}])
-def test_what_is_no_height_is_refused(wrong, tmp_path):
-    with pytest.raises(ValueError, match="must be a finite number, or None"):
-        process_files(tmp_path, tmp_path / "b.las", DETECTOR, **wrong)
-
-
-def test_groups_below_the_ground_that_take_more_than_the_memory_are_refused(tmp_path, monkeypatch):
+def test_groups_below_the_ground_that_take_more_than_the_memory_are_refused(files, monkeypatch):
     monkeypatch.setattr(_memory, "BELOW_POINT", 10**7)
-    a, _, c = files(tmp_path)
+    a, _, c = files
     write_points(a, site())
     with pytest.raises(TilingError, match=r"points lie below the ground, .* memory=500MB"):
         process_files(a, c, DETECTOR, low_groups=True, memory="500MB", tile_size=900)
-
-
-def test_the_nearest_ground_is_that_of_all_whatever_cells_there_are(tmp_path):
-    cloud = lattice()
-    writer = _heights.GroundWriter(tmp_path, 300, 0.4)
-    for rows in np.array_split(np.arange(len(cloud)), 7):
-        writer.add(cloud.subset(rows))
-    cells = writer.close()
-    is_ground = (cloud.attributes["classification"] == 2) & ~cloud.attributes["withheld"]
-    assert cells.counts.sum() == is_ground.sum()
-    queries = cloud.xyz[::5]
-    expected = Ground(cloud.xyz[is_ground]).nearest(queries)
-    for part in (slice(None), slice(100, 130), slice(3, 4)):
-        found = _heights._nearest_ground(cells, queries[part])
-        assert_array_equal(found, np.array(expected)[:, part])
-
-
-def test_cells_of_fewer_ground_points_than_corners_are_put_together(tmp_path):
-    xyz = np.random.default_rng(0).uniform(size=(40, 3)) * [9, 9, 1]
-    writer = _heights.GroundWriter(tmp_path, 2, 0.5)
-    writer.add(PointCloud(xyz, {"classification": np.full(40, 2, np.uint8)}))
-    queries = np.random.default_rng(1).uniform(-5, 15, (30, 3))
-    found = _heights._nearest_ground(writer.close(), queries)
-    assert_array_equal(found, Ground(xyz).nearest(queries))

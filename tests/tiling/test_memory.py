@@ -3,7 +3,6 @@
 from collections import defaultdict
 from contextlib import contextmanager
 
-import numpy as np
 import pytest
 
 from sklearn_mcmd import (
@@ -12,7 +11,6 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.tiling import process_files
 from sklearn_mcmd.tiling._memory import PROCESS, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._stored_columns import StoredColumns
 from tiled import divide
@@ -51,22 +49,21 @@ def test_more_memory_means_larger_tiles():
     assert sizes[0] > 5e5
 
 
-def test_each_process_has_work():
-    plan = plan_run(10_000_000, 1e12, 4)
-    assert plan.n_tiles >= plan.n_workers == 4
-    assert plan_run(10_000_000, 1e12, 1).n_tiles == 1
-
-
-def test_threads_share_a_large_tile_where_each_process_would_have_a_small_one():
-    plan = plan_run(10**9, 2e9, 2)
-    assert (plan.n_workers, plan.n_threads) == (1, 2)
-    plan = plan_run(10**9, 8e9, 2)
-    assert (plan.n_workers, plan.n_threads) == (2, 1)
-
-
-def test_a_small_cloud_is_one_tile():
-    plan = plan_run(1_000, 8e9, 4)
-    assert (plan.n_tiles, plan.n_workers) == (1, 1)
+@pytest.mark.parametrize(
+    ("n_points", "memory", "n_jobs", "expected"),
+    [
+        (10_000_000, 1e12, 1, (1, 1)),
+        (10_000_000, 1e12, 4, (4, 1)),  # each process has work
+        (10**9, 2e9, 2, (1, 2)),  # threads share a large tile where each would have a small one
+        (10**9, 8e9, 2, (2, 1)),
+        (1_000, 8e9, 4, (1, 4)),
+    ],
+)
+def test_processes_have_large_tiles_or_share_them(n_points, memory, n_jobs, expected):
+    plan = plan_run(n_points, memory, n_jobs)
+    assert (plan.n_workers, plan.n_threads) == expected
+    assert plan.n_tiles >= plan.n_workers
+    assert (plan.n_tiles == 1) == (plan.tile_size >= n_points)
 
 
 def test_regions_of_many_points_need_memory_however_small_tiles_are():
@@ -87,19 +84,6 @@ def test_a_hundred_million_points_are_judged_within_4_gib():
 def test_too_little_memory_is_refused_with_what_is_needed():
     with pytest.raises(ValueError, match="at least 4"):
         plan_run(10**6, PROCESS, 1)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        *({"tile_size": size} for size in (0, -5, 1.5, "2000", True)),
-        *({"memory": memory} for memory in (0, -1e9, np.nan, np.inf)),
-    ],
-)
-def test_wrong_divisions_are_refused_before_a_file_is_read(wrong):
-    (name,) = wrong
-    with pytest.raises(ValueError, match=rf"^{name}=.* must be"):
-        process_files("nowhere.las", "out.las", RobustNormalEstimator(random_state=0), **wrong)
 
 
 @pytest.mark.parametrize(

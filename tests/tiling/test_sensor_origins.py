@@ -42,9 +42,14 @@ def drive(tmp_path_factory):
     return path, Trajectory(*scan.trajectory)
 
 
-def scores_by_tiles(path, target, detector, **options):
-    process_files(path, target, detector, mode="mark", **options)
-    return read_points(target).attributes["outlier_score"]
+def assert_scores_by_tiles(path, target, fitted, **options):
+    """Scores of a detector that is fitted in memory, as files have them; returns the report."""
+    detector, options = clone(fitted), {"mode": "mark", "tile_size": 900, **options}
+    report = process_files(path, target, detector, **options)
+    paths = [target] if target.is_file() else sorted(target.iterdir())
+    found = np.concatenate([read_points(one).attributes["outlier_score"] for one in paths])
+    assert_array_equal(found, -fitted.scores_.astype(np.float32))
+    return report
 
 
 @pytest.mark.parametrize(
@@ -58,11 +63,9 @@ def scores_by_tiles(path, target, detector, **options):
     ids=str,
 )
 def test_scores_with_one_position_are_those_of_memory(turn, tmp_path, origin, params):
-    detector = clone(DETECTOR).set_params(sensor_origin=origin, **params)
-    expected = detector.fit(read_points(turn).xyz).scores_
+    fitted = clone(DETECTOR).set_params(sensor_origin=origin, **params).fit(read_points(turn).xyz)
     for tile_size in (700, 10_000):
-        found = scores_by_tiles(turn, tmp_path / f"{tile_size}.las", detector, tile_size=tile_size)
-        assert_array_equal(found, -expected.astype(np.float32))
+        assert_scores_by_tiles(turn, tmp_path / "b.las", fitted, tile_size=tile_size)
 
 
 @pytest.mark.parametrize("strictness", ["groups", None])
@@ -73,21 +76,17 @@ def test_a_turn_is_recognized_as_in_memory(tmp_path, strictness):
     fitted = clone(detector).fit(read_points(path).xyz)
     words = "" if strictness is None else "0, 0, 0 (a turn about the origin)"
     assert (fitted.sensor_origin_ is None) == (strictness is None)
-    told = process_files(path, tmp_path / "b.las", detector, mode="mark", tile_size=900)
-    assert told.sensor.get("sensor", "") == words
-    found = read_points(tmp_path / "b.las").attributes["outlier_score"]
-    assert_array_equal(found, -fitted.scores_.astype(np.float32))
+    report = assert_scores_by_tiles(path, tmp_path / "b.las", fitted)
+    assert report.sensor.get("sensor", "") == words
 
 
 def test_scores_along_a_trajectory_are_those_of_memory(drive, tmp_path):
     path, trajectory = drive
     cloud = read_points(path)
     origins = sensor_origins(cloud, trajectory)
-    expected = -clone(DETECTOR).fit(cloud.xyz, sensor_origin=origins).scores_.astype(np.float32)
-    for name, given in {"path": trajectory, "positions": origins}.items():
-        options = {"sensor_origin": given, "tile_size": 900, "n_jobs": 2}
-        found = scores_by_tiles(path, tmp_path / f"{name}.las", DETECTOR, **options)
-        assert_array_equal(found, expected)
+    fitted = clone(DETECTOR).fit(cloud.xyz, sensor_origin=origins)
+    for given in (trajectory, origins):
+        assert_scores_by_tiles(path, tmp_path / "b.las", fitted, sensor_origin=given, n_jobs=2)
 
 
 def test_normals_look_at_where_the_sensor_was_for_each_copy_of_a_point(drive, tmp_path):
@@ -102,10 +101,9 @@ def test_few_places_are_judged_as_in_memory(drive, tmp_path):
     cloud = read_points(drive[0]).subset(slice(0, 700))
     write_points(tmp_path / "few.las", cloud)
     origins = sensor_origins(cloud, drive[1])
-    expected = clone(DETECTOR).fit(cloud.xyz, sensor_origin=origins).scores_
+    fitted = clone(DETECTOR).fit(cloud.xyz, sensor_origin=origins)
     options = {"sensor_origin": drive[1], "tile_size": 300}
-    found = scores_by_tiles(tmp_path / "few.las", tmp_path / "b.las", DETECTOR, **options)
-    assert_array_equal(found, -expected.astype(np.float32))
+    assert_scores_by_tiles(tmp_path / "few.las", tmp_path / "b.las", fitted, **options)
     estimator = clone(NORMALS).set_params(sensor_origin=origins)
     expected = in_memory(tmp_path / "few.las", tmp_path / "c.las", estimator)
     process_files(tmp_path / "few.las", tmp_path / "d.las", NORMALS, **options)
@@ -125,25 +123,19 @@ def test_flight_lines_over_several_files_are_adjusted_together(tmp_path):
         {"las_header": parts[0].metadata["las_header"]},
     )
     origins = sensor_origins(whole)
-    expected = clone(DETECTOR).fit(whole.xyz, sensor_origin=origins).scores_
+    fitted = clone(DETECTOR).fit(whole.xyz, sensor_origin=origins)
     sources = [tmp_path / "a.las", tmp_path / "b.las"]
-    options = {"sensor_origin": "auto", "tile_size": 900}
-    process_files(sources, tmp_path / "out", DETECTOR, mode="mark", **options)
-    found = [read_points(tmp_path / f"out/{name}.las").attributes["outlier_score"] for name in "ab"]
-    assert_array_equal(np.concatenate(found), -expected.astype(np.float32))
+    assert_scores_by_tiles(sources, tmp_path / "out", fitted, sensor_origin="auto")
 
 
 def test_scan_angles_that_are_doubted_are_not_used(tmp_path, monkeypatch):
     xyz, _, given = flight(step=1.0)
     write_points(path := tmp_path / "a.las", of(xyz, given))
     monkeypatch.setattr(RayEvidence, "doubt", lambda *_: "it cannot be")
-    expected = clone(DETECTOR).fit(read_points(path).xyz).scores_
-    options = {"sensor_origin": "auto", "tile_size": 900, "mode": "mark"}
+    fitted = clone(DETECTOR).fit(read_points(path).xyz)
     with pytest.warns(UserWarning, match="it cannot be. It is not used"):
-        told = process_files(path, tmp_path / "b.las", DETECTOR, **options)
-    assert told.sensor == {"sensor": "not used", "doubt": "it cannot be"}
-    found = read_points(tmp_path / "b.las").attributes["outlier_score"]
-    assert_array_equal(found, -expected.astype(np.float32))
+        report = assert_scores_by_tiles(path, tmp_path / "b.las", fitted, sensor_origin="auto")
+    assert report.sensor == {"sensor": "not used", "doubt": "it cannot be"}
 
 
 @pytest.mark.filterwarnings("ignore:.*outliers lie together")
@@ -156,14 +148,11 @@ def test_a_trajectory_along_the_ground_is_doubted_and_used_as_in_memory(drive, t
     origins = sensor_origins(cloud, low)
     with pytest.warns(UserWarning, match="would be sheets of rays"):
         fitted = clone(DETECTOR).fit(cloud.xyz, sensor_origin=origins)
+    options = {"sensor_origin": low, "tile_size": 300}
     with pytest.warns(UserWarning, match="would be sheets of rays"):
-        told = process_files(
-            path, tmp_path / "b.las", DETECTOR, mode="mark", sensor_origin=low, tile_size=300
-        )
-    found = read_points(tmp_path / "b.las").attributes["outlier_score"]
-    assert_array_equal(found, -fitted.scores_.astype(np.float32))
+        report = assert_scores_by_tiles(path, tmp_path / "b.las", fitted, **options)
     where = place_words(origins, "trajectory")
-    assert told.sensor == rows_of_sensor(where, fitted._cloud.ray_doubt, fitted.n_by_rays_)
+    assert report.sensor == rows_of_sensor(where, fitted._cloud.ray_doubt, fitted.n_by_rays_)
     assert fitted.n_by_rays_ > 100
 
 
@@ -177,26 +166,21 @@ def test_edges_of_what_a_detector_with_a_position_leaves_are_those_of_memory(tur
 
 def test_another_trajectory_begins_anew_and_the_same_goes_on(drive, tmp_path, monkeypatch):
     path, trajectory = drive
-    target, options = tmp_path / "b.las", {"tile_size": 900, "mode": "mark"}
+    moved = Trajectory(trajectory.times, trajectory.positions + np.array([0.0, 5.0, 0.0]))
 
     def fail(*_, **__):
         raise MemoryError("enough")
 
-    with monkeypatch.context() as patch:
-        patch.setattr("sklearn_mcmd.tiling._denoise.write_outputs", fail)
-        with pytest.raises(TilingError, match="enough"):
-            process_files(path, target, DETECTOR, sensor_origin=trajectory, **options)
-    moved = Trajectory(trajectory.times, trajectory.positions + np.array([0.0, 5.0, 0.0]))
-    with monkeypatch.context() as patch:
-        patch.setattr("sklearn_mcmd.tiling._denoise.write_outputs", fail)
-        with pytest.raises(TilingError, match="enough"):
-            process_files(path, target, DETECTOR, sensor_origin=moved, **options)
-    report = process_files(path, target, DETECTOR, sensor_origin=moved, **options)
+    for given in (trajectory, moved):
+        options = {"sensor_origin": given, "tile_size": 900, "mode": "mark"}
+        with monkeypatch.context() as patch:
+            patch.setattr("sklearn_mcmd.tiling._run.write_outputs", fail)
+            with pytest.raises(TilingError, match="enough"):
+                process_files(path, tmp_path / "b.las", DETECTOR, **options)
+    cloud = read_points(path)
+    fitted = clone(DETECTOR).fit(cloud.xyz, sensor_origin=sensor_origins(cloud, moved))
+    report = assert_scores_by_tiles(path, tmp_path / "b.las", fitted, sensor_origin=moved)
     assert report.n_resumed == report.n_tiles
-    origins = sensor_origins(read_points(path), moved)
-    expected = clone(DETECTOR).fit(read_points(path).xyz, sensor_origin=origins).scores_
-    found = read_points(target).attributes["outlier_score"]
-    assert_array_equal(found, -expected.astype(np.float32))
 
 
 @pytest.mark.parametrize(
@@ -248,7 +232,7 @@ def test_outputs_that_wait_for_their_inputs_are_of_one_sensor(drive, tmp_path, m
 
     options = {"tile_size": 900, "sensor_origin": drive[1]}
     with monkeypatch.context() as patch:
-        patch.setattr("sklearn_mcmd.tiling._publish_outputs._move", once)
+        patch.setattr("sklearn_mcmd.tiling._outputs._move", once)
         with pytest.raises(TilingError, match="enough"):
             process_files(tmp_path / "in", tmp_path / "in", NORMALS, **options)
     moved = Trajectory(drive[1].times, drive[1].positions + np.array([0.0, 50.0, 0.0]))

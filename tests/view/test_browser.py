@@ -248,14 +248,6 @@ def test_a_point_at_the_origin_does_not_spoil_a_cloud_in_national_coordinates(op
     )
 
 
-def test_a_height_of_the_file_is_beside_that_of_the_page(opened):
-    xyz = np.random.default_rng(0).uniform(size=(50, 3))
-    tab = opened(PointCloud(xyz, {"height": -xyz[:, 2]}), color="height")
-    names = tab.ask("cloudPage.scene.attributes.map((a) => a.name)")
-    assert names == ["height", "height (2)"]
-    assert tab.ask("cloudPage.scene.color.name") == "height"
-
-
 @pytest.mark.parametrize("n", [1, 2])
 def test_few_points_are_shown(opened, n):
     tab = opened(np.arange(3.0 * n).reshape(n, 3))

@@ -4,44 +4,36 @@ The stages of the estimator ask only for neighbors, and for what the stage befor
 these. So each stage is one sweep, whose results lie on disk.
 """
 
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from sklearn.base import clone
 
-from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.normals._adaptive_k import ScaleFinder, SizeLimits
 from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
 from sklearn_mcmd.normals._estimator import fitted_of
 from sklearn_mcmd.normals._sides import Sides, TreeLimits
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces, mends_planes
-from sklearn_mcmd.planes._base import model_of
 from sklearn_mcmd.planes._columns import joined_columns, split_columns
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_slice
-from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.tiling._cell_columns import CellColumns
-from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._cloud_constants import Constants
 from sklearn_mcmd.tiling._sensor_origins import stored_origins
-from sklearn_mcmd.tiling._stored_columns import ALL, whole_of
+from sklearn_mcmd.tiling._stored_columns import ALL
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
-from sklearn_mcmd.tiling._sweeps import warn_if_coarse
+from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 
 __all__ = [
     "FACES",
     "NUMBER",
     "OWN",
     "PlaneJob",
-    "ends_of",
     "find_planes",
+    "fitted_to_new",
     "has_tree",
-    "tell_new",
-    "told_planes",
+    "plane_steps",
+    "stored_planes",
 ]
 
 NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
@@ -53,40 +45,17 @@ FIELDS = {
 FACES = {"centroids": VECTOR, "normals": VECTOR, "scale": NUMBER}
 OTHERS = {"forms": (np.int8, ()), "noise": NUMBER, "left": NUMBER}
 OWN = {f"own_{name}": kind for name, kind in {**FIELDS, **OTHERS}.items()}
-# Percents of the time of the sweeps; also with "auto", which needs more before planes are found,
-# and what a tree takes that tells the sides of normals.
-SHARES = {"places": 0, "neighbors": 20, "planes": 55, "bends": 10, "normals": 15}
-SIZED = {
-    **{"places": 0, "neighbors": 24, "sizes": 48, "larger": 8},
-    **{"planes": 55, "bends": 10, "normals": 15},
-}
-TREE = {"forest": 6, "sides": 12}
 
 
-class PlaneJob(NamedTuple):
-    """What all sweeps over the cells of a cloud know.
+@dataclass(frozen=True)
+class PlaneJob(Job):
+    """A job whose estimator is a `RobustNormalEstimator`.
 
-    ``tell(cell, job, fitted)`` is called with an estimator that has what is public of the places
-    of a cell. `n_threads` are those of each worker.
+    ``keep(cell, job, fitted)`` is called with an estimator that has what is public of the places
+    of a cell.
     """
 
-    cells: Path
-    columns: Path
-    estimator: RobustNormalEstimator
-    constants: Constants
-    tell: object
-    n_threads: int = 1
-
-    @classmethod
-    def of(cls, run, estimator, tell):
-        """The job on all points of a `Run`."""
-        folder = run.folder
-        known = folder.cells, folder.results, estimator, folder.constants
-        return cls(*known, tell, run.plan.n_threads)
-
-    def open(self):
-        """The cells, and the columns of their places."""
-        return Cells(self.cells), CellColumns(self.columns)
+    keep: object = None
 
     @property
     def is_sized(self):
@@ -95,64 +64,60 @@ class PlaneJob(NamedTuple):
 
     def origins(self):
         """Where the sensor was for each point of the inputs, if it matters; else None."""
-        return stored_origins(self.cells) if _asks(self.estimator, "sensor") else None
+        return stored_origins(self.points) if _has_sides(self.estimator, "sensor") else None
 
     def index(self):
         """The `StoredIndex` of the estimator's neighborhoods."""
-        whole, k = whole_of(self), self.estimator.n_neighbors
+        whole, k = self.whole(), self.estimator.n_neighbors
         if self.is_sized:
             k = whole.columns.report(ALL, "numbers")["largest"]
-        return StoredIndex(whole, Cells(self.cells), k, self.estimator.radius, self.is_sized)
+        return StoredIndex(whole, self.cells, k, self.estimator.radius, self.is_sized)
 
     def model(self):
         """The `LocalPlaneModel` of all places."""
-        index, constants = self.index(), self.constants
-        precision = np.finfo(constants.dtype).eps
-        return model_of(
-            clone(self.estimator), index, index.points.shape, precision, constants.step,
-            self.estimator.cutoff,
-        )  # fmt: skip
+        return self.model_on(self.index(), self.estimator.cutoff)
 
     def surfaces(self, model):
         """The `SurfacePlanes` of a model; None where the estimator corrects no planes."""
         if not mends_planes(self.estimator):
             return None
-        whole = whole_of(self)
+        whole = self.whole()
         own = {name: whole.open(f"own_{name}", private=True) for name in (*FIELDS, *OTHERS)}
         planes = Planes(**{name: own[name] for name in FIELDS}, spacing=np.empty(0))
         members = Surfaces(planes, *(own[name] for name in OTHERS))
         return SurfacePlanes.of(self.estimator, model, members)
 
 
-def ends_of(begin, last, estimator):
-    """The ends of the sweeps of `find_planes`, between two shares of the time."""
-    shares = SIZED if estimator.n_neighbors == "auto" else SHARES
-    shares = shares | TREE if has_tree(estimator) else shares
-    ends = np.cumsum(list(shares.values())) / sum(shares.values())
-    return dict(zip(shares, begin + ends * (last - begin), strict=True))
+def plane_steps(estimator):
+    """The steps of `find_planes` in their order, as of `Sweeps`."""
+    sizes = ("sizes", "larger") if estimator.n_neighbors == "auto" else ()
+    bends = ("planes", "bends") if mends_planes(estimator) else ()
+    tree = ("forest", "sides") if has_tree(estimator) else ()
+    return "places", "neighbors", *sizes, *bends, "normals", *tree
 
 
 def has_tree(estimator):
-    """Whether a tree of all places tells the sides of normals."""
-    return _asks(estimator, "mst")
+    """Whether a tree of all places decides the sides of normals."""
+    return _has_sides(estimator, "mst")
 
 
-def _asks(estimator, orientation):
+def _has_sides(estimator, orientation):
     return isinstance(estimator.orientation, str) and estimator.orientation == orientation
 
 
-def find_planes(sweeps, cells, job, k=0, least=0, **stored):
-    """Find the planes of all places, and call ``job.tell`` for each cell with points.
+def find_planes(sweeps, job, k=0, least=0, **stored):
+    """Find the planes of all places, and call ``job.keep`` for each cell with points.
 
     Returns the `StoredColumns`; None, and nothing is found, if there are so few places that other
     code works on them than on tiles.
 
-    The column near stores k neighbors or more. Later steps need the `least` places. ``job.tell``
+    The column near stores k neighbors or more. Later steps need the `least` places. ``job.keep``
     fills the columns `stored`, given as (dtype, shape of a row).
     """
+    cells = job.cells
     sweep = partial(sweeps, cells=cells, job=job)
     sweep("places", find_places)
-    whole = whole_of(job)
+    whole = job.whole()
     if len(whole) < max(COMPILE_FROM, 0 if job.is_sized else job.estimator.n_neighbors + 1, least):
         return None
     whole.join("points")
@@ -162,7 +127,8 @@ def find_planes(sweeps, cells, job, k=0, least=0, **stored):
     whole.make(near=(np.int32, (max(asked, k, along),)))
     sweep("neighbors", find_neighbors)
     if job.is_sized:
-        _find_sizes(sweeps, cells, job)
+        with sweeps.part("sizes", "sizes of neighborhoods"):
+            _find_sizes(whole, cells, sweeps.n_workers * job.n_threads)
         sweep("larger", find_larger)
     warn_if_coarse(job.constants, job.index())
     if mends_planes(job.estimator):
@@ -170,32 +136,32 @@ def find_planes(sweeps, cells, job, k=0, least=0, **stored):
         sweep("planes", _fit_own)
         sweep("bends", _bend)
     if not has_tree(job.estimator):
-        sweep("normals", _tell_cell)
+        sweep("normals", _keep_fitted)
         return whole
     whole.make(normals=(job.constants.dtype, (3,)))
-    sweep("normals", _tell_cell, job=job._replace(tell=_keep_normals))
+    sweep("normals", _keep_fitted, job=replace(job, keep=_keep_normals))
     sweep("forest", _find_forest)
     if not whole.columns.is_done(ALL, "tree"):
         _find_signs(whole, np.flatnonzero(cells.counts))
-    sweep("sides", partial(_tell_cell, name="sides"))
+    sweep("sides", partial(_keep_fitted, name="sides"))
     return whole
 
 
-def told_planes(cell, job, fitted):
+def stored_planes(cell, job, fitted):
     """What later stages know of the places of a cell, by the columns of a fitted estimator.
 
     Returns the points, their `Columns`, and the fields of planes that are `FACES`.
     """
-    whole, dtype = whole_of(job), np.dtype(job.constants.dtype)
+    whole, dtype = job.whole(), np.dtype(job.constants.dtype)
     points = np.array(whole.open("points")[whole.rows(cell)])
     planes = fitted.plane_offset_[:, None], fitted.plane_scale_[:, None]
-    found = joined_columns(points.astype(dtype), fitted.normals_, fitted.eigenvalues_, *planes)
-    told = split_columns(found, 3)
-    planes = told.planes(np.arange(len(points)))
-    return points, told, {name: getattr(planes, name) for name in FACES}
+    joined = joined_columns(points.astype(dtype), fitted.normals_, fitted.eigenvalues_, *planes)
+    columns = split_columns(joined, 3)
+    planes = columns.planes(np.arange(len(points)))
+    return points, columns, {name: getattr(planes, name) for name in FACES}
 
 
-def tell_new(job, queries, n_jobs=None):
+def fitted_to_new(job, queries, n_jobs=None):
     """An estimator that has what is public of new points (m, 3), once planes are found."""
     model, X = job.model(), queries.astype(job.constants.dtype)
     surfaces = job.surfaces(model)
@@ -211,29 +177,26 @@ def tell_new(job, queries, n_jobs=None):
         planes.put(rows, found)
 
     each_slice(len(X), model.chunk(), task, n_jobs)
-    return _told(job, model, planes, X, around.take, n_jobs)
+    return _fitted(job, model, planes, X, around.take, n_jobs)
 
 
-def _find_sizes(sweeps, cells, job):
+def _find_sizes(whole, cells, n_threads):
     """Fill sizes, the number of neighbors of each place, and starts, where larger has them."""
-    whole, n_threads = whole_of(job), sweeps.n_workers * job.n_threads
     if whole.columns.is_done(ALL, "numbers"):
         return
-    with progress_part(sweeps.begin, sweeps.ends["sizes"], "sizes of neighborhoods"):
-        index = StoredIndex(whole, cells)
-        with whole.releasing():
-            sizes = ScaleFinder(index, n_threads).sizes()
-        many = np.where(sizes > index.n_neighbors, sizes, 0)
-        whole.make(sizes=(np.int64, ()), starts=(np.int64, ()))
-        whole.open("sizes")[:], whole.open("starts")[:] = sizes, np.cumsum(many) - many
-        whole.make(max(1, int(many.sum())), larger=(np.int32, ()))
-        whole.columns.finish(ALL, "numbers", largest=int(sizes.max()))
-    sweeps.begin = sweeps.ends["sizes"]
+    index = StoredIndex(whole, cells)
+    with whole.releasing():
+        sizes = ScaleFinder(index, n_threads).sizes()
+    many = np.where(sizes > index.n_neighbors, sizes, 0)
+    whole.make(sizes=(np.int64, ()), starts=(np.int64, ()))
+    whole.open("sizes")[:], whole.open("starts")[:] = sizes, np.cumsum(many) - many
+    whole.make(max(1, int(many.sum())), larger=(np.int32, ()))
+    whole.columns.finish(ALL, "numbers", largest=int(sizes.max()))
 
 
 def _fit_own(cell, job):
     """Fill the planes of the places of a cell, each of its own neighborhood."""
-    model, whole = job.model(), whole_of(job)
+    model, whole = job.model(), job.whole()
     surfaces = job.surfaces(model)
     _each_part(whole.rows(cell), model, surfaces.fit_own, job.n_threads)
     _put(whole, cell, surfaces.members)
@@ -241,11 +204,11 @@ def _fit_own(cell, job):
 
 
 def _bend(cell, job):
-    """Settle the forms of the planes of a cell, and change the planes as these ask.
+    """Decide the forms of the planes of a cell, and change the planes as these ask.
 
     What an earlier run has changed in part is filled anew before.
     """
-    model, whole = job.model(), whole_of(job)
+    model, whole = job.model(), job.whole()
     own, surfaces = whole.rows(cell), job.surfaces(model)
     if whole.columns.is_done(cell, "begun"):
         _each_part(own, model, surfaces.fit_own, job.n_threads)
@@ -262,9 +225,9 @@ def _put(whole, cell, members):
     whole.put(cell, **{f"own_{name}": found[name][own] for name in (*FIELDS, *OTHERS)})
 
 
-def _tell_cell(cell, job, name="normals"):
-    """Find what is public of the places of a cell, and let the job tell it."""
-    model, whole = job.model(), whole_of(job)
+def _keep_fitted(cell, job, name="normals"):
+    """Find what is public of the places of a cell, and let the job keep it."""
+    model, whole = job.model(), job.whole()
     surfaces, own, index = job.surfaces(model), whole.rows(cell), model.index
     planes = Planes.empty(own.stop - own.start, 3).without("spacing")
 
@@ -276,11 +239,11 @@ def _tell_cell(cell, job, name="normals"):
         planes.put(part, surfaces.last(rows)[1])
 
     _each_part(own, model, find, job.n_threads)
-    X, (cells, columns) = index.points[own].astype(job.constants.dtype), job.open()
+    X, columns = index.points[own].astype(job.constants.dtype), job.columns
     sizes = index.n_neighbors if index.sizes is None else np.array(index.sizes[own])
     origins = job.origins()
     if origins is not None:  # copies of a point may have been measured from elsewhere
-        place_of, origins = columns.read(cell, "place_of"), origins[cells.read(cell)["row"]]
+        place_of, origins = columns.read(cell, "place_of"), origins[job.cells.read(cell)["row"]]
         planes, X = planes.take(place_of), X[place_of]
         sizes = sizes if index.sizes is None else sizes[place_of]
 
@@ -295,9 +258,10 @@ def _tell_cell(cell, job, name="normals"):
         elif columns.is_done(ALL, "tree"):
             normals *= whole.open("signs")[own, None]
 
-    fitted = _told(job, model, planes, X, around, job.n_threads, orient)
+    is_alone = origins is None and not has_tree(job.estimator)
+    fitted = _fitted(job, model, planes, X, around, job.n_threads, None if is_alone else orient)
     fitted.n_neighbors_ = sizes
-    job.tell(cell, job, fitted)
+    job.keep(cell, job, fitted)
     columns.finish(cell, name)
 
 
@@ -312,12 +276,12 @@ def _find_signs(whole, cells):
 
 
 def _keep_normals(cell, job, fitted):
-    whole_of(job).put(cell, normals=fitted.normals_)
+    job.whole().put(cell, normals=fitted.normals_)
 
 
 def _find_forest(cell, job):
     """Write the edges of the forest of the places of a cell and their neighbors, by rows."""
-    whole, columns, index = whole_of(job), job.open()[1], job.index()
+    whole, columns, index = job.whole(), job.columns, job.index()
     near = index.query_own(whole.rows(cell), min(TreeLimits().n_neighbors, len(whole))).indices
     known, local = np.unique(near, return_inverse=True)
     local = local.reshape(near.shape).astype(np.int32)
@@ -328,20 +292,15 @@ def _find_forest(cell, job):
     columns.finish(cell, "forest")
 
 
-def _told(job, model, planes, X, around, n_jobs, orient_by_all=None):
+def _fitted(job, model, planes, X, around, n_jobs, orient=None):
     """An estimator with what is public of points X (n, 3) and their planes.
 
-    `around` returns the neighborhoods of a slice of these. `orient_by_all` flips normals that point
-    up, in place, where more than the points tells their sides: a tree, or positions of the sensor.
+    `around` returns the neighborhoods of a slice of these. `orient` flips normals that point up, in
+    place, where more than the points decides their sides: a tree, or positions of the sensor.
     """
-    if job.origins() is None:
+    if orient is None:
         sides = Sides.of(job.estimator.orientation, job.estimator.sensor_origin, X)
-
-    def orient(normals):
-        if job.origins() is not None or sides.tree:
-            orient_by_all(normals)
-        else:
-            sides.orient(None, normals, X, n_jobs)
+        orient = partial(sides.orient, None, X=X, n_jobs=n_jobs)
 
     def curvatures(model, planes, X, n_jobs):
         found = Curvatures.empty(len(X))

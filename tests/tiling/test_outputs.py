@@ -6,8 +6,8 @@ import pytest
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import read_points, write_points
-from sklearn_mcmd.tiling import TilingError, _outputs, _publish_outputs, process_files
-from tiled import ESTIMATOR, street
+from sklearn_mcmd.tiling import TilingError, _outputs, process_files
+from tiled import ESTIMATOR, names_in, street
 
 DETECTOR = MCMDOutlierDetector(16, contamination=0.05, random_state=0)
 NAMES = ["a.las", "b.las"]
@@ -16,7 +16,7 @@ SIZE = {"tile_size": 1_500}
 
 @pytest.fixture
 def drive(tmp_path):
-    """A folder of two files, and a function that makes another."""
+    """A function that makes a folder of two files."""
 
     def make(name):
         (tmp_path / name).mkdir()
@@ -31,26 +31,21 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def ended(monkeypatch, module, name, nth, work):
-    """Run work that is ended at the nth call of a function."""
-    real, calls = getattr(module, name), []
+def end_at_second_output(monkeypatch, source, target, estimator=DETECTOR, **options):
+    """Interrupt a run when it begins the second of two outputs."""
+    real, calls = _outputs.parts_of, []
 
     def end(*args):
         calls.append(args)
-        if len(calls) == nth:
+        if len(calls) == 2:
             raise KeyboardInterrupt
         return real(*args)
 
     with monkeypatch.context() as patch:
-        patch.setattr(module, name, end)
-        with pytest.warns(match="kept in") as caught:
-            _interrupted(work)
+        patch.setattr(_outputs, "parts_of", end)
+        with pytest.warns(match="kept in") as caught, pytest.raises(KeyboardInterrupt):
+            process_files(source, target, estimator, **SIZE, **options)
         assert [warning.filename for warning in caught] == [__file__]
-
-
-def _interrupted(work):
-    with pytest.raises(KeyboardInterrupt):
-        work()
 
 
 @pytest.fixture
@@ -64,13 +59,7 @@ def replaced(drive):
 def test_inputs_are_kept_until_all_outputs_are_written(drive, replaced, monkeypatch):
     folder = drive("early")
     before = contents(folder)
-    ended(
-        monkeypatch,
-        _outputs,
-        "read_parts",
-        2,
-        lambda: process_files(folder, folder, DETECTOR, **SIZE),
-    )
+    end_at_second_output(monkeypatch, folder, folder)
     assert {name: contents(folder)[name] for name in NAMES} == before
     report = process_files(folder, folder, DETECTOR, **SIZE)
     assert (contents(folder), report.n_outliers) == replaced
@@ -79,9 +68,9 @@ def test_inputs_are_kept_until_all_outputs_are_written(drive, replaced, monkeypa
 
 def test_a_run_that_ended_between_two_moves_has_only_to_move(drive, replaced, monkeypatch):
     folder = drive("early")
-    before, move = contents(folder), _publish_outputs._move
+    before, move = contents(folder), _outputs._move
     with monkeypatch.context() as patch:
-        patch.setattr(_publish_outputs, "_move", lambda moves: move(moves[:1]) or 1 / 0)
+        patch.setattr(_outputs, "_move", lambda moves: move(moves[:1]) or 1 / 0)
         with pytest.raises(TilingError, match="kept in"):
             process_files(folder, folder, DETECTOR, **SIZE)
     assert sum(contents(folder)[name] != before[name] for name in NAMES) == 1
@@ -95,15 +84,9 @@ def test_a_run_that_ended_between_two_moves_has_only_to_move(drive, replaced, mo
 
 def test_beginning_anew_leaves_nothing_beside_the_outputs(drive, monkeypatch):
     folder = drive("in")
-    ended(
-        monkeypatch,
-        _outputs,
-        "read_parts",
-        2,
-        lambda: process_files(folder, folder, ESTIMATOR, **SIZE),
-    )
+    end_at_second_output(monkeypatch, folder, folder, ESTIMATOR)
     process_files(folder, folder, ESTIMATOR, restart=True, **SIZE)
-    assert sorted(contents(folder)) == NAMES
+    assert names_in(folder) == NAMES
 
 
 def test_an_output_with_a_hidden_name_is_kept(drive):
@@ -114,23 +97,18 @@ def test_an_output_with_a_hidden_name_is_kept(drive):
 
 @pytest.mark.parametrize("change", ["mode", "gone", "touched"])
 def test_outputs_that_are_not_as_they_were_written_are_written_again(drive, monkeypatch, change):
-    source, target = drive("in"), drive("out")
-
-    def run(mode="drop", target=target):
-        return process_files(source, target, DETECTOR, mode=mode, **SIZE)
-
-    ended(monkeypatch, _outputs, "read_parts", 2, run)
+    source, target, other = drive("in"), drive("out"), drive("other")
+    end_at_second_output(monkeypatch, source, target)
     if change == "mode":
-        ended(monkeypatch, _outputs, "read_parts", 2, lambda: run("mark"))
+        end_at_second_output(monkeypatch, source, target, mode="mark")
         assert "outlier_score" in read_points(target / "a.las").attributes
     elif change == "gone":
         (target / "a.las").unlink()
     else:
         write_points(target / "a.las", street(100))
         os.utime(target / "a.las", (1, 1))
-    run()
-    other = drive("other")
-    run(target=other)
+    for folder in (target, other):
+        process_files(source, folder, DETECTOR, **SIZE)
     assert contents(target) == contents(other)
 
 
@@ -139,13 +117,13 @@ def test_a_damaged_list_of_moves_is_told_before_inputs_are_judged_again(
 ):
     folder = drive("early")
     with monkeypatch.context() as patch:
-        patch.setattr(_publish_outputs, "_move", lambda moves: 1 / 0)
+        patch.setattr(_outputs, "_move", lambda moves: 1 / 0)
         with pytest.raises(TilingError, match="kept in"):
             process_files(folder, folder, DETECTOR, **SIZE)
     moves = folder.with_name("early.tiles") / "moves.json"
-    told = bytearray(moves.read_bytes())
-    told[-40] ^= 1
-    moves.write_bytes(told)
+    stored = bytearray(moves.read_bytes())
+    stored[-40] ^= 1
+    moves.write_bytes(stored)
     with pytest.raises(TilingError, match=r"moves\.json: is damaged, and some inputs"):
         process_files(folder, folder, DETECTOR, **SIZE)
     process_files(folder, folder, DETECTOR, restart=True, **SIZE)

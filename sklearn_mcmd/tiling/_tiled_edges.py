@@ -1,0 +1,242 @@
+"""Edges of clouds larger than memory: in sweeps over cells, with the scores of memory."""
+
+import shutil
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from sklearn.base import clone
+
+from sklearn_mcmd._validation import check_n_kept
+from sklearn_mcmd.edges import SharpFeatureDetector
+from sklearn_mcmd.edges._crease_distance import find_creases
+from sklearn_mcmd.edges._detector import crease_width, steps_of
+from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
+from sklearn_mcmd.io._point_cloud import has_colors, with_results
+from sklearn_mcmd.outliers import MCMDOutlierDetector
+from sklearn_mcmd.tiling._cells import Cells, WholeCloud
+from sklearn_mcmd.tiling._memory import most_neighbors, work_of
+from sklearn_mcmd.tiling._plane_sweeps import (
+    FACES,
+    OWN,
+    PlaneJob,
+    find_planes,
+    fitted_to_new,
+    plane_steps,
+    stored_planes,
+)
+from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of, write_results
+from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
+from sklearn_mcmd.tiling._sensor_origins import recognized
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
+from sklearn_mcmd.tiling._stored_index import StoredIndex
+from sklearn_mcmd.tiling._sweeps import Sweeps
+from sklearn_mcmd.tiling._tiled_normals import without_sides
+from sklearn_mcmd.tiling._tiled_outliers import OUTLIER_STEPS, OutlierJob, cutoff_of, judge_cells
+
+__all__ = ["TiledEdges"]
+
+
+class TiledEdges(TiledVerb):
+    """Edges of what a detector leaves."""
+
+    options = ("colors",)
+
+    def __init__(self, estimator, colors):
+        super().__init__(clone(estimator).set_params(n_jobs=1), f"colors={colors}")
+        if estimator.normals != "estimate":
+            raise ValueError(
+                f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
+                "take normals='estimate'."
+            )
+        check_estimator(estimator, SharpFeatureDetector)
+        self.detector, normals = steps_of(estimator)  # no detector if nothing is removed
+        if self.detector is not None:
+            check_estimator(self.detector, MCMDOutlierDetector)
+            self.detector.set_params(n_jobs=1)
+        self.normals, self.colors = without_sides(normals).set_params(n_jobs=1), colors
+        self.by_distance = estimator.criterion == "crease"
+
+    def prepare(self, catalog):
+        most = most_neighbors(catalog.n_points, self.estimator, self.detector, self.normals)
+        warm_up(self.estimator)
+        if self.detector is not None:
+            self.detector, _ = recognized(self.detector, catalog)
+        return work_of("edges", self.normals, self.detector), 0, most
+
+    def find(self, run):
+        columns, n_cells = run.folder.columns, len(run.cells)
+        cleaning = () if self.detector is None else ("outliers", "kept")
+        sweeps = run.sweeps([*cleaning, *plane_steps(self.normals), "edges"])
+        keep = _keep_faces if self.by_distance else _keep_values
+        job = EdgeJob.of(run, self.normals, keep=keep, criterion=self.estimator.criterion)
+        if self.detector is not None:
+            self._clean(run, sweeps)
+            job = replace(job, is_cleaned=True)
+            job = replace(job, constants=_constants_of(job.cells, job.constants.dtype))
+        kept = job.cells
+        self.n_kept = int(kept.counts.sum())
+        k, stored = (self.estimator.n_neighbors, FACES) if self.by_distance else (0, {})
+        whole = find_planes(sweeps, job, k, self.estimator.n_neighbors, **stored)
+        if whole is None:
+            words = ", of which {:,} places are no outliers,"
+            known = run.cells, lambda fitted: fitted.scores_, words
+            self.limit = fit_together(job, self.estimator, *known).offset_
+        elif self.by_distance:
+            whole.remove(*OWN)
+            if not columns.all_have(n_cells, "results"):
+                with sweeps.part("edges"), whole.releasing():
+                    _find_distances(whole, job, self.estimator, run.n_threads)
+            self.limit = crease_width(self.estimator)
+        else:
+            sweeps("edges", _find_values, run.cells, job=job)
+            parts = partial(_values_in_parts, columns, np.flatnonzero(kept.counts))
+            self.limit = -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std)
+
+    def make(self, cloud, values, xyz):
+        from sklearn_mcmd.plotting._still import edge_columns
+
+        scores = values[:, 0]
+        paints = not has_colors(cloud) if self.colors is None else self.colors
+        shown = scores if self.by_distance else -scores
+        return with_results(cloud, edge_columns(scores < self.limit, shown, paints)), None
+
+    def measure(self, values):
+        return np.count_nonzero(values < self.limit)
+
+    def report(self, run, total):
+        n_points = run.catalog.n_points
+        n_removed = n_points - self.n_kept
+        removed_fraction = n_removed / n_points
+        return {
+            "n_edges": int(total),
+            "n_outliers": n_removed,
+            "removed_fraction": removed_fraction,
+        }
+
+    def _clean(self, run, sweeps):
+        """Find which points the detector leaves."""
+        scored = CellColumns(run.folder.results / "outliers")
+        columns, n_points = run.folder.columns, run.catalog.n_points
+        if not columns.is_done(ALL, "kept"):
+            scored.folder.mkdir(exist_ok=True)
+            job = replace(OutlierJob.of(run, self.detector, n_points=n_points), found=scored.folder)
+            with sweeps.part("outliers", "outliers"):
+                inner = Sweeps(scored, run.plan.n_workers, OUTLIER_STEPS)
+                cutoff = judge_cells(job, inner, cutoff_of(self.detector))
+            parts = scores_of(scored, run.cells)
+            n_kept = sum(np.count_nonzero(scores <= cutoff) for scores in parts)
+            check_n_kept("outlier_detector", self.detector, n_kept, n_points, least=4)
+            known = {"scored": scored, "columns": columns, "cutoff": cutoff}
+            sweeps("kept", _find_kept, run.cells, **known)
+            columns.finish(ALL, "kept")
+        shutil.rmtree(scored.folder, ignore_errors=True)
+
+
+class KeptCells(Cells):
+    """The points of cells that a detector has kept; some cells may have none."""
+
+    def __init__(self, folder, columns):
+        super().__init__(folder)
+        self.columns = columns
+        reports = [columns.report(cell, "kept") for cell in range(len(self))]
+        self.counts = np.array([report["count"] for report in reports])
+
+    def read(self, cell):
+        return super().read(cell)[self.columns.read(cell, "kept")]
+
+
+@dataclass(frozen=True)
+class EdgeJob(PlaneJob):
+    """A job on the points that were kept."""
+
+    criterion: str = "crease"
+    is_cleaned: bool = False
+
+    @property
+    def cells(self):
+        return KeptCells(self.points, self.columns) if self.is_cleaned else Cells(self.points)
+
+    def write_scores(self, cell, of_kept, of_removed):
+        """Write the scores of all points of a cell: of those that were kept, and of coordinates."""
+        records, columns = Cells(self.points).read(cell), self.columns
+        kept = columns.read(cell, "kept") if self.is_cleaned else np.ones(len(records), bool)
+        scores = np.empty(len(records))
+        if kept.any():
+            scores[kept] = of_kept()
+        if not kept.all():
+            scores[~kept] = of_removed(records["xyz"][~kept])
+        write_results(columns, cell, records["row"], scores)
+
+
+def _find_kept(cell, scored, columns, cutoff):
+    """Write which points of a cell have scores of at most the cutoff, in the column kept."""
+    kept = scored.read(cell, "results")["values"][:, 0] <= cutoff
+    columns.write(cell, kept=kept)
+    columns.finish(cell, "kept", count=int(np.count_nonzero(kept)))
+
+
+def _constants_of(kept, dtype):
+    """The `Constants` of the kept points, in the precision of the whole cloud."""
+    whole = WholeCloud()
+    whole.single = False  # the precision is known
+    for cell in np.flatnonzero(kept.counts):
+        whole.add(kept.read(cell)["xyz"])
+    return whole.constants(dtype)
+
+
+def _keep_faces(cell, job, fitted):
+    """Fill the columns `FACES` of the kept places of a cell."""
+    job.whole().put(cell, **stored_planes(cell, job, fitted)[2])
+
+
+def _find_distances(whole, job, detector, n_threads):
+    """Write the scores of all points, by the planes of the kept places: `whole`."""
+    index = StoredIndex(whole, job.cells, detector.n_neighbors)
+    planes = whole.planes(changing=True)
+    kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))
+    kept[:] = 1.0
+    planes = planes._replace(kept=kept, radius=radius, spacing=spacing)
+    around = index.all_own()
+    creases, distance = find_creases(index, planes, detector.min_angle, n_threads, around)
+
+    def of_removed(queries):
+        return creases.distance(queries, index.query(queries, n_threads))
+
+    for cell in range(len(job.cells)):
+        own, place_of = distance[whole.rows(cell)], partial(job.columns.read, cell, "place_of")
+        job.write_scores(cell, lambda own=own, place_of=place_of: own[place_of()], of_removed)
+
+
+def _keep_values(cell, job, fitted):
+    """Write the values of the criterion, of the places of a cell."""
+    job.columns.write(cell, values=_values(job, fitted))
+
+
+def _values(job, fitted):
+    """The values of the criterion of a fitted estimator, as `transform` has them: float64 (n,)."""
+    name = column_of_criterion(job.criterion)
+    if name == "eigenvalue_0":
+        values = fitted.eigenvalues_[:, 0]
+    elif name == "surface_variation":
+        values = fitted.surface_variation_
+    else:
+        place = list(fitted.get_feature_names_out(list("xyz"))).index(name)
+        values = fitted.features_[:, place - N_TRANSFORMED]
+    return values.astype(job.constants.dtype).astype(np.float64)
+
+
+def _values_in_parts(columns, cells):
+    """The values of all kept points, cell by cell: float64."""
+    for cell in cells:
+        yield columns.read(cell, "values")[columns.read(cell, "place_of")]
+
+
+def _find_values(cell, job):
+    """Write the scores of all points of a cell, once the values of the kept places are known."""
+
+    def of_removed(queries):
+        return -_values(job, fitted_to_new(job, queries))
+
+    job.write_scores(cell, lambda: -next(_values_in_parts(job.columns, [cell])), of_removed)
+    job.columns.finish(cell, "edges")

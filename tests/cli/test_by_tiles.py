@@ -1,0 +1,255 @@
+"""Verbs on files larger than memory and on folders: the output is that of memory."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from commands import error_line, files_in, run
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.tiling import _plane_sweeps
+from tiled import street
+
+ONE = ("--n-jobs", 1)
+TILES = ("--memory", "2MB", *ONE)
+FAST = {"edges": ("--n-neighbors", 16)}
+RESULTS = {"denoise": "intensity", "normals": "normal_x", "segment": "region", "edges": "red"}
+FOUND = ("removed", "marked", "judged", "regions", "inside", "largest", "edges")  # of summaries
+
+
+def rows_of(result):
+    assert result.exit_code == 0, result.output
+    rows = [line.split() for line in result.stdout.splitlines()[1:]]
+    return {row[0]: row[1:] for row in rows}
+
+
+def same_by_tiles(verb, source, *options):
+    """The rows of a run by tiles, whose output and summary are those of a run in memory."""
+    folder = source.parent
+    a, b = folder / f"a{source.suffix}", folder / f"b{source.suffix}"
+    whole = rows_of(run(verb, source, a, *options))
+    tiles = rows_of(run(verb, source, b, *options, *TILES))
+    assert "tiles" in tiles
+    assert a.read_bytes() == b.read_bytes()
+    for name in whole.keys() & set(FOUND) - ({"removed"} if verb == "normals" else set()):
+        assert whole[name] == tiles[name]
+    assert not list(folder.glob("*.tiles"))
+    return tiles
+
+
+@pytest.mark.parametrize(
+    ("verb", "options"),
+    [
+        ("denoise", ("--mode", "mark")),
+        ("denoise", ("--contamination", 0.05, "--strictness", "surfaces")),
+        ("denoise", ("--false-positive-rate", 0.02)),
+        ("denoise", ("--strictness", "paper", "--n-neighbors", 20)),
+        ("normals", ("--features", "roughness,mean_curvature", "--orientation", "up")),
+        ("normals", ("--n-neighbors", "auto")),
+        ("segment", ()),
+        ("segment", ("--no-colors", "--growth-neighbors", 20, "--max-angle", 8)),
+        ("edges", ("--n-neighbors", 16, "--no-colors")),
+        ("edges", ("--n-neighbors", 16, "--criterion", "surface_variation", "--no-denoise")),
+    ],
+)
+def test_a_file_larger_than_memory_gets_the_output_that_it_has_in_memory(
+    verb, options, small_machine, source
+):
+    same_by_tiles(verb, source, *options)
+
+
+@pytest.mark.parametrize("verb", RESULTS)
+def test_a_folder_becomes_a_folder(verb, source, tmp_path):
+    (tmp_path / "in").mkdir()
+    for name in ("a.laz", "b.laz"):
+        shutil.copy(source, tmp_path / "in" / name)
+    result = run(verb, tmp_path / "in", tmp_path / "out", *FAST.get(verb, ()), *ONE, "--quiet")
+    assert (result.exit_code, result.stdout) == (0, ""), result.output
+    assert files_in(tmp_path / "out") == ["a.laz", "b.laz"]
+    assert RESULTS[verb] in read_points(tmp_path / "out" / "b.laz").attributes
+
+
+def test_an_index_becomes_one_file_or_a_folder(source, tmp_path):
+    shutil.copy(source, tmp_path / "b.laz")
+    features = [{"assets": {"data": {"href": name}}} for name in ("street.laz", "b.laz")]
+    (tmp_path / "drive.vpc").write_text(json.dumps({"features": features}))
+    for target in ("out.laz", "out"):
+        assert run("normals", tmp_path / "drive.vpc", tmp_path / target, *ONE).exit_code == 0
+    assert len(read_points(tmp_path / "out.laz")) == 12_000
+    assert files_in(tmp_path / "out") == ["b.laz", "street.laz"]
+
+
+@pytest.mark.parametrize("verb", RESULTS)
+def test_a_dry_run_shows_the_plan_and_writes_nothing(verb, small_machine, source, tmp_path):
+    result = run(verb, source, tmp_path / "b.laz", "--dry-run", *TILES)
+    assert result.exit_code == 0, result.output
+    for words in ("6,000", "tiles", "GB for temporary files", "seconds"):
+        assert words in result.stdout
+    fits = run(verb, source, tmp_path / "b.laz", "--dry-run", "--memory", "4GB")
+    assert "without tiles" in fits.stdout
+    assert files_in(tmp_path) == ["street.laz"]
+
+
+@pytest.mark.parametrize(
+    ("verb", "options"),
+    [
+        ("normals", ("--orientation", "sensor", "--sensor", "auto")),
+        ("normals", ("--orientation", "sensor", "--trajectory", "path.csv")),
+        ("denoise", ("--sensor", "0,0,0")),
+    ],
+)
+def test_a_dry_run_reads_no_positions(verb, options, source, tmp_path):
+    result = run(verb, source, tmp_path / "b.laz", "--memory", "4GB", *options, "--dry-run")
+    assert result.exit_code == 0, result.output
+
+
+def test_normals_look_along_a_trajectory_by_tiles_too(small_machine, source, tmp_path):
+    cloud = read_points(source)
+    times = np.linspace(10, 20, len(cloud))
+    write_points(tmp_path / "in.laz", cloud.with_attributes(gps_time=times))
+    path = "time,x,y,z\n10,362000,5157002,101\n20,362009,5157002,101\n"
+    (tmp_path / "path.csv").write_text(path)
+    asked = ("--orientation", "sensor", "--trajectory", tmp_path / "path.csv")
+    same_by_tiles("normals", tmp_path / "in.laz", *asked)
+
+
+def test_records_beyond_those_that_a_header_counts_are_told_once(small_machine, tmp_path):
+    write_points(tmp_path / "in.las", street(8_000).xyz)
+    raw = bytearray((tmp_path / "in.las").read_bytes())
+    raw[247:255] = (7_000).to_bytes(8, "little")
+    (tmp_path / "in.las").write_bytes(raw)
+    out = tmp_path / "out.las"
+    for verb, *options in (["info"], ["normals", out], ["normals", out, *TILES]):
+        result = run(verb, tmp_path / "in.las", *options)
+        assert result.exit_code == 0, result.output
+        assert result.stderr.count("in.las: holds 1,000 records more than its header counts") == 1
+
+
+@pytest.mark.parametrize("verb", RESULTS)
+def test_rays_without_a_return_are_left_out_by_tiles_too(small_machine, tmp_path, verb):
+    xyz = street(8_000).xyz
+    xyz = np.round(xyz - xyz.mean(axis=0), 3)
+    xyz[::4] = 0.0
+    write_points(tmp_path / "in.las", xyz)
+    same_by_tiles(verb, tmp_path / "in.las")
+    assert 5_500 < len(read_points(tmp_path / "b.las")) <= 6_000
+
+
+@pytest.mark.parametrize("verb", RESULTS)
+def test_too_little_memory_is_told_by_the_name_of_the_option(verb, source, tmp_path):
+    line = error_line(run(verb, source, tmp_path / "b.laz", "--memory", "10MB"))
+    assert "--memory 10MB is too little" in line
+
+
+@pytest.mark.parametrize("size", ["lots", "0GB", "-1GB"])
+def test_what_is_no_size_of_memory_is_wrong_usage(size, source, tmp_path):
+    result = run("normals", source, tmp_path / "b.laz", f"--memory={size}")
+    assert result.exit_code == 2
+    words = " ".join(result.stderr.replace("│", "").split())
+    assert f"Invalid value for '--memory': '{size}' is no size: write it like 2GB" in words
+
+
+@pytest.mark.parametrize(
+    ("verb", "options", "words"),
+    [
+        ("normals", ("--orientation", "sensor", "--sensor", "auto"), "no position of the sensor"),
+        ("denoise", ("--intensity",), "tiles take no --intensity"),
+        ("denoise", ("--intensity", "--dry-run"), "tiles take no --intensity"),
+    ],
+)
+def test_what_tiles_cannot_do_is_one_line(verb, options, words, small_machine, source, tmp_path):
+    assert words in error_line(run(verb, source, tmp_path / "b.laz", *options, *TILES))
+    assert files_in(tmp_path) == ["street.laz"]
+
+
+def test_sources_that_cannot_be_divided_are_told(tmp_path, source):
+    line = error_line(run("normals", f"{tmp_path}/nofolder/", f"{tmp_path}/out/"))
+    assert line.endswith("nofolder: no such file or folder")
+    write_points(tmp_path / "a.xyz", street(300))
+    line = error_line(run("denoise", tmp_path / "a.xyz", tmp_path / "b.las", "--dry-run"))
+    assert "a.xyz: --dry-run is for LAS and LAZ" in line
+    result = run("denoise", tmp_path / "a.xyz", tmp_path / "b.csv", "--memory", "2GB")
+    assert result.exit_code == 0
+    assert "a.xyz: is read as a whole, whatever --memory is" in result.stderr
+    result = run("segment", tmp_path, tmp_path / "out", *TILES, "--regions", tmp_path / "r.csv")
+    assert "for clouds in memory" in " ".join(result.output.split())
+
+
+def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(
+    small_machine, source, tmp_path, monkeypatch
+):
+    def fail(cell, job):
+        raise MemoryError
+
+    args = ("normals", source, tmp_path / "b.laz", *TILES)
+    with monkeypatch.context() as patch:
+        patch.setattr(_plane_sweeps, "_fit_own", fail)
+        result = run(*args)
+    assert result.exit_code == 1
+    *tiles, error = result.stderr.splitlines()
+    assert [line.split("(")[0] for line in sorted(tiles)] == [
+        f"mcmd: warning: tile {i} failed " for i in range(len(tiles))
+    ]
+    assert error.startswith(f"mcmd: error: {len(tiles)} of {len(tiles)} tiles failed; ")
+    assert run(*args, "--restart").exit_code == 0
+    assert files_in(tmp_path) == ["b.laz", "street.laz"]
+
+
+def test_single_precision_that_is_too_coarse_is_refused_unless_allowed(tmp_path, small_machine):
+    rng = np.random.default_rng(0)
+    write_points(tmp_path / "coarse.las", rng.integers(0, 60, (6_000, 3)) + 16_000_000.0)
+    args = ("normals", tmp_path / "coarse.las", tmp_path / "b.las", *TILES)
+    assert "single precision" in run(*args).stderr
+    assert run(*args, "--allow-coarse").exit_code == 0
+
+
+def test_outliers_off_exact_planes_are_warned_of(small_machine, tmp_path):
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform(0, 30, (4_000, 3)) * [1, 1, 0]
+    xyz[:200, 2] = 0.6 * rng.choice([1, 2], 200)
+    write_points(tmp_path / "floor.las", xyz)
+    told = [
+        run("denoise", tmp_path / "floor.las", tmp_path / "b.las", "--strictness", "paper", *tiles)
+        for tiles in ((), TILES)
+    ]
+    assert "exactly in one plane" in told[0].stderr
+    assert told[0].stderr == told[1].stderr
+
+
+def test_a_sparse_ball_that_is_lost_before_a_dense_wall_is_told_in_memory_and_by_tiles(tmp_path):
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(800, 3))
+    directions *= np.cbrt(rng.random((800, 1))) / np.linalg.norm(directions, axis=1)[:, None]
+    ball = [0.6, -1.5, 0.6] + 0.4 * directions  # its spacing is six times that of the wall
+    wall = rng.uniform([0, 0, 0], [1.2, 0.004, 1.2], (11_000, 3))
+    (tmp_path / "in").mkdir()
+    path, told = tmp_path / "in" / "a.las", []
+    write_points(path, PointCloud(np.vstack([wall, ball])))
+    for source, name in ((path, "memory"), (path.parent, "tiles")):
+        report = tmp_path / name
+        result = run("denoise", source, tmp_path / "b.las", "--report", report, *ONE)
+        assert result.exit_code == 0, result.output
+        (line,) = [line for line in result.stderr.splitlines() if "together" in line]
+        told.append(line.removeprefix("mcmd: warning: "))
+        assert (report / "index.html").read_text().count(told[-1]) == 1
+    assert told[0] == told[1]
+    assert re.match(r"\d{3} outliers lie together, of \d{3} points at x 0.\d", told[0])
+
+
+@pytest.mark.parametrize("extension", ["laz", "ply", "folder"])
+def test_denoising_again_warns_and_denoising_once_does_not(extension, tmp_path):
+    if extension == "ply":
+        pytest.importorskip("plyfile")
+    source, first, again = (tmp_path / name for name in ("in", "first", "again"))
+    source.mkdir()
+    suffix = ".las" if extension == "folder" else f".{extension}"
+    write_points(source / f"a{suffix}", street(1500))
+    if extension != "folder":
+        source = source / f"a{suffix}"
+        first, again = first.with_suffix(suffix), again.with_suffix(suffix)
+    assert "before" not in run("denoise", source, first, *ONE).stderr
+    named = first / "a.las" if extension == "folder" else first
+    assert f"{named}: outliers were removed" in run("denoise", first, again, *ONE).stderr
+    assert run("denoise", source, again, "--mode", "mark", *ONE).exit_code == 0

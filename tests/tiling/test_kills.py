@@ -1,0 +1,149 @@
+"""Runs that end at any place go on from there: killed, with a tile that fails, amid a step."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
+from sklearn_mcmd.io import write_points
+from sklearn_mcmd.runtime import _interrupts
+from sklearn_mcmd.tiling import TilingError, _plane_sweeps, _run, process_files
+from tiled import ESTIMATOR, in_memory, names_in, run_is_killed, street
+
+OUTLIERS = MCMDOutlierDetector(16, random_state=0)
+AUTO = RobustNormalEstimator("auto", random_state=0)
+REGIONS = RegionGrowing(20, normal_estimator=RobustNormalEstimator(24, random_state=0))
+EDGES = SharpFeatureDetector(12, random_state=0)
+MARK = {"mode": "mark"}
+HEIGHTS = {"mode": "mark", "above": -30.0, "below": 40.0, "low_groups": True}
+# The place at which a run is killed, after so many calls, and how many tiles are resumed then.
+FAST = [
+    (ESTIMATOR, {}, "_plane_sweeps._fit_own", 2, 2),
+    (AUTO, {}, "_plane_sweeps.find_larger", 2, 0),
+    (OUTLIERS, MARK, "_tiled_outliers._find_planes", 2, 2),
+    (OUTLIERS, HEIGHTS, "_heights._find_verdicts", 2, 4),
+    (REGIONS, {}, "_tiled_regions._keep_planes", 2, 2),
+    (EDGES, {}, "_plane_sweeps._keep_fitted", 2, 2),
+]
+SLOW = [
+    (ESTIMATOR, {}, "_run.WorkFolder.finish_cells", 0, 0),
+    (ESTIMATOR, {}, "_result_files.Results.take", 0, 4),
+    (AUTO, {}, "_plane_sweeps._bend", 2, 4),
+    (AUTO, {}, "_plane_sweeps.find_neighbors", 2, 0),
+    (AUTO, {}, "_plane_sweeps._keep_fitted", 2, 4),
+    (OUTLIERS, MARK, "_tiled_outliers.find_places", 2, 0),
+    (OUTLIERS, MARK, "_result_files.write_results", 2, 4),
+    (OUTLIERS, MARK, "_result_files.Results.take", 0, 4),
+    (OUTLIERS, HEIGHTS, "_heights._find_heights", 2, 0),
+    (REGIONS, {}, "_tiled_regions.finish_regions", 0, 4),
+    (REGIONS, {}, "_result_files.write_results", 2, 4),
+    (EDGES, {}, "_tiled_outliers._find_planes", 2, 0),
+    (EDGES, {}, "_tiled_edges._find_kept", 2, 0),
+    (EDGES, {}, "_tiled_edges._constants_of", 0, 0),
+    (EDGES, {}, "_result_files.Results.take", 0, 4),
+]
+
+
+@pytest.mark.parametrize(
+    ("estimator", "options", "place", "n_calls", "n_resumed"),
+    [*FAST, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)],
+)
+def test_a_run_that_was_killed_goes_on(estimator, options, place, n_calls, n_resumed, tmp_path):
+    source, target, expected = (tmp_path / name for name in ("a.las", "b.las", "c.las"))
+    cloud = street(5_000)
+    ground = np.where(cloud.xyz[:, 2] < np.median(cloud.xyz[:, 2]), 2, 1)
+    write_points(source, cloud.with_attributes(classification=ground))
+    before, options = source.read_bytes(), {**options, "tile_size": 1_500}
+    process_files(source, expected, estimator, **options)
+    assert run_is_killed(source, target, place, n_calls, estimator, **options)
+    assert not target.exists()
+    report = process_files(source, target, estimator, **options)
+    assert (report.n_resumed, report.n_tiles) == (n_resumed, 4)
+    assert target.read_bytes() == expected.read_bytes()
+    assert source.read_bytes() == before
+    assert not (tmp_path / "b.las.tiles").exists()
+
+
+def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(small_file, tmp_path, failing):
+    target = tmp_path / "out.las"
+    failing.add(1)
+    with (
+        pytest.warns(UserWarning, match=r"tile 1 failed \(x 36200\d.*\): MemoryError: too m") as of,
+        pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*out\.las\.tiles, and"),
+    ):
+        process_files(small_file, target, ESTIMATOR, tile_size=2_000)
+    assert [warning.filename for warning in of] == [__file__]
+    assert names_in(tmp_path) == ["out.las.tiles", "small.las"]
+    failing.clear()
+    report = process_files(small_file, target, ESTIMATOR, tile_size=2_000)
+    assert (report.n_resumed, report.n_tiles) == (3, 4)
+    assert target.read_bytes() == in_memory(small_file, tmp_path / "e.las").read_bytes()
+
+
+def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatch):
+    estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
+    expected = in_memory(small_file, tmp_path / "expected.las", estimator).read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr(_plane_sweeps, "signs_along", lambda *_: 1 / 0)
+        with pytest.raises(TilingError, match="goes on from there"):
+            process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    report = process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    assert report.n_resumed == report.n_tiles
+    assert (tmp_path / "out.las").read_bytes() == expected
+
+
+def test_planes_that_were_bent_in_part_are_found_anew(small_file, tmp_path, monkeypatch):
+    """Planes are changed in place, and a run may end amid that."""
+    expected = in_memory(small_file, tmp_path / "expected.las").read_bytes()
+    bend, bent = _plane_sweeps._bend, []
+
+    def normals_of(job):
+        return job.surfaces(job.model()).members.planes.normals
+
+    def bend_twice(cell, job):
+        bend(cell, job)
+        bent.append(normals_of(job).copy())
+        bend(cell, job)
+        assert_array_equal(normals_of(job), bent[-1])
+
+    monkeypatch.setattr(_plane_sweeps, "_bend", bend_twice)
+    process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert len(bent) == 4
+    assert (tmp_path / "out.las").read_bytes() == expected
+
+
+@pytest.mark.parametrize("change", ["parameters", "input", "restart"])
+def test_other_parameters_or_inputs_begin_anew(small_file, tmp_path, failing, change):
+    failing.add(1)
+    with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    failing.clear()
+    k = 20 if change == "parameters" else 16
+    if change == "input":
+        os.utime(small_file, (1, 1))
+    estimator = RobustNormalEstimator(k, random_state=0)
+    options = {"tile_size": 2_000, "restart": change == "restart"}
+    report = process_files(small_file, tmp_path / "out.las", estimator, **options)
+    assert report.n_resumed == 0
+    expected = in_memory(small_file, tmp_path / "e.las", estimator)
+    assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
+
+
+def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp_path, monkeypatch):
+    def remove_late(folder, remove=_run.WorkFolder.remove):
+        signal.raise_signal(signal.SIGINT)
+        remove(folder)
+
+    monkeypatch.setattr(_interrupts, "_exit", signal.default_int_handler)  # as in `mcmd`
+    monkeypatch.setattr(_run.WorkFolder, "remove", remove_late)
+    estimator = RobustNormalEstimator(method="pca", random_state=0)
+    process_files(small_file, tmp_path / "out.las", estimator)
+    assert names_in(tmp_path) == ["out.las", "small.las"]

@@ -1,0 +1,131 @@
+"""What cannot work by tiles is refused with one line before the work, and leaves nothing."""
+
+import numpy as np
+import pytest
+from sklearn.ensemble import IsolationForest
+
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
+from sklearn_mcmd.io import PointFileError, write_points
+from sklearn_mcmd.tiling import process_files
+from tiled import ESTIMATOR, names_in, street, written
+
+SEED = {"random_state": 0}
+OUTLIERS = MCMDOutlierDetector(16, **SEED)
+EDGES = SharpFeatureDetector(12, **SEED)
+NORMALS_OF_TEN = {"normal_estimator": RobustNormalEstimator(10)}
+MANY = np.zeros((4, 3))
+ESTIMATORS = [
+    (IsolationForest(), "IsolationForest cannot work by tiles"),
+    (MCMDOutlierDetector(None, **SEED), "n_neighbors=None"),
+    (MCMDOutlierDetector(), "random_state"),
+    (MCMDOutlierDetector(cutoff=3, contamination=0.1, **SEED), "exclude each other"),
+    (MCMDOutlierDetector(cutoff=3, false_positive_rate=0.1, **SEED), "exclude each other"),
+    (MCMDOutlierDetector(strictness="much", **SEED), "strictness"),
+    (RobustNormalEstimator(None, orientation="mst", **SEED), "whole cloud"),
+    (RobustNormalEstimator(None, **SEED), "whole cloud"),
+    (RobustNormalEstimator(), "random_state"),
+    (RobustNormalEstimator(orientation="sensor", sensor_origin=MANY, **SEED), "one position by"),
+    (RegionGrowing(normals="precomputed"), "precomputed"),
+    (RegionGrowing(), "random_state"),
+    (RegionGrowing(max_angle=100, **SEED), "max_angle"),
+    (SharpFeatureDetector(), "random_state"),
+    (SharpFeatureDetector(normals="precomputed", **SEED), "normals='precomputed'"),
+    (SharpFeatureDetector(threshold="mean", **SEED), "threshold='mean' is for eigenvalues"),
+    (SharpFeatureDetector(outlier_detector=IsolationForest(), **SEED), "IsolationForest"),
+    (
+        SharpFeatureDetector(criterion="removed_fraction", **NORMALS_OF_TEN, **SEED),
+        "needs the column removed_fraction",
+    ),
+]
+NO_CLASSES = [["6"], "6", [6.5], [600], [-1], [True], 7, [None]]
+NO_LIST = "is no list of classes, whole numbers from"
+OPTIONS = [
+    (OUTLIERS, {"mode": "keep"}, "mode='keep' must be"),
+    (OUTLIERS, {"colors": True}, "colors=True has no meaning for MCMDOutlierDetector"),
+    (ESTIMATOR, {"mode": "mark"}, "mode='mark' has no meaning for RobustNormalEstimator"),
+    *((OUTLIERS, {"only_classes": given}, f"^only_classes=.* {NO_LIST}") for given in NO_CLASSES),
+    (OUTLIERS, {"ignore_classes": [600]}, f"^ignore_classes=.* {NO_LIST}"),
+    (OUTLIERS, {"above": np.nan}, "must be a finite number, or None"),
+    (OUTLIERS, {"below": "2"}, "must be a finite number, or None"),
+    (RegionGrowing(**SEED), {"memory": "10MB"}, "too little"),
+    *((ESTIMATOR, {"tile_size": n}, "^tile_size=.* must be") for n in (0, -5, 1.5, "2000", True)),
+    *((ESTIMATOR, {"memory": n}, "^memory=.* must be") for n in (0, -1e9, np.nan, np.inf)),
+]
+
+
+@pytest.mark.parametrize(
+    ("estimator", "options", "message"),
+    [*((estimator, {}, message) for estimator, message in ESTIMATORS), *OPTIONS],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_what_cannot_work_is_refused_before_the_work(tmp_path, estimator, options, message):
+    path = written(tmp_path, street(2_000))
+    with pytest.raises(ValueError, match=message):
+        process_files(path, tmp_path / "b.las", estimator, **options)
+    assert names_in(tmp_path) == ["a.las"]
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("nowhere/out.las", "does not exist"),
+        ("out.ply", r"\.las or \.laz only"),
+        ("out.copc.laz", "COPC can be read"),
+        (".", "is a folder"),
+    ],
+)
+def test_a_target_that_cannot_be_is_refused_before_the_work(tmp_path, target, message):
+    path = written(tmp_path, street(50))
+    with pytest.raises(PointFileError, match=message):
+        process_files(path, tmp_path / target, ESTIMATOR)
+    assert names_in(tmp_path) == ["a.las"]
+
+
+@pytest.mark.parametrize("name", ["out.ply", "out.TXT"])
+def test_a_folder_is_not_named_as_a_file_of_another_format(tmp_path, name):
+    written(tmp_path, street(50))
+    with pytest.raises(PointFileError, match=r"become a folder, or one \.las or \.laz"):
+        process_files(tmp_path, tmp_path / name, ESTIMATOR)
+    assert names_in(tmp_path) == ["a.las"]
+
+
+def test_what_files_cannot_become_is_refused_before_the_work(tmp_path):
+    (tmp_path / "x").mkdir()
+    paths = [tmp_path / "a.las", tmp_path / "x" / "a.las"]
+    for path in paths:
+        write_points(path, street(50))
+    (tmp_path / "out.ply").touch()
+    for target, message in (
+        ("out.ply", "several outputs need a folder"),
+        ("out", "several files have this name"),
+        ("a.las", "is one of the inputs"),
+    ):
+        with pytest.raises(PointFileError, match=message):
+            process_files(paths, tmp_path / target, ESTIMATOR)
+    assert names_in(tmp_path) == ["a.las", "out.ply", "x"]
+
+
+@pytest.mark.parametrize("size", [400, 5_000])
+def test_a_run_whose_points_are_all_left_out_is_refused(size, tmp_path):
+    path = written(tmp_path, street(1_000))
+    with pytest.raises(PointFileError, match=r"a\.las: no points are judged: all are withheld"):
+        process_files(path, tmp_path / "b.las", OUTLIERS, only_classes=[2], tile_size=size)
+    assert names_in(tmp_path) == ["a.las"]
+
+
+def test_a_damaged_chunk_is_named_and_leaves_nothing(tmp_path):
+    path = tmp_path / "damaged.laz"
+    write_points(path, np.random.default_rng(0).uniform(size=(120_000, 3)))  # three chunks
+    content = bytearray(path.read_bytes())
+    third = len(content) // 3
+    content[third : 2 * third] = bytes(third)
+    path.write_bytes(content)
+    with pytest.raises(PointFileError, match=r"damaged\.laz: .*damaged"):
+        process_files(path, tmp_path / "out.laz", ESTIMATOR, tile_size=5_000)
+    assert names_in(tmp_path) == ["damaged.laz"]
+    assert path.read_bytes() == content
