@@ -71,5 +71,4 @@ def fit_neighborhoods(
     ransac: [ 1 15] removed, tilts [0.  0.1] degrees
     robpca: [ 2 15] removed, tilts [0.1 0.1] degrees
     """
-    chosen = comparator_of(method, method_params)
-    return chosen.fit(points, random_state=random_state)
+    return comparator_of(method, method_params).fit(points, random_state=random_state)
