@@ -18,7 +18,14 @@ ROOT = Path(__file__).resolve().parents[1]
 PRICES = Path(__file__).with_name("constants.csv")
 WHOLE = ast.Constant, ast.UnaryOp, ast.BinOp, ast.Tuple, ast.Attribute, ast.Name
 
-WIDTHS = {"threshold": 30, "number": 30, "what it means": 42, "value": 8, "note": 24}  # of 100
+WIDTHS = {
+    "threshold": 30,
+    "number": 30,
+    "what it means": 42,
+    "value": 8,
+    "note": 24,
+    "where": 16,
+}  # of 100
 
 
 class Number(NamedTuple):
@@ -159,7 +166,8 @@ def _as_rst(comment):
 def _priced(part):
     known = {number.name: number for number in thresholds()}
     rows = [row for row in prices() if row["part"] == part]
-    columns = [name for name in ("where", "less", "more", "off", "note") if any(row[name] for row in rows)]
+    said = "where", "less", "more", "off", "note"
+    columns = [name for name in said if any(row[name] for row in rows)]
     yield ["threshold", "value", "what it means", *columns]
     for row in rows:
         number = known[row["constant"]]
