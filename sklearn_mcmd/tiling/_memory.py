@@ -139,7 +139,7 @@ def check_tile_size(tile_size):
 
 
 def usual_memory():
-    """Bytes that a run takes if it is not told: half of the machine's, or of all workers' of dask.
+    """Bytes that a run takes if nothing is said: half of the machine's, or of all workers' of dask.
 
     The worker with the least memory for a task sets the memory of all.
     """

@@ -66,7 +66,7 @@ class Job:
     def model_on(self, index, *more):
         """The `LocalPlaneModel` of the places of an index."""
         precision, shape = np.finfo(self.constants.dtype).eps, index.points.shape
-        estimator = clone(self.estimator)  # which is told the number of trials
+        estimator = clone(self.estimator)  # which gets the number of trials
         return model_of(estimator, index, shape, precision, self.constants.step, *more)
 
 
