@@ -8,20 +8,6 @@ every word, and that docstrings, help and pages name it.
 
 from typing import Any, Literal, get_args
 
-__all__ = [
-    "Correction",
-    "Criterion",
-    "EliminationRule",
-    "Loss",
-    "Mode",
-    "OutlierMethod",
-    "RuleMethod",
-    "Strictness",
-    "Surface",
-    "Test",
-    "choices_of",
-]
-
 Correction = Literal["sidak", "bonferroni", "b-method", "none"]
 Criterion = Literal["crease", "eigenvalue", "surface_variation", "removed_fraction"]
 EliminationRule = Literal["single", "all"]

@@ -4,8 +4,6 @@ import sys
 import warnings
 from string import Template
 
-__all__ = ["ParameterError", "ParameterWarning", "counted", "warn", "warn_caller"]
-
 OWN = ("sklearn_mcmd.", "sklearn.", "contextlib")  # modules between a warning and who called
 
 

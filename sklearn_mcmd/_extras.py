@@ -3,8 +3,6 @@
 import importlib
 import re
 
-__all__ = ["how_to_install", "import_extra"]
-
 
 def import_extra(module, extra, purpose):
     """Import an optional library of an extra, or say in an ImportError how to install it.

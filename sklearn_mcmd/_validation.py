@@ -10,19 +10,6 @@ from sklearn.utils.validation import validate_data
 
 from sklearn_mcmd._errors import ParameterError, warn
 
-__all__ = [
-    "FittedScoresMixin",
-    "OffsetOutlierMixin",
-    "check_extent",
-    "check_inliers",
-    "check_n_kept",
-    "check_sensor_origin",
-    "check_sizes",
-    "check_work",
-    "is_auto",
-    "validate_points",
-]
-
 # Float64 holds the fourth powers (of areas, squared) of coordinates up to this. All finite float32
 # coordinates are smaller.
 LARGEST = 1e70

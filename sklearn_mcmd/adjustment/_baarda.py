@@ -31,8 +31,6 @@ from sklearn_mcmd.adjustment._tests import (
 )
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
-__all__ = ["BaardaPlaneDetector"]
-
 
 class JoiningLimits(NamedTuple):
     """Which points that a robust start left out come back."""

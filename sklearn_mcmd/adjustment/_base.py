@@ -32,8 +32,6 @@ from sklearn_mcmd.adjustment._robust import m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level
 
-__all__ = ["N_WORST", "PlaneDetector", "check_points", "sigma0_is_rounding"]
-
 N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
 
 

@@ -13,8 +13,6 @@ from sklearn_mcmd.adjustment._power import POWER, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile
 from sklearn_mcmd.adjustment._tests import local_level
 
-__all__ = ["Difference", "PlaneComparison", "compare_planes"]
-
 
 class Difference(NamedTuple):
     """A tilt in degrees, or an offset in units of X, between two planes.

@@ -4,8 +4,6 @@ import numpy as np
 
 from sklearn_mcmd._errors import ParameterError, counted
 
-__all__ = ["AS_THICK_AS_WIDE", "check_distinct", "check_rank", "normal_pvalue"]
-
 N_FIRST = 1024  # points that are checked first, and nearly always hold enough distinct ones
 # Begin of the message for points with a large `normal_pvalue`.
 AS_THICK_AS_WIDE = "The points that pass are as thick as they are wide, as those about a line are"

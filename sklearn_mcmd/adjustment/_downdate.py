@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weights_of
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, first_of_largest, standardized_residuals
 
-__all__ = ["DowndatedPlane", "downdated_plane"]
-
 # Share of its first value below which a sum is formed anew; twelve digits are left there.
 CANCELLATION = 1e-4
 # Least number of candidates for the next removals; their arithmetic takes no longer than the calls.

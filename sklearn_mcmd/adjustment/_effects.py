@@ -5,14 +5,6 @@ from scipy.spatial import ConvexHull, QhullError
 
 from sklearn_mcmd.adjustment._least_squares import CHUNK
 
-__all__ = [
-    "bounding_points",
-    "effects_of",
-    "hull_vertices",
-    "largest_effects",
-    "largest_effects_of_others",
-]
-
 MAX_DIMENSIONS = 5  # in more a hull has too many vertices to save time; then all points are taken
 FEWEST = 32  # members that a hull has; of fewer all are taken
 

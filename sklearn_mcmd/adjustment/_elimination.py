@@ -9,8 +9,6 @@ from sklearn_mcmd.adjustment._downdate import downdated_plane
 from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weights_of
 from sklearn_mcmd.adjustment._tests import first_of_largest, standardized_residuals
 
-__all__ = ["Elimination", "eliminate", "eliminate_one_by_one", "own_redundancy"]
-
 
 class Elimination(NamedTuple):
     """How far data snooping is.

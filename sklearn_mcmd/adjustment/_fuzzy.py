@@ -32,8 +32,6 @@ from sklearn_mcmd.adjustment._tests import (
 )
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
-__all__ = ["FuzzyPlaneDetector"]
-
 
 class Effects(NamedTuple):
     """What errors of the training points do, to judge new ones."""

@@ -11,8 +11,6 @@ from scipy.linalg import lstsq, orth
 from sklearn_mcmd._choices import Surface
 from sklearn_mcmd.runtime._chunks import slices
 
-__all__ = ["PlaneAdjustment", "adjust_plane", "weights_of"]
-
 CHUNK = 1 << 15  # rows that are processed together, whose copy stays in the processor's cache
 
 # Spread of a direction over the largest, squared and of columns scaled alike, of collinear columns.

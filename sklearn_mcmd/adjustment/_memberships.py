@@ -6,14 +6,6 @@ m_H and C_H differ from 1 by 1e-3 to 1e-11, and numbers so close to 1 would lose
 
 import numpy as np
 
-__all__ = [
-    "abnormal_residual_membership",
-    "defuzzification_complement",
-    "defuzzification_weights",
-    "normal_error_complement",
-    "normal_residual_membership",
-]
-
 
 def abnormal_residual_membership(statistic, redundancy, critical, width):
     """m_M: how abnormal a residual is, 1/2 at ``critical + width sqrt(r)`` (Eq. 11).

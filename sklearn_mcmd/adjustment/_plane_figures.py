@@ -9,8 +9,6 @@ from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
 
-__all__ = ["PlaneFigures", "Row", "Table", "plan_rows", "plane_figures"]
-
 LEAST_ERROR = 1e-9  # the least standard error that is printed
 NO_DIRECTION = 60.0  # standard error in degrees from which on a plane falls to no side
 OUTCOMES = {

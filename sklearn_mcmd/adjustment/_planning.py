@@ -13,8 +13,6 @@ from sklearn_mcmd.adjustment._start import MAX_ROUNDS, StartLimits, half_of, n_t
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value, local_level
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["PlanePlan", "plan_plane"]
-
 BATCH = 1_000_000  # points of the planes that are simulated together
 COARSE = 10  # share of the repetitions that bracket the smallest bias, inverted
 STEP = 0.1  # standard deviations, half width of the bracket in which it is interpolated

@@ -5,8 +5,6 @@ import numpy as np
 from sklearn_mcmd.planes._moments_numba import kth_smallest
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["snoop_planes"]
-
 
 @kernel(cache=True)
 def snoop_planes(points, corners, start, limits, least_redundancy, found):

@@ -13,8 +13,6 @@ from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
 from sklearn_mcmd.adjustment._plane_figures import plane_figures
 from sklearn_mcmd.adjustment._tests import t_to_tau
 
-__all__ = ["plot_report"]
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 

@@ -10,8 +10,6 @@ from scipy.special import chdtrc, chdtri, chndtrinc, chndtrix, fdtri, ncfdtr, nd
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, validate_params
 
-__all__ = ["POWER", "coupled_level", "identifiable_bias", "noncentrality"]
-
 POWER = 0.8  # Baarda's; the usual one of reliability
 SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="left")]
 REACH = 9.0  # standard deviations beyond which the normal density counts as 0

@@ -6,8 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri, ndtri, stdtrit
 
-__all__ = ["PlanePrecision", "parameter_derivatives", "precision_of", "quantile", "tilt_direction"]
-
 
 @dataclass(frozen=True, eq=False)
 class PlanePrecision:

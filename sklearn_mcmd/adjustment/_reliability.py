@@ -11,8 +11,6 @@ from sklearn_mcmd.adjustment._precision import parameter_derivatives, tilt_direc
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value
 from sklearn_mcmd.runtime._chunks import slices
 
-__all__ = ["PlaneReliability", "reliability_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class PlaneReliability:

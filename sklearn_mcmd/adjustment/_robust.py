@@ -11,8 +11,6 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 
-__all__ = ["WEIGHT_FUNCTIONS", "huber", "m_estimate", "robust_scale", "tukey"]
-
 MAX_ITERATIONS = 200  # adjustments of an M-estimate, after which it warns
 TOLERANCE = 1e-6  # change of a residual, in units of the scale, at which the iteration ends
 NORMAL_QUARTILE = 0.6744897501960817  # median of |v| in normal standard deviations

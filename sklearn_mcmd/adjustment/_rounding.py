@@ -2,8 +2,6 @@
 
 import numpy as np
 
-__all__ = ["residual_rounding", "rounding_errors"]
-
 
 def rounding_errors(X):
     """Largest rounding error of float64 in each coordinate of the points of an exact plane.

@@ -16,8 +16,6 @@ from sklearn_mcmd.planes._consistent_set import (
 )
 from sklearn_mcmd.planes._principal_planes import fit_planes
 
-__all__ = ["StartLimits", "half_of", "n_trials_of_start", "robust_start"]
-
 
 class StartLimits(NamedTuple):
     """How the plane of the most coplanar half is found, and which points belong to it."""

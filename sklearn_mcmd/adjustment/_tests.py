@@ -8,20 +8,6 @@ from scipy.special import betaln, chdtrc, log_ndtr, logsumexp, ndtri, stdtrit
 from sklearn_mcmd._choices import Correction, Test, choices_of
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
 
-__all__ = [
-    "UNCONTROLLED",
-    "chance_outside",
-    "critical_value",
-    "first_of_largest",
-    "global_test_pvalue",
-    "local_level",
-    "residual_limit",
-    "standardized_residuals",
-    "statistic",
-    "t_to_tau",
-    "tau_to_t",
-]
-
 # An observation with a smaller redundancy number is uncontrolled: its residual is only rounding.
 UNCONTROLLED = 1e-10
 

@@ -8,8 +8,6 @@ from sklearn_mcmd.adjustment._comparison import PlaneComparison
 from sklearn_mcmd.adjustment._plane_figures import plane_figures
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness
 
-__all__ = ["figures_as_text", "text_report", "with_heading"]
-
 
 @validate_params(N_WORST, prefer_skip_nested_validation=True)
 def text_report(

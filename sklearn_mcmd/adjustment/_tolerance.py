@@ -13,8 +13,6 @@ from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._tests import local_level
 
-__all__ = ["PlaneFlatness", "flatness", "minimum_zone"]
-
 LP_TOLERANCE = 1e-7  # of distances over the width, that of the linear programs
 N_TURNS = 3  # of the normal; each squares the angle that is left
 

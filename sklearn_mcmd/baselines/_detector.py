@@ -13,8 +13,6 @@ from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.planes._rules import comparator_of
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
-__all__ = ["PlaneOutlierDetector"]
-
 
 class PlaneOutlierDetector(BasePlaneOutliers):
     """Outliers of local neighborhoods by the methods that MCMD is compared with.

@@ -13,8 +13,6 @@ from sklearn_mcmd.baselines._robpca import Robpca
 from sklearn_mcmd.baselines._ulsif import Ulsif
 from sklearn_mcmd.planes._rules import comparator_of, register_comparator
 
-__all__ = ["COMPARATORS", "fit_neighborhoods"]
-
 #: Those that registered themselves with the engine, by name.
 COMPARATORS = {kind.__name__.lower(): kind for kind in (Msac, Pca, Qsp, Ransac, Robpca, Ulsif)}
 for _name, _kind in COMPARATORS.items():

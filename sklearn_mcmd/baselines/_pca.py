@@ -10,8 +10,6 @@ from sklearn_mcmd._sklearn import Interval
 from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, plane_scale
 from sklearn_mcmd.planes._principal_planes import fit_planes
 
-__all__ = ["Pca"]
-
 
 @dataclass(frozen=True)
 class Pca(Method):

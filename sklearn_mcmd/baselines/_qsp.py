@@ -9,8 +9,6 @@ import numpy as np
 from sklearn_mcmd._sklearn import Interval
 from sklearn_mcmd.baselines._fits import SHARE, Found, Method, flag_share
 
-__all__ = ["Qsp"]
-
 
 @dataclass(frozen=True)
 class Qsp(Method):

@@ -15,8 +15,6 @@ from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distanc
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["Msac", "Ransac"]
-
 CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
 TRIALS_AT_ONCE = 16  # at first; more where few neighborhoods still seek
 COMPILE_FROM = 50_000  # for fewer members loading compiled code would take longer than the work

@@ -6,8 +6,6 @@ from sklearn_mcmd.baselines._ransac import scale_factor
 from sklearn_mcmd.planes._moments_numba import FASTMATH
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["best_planes_3d", "least_median_scales_3d"]
-
 
 def best_planes_3d(points, table, threshold, stops, truncated_loss, *, rank_tolerance):
     """As `_ransac.best_planes`, for points (B, n, 3)."""

@@ -12,8 +12,6 @@ from sklearn_mcmd.baselines._fits import Found, Method
 from sklearn_mcmd.baselines._mcd import fit_mcd, mcd_support_size, univariate_mcd
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
-__all__ = ["Robpca"]
-
 CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
 
 

@@ -16,8 +16,6 @@ from sklearn_mcmd.io._formats import TILED_NAMES
 from sklearn_mcmd.io._point_cloud import has_colors
 from sklearn_mcmd.io._rehearsal import rehearse
 
-__all__ = ["BY_TILES", "CloudVerb", "tiles_row"]
-
 BY_TILES = """
 LAS and LAZ that need more than --memory, and folders, get tiles, with the same results; --dry-run
 plans. A run that ended early goes on, or with --restart begins anew. Of several files a folder

@@ -8,8 +8,6 @@ from typer.core import TyperCommand
 
 from sklearn_mcmd.cli._messages import clear_exits
 
-__all__ = ["TYPED", "TypedCommand", "command_of"]
-
 TYPED = f"{__name__}.typed"
 
 

@@ -8,8 +8,6 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["Config", "config"]
-
 WIDTH = 96  # of comments
 # They are of one run, or of no verb.
 NO_SETTINGS = {"config", "help", "dry_run", "restart", "report"}

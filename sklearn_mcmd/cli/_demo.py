@@ -8,15 +8,14 @@ import typer
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli._denoise import denoise
-from sklearn_mcmd.cli._files import files_of, naming, read, refuse_existing
+from sklearn_mcmd.cli._files import files_of, read, refuse_existing
 from sklearn_mcmd.cli._messages import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._options import Columns, NJobs, NoClobber, Quiet
 from sklearn_mcmd.cli._progress_bar import progress
 from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._rehearsal import naming
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
-
-__all__ = ["demo", "info"]
 
 
 def info(

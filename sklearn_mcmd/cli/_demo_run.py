@@ -14,8 +14,6 @@ from sklearn_mcmd.plotting._still import draw_ball
 from sklearn_mcmd.plotting._views import VIEW
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["draw", "made_by_demo", "normal_errors", "outlier_rates", "write_street"]
-
 N_POINTS = 60_000
 OUTLIER_SHARE = 0.1
 DPI = 100  # of the picture

@@ -26,8 +26,6 @@ from sklearn_mcmd.io._point_cloud import (
 from sklearn_mcmd.io._sensor import rows_of_sensor
 from sklearn_mcmd.planes._resolution import in_own_precision
 
-__all__ = ["denoise"]
-
 PAPER = "paper"  # the level that is None in Python
 MANY_EXACT = 0.01  # share of points without a scale that is warned of
 

@@ -14,8 +14,6 @@ from sklearn_mcmd.cli._options import option
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
 
-__all__ = ["edges"]
-
 
 @dataclass
 class Edges(CloudVerb):

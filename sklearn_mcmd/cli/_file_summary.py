@@ -8,8 +8,6 @@ from sklearn_mcmd.io._las import coordinate_system
 from sklearn_mcmd.io._sensor import place_words, stated_positions
 from sklearn_mcmd.report._facts import distinct_points, median_spacing
 
-__all__ = ["summarize", "summarize_each"]
-
 TELLING = {"las_header", "pcd_viewpoint", "sensor_origins"}  # of formats that may tell the sensor
 
 

@@ -11,21 +11,9 @@ from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._formats import ALL, INDEX, TILED, format_of, supported_extensions
 from sklearn_mcmd.io._no_returns import LEFT_OUT
 from sklearn_mcmd.io._point_cloud import joined
-from sklearn_mcmd.io._rehearsal import naming, rehearse
+from sklearn_mcmd.io._rehearsal import rehearse
 from sklearn_mcmd.planes._resolution import coarse_warning, in_own_precision
 from sklearn_mcmd.runtime._progress import progress_part
-
-__all__ = [
-    "files_of",
-    "is_several",
-    "naming",
-    "read",
-    "read_all",
-    "refuse_existing",
-    "warn_if_coarse",
-    "working",
-    "write",
-]
 
 USUAL_NEIGHBORS = 50  # of estimators by default, where none have been given
 # Begin and end of the work between reading and writing, as shares of a verb's progress.

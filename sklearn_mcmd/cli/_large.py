@@ -10,8 +10,6 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._formats import TILED, TILED_NAMES, no_columns
 from sklearn_mcmd.io._las_parts import read_parts
 
-__all__ = ["catalog_of", "large_catalog", "print_plan"]
-
 SAMPLE = 50_000  # points whose time is measured
 MORE = 1.25  # time of tiles over that in memory, at most; see docs/tiling.rst
 

@@ -11,16 +11,6 @@ import typer
 from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted
 from sklearn_mcmd.runtime._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
 
-__all__ = [
-    "clear_exits",
-    "count_and_share",
-    "number_and_share",
-    "print_summary",
-    "print_table",
-    "stopwatch",
-    "warned",
-]
-
 
 @contextmanager
 def clear_exits(*, allow_coarse=False):

@@ -17,8 +17,6 @@ from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
 
-__all__ = ["normals"]
-
 SOME_UPRIGHT = 0.05  # share of normals of upright faces that is worth a line
 DIRECTIONS = {"none": None, "up": [0.0, 0.0, 1.0]}
 

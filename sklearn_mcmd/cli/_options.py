@@ -10,23 +10,6 @@ import typer
 
 from sklearn_mcmd.io._formats import INDEX, TILED_NAMES
 
-__all__ = [
-    "AllowCoarse",
-    "Columns",
-    "HiddenUnit",
-    "InFiles",
-    "MaxOutlierRate",
-    "NJobs",
-    "NNeighbors",
-    "NoClobber",
-    "OutFiles",
-    "Quiet",
-    "RandomState",
-    "Unit",
-    "length",
-    "option",
-]
-
 # Units of lengths, in meters.
 METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 

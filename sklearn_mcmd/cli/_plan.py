@@ -7,8 +7,6 @@ from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._options import length, option
 
-__all__ = ["plan"]
-
 
 @dataclass
 class Plan:

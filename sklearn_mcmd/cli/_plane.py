@@ -29,8 +29,6 @@ from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.io._rehearsal import rehearse, standing_in
 from sklearn_mcmd.planes._resolution import coordinate_step
 
-__all__ = ["plane"]
-
 FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000

@@ -7,8 +7,6 @@ from contextlib import contextmanager, nullcontext
 
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 
-__all__ = ["progress"]
-
 # Without a terminal: a stage is named after PATIENCE seconds, then progress is printed every AGAIN
 # seconds.
 PATIENCE, AGAIN = 5.0, 60.0

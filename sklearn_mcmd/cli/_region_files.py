@@ -10,8 +10,6 @@ import typer
 
 from sklearn_mcmd.io._rehearsal import standing_in
 
-__all__ = ["check_regions_file", "write_regions"]
-
 SUFFIXES = (".csv", ".geojson", ".json")
 
 

@@ -11,8 +11,6 @@ from sklearn_mcmd.cli._messages import clear_exits, warned
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import current_span, progress_part
 
-__all__ = ["ReportFolder", "write_report_of"]
-
 DRAWN = 0.8  # share of a report's time until its maps are drawn
 
 

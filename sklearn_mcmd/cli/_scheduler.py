@@ -5,8 +5,6 @@ from contextlib import contextmanager
 
 from sklearn_mcmd._extras import import_extra
 
-__all__ = ["joblib_by"]
-
 SECONDS = 5.0  # that a scheduler has for its answer
 
 

@@ -15,8 +15,6 @@ from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
 
-__all__ = ["segment"]
-
 LARGEST_SHOWN = 3  # regions in the summary
 
 

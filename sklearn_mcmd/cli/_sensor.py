@@ -14,8 +14,6 @@ from sklearn_mcmd.io._formats import TILED
 from sklearn_mcmd.io._las import read_header
 from sklearn_mcmd.io._sensor import place_words, stated_positions
 
-__all__ = ["AUTO", "NONE", "Asked", "intensity_of", "position_option", "trajectory_option"]
-
 AUTO, NONE = "auto", "none"
 MOST = 10  # numbers of scans in a message
 NAMES = "intensity", "reflectance", "reflectivity"

@@ -16,8 +16,6 @@ from sklearn_mcmd.io._rehearsal import standing_in
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["view"]
-
 LARGE_PAGE = 50_000_000  # bytes; browsers on phones take no larger ones
 
 

@@ -4,8 +4,6 @@ from sklearn_mcmd.cli._messages import clear_exits, print_table, stopwatch
 from sklearn_mcmd.cli._options import Quiet
 from sklearn_mcmd.cli._progress_bar import progress
 
-__all__ = ["warm_up"]
-
 
 def warm_up(quiet: Quiet = False) -> None:
     """Compile for this computer what denoise, normals, segment and edges need.

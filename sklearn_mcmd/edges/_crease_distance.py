@@ -19,8 +19,6 @@ from sklearn_mcmd.planes._record import Neighborhoods, Planes
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["CreaseLimits", "Creases", "find_creases"]
-
 CHUNK = 1_500_000  # entries of the largest array a task holds
 # Ends of the steps, as shares of the time, for the display of progress.
 SEARCHED, MEASURED, GIVEN, MET = 0.1, 0.15, 0.3, 0.9

@@ -36,8 +36,6 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 
-__all__ = ["SharpFeatureDetector", "crease_width", "steps_of"]
-
 
 class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin, BaseEstimator):
     """Edges and corners: points next to a line in which two faces meet (Eq. 25 and better).

@@ -8,8 +8,6 @@ from scipy.special import gamma
 from sklearn_mcmd.planes._around import are_flat
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 
-__all__ = ["FaceLimits", "Faces", "are_faces", "give_faces", "measure_spacing"]
-
 
 class FaceLimits(NamedTuple):
     """What a face is."""

@@ -9,8 +9,6 @@ import numpy as np
 
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
-__all__ = ["EdgeLimits", "column_of_criterion", "least_of_edge"]
-
 
 class EdgeLimits(NamedTuple):
     """Which points belong to an edge, where no parameter says it."""

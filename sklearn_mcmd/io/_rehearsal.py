@@ -9,8 +9,6 @@ from sklearn_mcmd.io._files import check_writable, one_clear_line, system_error,
 from sklearn_mcmd.io._formats import TILED
 from sklearn_mcmd.io._grid import scale_of
 
-__all__ = ["naming", "rehearse", "standing_in"]
-
 
 def rehearse(target, cloud, noise=None, *, whole=True):
     """Write one point beside `target`; `whole` says that all points will be written."""

@@ -8,8 +8,6 @@ from sklearn.exceptions import UndefinedMetricWarning
 from sklearn.metrics import confusion_matrix
 from sklearn.utils import Bunch, check_array, check_consistent_length, column_or_1d
 
-__all__ = ["bias_angle", "outlier_scores"]
-
 
 def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np.float64]:
     """Angle between two planes, from their normals, in degrees (Eq. 19).

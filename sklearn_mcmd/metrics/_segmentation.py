@@ -9,8 +9,6 @@ from sklearn.exceptions import UndefinedMetricWarning
 from sklearn.metrics import adjusted_rand_score
 from sklearn.utils import Bunch, check_consistent_length, column_or_1d
 
-__all__ = ["segmentation_scores"]
-
 
 def segmentation_scores(y_true: ArrayLike, y_pred: ArrayLike, *, min_overlap: float = 0.8) -> Bunch:
     """Proper, over and under segmentation, recall, precision and F (Eqs. 26-28).

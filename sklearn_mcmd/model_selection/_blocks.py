@@ -11,8 +11,6 @@ from sklearn.utils import check_array, check_random_state
 
 from sklearn_mcmd._sklearn import Interval, validate_params
 
-__all__ = ["SpatialBlockSplit", "spatial_blocks"]
-
 # Extents are measured between these percentiles, so that a single far point changes no cut.
 BULK = 5, 95
 

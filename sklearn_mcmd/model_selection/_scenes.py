@@ -13,8 +13,6 @@ from sklearn.utils.validation import check_consistent_length, column_or_1d
 
 from sklearn_mcmd.metrics import segmentation_scores
 
-__all__ = ["WholeSceneSplit", "score_segments"]
-
 
 class WholeSceneSplit(BaseCrossValidator):
     """Folds that each are one whole scene, to fit and to score.

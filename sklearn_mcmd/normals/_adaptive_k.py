@@ -20,8 +20,6 @@ from sklearn_mcmd.planes._principal_planes import normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["ScaleFinder", "SizeLimits", "sized_index"]
-
 # Of the work not yet done, the share that the next step is said to be: their number is not known.
 SHARE = 0.2
 

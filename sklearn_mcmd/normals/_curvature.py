@@ -19,8 +19,6 @@ from sklearn_mcmd.planes._rules import truncated_normal
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["Curvatures", "curvatures_of_each", "curvatures_of_fitted", "curvatures_of_new"]
-
 TERMS = n_terms(3)  # of a quadric
 
 

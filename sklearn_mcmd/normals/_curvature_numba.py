@@ -15,8 +15,6 @@ from sklearn_mcmd.normals._quadrics_numba import (
 )
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["fit_jets"]
-
 
 def fit_jets(points, around, queries, tangents, planes, floor, limits, jets):
     """Fit quadrics to the members of neighborhoods that belong to the surfaces.

@@ -30,8 +30,6 @@ from sklearn_mcmd.planes._principal_planes import surface_variation
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
-__all__ = ["RobustNormalEstimator", "fitted_of"]
-
 FINDING = 0.3  # share of the work that n_neighbors="auto" takes first
 
 

@@ -17,14 +17,6 @@ from operator import attrgetter
 import numpy as np
 from scipy.special import entr
 
-__all__ = [
-    "FEATURES",
-    "check_features",
-    "evaluate_features",
-    "feature_columns",
-    "needs_curvatures",
-]
-
 
 def roughness(planes, points):
     """Distance of the point to the plane of its cleaned neighborhood, in units of X."""

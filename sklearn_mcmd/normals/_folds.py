@@ -13,8 +13,6 @@ from sklearn_mcmd.normals._quadrics import QuadricLimits, n_terms, tangents_of
 from sklearn_mcmd.planes._principal_planes import student_factors
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["are_folded", "quadric_normals"]
-
 
 class FoldLimits(NamedTuple):
     """When a neighborhood is folded."""

@@ -22,8 +22,6 @@ from sklearn_mcmd.planes._moments_numba import (
 )
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["find_folded", "find_quadric_normals"]
-
 TINY = np.finfo(np.float64).tiny  # least variance
 
 

@@ -16,8 +16,6 @@ from sklearn_mcmd.normals._quadrics import tangents_of
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["doubted_errors", "find_lenders"]
-
 MODULE = "normals._neighbor_planes_numba"
 
 

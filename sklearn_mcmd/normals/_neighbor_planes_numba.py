@@ -4,8 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["doubted_errors", "find_lenders"]
-
 
 def find_lenders(points, queries, around, planes, most, limits, lenders):
     """Fill `lenders` as `find_lenders` of ``_neighbor_planes`` returns them."""

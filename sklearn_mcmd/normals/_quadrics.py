@@ -15,16 +15,6 @@ from scipy.special import chdtri, fdtri, ndtr, ndtri
 
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = [
-    "QuadricLimits",
-    "is_smooth",
-    "least_members",
-    "n_terms",
-    "noise_quantiles",
-    "tangents_of",
-    "whole_planes",
-]
-
 GEARY = sqrt(2 / pi)  # mean absolute value of a standard normal variable
 # The mean absolute value of a sample, in its own standard deviations, has this standard deviation
 # over the root of the sample size.

@@ -12,20 +12,6 @@ import numpy as np
 from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = [
-    "ORIGIN",
-    "TERMS",
-    "back_substitute",
-    "decompose",
-    "deviate",
-    "fit_whole_planes",
-    "frame",
-    "localize",
-    "quadric_moments",
-    "vector",
-    "work_arrays",
-]
-
 TERMS = 6  # of a quadric over a plane in 3D
 ORIGIN = 0.0, 0.0, 0.0  # the mean of members that are centered
 

@@ -10,8 +10,6 @@ from sklearn.utils.validation import check_array
 from sklearn_mcmd._validation import check_sensor_origin
 from sklearn_mcmd.planes._orientation import orient_toward, signs_along, spanning_forest
 
-__all__ = ["Sides", "TreeLimits"]
-
 
 class TreeLimits(NamedTuple):
     """What the tree of ``orientation="mst"`` joins."""

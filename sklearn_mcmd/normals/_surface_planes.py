@@ -20,8 +20,6 @@ from sklearn_mcmd.planes._rules import METHODS
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["SurfacePlanes", "Surfaces", "check_mending", "mends_planes"]
-
 # Forms of neighborhoods: ROUGH ones have a robust plane, and may borrow another. The others keep
 # all members: FLAT ones have the plane of these, BENT ones the tangent plane of a quadric.
 ROUGH, FLAT, BENT = range(3)

@@ -17,8 +17,6 @@ from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
-__all__ = ["calibrated_cutoff", "sample_step"]
-
 SEED = 20_150  # of the simulated planes
 EXPECTED = 50  # flagged points wanted in the simulation, whose own error is 14 % then,
 LEAST_EXPECTED = 10  # and at least, where it is 30 %

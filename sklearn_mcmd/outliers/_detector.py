@@ -21,8 +21,6 @@ from sklearn_mcmd.runtime._progress import heard_by, progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 from sklearn_mcmd.sensors._recognition import origin_if_seen
 
-__all__ = ["EXACT_PLANE_SCORE", "MCMDOutlierDetector", "judged_cloud", "share_to_flag"]
-
 # Score, in standard deviations, that measured noise never reaches, only the rounding of floats.
 EXACT_PLANE_SCORE = 1e6
 

@@ -4,8 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.planes._around import ratio
 
-__all__ = ["are_flat_groups", "gaps_of_groups", "separation_of_groups", "separation_of_sorted"]
-
 
 def are_flat_groups(points, group, flat):
     """Which groups are flat: bool, one of each.

@@ -3,8 +3,6 @@
 import numpy as np
 from sklearn.utils import check_array
 
-__all__ = ["darkness", "ranks_of_intensity"]
-
 
 def ranks_of_intensity(intensity, index, n):
     """The share of the points of an index that returned less than each, and half of the equal.

@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-__all__ = ["LEVELS", "Level"]
-
 
 class Level(NamedTuple):
     """What counts beside isolation."""

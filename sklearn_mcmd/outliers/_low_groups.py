@@ -8,8 +8,6 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.outliers._groups import separation_of_sorted
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 
-__all__ = ["depths_of_groups", "group_depths"]
-
 AT_ONCE = 100_000  # points whose nearest are asked for at once; it limits the memory
 
 

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-__all__ = ["LowestPoints"]
-
 LEVELS = 31  # bits of a place along an axis
 
 

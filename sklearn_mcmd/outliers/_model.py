@@ -29,8 +29,6 @@ from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.sensors._rays import distances_between
 
-__all__ = ["JudgedCloud", "Judgement", "n_by_rays"]
-
 UNUSED = "eigenvalues", "spacing", "normal_error"  # fields of planes that no later step asks for
 USED = "Look at what goes by it, or give another $sensor_origin, or none"
 NOT_USED = "It is not used. Give $sensor_origin as it was, or none"

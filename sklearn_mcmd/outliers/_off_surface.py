@@ -15,15 +15,6 @@ from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = [
-    "OffSurface",
-    "OffSurfaceLimits",
-    "Rest",
-    "chosen_rows",
-    "judge_off_surface",
-    "mean_distance",
-]
-
 AT_ONCE = 1_000_000  # rows that are copied at once; it limits the memory
 
 

@@ -10,8 +10,6 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.sensors._rays import Emptiness, RayLimits, Rays, one_far_position
 
-__all__ = ["RayEvidence"]
-
 TINY = 1e-100  # so that logarithms are finite
 
 

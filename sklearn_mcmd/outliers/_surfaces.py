@@ -8,8 +8,6 @@ from sklearn_mcmd.planes._around import are_flat
 from sklearn_mcmd.planes._explaining import ExplainLimits, LinkLimits, connected_planes, explain
 from sklearn_mcmd.runtime._chunks import each_slice
 
-__all__ = ["SurfaceLimits", "distances_to_surfaces", "find_surfaces", "own_distances"]
-
 
 class SurfaceLimits(NamedTuple):
     """What a surface is."""

@@ -6,8 +6,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["are_flat", "extents", "most_noise_around", "quantile_around", "ratio"]
-
 MODULE = "planes._around_numba"
 LARGEST = 1e300  # of a quotient: the mean of two is finite, as is a small multiple
 

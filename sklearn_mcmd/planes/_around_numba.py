@@ -5,8 +5,6 @@ import numpy as np
 from sklearn_mcmd.planes._moments_numba import kth_smallest
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["extents_of_neighborhoods", "quantile_of_neighbors"]
-
 
 def quantile_of_neighbors(all_values, neighborhoods, q, out):
     """Fill `out` with the q-quantile of the neighbors' values."""

@@ -24,8 +24,6 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._resolution import coarse_warning, coordinate_step
 from sklearn_mcmd.planes._rules import METHODS, comparator_of
 
-__all__ = ["BaseLocalPlanes", "BasePlaneOutliers", "comparator_model_of", "model_of"]
-
 MAX_TRIALS = 10_000  # in 2D and 3D
 # Each further dimension doubles the trials of Eq. 13: 69 in 3D become 10 million in 20D.
 MAX_TRIALS_BEYOND_SPACE = 300

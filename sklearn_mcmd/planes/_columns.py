@@ -9,8 +9,6 @@ from sklearn_mcmd.planes._principal_planes import surface_variation
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import run, slices
 
-__all__ = ["Columns", "column_names", "joined_columns", "plane_offsets", "split_columns"]
-
 # How far the length of a normal may be from 1. A file may have stored it with few digits.
 TOLERANCE = 1e-3
 # Rows at once: their columns stay in the processor's cache.

@@ -13,15 +13,6 @@ from sklearn.utils import check_random_state
 
 from sklearn_mcmd.planes._principal_planes import fit_planes
 
-__all__ = [
-    "Trials",
-    "draw_trials",
-    "localize",
-    "maximum_consistent_sets",
-    "n_support_points",
-    "n_trials_needed",
-]
-
 # Distances to a trial plane that differ by less than this share of the neighborhood's median
 # radius are tied (the nearer neighbor goes first), so that rounding does not decide.
 DISTANCE_STEP = 2.0**-29

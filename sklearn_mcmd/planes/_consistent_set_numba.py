@@ -24,8 +24,6 @@ from sklearn_mcmd.planes._moments_numba import (
 )
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["NO_FIT", "WorkArrays", "consistent_set_3d"]
-
 VECTOR = 8  # float32 lanes of a vector; twice as many of int16
 LINE = 16  # float32 numbers of a cache line
 ROWS = 8  # members that share the comparisons of addresses when lanes are looped over

@@ -9,8 +9,6 @@ from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["ExplainLimits", "LinkLimits", "connected", "connected_planes", "explain", "row_linker"]
-
 # Costs that differ by no more than this share of one plus the cost are equal, and the nearest of
 # equal planes is the owner: points that were lent one plane differ by rounding.
 TIE = 1e-9

@@ -4,8 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["explain_queries", "join", "link_rows", "number_parts"]
-
 
 @kernel(cache=True)
 def explain_queries(queries, candidates, planes, usable, least, likely, tie, owners, distances):

@@ -12,8 +12,6 @@ from sklearn_mcmd.planes._nearest import COMPILE_FROM, SelfSearch
 from sklearn_mcmd.planes._neighbor_table import NeighborTable
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, spatial_order
 
-__all__ = ["IndexedCloud"]
-
 ODD = np.uint64(0x9E3779B97F4A7C15)  # of 64 bits, which multiplication spreads
 LEAF = 32  # points a leaf of the tree that answers other queries
 

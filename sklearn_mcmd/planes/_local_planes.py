@@ -24,8 +24,6 @@ from sklearn_mcmd.planes._rules import METHODS, RuleArguments, robust_distances
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["LocalPlaneModel", "PlaneSettings"]
-
 # Neighbors a task in NumPy: what bounds the memory whatever n_neighbors is.
 CHUNK = 12_800
 

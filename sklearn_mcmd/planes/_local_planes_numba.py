@@ -18,8 +18,6 @@ from sklearn_mcmd.planes._moments_numba import (
 )
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["fit_neighborhoods_3d"]
-
 MAGNITUDE = np.int64(2**63 - 1)  # all bits but the sign
 # The compiled forms of rules: whether they need the consistent set, and True if distances within
 # the plane count too, else None. Numba drops the branches of arguments that are None, but not of

@@ -4,15 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = [
-    "FASTMATH",
-    "eigh_3d",
-    "kth_smallest",
-    "principal_axes",
-    "variance_along",
-    "weighted_covariance",
-]
-
 # No "nnan" or "ninf": a lane without a plane may hold NaN or infinity.
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 

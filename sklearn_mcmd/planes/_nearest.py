@@ -9,8 +9,6 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["COMPILE_FROM", "NearestPoints", "SelfSearch"]
-
 # Below this many points SciPy searches: loading compiled code would take longer.
 COMPILE_FROM = 1_000
 LEAF = 16  # points a leaf: from 8 to 32, times at 50 neighbors are within 7 %

@@ -6,8 +6,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["build_tree", "search_rows"]
-
 # A candidate is sorted as one number: its squared distance, whose last bits hold its place.
 PLACE = np.int64(2**24 - 1)
 # Bins of squared distance, of which a query fills most.

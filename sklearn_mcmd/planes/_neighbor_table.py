@@ -6,8 +6,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["NeighborTable"]
-
 # Neighbors that are found at once, what bounds the memory of a search.
 AT_ONCE = 200_000
 # Rows of a part, at most.

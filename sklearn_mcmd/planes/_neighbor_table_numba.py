@@ -4,8 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["pack", "unpack"]
-
 
 @kernel(cache=True)
 def pack(indices, block, bits, codes, groups, starts):

@@ -8,8 +8,6 @@ from sklearn_mcmd.planes._neighbor_table import NeighborTable, part_size
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import each_slice
 
-__all__ = ["NeighborIndex", "padded", "within_radius"]
-
 
 class NeighborIndex:
     """Neighborhoods of any query among fixed points X (n, d), float64.

@@ -4,14 +4,6 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
-__all__ = [
-    "count_upright",
-    "orient_toward",
-    "point_up",
-    "signs_along",
-    "spanning_forest",
-]
-
 EDGES_AT_ONCE = 1_000_000  # whose costs are computed; it limits the memory
 UPRIGHT = 80.0  # tilt in degrees from which on noise may decide which normal points up
 

@@ -3,15 +3,6 @@
 import numpy as np
 from scipy.special import chdtri, fdtri
 
-__all__ = [
-    "fit_planes",
-    "flat_normals",
-    "normal_errors",
-    "orthogonal_distances",
-    "student_factors",
-    "surface_variation",
-]
-
 # Eigenvalues below this share of the largest one count as zero. It is the square of a spread of
 # 1e-6 of the neighborhood's extent.
 RANK_TOLERANCE = 1e-12

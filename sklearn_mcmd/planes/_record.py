@@ -4,8 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Neighborhoods", "Planes"]
-
 
 class Neighborhoods(NamedTuple):
     """The neighbors of m queries as rows of an index's points, the nearest first."""

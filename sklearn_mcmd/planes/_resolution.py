@@ -4,18 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = [
-    "CoarseCoordinatesWarning",
-    "RoundingLimits",
-    "coarse_warning",
-    "coordinate_step",
-    "in_own_precision",
-    "is_coarse",
-    "is_single",
-    "least_scales",
-    "step_of_levels",
-]
-
 
 class RoundingLimits(NamedTuple):
     """What rounding does to planes, and how a lattice of rounded coordinates is recognized."""

@@ -16,21 +16,6 @@ from scipy.special import chdtri
 
 from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 
-__all__ = [
-    "METHODS",
-    "Rule",
-    "RuleArguments",
-    "comparator_of",
-    "cut_inflation",
-    "mcmd_md",
-    "mcmd_z",
-    "pca",
-    "register_comparator",
-    "robust_distances",
-    "small_sample_inflation",
-    "truncated_normal",
-]
-
 MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent for the normal distribution
 
 

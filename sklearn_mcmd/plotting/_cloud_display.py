@@ -11,20 +11,6 @@ from sklearn_mcmd.plotting._still import plot_cloud
 from sklearn_mcmd.plotting._views import thinned
 from sklearn_mcmd.view._page import check_count
 
-__all__ = [
-    "FOUND",
-    "MOST_DRAWN",
-    "REGULAR",
-    "CloudDisplay",
-    "Picture",
-    "View",
-    "add_legend",
-    "choose_colors",
-    "is_minus_one",
-    "one_for_each",
-    "picture_of",
-]
-
 if TYPE_CHECKING:
     from collections.abc import Callable
 

@@ -16,8 +16,6 @@ from sklearn_mcmd.plotting._cloud_display import (
 )
 from sklearn_mcmd.plotting._still import check_points, draw_ball, normal_colors, region_colors
 
-__all__ = ["EdgeDisplay", "NormalsDisplay", "SegmentationDisplay"]
-
 
 class NormalsDisplay(CloudDisplay):
     """Normals of a cloud as colors of a lit solid, with a ball as their legend.

@@ -19,8 +19,6 @@ from sklearn_mcmd.plotting._cloud_display import (
 )
 from sklearn_mcmd.plotting._still import check_points, color_modules
 
-__all__ = ["OutlierDisplay"]
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-__all__ = ["view"]
-
 if TYPE_CHECKING:
     from sklearn_mcmd.io import PointCloud
     from sklearn_mcmd.view import CloudPage

@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike
 from sklearn_mcmd.plotting._cloud_display import CloudDisplay, Picture, is_minus_one, one_for_each
 from sklearn_mcmd.plotting._still import check_points, color_modules
 
-__all__ = ["PlaneResidualDisplay", "along_normal", "those_of_plane"]
-
 
 class PlaneResidualDisplay(CloudDisplay):
     """Residuals of one plane, seen along its normal; outliers are larger.

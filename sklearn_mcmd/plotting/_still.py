@@ -9,18 +9,6 @@ from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._point_cloud import COLORS
 from sklearn_mcmd.plotting._views import VIEW, camera, draw_scale_bar, look
 
-__all__ = [
-    "ball_picture",
-    "check_points",
-    "distance_colors",
-    "draw_ball",
-    "edge_columns",
-    "normal_colors",
-    "plot_cloud",
-    "region_colors",
-    "region_columns",
-]
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 

@@ -4,17 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = [
-    "VIEW",
-    "VIEWS",
-    "Picture",
-    "camera",
-    "draw_scale_bar",
-    "look",
-    "round_length",
-    "thinned",
-]
-
 VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
 VIEWS = {"top": (-90.0, 90.0), "front": (-90.0, 0.0), "side": (0.0, 0.0), "perspective": VIEW}
 EYE = 2.6  # of the perspective view, in radii of the cloud from its middle

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
-__all__ = ["Contents", "Note", "Parameter", "Run", "Section", "note_if", "percent", "share"]
-
 
 class Parameter(NamedTuple):
     """An option of the command, its value in words, and whether nobody gave it."""

@@ -8,8 +8,6 @@ from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._places import place_sections
 from sklearn_mcmd.report._rendering import paragraph
 
-__all__ = ["edges_contents"]
-
 MANY = 0.4  # share of edge points, of areas and not of lines; machined parts have a third
 
 

@@ -8,8 +8,6 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.io._las import coordinate_system
 from sklearn_mcmd.planes._resolution import coordinate_step, in_own_precision, is_coarse
 
-__all__ = ["Facts", "distinct_points", "median_spacing", "usual_rows"]
-
 SPACING_SAMPLE = 200_000  # largest number of points that the median spacing is taken from
 RADIUS_SAMPLE = 20_000  # and radii of neighborhoods: their median is then known to 1 %
 SPARSE = 0.95  # quantile of radii that stands for the largest neighborhoods

@@ -8,8 +8,6 @@ import numpy as np
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.report._rendering import part
 
-__all__ = ["histogram"]
-
 N_BINS = 64  # bars of a histogram
 LONG_TAIL = 20  # a larger ratio of the 99.9 % to the 50 % quantile has a logarithmic axis
 LONGEST = 1e12  # ratio of the ends of a logarithmic axis, at most

@@ -4,8 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.outliers._detector import judged_cloud
 
-__all__ = ["KINDS", "kinds_of_outliers", "plane_scales", "reasons_of"]
-
 KINDS = ("isolated", "in groups", "off surfaces")
 
 

@@ -12,8 +12,6 @@ from sklearn_mcmd.plotting._still import ball_picture, distance_colors
 from sklearn_mcmd.plotting._views import look, round_length, thinned
 from sklearn_mcmd.report._rendering import join, part
 
-__all__ = ["ball", "found_maps", "maps"]
-
 # Points that were not found, from far to near: to be seen on white and on black.
 FAR, NEAR = (0.72, 0.76, 0.81), (0.46, 0.51, 0.58)
 DIM = "#98a4b3"  # between them

@@ -11,8 +11,6 @@ from sklearn_mcmd.report._maps import ball, maps
 from sklearn_mcmd.report._places import place_sections
 from sklearn_mcmd.report._rendering import paragraph, table
 
-__all__ = ["normals_contents"]
-
 # Degrees of standard error; the true normal is within 17 of it, and growing separates faces at 15.
 UNRELIABLE = 10.0
 SOME = 0.05  # share of unreliable normals that is worth a warning; edges and rims have less

@@ -6,8 +6,6 @@ from sklearn_mcmd._errors import counted
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.report._contents import Note, note_if, percent
 
-__all__ = ["CHECKS", "CHECKS_OF_ALL", "cloud_notes", "together_notes", "with_warnings"]
-
 CHECKS_OF_ALL = (
     "duplicates, coordinates that are rounded or too coarse, and points far from all others"
 )

@@ -15,8 +15,6 @@ from sklearn_mcmd.report._places import place_sections
 from sklearn_mcmd.report._rendering import join, paragraph, part, table
 from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 
-__all__ = ["Verdict", "denoise_contents", "shown_of_tiles"]
-
 MANY = 0.25  # share of outliers; neighborhoods with a half, which planes withstand, are then common
 CLEAR = 10  # score of a clear error, as the detector's documentation says
 GROSS = 100  # score of a gross one

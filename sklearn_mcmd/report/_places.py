@@ -8,8 +8,6 @@ from sklearn_mcmd.plotting._views import round_length
 from sklearn_mcmd.report._contents import percent
 from sklearn_mcmd.report._rendering import join, paragraph, part, table
 
-__all__ = ["Places", "height_rows", "place_sections"]
-
 CELLS = 10  # along the longer side of the cloud, at least; twice as many at most
 LISTED = 8  # cells of the table
 BANDS = 12  # heights, at most

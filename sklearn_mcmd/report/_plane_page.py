@@ -14,8 +14,6 @@ from sklearn_mcmd.report._maps import maps
 from sklearn_mcmd.report._notes import CHECKS_OF_ALL, cloud_notes
 from sklearn_mcmd.report._rendering import join, paragraph, part, table
 
-__all__ = ["plane_contents"]
-
 NEIGHBORS = 50  # of the radius that is compared with rounding; the test has no neighborhoods
 MANY = 0.25  # share of outliers that makes "one plane" doubtful: the robust start takes a half
 LEAST, LARGEST = "#440154", "#fde725"  # the ends of the palette of numbers

@@ -10,8 +10,6 @@ from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import maps
 from sklearn_mcmd.report._rendering import paragraph, table
 
-__all__ = ["Regions", "segment_contents"]
-
 LISTED = 20  # regions of the table
 LEFT_OVER = 0.3  # share of points in no region; a street with foliage has a fifth
 SMALL = 100  # points; fewer make a small region

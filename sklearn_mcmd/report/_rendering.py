@@ -7,8 +7,6 @@ from importlib.metadata import PackageNotFoundError, version
 
 from sklearn_mcmd._extras import import_extra
 
-__all__ = ["join", "make_page", "paragraph", "part", "source_name", "table"]
-
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "numba", "laspy", "matplotlib")  # of the record
 
 

@@ -9,8 +9,6 @@ from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._files import replacing, system_error
 from sklearn_mcmd.report._rendering import make_page, source_name
 
-__all__ = ["check_folder", "write_report"]
-
 MOST_SHOWN = 1_000_000  # points of the page to look around in, which then has about 10 MB
 PAGE, VIEW = "index.html", "view.html"
 

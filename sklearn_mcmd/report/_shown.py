@@ -13,8 +13,6 @@ from sklearn_mcmd.report._notes import CHECKS, cloud_notes
 from sklearn_mcmd.report._rendering import paragraph
 from sklearn_mcmd.report._volumes import place_numbers
 
-__all__ = ["Shown", "removed_of", "step_of"]
-
 SAMPLE = 500_000  # points; maps show a quarter of them, and shares are known to 0.1 %
 PART = 1_000_000  # points that are read at a time
 

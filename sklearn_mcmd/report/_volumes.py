@@ -7,8 +7,6 @@ from scipy.ndimage import label
 
 from sklearn_mcmd.outliers._levels import LEVELS
 
-__all__ = ["LostVolume", "losses_of", "lost_volumes", "place_numbers", "words_of"]
-
 SAMPLE = 200_000  # points that tell the ends of the whole
 MOST_CELLS = 2**20  # of an eighth of a box; it limits the memory
 # Odd numbers near fractions of 2 ** 64.

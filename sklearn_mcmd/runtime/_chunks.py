@@ -10,8 +10,6 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.runtime._progress import current_span
 
-__all__ = ["ORDER_FROM", "each_chunk", "each_slice", "run", "slices", "spatial_order"]
-
 ORDER_FROM = 10_000  # below this many points the order of memory does not matter
 COARSE_LEAF = 256  # points in a leaf of the tree that orders others
 

@@ -9,8 +9,6 @@ from importlib import import_module
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.runtime import _progress
 
-__all__ = ["compiled_function"]
-
 
 def compiled_function(module, name):
     """A function that Numba compiles, from a module such as "planes._local_planes_numba"."""

@@ -7,15 +7,6 @@ import threading
 from contextlib import contextmanager
 from functools import partial
 
-__all__ = [
-    "INTERRUPTED",
-    "handle_signals",
-    "ignore_interrupts",
-    "ignoring_interrupts",
-    "raise_interrupts",
-    "was_interrupted",
-]
-
 INTERRUPTED = 130  # the shells' 128 + SIGINT
 AGAIN_AFTER = 0.05  # seconds
 

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from numba import njit
 
-__all__ = ["kernel"]
-
 ROOT = Path(__file__).parents[1]
 
 is_kept = True  # whether some folder can be written

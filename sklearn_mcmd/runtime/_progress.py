@@ -13,18 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
-__all__ = [
-    "COMPILING",
-    "Progress",
-    "Span",
-    "current_span",
-    "heard_by",
-    "listen_to_progress",
-    "progress_part",
-    "report_share",
-    "watch_compilation",
-]
-
 COMPILING = "compiling for this computer (once; then kept on disk)"  # or as `_compiling` says
 PATIENCE = 1.0  # seconds of compiling that pass without a word where nobody listens
 

@@ -9,8 +9,6 @@ from functools import wraps
 
 from sklearn_mcmd.runtime._progress import current_span, heard_by, progress_part
 
-__all__ = ["PARTS", "fit_in_tasks", "sub_fit"]
-
 PARTS = 50  # of a stage, which a bar shows in steps of 2 %
 
 _tasks = ContextVar("sklearn_mcmd_tasks", default=None)

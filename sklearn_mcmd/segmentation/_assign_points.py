@@ -6,8 +6,6 @@ from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled, rows_of
 
-__all__ = ["Claims"]
-
 CHUNK = 30_000  # neighbors looked at at once: what they need stays in the processor's cache
 KEPT = 16_000_000  # more neighbors than these are not kept from round to round
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = ["N_PARAMETERS", "Cylinder", "FitLimits", "fit_cylinder"]
-
 N_PARAMETERS = 5  # of a cylinder
 
 

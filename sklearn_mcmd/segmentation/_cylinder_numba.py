@@ -7,8 +7,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["fit"]
-
 N = 5  # parameters of a cylinder
 
 

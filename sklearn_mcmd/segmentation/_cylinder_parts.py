@@ -17,8 +17,6 @@ from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaceLimits
 from sklearn_mcmd.segmentation._region_sums import region_moments, rows_of, sums_by_region
 
-__all__ = ["NO_SHAPES", "CylinderLimits", "CylinderParts"]
-
 N_TASKS = 16  # that the fits of all parts are dealt to
 
 

@@ -27,8 +27,6 @@ from sklearn_mcmd.segmentation._merge_coplanar import region_planes
 from sklearn_mcmd.segmentation._region_table import region_table
 from sklearn_mcmd.segmentation._steps import finish_regions, rules_of
 
-__all__ = ["RegionGrowing"]
-
 
 class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstimator):
     """Surfaces of a point cloud, grown from the flattest points (section 5.2.3).

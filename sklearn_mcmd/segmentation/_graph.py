@@ -10,18 +10,6 @@ from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-__all__ = [
-    "HEIGHT_BITS",
-    "GrowthLimits",
-    "GrowthRules",
-    "by_place",
-    "grow_regions",
-    "link_neighbors",
-    "n_linked",
-    "n_within_median",
-    "seed_order",
-]
-
 # Seeds are as flat, or as near to their planes, if they differ by less than these bits ...
 VARIATION_BITS = 30  # ... of the surface variation, and
 HEIGHT_BITS = 16  # ... of the plane's standard deviation

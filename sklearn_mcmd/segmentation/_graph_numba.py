@@ -4,8 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["grow"]
-
 
 @kernel(cache=True)
 def grow(links, seeds):

@@ -11,8 +11,6 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.segmentation._region_sums import PART, median_by_region, region_moments, relabeled
 
-__all__ = ["JoinLimits", "join_coplanar", "own_noise", "region_planes"]
-
 ROUNDING = 16 * np.finfo(np.float64).eps  # of a least eigenvalue, as a share of the largest one
 CHUNK = 256  # regions whose pairs are tried at once; it limits the memory
 FEW = 128  # one point in so many is asked first whether a region is near

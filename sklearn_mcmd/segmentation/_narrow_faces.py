@@ -21,8 +21,6 @@ from sklearn_mcmd.segmentation._graph import (
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, join_coplanar
 from sklearn_mcmd.segmentation._region_sums import median_by_region, region_sizes, rows_of
 
-__all__ = ["NarrowFaceLimits", "NarrowFaces"]
-
 TINY = np.finfo(np.float64).tiny  # least noise: no division by zero of points at the origin
 CHUNK = 30_000  # neighbors looked at at once: what they need stays in the processor's cache
 

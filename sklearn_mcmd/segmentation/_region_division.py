@@ -16,8 +16,6 @@ from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, GrowthLimits, n_linked
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
 
-__all__ = ["VoteLimits", "divide_at_creases"]
-
 UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in its nine
 WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
 CHUNK = 64  # borders that are voted on in one task

@@ -9,8 +9,6 @@ from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.runtime._kernels import kernel
 from sklearn_mcmd.segmentation._cylinder_numba import _across, _add, _dot, _moved, _scaled, _solve
 
-__all__ = ["gather_cells", "join_cells", "strip_of", "vote"]
-
 N_PLANE = 3  # parameters of a plane
 # The points that a surface is fitted to; with plain numbers, `_fitted` is compiled for each.
 OTHER, FIRST, BOTH = np.int64(0), np.int64(1), np.int64(2)

@@ -14,17 +14,6 @@ from scipy.sparse import coo_array
 
 from sklearn_mcmd.runtime._chunks import run, slices
 
-__all__ = [
-    "PART",
-    "Moments",
-    "median_by_region",
-    "region_moments",
-    "region_sizes",
-    "relabeled",
-    "rows_of",
-    "sums_by_region",
-]
-
 PART = 2**18  # points at once; it limits the memory
 KEPT = 8  # parts whose points are put in order of regions once for all sums, at most
 AT_ONCE = 2_000_000  # values whose medians are sought at once, or of one region with more

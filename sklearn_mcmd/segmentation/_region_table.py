@@ -12,8 +12,6 @@ from sklearn_mcmd.segmentation._graph import by_place
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, own_noise
 from sklearn_mcmd.segmentation._region_sums import median_by_region, rows_of
 
-__all__ = ["region_table"]
-
 N_PLANE = 3  # parameters of a plane
 NAMES = "kind points area centroid normal dip dip_direction rms height_error normal_error"
 TYPES = {"kind": "U8", "points": np.int64, "outline": object}  # of columns; others are numbers

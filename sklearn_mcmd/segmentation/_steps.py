@@ -13,8 +13,6 @@ from sklearn_mcmd.segmentation._narrow_faces import NarrowFaces
 from sklearn_mcmd.segmentation._region_division import divide_at_creases
 from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled
 
-__all__ = ["GrowthSteps", "finish_regions", "rules_of", "steps_of"]
-
 
 class GrowthSteps(NamedTuple):
     """What refines the paper's growth; the ablation switches single steps off."""

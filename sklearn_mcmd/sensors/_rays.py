@@ -13,8 +13,6 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.runtime._chunks import each_slice
 
-__all__ = ["Emptiness", "RayLimits", "Rays", "distances_between", "one_far_position"]
-
 CHUNK = 4096  # points at once; it limits the memory
 
 

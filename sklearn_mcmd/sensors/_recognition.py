@@ -13,8 +13,6 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.sensors._rays import RayLimits, one_far_position
 
-__all__ = ["ViewLimits", "origin_if_seen", "view_from_origin", "views_from_setups"]
-
 SAMPLE = 100_000  # points of larger clouds that are asked
 N_WINDOWS = 64  # of directions in which they are asked; their number only takes time
 

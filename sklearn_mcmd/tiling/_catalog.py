@@ -18,8 +18,6 @@ from sklearn_mcmd.io._las_parts import no_returns_of, read_parts
 from sklearn_mcmd.io._units import degrees_warning
 from sklearn_mcmd.tiling._memory import PART
 
-__all__ = ["Catalog", "parts_of", "paths_of", "stamp_of"]
-
 PROJECTION = "LASF_Projection"  # of the records of the coordinate system
 
 

@@ -15,8 +15,6 @@ from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
 from sklearn_mcmd.tiling._stored_columns import in_place_of
 
-__all__ = ["CellWriter", "Cells", "Constants", "WholeCloud"]
-
 # A point as it is stored, with its place in the order of all inputs.
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"

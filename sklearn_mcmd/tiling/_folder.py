@@ -15,8 +15,6 @@ from sklearn_mcmd.tiling._cells import Constants
 from sklearn_mcmd.tiling._stored_columns import CellColumns, in_place_of
 from sklearn_mcmd.tiling._sweeps import TilingError
 
-__all__ = ["Lock", "WorkFolder", "key_of", "read_json", "write_json"]
-
 MANIFEST = "manifest.json"
 MOVES = "moves.json"
 LOCK = "lock"

@@ -19,8 +19,6 @@ from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._search import SLACK, by_distance, near_box, within_reach
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
 
-__all__ = ["GROUND", "GroundWriter", "Heights"]
-
 GROUND = "ground"  # the folder of the ground's cells
 
 

@@ -14,19 +14,6 @@ from joblib.parallel import get_active_backend
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._validation import check_work
 
-__all__ = [
-    "Plan",
-    "bytes_in_memory",
-    "bytes_of_groups",
-    "bytes_to_join",
-    "check_tile_size",
-    "most_neighbors",
-    "parse_memory",
-    "plan_run",
-    "usual_memory",
-    "work_of",
-]
-
 SHARE = 0.5  # share of the machine's memory that a run may take if nothing is said
 UNKNOWN = 4e9  # bytes of a machine that does not say how many it has
 

@@ -23,8 +23,6 @@ from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._sweeps import TilingError
 
-__all__ = ["move_outputs", "resume_moves", "targets_of", "write_outputs"]
-
 LAS_OR_LAZ = listed(TILED, "or")
 
 

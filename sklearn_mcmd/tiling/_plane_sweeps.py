@@ -24,18 +24,6 @@ from sklearn_mcmd.tiling._stored_columns import ALL
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 
-__all__ = [
-    "FACES",
-    "NUMBER",
-    "OWN",
-    "PlaneJob",
-    "find_planes",
-    "fitted_to_new",
-    "has_tree",
-    "plane_steps",
-    "stored_planes",
-]
-
 NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
 # Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps.
 FIELDS = {

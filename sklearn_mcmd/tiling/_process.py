@@ -25,8 +25,6 @@ from sklearn_mcmd.tiling._tiled_normals import TiledNormals
 from sklearn_mcmd.tiling._tiled_outliers import TiledOutliers
 from sklearn_mcmd.tiling._tiled_regions import TiledRegions
 
-__all__ = ["process_files"]
-
 # What an estimator of each class does to files; the first that fits counts.
 VERBS = {
     MCMDOutlierDetector: TiledOutliers,

@@ -7,17 +7,6 @@ from sklearn.base import clone
 
 from sklearn_mcmd.tiling._sensor_origins import stored_origins
 
-__all__ = [
-    "NORMAL_COLUMNS",
-    "N_TRANSFORMED",
-    "Results",
-    "fit_together",
-    "normal_columns",
-    "scores_of",
-    "write_results",
-    "write_results_of_places",
-]
-
 NORMAL_COLUMNS = (
     *("normal_x", "normal_y", "normal_z", "surface_variation"),
     *("eigenvalue_0", "eigenvalue_1", "eigenvalue_2", "removed_fraction"),

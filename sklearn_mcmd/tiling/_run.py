@@ -30,8 +30,6 @@ from sklearn_mcmd.tiling._result_files import Results
 from sklearn_mcmd.tiling._sensor_origins import SensorPath
 from sklearn_mcmd.tiling._sweeps import Sweeps, TilingError
 
-__all__ = ["RunReport", "TiledRun", "TiledVerb", "check_estimator", "run_by_tiles", "warm_up"]
-
 SCATTERED = 0.07  # the share of the time after which all points are in cells, for the progress
 FOUND = 0.93  # the same of the results of all tiles
 WARM_UP = 100  # neighbors at most that load or compile the code

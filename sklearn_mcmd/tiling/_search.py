@@ -9,8 +9,6 @@ from sklearn_mcmd.runtime._chunks import ORDER_FROM, slices, spatial_order
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
-__all__ = ["SLACK", "StoredNearest", "by_distance", "near_box", "within_reach"]
-
 # Distances are computed with rounding errors, of about 1e-16 of their size.
 SLACK = 1.0 + 1e-12
 AT_ONCE = 1_000_000  # distances that are kept at once, what bounds the memory

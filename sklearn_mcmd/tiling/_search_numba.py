@@ -4,8 +4,6 @@ import numpy as np
 
 from sklearn_mcmd.runtime._kernels import kernel
 
-__all__ = ["merge_nearest"]
-
 
 def merge_nearest(known, queries, rows, near, points, numbers):
     """Take points that are nearer to some queries, the `rows`, than what is known, in place.

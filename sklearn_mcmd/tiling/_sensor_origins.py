@@ -25,8 +25,6 @@ from sklearn_mcmd.tiling._catalog import parts_of
 from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._stored_columns import made
 
-__all__ = ["SensorPath", "recognized", "sensor_path", "stored_origins"]
-
 ORIGINS = "origins.npy"
 # Attributes that scan angles need.
 OF_LINES = ("scan_angle", "scan_angle_rank", "gps_time", "point_source_id")

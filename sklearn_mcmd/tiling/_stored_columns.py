@@ -16,10 +16,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sklearn_mcmd.io._files import PointFileError, one_clear_line
+from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._point_cloud import PointFileError
 from sklearn_mcmd.planes._record import Planes
-
-__all__ = ["ALL", "CellColumns", "StoredColumns", "in_place_of", "made"]
 
 RELEASE_SECONDS = 0.2  # after which what was read of mapped files is freed
 MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits

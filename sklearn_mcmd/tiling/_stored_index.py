@@ -10,8 +10,6 @@ from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
 from sklearn_mcmd.tiling._search import StoredNearest
 
-__all__ = ["StoredIndex", "find_larger", "find_neighbors", "find_places"]
-
 STEP = 1.25  # ratio of numbers of neighbors that are searched at once
 CHUNK = 4096  # rows that are asked for at once
 

@@ -17,8 +17,6 @@ from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, re
 from sklearn_mcmd.tiling._cells import Cells, Constants
 from sklearn_mcmd.tiling._stored_columns import CellColumns, StoredColumns
 
-__all__ = ["Job", "Sweeps", "TilingError", "warn_if_coarse"]
-
 # How long each step of a run takes, for the display of progress: percents of what normals take.
 WEIGHTS = {
     **{"places": 2, "neighbors": 20, "planes": 55, "bends": 10, "normals": 15},

@@ -34,8 +34,6 @@ from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tiled_normals import without_sides
 from sklearn_mcmd.tiling._tiled_outliers import OUTLIER_STEPS, OutlierJob, cutoff_of, judge_cells
 
-__all__ = ["TiledEdges"]
-
 
 class TiledEdges(TiledVerb):
     """Edges of what a detector leaves."""

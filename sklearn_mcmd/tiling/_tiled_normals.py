@@ -19,8 +19,6 @@ from sklearn_mcmd.tiling._result_files import (
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import sensor_path
 
-__all__ = ["TiledNormals", "without_sides"]
-
 
 class TiledNormals(TiledVerb):
     """Normals, in sweeps; a tree of all places may decide their sides."""

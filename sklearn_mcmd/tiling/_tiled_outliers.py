@@ -38,8 +38,6 @@ from sklearn_mcmd.tiling._stored_columns import ALL
 from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex, find_neighbors, find_places
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 
-__all__ = ["OUTLIER_STEPS", "OutlierJob", "TiledOutliers", "cutoff_of", "judge_cells"]
-
 OUTLIER_STEPS = ("places", "neighbors", "planes", "scores")  # of `judge_cells`, as of `Sweeps`
 RAYS = "by_rays"  # the name of what rays say of a cloud
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}

@@ -26,8 +26,6 @@ from sklearn_mcmd.tiling._stored_columns import ALL
 from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._tiled_normals import without_sides
 
-__all__ = ["TiledRegions"]
-
 STORED = {**FACES, "floor": NUMBER}
 LARGEST = 20  # regions whose points are counted in the report
 

@@ -8,7 +8,8 @@ import reference
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd._choices import OutlierMethod, RuleMethod, choices_of
 from sklearn_mcmd.planes._consistent_set import draw_trials
-from sklearn_mcmd.planes._local_planes import COMPILE_FROM, LocalPlaneModel, PlaneSettings
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
+from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._rules import METHODS, Rule, pca
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commands import files_in
-from sklearn_mcmd.planes._local_planes import COMPILE_FROM
+from sklearn_mcmd.planes._nearest import COMPILE_FROM
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
 
