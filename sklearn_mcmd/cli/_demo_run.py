@@ -14,8 +14,8 @@ from sklearn_mcmd.plotting._still import draw_ball
 from sklearn_mcmd.plotting._views import VIEW
 from sklearn_mcmd.runtime._progress import progress_part
 
-N_POINTS = 60_000
-OUTLIER_SHARE = 0.1
+N_POINTS = 60_000  # of the street
+OUTLIER_SHARE = 0.1  # of these
 DPI = 100  # of the picture
 COLORS = 160  # of the picture's palette, which reduces the file to a third
 

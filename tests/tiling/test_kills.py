@@ -142,7 +142,7 @@ def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp
         signal.raise_signal(signal.SIGINT)
         remove(folder)
 
-    monkeypatch.setattr(_interrupts, "_exit", signal.default_int_handler)  # as in `mcmd`
+    monkeypatch.setattr(_interrupts, "_program", "mcmd")
     monkeypatch.setattr(_run.WorkFolder, "remove", remove_late)
     estimator = RobustNormalEstimator(method="pca", random_state=0)
     process_files(small_file, tmp_path / "out.las", estimator)
