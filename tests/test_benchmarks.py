@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial import cKDTree
 
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, write_points
@@ -198,14 +197,3 @@ def test_a_table_is_scored_by_the_overlap_of_its_largest_region(load):
     assert agreement(surface, labels) == pytest.approx(60 / 80)
     assert agreement(surface, np.repeat([0, -1], [90, 10])) == pytest.approx(80 / 90)
     assert agreement(surface, np.full(100, -1)) == 0
-
-
-def test_flat_ghosts_are_planes_as_dense_as_the_cloud_and_off_it(load):
-    ground = np.random.default_rng(0).random((6_000, 3)) * [60, 60, 0.01]
-    spacing = np.median(cKDTree(ground).query(ground, 9)[0][:, 1:].mean(axis=1))
-    pieces = load("_quantity_clouds").flat_pieces(ground, 30, np.random.default_rng(0))
-    assert {len(piece) for piece in pieces} <= set(range(25, 71))
-    nearest = [cKDTree(ground).query(piece)[0].min() / spacing for piece in pieces]
-    assert 13 < min(nearest) < max(nearest) < 66  # of 15 to 60 local spacings
-    flatness = [np.linalg.svd(piece - piece.mean(axis=0))[1] for piece in pieces]
-    assert max(values[2] / values[0] for values in flatness) < 1e-9
