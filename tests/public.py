@@ -21,22 +21,6 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.baselines import PlaneOutlierDetector
 
-__all__ = [
-    "CLOUDS",
-    "ESTIMATORS",
-    "NOISE",
-    "ROW_NUMBERS",
-    "Motion",
-    "assert_same",
-    "cloud_for",
-    "expected_results",
-    "fit",
-    "fitted",
-    "public_names",
-    "results",
-    "row_order",
-]
-
 NOISE = 0.004  # standard deviation of both clouds, in their unit
 # Parameters with the unit of the cloud.
 LENGTH_PARAMETERS = {"sigma0", "noise_scale", "radius", "max_distance", "max_gap"}
@@ -116,7 +100,7 @@ def plate(n):
     return X @ Rotation.from_euler("xy", [20, -15], degrees=True).as_matrix().T
 
 
-CLOUDS = {"small": 300, "compiled": 2_000}
+CLOUDS = {"small": 300, "compiled": 1_200}
 
 
 @cache

@@ -90,9 +90,3 @@ def test_offline_links_name_their_page(inventories, tmp_path):
     for _, (_, file) in inventories.intersphinx_mapping(tmp_path).values():
         lines = zlib.decompress(Path(file).read_bytes().split(b"zlib.\n", 1)[1]).decode()
         assert "$" not in lines
-
-
-def test_a_misspelled_offline_link_stops_the_build(inventories, tmp_path):
-    inventories.NAMES["numpy"]["reference/generated/$.html#$"].append("numpy.ndaray")
-    with pytest.raises(AttributeError, match="ndaray"):
-        inventories.intersphinx_mapping(tmp_path)
