@@ -56,28 +56,23 @@ def _default(cls):
     return estimator
 
 
-def _named(estimators):
-    return {repr(estimator): estimator for estimator in estimators}
-
-
-ESTIMATORS = _named(
-    [
-        *(
-            _default(thing)
-            for thing in public_names().values()
-            if isinstance(thing, type) and issubclass(thing, BaseEstimator)
-        ),
-        MCMDOutlierDetector(strictness="surfaces", random_state=0),
-        MCMDOutlierDetector(strictness=None, method="mcmd_md", random_state=0),
-        MCMDOutlierDetector(None, random_state=0),
-        MCMDOutlierDetector(strictness="isolated", noise_scale=NOISE, random_state=0),
-        RobustNormalEstimator("auto", orientation="mst", random_state=0),
-        RobustNormalEstimator(20, method="pca", radius=0.3),
-        PlaneOutlierDetector(20, method="pca"),
-        SharpFeatureDetector(criterion="surface_variation", random_state=0),
-        BaardaPlaneDetector(sigma0="auto", surface="orthogonal", test="tau"),
-    ]
-)
+ESTIMATORS = [
+    *(
+        _default(thing)
+        for thing in public_names().values()
+        if isinstance(thing, type) and issubclass(thing, BaseEstimator)
+    ),
+    MCMDOutlierDetector(strictness="surfaces", random_state=0),
+    MCMDOutlierDetector(strictness=None, method="mcmd_md", random_state=0),
+    MCMDOutlierDetector(None, random_state=0),
+    MCMDOutlierDetector(strictness="isolated", noise_scale=NOISE, random_state=0),
+    RobustNormalEstimator("auto", orientation="mst", random_state=0),
+    RobustNormalEstimator(20, method="pca", radius=0.3),
+    PlaneOutlierDetector(20, method="pca"),
+    SharpFeatureDetector(criterion="surface_variation", random_state=0),
+    BaardaPlaneDetector(sigma0="auto", surface="orthogonal", test="tau"),
+]
+ESTIMATORS = {repr(estimator): estimator for estimator in ESTIMATORS}
 
 
 def corner(n):
