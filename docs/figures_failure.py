@@ -34,8 +34,8 @@ def save(figure, name, colors=96):
 
 def sheets():
     """Mixed pixels that are kept, and the angle at which their sheets are seen."""
-    street = make_street(60_000, sampling="scan_lines", outlier_kinds=("mixed_pixel",),
-                         outlier_share=0.04, random_state=0)  # fmt: skip
+    kinds = {"outlier_kinds": ("mixed_pixel",), "outlier_share": 0.04}
+    street = make_street(60_000, sampling="scan_lines", **kinds, random_state=0)
     xyz, truth = street.data, street.target
     labels = MCMDOutlierDetector(random_state=0).fit_predict(xyz)
     near = (np.abs(xyz[:, 0] - 1.2) < 1.4) & (xyz[:, 1] > 2.6) & (xyz[:, 2] > 0.2)

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-__all__ = ["KINDS", "neighborhoods"]
-
 
 def neighborhoods(kind, n, k, seed=0):
     rng = np.random.default_rng(seed)

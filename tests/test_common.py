@@ -15,7 +15,8 @@ from sklearn_mcmd import (
 from sklearn_mcmd.baselines import PlaneOutlierDetector
 
 # Checks of many features would ask the default's 50 % of outliers for a great many trials.
-QUICK = RobustNormalEstimator(max_outlier_rate=0.2, random_state=0)
+FEW = {"n_neighbors": 20, "max_outlier_rate": 0.2}
+NORMALS = RobustNormalEstimator(**FEW, random_state=0)
 
 
 # Checks of ten features ask for more trials than are made.
@@ -26,44 +27,31 @@ QUICK = RobustNormalEstimator(max_outlier_rate=0.2, random_state=0)
     [
         MCMDOutlierDetector(),
         MCMDOutlierDetector(
-            20, method="mcmd_md", reweight=False, max_outlier_rate=0.3, support_fraction=0.7,
-            contamination=0.1, n_jobs=2,
+            **FEW, method="mcmd_md", reweight=False, support_fraction=0.7, n_jobs=2
         ),
-        MCMDOutlierDetector(
-            20, strictness="surfaces", noise_scale=0.5, contamination=0.1, max_outlier_rate=0.2
-        ),
-        MCMDOutlierDetector(20, strictness="isolated", contamination=0.2, max_outlier_rate=0.2),
-        MCMDOutlierDetector(20, strictness=None, noise_scale=0.5, max_outlier_rate=0.2),
+        MCMDOutlierDetector(**FEW, strictness="surfaces", noise_scale=0.5, contamination=0.1),
+        MCMDOutlierDetector(**FEW, strictness="isolated", contamination=0.2),
+        MCMDOutlierDetector(**FEW, strictness=None, noise_scale=0.5),
         MCMDOutlierDetector(None, contamination=0.1, max_outlier_rate=0.05),
-        RobustNormalEstimator(20, features="all", max_outlier_rate=0.2),
-        RobustNormalEstimator(
-            20, method="mcmd_md", reweight=False, radius=1.5, max_outlier_rate=0.1
-        ),
+        RobustNormalEstimator(**FEW, features="all"),
+        RobustNormalEstimator(**FEW, method="mcmd_md", reweight=False, radius=1.5),
         RobustNormalEstimator(None, method="pca", orientation="mst"),
-        RobustNormalEstimator(20, method="robpca", method_params={"n_trials": 30}, radius=1.5),
         PlaneOutlierDetector(20, method_params={"max_trials": 100}, n_jobs=2),
         PlaneOutlierDetector(None, method="qsp", contamination=0.1),
-        RegionGrowing(normal_estimator=QUICK),
-        RegionGrowing(
-            10, max_distance=0.5, max_gap=1.0, refine=False, min_region_size=12,
-            normal_estimator=QUICK, n_jobs=2,
-        ),
+        RegionGrowing(normal_estimator=NORMALS),
+        RegionGrowing(10, max_distance=0.5, max_gap=1.0, refine=False, normal_estimator=NORMALS),
         SharpFeatureDetector(
-            20,
-            outlier_detector=MCMDOutlierDetector(20, max_outlier_rate=0.2),
-            normal_estimator=RobustNormalEstimator(20, max_outlier_rate=0.2),
+            20, outlier_detector=MCMDOutlierDetector(**FEW), normal_estimator=NORMALS
         ),
         SharpFeatureDetector(
             20,
             criterion="removed_fraction",
             threshold="mean",
             outlier_detector="passthrough",
-            normal_estimator=RobustNormalEstimator(
-                20, max_outlier_rate=0.2, features=["removed_fraction"]
-            ),
+            normal_estimator=RobustNormalEstimator(**FEW, features=["removed_fraction"]),
         ),
     ],
-)  # fmt: skip
+)
 def test_estimators_follow_the_conventions(estimator, check):
     check(estimator)
 

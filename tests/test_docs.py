@@ -85,19 +85,8 @@ def inventories(monkeypatch):
     sys.modules.pop("offline_inventories", None)
 
 
-def test_offline_links_go_to_names_that_the_libraries_have(inventories, tmp_path):
-    mapping = inventories.intersphinx_mapping(tmp_path)
-    assert all(Path(file).is_file() for _, (_, file) in mapping.values())
-
-
 def test_offline_links_name_their_page(inventories, tmp_path):
     # Sphinx itself puts the name only in place of a $ at the end of an address.
     for _, (_, file) in inventories.intersphinx_mapping(tmp_path).values():
         lines = zlib.decompress(Path(file).read_bytes().split(b"zlib.\n", 1)[1]).decode()
         assert "$" not in lines
-
-
-def test_a_misspelled_offline_link_stops_the_build(inventories, tmp_path):
-    inventories.NAMES["numpy"]["reference/generated/$.html#$"].append("numpy.ndaray")
-    with pytest.raises(AttributeError, match="ndaray"):
-        inventories.intersphinx_mapping(tmp_path)

@@ -17,7 +17,7 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted
+from sklearn_mcmd._errors import ParameterError, ParameterWarning
 from sklearn_mcmd._validation import check_work
 from sklearn_mcmd.baselines import PlaneOutlierDetector
 from sklearn_mcmd.cli import app
@@ -39,17 +39,6 @@ def test_names_and_fields_are_worded_by_whoever_shows_them():
 
 def test_a_message_may_have_signs_that_are_no_names():
     assert str(ParameterWarning("5 % or 3 $ of $row", row=7)) == "5 % or 3 $ of row 7"
-
-
-def test_one_thing_is_no_plural():
-    assert [counted(n, "point") for n in (0, 1, 2, 3000)] == [
-        "0 points", "1 point", "2 points", "3,000 points",
-    ]  # fmt: skip
-
-
-def test_no_message_leaves_the_plural_open():
-    paths = Path(sklearn_mcmd.__file__).parent.rglob("*.py")
-    assert not [path for path in paths if re.search(r"\w\(e?s\)[ ;,:.]", path.read_text("utf-8"))]
 
 
 @pytest.mark.parametrize(

@@ -60,10 +60,3 @@ def test_the_error_names_what_is_missing_even_if_another_library_needs_it(
     with pytest.raises(ImportError) as error:
         import_extra(module, extra, "This")
     assert str(error.value).startswith(f"This needs {absent}, which is not installed: pip install ")
-
-
-def test_the_error_says_what_needs_which_library_and_how_to_get_it():
-    with pytest.raises(ImportError) as error:
-        import_extra("no_such_library.part", "dask", "Tiling")
-    begin = "Tiling needs no_such_library, which is not installed: pip install "
-    assert str(error.value).startswith(begin)

@@ -51,35 +51,18 @@ def released():
     return version
 
 
-def told_by(name):
-    """Version, license, author and repository, None where a file does not tell."""
-    text = (ROOT / name).read_text()
-    if name == "pyproject.toml":
-        told = tomllib.loads(text)["project"]
-        authors = [author["name"] for author in told["authors"]]
-        return released(), told["license"], *authors, told["urls"]["Source"]
-    if name == "codemeta.json":
-        told = json.loads(text)
-        authors = [author["name"] for author in told["author"]]
-        license_ = told["license"].removeprefix("https://spdx.org/licenses/")
-        return told["version"], license_, *authors, told["codeRepository"]
-    if name == ".zenodo.json":  # Zenodo knows version and repository by itself
-        told = json.loads(text)
-        return None, told["license"], *(creator["name"] for creator in told["creators"]), None
-    told = yaml.safe_load(text)
-    if name == "CITATION.cff":
-        authors = [author["name"] for author in told["authors"]]
-        return told["version"], told["license"], *authors, told["repository-code"]
-    about = told["about"]
-    return told["context"]["version"], about["license"], None, about["repository"]
-
-
 @pytest.mark.parametrize(
     "name", ["CITATION.cff", "codemeta.json", ".zenodo.json", "recipe/recipe.yaml"]
 )
 def test_all_files_tell_the_same_of_the_package(name):
-    for told, meant in zip(told_by(name), told_by("pyproject.toml"), strict=True):
-        assert told in (meant, None)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    text = (ROOT / name).read_text()
+    assert project["license"] in text
+    if name != "recipe/recipe.yaml":
+        assert all(author["name"] in text for author in project["authors"])
+    if name != ".zenodo.json":  # Zenodo knows version and repository by itself
+        assert re.search(rf'version"?: "?{re.escape(released())}\b', text)
+        assert project["urls"]["Source"] in text
 
 
 def test_the_release_has_one_date_and_one_section_of_the_changelog():

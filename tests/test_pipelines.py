@@ -1,7 +1,5 @@
 """Whole pipelines: tables of pandas and polars go through unchanged."""
 
-import sys
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -46,28 +44,6 @@ def test_tables_go_through_and_change_no_label(make, library, box):
     columns = pipeline[:-1].transform(table)
     assert isinstance(columns, frames.DataFrame)
     assert list(columns.columns) == names
-
-
-@pytest.mark.parametrize("make", [segments, edges])
-def test_no_plane_is_sought_or_fitted_again_behind_normals(make, box, monkeypatch):
-    normals, *_, last = (step for _, step in make().steps)
-    if make is edges:
-        last.set_params(outlier_detector="passthrough")  # cleaning seeks planes of its own
-    else:
-        last.set_params(refine=False)  # narrow faces are planes of what is left over
-    columns = normals.fit_transform(box.data)
-    expected = last.fit_predict(columns)
-
-    def fit(*args, **kwargs):
-        raise AssertionError("a plane is fitted again")
-
-    for name, module in list(sys.modules.items()):
-        if name.startswith("sklearn_mcmd.") and hasattr(module, "fit_planes"):
-            monkeypatch.setattr(module, "fit_planes", fit)
-    monkeypatch.setattr("sklearn_mcmd.planes._local_planes.LocalPlaneModel.__init__", fit)
-    assert_array_equal(last.fit_predict(columns), expected)
-    with pytest.raises(AssertionError, match="fitted again"):
-        last.set_params(normals="estimate").fit(box.data)
 
 
 def test_growing_takes_planes_as_they_are_handed_on(box):

@@ -166,13 +166,6 @@ def test_a_clean_twin_differs_in_the_outliers_only():
     assert len(np.unique(first)) > 3
 
 
-def test_uniform_outliers_fill_the_cube_of_section_5_1():
-    clouds = contaminated_planes(200, 50, 80, stream(0), outliers="uniform")
-    outliers = clouds.points[~clouds.regular]
-    assert np.abs(outliers).max() <= 9
-    assert_allclose(outliers.var(axis=0), 27, rtol=0.05)  # 18 ** 2 / 12
-
-
 def test_the_bootstrap_gives_the_known_error_of_a_mean():
     values = np.random.default_rng(0).normal(scale=2.0, size=400)
     # 200 resamples know the error within 5 %; four times that.

@@ -45,8 +45,7 @@ def with_jobs(name, n_jobs):
     return type(estimator)(**{**estimator.get_params(deep=False), "n_jobs": n_jobs})
 
 
-@pytest.mark.parametrize("size", ["small", "compiled"])
-@pytest.mark.parametrize("n_jobs", [2, -1])
+@pytest.mark.parametrize(("n_jobs", "size"), [(-1, "small"), (2, "compiled")])
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_threads_change_nothing(name, n_jobs, size):
     X = cloud_for(name, size)
@@ -116,7 +115,7 @@ def check_elsewhere(run):
             assert_equal(result, expected_results(name, "small"))
 
 
-@pytest.mark.parametrize("start", ["fork", "spawn"])
+@pytest.mark.parametrize("start", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # fork beside threads
 def test_another_process_has_the_same_results(start):
     if start not in multiprocessing.get_all_start_methods():
