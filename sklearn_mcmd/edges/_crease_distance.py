@@ -37,11 +37,10 @@ class CreaseLimits(NamedTuple):
 
 
 def find_creases(index, planes, min_angle, n_jobs=None, around=None):
-    """The `Creases` of the points of an index, or of what answers as one, and their distances.
+    """The `Creases` of the points of an index, and their distances.
 
-    Of the planes, of these points, centroids, normals and scale are known, and are changed. Those
-    of two faces meet at `min_angle` degrees at least. `around` are the points' `Neighborhoods`,
-    where they are known.
+    Of the planes centroids, normals and scale are known, and are changed. Those of two faces meet
+    at `min_angle` degrees at least. `around` are the `Neighborhoods`, where they are known.
     """
     # Of heights, which are differences of coordinates that may be large. One point may be far.
     origin = np.array([np.median(coordinate) for coordinate in index.points.T])
@@ -73,11 +72,8 @@ class Creases(NamedTuple):
     cosine: float  # that of two faces is smaller
 
     def distance(self, queries, around=None):
-        """Distances of queries (m, d) to the nearest crease, in spacings.
-
-        Where no crease is found it is between `far` and twice as much, the less, the less flat
-        the neighborhood. `around` are the queries' `Neighborhoods`, where they are known.
-        """
+        """Distances of queries (m, d) to the nearest crease, in spacings. Where none is found it is
+        between `far` and twice as much, the less, the less flat the neighborhood."""
         cloud = self.cloud
         with progress_part(0.0, SEARCHED):
             around = _search(cloud.index, queries, cloud.n_jobs) if around is None else around
@@ -125,11 +121,18 @@ class _Cloud:
         return distance, evidence
 
     def judge(self, faces, distance, evidence, around):
-        """Let the neighbors say, in place, how far each point counts as from the crease."""
+        """Let the neighbors say, in place, how far each point counts as from the crease: as far as
+        it is where they say that an edge is the better model, and farther where not."""
 
         def judge(part, around):
-            pooled, most = pool_evidence(around, self.points, evidence)
-            distance[part] = judged_distances(faces.take(part), distance[part], pooled, most)
+            pooled = _median(evidence[around.indices])
+            most = CreaseLimits().far * (2.0 - _roundness(self.points[around.indices]))
+            smooth = np.exp(np.clip(pooled, 0.0, CERTAIN))  # continuous
+            limit = ExplainLimits().explained * faces.scale[part]
+            off = np.maximum(np.abs(faces.height[part]) / limit, 1.0)
+            known = np.isfinite(distance[part]) & np.isfinite(pooled)
+            found = np.where(known, distance[part] * smooth * off, np.inf)
+            distance[part] = np.minimum(found, most)
 
         _in_chunks(around, judge, self.points.shape[1], self.n_jobs)
 
@@ -178,12 +181,9 @@ def _measure_spacing(index, points, planes, around, n_jobs):
 
 
 def meet_faces(queries, own, around, points, faces, cosine):
-    """Distance to the nearest crease in spacings, inf if none, and the evidence for it.
-
-    The evidence is half the BIC of the best two or three faces less that of the best surface
-    without a crease: negative where there is an edge. `own` are the faces of the queries; `around`,
-    their neighborhoods, has rows of `points` and of their `faces`.
-    """
+    """Distance to the nearest crease in spacings, inf if none, and its evidence: half of the BIC
+    of the best two or three faces less that of the best surface without a crease, negative where
+    there is an edge. `own` are the faces of the queries, `faces` those of the points."""
     distance, evidence = np.full(len(queries), np.inf), np.full(len(queries), np.nan)
     indices = around.indices
     cosines = np.abs(np.einsum("md,mkd->mk", own.normals, faces.normals[indices]))
@@ -239,21 +239,6 @@ def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, c
     return distance / own.spacing, sharp - best
 
 
-def pool_evidence(around, points, evidence):
-    """What the neighbors say of an edge (m,), and the largest distance (m,) that counts."""
-    pooled = _median(evidence[around.indices])
-    return pooled, CreaseLimits().far * (2.0 - _roundness(points[around.indices]))
-
-
-def judged_distances(faces, distance, pooled, most):
-    """Distances (m,) by what neighbors say: where an edge is the better model, to the crease."""
-    # Continuous: as far as it is where an edge is the better model, farther where not.
-    smooth = np.exp(np.clip(pooled, 0.0, CERTAIN))
-    off = np.maximum(np.abs(faces.height) / (ExplainLimits().explained * faces.scale), 1.0)
-    found = np.isfinite(distance) & np.isfinite(pooled)
-    return np.minimum(np.where(found, distance * smooth * off, np.inf), most)
-
-
 def _join(surface, heights, allowed, limit):
     """The face that, joined to a surface in a crease, leaves the least squared residuals.
 
@@ -261,10 +246,9 @@ def _join(surface, heights, allowed, limit):
     other: the larger or the lesser of both heights, either side of the second plane up.
 
     `surface` (m, k) has the heights of neighbors above the surface so far, `heights` (m, k, k)
-    those above the plane of each neighbor. Only planes of neighbors that are `allowed` (m, k) are
-    joined, and residuals count as `limit` (m, 1) at most. Returns the position of the best neighbor
-    (m,), the sum of squares (m,), inf where none is allowed, and the heights above the joined
-    surface (m, k).
+    those above the plane of each neighbor, of which only the `allowed` (m, k) are joined. Residuals
+    count as `limit` (m, 1) at most. Returns positions of the best neighbors, sums of squares, inf
+    where none is allowed, and heights above the joined surface (m, k).
     """
     each = np.arange(len(surface))
     best, squares = np.zeros(len(surface), dtype=np.intp), np.full(len(surface), np.inf)

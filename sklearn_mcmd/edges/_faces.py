@@ -49,10 +49,12 @@ class Faces(NamedTuple):
 
 def measure_spacing(points, queries, around, scale):
     """Spacing of the points around each query, how far they reach, and its plane's noise: no plane
-    is known better."""
-    gaps = points[around.indices] - queries[:, None]
+    is known better. The spacing is the side of the cell that one point of a surface takes."""
+    gaps, flat = points[around.indices] - queries[:, None], points.shape[1] - 1
     distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-    spacing = _spacing(distances, points.shape[1])
+    n = min(FaceLimits().n_spacing, distances.shape[1] - 1)
+    ball = np.pi ** (0.5 * flat) / gamma(0.5 * flat + 1.0)
+    spacing = np.partition(distances, n, axis=1)[:, n] * (ball / n) ** (1.0 / flat)
     return spacing, distances.max(axis=1), np.maximum(scale, FaceLimits().least_noise * spacing)
 
 
@@ -63,14 +65,11 @@ def are_faces(planes):
 
 
 def give_faces(queries, around, planes, flat, usable):
-    """Of the planes of its neighbors, the one that explains each query best: `Faces`.
-
-    The rows of `around` are those of the planes, which have radius and spacing of
-    `measure_spacing`, and of `flat`. `usable` is True for all; an array, so that it is made once.
-    """
+    """Of the planes of its neighbors, the one that explains each query best: `Faces`. `usable` is
+    True for all planes; an array, so that it is made once."""
     spacing = planes.spacing[around.indices].mean(axis=1)
     least = np.maximum(FaceLimits().least_noise * spacing, np.finfo(float).tiny)
-    owners = _likeliest(queries, around, planes, usable, least)
+    owners = explain(queries, around, planes, usable, least, likely=True)[0]
     far = np.flatnonzero(owners < 0)
     if len(far):
         # What no plane reaches is given the likeliest as if all were boundless.
@@ -79,7 +78,8 @@ def give_faces(queries, around, planes, flat, usable):
         boundless = planes.take(members)
         boundless = boundless._replace(radius=np.full_like(boundless.radius, np.inf))
         near = near._replace(indices=np.searchsorted(members, near.indices).astype(np.int32))
-        found = _likeliest(queries[far], near, boundless, usable[: len(members)], least[far])
+        all_usable = usable[: len(members)]
+        found = explain(queries[far], near, boundless, all_usable, least[far], likely=True)[0]
         # Points in one place have no planes.
         owners[far] = members[np.where(found < 0, near.indices[:, 0], found)]
     normals = planes.normals[owners]
@@ -97,16 +97,3 @@ def give_faces(queries, around, planes, flat, usable):
         flat=flat,
         on_face=on_face,
     )
-
-
-def _likeliest(queries, around, planes, usable, least):
-    """Whose plane explains each query best, -1 where none does."""
-    return explain(queries, around, planes, usable, least, likely=True)[0]
-
-
-def _spacing(distances, d):
-    """Side of the cell that one point of a (d - 1)-dimensional surface takes, from (m, k)."""
-    n = min(FaceLimits().n_spacing, distances.shape[1] - 1)
-    radius = np.partition(distances, n, axis=1)[:, n]
-    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
-    return radius * (ball / n) ** (1.0 / (d - 1))

@@ -82,10 +82,8 @@ def _clean_plane(n_counted, n_neighbors, d, noise):
 
 
 def _stratified_noise(n, rng):
-    """Standard normal values of which exactly as many are beyond any limit as should be.
-
-    The share of flagged points then varies less from simulation to simulation.
-    """
+    """Standard normal values of which exactly as many are beyond any limit as should be: the share
+    of flagged points then varies less from simulation to simulation."""
     return rng.permutation(ndtri((np.arange(n) + 0.5) / n))
 
 

@@ -6,12 +6,8 @@ from sklearn_mcmd.planes._around import ratio
 
 
 def are_flat_groups(points, group, flat):
-    """Which groups are flat: bool, one of each.
-
-    Sums are taken as by `separation_of_groups`. The deviation off the plane has as many degrees of
-    freedom as there are points beyond those that a plane needs, and counts with its standard error:
-    few points are flat by chance.
-    """
+    """Which groups are flat. The deviation off the plane has as many degrees of freedom as points
+    beyond those that a plane needs, and counts with its standard error: few are flat by chance."""
     order = np.lexsort(points.T[::-1])
     sizes = np.bincount(group)
     spare = sizes - points.shape[1]
@@ -29,12 +25,9 @@ def gaps_of_groups(group, gaps):
 
 
 def separation_of_groups(points, group, usual, gaps):
-    """Gap of each group over the size of the group.
-
-    Sums are taken in the order of coordinates, so they do not depend on the order of the points
-    (m, d). Of each, `group` is its group, from 0 on, `usual` the usual spacing around it, and
-    `gaps` its distance to the nearest that is real.
-    """
+    """Gap of each group over the size of the group, by the usual spacing around each point and its
+    gap to the nearest that is real. Sums are taken in the order of coordinates, so they do not
+    depend on that of the points."""
     order = np.lexsort(points.T[::-1])
     return separation_of_sorted(points[order], group[order], usual[order], gaps[order])
 

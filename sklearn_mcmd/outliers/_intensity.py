@@ -21,9 +21,3 @@ def ranks_of_intensity(intensity, index, n):
     values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)
     ranks = (np.cumsum(counts) - counts / 2) / len(largest)
     return ranks[place] if len(values) > 1 else None
-
-
-def darkness(ranks):
-    """The factor on the isolation of points: from 0 of the brightest of all to 1.4 of the darkest,
-    1 in the middle."""
-    return np.sqrt(2 * (1 - ranks))

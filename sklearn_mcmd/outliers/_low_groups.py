@@ -31,11 +31,8 @@ def depths_of_groups(xyz, ground, candidates):
 
 
 def group_depths(points, depth, away):
-    """How deep the group of each point lies, in units of its size, whatever their order is.
-
-    The points (n, 3) are all that are below ground: how far, says `depth`, and how far each is from
-    the third nearest point of it in plan, `away`.
-    """
+    """The same of all points (n, 3) below ground: by so much, `depth`, and so far from the third
+    nearest ground point in plan, `away`."""
     result = np.empty(len(points))
     if len(points):
         order = np.lexsort(points.T)

@@ -34,11 +34,8 @@ class LowestPoints:
         self._limit(self.most_points)
 
     def are_above(self, xyz):
-        """Which points (n, 3) lie lower than all around them.
-
-        Around a point is the smallest square of twofold sides that has `n_usual` of the points,
-        or all of them.
-        """
+        """Which points (n, 3) lie lower than all in the smallest square of twofold sides around
+        them that has `n_usual` of the points, or than all."""
         low = np.zeros(len(xyz), bool)
         if not len(self.codes) or not len(xyz):
             return low
@@ -96,10 +93,8 @@ def _spread(bits):
 
 
 def _twofold(codes):
-    """Codes of the squares of twofold sides that hold those of some codes; they keep their order.
-
-    The first bit of each axis is its sign. Halving repeats it, as a shift of negative numbers does.
-    """
+    """Codes of the squares of twofold sides that hold those of some codes, in their order. The
+    first bit of each axis is its sign, which halving repeats, as a shift of negatives does."""
     top = np.uint64(2 * LEVELS - 2)
     signs = codes >> top
     rest = (codes & np.uint64((1 << 2 * LEVELS - 2) - 1)) >> np.uint64(2)

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd._errors import warn
-from sklearn_mcmd.outliers._intensity import darkness
 from sklearn_mcmd.outliers._levels import LEVELS
 from sklearn_mcmd.outliers._off_surface import (
     OffSurfaceLimits,
@@ -49,14 +48,10 @@ class Judgement(NamedTuple):
 class JudgedCloud:
     """A cloud whose points are scored by its surfaces and by how far they stand off from all else.
 
-    `strictness` is a key of `LEVELS`; with None each point is scored by the plane of its own
-    neighborhood. `noise_scale` is the standard deviation of the noise, in the place of
-    each plane's own if it is not None. `origins`, float64 (n, d), tells where the sensor stood when
-    it measured each point of the model's index, and `intensity` (n,) is that of these points, as
-    ranks from 0 to 1; see `ranks_of_intensity`. An origin that is `doubted` is not used if surfaces
-    would go by it.
-
-    `ray_doubt` says in words that they would, else it is "". `raised` (m, 3) has the places of
+    `strictness` and `noise_scale` are the detector's. `origins`, float64 (n, d), tells where the
+    sensor stood when it measured each point of the model's index, and `intensity` (n,) has the
+    `ranks_of_intensity` of these. An origin that is `doubted` is not used if surfaces would go by
+    it; `ray_doubt` says in words that they would, else it is "". `raised` (m, 3) has the places of
     which rays think worse than coordinates: both scores, and measurements.
     """
 
@@ -85,8 +80,7 @@ class JudgedCloud:
         if self.own_planes_only:
             with progress_part(0.0, 1.0, "planes"):
                 scores = self.paper_scores(*self.model.evaluate_fitted(X, self.n_jobs))
-            on_surface = scores <= ExplainLimits().explained
-            return Judgement(scores, np.arange(len(X)), on_surface)
+            return Judgement(scores, np.arange(len(X)), scores <= ExplainLimits().explained)
         index = self.model.index
         owners = self.judge(_measurements(index, len(X)), len(X))
         first = index.places
@@ -183,18 +177,16 @@ class JudgedCloud:
                 queries[rest], spacing[rest]
             )
         doubt = self._darkness(around.indices[:, 0])
-        if self.rays is not None:
-            apart, planes = (isolation, separation, joined), (self.explained, self.to_planes)
-            isolation, separation = self.rays.judge_new(
-                queries, around, apart, spacing, *planes, doubt
-            )
-        else:
-            isolation = isolation * doubt
-        return self._joined(distances, isolation, separation, queries)
+        if self.rays is None:
+            return self._joined(distances, isolation * doubt, separation, queries)
+        apart, planes = (isolation, separation, joined), (self.explained, self.to_planes)
+        by_rays = self.rays.judge_new(queries, around, apart, spacing, *planes, doubt)
+        return self._joined(distances, *by_rays, queries)
 
     def _darkness(self, rows):
-        """The factor on the isolation of these points, by their intensity."""
-        return 1.0 if self.intensity is None else darkness(self.intensity[rows])
+        """The factor on the isolation of these points by their intensity: from 0 of the brightest
+        of all to 1.4 of the darkest, 1 in the middle."""
+        return 1.0 if self.intensity is None else np.sqrt(2 * (1 - self.intensity[rows]))
 
     def paper_scores(self, planes, distances):
         """Scores by the own plane, from the robust distances of a model."""
@@ -223,8 +215,7 @@ class JudgedCloud:
         return planes, spacing, other_spacing
 
     def _spacings(self, queries, near):
-        """Mean distance of some of the points to the nearest measurements, and to those at other
-        places; `near` (m, k) are rows of the nearest, itself the first."""
+        """Mean distances of points to the nearest measurements, and to those at other places."""
         n_near = self.off_surface_limits.n_near
         near = near[:, : n_near + 1]
         distances = distances_between(self.model.index.points[near], queries)
@@ -269,14 +260,12 @@ class JudgedCloud:
             )
         owners[others] = np.where(found < 0, others, found)
         self.explained = distances <= ExplainLimits().explained
-        self.explained_scale = None
         if self.level.off_surfaces:
             self.explained_scale = self.planes.scale[owners[self.explained]]
         return owners, distances
 
     def to_planes(self, queries, neighbors_of, wanted, precision=0.0):
-        """The nearest of the planes that are wanted among each query's neighbors: its row, and the
-        distance; see `distances_to_surfaces`."""
+        """As `distances_to_surfaces`, by the planes that are wanted."""
         floor, chunk = self._floor(queries, precision), self.model.chunk()
         return distances_to_surfaces(
             queries, neighbors_of, self.planes, wanted, floor, chunk, self.n_jobs

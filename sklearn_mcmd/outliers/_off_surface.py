@@ -42,31 +42,27 @@ class OffSurfaceLimits(NamedTuple):
 
 @dataclass
 class OffSurface:
-    """The points that no surface explains, as `MCMDOutlierDetector` judges their company.
+    """The m points that no surface explains, as `MCMDOutlierDetector` judges their company.
 
     Scanners measure the skins of things, and where their lines are far apart, a thing lies in
-    pieces, which are flat; ghosts fill space. Of the m points of the `rest`, `groups` (m,) are
-    their groups, from 0 on, where pieces of one thing are one group, and `isolation` and
-    `separation` (m,) are as in `measure`.
+    pieces, which are flat; ghosts fill space.
     """
 
     rest: "Rest"
     usual: np.ndarray  # (m,), the usual spacing around each point
     real: list  # searches of the points that are real
-    groups: np.ndarray
-    isolation: np.ndarray
+    groups: np.ndarray  # (m,), from 0 on; pieces of one thing are one group
+    isolation: np.ndarray  # (m,), as the separation: see `measure`
     separation: np.ndarray
 
     def measure(self, queries, spacing):
         """How far m new points stand off, each as if it were alone added to the cloud.
 
-        `spacing` (m,) is the mean distance of each to its nearest measurements. Returns, of each,
-
-        - isolation: spacing among off-surface points and among all points, over the usual one;
-          what has others near has about 1;
-        - separation: gap between the query, with the small group that it belongs to, and what is
-          real, over their size; 0 for what belongs to a thing;
-        - joined: whether it belongs to a group of the cloud, whose separation it has.
+        `spacing` (m,) is the mean distance of each to its nearest measurements. Isolation is the
+        spacing among off-surface points and among all points, over the usual one; what has others
+        near has about 1. Separation is the gap between the query, with the small group that it
+        belongs to, and what is real, over their size; 0 for what belongs to a thing. The third says
+        whether a query belongs to a group of the cloud, whose separation it has.
         """
         rest, limits = self.rest, self.rest.limits
         usual = rest.usual_around(queries, None)
@@ -96,11 +92,10 @@ class Rest(NamedTuple):
 
     @classmethod
     def of(cls, index, counts, explained, spacing, other_spacing, limits):
-        """Of an index of n distinct points, or what answers as one, those that no surface explains.
+        """Of the n distinct points of an index those that are not `explained`, bool (n,).
 
-        `explained` is bool (n,), `counts` (n,) are the measurements at each point: a place measured
-        often is near to itself. Both spacings (n,) are the mean distance to the nearest
-        measurements, as by `mean_distance`, and to those at other places, which is never 0.
+        `counts` (n,) are measurements: a place measured often is near to itself. Spacings (n,) are
+        mean distances to the nearest measurements, and to those at other places, never 0.
         """
         rows, any_explained = np.flatnonzero(~explained), explained.any()
         if any_explained:
@@ -182,10 +177,6 @@ class Rest(NamedTuple):
         chosen = np.zeros(len(self.cloud.points), bool)
         chosen[self.rows[wanted]] = True
         return self.cloud.among(chosen)
-
-    def to_surfaces(self, queries, n_jobs):
-        """Distances of queries to the nearest point of the reference."""
-        return self.reference.query(queries, 1, n_jobs)[0][:, 0]
 
 
 def judge_off_surface(rest, least, n_jobs):
@@ -284,18 +275,17 @@ def _separate_large(rest, usual, groups, least, small, separation, n_jobs):
     sizes = np.bincount(groups)
     usual_of = np.bincount(groups, usual) / sizes
     weight, large = least / np.bincount(groups, rest.counts), sizes >= least
-    gaps = rest.to_surfaces(rest.points[one[large]], n_jobs)
+    gaps = _gaps(rest.points[one[large]], [rest.reference], n_jobs)
     large[large] = ratio(gaps, usual_of[large]) * weight[large] > (1 - 1e-9) * stands_off
     rows = np.flatnonzero(large[groups])
-    gaps = rest.to_surfaces(rest.points[rows], n_jobs)
-    apart = _separation(rest, usual, groups, rows, gaps) * weight[groups[rows]]
-    rows = rows[apart > stands_off]
+    gaps = _gaps(rest.points[rows], [rest.reference], n_jobs)
+    apart = _separation(rest, usual, groups, rows, gaps) * weight[groups[rows]] > stands_off
+    rows, gaps = rows[apart], gaps[apart]
     if len(rows) == 0:
         return
     _, number = np.unique(groups[rows], return_inverse=True)
     code = np.where(small[groups], -1, 0)  # of each point; 0 of those that are real
     code[rows] = number + 1
-    gaps = rest.to_surfaces(rest.points[rows], n_jobs)
     # The numbers of two groups differ in one bit at least, so some search is of the other.
     for bit in range(int(code.max()).bit_length()):
         for value in (0, 1):
@@ -308,10 +298,8 @@ def _separate_large(rest, usual, groups, least, small, separation, n_jobs):
 
 
 def mean_distance(distances, counts, n_near):
-    """Mean distance to the `n_near` nearest measurements, or to all that there are.
-
-    Distances (m, w) to neighbors are ascending; `counts` are the measurements at each of these.
-    """
+    """Mean distance to the `n_near` nearest measurements, or to all if fewer: distances (m, w)
+    ascend, and `counts` are the measurements at each."""
     reached = np.minimum(np.cumsum(counts, axis=1), n_near)
     taken = np.diff(reached, axis=1, prepend=0)
     return (taken * distances).sum(axis=1) / np.maximum(reached[:, -1], 1)

@@ -26,12 +26,10 @@ class RestByRays(NamedTuple):
 class RayEvidence:
     """The rays to the points of a cloud, and the planes that contain them.
 
-    The index, a `NeighborIndex` or what answers as one, has n points. `origins`, float64 (n, d),
-    tells where the sensor stood when it measured each of them, and `planes` has the plane of each.
-
-    `scatter` (n,) is how much the ranges of beams differ from a plane, in steps; see
-    `Rays.measure`. Points `on_sheet`, bool (n,), have planes that contain the rays to them, which
-    are part of no surface. `judge` finds the `rest`.
+    `origins`, float64 (n, d), tells where the sensor stood when it measured each point of the
+    index, and `planes` has the plane of each. `scatter` (n,) is as by `Rays.measure`. Points
+    `on_sheet`, bool (n,), have planes that contain the rays to them, which are part of no surface.
+    `judge` finds the `rest`.
     """
 
     def __init__(self, index, origins, planes, limits, n_jobs):
@@ -45,10 +43,8 @@ class RayEvidence:
 
     def find_sheets(self, planes, distances, least):
         """Keep of `on_sheet` what is large enough, where a surface has `least` points."""
-        least *= self.rays.limits.sheet
-        self.on_sheet = find_surfaces(
-            self.index, planes, distances, least, self.limits, ~self.on_sheet
-        )
+        least, barred = least * self.rays.limits.sheet, ~self.on_sheet
+        self.on_sheet = find_surfaces(self.index, planes, distances, least, self.limits, barred)
 
     def doubt(self, on_surface, counts):
         """What speaks against the position, in words: that sheets of rays would have a large share
@@ -70,7 +66,7 @@ class RayEvidence:
         how isolated points are, which does not touch sheets of rays.
         """
         rest, rays, index = off_surface.rest.rows, self.rays, self.index
-        groups, step = off_surface.groups, rays.steps(rest)
+        groups, step = off_surface.groups, rays.step[rest]
         others, empty = off_surface.rest.others, rays.next_to(rest, explained)
         apart = _in_steps(off_surface.isolation, spacing, step)
         isolation = np.empty(len(rest))
@@ -100,11 +96,8 @@ class RayEvidence:
         return np.maximum(isolation, on_sheet), _separation(off_surface.separation, together, step)
 
     def judge_new(self, queries, around, apart, spacing, explained, to_planes, doubt=1.0):
-        """The same of new points (m, d) and their neighborhoods, each for itself.
-
-        `apart` are its isolation, its separation, and whether it belongs to a group of the cloud,
-        which rays have judged.
-        """
+        """The same of new points (m, d) and their neighborhoods, each for itself; `apart` is as
+        `OffSurface.measure` returns. Rays have judged the groups of the cloud."""
         isolation, separation, joined = apart
         witnesses, strange = self.rays.new_witnesses(queries, around.indices[:, 0])
         empty, beside = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)

@@ -54,9 +54,8 @@ def distances_to_surfaces(queries, neighbors_of, planes, on_surface, floor, chun
     """The nearest of the surfaces' planes among each query's neighbors: its row, and the distance.
 
     The row is -1 where none reaches the query, and the distance inf; it is in standard deviations.
-    ``neighbors_of(rows)`` gives the `Neighborhoods` of a slice of the queries, rows of `planes`, of
-    which those `on_surface` count. `floor` (m,) is a standard deviation that is added: the rounding
-    error of the coordinates. A task takes `chunk` queries.
+    ``neighbors_of(rows)`` gives the `Neighborhoods` of a slice of queries, of whose planes those
+    `on_surface` count. `floor` (m,) is a standard deviation that rounding of coordinates adds.
     """
     m = len(queries)
     owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)

@@ -29,11 +29,8 @@ class Claims:
         self.planes = planes._replace(scale=scale, radius=reach)
 
     def absorb_fragments(self, labels):
-        """Give fragments to the region whose planes claim most of their points.
-
-        A fragment is a region no larger than a neighborhood: its normals come from points of other
-        surfaces as well.
-        """
+        """Give regions no larger than a neighborhood, whose normals come from points of others as
+        well, to the region whose planes claim most of their points."""
         sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1).astype(np.int64)
         fragment = np.append(sizes <= self.index.n_neighbors, False)  # the last is -1
         rows = rows_of(labels, fragment)
@@ -42,9 +39,8 @@ class Claims:
         large = np.append(sizes > self.index.n_neighbors, False)
         owner = self._owners(labels, rows, _Around(self.index, rows), large[labels])
         rows, owner = rows[owner >= 0], owner[owner >= 0]
-        pairs, counts = np.unique(
-            np.column_stack([labels[rows], owner]), axis=0, return_counts=True
-        )
+        claimed = np.column_stack([labels[rows], owner])
+        pairs, counts = np.unique(claimed, axis=0, return_counts=True)
         most = 2 * counts > sizes[pairs[:, 0]]
         number = np.arange(len(sizes) + 1)
         number[-1] = -1
@@ -97,16 +93,15 @@ class _Around:
     """Neighborhoods of rows, which are kept if they are few, else asked for again."""
 
     def __init__(self, index, rows, found=None):
-        self.index, self.rows = index, rows
-        self.found = found
+        self.index, self.rows, self.found = index, rows, found
         if found is None and len(rows) * index.n_neighbors <= KEPT:
             self.found = index.query_own(rows)
 
     def of(self, part):
         """The neighborhoods of a slice of the rows."""
-        return (
-            self.index.query_own(self.rows[part]) if self.found is None else self.found.take(part)
-        )
+        if self.found is None:
+            return self.index.query_own(self.rows[part])
+        return self.found.take(part)
 
     def take(self, places):
         found = None if self.found is None else self.found.take(places)

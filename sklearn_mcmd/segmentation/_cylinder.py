@@ -18,11 +18,12 @@ class FitLimits(NamedTuple):
     ridge: float = 1e-12
 
 
-class Cylinder:
-    """A circular cylinder without ends: a point of the axis, its unit vector, and the radius."""
+class Cylinder(NamedTuple):
+    """A circular cylinder without ends."""
 
-    def __init__(self, point, axis, radius):
-        self.point, self.axis, self.radius = point, axis, radius
+    point: np.ndarray  # of the axis
+    axis: np.ndarray  # unit vector
+    radius: float
 
     def distances(self, points):
         """Signed distances of points (n, 3) from the surface, positive outside."""

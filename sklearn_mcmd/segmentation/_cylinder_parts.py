@@ -90,12 +90,9 @@ class CylinderParts:
         return labels
 
     def grow(self, labels):
-        """As `join`, but curved regions also take in points without region on their cylinders.
-
-        The planes of a post's points run off it, onto the ground or into a tree's foliage. The
-        cylinder does not. If parts then touch, they are joined, and so on. Returns the labels
-        and their `Shapes`.
-        """
+        """As `join`, but curved regions also take in points without region on their cylinders, and
+        are joined if they then touch. The planes of a post's points run off it, onto the ground or
+        into a tree's foliage; the cylinder does not. Returns labels and their `Shapes`."""
         labels = labels.copy()
         parts, wide = self._narrow_parts(labels, NO_SHAPES)
         fresh, tried = set(parts), {}
@@ -106,15 +103,12 @@ class CylinderParts:
         return labels, Shapes(curved, wide)
 
     def _narrow_parts(self, labels, shapes):
-        """The parts that may be joined, by label: narrow regions, and regions found curved. And
-        which regions are wide."""
-        n_regions = int(labels.max(initial=-1)) + 1
+        """The parts that may be joined, by label, and which regions are wide."""
+        n_regions, points = int(labels.max(initial=-1)) + 1, self.index.points
         wide = np.zeros(n_regions, dtype=bool)
         wide[: len(shapes.wide)] = shapes.wide[:n_regions]
         number = np.append(np.where(wide, -1, np.arange(n_regions)), -1)
-        found = region_moments(
-            self.index.points, labels, n_regions, number=number, n_jobs=self.n_jobs
-        )
+        found = region_moments(points, labels, n_regions, number=number, n_jobs=self.n_jobs)
         reach = sums_by_region(self.planes.radius, labels, n_regions, number, self.n_jobs)
         reach /= np.maximum(found.sizes, 1)
         values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
@@ -123,7 +117,7 @@ class CylinderParts:
         wide |= np.sqrt(12 * values[:, 1]) > 2 * NarrowFaceLimits().reach * reach
         wide[shapes.curved] = False
         rows = rows_of(labels, np.append(~wide & (found.sizes >= 4), False))
-        rows = by_place(self.index.points, rows)
+        rows = by_place(points, rows)
         rows = rows[np.argsort(labels[rows], kind="stable")]
         names, starts = np.unique(labels[rows], return_index=True)
         groups = np.split(rows, starts[1:]) if len(rows) else []
@@ -248,11 +242,8 @@ class CylinderParts:
         return pooled
 
     def _claim(self, labels, parts, fresh):
-        """Give points without region to the cylinder that they touch and lie on best, in place.
-
-        Claimed points lead to others, until a part has grown by the factor `growth`. Returns the
-        names of the parts that grew.
-        """
+        """Give points without region to the cylinder that they touch and lie on best: the names of
+        the parts that grew. Claimed points lead to others, until a part has grown enough."""
         edges = {name: parts[name].around for name in sorted(fresh) if parts[name].curved}
         gained = {name: [] for name in edges}
         while edges:

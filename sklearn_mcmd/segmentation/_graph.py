@@ -40,18 +40,16 @@ class GrowthRules(NamedTuple):
 def link_neighbors(index, planes, floor, rules, n_jobs=None):
     """Link each point to the neighbors that may join its region (section 5.2.3).
 
-    The rules are those of `RegionGrowing`; `floor` (n,) is what rounding adds to the distance from
-    a plane. The planes are of ``index.points``. Returns links (n, width) of int32, neighbors that
-    may be added from each point, nearest first, then -1; and the distance of the farthest neighbor
-    looked at.
+    `floor` (n,) is what rounding adds to the distance from a plane. Returns links (n, width) of
+    int32, neighbors that may be added from each point, nearest first, then -1; and the distance of
+    the farthest neighbor looked at.
     """
     n, k, growth = len(index.points), n_linked(index, rules), GrowthLimits()
     radius, limit, links = index.empty(n), index.empty(n), index.empty((n, k), np.int32)
-    max_gap = np.inf if rules.max_gap is None else rules.max_gap
     limits = LinkLimits(
         min_cosine=rules.min_cosine,
         explained=1.0,
-        max_gap=max_gap,
+        max_gap=np.inf if rules.max_gap is None else rules.max_gap,
         mutual=rules.mutual,
         both_near=False,
     )

@@ -29,12 +29,8 @@ class JoinLimits(NamedTuple):
 
 
 def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
-    """Sizes, centroids, covariances and principal axes of regions, in any order of the points.
-
-    Points of label -1 belong to none; weights (n,) of int are copies of each point. Returns sizes,
-    centroids (n_regions, d), covariances, eigenvalues, ascending, and axes as columns; the first is
-    the normal.
-    """
+    """Sizes, centroids (n_regions, d), covariances, eigenvalues, ascending, and axes as columns, of
+    which the first is the normal; the parameters are those of `region_moments`."""
     found = region_moments(points, labels, n_regions, weights, n_jobs=n_jobs)
     eigenvalues, axes = np.linalg.eigh(found.covariances)
     return *found[:3], np.maximum(eigenvalues, 0.0), axes
@@ -72,16 +68,17 @@ def join_coplanar(points, labels, around, n_jobs=None):
         # Parts are numbered by their first region, which keeps the order of regions.
         _, part = connected_components(graph, directed=False)
         planes, noise = _pool(*planes, noise, part)
-        boxes = _joined_boxes(*boxes, part)
+        low, high = np.full((2, len(noise), points.shape[1]), [[[np.inf]], [[-np.inf]]])
+        np.minimum.at(low, part, boxes[0])
+        np.maximum.at(high, part, boxes[1])
+        boxes = low, high
         whole = np.append(part, -1)[whole]
     return relabeled(labels, whole)
 
 
 def own_noise(covariances, radius):
-    """Root mean square distances of flat regions from their planes; 0 for those that are not.
-
-    Three times that distance is within a neighborhood's radius where a region is flat.
-    """
+    """Root mean square distances of flat regions from their planes, 0 of others: three times that
+    distance is within a neighborhood's radius where a region is flat."""
     own = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
     return np.where(ExplainLimits().explained * own <= radius, own, 0.0)
 
@@ -105,10 +102,8 @@ def _pool(sizes, centroids, covariances, noise, part):
 
 
 def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
-    """Pairs (smaller, larger) of regions that may be joined, and the gap that each allows.
-
-    The planes in which a smaller one lies come in turn, the nearest first.
-    """
+    """Pairs (smaller, larger) of regions that may be joined, the nearest planes first, and the gap
+    that each region allows."""
     eigenvalues, axes = np.linalg.eigh(covariances)
     eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
     # Points spread evenly over a length have its root 12th as standard deviation.
@@ -150,15 +145,6 @@ def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
     return np.column_stack([small, large])[order].astype(int), most_gap * length
 
 
-def _joined_boxes(low, high, part):
-    """The boxes of joined regions."""
-    shape = (int(part.max()) + 1, low.shape[1])
-    least, most = np.full(shape, np.inf), np.full(shape, -np.inf)
-    np.minimum.at(least, part, low)
-    np.maximum.at(most, part, high)
-    return least, most
-
-
 def _parts(points, labels, whole, pairs, most, boxes):
     """Points of the regions in pairs, by region: those that another of a pair may be near to."""
     small, large = pairs.T
@@ -197,20 +183,17 @@ def _near(parts, pairs, most, n_jobs=None):
         low, high = own.min(axis=0), own.max(axis=0)
         rounding = ROUNDING * np.maximum(np.abs(low), np.abs(high))
         for row in np.flatnonzero(pairs[:, 1] == large).tolist():
-            small = pairs[row, 0]
-            queries, reach = parts[small], WIDER * most[small] + rounding
-            for axis in range(own.shape[1]):  # those beyond the box are too far away
-                column = queries[:, axis]
-                inside = (column >= low[axis] - reach[axis]) & (column <= high[axis] + reach[axis])
-                queries = queries if inside.all() else queries[inside]
+            queries, gap = parts[pairs[row, 0]], most[pairs[row, 0]]
+            reach = WIDER * gap + rounding  # those beyond the box are too far away
+            queries = queries[((queries >= low - reach) & (queries <= high + reach)).all(axis=1)]
             if len(queries) == 0:
                 continue
             tree = cKDTree(own, balanced_tree=False) if tree is None else tree
-            for some in (queries[::FEW], queries):  # a few mostly tell
-                gaps, _ = tree.query(some, distance_upper_bound=WIDER * most[small])
-                near[row] = (gaps <= most[small]).any()
-                if near[row]:
-                    break
+            # A few mostly tell.
+            near[row] = any(
+                (tree.query(some, distance_upper_bound=WIDER * gap)[0] <= gap).any()
+                for some in (queries[::FEW], queries)
+            )
 
     run([(large,) for large in np.unique(pairs[:, 1]).tolist()], search, n_jobs)
     return near

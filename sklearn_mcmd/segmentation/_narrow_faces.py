@@ -51,11 +51,10 @@ class NarrowFaces:
     n_jobs: int | None
 
     def grow(self, labels):
-        """Find faces, and let them take in the points around that lie on them best.
+        """Find faces, which come last, and let them take in points around that lie on them best.
 
-        Labels are from 0 on without gaps, -1 for none; faces come last. They are larger than a
-        neighborhood, as are the regions that count as surfaces; the smaller ones are part of what
-        growth left over. The points of faces get planes of their own.
+        Faces are larger than a neighborhood, as are the regions that count as surfaces; the smaller
+        ones are part of what growth left over. The points of faces get planes of their own.
         """
         planes, cutoff = self.planes, ExplainLimits().explained
         sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1)
@@ -189,10 +188,7 @@ class NarrowFaces:
         self._put(rows, self.planes.take(lenders))
 
     def _planes(self, rows, group):
-        """Centroids, normals and scales of planes of the rows of the same group within reach.
-
-        The scale is inf where these are too few.
-        """
+        """Planes of the rows of the same group within reach; their scale is inf of too few."""
         points, reach = self.index.points[rows], NarrowFaceLimits().reach * self.planes.radius[rows]
         (m, d), k = points.shape, min(self.k, len(rows))
         found = Planes.unknown(m, d)

@@ -75,9 +75,8 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     if len(first) == len(np.unique(labels[labels >= 0])):
         return labels
     normals = np.linalg.eigh(scatters[first][:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
-    large = (
-        found.sizes[first] >= VoteLimits().least_points
-    )  # of the patches, since cells were joined
+    # The sizes are those of the patches since cells were joined.
+    large = found.sizes[first] >= VoteLimits().least_points
     borders = patch[edges]
     borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
     strips = _Strips(index.points, noise, unit, cells, patch, normals)
@@ -147,10 +146,8 @@ class _Strips:
         return votes
 
     def part(self, borders, group, labels, n_jobs):
-        """Give the points of each strip in turn to the group on their side of its crease.
-
-        Strips are asked for again: all together may take more memory than the cloud.
-        """
+        """Give the points of each strip in turn to the group on their side of its crease; strips
+        are asked for again, as all together may take more memory than the cloud."""
 
         def task(i):
             _, names, rows, first = self.vote_on(borders[i])

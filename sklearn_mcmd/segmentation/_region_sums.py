@@ -57,10 +57,9 @@ def rows_of(labels, wanted):
 
 
 def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=None):
-    """The `Moments` of regions.
+    """The `Moments` of regions; points of label -1 belong to none.
 
-    Points of label -1 belong to none; weights (n,) of int are copies of each point. `number`
-    (n_regions + 1,) takes the place of each label, the last that of -1.
+    Weights (n,) of int are copies. `number` has the new number of each label, the last of -1.
     """
     d, parts = points.shape[1], _Parts(labels, number, n_jobs)
     sizes, low, high = _boxes(points, parts, n_regions, weights)
@@ -152,10 +151,7 @@ def _sums(parts, n_regions, columns, extents, bits):
 
 
 def median_by_region(values, labels, n_regions):
-    """Median of the values of each region; for an even number the upper one.
-
-    Points of label -1 belong to none; each region has at least one point.
-    """
+    """Median of the values of each region, which has a point; for an even number the upper one."""
     sizes = region_sizes(labels, n_regions).astype(np.int64)
     medians, first = np.empty(n_regions), 0
     before = np.concatenate([[0], np.cumsum(sizes)])
@@ -270,10 +266,8 @@ class _Parts:
 
 
 def _two_sums(groups, values, extent, bits):
-    """Sums (2, m) of values rounded to a coarse grid, and of what is left, to a fine one.
-
-    Values are below 2 ** extent, and there are less than 2 ** bits; both by region.
-    """
+    """Sums (2, m) of values rounded to a coarse grid, and of what is left, to a fine one: less than
+    2 ** bits values below 2 ** extent, both by region."""
     extent, bits = extent[groups.regions], bits[groups.regions]
     sums = np.empty((2, len(groups.regions)))
     for level in range(2):

@@ -22,11 +22,8 @@ FIELDS = [
 
 
 def region_table(points, labels, around, moments):
-    """The `regions_` of a `RegionGrowing` in 3D.
-
-    `around` are the planes of the points; `moments` are sizes, centroids, covariances, eigenvalues
-    and axes, as of `region_planes`.
-    """
+    """The `regions_` of a `RegionGrowing` in 3D, by the planes `around` points and the moments that
+    `region_planes` returns."""
     sizes, centroids, covariances, values, axes = moments
     table = np.zeros(len(sizes), FIELDS)
     table["points"], table["centroid"], table["rms"] = sizes, centroids, np.sqrt(values[:, 0])
@@ -56,7 +53,8 @@ def region_table(points, labels, around, moments):
     groups = np.split(rows, np.flatnonzero(np.diff(labels[rows])) + 1)
     for region, (own, group) in enumerate(zip(table, groups, strict=True)):
         own["kind"] = "plane" if flat[region] else "curved"
-        places, heights = _above_plane(points[group], own["centroid"], own["normal"])
+        local = points[group] - own["centroid"]
+        places, heights = local @ _frame(own["normal"]).T, local @ own["normal"]
         own["area"], own["outline"] = _outline(places, own["centroid"], own["normal"])
         effect = np.sqrt(_design_effect(places, heights, own["area"]))
         own["height_error"] *= effect
@@ -66,8 +64,7 @@ def region_table(points, labels, around, moments):
             left = np.sqrt(total / (len(group) - N_PARAMETERS))
             if left <= most_noise * usual[region] and noise[region] > most_noise * left:
                 own["kind"], own["radius"], own["rms"] = "cylinder", cylinder.radius, left
-                axis = point_up(cylinder.axis[None].copy())[0]
-                own["axis"] = axis
+                own["axis"] = axis = point_up(cylinder.axis[None].copy())[0]
                 # The point of the axis that is nearest to the centroid.
                 gap = own["centroid"] - cylinder.point
                 own["axis_point"] = cylinder.point + (gap @ axis) * axis
@@ -79,12 +76,6 @@ def _frame(normal):
     u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     u /= np.linalg.norm(u)
     return np.stack([u, np.cross(normal, u)])
-
-
-def _above_plane(points, centroid, normal):
-    """Coordinates (n, 2) in a plane, and heights above it."""
-    local = points - centroid
-    return local @ _frame(normal).T, local @ normal
 
 
 def _design_effect(places, heights, area):

@@ -108,14 +108,11 @@ class Emptiness(NamedTuple):
 
 
 class Rays:
-    """The rays from where the sensor stood to the points of a cloud.
+    """The rays from where the sensor stood, `origins` (n, d), to the points of a cloud.
 
-    Of points in one direction, the farthest tells where the beam ends. `origins`, float64 (n, d),
-    tells where the sensor stood when it measured each of the points. `empty` makes an array of a
-    shape and a dtype for what is found of all points.
-
-    `ranges` (n,) are distances from the sensor. `usual_angle` is that between rays that are next to
-    each other, the median of all.
+    Of points in one direction, the farthest tells where the beam ends. `empty` makes arrays for
+    what is found of all points. `ranges` (n,) are distances from the sensor, `step` (n,) is 0 where
+    it is, and `usual_angle` is the median angle between rays that are next to each other.
     """
 
     def __init__(self, points, origins, limits, n_jobs, empty=np.empty):
@@ -140,7 +137,7 @@ class Rays:
         self._beams, means = empty((n, k), np.int32), empty(n, float)
         self._search(k, empty, means)
         self.usual_angle = float(np.median(means[seen]))
-        self._step = self._steps(means, self.ranges)
+        self.step = self._steps(means, self.ranges)
 
     def _search(self, k, empty, means):
         """Find the k beams next to each ray; the means of their angles are filled, too."""
@@ -168,23 +165,20 @@ class Rays:
 
     def release(self):
         """Forget what only the points themselves ask for."""
-        self._beams = self._step = self._place_of = None
+        self._beams = self.step = self._place_of = None
 
     def next_to(self, rows, on_surface):
         """The `Emptiness` of the places of some of the points."""
 
         def witnesses(part):
             own = rows[part]
-            return self._witnesses(self._beams[own], self.ranges[own], self._step[own])
+            return self._witnesses(self._beams[own], self.ranges[own], self.step[own])
 
         return self._sums(len(rows), witnesses, on_surface)
 
     def around(self, rows, groups, on_surface):
-        """The `Emptiness` around groups of points: the beams next to them that are of others.
-
-        `rows` (m,) are the points of whole groups, `groups` (m,) says of which; `on_surface` is a
-        mask of all points.
-        """
+        """The `Emptiness` around whole groups, of points `rows` (m,): the beams next to them that
+        are of others."""
         group = np.full(len(self.points), -1, np.int32)
         group[rows] = groups
         cloud, k, ranges = self.cloud, self.n_beams, self.ranges[rows]
@@ -196,7 +190,7 @@ class Rays:
             angles, beams = angles[:, 1:], self.rows[found[:, 1:]]
             strange = group[beams] != group[own][:, None]
             strange &= np.cumsum(strange, axis=1) <= k
-            found = self._witnesses(beams, ranges[part], self._step[own], angles)
+            found = self._witnesses(beams, ranges[part], self.step[own], angles)
             return found._replace(asked=strange)
 
         return self._sums(len(rows), witnesses, on_surface)
@@ -213,22 +207,16 @@ class Rays:
         return sums
 
     def new_witnesses(self, queries, nearest):
-        """`Witnesses` of new points, each measured from where the point of row `nearest` was: as
-        `next_to` asks them, and as `around` does, each point being a group."""
+        """`Witnesses` of new points, each measured from where its nearest point was: as `next_to`
+        asks them, and as `around` does, each point being a group."""
         origins = self.origins[nearest]
         ranges, directions = _polar(queries, origins)
         ranks = np.arange(1, self.n_beams + 1)
         angles, near = self.cloud.tree.query(self._places(directions, origins), k=ranks)
         step = self._steps(angles.mean(axis=1), ranges)
         beams = self.rows[near]
-        return (
-            self._witnesses(beams, ranges, step),
-            self._witnesses(beams, ranges, step, angles),
-        )
-
-    def steps(self, rows):
-        """Steps at some of the points; 0 of points where the sensor is."""
-        return self._step[rows]
+        given = beams, ranges, step
+        return self._witnesses(*given), self._witnesses(*given, angles)
 
     def _steps(self, mean_angles, ranges):
         return np.minimum(mean_angles, self.limits.usual * self.usual_angle) * ranges
@@ -237,21 +225,18 @@ class Rays:
         """What these beams tell, all of which are asked. Where the angles to the next ones are
         unusual, nearer beams had no echo."""
         farther = self.ranges[beams] - ranges[:, None]
-        differs = ExplainLimits().explained
-        farther = np.clip(ratio(farther, differs * step[:, None]), -1.0, 1.0)
+        farther = ratio(farther, ExplainLimits().explained * step[:, None])
+        farther = np.clip(farther, -1.0, 1.0)
         farther = np.where(angles > self.limits.usual * self.usual_angle, 1.0, farther)
         return Witnesses(beams, np.ones(beams.shape, bool), farther, step)
 
     def measure(self, index, planes):
-        """How planes look from the sensor.
+        """What the tilt of each point's plane leaves of the ranges of the beams that meet it.
 
         The range to a plane changes from beam to beam with its tilt. An outline that cuts beams
         makes mixed pixels, which lie between it and what is behind: a plane too, but it contains
-        the rays, and its ranges follow no tilt. The planes are of each of the points of the index.
-
-        Returns, of each point, what the tilt of the plane leaves of the ranges of the beams that
-        meet it, in steps: the median of the points nearby, less where most have a beam's point at
-        hand.
+        the rays, and its ranges follow no tilt. What is left is in steps: the median of the points
+        nearby, less where most have a beam's point at hand.
         """
         n, limits, explained = len(self.points), self.limits, ExplainLimits().explained
         scatter, alone, agreed = (index.empty(n) for _ in range(3))
@@ -270,7 +255,7 @@ class Rays:
         return agreed
 
     def _look(self, rows, planes, explained):
-        beams, step = self._beams[rows], self._step[rows]
+        beams, step = self._beams[rows], self.step[rows]
         away = distances_between(self.points[beams], self.points[rows])
         heights = self.points[beams] - planes.centroids[:, None]
         heights = np.einsum("mkd,md->mk", heights, planes.normals)

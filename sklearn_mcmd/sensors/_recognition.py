@@ -67,8 +67,7 @@ def views_from_setups(points, positions, setups=None):
     groups = [slice(None)]
     if setups is not None:
         groups = [np.flatnonzero(setups == setup) for setup in np.unique(setups)]
-    local = [points[rows] - positions[rows][0] for rows in groups]
-    return [_looks_even(xyz) for xyz in local]
+    return [_looks_even(points[rows] - positions[rows][0]) for rows in groups]
 
 
 def _looks_even(points):
@@ -79,11 +78,8 @@ def _looks_even(points):
 
 
 class _View:
-    """Distinct points (n, 3), as they are seen from the origin of their coordinates.
-
-    The gap to the next direction counts of those that are `asked`, bool (n,). The others are
-    neighbors of these.
-    """
+    """Distinct points (n, 3), as they are seen from the origin of their coordinates. The gap to the
+    next direction counts of those that are `asked`, bool (n,); the others are their neighbors."""
 
     def __init__(self, points, asked):
         ranges, self.directions = _polar(points)
@@ -97,14 +93,8 @@ class _View:
 
     def is_even(self):
         """Whether directions are at even steps, as a sensor makes them, unlike the points."""
-        return self.uneven() < ViewLimits().even * self.uneven_in_space()
-
-    def uneven(self):
-        return _uneven(self.gaps)[0]
-
-    def uneven_in_space(self):
-        gaps = cKDTree(self.points).query(self.points, k=2)[0][self.asked, 1]
-        return _uneven(gaps)[0]
+        in_space = cKDTree(self.points).query(self.points, k=2)[0][self.asked, 1]
+        return _uneven(self.gaps)[0] < ViewLimits().even * _uneven(in_space)[0]
 
     def uneven_beside_others(self):
         """As against the beams around each, and the standard error."""
@@ -112,10 +102,8 @@ class _View:
 
 
 class _Sample:
-    """Points in windows of directions from a position, the same whatever their order.
-
-    All windows are narrowed alike until they have no more than `SAMPLE` points together.
-    """
+    """Points in windows of directions from a position, the same whatever their order: all windows
+    are narrowed alike until they have no more than `SAMPLE` points together."""
 
     def __init__(self, position, windows):
         self.position, self.windows, self.width = position, windows, 2.0

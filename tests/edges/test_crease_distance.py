@@ -86,17 +86,6 @@ def test_a_sharp_fold_is_an_edge_and_a_rounded_one_and_a_pole_are_not():
     assert share(half_pole(2_000, 0.002)) < 0.02
 
 
-@pytest.mark.parametrize("angle", [30, 60, 90, 150])
-def test_distances_are_those_to_the_line_of_two_planes(angle):
-    points, _ = fold(1_500, angle, 0)
-    _, creases, distances = fitted(points, 1e-4, 30)
-    found = distances * creases.faces.spacing[creases.cloud.index.places]
-    near = (distances < 1.5) & (np.abs(points[:, 1]) < 0.8)
-    assert near.sum() > 25
-    truth = np.abs(points[near, 0]) / np.cos(np.radians(angle / 2))
-    assert np.quantile(np.abs(found[near] - truth), 0.9) < 0.002  # spacings are .02 to .05
-
-
 def test_noise_does_not_hide_a_blunt_fold():
     points, _ = fold(3_000, 40, 0)
     spacing = np.sqrt(4 / 3_000)

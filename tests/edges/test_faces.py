@@ -13,28 +13,18 @@ def planes_of(normals, levels, scale, radius=10.0, spacing=1.0, kept=1.0):
     normals = np.asarray(normals, dtype=float)
     n, d = normals.shape
     planes = Planes.empty(n, d)
-    for field, value in {
-        "scale": scale,
-        "radius": radius,
-        "spacing": spacing,
-        "kept": kept,
-    }.items():
-        getattr(planes, field)[:] = value
+    planes.scale[:], planes.radius[:] = scale, radius
+    planes.spacing[:], planes.kept[:] = spacing, kept
     planes.normals[:] = normals
     planes.centroids[:] = normals * np.asarray(levels)[:, None]
     return planes
 
 
-def all_of(m, n):
-    return Neighborhoods(np.tile(np.arange(n, dtype=np.int32), (m, 1)), np.full(m, n))
-
-
-def given(queries, planes, flat=None):
+def given(query, planes):
     n = len(planes.scale)
-    flat = np.ones(n, bool) if flat is None else np.asarray(flat)
-    return give_faces(
-        np.array(queries, float), all_of(len(queries), n), planes, flat, np.ones(n, bool)
-    )
+    around = Neighborhoods(np.arange(n, dtype=np.int32)[None], np.array([n]))
+    every = np.ones(n, bool)
+    return give_faces(np.array(query, float), around, planes, every, every)
 
 
 FLOOR, WALL = [0, 0, 1], [1, 0, 0]

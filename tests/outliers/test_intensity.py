@@ -7,8 +7,6 @@ from scipy.stats import rankdata
 
 from outliers.test_ray_evidence import FORM, sheet_at_an_edge
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._intensity import ranks_of_intensity
-from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
 X = np.random.default_rng(0).random((80, 3))
 LIGHT = np.random.default_rng(1).integers(-20, 20, 80)  # with ties
@@ -18,37 +16,27 @@ def detector(**parameters):
     return MCMDOutlierDetector(20, max_outlier_rate=0.2, random_state=0, **parameters)
 
 
-def kept(fitted):
-    """What the judged cloud has, in the order of coordinates; None if it has none."""
-    ranks = fitted._cloud.intensity
-    return None if ranks is None else ranks[np.lexsort(fitted._cloud.model.index.points.T)]
-
-
-def test_ranks_are_those_of_the_points_of_the_index():
-    index = NeighborIndex(X, 20)
-    expected = (rankdata(LIGHT) - 0.5) / 80
-    assert_array_equal(ranks_of_intensity(LIGHT, index, 80), expected[index.rows])
+def scores(light=None, points=X):
+    return detector().fit(points, intensity=light).scores_
 
 
 @pytest.mark.parametrize("scale", [lambda v: 1e-9 * v, lambda v: np.exp(v) + 7, np.float32])
 def test_neither_unit_nor_scale_matters(scale):
-    expected = kept(detector().fit(X, intensity=LIGHT))
-    assert_array_equal(kept(detector().fit(X, intensity=scale(LIGHT))), expected)
+    assert_array_equal(scores(scale(LIGHT)), scores(LIGHT))
 
 
 def test_copies_have_the_largest_in_any_order_of_rows():
     rng = np.random.default_rng(2)
     copies, light = np.vstack([X, X[:30]]), np.r_[LIGHT, rng.integers(-20, 20, 30)]
     largest = np.r_[np.maximum(LIGHT[:30], light[80:]), LIGHT[30:]]
-    expected = kept(detector().fit(X, intensity=largest))
+    expected = scores(np.r_[largest, largest[:30]], copies)
+    assert (expected != scores(None, copies)).mean() > 0.5
     for order in (np.arange(110), rng.permutation(110)):
-        found = kept(detector().fit(copies[order], intensity=light[order]))
-        assert_array_equal(found, expected)
+        assert_allclose(scores(light[order], copies[order]), expected[order], rtol=1e-9)
 
 
 def test_what_is_the_same_everywhere_says_nothing():
-    assert kept(detector().fit(X)) is None
-    assert kept(detector().fit(X, intensity=np.full(80, 7))) is None
+    assert_array_equal(scores(np.full(80, 7)), scores())
 
 
 @pytest.mark.parametrize(

@@ -129,19 +129,11 @@ def test_outliers_by_rays_alone_are_those_that_coordinates_keep(street):
 
 def test_one_position_for_each_point_says_the_same_as_one_for_all(snowed):
     X = snowed[0][::4]  # its rows are in no order
-    scores = [
-        detector(sensor_origin=parameter).fit(X, sensor_origin=given).scores_
-        for parameter, given in (
-            ("origin", None),
-            ([0.0, 0.0, 0.0], None),
-            (None, "origin"),
-            (None, np.zeros(3)),
-            (None, np.zeros_like(X)),
-            ([7.0, 7.0, 7.0], "origin"),
-        )
-    ]
-    for others in scores[1:]:
-        assert_array_equal(others, scores[0])
+    expected = detector(sensor_origin="origin").fit(X).scores_
+    assert_array_equal(detector(sensor_origin=[0.0, 0.0, 0.0]).fit(X).scores_, expected)
+    for given in ("origin", np.zeros(3), np.zeros_like(X)):
+        found = detector(sensor_origin=[7.0, 7.0, 7.0]).fit(X, sensor_origin=given).scores_
+        assert_array_equal(found, expected)
 
 
 def test_two_positions_are_told_apart(snowed):
@@ -225,19 +217,15 @@ def test_it_passes_through_a_pipeline(snowed):
         (np.zeros((7, 3)), r"sensor_origin must be .* got shape \(7, 3\)"),
         ([0.0, np.nan, 0.0], "sensor_origin contains NaN"),
         ("there", "sensor_origin"),
+        ([1.0, 1.0, 1.0], "sensor_origin is where all points are"),
     ],
 )
 def test_errors_name_the_parameter(origin, message):
-    X = np.random.default_rng(0).random((60, 3))
+    X = np.ones((60, 3))
     with pytest.raises(ValueError, match=message):
         detector().fit(X, sensor_origin=origin)
-    with pytest.raises(ValueError, match=message.replace("there", "sensor_origin")):
+    with pytest.raises(ValueError, match=message):
         detector(sensor_origin=origin).fit(X)
-
-
-def test_all_points_at_the_sensor_have_no_rays():
-    with pytest.raises(ValueError, match="sensor_origin is where all points are"):
-        detector(sensor_origin=[1.0, 1.0, 1.0]).fit(np.ones((60, 3)))
 
 
 @pytest.mark.parametrize("n_features", [2, 3, 4])

@@ -16,7 +16,6 @@ from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 
 CUTOFF = 3.0
-REAL = ["jakarto_scanlines", "ahn3_amsterdam_2397", "pcl_cars_mincut"]
 
 
 def scores_of(X, strictness="groups", n_neighbors=50, seed=0):
@@ -32,11 +31,6 @@ def flips(before, after, tolerance=1e-6):
     return np.count_nonzero(clear & ((before > CUTOFF) != (after > CUTOFF)))
 
 
-def turn(angles):
-    """Rotation by angles about three axes."""
-    return Rotation.from_euler("zyx", angles).as_matrix()
-
-
 def changed(X):
     """The same cloud elsewhere, turned, in another unit, order, or with the least of noises."""
     rng = np.random.default_rng(0)
@@ -46,7 +40,7 @@ def changed(X):
     return {
         "1 km away": (X + 1e3, same),
         "1,000 km away": (X + np.array([1e6, -2e6, 1e6]), same),
-        "turned": (X @ turn([0.3, 1.1, -2.0]), same),
+        "turned": (Rotation.from_euler("zyx", [0.3, 1.1, -2.0]).apply(X), same),
         "in other units": (3.28084 * X, same),
         "in another order": (X[order], order),
         "jitter of 1e-12": (X + 1e-12 * extent * rng.normal(size=X.shape), same),
@@ -86,9 +80,7 @@ def test_no_label_changes_but_those_on_the_cutoff(name, n, strictness, request):
     assert found == dict.fromkeys(found, 0)
 
 
-@pytest.mark.parametrize(
-    ("name", "n"), [*zip([*REAL, "isprs_samp31"], [15_000, 4_000, 4_000, 4_000], strict=True)]
-)
+@pytest.mark.parametrize(("name", "n"), [("jakarto_scanlines", 10_000), ("isprs_samp31", 4_000)])
 def test_few_labels_change_where_coordinates_lie_on_a_lattice(shared_data, name, n):
     """A tie that is resolved otherwise exchanges the last of 50 neighbors, or picks another set
     of the same least eigenvalue. Both planes are as good, and neither answer is the right one.
@@ -134,7 +126,7 @@ def test_labels_do_not_depend_on_position_direction_unit_or_order(form, shift, s
     X = np.vstack([wall, rng.uniform([0, -2, 0], [2, 0, 2], (40, 3))])
     order = rng.permutation(len(X))
     # The shift is in units of the cloud: the precision that is left is that of 1e6 m.
-    moved = scale * (X @ turn(angles) + shift)[order]
+    moved = scale * (Rotation.from_euler("zyx", angles).apply(X) + shift)[order]
     assert flips(scores_of(X, *form)[order], scores_of(moved, *form)) == 0
 
 

@@ -14,6 +14,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 K, SCALE = 20, 0.01
+OWN = np.zeros(500)  # distances from their own planes
 
 
 def planes_at(points, normals, radius, scale=SCALE, kept=1.0):
@@ -35,21 +36,13 @@ def face(n, rng, side=1.0):
     return index.points, neighbors, planes_at(index.points, [0, 0, 1], radius)
 
 
-def surfaces(points, neighbors, planes, least=K, distances=None):
-    own = np.zeros(len(points)) if distances is None else distances
-    index = GivenNeighbors(points, neighbors)
-    return find_surfaces(index, planes, own, least, SurfaceLimits())
+def surfaces(points, neighbors, planes, least=K, own=OWN):
+    return find_surfaces(GivenNeighbors(points, neighbors), planes, own, least, SurfaceLimits())
 
 
 @pytest.fixture
 def rng():
     return np.random.default_rng(0)
-
-
-def test_a_part_of_too_few_points_is_no_surface(rng):
-    points, neighbors, planes = face(500, rng)
-    assert surfaces(points, neighbors, planes, least=500).all()
-    assert not surfaces(points, neighbors, planes, least=501).any()
 
 
 @pytest.mark.parametrize(("scale", "good"), [(0.14, True), (0.16, False), (0.0, False)])
@@ -63,7 +56,7 @@ def test_a_point_off_its_own_plane_is_of_no_surface(rng):
     points, neighbors, planes = face(500, rng)
     distances = np.zeros(500)
     distances[:3] = 2.9, 3.1, np.inf
-    found = surfaces(points, neighbors, planes, distances=distances)
+    found = surfaces(points, neighbors, planes, own=distances)
     assert_array_equal(found[:3], [True, False, False])
 
 
@@ -90,19 +83,13 @@ def test_levels_that_do_not_explain_each_other_are_two_surfaces(rng):
         assert surfaces(lifted, neighbors, planes, least=300).all() == linked
 
 
-def distances(queries, indices, planes, on_surface, chunk=1000, n_jobs=None):
-    near = Neighborhoods(indices.astype(np.int32), np.full(len(queries), indices.shape[1]))
-    floor = np.zeros(len(queries))
-    return distances_to_surfaces(queries, near.take, planes, on_surface, floor, chunk, n_jobs)
-
-
 def test_the_nearest_plane_of_a_surface_that_reaches_the_point_measures_it():
     """In standard deviations. The first plane is of no surface, the second does not reach."""
     centers = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.01], [0, 0, 0.05]])
     planes = planes_at(centers, [0, 0, 1], [9, 0.5, 2, 2], scale=[1, 1, 0.01, 0.1])
     queries = np.array([[1, 0, 0.06], [0, 0.3, 0.2], [5, 0, 0]])
-    candidates = np.tile(np.arange(4), (3, 1))
-    on_surface = np.array([False, True, True, True])
-    owners, found = distances(queries, candidates, planes, on_surface)
+    near = Neighborhoods(np.tile(np.arange(4, dtype=np.int32), (3, 1)), np.full(3, 4))
+    given = planes, np.array([False, True, True, True]), np.zeros(3), 1000
+    owners, found = distances_to_surfaces(queries, near.take, *given)
     assert_array_equal(owners, [3, 1, -1])
     assert_allclose(found, [0.1, 0.2, np.inf])

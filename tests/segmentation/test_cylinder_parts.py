@@ -9,9 +9,6 @@ from sklearn.metrics import adjusted_rand_score
 from benchmarks.simulators import make_bus_stop
 from growth import grown_without
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
 
 NOISE = 0.005
 ANGLE = 5.0  # at which a post breaks into strips
@@ -149,19 +146,3 @@ def test_posts_of_scenes_are_found():
     assert found[False] < 5
     # In one scene growth runs from the footpath onto a post.
     assert found[True] >= 14
-
-
-def test_points_touch_at_the_gap_itself_as_they_are_linked_there():
-    """By distances: of squares rounding would leave out a tenth of those at the gap."""
-    gaps = np.random.default_rng(0).uniform(0.1, 1, (200, 3))
-    distances, squares = np.sqrt(np.square(gaps).sum(axis=1)), np.square(gaps).sum(axis=1)
-    assert (squares > distances**2).any()
-    clouds = [
-        (np.stack([0 * g, g, g + 9, g + 19]), d) for g, d in zip(gaps, distances, strict=True)
-    ]
-    far = np.array([[5.0, 0, 0], [6, 0, 0], [8, 0, 0], [19, 0, 0]])  # not from the origin alone
-    for points, gap in [*clouds, (far, 1.0)]:
-        index = NeighborIndex(points, 4)
-        parts = CylinderParts(index, Planes.unknown(4, 3), np.zeros(4), gap, None)
-        around = parts._around(np.arange(4))
-        assert [set(row) for row in around.tolist()] == [{0, 1}, {0, 1}, {2}, {3}]

@@ -8,10 +8,6 @@ from benchmarks.simulators import make_bus_stop
 from growth import grown_without
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import segmentation_scores
-from sklearn_mcmd.planes._columns import split_columns
-from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors
-from sklearn_mcmd.segmentation._narrow_faces import NarrowFaces
 
 NOISE = 0.005
 ROAD, KERB, PATH = range(3)
@@ -81,22 +77,3 @@ def test_a_volume_on_a_plane_is_no_face():
     X = np.vstack([floor, np.add(bush, [0, 0, 0.02])])
     X = columns(X + rng.normal(0, NOISE, X.shape))
     assert_array_equal(grown(X), grown(X, "find_narrow_faces"))
-
-
-def test_faces_come_with_planes_of_their_own_and_overwrite_no_others():
-    X, _ = kerb()
-    told = split_columns(columns(X))
-    index = NeighborIndex(X, 30)
-    rules = GrowthRules(np.cos(np.radians(5)))
-    floor, planes = np.zeros(len(X)), told.planes(index.rows)
-    links, planes.radius[:] = link_neighbors(index, planes, floor, rules)
-    before = [array.copy() for array in planes]
-    regions = grow_regions(links, np.argsort(told.surface_variation[index.rows]))
-    first = regions.max() + 1
-    labels = NarrowFaces(index, planes, floor, rules, None).grow(regions)
-    face = labels >= first
-    for array, kept in zip(planes, before, strict=True):
-        assert_array_equal(array[~face[: len(array)]], kept[~face[: len(array)]])
-    assert face.sum() > 30
-    # The kerb is upright; planes of all points around it lie across it.
-    assert np.median(np.abs(planes.normals[face, 1])) > 0.99

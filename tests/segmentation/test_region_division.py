@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial import cKDTree
 from sklearn.metrics import adjusted_rand_score
 
 from growth import fitted_without
@@ -11,11 +10,10 @@ from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.segmentation._cylinder import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._region_division import _groups, _joined, _strip
+from sklearn_mcmd.segmentation._region_division import _groups, _joined
 from sklearn_mcmd.segmentation._region_division_numba import (
     gather_cells,
     join_cells,
-    strip_of,
     vote,
 )
 
@@ -244,21 +242,16 @@ def test_small_patches_join_no_groups_that_large_ones_part():
     assert not mixed.any()
 
 
+def test_strips_are_the_same_by_pairs_and_by_trees(monkeypatch):
+    X, _ = roof(1000, 25, 0.2)
+    by_pairs = RegionGrowing(random_state=0).fit_predict(X)
+    monkeypatch.setattr("sklearn_mcmd.segmentation._region_division.FEW", 0)
+    assert_array_equal(RegionGrowing(random_state=0).fit_predict(X), by_pairs)
+    assert by_pairs.max() == 1
+
+
 def test_points_beside_a_crease_are_on_its_sides():
     """Without strips a face's points are those of its cells, which lie across the ridge."""
     X, side = roof(3000, 30, 0.1)
     labels = RegionGrowing(random_state=0).fit_predict(X)
     assert np.mean((labels == labels[side][0]) == side) > 0.99
-
-
-def test_a_strip_is_as_wide_as_the_small_patch_by_pairs_and_by_trees():
-    """Brute force over all distances tells which points of the large patch are near enough."""
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        small, large = rng.random((rng.integers(1, 30), 3)), rng.random((rng.integers(30, 90), 3))
-        large[:, 0] += 0.8
-        gaps = np.linalg.norm(small[:, None] - large, axis=2)
-        near = gaps.min(axis=0) <= gaps.min(axis=1).max()
-        assert near.sum() > 0
-        assert_array_equal(strip_of(small, large), near)
-        assert_array_equal(_strip(cKDTree(small), cKDTree(large)), np.flatnonzero(near))

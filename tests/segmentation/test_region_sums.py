@@ -1,7 +1,5 @@
 """Moments and medians of regions: exact in any order, and in any parts."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -10,9 +8,7 @@ from sklearn_mcmd.segmentation import _region_sums
 from sklearn_mcmd.segmentation._region_sums import (
     median_by_region,
     region_moments,
-    region_sizes,
     relabeled,
-    rows_of,
     sums_by_region,
 )
 
@@ -69,27 +65,6 @@ def test_moments_are_those_of_each_region(cloud):
         assert_allclose(found.covariances[region], expected, atol=1e-12 * expected.max())
 
 
-def test_moments_are_nearly_those_of_exact_arithmetic():
-    rng = np.random.default_rng(1)
-    X = rng.uniform(0, 100, (400, 2)) * [1, 1e-6]
-    exact = [[Fraction(x) for x in row] for row in X]
-    means = [sum(column) / len(X) for column in zip(*exact, strict=True)]
-    gaps = [[x - m for x, m in zip(row, means, strict=True)] for row in exact]
-    least = sum(g[1] * g[1] for g in gaps) / len(X)
-    found = region_moments(X, np.zeros(len(X), np.int32), 1)
-    assert_allclose(found.covariances[0, 1, 1], float(least), rtol=1e-14)
-    assert_allclose(found.centroids[0], [float(m) for m in means], rtol=1e-15)
-
-
-@pytest.mark.parametrize("unit", [1e-150, 1e-3, 1e150])
-def test_the_unit_does_not_matter(cloud, unit):
-    points, labels, _ = cloud
-    local = points - points.mean(axis=0)
-    found = region_moments(local * unit, labels, N_REGIONS).covariances
-    expected = region_moments(local, labels, N_REGIONS).covariances
-    assert_allclose(found / unit / unit, expected, rtol=1e-6, atol=1e-12)
-
-
 @pytest.mark.parametrize("at_once", [2_000_000, 100, 1])
 def test_medians_are_the_upper_ones_whatever_is_sought_at_once(cloud, at_once, monkeypatch):
     _, labels, values = cloud
@@ -101,13 +76,3 @@ def test_medians_are_the_upper_ones_whatever_is_sought_at_once(cloud, at_once, m
     for region in range(n_regions):
         own = np.sort(values[labels == region])
         assert found[region] == own[len(own) // 2]
-
-
-def test_sizes_rows_and_numbers(cloud, monkeypatch):
-    monkeypatch.setattr(_region_sums, "PART", 700)
-    _, labels, _ = cloud
-    assert_array_equal(region_sizes(labels, N_REGIONS), np.bincount(labels + 1)[1:])
-    wanted = np.arange(N_REGIONS + 1) % 3 == 1
-    assert_array_equal(rows_of(labels, wanted), np.flatnonzero(wanted[labels]))
-    number = np.append(np.arange(N_REGIONS)[::-1], -1)
-    assert_array_equal(relabeled(labels, number), number[labels])
