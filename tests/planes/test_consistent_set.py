@@ -34,9 +34,13 @@ def test_the_consistent_set_is_the_ceiling_of_its_share_of_the_neighborhood():
     assert_array_equal(n_support_points(0.5, np.array([3, 5, 9, 50, 51]), 3), [3, 4, 5, 25, 26])
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, 2, 4])
 def test_the_batched_form_equals_the_literal_reference(kind):
-    points = neighborhoods(kind, 12, 30, seed=1)
+    if kind in KINDS:
+        points = neighborhoods(kind, 12, 30, seed=1)
+    else:  # a number of dimensions
+        points = np.random.default_rng(0).normal(size=(12, 30, kind))
+        points[..., -1] *= 0.05
     trials = draw_trials(25, 30, random_state=2)
     support, least, _ = maximum_consistent_sets(points, trials, 15)
     for i, neighborhood in enumerate(points):
@@ -44,16 +48,6 @@ def test_the_batched_form_equals_the_literal_reference(kind):
         members, value = consistent_set(neighborhood, trials, 15)
         assert_array_equal(np.flatnonzero(support[i]), members)
         assert_allclose(least[i], value, rtol=1e-6, atol=1e-14 * radius[0] ** 2)
-
-
-@pytest.mark.parametrize("d", [2, 4])
-def test_the_batched_form_equals_the_reference_in_other_dimensions(d):
-    points = np.random.default_rng(0).normal(size=(10, 20, d)) * [1] * d
-    points[..., -1] *= 0.05
-    trials = draw_trials(20, 20, random_state=0)
-    support, _, _ = maximum_consistent_sets(points, trials, 10)
-    for i, neighborhood in enumerate(points):
-        assert_array_equal(np.flatnonzero(support[i]), consistent_set(neighborhood, trials, 10)[0])
 
 
 def test_members_beyond_the_size_do_not_matter():
