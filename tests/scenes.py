@@ -8,7 +8,7 @@ from benchmarks import simulators
 from benchmarks.simulators import _airborne, _depth_frame, _mobile
 from sklearn_mcmd.datasets import _lidar_turn, make_lidar_turn
 from sklearn_mcmd.datasets._street import _street
-from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 # Makers of scanned scenes, and what makes the worlds that they scan.
 WORLDS = {
@@ -95,14 +95,31 @@ def scanned(name, n_samples=20_000, seed=0, **parameters):
     return scan, WORLDS[name](np.random.default_rng(drawn).spawn(5)[0])
 
 
-def random_planes(points, rng):
-    """A plane near each of some points, whatever lies around."""
-    n, d = points.shape
-    planes = Planes.empty(n, d)
+def planes_around(kind, d, n=120, m=200, k=18):
+    """Points with a plane near each, queries, every second of which is a point, and their nearest.
+
+    Returns points, queries, neighborhoods and planes, which break careless code in some kinds.
+    """
+    rng = np.random.default_rng(0)
+    points, planes = rng.uniform(size=(n, d)), Planes.empty(n, d)
     planes.centroids[:] = points + rng.normal(0, 0.05, (n, d))
     normals = rng.normal(size=(n, d))
     planes.normals[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     planes.scale[:] = rng.uniform(0.01, 0.1, n)
     planes.kept[:] = rng.integers(5, 11, n) / 10
     planes.radius[:] = rng.uniform(0.2, 0.6, n)
-    return planes
+    queries, sizes = rng.uniform(-0.1, 1.1, (m, d)), np.full(m, k)
+    queries[::2] = points[rng.integers(0, n, len(queries[::2]))]
+    indices = np.argsort(np.linalg.norm(queries[:, None] - points, axis=2), axis=1)[:, :k]
+    if kind == "ties":  # of two copies of a plane the first neighbor's is taken
+        planes = planes.take(np.arange(n) // 2)
+    elif kind == "sizes":
+        sizes = rng.integers(1, k + 1, m)
+        indices = np.where(np.arange(k) < sizes[:, None], indices, indices[:, :1])
+    elif kind == "zero scales":
+        planes.scale[::2] = 0.0
+    elif kind == "no planes":
+        planes.scale[::3] = -1.0
+    elif kind == "far away":
+        queries += 10.0
+    return points, queries, Neighborhoods(indices.astype(np.int32), sizes), planes

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd.baselines._methods import COMPARATORS
-from sklearn_mcmd.planes._base import BasePlaneOutliers, comparator_model_of
+from sklearn_mcmd.planes._base import BasePlaneOutliers, model_of
 from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.planes._rules import comparator_of
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
@@ -163,7 +163,8 @@ class PlaneOutlierDetector(BasePlaneOutliers):
             )
         xyz, index = self._index_cloud(X)
         precision, step = np.finfo(xyz.dtype).eps, coordinate_step(xyz)
-        self._model = comparator_model_of(self, comparator, index, xyz.shape, precision, step)
+        shape = xyz.shape
+        self._model = model_of(self, index, shape, precision, step, comparator=comparator)
         self.scores_ = -self._score(xyz)
         if self.contamination == "auto":
             self.offset_ = -comparator.usual_cutoff(self.n_neighbors_, xyz.shape[1])

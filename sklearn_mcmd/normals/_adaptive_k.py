@@ -113,10 +113,8 @@ class ScaleFinder:
 
 def sized_index(xyz, radius, n_jobs):
     """The `NeighborIndex` whose neighborhoods have the sizes that their noise requires."""
-    finder = ScaleFinder(
-        NeighborIndex(xyz, SizeLimits().around), n_jobs
-    )  # whose index the next one shares
-    sizes = finder.sizes()
+    index = NeighborIndex(xyz, SizeLimits().around)  # which the next one shares
+    sizes = ScaleFinder(index, n_jobs).sizes()
     return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
 
 

@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from sklearn_mcmd.normals._quadrics import QuadricLimits, n_terms, tangents_of
+from sklearn_mcmd.normals._quadrics import QuadricLimits, n_terms, tangents_of, work_arrays
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import CONFIDENCE
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import truncated_normal
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
@@ -44,14 +45,7 @@ class Curvatures(NamedTuple):
         """A record to be filled."""
         return cls(*(np.empty(m) for _ in range(5)), np.empty((m, 3)), np.empty((m, 3)))
 
-    def put(self, rows, part):
-        """Overwrite the curvatures of some of the points."""
-        for values, some in zip(self, part, strict=True):
-            values[rows] = some
-
-    def take(self, rows):
-        """The curvatures of some of the points."""
-        return Curvatures(*(values[rows] for values in self))
+    put, take = Planes.put, Planes.take  # type: ignore[misc]
 
 
 class JetLimits(NamedTuple):
@@ -168,10 +162,11 @@ def _curvatures_of_one(model, planes, queries):
 def _fit_jets(model, planes, queries, around, tangents):
     """Quadrics over the planes (m) of queries (m, 3), along `tangents` (m, 2, 3)."""
     points, limits = model.index.points, JetLimits.now()
-    floor = model.least_scales(planes.centroids)
-    jets = Jets.undetermined(len(queries))
+    floor, k = model.least_scales(planes.centroids), around.indices.shape[1]
+    jets, (arrays, equations) = Jets.undetermined(len(queries)), work_arrays(8, k)
+    room = arrays[:3], arrays[3:6], arrays[6], arrays[7], np.empty(k, bool), *equations
     fit = compiled_function("normals._curvature_numba", "fit_jets")
-    fit(points, around, queries, tangents, planes, floor, limits, jets)
+    fit(points, around, queries, tangents, planes, floor, limits, room, jets)
     return jets
 
 

@@ -11,26 +11,16 @@ from sklearn_mcmd.normals._quadrics_numba import (
     frame,
     localize,
     quadric_moments,
-    work_arrays,
 )
 from sklearn_mcmd.runtime._kernels import kernel
 
 
-def fit_jets(points, around, queries, tangents, planes, floor, limits, jets):
-    """Fit quadrics to the members of neighborhoods that belong to the surfaces.
-
-    Points, queries (m, 3), tangents (m, 2, 3) and `floor` (m,), the least standard deviation of the
-    noise in units of the points, are float64. The limits are `JetLimits`. The `Jets` are
-    undetermined before, and filled.
-    """
-    k = around.indices.shape[1]
-    arrays, equations = work_arrays(8, k)
-    room = arrays[:3], arrays[3:6], arrays[6], arrays[7], np.empty(k, bool), *equations
-    _fit_jets(points, around, queries, tangents, planes, floor, limits, room, jets)
-
-
 @kernel(cache=True)
-def _fit_jets(points, around, queries, tangents, planes, floor, limits, room, jets):
+def fit_jets(points, around, queries, tangents, planes, floor, limits, room, jets):
+    """Fill `Jets` that are undetermined with quadrics of the members that belong to surfaces.
+
+    `floor` (m,) is the least standard deviation of the noise, in units of the points.
+    """
     indices, sizes = around.indices, around.sizes
     local, chosen, deviations, heights, used, lower, right, solution = room
     for i in range(len(indices)):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.normals._quadrics import QuadricLimits, n_terms, tangents_of
+from sklearn_mcmd.normals._quadrics import QuadricLimits, n_terms, tangents_of, work_arrays
 from sklearn_mcmd.planes._principal_planes import student_factors
 from sklearn_mcmd.runtime._compiling import compiled_function
 
@@ -32,27 +32,29 @@ def are_folded(points, around, planes, faces):
     members. The points (n, d) are in 2D or 3D.
     """
     folded = np.empty(len(around.sizes), dtype=bool)
+    arrays, equations = work_arrays(7, around.indices.shape[1])
+    room = arrays[:3], *arrays[3:], arrays.view(np.int64)[3], *equations
     find = compiled_function("normals._folds_numba", "find_folded")
-    find(points, around, planes, tangents_of(planes.normals), faces, FoldLimits(), folded)
+    find(points, around, planes, tangents_of(planes.normals), faces, FoldLimits(), room, folded)
     return folded
 
 
 def quadric_normals(points, queries, around, planes, left):
     """Tangent planes of quadrics at queries (m, d), in 2D or 3D: normals, centroids and errors.
 
-    `planes` are those of all members, and `left` (m,) is the standard deviation of the members from
-    their quadric.
+    `planes` are those of all members, which stay where they determine no quadric, with an error of
+    90. `left` (m,) is the standard deviation of the members from their quadric.
 
     The centroids (m, d) are the points of the quadrics nearest to the queries, along the normals of
-    the planes. No point is farther off the mean, in the plane, than the farthest member. The errors
-    (m,) are as from `normal_errors`; 90 where the members do not determine the quadric, whose
-    tangent plane is then the plane of all members.
+    the planes, but no farther off the mean, in the plane, than the farthest member.
     """
     m, d = queries.shape
     normals, centroids, tilt = out = np.empty((m, d)), np.empty((m, d)), np.empty(m)
+    arrays, equations = work_arrays(4, around.indices.shape[1])
+    room = arrays[:3], arrays[3], *equations, *np.empty((2, n_terms(3)))
     find = compiled_function("normals._folds_numba", "find_quadric_normals")
-    tangents = tangents_of(planes.normals)
-    find(points, queries, around, planes, tangents, QuadricLimits().pivot, out)
+    tangents, pivot = tangents_of(planes.normals), QuadricLimits().pivot
+    find(points, queries, around, planes, tangents, pivot, room, *out)
     freedom = around.sizes - n_terms(d)
     with np.errstate(invalid="ignore"):
         errors = np.degrees(tilt * left) * student_factors(freedom, d)

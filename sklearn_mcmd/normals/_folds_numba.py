@@ -12,7 +12,6 @@ from sklearn_mcmd.normals._quadrics_numba import (
     localize,
     quadric_moments,
     vector,
-    work_arrays,
 )
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
@@ -25,15 +24,9 @@ from sklearn_mcmd.runtime._kernels import kernel
 TINY = np.finfo(np.float64).tiny  # least variance
 
 
-def find_folded(points, around, planes, tangents, faces, limits, folded):
-    """Fill `folded` as `are_folded` returns it."""
-    arrays, equations = work_arrays(7, around.indices.shape[1])
-    room = arrays[:3], *arrays[3:], arrays.view(np.int64)[3], *equations
-    _are_folded(points, around, planes, tangents, faces, limits, room, folded)
-
-
 @kernel(cache=True)
-def _are_folded(points, around, planes, tangents, faces, limits, room, folded):
+def find_folded(points, around, planes, tangents, faces, limits, room, folded):
+    """Fill `folded` as `are_folded` returns it."""
     local, work, weight, first, second, keys, lower, right, solution = room
     d = points.shape[1]
     for i in range(len(folded)):
@@ -94,17 +87,11 @@ def _heights_over_fitted(local, size, d, weight, heights):
     _height(local, size, axes[0], x * mean[0] + y * mean[1] + z * mean[2], heights)
 
 
-def find_quadric_normals(points, queries, around, planes, tangents, pivot, out):
-    """Fill normals and centroids of `quadric_normals`, and the errors for a noise of one."""
-    arrays, equations = work_arrays(4, around.indices.shape[1])
-    room = arrays[:3], arrays[3], *equations, *np.empty((2, TERMS))
-    _quadric_normals(points, queries, around, planes, tangents, pivot, room, *out)
-
-
 @kernel(cache=True)
-def _quadric_normals(
+def find_quadric_normals(
     points, queries, around, planes, tangents, pivot, room, normals, centroids, tilt
 ):
+    """Fill normals and centroids of `quadric_normals`, and the errors for a noise of one."""
     local, heights, lower, right, solution, first, second = room
     d = points.shape[1]
     for i in range(len(queries)):

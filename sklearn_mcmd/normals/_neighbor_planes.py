@@ -46,8 +46,9 @@ def find_lenders(points, queries, around, planes, most):
     (m,), -1 where none reaches the query.
     """
     lenders = np.empty(len(queries), dtype=np.int64)
+    patches = np.empty((queries.shape[1] + 1, around.indices.shape[1]))
     find = compiled_function(MODULE, "find_lenders")
-    find(points, queries, around, planes, most, PatchLimits.now(), lenders)
+    find(points, queries, around, planes, most, PatchLimits.now(), patches, lenders)
     return lenders
 
 
@@ -60,9 +61,8 @@ def doubted_errors(points, queries, around, planes, members, bends):
     angles to the normal. Where the surface `bends`, bool (m,), what is linear in the place is left
     out of these.
 
-    `planes` are those that the queries have in the end. `members` are those of the points before
-    any is lent, rows of which `around` has; their scale is noise: of those that bend, what the
-    quadric leaves. Points and queries are float64, in 2D or 3D.
+    `planes` are those that the queries have in the end, `members` those of the points before any is
+    lent, whose scale is noise: of those that bend, what the quadric leaves.
     """
     errors, width = np.empty(len(queries)), around.indices.shape[1]
     find, limits = compiled_function(MODULE, "doubted_errors"), PatchLimits.now()

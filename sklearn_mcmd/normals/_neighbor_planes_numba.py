@@ -5,14 +5,9 @@ import numpy as np
 from sklearn_mcmd.runtime._kernels import kernel
 
 
-def find_lenders(points, queries, around, planes, most, limits, lenders):
-    """Fill `lenders` as `find_lenders` of ``_neighbor_planes`` returns them."""
-    arrays = np.empty((queries.shape[1] + 1, around.indices.shape[1]))
-    _find_lenders(points, queries, around, planes, most, limits, arrays, lenders)
-
-
 @kernel(cache=True)
-def _find_lenders(points, queries, around, planes, most, limits, arrays, lenders):
+def find_lenders(points, queries, around, planes, most, limits, arrays, lenders):
+    """Fill `lenders` as `find_lenders` of ``_neighbor_planes`` returns them, in work arrays."""
     d = queries.shape[1]
     patch, heights = arrays[:d], arrays[d]
     for i in range(len(queries)):
@@ -98,9 +93,8 @@ def doubted_errors(
 ):
     """Fill `errors` as `doubted_errors` of ``_neighbor_planes`` returns them, in work arrays.
 
-    Of the planes around, `found` has the heights of the query above them, what their angles have
-    beyond chance, and along both tangents of the query where their points are and how much their
-    normals lean.
+    `found` has, of the planes around, the heights of the query above them, what their angles have
+    beyond chance, and along two tangents the places of their points and the lean of their normals.
     """
     d = queries.shape[1]
     patch, heights = patches[:d], patches[d]

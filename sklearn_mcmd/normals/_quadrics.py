@@ -134,8 +134,19 @@ def whole_planes(points, around, planes, directions):
     plane by noise alone, bool (m,).
     """
     m, k = around.indices.shape
-    limits = NormalSample.of(k, points.shape[1])
+    limits, (arrays, equations) = NormalSample.of(k, points.shape[1]), work_arrays(4, k)
+    room = arrays[:3], arrays[3], np.ones(k), *equations
     found = np.empty(m), np.empty(m), np.empty(m, dtype=bool)
     fit = compiled_function("normals._quadrics_numba", "fit_whole_planes")
-    fit(points, around, limits, planes, directions, *found)
+    fit(points, around, limits, room, planes, directions, *found)
     return found
+
+
+def work_arrays(rows, k):
+    """Rows of one array for numbers of k members; and arrays for the equations of a quadric.
+
+    Python makes the arrays, since Numba takes long to compile what makes them.
+    """
+    terms = n_terms(3)
+    equations = np.empty((terms + 2, terms))
+    return np.zeros((rows, k)), (equations[:terms], equations[terms], equations[terms + 1])

@@ -16,15 +16,6 @@ TERMS = 6  # of a quadric over a plane in 3D
 ORIGIN = 0.0, 0.0, 0.0  # the mean of members that are centered
 
 
-def work_arrays(rows, k):
-    """Rows of one array for numbers of k members; and arrays for the equations of a quadric.
-
-    Python makes the arrays, since Numba takes long to compile what makes them.
-    """
-    equations = np.empty((TERMS + 2, TERMS))
-    return np.zeros((rows, k)), (equations[:TERMS], equations[TERMS], equations[TERMS + 1])
-
-
 @kernel
 def localize(points, members, size, origin, local):
     """Fill the coordinates of members from an origin."""
@@ -149,17 +140,9 @@ def frame(normal, tangents):
     return vector(normal), vector(tangents[0]), last
 
 
-def fit_whole_planes(points, around, limits, planes, directions, deviation, left, ordinary):
-    """Fill the results of `whole_planes`."""
-    k = around.indices.shape[1]
-    arrays, equations = work_arrays(4, k)
-    room = arrays[:3], arrays[3], np.ones(k), *equations
-    out = planes, directions, deviation, left, ordinary
-    _whole_planes(points, around, limits, room, *out)
-
-
 @kernel(cache=True)
-def _whole_planes(points, around, limits, room, planes, directions, deviation, left, ordinary):
+def fit_whole_planes(points, around, limits, room, planes, directions, deviation, left, ordinary):
+    """Fill the results of `whole_planes`."""
     indices, sizes, d = around.indices, around.sizes, points.shape[1]
     terms = d * (d + 1) // 2
     local, height, weight, moments, right, forward = room

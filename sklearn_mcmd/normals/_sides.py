@@ -20,9 +20,7 @@ class TreeLimits(NamedTuple):
 class Sides:
     """The sides of normals that `orientation` and `sensor_origin` of the estimator name.
 
-    The direction is (d,) or None. The sensor's origin is None, one for all points (d,), or one for
-    each of the points that are fitted (n, d). With `tree`, neighbors are to agree, along a spanning
-    tree.
+    The direction is (d,) or None, the sensor's origin None, (d,), or (n, d) of the fitted points.
     """
 
     def __init__(self, direction=None, sensor_origin=None, tree=False):

@@ -59,10 +59,8 @@ class Surfaces(NamedTuple):
 class SurfacePlanes:
     """Planes of the surfaces of a cloud's points, in memory or on disk.
 
-    The model is one with neighborhoods. With `lends`, points next to edges take planes of their
-    neighbors. With `tangents`, a neighborhood that bends has the tangent plane of its quadric, and
-    not the plane of all members. `members`, the `Surfaces` of all points of the model's index, are
-    filled part by part by `fit_own` and then `bend`.
+    `lends` and `tangents` are as of the estimator. `members`, the `Surfaces` of all points of the
+    model's index, are filled part by part by `fit_own` and then `bend`.
     """
 
     def __init__(self, model, lends, tangents=True, members=None):
@@ -174,10 +172,7 @@ class SurfacePlanes:
         return forms, noise, left
 
     def _fit_whole(self, points, planes, around):
-        """Fill planes of all members; return `deviation`, `left` and `ordinary` of `whole_planes`.
-
-        If there are too few members for a deviation, the caller must overwrite the plane.
-        """
+        """Fill planes of all members; return what `whole_planes` returns."""
         members, directions = self.model.index.points, np.empty_like(planes.normals)
         found = whole_planes(members, around, planes, directions)
         flat_normals(planes.normals, planes.eigenvalues, directions)
@@ -233,11 +228,7 @@ class SurfacePlanes:
             forms[rows[folded]] = ROUGH
 
     def _lenders(self, points, planes, rough, around, members):
-        """The members whose planes the rows `rough` borrow; -1 for rows that borrow none.
-
-        `around` are the neighborhoods of `rough`. The scales of `members` are noise: of those that
-        bend, what the quadric leaves.
-        """
+        """The members whose planes the rows `rough` borrow, -1 for none; their scales are noise."""
         lenders = np.full(len(rough), -1)
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
         own = planes.take(rough)
@@ -284,8 +275,7 @@ class FittedSurfaces(NamedTuple):
 def lend(planes, rows, members, lenders):
     """Replace rows of planes, in place, by those of lenders; extents stay the rows' own.
 
-    A borrowed normal is no better known than the own one was: which surface the point lies on is in
-    doubt.
+    A borrowed normal is no better known than the own one was.
     """
     own, lent = planes.take(rows), members.take(lenders)
     error = np.maximum(own.normal_error, lent.normal_error)

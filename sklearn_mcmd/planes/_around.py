@@ -6,7 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-MODULE = "planes._around_numba"
+MODULE = "planes._moments_numba"
 LARGEST = 1e300  # of a quotient: the mean of two is finite, as is a small multiple
 
 
@@ -18,8 +18,9 @@ class NoiseLimits(NamedTuple):
 
 def quantile_around(values, neighborhoods, q):
     """The q-quantile (from above) of the neighbors' values of each neighborhood: (m,)."""
-    out = np.empty(len(neighborhoods.sizes))
-    compiled_function(MODULE, "quantile_of_neighbors")(values, neighborhoods, q, out)
+    out, work = np.empty(len(neighborhoods.sizes)), np.empty(neighborhoods.indices.shape[1])
+    fill = compiled_function(MODULE, "quantile_of_neighbors")
+    fill(values, neighborhoods, q, work, work.view(np.int64), out)
     return out
 
 

@@ -157,40 +157,28 @@ class BasePlaneOutliers(FittedScoresMixin, BaseLocalPlanes):
         return -self._score(self._check_queries(X))
 
 
-def model_of(estimator, index, shape, precision, step, cutoff=None):
+def model_of(estimator, index, shape, precision, step, cutoff=None, comparator=None):
     """The planes of an index of points of this shape, by the parameters of an estimator.
 
     `precision` is the relative rounding error of the coordinates, `step` that of a lattice. The
-    estimator gets `n_trials_`.
+    estimator gets `n_trials_`, and says whether a comparator judges in place of a rule if none is
+    given.
     """
     n, d = shape
-    comparator = estimator._comparator()
+    k, comparator = index.n_neighbors or n, comparator or estimator._comparator()
+    settings = PlaneSettings(estimator.method, precision, step)
     if comparator is not None:
-        return comparator_model_of(estimator, comparator, index, shape, precision, step)
+        estimator.n_trials_, _ = comparator.table_shape(k, d)
+        tables = comparator.tables(estimator.random_state)
+        return LocalPlaneModel(index, tables, settings._replace(comparator=comparator))
     estimator.n_trials_ = estimator._count_trials(d)
     rule = METHODS[estimator.method]
-    trials = draw_trials(
-        estimator.n_trials_ if rule.needs_consistent_set else 0,
-        index.n_neighbors or n,
-        estimator.random_state,
-        length=LONGEST_TRIAL if estimator.n_neighbors is None else None,
-    )
-    settings = PlaneSettings(
-        method=estimator.method,
-        precision=precision,
-        step=step,
+    n_trials = estimator.n_trials_ if rule.needs_consistent_set else 0
+    length = LONGEST_TRIAL if estimator.n_neighbors is None else None
+    trials = draw_trials(n_trials, k, estimator.random_state, length=length)
+    settings = settings._replace(
         support_fraction=estimator.support_fraction,
         cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
         reweight=estimator.reweight,
     )
     return LocalPlaneModel(index, trials, settings)
-
-
-def comparator_model_of(estimator, comparator, index, shape, precision, step):
-    """The same of a registered method, which judges the neighborhoods in place of a rule."""
-    n, d = shape
-    estimator.n_trials_, _ = comparator.table_shape(index.n_neighbors or n, d)
-    settings = PlaneSettings(
-        method=estimator.method, precision=precision, step=step, comparator=comparator
-    )
-    return LocalPlaneModel(index, comparator.tables(estimator.random_state), settings)

@@ -9,12 +9,9 @@ from sklearn_mcmd.planes._principal_planes import surface_variation
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import run, slices
 
-# How far the length of a normal may be from 1. A file may have stored it with few digits.
-TOLERANCE = 1e-3
-# Rows at once: their columns stay in the processor's cache.
-CHUNK = 4096
-# Rows at once whose distances from planes are computed; it limits the memory.
-ROWS_AT_ONCE = 100_000
+TOLERANCE = 1e-3  # of the length of a normal, which a file may have stored with few digits
+CHUNK = 4096  # rows at once, whose columns stay in the processor's cache
+ROWS_AT_ONCE = 100_000  # whose distances from planes are computed; it limits the memory
 
 
 class Columns(NamedTuple):
@@ -28,11 +25,7 @@ class Columns(NamedTuple):
     scale: np.ndarray  # standard deviation of the plane's noise
 
     def planes(self, rows, n_jobs=None):
-        """The planes of some of the points: float64, of points that are projected on them.
-
-        They count as having kept their neighborhoods. Radius and spacing, which columns lack,
-        are not a number; fields that no stage needs are left out.
-        """
+        """The planes of some of the points, float64; what columns lack is no number or left out."""
         planes = Planes.empty(len(rows), self.coordinates.shape[1])
         planes = planes.without("eigenvalues", "normal_error")
         planes.kept[:], planes.radius[:], planes.spacing[:] = 1.0, np.nan, np.nan
@@ -100,11 +93,8 @@ def _cut(X, d, n_jobs):
     """The columns of d dimensions; None if they are not those of planes."""
     # Coordinates are copied to memory of their own, which makes all later work faster.
     coordinates, eigenvalues = np.empty((len(X), d), X.dtype), np.empty((len(X), d), X.dtype)
-    normals, variation, (offset, scale) = (
-        X[:, d : 2 * d],
-        X[:, 2 * d],
-        X[:, 3 * d + 1 : 3 * d + 3].T,
-    )
+    normals, variation = X[:, d : 2 * d], X[:, 2 * d]
+    offset, scale = X[:, 3 * d + 1 : 3 * d + 3].T
     wrong = []
 
     def task(part):

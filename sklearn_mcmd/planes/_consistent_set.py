@@ -1,8 +1,6 @@
 """Algorithm 1: the maximum consistent set of a neighborhood, in any dimension.
 
-The batched NumPy form of this module is the reference for the compiled one in
-``_consistent_set_numba``. It is used where that one is not: in other dimensions than three, and
-for clouds of few points.
+``_consistent_set_numba`` is its compiled form, for clouds of many points in three dimensions.
 """
 
 from math import ceil, log1p
@@ -23,8 +21,7 @@ EIGENVALUE_STEP = 1e-14
 # largest: rounding would decide how such a plane lies.
 RANK_TOLERANCE = 1e-6
 MOST_TRIALS = 2**62  # what a 64-bit integer holds, and no more are ever made
-# Entries of the largest temporary array of maximum_consistent_sets.
-CHUNK_ENTRIES = 2_000_000
+CHUNK_ENTRIES = 2_000_000  # of the largest temporary array of maximum_consistent_sets
 
 
 class Trials(NamedTuple):
@@ -43,9 +40,6 @@ def n_trials_needed(max_outlier_rate, success_probability, n_features):
     In the paper, `max_outlier_rate`, the probability in [0, 1) that a point is an outlier, is
     epsilon; `success_probability`, in (0, 1), is P_r; and `n_features`, the points in a minimal
     subset, is h_0. The number is at least 1 and at most 2**62.
-
-    >>> [n_trials_needed(rate, 0.9999, 3) for rate in (0.05, 0.1, 0.2, 0.4, 0.5)]
-    [5, 8, 13, 38, 69]
     """
     clean = (1.0 - max_outlier_rate) ** n_features
     if clean >= 1.0:
@@ -123,55 +117,50 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
 
     Returns the sets, bool (B, k); the least eigenvalue (B,) of each set's covariance (divisor h),
     in squared units of the points; and whether no trial found a set that spans a plane, bool (B,),
-    since points are collinear or coincident. The set is then the first h members.
-
-    Distances that differ by less than 2e-9 of the neighborhood's median radius are tied, and the
-    earlier member wins. Eigenvalues that differ by less than 1e-14 of the squared radius are tied,
-    and the earlier trial wins. So rounding does not decide, even on a perfect plane.
+    since points are collinear or coincident. The set is then the first h members. Ties are as
+    `DISTANCE_STEP` and `EIGENVALUE_STEP` say.
     """
     n_sets, k, _ = neighborhoods.shape
     sizes = np.full(n_sets, k) if sizes is None else np.asarray(sizes)
     n_support = np.broadcast_to(n_support, n_sets)
     local, radius = localize(neighborhoods, sizes)
 
-    eigenvalues = np.empty((n_sets, len(trials)))
+    eigenvalues, offsets = np.empty((2, n_sets, len(trials)))
+    normals = np.empty((n_sets, len(trials), local.shape[2]))
     step = max(1, CHUNK_ENTRIES // (n_sets * k))
     for start in range(0, len(trials), step):
         block = slice(start, start + step)
-        normals, offsets, degenerate = _trial_planes(local, trials[block], sizes)
-        support = _nearest_members(local, normals, offsets, n_support, sizes)
+        normals[:, block], offsets[:, block], degenerate = _trial_planes(
+            local, trials[block], sizes
+        )
+        planes = normals[:, block], offsets[:, block]
+        support = _nearest_members(local, *planes, n_support, sizes)
         least = _least_eigenvalues(local, support, n_support)
         eigenvalues[:, block] = np.where(degenerate, np.inf, least)
 
     # The first trial among the best, so that rounding does not decide.
     best = eigenvalues.min(axis=1)
-    winner = np.argmax(eigenvalues <= best[:, None] + EIGENVALUE_STEP, axis=1)
-    normals, offsets, _ = _trial_planes(local, trials, sizes, chosen=winner)
-    support = _nearest_members(local, normals, offsets, n_support, sizes)[:, 0]
+    winner = np.arange(n_sets), np.argmax(eigenvalues <= best[:, None] + EIGENVALUE_STEP, axis=1)
+    planes = normals[winner][:, None], offsets[winner][:, None]
+    support = _nearest_members(local, *planes, n_support, sizes)[:, 0]
     degenerate = np.isinf(best)
     support[degenerate] = (np.arange(k) < n_support[:, None])[degenerate]
-    least = np.take_along_axis(eigenvalues, winner[:, None], 1)[:, 0] * radius**2
-    return support, least, degenerate
+    return support, eigenvalues[winner] * radius**2, degenerate
 
 
-def _trial_planes(local, trials, sizes, chosen=None):
+def _trial_planes(local, trials, sizes):
     """Planes through the minimal subsets, completed where they span none (steps 1 and 2).
 
-    Returns normals (B, T, d), offsets (B, T) and whether not even all points span a plane. With
-    `chosen` (B,) it takes only that trial of each neighborhood (T = 1).
+    Returns normals (B, T, d), offsets (B, T) and whether not even all points span a plane.
     """
     n_sets, k, d = local.shape
     rows = np.arange(n_sets)[:, None, None]
-    if chosen is None:
-        order = np.broadcast_to(trials, (n_sets, *trials.shape))
-    else:
-        order = trials[chosen][:, None]
+    order = np.broadcast_to(trials, (n_sets, *trials.shape))
     if (sizes < trials.shape[1]).any():
         # Positions beyond the neighborhood go to the end of the row; the others keep their order.
         behind = np.argsort(order >= sizes[:, None, None], axis=-1, kind="stable")
         order = np.take_along_axis(order, behind, axis=-1)
-    first = order[..., :d]
-    normals, offsets, degenerate = _planes_through(local[rows, first])
+    normals, offsets, degenerate = _planes_through(local[rows, order[..., :d]])
     rows, trial = np.nonzero(degenerate)
     # Where all points together span no plane, no subset does.
     members = np.arange(k) < sizes[:, None]

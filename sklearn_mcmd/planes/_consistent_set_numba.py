@@ -53,8 +53,7 @@ LEAST_MINORS = np.float32(1e-4)  # squared ratio of width to length below which 
 class WorkArrays(NamedTuple):
     """Arrays that one thread needs for neighborhoods of k members; all neighborhoods share them.
 
-    Python makes them, and also gives some of them as a second type, since Numba takes long to
-    compile either.
+    Python makes them, some as two types, since Numba takes long to compile what does.
     """
 
     local: np.ndarray  # float64 (3, k), coordinates
@@ -71,9 +70,7 @@ class WorkArrays(NamedTuple):
 
     @classmethod
     def of(cls, n_trials, k):
-        """The float32 arrays begin on a cache line, because vector loads across two lines take
-        twice as long.
-        """
+        """float32 arrays begin on a cache line: vector loads across two take twice as long."""
         n_lanes = -(-n_trials // VECTOR) * VECTOR
         n_wide = -(-n_lanes // (2 * VECTOR)) * 2 * VECTOR
         n_rows = -(-k // ROWS) * ROWS

@@ -42,19 +42,13 @@ def explain(queries, candidates, planes, usable, least, likely=False):
 
 
 class LinkLimits(NamedTuple):
-    """When two points are linked.
-
-    If it is `mutual`, each plane must explain the other's point. Otherwise only the point's own
-    plane must explain its neighbor. With `both_near` each must be as near to the
-    other as the last of the other's neighbors. Otherwise one among the other's suffices, and the
-    link stands in the row of that other one only.
-    """
+    """When a point is linked to a neighbor, whose point its plane explains."""
 
     min_cosine: float  # least cosine of the angle between their normals, whatever their signs
     explained: float  # standard deviations within which a plane explains a point
     max_gap: float  # largest distance between the points, in their units
-    mutual: bool
-    both_near: bool
+    mutual: bool  # whether the neighbor's plane must explain the point, too
+    both_near: bool  # whether it must be as near to the neighbor as the last of the neighbor's own
 
 
 def connected_planes(index, k, planes, limits, usable):
@@ -90,12 +84,9 @@ def _parts(roots):
 
 
 def row_linker(index, k, planes, limits, usable):
-    """What links points to those of their neighbors whose planes and their own explain each other.
+    """What links points to those of their k neighbors that the `LinkLimits` allow.
 
-    Of k neighbors, the point itself among them, those may be linked that are `usable`, bool (n,).
-    Of the planes, one of each point, centroid, normal and scale are used. One of a negative scale
-    explains nothing.
-
+    Only `usable` points, bool (n,), are linked, and a plane of a negative scale explains nothing.
     Returns a function that takes a slice of m rows and int32 (m, k), which becomes the neighbors
     linked, the nearest first, then -1. The point itself is none.
     """

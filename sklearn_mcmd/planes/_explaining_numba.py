@@ -34,10 +34,9 @@ def explain_queries(queries, candidates, planes, usable, least, likely, tie, own
 
 @kernel(cache=True)
 def link_rows(points, around, planes, limits, usable, farthest, start, links):
-    """Fill the links, int32 (m, width), of the points from row `start` on.
+    """Fill the links, int32 (m, width), of the points from row `start` on, which `around` has.
 
-    `around` has the neighborhoods of these rows; points, planes and `usable`, bool (n,), are those
-    of all points. `farthest` (n,) has the distances of the last neighbors, if both must be near.
+    `farthest` (n,) has the distances of the last neighbors, if both must be near.
     """
     centroids, normals, scale = planes.centroids, planes.normals, planes.scale
     d = points.shape[1]
@@ -71,10 +70,7 @@ def link_rows(points, around, planes, limits, usable, farthest, start, links):
 
 @kernel(cache=True)
 def join(links, start, roots):
-    """Join the parts of rows from `start` on and of what they are linked to.
-
-    Following `roots` leads from any row to the first row of its part.
-    """
+    """Join rows from `start` on to what they are linked to: `roots` lead to the first of a part."""
     n, width = links.shape
     for i in range(n):
         for a in range(width):

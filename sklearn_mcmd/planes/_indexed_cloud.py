@@ -31,33 +31,27 @@ class IndexedCloud:
     def __init__(self, X):
         self.rows, self._locations = distinct_rows(X)
         self.n_distinct = len(self.rows)
-        order = None
+        self.search = self.table = order = None
         if len(self.rows) <= X.shape[1]:  # too few locations for any plane: copies fill up
             if self._locations is None:
                 self._locations = np.arange(len(X))
             self.rows = np.resize(self.rows, X.shape[1] + 1)
         distinct = X if len(self.rows) == len(X) else X[self.rows]
-        self.search = None
         if X.shape[1] == 3 and self.n_distinct >= COMPILE_FROM:
             self.search = SelfSearch(distinct)
             order, self.points = self.search.order, self.search.points
         elif len(self.rows) >= ORDER_FROM:
             order = spatial_order(distinct)
         if order is not None:
-            self.rows = order if self._locations is None else self.rows[order]
+            self.rows = self.rows[order]
             if self._locations is not None:
                 self._locations = _inverse(order)[self._locations]
         if self.search is None:
             self.points = np.ascontiguousarray(X[self.rows])
-        self.table = None
 
     @classmethod
     def of(cls, X):
-        """The index of a cloud, shared by all its users while one of them keeps it.
-
-        The stages of a pipeline see the same coordinates. Each fitted stage keeps its index, and
-        the next stage finds it by the content of its own array.
-        """
+        """The index of a cloud, shared by all stages that see it while one of them keeps it."""
         X = np.ascontiguousarray(X)
         key = X.shape, blake2b(X, digest_size=16).digest()
         with _lock:
@@ -89,16 +83,13 @@ class IndexedCloud:
         3D, from 1,000 points on. `n_kept` neighbors of each are searched and kept for the next
         time. With 0, only what was kept before is taken from there, and `rows` must be a slice.
         """
-        if n_kept:
-            with _lock:  # threads that begin together begin one table
-                if self.table is None or self.table.k < k:
-                    self.table = NeighborTable(self.search_own, len(self.points), max(k, n_kept))
-                table = self.table
-            return table.query(rows, k)
-        table = self.table
+        with _lock:  # threads that begin together begin one table
+            if n_kept and (self.table is None or self.table.k < k):
+                self.table = NeighborTable(self.search_own, len(self.points), max(k, n_kept))
+            table = self.table
         if table is None or table.k < k:
             return self.search_own(rows, k)
-        return table.query(rows, k, keep=False)
+        return table.query(rows, k, keep=n_kept > 0)
 
     def nearest(self, queries, k):
         """Distances (m, k) of the k nearest points of any queries, and their rows: int32 (m, k).

@@ -24,8 +24,7 @@ from sklearn_mcmd.planes._rules import METHODS, RuleArguments, robust_distances
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-# Neighbors a task in NumPy: what bounds the memory whatever n_neighbors is.
-CHUNK = 12_800
+CHUNK = 12_800  # neighbors a task in NumPy: what bounds the memory whatever n_neighbors is
 
 
 class RuleFit(NamedTuple):
@@ -73,7 +72,7 @@ class LocalPlaneModel:
 
     def evaluate(self, queries, n_jobs=None):
         """Planes of the neighborhoods of queries (m, d), and robust distances (m,) to them."""
-        rounding = max(self.rounding, _rounding(np.finfo(queries.dtype).eps))
+        precision = np.finfo(queries.dtype).eps
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
         if self.whole is not None:
@@ -82,7 +81,8 @@ class LocalPlaneModel:
 
         def task(rows):
             part = queries[rows]
-            found, distance[rows] = self._evaluate_chunk(part, self.index.query(part), rounding)
+            around = self.index.query(part)
+            found, distance[rows] = self.evaluate_neighborhoods(part, around, precision)
             planes.put(rows, found)
 
         each_chunk(queries, self.chunk(), task, n_jobs)
@@ -98,7 +98,7 @@ class LocalPlaneModel:
 
         def task(rows):
             around = index.query_own(rows, keep=False)
-            found = self._evaluate_chunk(index.points[rows], around, self.rounding)
+            found = self.evaluate_neighborhoods(index.points[rows], around)
             rows = rows if copies else index.rows[rows]
             planes.put(rows, found[0])
             distance[rows] = found[1]
@@ -114,7 +114,14 @@ class LocalPlaneModel:
         `precision` is the relative rounding error of the queries, where that is greater.
         """
         rounding = max(self.rounding, _rounding(precision))
-        return self._evaluate_chunk(queries, neighborhoods, rounding)
+        planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
+        directions = np.empty_like(planes.normals)
+        fit = self._fit_compiled if self.ready() else self._fit_numpy
+        fit(queries, neighborhoods, rounding, planes, directions, distance)
+        self._measure_flat(queries, neighborhoods, rounding, planes, distance)
+        planes.spacing[:], planes.radius[:] = extents(self.index.points, queries, neighborhoods)
+        self._finish(planes, directions, neighborhoods.sizes)
+        return planes, distance
 
     def least_scales(self, points):
         """As `least_scales` of points, by the rounding of the fitted ones."""
@@ -126,18 +133,7 @@ class LocalPlaneModel:
 
     def ready(self):
         """Whether compiled code does the work."""
-        comparator, method = self.settings.comparator, self.settings.method
-        return self.compiled and comparator is None and METHODS[method].form is not None
-
-    def _evaluate_chunk(self, queries, neighborhoods, rounding):
-        planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
-        directions = np.empty_like(planes.normals)
-        fit = self._fit_compiled if self.ready() else self._fit_numpy
-        fit(queries, neighborhoods, rounding, planes, directions, distance)
-        self._measure_flat(queries, neighborhoods, rounding, planes, distance)
-        planes.spacing[:], planes.radius[:] = extents(self.index.points, queries, neighborhoods)
-        self._finish(planes, directions, neighborhoods.sizes)
-        return planes, distance
+        return self.compiled and self.settings.comparator is None
 
     def _finish(self, planes, directions, sizes):
         """What follows from the fitted planes, row by row."""
@@ -161,18 +157,15 @@ class LocalPlaneModel:
             rounding=rounding,
             least_scale=self.least_scale,
         )
-        form, out = METHODS[own.method].form, (planes, directions, distance)
         fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")
-        fit(self.index.points, neighborhoods, queries, trials, form, rule, out)
+        out = planes, directions, distance
+        fit(self.index.points, neighborhoods, queries, trials, own.method, rule, out)
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
         points = self.index.points[neighborhoods.indices]
         found = self.fit_rule(points, neighborhoods.sizes, rounding)
         distance[:] = found.score(queries[:, None])[:, 0]
-        planes.scale[:] = found.scale
-        planes.centroids[:], planes.eigenvalues[:], axes = fit_planes(points, found.support)
-        planes.normals[:], directions[:] = axes[..., 0], axes[..., -1]
-        planes.kept[:] = found.support.sum(axis=1) / neighborhoods.sizes
+        _fill(planes, directions, points, found, neighborhoods.sizes)
 
     def _measure_flat(self, queries, neighborhoods, rounding, planes, distance):
         """Distances where no consistent set spans a plane: where the scale is negative.
@@ -205,14 +198,11 @@ class LocalPlaneModel:
             return np.sqrt(np.square(projections).sum(axis=1)), deviations[:, 0]
 
     def _fit_whole(self):
-        points = self.index.points[None]
-        found = self.fit_rule(points, np.array([points.shape[1]]), self.rounding)
-        plane = Planes.empty(1, points.shape[2])
-        plane.scale[:] = found.scale
-        plane.centroids[:], plane.eigenvalues[:], axes = fit_planes(points, found.support)
-        plane.normals[:] = axes[..., 0]
-        plane.kept[:] = found.support.mean(axis=1)
-        self._finish(plane, axes[..., -1], np.array([points.shape[1]]))
+        points, sizes = self.index.points[None], np.array([len(self.index.points)])
+        found, plane = self.fit_rule(points, sizes, self.rounding), Planes.empty(1, points.shape[2])
+        directions = np.empty_like(plane.normals)
+        _fill(plane, directions, points, found, sizes)
+        self._finish(plane, directions, sizes)
         return found, plane
 
     def _evaluate_whole(self, queries, planes, distance):
@@ -262,6 +252,14 @@ class LocalPlaneModel:
             scale=radius * scale,
             support=valid,
         )
+
+
+def _fill(planes, directions, points, found, sizes):
+    """Fill the planes of the members that a rule keeps, except for extents and errors."""
+    planes.scale[:] = found.scale
+    planes.centroids[:], planes.eigenvalues[:], axes = fit_planes(points, found.support)
+    planes.normals[:], directions[:] = axes[..., 0], axes[..., -1]
+    planes.kept[:] = found.support.sum(axis=1) / sizes
 
 
 def _rounding(precision):

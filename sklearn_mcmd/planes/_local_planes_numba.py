@@ -1,8 +1,4 @@
-"""The rules of ``_rules`` and Algorithm 4 around them in three dimensions, compiled.
-
-The plane of one neighborhood is finished before the next begins, so no array of shape (n, k, 3)
-is needed.
-"""
+"""The rules of ``_rules`` and Algorithm 4 around them in three dimensions, compiled."""
 
 from typing import NamedTuple
 
@@ -19,8 +15,8 @@ from sklearn_mcmd.planes._moments_numba import (
 from sklearn_mcmd.runtime._kernels import kernel
 
 MAGNITUDE = np.int64(2**63 - 1)  # all bits but the sign
-# The compiled forms of rules: whether they need the consistent set, and True if distances within
-# the plane count too, else None. Numba drops the branches of arguments that are None, but not of
+# Of each rule of `METHODS`: whether it needs the consistent set, and True if distances within the
+# plane count too, else None. Numba drops the branches of arguments that are None, but not of
 # others, before it compiles. So the default does not compile "mcmd_md".
 FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 
@@ -35,12 +31,12 @@ class Room(NamedTuple):
     query: np.ndarray  # float64 (3,)
 
 
-def fit_neighborhoods_3d(points, around, queries, trials, form, rule, out):
+def fit_neighborhoods_3d(points, around, queries, trials, method, rule, out):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
-    Points and queries (m, 3) are float64, `form` is a key of `FORMS`, and `rule` a `RuleArguments`.
-    What is filled, `out`, are planes, except for extents and errors, directions (m, 3), the axes of
-    the largest eigenvalues, and robust distances (m,) of the queries.
+    Points and queries (m, 3) are float64, and `rule` is a `RuleArguments`. What is filled, `out`,
+    are planes, except for extents and errors, directions (m, 3), the axes of the largest
+    eigenvalues, and robust distances (m,) of the queries.
     """
     k = around.indices.shape[1]
     arrays, numbers = WorkArrays.of(len(trials.positions), k), np.zeros(k)
@@ -51,7 +47,7 @@ def fit_neighborhoods_3d(points, around, queries, trials, form, rule, out):
         key_numbers=arrays.key_numbers,
         query=np.zeros(3),
     )
-    _fit_neighborhoods(points, around, queries, trials, rule, *FORMS[form], arrays, room, *out)
+    _fit_neighborhoods(points, around, queries, trials, rule, *FORMS[method], arrays, room, *out)
 
 
 @kernel(cache=True)

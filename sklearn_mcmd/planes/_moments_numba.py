@@ -1,4 +1,7 @@
-"""Arithmetic of planes in three dimensions, compiled: moments, decomposition, selection."""
+"""Arithmetic of planes in three dimensions, compiled: moments, decomposition, selection.
+
+Quantiles and extents of neighborhoods are those of any dimension.
+"""
 
 import numpy as np
 
@@ -162,3 +165,36 @@ def kth_smallest(keys, size, rank):
         else:
             low, n_below = outer, count
     return low
+
+
+@kernel(cache=True)
+def quantile_of_neighbors(all_values, neighborhoods, q, values, keys, out):
+    """Fill `out` with the q-quantile of the neighbors' values; `keys` are the bits of `values`."""
+    indices, sizes = neighborhoods.indices, neighborhoods.sizes
+    for i in range(len(out)):
+        out[i] = _quantile(all_values, indices[i], sizes[i], q, values, keys)
+
+
+@kernel(cache=True)
+def extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius):
+    """Fill the mean distance of the neighbors and the distance of the last one."""
+    indices, sizes = neighborhoods.indices, neighborhoods.sizes
+    for i in range(len(queries)):
+        total = last = 0.0
+        for j in range(sizes[i]):
+            square = 0.0
+            for axis in range(queries.shape[1]):
+                gap = points[indices[i, j], axis] - queries[i, axis]
+                square += gap * gap
+            total += np.sqrt(square)
+            last = max(last, square)
+        spacing[i], radius[i] = total / sizes[i], np.sqrt(last)
+
+
+@kernel
+def _quantile(all_values, neighbors, size, q, values, keys):
+    """The value at the rank int(q * size), from 0, of numbers that sort like their bits."""
+    for j in range(size):
+        values[j] = all_values[neighbors[j]]
+    keys[0] = kth_smallest(keys, size, np.int64(q * size) + 1)
+    return values[0]

@@ -52,13 +52,9 @@ class SelfSearch:
 
     def __init__(self, X, overwrite=False):
         build = compiled_function("planes._nearest_numba", "build_tree")
-        found = build(X if overwrite else X.copy(), LEAF)
-        self.order, points, first, last, left, boxes, leaves = found
-        self.tree = Tree(
-            points=points, first=first, last=last, left=left, boxes=boxes, leaves=leaves
-        )
-        self.points = self.tree.points
-        self.ends = self.tree.last[self.tree.leaves]
+        self.order, *tree = build(X if overwrite else X.copy(), LEAF)
+        self.tree = Tree._make(tree)
+        self.points, self.ends = self.tree.points, self.tree.last[self.tree.leaves]
 
     def query(self, rows, k, among=None):
         """Neighbors of a slice of the points, the nearest first: int32 (m, k).
@@ -116,8 +112,7 @@ class NearestPoints:
         """The k nearest points to each query (m, d), float64.
 
         Returns distances (m, k), ascending, inf where there are no more points; and rows of
-        `points` (m, k), their number where there are no more. Rows are int32, or int from 2 ** 31
-        points on.
+        `points` (m, k), int32 if they fit, their number where there are no more.
         """
         row = np.int32 if self.n < 2**31 else np.intp
         distances, indices = np.empty((len(queries), k)), np.empty((len(queries), k), row)

@@ -8,8 +8,7 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 # A candidate is sorted as one number: its squared distance, whose last bits hold its place.
 PLACE = np.int64(2**24 - 1)
-# Bins of squared distance, of which a query fills most.
-N_BINS = 64
+N_BINS = 64  # of squared distance, of which a query fills most
 STACK = 256  # nodes that wait, of which a tree has few at a time
 
 
@@ -97,11 +96,7 @@ def _build(points, leaf, order, first, last, left, boxes, leaves, stack):
 
 @kernel(cache=True)
 def _search(asking, tree, begin, end, first_leaf, near, stack, radii, failed, indices):
-    """The loop of `search_rows`.
-
-    A leaf takes its reach from the leaf before, and a query the bound of its neighbors from the
-    query before. Both are guesses: k candidates within the bound prove that it was wide enough.
-    """
+    """The loop of `search_rows`: k candidates within a guessed bound prove it wide enough."""
     points, k = asking.points, indices.shape[1]
     # The numbers of points in equal balls vary by the root of their mean.
     wider, much_wider = 1.0 + 2.5 / np.sqrt(k), 1.0 + 5.0 / np.sqrt(k)
@@ -159,8 +154,7 @@ def _search(asking, tree, begin, end, first_leaf, near, stack, radii, failed, in
 def _search_one(tree, x, y, z, k, bound, near, stack, found):
     """Neighbors of one location from the nearest boxes on; the square of the k-th distance.
 
-    The square is at most `bound`. Whenever many candidates have come together, all but the k
-    nearest go, and the farthest of these is the new bound.
+    The square is at most `bound`. Of many candidates all but the k nearest go.
     """
     # With a plain 0, `_screen` and `_sort` are compiled twice.
     points, n, n_waiting = tree.points, np.int64(0), 1
@@ -208,10 +202,7 @@ def _many(k):
 
 @kernel
 def _collect(tree, around, leaf, reach, near, stack):
-    """How many points are within a reach, squared, of a leaf's box; -1 if too many to hold.
-
-    The leaf is one of the boxes `around`, those of the queries.
-    """
+    """How many points are within a squared reach of a leaf of queries; -1 if too many to hold."""
     boxes, points = tree.boxes, tree.points
     low_x, low_y, low_z = around[leaf, 0], around[leaf, 1], around[leaf, 2]
     high_x, high_y, high_z = around[leaf, 3], around[leaf, 4], around[leaf, 5]

@@ -6,14 +6,10 @@ import numpy as np
 
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-# Neighbors that are found at once, what bounds the memory of a search.
-AT_ONCE = 200_000
-# Rows of a part, at most.
-LONGEST_PART = 4096
-# Binary digits of the place in a group of 16 points.
-BITS = 4
-# Groups that one code of two bytes can number.
-MOST_GROUPS = 2 ** (16 - BITS)
+AT_ONCE = 200_000  # neighbors that are found at once, what bounds the memory of a search
+LONGEST_PART = 4096  # rows of a part, at most
+BITS = 4  # binary digits of the place in a group of 16 points
+MOST_GROUPS = 2 ** (16 - BITS)  # that one code of two bytes can number
 
 
 class NeighborTable:
@@ -39,15 +35,13 @@ class NeighborTable:
     def query(self, rows, k, keep=True):
         """Neighbors of some rows, the nearest first: int32 (m, k), where k is at most the table's.
 
-        With `keep`, what must be searched is kept for the next time. Of rows that are no slice it
-        is always kept.
+        What must be searched is kept for the next time with `keep`, or if rows are no slice.
         """
         if isinstance(rows, slice):
             first, last, _ = rows.indices(self.n)
             found = np.empty((max(last - first, 0), k), np.int32)
-            for i in range(
-                first // self.part_size, -(-last // self.part_size) if len(found) else 0
-            ):
+            end = -(-last // self.part_size) if len(found) else 0
+            for i in range(first // self.part_size, end):
                 begin = i * self.part_size
                 some = slice(max(first, begin), min(last, begin + self.part_size))
                 if keep or self.parts[i] is not None:

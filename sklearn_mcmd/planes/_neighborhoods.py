@@ -61,10 +61,8 @@ class NeighborIndex:
     def query_own(self, rows, k=None, keep=True):
         """The neighborhoods of some of the `points`, each its own first member.
 
-        They have k members, at most the number of points, or `n_neighbors`. With `keep`, neighbors
-        are kept for the next time. Otherwise they are taken from there only if they were kept
-        before. Equally distant members come in the order of their coordinates where compiled code
-        searches: in 3D, from 1,000 points on.
+        They have k members, at most the number of points, or `n_neighbors`. Neighbors are kept for
+        the next time with `keep`. Ties are as of `IndexedCloud.neighbors`.
         """
         if k is None and self.sizes is not None:
             indices, sizes = self._query_sized(rows, keep)

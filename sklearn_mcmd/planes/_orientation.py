@@ -40,8 +40,7 @@ def spanning_forest(normals, points, first, second):
     """The edges of the minimum spanning forest among those between rows `first` and `second`.
 
     An edge costs less the more parallel its normals are. Of equal costs the coordinates decide, so
-    that the forest does not depend on the order of points, and that of all edges is the forest of
-    the forests of parts of them. Returns `first` and `second` of its edges.
+    that the forest of all edges is that of the forests of parts of them, in any order of points.
     """
     n = len(points)
     by_place = np.lexsort(points.T).astype(np.int32)

@@ -45,15 +45,15 @@ class Planes(NamedTuple):
         return cls(*(np.full_like(values, np.nan) for values in cls.empty(m, d)))
 
     def take(self, rows):
-        """The planes of some of the queries. Of a slice these are views, which can be filled."""
-        return Planes(*(values[rows] if len(values) else values for values in self))
+        """The record of some of the queries. Of a slice these are views, which can be filled."""
+        return self._make(values[rows] if len(values) else values for values in self)
 
     def without(self, *names):
         """The record with no values of some of its fields, to save their memory."""
         return self._replace(**{name: getattr(self, name)[:0].copy() for name in names})
 
     def put(self, rows, part):
-        """Overwrite the planes of some of the queries."""
+        """Overwrite what is known of some of the queries."""
         for values, some in zip(self, part, strict=True):
             if len(values):
                 values[rows] = some

@@ -154,7 +154,9 @@ def coarse_warning(index):
     if index.n_neighbors is None:
         radius = np.linalg.norm(sample - points[0], axis=1)
     else:
-        last = points[[_last(index, row) for row in range(0, len(points), step)]]
+        rows = (slice(row, row + 1) for row in range(0, len(points), step))
+        around = (index.query_own(row, keep=False) for row in rows)
+        last = points[[one.indices[0, one.sizes[0] - 1] for one in around]]
         radius = np.linalg.norm(last - sample, axis=1)
     # Medians, which a few far points do not move.
     radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
@@ -167,9 +169,3 @@ def coarse_warning(index):
 def is_coarse(rounding, radius):
     """Whether coordinates are rounded to steps too long for neighborhoods of this radius."""
     return rounding > RoundingLimits().coarse * radius
-
-
-def _last(index, row):
-    """The farthest neighbor of a point."""
-    around = index.query_own(slice(row, row + 1), keep=False)
-    return around.indices[0, around.sizes[0] - 1]

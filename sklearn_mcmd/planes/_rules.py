@@ -3,11 +3,11 @@
 A rule turns a neighborhood and its consistent set into a robust distance: a center and a
 whitening matrix. The distance of a point is the length of its whitened deviation from the
 center, and members farther than the cutoff are outliers. `METHODS` lists the rules. This NumPy
-form works in any dimension; ``_local_planes_numba`` repeats it in three, if a rule names its form.
+form works in any dimension; ``_local_planes_numba`` repeats it in three.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from math import erf, exp, pi, sqrt
 from typing import NamedTuple
 
@@ -32,16 +32,13 @@ class ReweightLimits(NamedTuple):
     even_excess: float = 3.2  # and of an even number
 
 
-@dataclass(frozen=True)
-class Rule:
+class Rule(NamedTuple):
     """A method by name."""
 
     apply: Callable  # see `mcmd_z`
     default_cutoff: Callable  # takes the number of features
     needs_consistent_set: bool
     inflation: Callable  # factor on standard errors; takes cutoff, d, members kept and members
-    # Which of ``_local_planes_numba.FORMS`` computes the same; None lets NumPy do all the work.
-    form: str | None = None
 
 
 class RuleArguments(NamedTuple):
@@ -149,9 +146,8 @@ def cut_inflation(cutoff):
 def small_sample_inflation(d, n_inliers, n_members):
     """Factor on the errors of planes of few points, from simulation.
 
-    The consistent set is the best of many. So the first scale is too small where there are few
-    members, and the cuts at 2.5 times it keep too few. With an odd number of members the median is
-    the set's own largest distance, and the scale is even smaller.
+    The consistent set is the best of many, so the first scale is too small and too few are kept.
+    With an odd number of members the median is the set's own largest distance.
     """
     limits = ReweightLimits()
     excess = np.where(n_members % 2 == 1, limits.odd_excess, limits.even_excess)
@@ -210,22 +206,12 @@ def _inflation_md(cutoff, d, n_inliers, n_members):
     return _inflation_z(along, d, n_inliers, n_members)
 
 
-def _rule(apply, cutoff, inflation, needs_consistent_set=True):
-    """A rule that has a compiled form of its own name."""
-    return Rule(
-        apply=apply,
-        default_cutoff=cutoff,
-        needs_consistent_set=needs_consistent_set,
-        inflation=inflation,
-        form=apply.__name__,
-    )
-
-
+# Each has a compiled form of its name in ``_local_planes_numba.FORMS``.
 METHODS = {
-    "mcmd_z": _rule(mcmd_z, lambda d: 2.5, _inflation_z),
+    "mcmd_z": Rule(mcmd_z, lambda d: 2.5, True, _inflation_z),
     # The paper prints 3.075 for d = 3; the root of chi-squared's quantile is 3.0575.
-    "mcmd_md": _rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), _inflation_md),
-    "pca": _rule(pca, lambda d: 2.5, lambda *_: 1.0, needs_consistent_set=False),
+    "mcmd_md": Rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md),
+    "pca": Rule(pca, lambda d: 2.5, False, lambda *_: 1.0),
 }
 # Registered methods, which judge neighborhoods in place of a rule, by name.
 _COMPARATORS: dict[str, type] = {}

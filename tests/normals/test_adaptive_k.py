@@ -181,5 +181,4 @@ def test_one_setting_does_for_clouds_for_which_no_fixed_number_does():
         for k, error in errors.items():
             ratios[k].append(error / min(errors.values()))
     worst = {k: max(values) for k, values in ratios.items()}
-    print(worst)
     assert worst.pop("auto") < 1.3 < min(worst.values())

@@ -178,15 +178,6 @@ def test_normals_point_to_where_the_sensor_was_at_each_point(corridor):
     assert_array_equal(again.normals_, fitted.normals_[order])
 
 
-def test_one_position_for_each_point_is_that_position(corridor):
-    X, origins = corridor
-    same = np.tile(origins[1], (len(X), 1))
-    fitted = RobustNormalEstimator(20, **MOVED).fit(X, sensor_origin=same)
-    one = RobustNormalEstimator(20, sensor_origin=origins[1], **MOVED).fit(X)
-    assert_array_equal(fitted.normals_, one.normals_)
-    assert_array_equal(fitted.transform(X[:50] + 0.1), one.transform(X[:50] + 0.1))
-
-
 def test_copies_of_a_place_seen_from_two_sides_have_two_normals(corridor):
     X, origins = corridor
     other = origins * [1, 1, -1]

@@ -180,26 +180,6 @@ def test_members_that_determine_no_quadric_keep_their_plane():
     assert_array_equal(errors, 90.0)
 
 
-@pytest.mark.parametrize("d", [2, 3])
-def test_the_tangent_of_a_paraboloid_is_exact(d):
-    """Where members lie in pairs about the axis, so that their plane is at right angles to it."""
-    rng = np.random.default_rng(0)
-    half = rng.uniform(-1, 1, (40, d - 1))
-    signs = np.array(np.meshgrid(*[[-1, 1]] * (d - 1))).reshape(d - 1, -1).T
-    flat = (half[:, None] * signs).reshape(-1, d - 1)
-    bends = np.linspace(0.2, 0.1, d - 1)
-    points = np.column_stack([flat, flat**2 @ bends])
-    at = np.full(d - 1, 0.3)
-    gradient = np.append(-2 * bends * at, 1.0)
-    sizes = np.array([len(points)])
-    around = Neighborhoods(np.arange(len(points), dtype=np.int32)[None], sizes)
-    query = np.append(at, 0.5)[None]  # off the surface
-    normals, centroids, errors = quadric_normals(points, query, around, *whole(points, around))
-    assert bias_angle(normals, gradient[None] / np.linalg.norm(gradient))[0] < 1e-6
-    assert_allclose(centroids[0], np.append(at, at**2 @ bends), atol=1e-12)
-    assert errors[0] < 1e-6
-
-
 @pytest.mark.parametrize("k", [20, 30, 50])
 @pytest.mark.parametrize("bends", [(0.3, 0.0), (0.3, 0.3), (0.3, -0.3)])
 def test_standard_errors_of_tangents_hold_95_percent(k, bends):

@@ -162,19 +162,13 @@ def test_lines_and_too_few_members_determine_no_quadric():
     neighborhoods, _ = neighborhoods_of_three_kinds(30, 20, 3)
     neighborhoods[::2, :, 1:] = 0.0
     sizes = np.where(np.arange(30) % 2, 11, 20)
+    t = np.linspace(0, 1, 10)  # two scan lines
+    neighborhoods[4] = np.vstack([np.column_stack([t, np.full(10, y), t**2]) for y in (0.0, 0.1)])
     _, deviation, left, ordinary = whole(neighborhoods, sizes)
     assert (left == np.inf).all()
     assert_array_equal(np.isfinite(deviation), sizes == 20)
+    assert not is_smooth(left, np.full(30, np.inf)).any()
     assert not ordinary.any()
-
-
-def test_neighborhoods_on_two_scan_lines_determine_no_quadric():
-    t = np.linspace(0, 1, 20)
-    lines = np.vstack([np.column_stack([t, np.full(20, y), t**2]) for y in (0.0, 0.1)])
-    _, _, left, ordinary = whole(lines[None], np.array([40]))
-    assert left[0] == np.inf
-    assert not is_smooth(left, np.array([np.inf]))[0]
-    assert not ordinary[0]
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from sklearn_mcmd.planes._neighbor_table import NeighborTable, Packed
@@ -22,12 +20,14 @@ def neighbors(n, k, spread=None, seed=0):
     return np.clip(near, 0, n - 1).astype(np.int32)
 
 
-@pytest.mark.parametrize("k", [1, 5, 50, 300, 4096, 5000])
+@pytest.mark.parametrize("k", [1, 5, 50, 77, 300, 4096, 5000])
 @pytest.mark.parametrize("spread", [40, None])
 def test_what_comes_out_is_what_went_in(k, spread):
     indices = neighbors(9000 if k < 300 else 600, k, spread)
     table = table_of(indices)
     n = len(indices)
+    assert_array_equal(table.query(slice(5, 99), k, keep=False), indices[5:99])
+    assert table.parts == [None] * len(table.parts)
     found = table.query(slice(None), k)
     assert found.dtype == np.int32
     assert_array_equal(found, indices)
@@ -35,26 +35,6 @@ def test_what_comes_out_is_what_went_in(k, spread):
     for fewer in {1, (k + 1) // 2, k}:
         assert_array_equal(table.query(rows, fewer), indices[rows, :fewer])
         assert_array_equal(table.query(slice(37, n - 5), fewer), indices[37 : n - 5, :fewer])
-
-
-@settings(max_examples=50)
-@given(
-    n=st.integers(1, 700),
-    k=st.integers(1, 90),
-    spread=st.integers(0, 10**6),
-    begin=st.integers(0, 700),
-    length=st.integers(0, 700),
-    seed=st.integers(0, 10),
-)
-def test_any_slice_and_any_rows(n, k, spread, begin, length, seed):
-    indices = neighbors(n, k, spread, seed)
-    table = table_of(indices)
-    rows = slice(begin, begin + length)
-    assert_array_equal(table.query(rows, k, keep=False), indices[rows])
-    assert table.parts == [None] * len(table.parts)
-    assert_array_equal(table.query(rows, k), indices[rows])
-    some = np.random.default_rng(seed).integers(0, n, length)
-    assert_array_equal(table.query(some, k), indices[some])
 
 
 def test_neighbors_take_half_of_their_size():
