@@ -58,11 +58,11 @@ class Scene:
 
     def distance(self, points):
         """Distance of any points (n, 3) to the nearest part of the scene."""
-        local, bay = self.to_bay(points)
-        return self.over_bays(self.bay_distance, local, bay)
 
-    def bay_distance(self, local):
-        return np.min([part.distance(local) for part in self.parts], axis=0)
+        def in_bay(local):
+            return np.min([part.distance(local) for part in self.parts], axis=0)
+
+        return self.over_bays(in_bay, *self.to_bay(points))
 
     def over_bays(self, distance, local, bay):
         """The least distance over all bays, from a function of one bay's coordinates.
