@@ -8,7 +8,6 @@ from scipy.stats import kstest
 
 from scenes import scene_of
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.datasets._surfaces import Patch
 
 LINES = {"sampling": "scan_lines", "tree": True, "spacing": 0.12}
 
@@ -85,20 +84,6 @@ def test_normals_face_the_scanner_and_only_foliage_lacks_them_and_edges(street):
     assert (np.einsum("ij,ij->i", street.normals[has], view) > 0).all()
 
 
-def edge_points(part, n=400):
-    """Dense points on all sharp edges of a part."""
-    rng = np.random.default_rng(0)
-    points = [np.empty((0, 3))]
-    if isinstance(part, Patch):
-        points.append(part.sample_outline(20 * n, rng, None))
-    for circle in getattr(part, "circles", ()):
-        across = np.linalg.svd(circle.axis[None])[2][1:]
-        angle = np.linspace(0, 2 * np.pi, n)
-        ring = np.column_stack([np.cos(angle), np.sin(angle)]) @ across
-        points.append(circle.center + circle.radius * ring)
-    return np.concatenate(points)
-
-
 def test_edge_distances_of_a_long_street_see_the_next_bay():
     street = make_street(40_000, spacing=0.06, outlier_share=0, noise=0, random_state=2)
     n_bays = street.bay.max() + 1
@@ -106,7 +91,7 @@ def test_edge_distances_of_a_long_street_see_the_next_bay():
     assert n_bays > 2
     wall = street.surface_names.index("wall")
     mine = street.surface == wall
-    one_bay = edge_points(scene_of(street).parts[wall])
+    one_bay = scene_of(street).parts[wall].sample_outline(8000, np.random.default_rng(0), None)
     shifts = np.outer(np.arange(n_bays) * length, [1.0, 0, 0])
     edges = (one_bay + shifts[:, None]).reshape(-1, 3)
     brute = cKDTree(edges).query(street.true_points[mine])[0]
