@@ -1,4 +1,4 @@
-"""The changes that `ablation.py` makes, one at a time: of constants, limits and parameters."""
+"""The changes that `ablation.py` makes, one at a time: of limits, steps and parameters."""
 
 import importlib
 from contextlib import contextmanager, nullcontext
@@ -25,29 +25,9 @@ def scaled(default, factors, most=np.inf):
 
 
 @dataclass(frozen=True)
-class Constant:
-    """A constant of a module, the value that switches its rule off, if there is one, and the most
-    that it can be."""
-
-    module: str
-    name: str
-    off: float | None = None
-    most: float = np.inf
-
-    def variants(self, factors):
-        home = importlib.import_module(f"sklearn_mcmd.{self.module}")
-        for label, value in scaled(getattr(home, self.name), factors, self.most):
-            yield label, lambda value=value: replaced(home, self.name, value), {}
-        if self.off is not None:
-            yield "off", lambda: replaced(home, self.name, self.off), {}
-
-    def __str__(self):
-        return f"{self.module.rpartition('.')[2]}.{self.name}"
-
-
-@dataclass(frozen=True)
 class Limit:
-    """A field of a record of limits: whoever makes one gets another default. Else as `Constant`."""
+    """A field of a record of limits, the value that switches its rule off, if there is one, and the
+    most that it can be. Whoever makes the record gets another default."""
 
     module: str
     record: str
@@ -95,10 +75,15 @@ class Parameter:
         return self.name
 
 
+@contextmanager
 def changed(record, **values):
     """Whoever makes a record of limits gets other defaults, meanwhile."""
-    defaults = tuple({**record._field_defaults, **values}.values())
-    return replaced(record.__new__, "__defaults__", defaults)
+    make, kept = record.__new__, record.__new__.__defaults__
+    make.__defaults__ = tuple({**record._field_defaults, **values}.values())
+    try:
+        yield
+    finally:
+        make.__defaults__ = kept
 
 
 def without_steps(*names):
@@ -106,13 +91,3 @@ def without_steps(*names):
     from sklearn_mcmd.segmentation._steps import GrowthSteps
 
     return changed(GrowthSteps, **dict.fromkeys(names, False))
-
-
-@contextmanager
-def replaced(home, name, value):
-    kept = getattr(home, name)
-    setattr(home, name, value)
-    try:
-        yield
-    finally:
-        setattr(home, name, kept)

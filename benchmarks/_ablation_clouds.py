@@ -1,6 +1,6 @@
 """The clouds with a truth that `ablation.py` measures on: simulated and real.
 
-Each function takes the program's options, and yields name, key for the cache, points and truth.
+Each function takes the program's options, and yields name or "name/part", points and truth.
 """
 
 from argparse import Namespace
@@ -30,7 +30,7 @@ def simulated(options, truth, outlier_share):
         name = make.__name__.removeprefix("make_")
         for seed in range(options.seeds):
             scene = make(options.size, outlier_share=outlier_share, random_state=seed)
-            yield name, f"{name}_{options.size}_{seed}", scene.data, truth(scene)
+            yield name, scene.data, truth(scene)
 
 
 def labelled(options):
@@ -45,7 +45,7 @@ def labelled(options):
         rows = np.sort(np.random.default_rng(0).permutation(len(X))[:20_000])
         known = {"patch": surface >= 0, "plane": surface > 0, "label": surface == 1}[field]
         name = home.removeprefix("cad_")
-        yield name, f"{home}_{path.stem}", X[rows], np.where(known, surface, -1)[rows]
+        yield f"{name}/{path.stem}", X[rows], np.where(known, surface, -1)[rows]
 
 
 def machined_parts(options):
@@ -55,7 +55,7 @@ def machined_parts(options):
             with np.load(path) as arrays:
                 X, normals = arrays["xyz"].astype(np.float64), arrays["normals"]
                 near = arrays["edge_dist"] < 4 * spacing_of(X)
-            yield name, name, X, (normals, near, np.ones(len(X), dtype=bool))
+            yield name, X, (normals, near, np.ones(len(X), dtype=bool))
 
 
 def edge_distances(scene):
@@ -70,7 +70,7 @@ def machined_edges(options):
     for path in sorted(Path(options.data).glob("cad_*/cloud.npz")):
         for share in (0.0, 0.2):
             for name, X, *truth in clouds(Namespace(clouds=[path], most=15_000, roofs=[]), share):
-                yield name.removeprefix("cad_"), f"{name}_{share}", X, truth
+                yield name.removeprefix("cad_"), X, truth
 
 
 def ridges(options):
@@ -80,7 +80,7 @@ def ridges(options):
     paths = sorted(Path(options.data).glob("roof_planes/*.npz"))
     for name, X, *truth in clouds(Namespace(clouds=paths, most=15_000, roofs=[30.0, 45.0]), 0.0):
         kind = "roofs" if name.startswith("roof_") else "simulated roofs"
-        yield kind, f"{name}_{len(X)}", X, truth
+        yield kind, X, truth
 
 
 def shapes(options):
@@ -90,7 +90,7 @@ def shapes(options):
         for cloud in benchmark_clouds(path, ["none", "0.12 %", "0.6 %"]):
             everyone = np.ones(len(cloud.points), dtype=bool)
             truth = cloud.normals, everyone, everyone
-            yield f"{cloud.shape} {cloud.kind}", None, cloud.points, truth
+            yield f"{cloud.shape} {cloud.kind}", cloud.points, truth
 
 
 def spacing_of(X):
@@ -109,7 +109,7 @@ def streets(options):
         for share in (0.1, 0.2):
             for seed in range(options.seeds):
                 street = make_street(n, outlier_share=share, random_state=seed)
-                yield f"{n} {share:.0%}", None, street.data, street.target == -1
+                yield f"{n} {share:.0%}", street.data, street.target == -1
 
 
 def true_normals(scene):
@@ -123,7 +123,7 @@ def contaminated(options):
         for cloud in load_clouds(options.data, [name], most):
             points = cloud.points if cloud.noise is None else cloud.points[~cloud.noise]
             points, kind = inject(points, np.random.default_rng(0))
-            yield name, None, points, kind != "real"
+            yield name, points, kind != "real"
 
 
 def seen(options):
@@ -138,11 +138,11 @@ def seen(options):
             X = np.hstack(
                 [street.data, np.broadcast_to(street.sensor_origins[0], street.data.shape)]
             )
-            yield f"street {share:.0%}", None, X, street.target == -1
+            yield f"street {share:.0%}", X, street.target == -1
     for name in ("snow_spinning_lidar", "fast_gicp_velodyne"):
         for cloud in load_clouds(options.data, [name]):
             outlier = np.zeros(len(cloud.points), bool) if cloud.noise is None else cloud.noise
-            yield cloud.name, None, np.hstack([cloud.points, 0 * cloud.points]), outlier
+            yield cloud.name, np.hstack([cloud.points, 0 * cloud.points]), outlier
 
 
 def below_ground(options):
@@ -157,13 +157,13 @@ def below_ground(options):
         scan = make_airborne_scan(options.size, outlier_share=0, random_state=seed)
         land = ("meadow", "ditch_near", "ditch_far", "slope", "grass")
         ground = np.isin(scan.surface, [scan.surface_names.index(name) for name in land])
-        yield "airborne", None, *_seen_twice(scan.data, ground, seed)
+        yield "airborne", *_seen_twice(scan.data, ground, seed)
     for name in ("ahn3_amsterdam_2397", "ign_village"):
         path = Path(options.data) / name / "cloud.npz"
         if path.is_file():
             with np.load(path) as arrays:
                 X, ground = arrays["xyz"][:, :3].astype(np.float64), arrays["classification"] == 2
-            yield name, None, *_seen_twice(X, ground, 0)
+            yield name, *_seen_twice(X, ground, 0)
 
 
 def _seen_twice(X, ground, seed, n=10):

@@ -76,18 +76,7 @@ def street(options):
 
 
 def flat_pieces(points, n_pieces, rng):
-    """Discs of 25 to 70 points at random directions from random points of a cloud.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-    n_pieces : int
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    list of ndarray of shape (25 to 70, 3)
-    """
+    """Discs of 25 to 70 points at random directions from random points of a cloud."""
     spacing, pieces = Spacing(points), []
     while len(pieces) < n_pieces:
         row = rng.integers(len(spacing.points))

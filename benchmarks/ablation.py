@@ -16,8 +16,7 @@ The detector is measured by what it keeps of real points, what it finds of outli
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
 into which outliers were put. ``--csv`` names a file for all numbers, one a line.
 
-``--cache`` names a folder where prepared clouds (columns of planes) are kept. A limit is changed in
-its record, for all who make one. A constant is replaced in its module.
+A limit is changed in its record, for all who make one.
 """
 
 import argparse
@@ -55,8 +54,8 @@ from sklearn_mcmd.segmentation._steps import GrowthSteps
 class Part:
     """What is tried: constants and parameters, on clouds, by what measures.
 
-    scenes : (options) -> name, key for the cache, points and truth of each cloud with a truth;
-        of clouds of the same name the means are taken
+    scenes : (options) -> name, points and truth of each cloud with a truth; means are taken over
+        the parts of a "name/part" and over clouds of the same name
     prepare : (X) -> what `run` takes; slow steps before the part, done once a cloud
     run : (prepared, **parameters) -> result
     measure : (truth, result) -> dict of numbers, 100 being perfect
@@ -335,9 +334,8 @@ PARTS = {
 
 def scenes_of(part, options):
     """Name, prepared cloud and truth of each scene."""
-    for name, key, X, truth in part.scenes(options):
-        folder = None if key is None else options.cache
-        yield name, kept(folder, f"{options.part}_{key}", part, X), truth
+    for name, X, truth in part.scenes(options):
+        yield name.partition("/")[0], part.prepare(X), truth
 
 
 def clouds_of(part, options):
@@ -348,17 +346,7 @@ def clouds_of(part, options):
             X = np.load(path)["xyz"].astype(np.float64)
             away = np.square(X - np.median(X, axis=0)).sum(axis=1)
             X = X[np.sort(np.argsort(away)[: part.most])]
-            yield name, kept(options.cache, f"{options.part}_{name}", part, X)
-
-
-def kept(folder, key, part, X):
-    if folder is None:
-        return part.prepare(X)
-    path = Path(folder) / f"{key}.npy"
-    if not path.is_file():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.save(path, part.prepare(X))
-    return np.load(path)
+            yield name, part.prepare(X)
 
 
 def evaluate(part, scenes, clouds, parameters):
@@ -385,7 +373,6 @@ def main():
     parser.add_argument("--size", type=int, default=20_000, help="points of a scene")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
-    parser.add_argument("--cache", help="folder for prepared clouds")
     parser.add_argument("--only", help="try only what has this in its name")
     parser.add_argument("--factors", type=float, nargs="+", default=FACTORS)
     parser.add_argument("--csv", help="file for all numbers; lines are added to it")

@@ -21,7 +21,6 @@ SOFT = ("tree", "crown", "forest", "shrub", "bush", "hedge", "plant", "grass", "
 SOFT += ("fence", "post", "pole")
 STREETS = {
     "street": {},
-    "street, spacing grows 3.4 times": {"spacing_growth": 3.4},
     "street with a tree": {"tree": True},
     "street in scan lines": {"sampling": "scan_lines"},
     "street in scan lines, tree": {"sampling": "scan_lines", "tree": True},

@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from _ablation_clouds import spacing_of
 from _pcpnet import KINDS, benchmark_clouds
 from _tables import print_table
 from scipy.spatial import cKDTree
@@ -73,7 +74,7 @@ def clouds(options):
         with np.load(path) as arrays:
             X, normals = arrays["xyz"].astype(np.float64), arrays["normals"]
             distance = arrays["edge_dist"]
-        spacing = typical_spacing(X)
+        spacing = spacing_of(X)
         name = f"{Path(path).parent.name}, noise {options.noise:g} spacings"
         noise = np.random.default_rng(0).normal(0, options.noise * spacing, X.shape)
         everyone = np.ones(len(X), dtype=bool)
@@ -171,12 +172,6 @@ def ring(n, rng):
     u, v = rng.uniform(0, 2 * np.pi, (2, n))
     normals = np.column_stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)])
     return 0.3 * normals + np.column_stack([np.cos(u), np.sin(u), np.zeros(n)]), normals
-
-
-def typical_spacing(X):
-    """Side of the square that one point takes."""
-    distances, _ = cKDTree(X).query(X[::17], k=20)
-    return float(np.sqrt(np.median(np.pi * distances[:, -1] ** 2 / 20)))
 
 
 def pcpnet(options):

@@ -103,7 +103,7 @@ def labelled(options):
         for seed in range(options.seeds)
     ]
     clouds = [(name, roof.data, roof.surface) for name, roof in made]
-    clouds += [(key, X, surface) for _, key, X, surface in labelled_clouds(options)]
+    clouds += labelled_clouds(options)
     for table in sorted(Path(options.data).glob("kinect_tables/*.npz")):
         with np.load(table) as frame:
             X, surface = frame["xyz"].astype(np.float64), np.where(frame["label"] == 1, 1, -1)

@@ -38,7 +38,7 @@ RESULTS = (
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),
     ("docs/sensor.rst", OUTLIERS, "bench_sensor.py"),
     ("docs/tiling.rst", "planes tiling", "bench_tiling.py"),
-    ("docs/view.rst", "view", "bench_view.py"),
+    ("docs/view.rst", "view", "bench_view.py at 7f76556"),
 )
 
 

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_array_equal
 from sklearn.base import BaseEstimator, clone
 from sklearn.neighbors import KNeighborsClassifier
-from sklearn.pipeline import make_pipeline
 
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
@@ -98,12 +97,3 @@ def test_a_classifier_behind_it_learns_from_the_kept_rows_and_predicts_all(stree
     found = pipeline.fit(street.data, street.surface).predict(street.data)
     expected = KNeighborsClassifier(5).fit(street.data[kept], street.surface[kept])
     assert_array_equal(found, expected.predict(street.data))
-
-
-def test_segments_behind_it_are_those_of_the_kept_rows(street, kept):
-    imblearn = pytest.importorskip("imblearn.pipeline")
-    steps = (RobustNormalEstimator(30, random_state=0), RegionGrowing(normals="precomputed"))
-    pipeline = imblearn.make_pipeline(DenoisingSampler(DETECTOR), *steps)
-    labels = pipeline.fit_predict(street.data)
-    assert_array_equal(pipeline[0].sample_indices_, kept)
-    assert_array_equal(labels, make_pipeline(*steps).fit_predict(street.data[kept]))

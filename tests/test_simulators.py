@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from benchmarks import simulators
 from benchmarks.simulators._furniture import _bus_stop, _traffic_furniture
 from scenes import WORLDS, scanned
+from sklearn_mcmd.datasets._sensor_outliers import SENSOR_OUTLIERS
 from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch, Soft
 from sklearn_mcmd.io import PointCloud, sensor_origins
 
@@ -31,7 +32,6 @@ SEEDS = {
     ),
     "make_bus_stop": ({"outlier_share": 0.2}, (6.60745103, 3.4039736, 0.17481952), 34783.051122),
 }
-scenes = [name for name in WORLDS if name != "make_lidar_turn"]
 
 
 @pytest.mark.parametrize("name", SEEDS)
@@ -44,9 +44,13 @@ def test_a_seed_keeps_its_cloud(name):
     assert np.abs(points).sum() == pytest.approx(total, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", scenes)
+@pytest.mark.parametrize("name", WORLDS)
 def test_points_are_the_first_that_beams_meet_and_outliers_are_off_everything(name):
-    scan, world = scanned(name, outlier_share=0.1, outlier_kinds=tuple(ALL), far_share=0.05)
+    kinds, far_share = tuple(ALL), {"far_share": 0.05}
+    if name == "make_lidar_turn":
+        kinds, far_share = tuple(SENSOR_OUTLIERS), {}
+    scan, world = scanned(name, outlier_share=0.1, outlier_kinds=kinds, **far_share)
+    assert scan.surface_names == [part.name for part in world.parts]
     regular = scan.target == 1
     origins, points = scan.sensor_origins[regular], scan.true_points[regular]
     for number, part in enumerate(world.parts):
@@ -58,12 +62,18 @@ def test_points_are_the_first_that_beams_meet_and_outliers_are_off_everything(na
             assert np.isinf(before).all(), part.name
     soft = np.array([isinstance(part, Soft) for part in world.parts])
     assert np.isnan(scan.normals[regular][soft[scan.surface[regular]]]).all()
-    kinds = np.array(scan.outlier_kind_names)[scan.outlier_kind]
-    far = np.char.startswith(kinds, "far")
-    assert far.sum() == 1000
+    view = np.einsum("ij,ij->i", scan.normals[regular], origins - points)
+    assert (view[~np.isnan(view)] >= 0).all()
+    found = np.array(scan.outlier_kind_names)[scan.outlier_kind]
+    far = np.char.startswith(found, "far")
     near = ~regular & ~far
-    assert near.sum() == 2000
+    counts = [np.sum(found == kind) for kind in kinds]
+    assert near.sum() == sum(counts) == 2000
+    assert np.ptp(counts) <= 1
     assert (world.distance(scan.data[near]) > 3.99 * scan.noise_scale[near]).all()
+    if not far_share:
+        return
+    assert far.sum() == 1000
     away = cKDTree(scan.data[regular]).query(scan.data[far])[0]
     # Noise moves the regular points somewhat.
     assert away.min() > 0.095 * np.linalg.norm(np.ptp(scan.data[regular], axis=0))

@@ -14,6 +14,7 @@ from sklearn_mcmd._sklearn import Interval, validate_parameter_constraints
 from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import robust_distances
 
+CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
 SHUFFLE_AT_ONCE = 1024  # up to this size all rows are shuffled at once, above it one by one
 LARGEST_SEED = 2**31 - 1  # that NumPy's generator takes
 LEAST_SCALE = 1e-150  # of copies of the origin; its square is a number

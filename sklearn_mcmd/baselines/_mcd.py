@@ -7,7 +7,8 @@ import numpy as np
 from scipy.special import chdtr, chdtri
 from sklearn.covariance import fast_mcd
 
-CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
+from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES
+
 MOST_STEPS = 100  # of concentration, which ends by itself long before
 
 

@@ -9,13 +9,12 @@ import numpy as np
 from scipy.special import chdtri
 
 from sklearn_mcmd._sklearn import Interval
-from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel
+from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method, WhitenedModel
 from sklearn_mcmd.planes._consistent_set import n_trials_needed
 from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
 TRIALS_AT_ONCE = 16  # at first; more where few neighborhoods still seek
 COMPILE_FROM = 50_000  # for fewer members loading compiled code would take longer than the work
 

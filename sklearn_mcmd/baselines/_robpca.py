@@ -8,11 +8,9 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from sklearn_mcmd._sklearn import Interval, StrOptions
-from sklearn_mcmd.baselines._fits import Found, Method
+from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method
 from sklearn_mcmd.baselines._mcd import fit_mcd, mcd_support_size, univariate_mcd
 from sklearn_mcmd.planes._rules import MAD_TO_SD
-
-CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
 
 
 class PursuitLimits(NamedTuple):

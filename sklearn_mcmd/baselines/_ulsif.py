@@ -41,9 +41,6 @@ class Ulsif(Method):
     training : array-like of shape (m, d), default=None
         Regular points, for one neighborhood of all points. None takes the half of the members with
         the least robust distances.
-    widths : sequence of float, default=None
-        Candidates for the standard deviation of the kernels, in units of the points. None
-        means 0.1 to 10 times the median distance of training points from their center.
 
     References
     ----------
@@ -58,21 +55,9 @@ class Ulsif(Method):
     _parameter_constraints: ClassVar[dict] = SHARE
     contamination: float | None = None
     training: object = field(default=None, repr=False)
-    widths: tuple | None = None
 
     def __post_init__(self):
         super().__post_init__()
-        if self.widths is not None:
-            widths = np.asarray(self.widths, dtype=float)
-            if (
-                widths.ndim != 1
-                or not widths.size
-                or not (np.isfinite(widths) & (widths > 0)).all()
-            ):
-                raise ValueError(
-                    f"widths={self.widths!r} of method 'ulsif' must be positive finite numbers or "
-                    "None."
-                )
         if self.training is not None:
             training = np.asarray(self.training, dtype=float)
             if training.ndim != 2 or len(training) < 2 or not np.isfinite(training).all():
@@ -91,7 +76,9 @@ class Ulsif(Method):
         shuffled = group.table[-1]
         training = self._training(group, shuffled)
         basis = training[:, : RatioLimits().max_basis]
-        candidates = self._candidates(training, group.floor)
+        gaps = training - np.median(training, axis=1, keepdims=True)
+        usual = np.median(np.sqrt(np.square(gaps).sum(axis=-1)), axis=1)
+        candidates = np.maximum(usual, group.floor)[:, None] * RatioLimits().widths
         best = np.full(n_sets, np.inf)
         width, weights = np.ones(n_sets), np.zeros((n_sets, basis.shape[1]))
         for widths in candidates.T:
@@ -132,15 +119,6 @@ class Ulsif(Method):
             )
         order = np.random.RandomState(shuffled[0]).permutation(len(training))
         return training[order][None] - group.origin[:, None]
-
-    def _candidates(self, training, floor):
-        """Widths (B, W) to choose from."""
-        if self.widths is not None:
-            widths = np.asarray(self.widths, dtype=float)
-            return np.broadcast_to(widths, (len(training), len(widths)))
-        gaps = training - np.median(training, axis=1, keepdims=True)
-        usual = np.median(np.sqrt(np.square(gaps).sum(axis=-1)), axis=1)
-        return np.maximum(usual, floor)[:, None] * RatioLimits().widths
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ _UNIFORM_RANGE = -9.0, 9.0  # of uniform outliers, on every axis
         "outliers": [StrOptions({"clustered", "uniform"})],
         "regular_variances": ["array-like"],
         "outlier_variances": ["array-like"],
-        "shuffle": ["boolean"],
         "return_X_y": ["boolean"],
         "random_state": ["random_state"],
     },
@@ -33,7 +32,6 @@ def make_contaminated_plane(
     outliers: Literal["clustered", "uniform"] = "clustered",
     regular_variances: ArrayLike = (6.0, 6.0, 0.01),
     outlier_variances: ArrayLike = (2.0, 2.0, 1.5),
-    shuffle: bool = False,
     return_X_y: bool = True,
     random_state: int | np.random.RandomState | None = None,
 ) -> Bunch | tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -57,8 +55,6 @@ def make_contaminated_plane(
         The axis of the least one is the plane's normal.
     outlier_variances : array-like of shape (3,), default=(2, 2, 1.5)
         Variances of clustered outliers, about (7, 6, 8). Uniform ones lie between -9 and 9.
-    shuffle : bool, default=False
-        Whether to shuffle the rows. Otherwise the outliers come last.
     return_X_y : bool, default=True
         If False, return a Bunch that also holds the clean twin and the plane's normal.
     random_state : int, RandomState instance or None, default=None
@@ -124,9 +120,6 @@ def make_contaminated_plane(
         intruders = rng.uniform(*_UNIFORM_RANGE, (n_outliers, 3))
     data = np.concatenate([clean[: n_samples - n_outliers], intruders])
     target = np.repeat([1, -1], [n_samples - n_outliers, n_outliers])
-    if shuffle:
-        order = rng.permutation(n_samples)
-        data, clean, target = data[order], clean[order], target[order]
     if return_X_y:
         return data, target
     truth = {"clean": clean, "normal": least.astype(float), "feature_names": list("xyz")}

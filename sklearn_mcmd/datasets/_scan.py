@@ -29,7 +29,6 @@ class Scanning(NamedTuple):
     outlier_share: float
     outlier_kinds: Sequence[str] = tuple(SCENE_OUTLIERS)
     sampling: str = "uniform"
-    spacing_growth: float = 1.0
     noise_growth: float = 1.0
     beam_divergence: float = 0.0
 
@@ -57,7 +56,7 @@ def scan(make_scene, n_samples, scanning, random_state):
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         deviations = ray * noise_rng.standard_normal((n_echoes, 1))
     else:
-        local, surface = scene.sample(n_echoes, scanning.spacing_growth, points_rng)
+        local, surface = scene.sample(n_echoes, points_rng)
         places, kind = local, np.full(n_echoes, REGULAR)
         bay = points_rng.integers(scene.n_bays, size=n_echoes)
         deviations = noise_rng.standard_normal((n_echoes, 3))
@@ -100,6 +99,5 @@ def scan(make_scene, n_samples, scanning, random_state):
 
 def points_per_bay(scene, spacing, scanning):
     """How many regular points a bay takes at that spacing."""
-    if scanning.sampling == "scan_lines":
-        return effective_area(scene) / spacing**2
-    return scene.effective_area(scanning.spacing_growth) / spacing**2
+    lines = scanning.sampling == "scan_lines"
+    return (effective_area(scene) if lines else scene.seen_area) / spacing**2

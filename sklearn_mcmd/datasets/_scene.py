@@ -1,5 +1,7 @@
 """A scene: a row of equal bays. Each has the same parts and its own scanner."""
 
+from functools import cached_property
+
 import numpy as np
 
 _N_QUADRATURE = 1 << 16  # points of sums over a bay's visible surface; the error is about 0.3 %
@@ -20,7 +22,6 @@ class Scene:
         self.bay_length = float(bay_length)
         self.n_bays = n_bays
         self.scanner = np.asarray(scanner, float)
-        self._effective_areas = {}
         low = np.min([part.bounds[0] for part in parts], axis=0)
         high = np.max([part.bounds[1] for part in parts], axis=0)
         self.bay_bounds = np.array([low, high])
@@ -57,11 +58,11 @@ class Scene:
 
     def distance(self, points):
         """Distance of any points (n, 3) to the nearest part of the scene."""
-        local, bay = self.to_bay(points)
-        return self.over_bays(self.bay_distance, local, bay)
 
-    def bay_distance(self, local):
-        return np.min([part.distance(local) for part in self.parts], axis=0)
+        def in_bay(local):
+            return np.min([part.distance(local) for part in self.parts], axis=0)
+
+        return self.over_bays(in_bay, *self.to_bay(points))
 
     def over_bays(self, distance, local, bay):
         """The least distance over all bays, from a function of one bay's coordinates.
@@ -98,42 +99,28 @@ class Scene:
         """Whether the scanner sees the points (n, 3) of a bay's surfaces."""
         return (1.0 - self.first_hit(local)) * self.ranges(local) <= tolerance
 
-    def sample(self, n, spacing_growth, rng):
-        """n points that the scanners see, in bay coordinates, with the number of their part.
-
-        The density falls with the square of the spacing. The method is rejection: points are
-        uniform over all surfaces, kept with a probability that is the density, then kept if seen.
-        """
+    def sample(self, n, rng):
+        """n points that the scanners see, in bay coordinates, with the number of their part."""
         kept, labels, missing = [], [], n
-        acceptance = self.effective_area(spacing_growth) / self.areas.sum()
+        acceptance = self.seen_area / self.areas.sum()
         while missing > 0:
             m = int(1.05 * missing / acceptance) + 64
             counts = rng.multinomial(m, self.areas / self.areas.sum())
             points = [p.sample(c, rng) for p, c in zip(self.parts, counts, strict=True)]
             points, label = np.concatenate(points), np.repeat(np.arange(len(counts)), counts)
-            seen = rng.random(m) * self.growth(self.ranges(points), spacing_growth) ** 2 < 1.0
-            seen[seen] = self.visible(points[seen])
+            rng.random(m)  # as many numbers as ever, so that scenes stay what they were
             # The points come in the order of the parts, so a plain cut would leave out the last.
-            chosen = rng.permutation(np.flatnonzero(seen))[:missing]
+            chosen = rng.permutation(np.flatnonzero(self.visible(points)))[:missing]
             kept.append(points[chosen])
             labels.append(label[chosen])
             missing -= len(chosen)
         return np.concatenate(kept), np.concatenate(labels)
 
-    def effective_area(self, spacing_growth):
-        """Area of a bay's seen surface in m^2, weighted by one over the squared relative spacing.
-
-        Points per bay = effective area / spacing^2. It is a sum over points of a fixed seed, so it
-        depends on the scene alone, and is found once.
-        """
-        if spacing_growth not in self._effective_areas:
-            self._effective_areas[spacing_growth] = self._effective_area(spacing_growth)
-        return self._effective_areas[spacing_growth]
-
-    def _effective_area(self, spacing_growth):
+    @cached_property
+    def seen_area(self):
+        """Area of a bay's seen surface in m^2, summed over points of a fixed seed."""
         rng = np.random.default_rng(0)
         counts = np.maximum(_N_QUADRATURE * self.areas / self.areas.sum(), 256).astype(int)
         points = np.concatenate([p.sample(c, rng) for p, c in zip(self.parts, counts, strict=True)])
         weights = np.repeat(self.areas / counts, counts)
-        weights /= self.growth(self.ranges(points), spacing_growth) ** 2
         return float(weights[self.visible(points)].sum())

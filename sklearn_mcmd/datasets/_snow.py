@@ -26,14 +26,16 @@ def flake_echoes(target, snowfall, reach, divergence, rng):
     """
     ranges = np.linspace(_NEAREST, reach, _STEPS)
     weakest = _BRIGHT * _shine(reach)
-    rate = _flake_rate(ranges, weakest, snowfall, divergence)
+    total, slope = _sizes(snowfall)
+    width, size = _width(ranges, divergence), _least_size(ranges, weakest, divergence)
+    # No flake covers more than all of the beam.
+    rate = np.pi / 4 * (width / 1e3) ** 2 * total * np.exp(-slope * size) * (size <= width)
     steps = (rate[1:] + rate[:-1]) / 2 * np.diff(ranges)
     ways = np.concatenate([[0.0], np.cumsum(steps)])
     # All flakes on a beam that could be seen: their number, ranges, and sizes.
     counts = rng.poisson(ways[-1], len(target))
     beam = np.repeat(np.arange(len(target)), counts)
     at = np.interp(ways[-1] * rng.random(len(beam)), ways, ranges)
-    slope = _sizes(snowfall)[1]
     size = _least_size(at, weakest, divergence) + rng.exponential(1 / slope, len(beam))
     power = _FLAKE * np.minimum(size / _width(at, divergence), 1.0) ** 2 * _shine(at)
     seen = (at < target[beam]) & (power > _SURFACE * _shine(target[beam]))
@@ -41,14 +43,6 @@ def flake_echoes(target, snowfall, reach, divergence, rng):
     order = np.lexsort([-power, beam])
     chosen = order[np.concatenate([[True], np.diff(beam[order]) > 0])[: len(order)]]
     return beam[chosen], at[chosen]
-
-
-def _flake_rate(ranges, power, snowfall, divergence=0.0):
-    """Flakes a meter of a beam whose echoes are stronger than this power."""
-    total, slope = _sizes(snowfall)
-    width, size = _width(ranges, divergence), _least_size(ranges, power, divergence)
-    flakes = np.pi / 4 * (width / 1e3) ** 2 * total * np.exp(-slope * size)
-    return np.where(size <= width, flakes, 0.0)  # no flake covers more than all of the beam
 
 
 def _sizes(snowfall):

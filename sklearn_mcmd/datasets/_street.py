@@ -41,7 +41,6 @@ _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
     {
         **SHARED_PARAMETERS,
         "spacing": [Interval(Real, 0, None, closed="neither"), None],
-        "spacing_growth": [Interval(Real, 1, None, closed="left")],
         "noise_growth": [Interval(Real, 1, None, closed="left")],
         "outlier_kinds": [list, tuple],
         "tree": ["boolean"],
@@ -54,7 +53,6 @@ def make_street(
     n_samples: int = 100_000,
     *,
     spacing: float | None = None,
-    spacing_growth: float = 1.0,
     noise: float = 0.005,
     noise_growth: float = 1.0,
     outlier_share: float = 0.1,
@@ -81,10 +79,6 @@ def make_street(
         one point on average. The street gets as many bays as `n_samples` points fill, each
         between 4.2 and 7.5 m long. None means one bay of 5 m, whose spacing follows from
         `n_samples`: 2 cm for 100,000 points.
-    spacing_growth : float, default=1.0
-        Spacing at the far end of a bay over that at its near end, at least 1. Between them the
-        spacing grows linearly with the range from the scanner. 1 is uniform; 3.4 is about a
-        constant angle between rays.
     noise : float, default=0.005
         Standard deviation of the noise, in meters on each axis, where the scanner is nearest.
     noise_growth : float, default=1.0
@@ -106,8 +100,7 @@ def make_street(
     sampling : {"uniform", "scan_lines"}, default="uniform"
         Sampling of the surface that the scanner sees:
 
-        - ``"uniform"``: independent draws at the density that `spacing_growth` sets, with the
-          same noise on each axis;
+        - ``"uniform"``: independent draws of one density, with the same noise on each axis;
         - ``"scan_lines"``: the ends of rays that leave each scanner at equal steps of azimuth and
           elevation, down to 60 degrees below the horizon, in vertical lines. The spacing grows
           with the range and with the angle of incidence; `spacing` is that between rays at the
@@ -153,7 +146,7 @@ def make_street(
     ------
     ValueError
         If a kind of outlier is unknown or given twice, if no regular point is left, if
-        `spacing_growth` is given for scan lines, or `beam_divergence` for others, if
+        `beam_divergence` is given for what has no beams, if
         `n_samples` points at that `spacing` cannot fill the shortest street, or if the noise is so
         large that no point in the bounding box is an outlier.
 
@@ -197,15 +190,9 @@ def make_street(
         outlier_share=outlier_share,
         outlier_kinds=outlier_kinds,
         sampling=sampling,
-        spacing_growth=spacing_growth,
         noise_growth=noise_growth,
         beam_divergence=beam_divergence,
     )
-    if sampling == "scan_lines" and spacing_growth != 1:
-        raise ValueError(
-            f"spacing_growth={spacing_growth:g} has no meaning with sampling='scan_lines', where "
-            "the spacing grows with the range as the rays part: leave it 1."
-        )
     if sampling == "uniform" and beam_divergence:
         raise ValueError(
             f"beam_divergence={beam_divergence:g} has no meaning with sampling='uniform', which "

@@ -100,7 +100,9 @@ def outlier_scores(y_true: ArrayLike, y_pred: ArrayLike) -> Bunch:
     >>> scores.accuracy, scores.swamping_rate, scores.masking_rate
     (0.8, 0.25, 0.0)
     """
-    counts = _counts(y_true, y_pred)
+    y_true, y_pred = _labels(y_true, "y_true"), _labels(y_pred, "y_pred")
+    check_consistent_length(y_true, y_pred)
+    counts = confusion_matrix(y_true, y_pred, labels=[-1, 1])
     totals = counts.sum(axis=1)
     for total, missing in zip(totals, ("outlier (-1)", "inlier (+1)"), strict=True):
         if total == 0:
@@ -139,13 +141,6 @@ def _unit(normals, name):
         )
     scaled = normals / largest
     return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
-
-
-def _counts(y_true, y_pred):
-    """((found, missed), (swamped, kept)): the row of outliers, then the row of inliers."""
-    y_true, y_pred = _labels(y_true, "y_true"), _labels(y_pred, "y_pred")
-    check_consistent_length(y_true, y_pred)
-    return confusion_matrix(y_true, y_pred, labels=[-1, 1])
 
 
 def _labels(y, name):

@@ -38,13 +38,16 @@ def simulated(n, share, outliers="clustered", runs=RUNS):
             n,
             outlier_share=share,
             outliers=outliers,
-            shuffle=True,
             return_X_y=False,
             random_state=run,
         )
         for run in range(runs)
     ]
-    return tuple(np.array([twin[name] for twin in twins]) for name in ("data", "clean", "target"))
+    orders = [np.random.default_rng(run).permutation(n) for run in range(runs)]
+    return tuple(
+        np.array([twin[name][rows] for twin, rows in zip(twins, orders, strict=True)])
+        for name in ("data", "clean", "target")
+    )
 
 
 @cache

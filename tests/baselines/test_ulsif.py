@@ -57,14 +57,16 @@ def test_weights_minimize_the_regularized_loss():
 
 
 def test_width_and_regularization_are_those_of_the_best_score():
-    points, widths = np.random.default_rng(0).normal(size=(3, 40, 2)), [0.2, 0.5, 1.0, 3.0]
-    found = fit_neighborhoods("ulsif", points, random_state=0, widths=widths)
+    points = np.random.default_rng(0).normal(size=(3, 40, 2))
+    found = fit_neighborhoods("ulsif", points, random_state=0)
     shuffled = Ulsif().tables(0).of(40, 2)[-1]
     basis, test = found.model.basis, (points - found.origin[:, None])[:, shuffled]
+    # All training points are in the basis.
+    gaps = np.linalg.norm(basis - np.median(basis, axis=1, keepdims=True), axis=2)
     best, kept = np.full(3, np.inf), [None] * 3
-    for width in widths:
-        # All training points are in the basis.
-        kernels = (gaussian_kernels(basis, p, np.full(3, width)) for p in (test, basis))
+    for factor in 10.0 ** np.linspace(-1, 1, 9):
+        widths = factor * np.median(gaps, axis=1)
+        kernels = (gaussian_kernels(basis, p, widths) for p in (test, basis))
         test_kernels, training_kernels = kernels
         moments = second_moments(test_kernels)
         for regularization in RatioLimits().regularizations:
@@ -72,7 +74,7 @@ def test_width_and_regularization_are_those_of_the_best_score():
             weights = ratio_weights(moments, training_kernels, regularization)
             for b, score in enumerate(leave_one_out_score(*parts)):
                 if score < best[b]:
-                    best[b], kept[b] = score, (width, weights[b])
+                    best[b], kept[b] = score, (widths[b], weights[b])
     assert_allclose(found.model.width, [width for width, _ in kept])
     assert_allclose(found.model.weights, [weights for _, weights in kept])
 
@@ -101,8 +103,6 @@ def test_scores_do_not_depend_on_the_unit():
 @pytest.mark.parametrize(
     ("params", "message"),
     [
-        ({"widths": [0.0]}, "widths"),
-        ({"widths": []}, "widths"),
         ({"training": [[1.0, 2.0]]}, "two or more points"),
         ({"training": np.ones((5, 2))}, "has 2 columns and the points 3"),
         ({"contamination": 0.7}, "'contamination' parameter of Ulsif"),

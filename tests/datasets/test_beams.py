@@ -3,77 +3,17 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.stats import kstest, norm
+from scipy.stats import norm
 
 from scenes import scanned, scene_of
-from sklearn_mcmd.datasets import _lidar_turn, make_street
-from sklearn_mcmd.datasets._beams import MIXED, PHASE_SHIFT, PULSED, Rays, cone, merge
+from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.datasets._beams import MIXED, PULSED
 from sklearn_mcmd.datasets._scan import Scanning
 from sklearn_mcmd.datasets._scan_lines import scan_lines
 from sklearn_mcmd.datasets._scene import Scene
-from sklearn_mcmd.datasets._surfaces import Foliage, Patch, Soft, first_hits
+from sklearn_mcmd.datasets._surfaces import Patch, Soft
 
 WIDTH = 0.008
-
-
-def directions(n, seed=0):
-    way = np.random.default_rng(seed).standard_normal((n, 3))
-    return way / np.linalg.norm(way, axis=1, keepdims=True)
-
-
-def test_sub_rays_carry_equal_energy_of_a_gaussian_beam():
-    axes = directions(50)
-    rays = cone(axes, WIDTH)
-    assert_array_equal(rays[:, 0], axes)
-    assert_allclose(np.linalg.norm(rays, axis=2), 1, rtol=1e-12)
-    off = np.linalg.norm(rays - axes[:, None], axis=2) / (WIDTH / 2)
-    # Energy within a radius of w is 1 - exp(-2 radius^2): each ray has its share.
-    energy = 1 - np.exp(-2 * off**2)
-    assert_allclose(energy[:, 1:], np.tile((np.arange(1, 19) + 0.5) / 19, (50, 1)), atol=1e-4)
-    assert kstest((energy[0, 1:] - 0.5 / 19) * 19 / 18, "uniform").pvalue > 0.5
-    # On no side is there more of it.
-    assert np.linalg.norm((rays - axes[:, None]).mean(axis=1), axis=1).max() < 0.07 * WIDTH
-
-
-def test_bundles_of_rays_meet_what_each_ray_meets():
-    world = _lidar_turn._campus(np.random.default_rng(0))
-    parts = [part for part in world.parts if not isinstance(part, Soft)]
-    axes = directions(400) * [1, 1, 0.2]
-    ways = cone(axes / np.linalg.norm(axes, axis=1, keepdims=True), 0.02)
-    apart = 60 * np.linalg.norm(ways - ways[:, :1], axis=2).max()
-    origin, ends, rng = np.zeros(3), 60 * ways.reshape(-1, 3), np.random.default_rng(1)
-    bundled = first_hits(parts, origin, ends, rng, 19, apart)
-    alone = first_hits(parts, origin, ends, rng)
-    for values, expected in zip(bundled, alone, strict=True):
-        assert_array_equal(values, expected)
-    assert len(np.unique(bundled[1])) > 50
-
-
-def strongest(ranges, resolution):
-    """The range of one beam's echo, by loops."""
-    groups = []
-    for r in sorted(ranges):
-        if groups and r - groups[-1][-1] <= resolution:
-            groups[-1].append(r)
-        else:
-            groups.append([r])
-    best = max(groups, key=lambda group: (sum(1 / r**2 for r in group), -group[0]))
-    return sum(1 / r for r in best) / sum(1 / r**2 for r in best), len(best)
-
-
-@pytest.mark.parametrize("resolution", [PULSED, PHASE_SHIFT])
-def test_echoes_are_those_of_loops(resolution):
-    rng = np.random.default_rng(0)
-    beam = np.sort(rng.integers(0, 300, 1500))
-    ranges = rng.choice([4.0, 4.5, 7.0, 9.0], 1500) + 0.1 * rng.random(1500)
-    part = rng.integers(0, 3, 1500)
-    found, echoes, member = merge(Rays(beam, None, None, ranges, part), resolution)
-    assert_array_equal(found, np.unique(beam))
-    for number, (b, r) in enumerate(zip(found, echoes, strict=True)):
-        expected, n = strongest(ranges[beam == b].tolist(), resolution)
-        assert r == pytest.approx(expected, rel=1e-12)
-        assert np.count_nonzero(member == number) == n
-        assert (beam[member == number] == b).all()
 
 
 def test_ranges_at_an_outline_follow_the_energy_on_either_side():
@@ -174,24 +114,6 @@ def test_pulses_mix_only_what_their_resolution_does_not_part():
     for number in np.unique(scan.surface[scan.surface >= 0]):
         mine = scan.surface == number
         assert_allclose(world.parts[number].distance(scan.true_points[mine]), 0, atol=1e-6)
-
-
-def test_foliage_is_scanned_in_depth_and_lets_some_rays_through():
-    leaves = Foliage("foliage", (0, 3, 0), 1.0)
-    wall = Patch("wall", (-2, 6, -2), (4, 0, 0), (0, 0, 4))
-    scene = Scene([leaves, wall], 1.0, 1, scanner=(0, 0, 0))
-    points, _, surface, *_ = scan_lines(scene, 20_000, np.random.default_rng(0), Scanning(0, 0))
-    hit = points[surface == 0]
-    assert_allclose(np.linalg.norm(hit - leaves.center, axis=1).max(), 1, atol=0.01)
-    azimuth = np.arctan2(points[:, 1], points[:, 0])
-    elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
-    # Through the middle: an exponential depth of mean .7 over a way of 2 leaves e^(-2 / .7).
-    central = np.hypot(azimuth - np.pi / 2, elevation) < 0.03
-    through = (surface[central] == 1).mean()
-    expected = np.exp(-2 / 0.7)
-    error = np.sqrt(expected * (1 - expected) / central.sum())
-    assert central.sum() > 50
-    assert abs(through - expected) < 4 * error + 0.005
 
 
 def test_scanned_points_lie_on_vertical_lines_of_equal_azimuth_at_equal_steps():

@@ -11,7 +11,6 @@ from scipy.stats import kstest
 from scenes import scanned
 from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.datasets._sensor_outliers import SENSOR_OUTLIERS
-from sklearn_mcmd.datasets._surfaces import Soft
 
 
 def elevations(scan):
@@ -90,26 +89,6 @@ def test_true_points_stay_whatever_the_noise():
         assert_array_equal(usual[array], loud[array])
 
 
-def test_true_points_are_the_first_of_their_part_that_the_sensor_sees_and_normals_face_it():
-    scan, world = scanned("make_lidar_turn")
-    assert scan.surface_names == [part.name for part in world.parts]
-    regular = scan.target == 1
-    origins, points = scan.sensor_origins[regular], scan.true_points[regular]
-    soft = np.array([isinstance(part, Soft) for part in world.parts])
-    for number, part in enumerate(world.parts):
-        mine = scan.surface == number
-        assert_allclose(part.distance(scan.true_points[mine]), 0, atol=1e-6)
-        assert (scan.classification[mine] == world.class_of[number]).all()
-        if not soft[number]:  # beams go past leaves
-            before = part.hit(origins, origins + (1 - 1e-7) * (points - origins))
-            assert np.isinf(before).all(), part.name
-    has = regular & ~soft[scan.surface]
-    assert_array_equal(np.isfinite(scan.normals).all(axis=1), has)
-    assert_allclose(np.linalg.norm(scan.normals[has], axis=1), 1, rtol=1e-12)
-    toward = (scan.sensor_origins - scan.true_points)[has]
-    assert (np.einsum("ij,ij->i", scan.normals[has], toward) >= 0).all()
-
-
 def test_noise_is_gaussian_along_the_ray_and_grows_with_the_range():
     scan, _ = scanned("make_lidar_turn")
     regular = scan.target == 1
@@ -149,13 +128,6 @@ def with_kind(kind):
     """A scan with outliers of all kinds, and which are of one."""
     scan, _ = with_outliers()
     return scan, scan.outlier_kind == scan.outlier_kind_names.index(kind)
-
-
-def test_outliers_of_all_kinds_keep_clear_of_everything_and_have_equal_shares():
-    scan, world = with_outliers()
-    mine = scan.target == -1
-    assert_array_equal(np.bincount(scan.outlier_kind), [18_000, *5 * [400]])
-    assert (world.distance(scan.data[mine]) > 3.99 * scan.noise_scale[mine]).all()
 
 
 def test_mixed_pixels_lie_between_what_neighboring_beams_meet():

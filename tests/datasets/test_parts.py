@@ -8,7 +8,7 @@ from scipy.stats import kstest
 
 from sklearn_mcmd.datasets._panels import Bilinear, Disc, Polygon
 from sklearn_mcmd.datasets._scene import Scene
-from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch, first_hits
+from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch
 from sklearn_mcmd.datasets._vegetation import Crown, Grass
 
 PARTS = {
@@ -192,27 +192,3 @@ def test_blades_of_grass_have_heights_of_a_rayleigh_law():
     assert kstest(height[height < 0.29], "rayleigh", args=(0, 0.1 / np.sqrt(2))).pvalue > 1e-3
     assert (height <= 0.3 + 1e-12).all()
     assert (height > 0).all()
-
-
-def test_beams_end_on_grass_over_its_ground_only():
-    grass = Grass("grass", (0, 0, 0), (1, 0, 0), (0, 1, 0), 0.05)
-    rng = np.random.default_rng(0)
-    origins = rng.uniform((-3, -3, 2), (4, 4, 9), (5000, 3))
-    ends = np.column_stack([rng.uniform(-0.5, 1.5, (5000, 2)), np.full(5000, -1.0)])
-    stops = grass.scatter(origins, ends, rng)
-    met = np.isfinite(stops)
-    place = origins[met] + stops[met, None] * (ends - origins)[met]
-    assert 500 < met.sum() < 4500
-    assert ((place[:, :2] > -1e-9) & (place[:, :2] < 1 + 1e-9)).all()
-    assert_allclose(grass.distance(place), 0, atol=1e-9)
-    assert_allclose(grass.distance(np.array([[0.5, 0.5, 0.35], [2.0, 0.5, 0.1]])), [0.2, 1.0])
-
-
-def test_the_first_of_several_parts_ends_a_segment():
-    low, high = (Patch("p", (-1, -1, z), (2, 0, 0), (0, 2, 0)) for z in (0.0, 1.0))
-    origin = np.array([0.0, 0, 3])
-    fraction, met = first_hits(
-        [low, high], origin, np.array([[0.0, 0, -1], [3.0, 0, 0.5]]), np.random.default_rng(0)
-    )
-    assert_allclose(fraction, [0.5, np.inf])
-    assert met.tolist() == [1, -1]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from scipy.integrate import trapezoid
-from scipy.stats import ks_2samp, kstest
+from scipy.stats import kstest
 
 from scenes import scanned
 from sklearn_mcmd.datasets import make_lidar_turn
@@ -44,26 +44,6 @@ def test_ranges_of_flakes_follow_the_stated_density(snowfall):
     error = np.sqrt(expected * (1 - expected) / n)
     assert len(beam) / n == pytest.approx(expected, abs=4 * error)
     assert kstest(ranges, lambda x: np.interp(x, r, ways / ways[-1])).pvalue > 1e-3
-
-
-def test_flakes_are_those_of_explicit_flakes_in_space():
-    # A tube around each beam, filled with flakes of all sizes, up to 12 m away.
-    rng, n, far, radius, snowfall = np.random.default_rng(1), 1500, 12.0, 0.018, 1.0
-    per_volume, slope = 2500 / 2.29, 2.29
-    found = []
-    for _ in range(n):
-        m = rng.poisson(per_volume * np.pi * radius**2 * far)
-        r, off = far * rng.random(m), radius * np.sqrt(rng.random(m))
-        diameter = rng.exponential(1 / slope, m) / 0.1 ** (1 / 3) / 1e3
-        width = 0.01 + 0.002 * r
-        power = np.where(off < width / 2, 0.9 * np.minimum(diameter / width, 1) ** 2 * shine(r), 0)
-        power[r < 0.9] = 0
-        if m and power.max() > 0.3 * shine(far):
-            found.append(r[np.argmax(power)])
-    _, ranges = flake_echoes(np.full(20 * n, far), snowfall, REACH, 0.0, np.random.default_rng(0))
-    share = len(ranges) / (20 * n)
-    assert len(found) / n == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / n))
-    assert ks_2samp(found, ranges).pvalue > 1e-3
 
 
 def test_snow_is_like_that_of_turns_that_others_simulated(shared_data):

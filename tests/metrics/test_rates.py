@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.exceptions import UndefinedMetricWarning
-from sklearn.metrics import accuracy_score, recall_score
 
 from sklearn_mcmd.metrics import bias_angle, outlier_scores
 
@@ -20,13 +19,6 @@ def test_the_bias_angle_is_the_angle_by_which_a_normal_was_turned(degrees):
     angle = np.radians(degrees)
     turned = [np.sin(angle), 0.0, np.cos(angle)]
     assert_allclose(bias_angle(UP, turned), degrees, rtol=1e-12)
-
-
-def test_the_bias_angle_agrees_with_the_arc_cosine_where_that_is_well_conditioned():
-    rng = np.random.default_rng(0)
-    a, b = rng.standard_normal((2, 200, 3))
-    cosine = np.abs((a * b).sum(axis=1)) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
-    assert_allclose(bias_angle(a, b), np.degrees(np.arccos(cosine)), rtol=1e-7)
 
 
 def test_tiny_angles_in_general_position_agree_with_50_digit_arithmetic():
@@ -86,14 +78,6 @@ def test_outlier_scores_are_the_ratios_of_counts_of_their_equations():
         "masking_rate": 0.3,
         "accuracy": 43 / 50,
     }
-
-
-def test_rates_agree_with_scikit_learn_on_random_labels():
-    y_true, y_pred = np.random.default_rng(2).choice([-1, 1], (2, 500))
-    scores = outlier_scores(y_true, y_pred)
-    assert_allclose(scores.true_positive_rate, recall_score(y_true, y_pred, pos_label=-1))
-    assert_allclose(scores.true_negative_rate, recall_score(y_true, y_pred, pos_label=1))
-    assert_allclose(scores.accuracy, accuracy_score(y_true, y_pred))
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from sklearn.ensemble import IsolationForest
-from sklearn.metrics import balanced_accuracy_score
-from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_score
 from sklearn.neighbors import LocalOutlierFactor, NearestNeighbors
-from sklearn.pipeline import Pipeline
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
@@ -76,49 +72,6 @@ def test_local_outlier_factor_needs_three_rings(street, n_rings, exact):
     for train, test in cv.split(X):
         found = detector.fit(X[train]).score_samples(X[test])
         assert np.allclose(found, expected[test], rtol=1e-9) == exact
-
-
-def test_torn_neighborhoods_misjudge_a_detector():
-    """Why plain groups will not do: the blocks' points have no neighbors in the training cloud."""
-    cloud = make_street(3000, random_state=0)
-    X, y = cloud.data, cloud.target
-    detector = MCMDOutlierDetector(30, strictness="surfaces", random_state=0)
-    truth = balanced_accuracy_score(y, detector.fit(X).predict(X))
-
-    def mean_score(cv):
-        groups = spatial_blocks(X, 12)
-        return cross_val_score(
-            detector, X, y, groups=groups, cv=cv, scoring="balanced_accuracy"
-        ).mean()
-
-    assert abs(mean_score(SpatialBlockSplit(3, n_rings=2, random_state=0)) - truth) < 0.03
-    assert mean_score(GroupKFold(3)) < truth - 0.1
-
-
-def test_a_grid_search_compares_detectors_by_two_scores(street):
-    X, y = street
-    search = GridSearchCV(
-        Pipeline([("detector", MCMDOutlierDetector())]),
-        [
-            {
-                "detector": [MCMDOutlierDetector(strictness=None, random_state=0)],
-                "detector__n_neighbors": [5, 30],
-                "detector__max_outlier_rate": [0.2],
-                "detector__success_probability": [0.95],
-            },
-            {"detector": [IsolationForest(n_estimators=20, random_state=0)]},
-        ],
-        scoring=["balanced_accuracy", "roc_auc"],
-        refit="balanced_accuracy",
-        cv=SpatialBlockSplit(3, n_neighbors=30, random_state=0),
-    ).fit(X, y)
-    results = search.cv_results_
-    for score in ("balanced_accuracy", "roc_auc"):
-        means = results[f"mean_test_{score}"]
-        assert np.isfinite(means).all()
-        assert means[1] > means[0] + 0.02  # five neighbors are too few
-    assert search.best_index_ == np.argmax(results["mean_test_balanced_accuracy"])
-    assert set(search.predict(X)) == {-1, 1}
 
 
 @pytest.mark.parametrize("n_blocks", [1, 2, 7, 16])
