@@ -133,7 +133,8 @@ class LocalPlaneModel:
 
     def ready(self):
         """Whether compiled code does the work."""
-        return self.compiled and self.settings.comparator is None
+        comparator, method = self.settings.comparator, self.settings.method
+        return self.compiled and comparator is None and METHODS[method].compiled
 
     def _finish(self, planes, directions, sizes):
         """What follows from the fitted planes, row by row."""

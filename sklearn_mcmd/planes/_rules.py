@@ -3,7 +3,7 @@
 A rule turns a neighborhood and its consistent set into a robust distance: a center and a
 whitening matrix. The distance of a point is the length of its whitened deviation from the
 center, and members farther than the cutoff are outliers. `METHODS` lists the rules. This NumPy
-form works in any dimension; ``_local_planes_numba`` repeats it in three.
+form works in any dimension; ``_local_planes_numba`` repeats it in three, if a rule says so.
 """
 
 from collections.abc import Callable
@@ -39,6 +39,7 @@ class Rule(NamedTuple):
     default_cutoff: Callable  # takes the number of features
     needs_consistent_set: bool
     inflation: Callable  # factor on standard errors; takes cutoff, d, members kept and members
+    compiled: bool = False  # by the form of its name in ``_local_planes_numba.FORMS``, or by NumPy
 
 
 class RuleArguments(NamedTuple):
@@ -206,12 +207,11 @@ def _inflation_md(cutoff, d, n_inliers, n_members):
     return _inflation_z(along, d, n_inliers, n_members)
 
 
-# Each has a compiled form of its name in ``_local_planes_numba.FORMS``.
 METHODS = {
-    "mcmd_z": Rule(mcmd_z, lambda d: 2.5, True, _inflation_z),
+    "mcmd_z": Rule(mcmd_z, lambda d: 2.5, True, _inflation_z, compiled=True),
     # The paper prints 3.075 for d = 3; the root of chi-squared's quantile is 3.0575.
-    "mcmd_md": Rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md),
-    "pca": Rule(pca, lambda d: 2.5, False, lambda *_: 1.0),
+    "mcmd_md": Rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md, compiled=True),
+    "pca": Rule(pca, lambda d: 2.5, False, lambda *_: 1.0, compiled=True),
 }
 # Registered methods, which judge neighborhoods in place of a rule, by name.
 _COMPARATORS: dict[str, type] = {}

@@ -11,7 +11,7 @@ from sklearn_mcmd.planes._consistent_set import draw_trials
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel, PlaneSettings
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._rules import METHODS
+from sklearn_mcmd.planes._rules import METHODS, Rule, pca
 
 K, N_TRIALS = 20, 30
 # Below and above what is compiled in 3D.
@@ -50,6 +50,25 @@ def test_every_rule_is_its_literal_form(method, n, d):
         assert_allclose(distances[row], own, rtol=1e-6)
         assert_allclose(abs(planes.normals[row] @ normal), 1, rtol=1e-9)
         assert_allclose(planes.eigenvalues[row], values, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("n", SIZES)
+def test_a_rule_without_a_compiled_form_is_computed_and_not_another(n, d, monkeypatch):
+    def tripled(local, valid, support, reweight, floor):
+        centers, whitening = pca(local, valid, support, reweight, floor)
+        return centers, 3 * whitening
+
+    monkeypatch.setitem(METHODS, "tripled", Rule(tripled, lambda d: 2.5, False, lambda *_: 1.0))
+    (_, (_, thrice)), (_, (_, once)) = (fitted(method, n, d) for method in ("tripled", "pca"))
+    assert_allclose(thrice, 3 * once, rtol=1e-6, atol=1e-9)
+
+
+def test_a_compiled_form_that_is_not_there_is_an_error(monkeypatch):
+    rule = Rule(pca, lambda d: 2.5, False, lambda *_: 1.0, compiled=True)
+    monkeypatch.setitem(METHODS, "absent", rule)
+    with pytest.raises(KeyError, match="absent"):
+        fitted("absent", max(SIZES), 3)
 
 
 def test_estimators_take_the_rules_that_are_there():
