@@ -1,7 +1,7 @@
 """Base class of both plane tests: input, scale, predictions."""
 
 from numbers import Integral, Real
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from sklearn_mcmd._sklearn import (
     DocLinkMixin,
     Interval,
     StrOptions,
+    fit_context,
     validate_params,
 )
 from sklearn_mcmd._validation import OffsetOutlierMixin, validate_points
@@ -31,6 +32,7 @@ from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_o
 from sklearn_mcmd.adjustment._robust import m_estimate
 from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level
+from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
 
@@ -72,7 +74,7 @@ class FittedPlane(NamedTuple):
 
 
 class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, BaseEstimator):
-    """Base class of plane tests; a subclass has `fit` and `score_samples`."""
+    """Base class of plane tests; a subclass has `_fit` and `score_samples`."""
 
     _parameter_constraints: ClassVar[dict] = {
         "alpha": [Interval(Real, 0, 1, closed="neither")],
@@ -84,21 +86,52 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         "surface": [StrOptions(choices_of(Surface))],
     }
 
-    def fit_predict(
-        self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None
-    ) -> NDArray[np.int_]:
-        """Fit and return the labels of the training points.
+    @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
+    def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
+        """Adjust the plane and test its points.
 
         Parameters
         ----------
-        X, y, weights
-            As of `fit`. The labels depend on the weights too, and `predict` does not know them.
+        X : array-like of shape (n_samples, n_features)
+            Points; the last column depends on the others.
+        y : Ignored
+            Present for API consistency.
+        weights : array-like of shape (n_samples,), default=None
+            Precisions ``p_i = sigma0^2 / sigma_i^2``. They differ from scikit-learn's
+            `sample_weight`, which means repetition. A point of weight 0 takes no part and
+            is never an outlier: nothing is known about its precision. In a Pipeline, pass
+            ``name__weights=``, or request them by ``set_fit_request(weights=True)``.
 
         Returns
         -------
-        ndarray of int of shape (n_samples,)
-            -1 for outliers, 1 for inliers.
+        self : PlaneDetector
+            Fitted detector.
+
+        Raises
+        ------
+        ValueError
+            If the points of positive weight leave no redundancy (no more distinct points than
+            columns), or lie on one line or at one place, so that many planes contain them. For a
+            vertical surface the regressors alone count.
+
+        Warns
+        -----
+        UserWarning
+            If the tests would leave too few points for a plane with redundancy; if vertical
+            residuals reject points of a steep plane; if the points of an orthogonal surface are
+            as thick as they are wide; if half of the points are on one line, which is no robust
+            start; or if `sigma0` is less than the rounding of float64.
+        ConvergenceWarning
+            If `max_iter` rounds were not enough.
         """
+        self._fit(self._check_training(X, weights))
+        return self
+
+    def fit_predict(
+        self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None
+    ) -> NDArray[np.int_]:
+        """Fit, and return the labels of the training points, which depend on their weights too."""
         return self.fit(X, weights=weights).labels_
 
     def _stages(self):

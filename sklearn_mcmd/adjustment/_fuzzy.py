@@ -1,13 +1,13 @@
 """Outliers of a least-squares plane by fuzzy sets."""
 
 from numbers import Real
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._choices import Correction, Loss, Surface, Test
-from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
 from sklearn_mcmd.adjustment._effects import (
@@ -30,7 +30,6 @@ from sklearn_mcmd.adjustment._tests import (
     statistic,
     t_to_tau,
 )
-from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 
 class Effects(NamedTuple):
@@ -195,33 +194,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.surface = surface
         self.loss = loss
 
-    @fit_context(prefer_skip_nested_validation=True)
-    @fit_in_tasks
-    def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
-        """Adjust the plane once and divide its residuals.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-            Points; the last column depends on the others.
-        y : Ignored
-            Present for API consistency.
-        weights : array-like of shape (n_samples,), default=None
-            Precisions ``p_i = sigma0^2 / sigma_i^2``, not repetitions; see
-            `BaardaPlaneDetector.fit`. A point of weight 0 takes no part and is never an outlier.
-
-        Returns
-        -------
-        self : FuzzyPlaneDetector
-            Fitted detector.
-
-        Raises
-        ------
-        ValueError
-            If the points of positive weight leave no redundancy or do not determine a plane;
-            see `BaardaPlaneDetector.fit`, which says as well what is warned of.
-        """
-        training = self._check_training(X, weights)
+    def _fit(self, training):
+        """Adjust the plane once and divide its residuals."""
         X, weights, used, _ = training
         plane, robust_weights, loss_scale = self._adjust(X, weights)
         check_rank(plane, X.shape[1])
@@ -265,7 +239,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.labels_[~used] = 1
         self._set_variance_after(X, weights)
         self._warn_if_steep(training, plane)
-        return self
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """``G = 1 - m_H`` of each point, an observation of weight 1.

@@ -47,8 +47,6 @@ class OutlierDisplay(CloudDisplay):
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("agg")
     >>> import numpy as np
     >>> from sklearn_mcmd.plotting import OutlierDisplay
     >>> xyz = np.random.default_rng(0).normal(size=(500, 3))

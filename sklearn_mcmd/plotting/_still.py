@@ -72,8 +72,6 @@ def plot_cloud(
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("agg")
     >>> from sklearn_mcmd.datasets import make_street
     >>> from sklearn_mcmd.plotting import plot_cloud
     >>> street = make_street(2_000, random_state=0)
