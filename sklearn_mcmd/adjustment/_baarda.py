@@ -242,7 +242,11 @@ class BaardaPlaneDetector(PlaneDetector):
                 X, weights, used, initial.rank, self.surface, self._known_sigma(), self.random_state
             )
             if start is None:
-                self._warn_of_start()
+                warn(
+                    "$robust_start=True finds half of the points or more on one line, through "
+                    "which any plane goes. All points are the start in their place, as with "
+                    "$robust_start=False.",
+                )
         is_robust = start is not None or self.test_ != self.test
         if start is None:
             start, sigma = self._first_plane(training, initial)
@@ -258,7 +262,9 @@ class BaardaPlaneDetector(PlaneDetector):
         self.n_iter_ = max(found.n_rounds, 1)
         self.critical_value_ = critical_value(self.test_, self._level_of_one(), self.dof_)
         scores = self._test_training(training, found)
-        limit = self._limit_of_joining(found.plane.n_observations, self.dof_)
+        # A point that joins others has a t, for tau too, as their scale lacks it.
+        level = local_level(self.alpha, found.plane.n_observations + 1, self.correction)
+        limit = critical_value("w" if self.test_ == "w" else "t", level, self.dof_ + 1)
         self.offset_ = self._choose_offset(scores, used, -limit)
         self.labels_ = np.where(scores - self.offset_ < 0, -1, 1)
         self._warn_of(found)
@@ -344,11 +350,6 @@ class BaardaPlaneDetector(PlaneDetector):
             size += n_back
         return support
 
-    def _limit_of_joining(self, n_inside, dof):
-        """Critical value of a point that joins others: t, for tau too, as their scale lacks it."""
-        level = local_level(self.alpha, n_inside + 1, self.correction)
-        return critical_value("w" if self.test_ == "w" else "t", level, dof + 1)
-
     def _test_training(self, training, found):
         """Set the attributes of the training points and return their scores."""
         X, weights, _, _ = training
@@ -367,12 +368,6 @@ class BaardaPlaneDetector(PlaneDetector):
         if robust_weights is not None:
             self.robust_weights_ = np.where(support, robust_weights, 0.0)
         return scores
-
-    def _warn_of_start(self):
-        warn(
-            "$robust_start=True finds half of the points or more on one line, through which any "
-            "plane goes. All points are the start in their place, as with $robust_start=False.",
-        )
 
     def _warn_of(self, state):
         if state.ran_out_of_points:

@@ -25,12 +25,16 @@ from sklearn_mcmd.adjustment._determinacy import (
     check_rank,
     normal_pvalue,
 )
-from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane
+from sklearn_mcmd.adjustment._least_squares import (
+    PlaneAdjustment,
+    adjust_plane,
+    residual_rounding,
+    rounding_errors,
+)
 from sklearn_mcmd.adjustment._power import POWER, coupled_level
 from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import m_estimate
-from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 

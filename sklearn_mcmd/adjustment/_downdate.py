@@ -28,14 +28,6 @@ class Candidates(NamedTuple):
     rest_leverage: float
 
 
-class Sums(NamedTuple):
-    """Parts of the sums that removed points took away since the last full adjustment."""
-
-    normal: NDArray[np.float64] | float
-    cross: NDArray[np.float64] | float
-    squares: float
-
-
 class Change(NamedTuple):
     """What these sums do: the present residual is ``shrink e + g'shift`` and the present whitened
     regressors are ``linear g + turn e``."""
@@ -69,7 +61,7 @@ class DowndatedPlane:
     candidates: Candidates
     standardized: NDArray[np.float64]  # of the candidates; -1 for those that are gone
     sum_of_squares: float
-    lost: Sums
+    lost: tuple  # by removed points since then: parts of normal matrix, cross sums and squares
     change: Change | None = None  # since the last full adjustment
 
     @property
@@ -96,10 +88,8 @@ class DowndatedPlane:
     def without(self, at):
         """The plane without this candidate; None if that takes a full adjustment."""
         g, p = self.candidates.design[at], self.candidates.weights[at]
-        e, lost = self.candidates.residuals[at], self.lost
-        lost = Sums(
-            lost.normal + p * np.outer(g, g), lost.cross + p * e * g, lost.squares + p * e * e
-        )
+        e, (normal, cross, squares) = self.candidates.residuals[at], self.lost
+        lost = normal + p * np.outer(g, g), cross + p * e * g, squares + p * e * e
         gone = self.standardized < 0
         gone[at] = True
         if gone.all():
@@ -175,7 +165,7 @@ def downdated_plane(X, weights, support, surface):
         candidates=candidates,
         standardized=standardized[rows],
         sum_of_squares=plane.sum_of_squares,
-        lost=Sums(0.0, 0.0, 0.0),
+        lost=(0.0, 0.0, 0.0),
     )
 
 

@@ -10,12 +10,7 @@ from sklearn_mcmd._choices import Correction, Loss, Surface, Test
 from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
-from sklearn_mcmd.adjustment._effects import (
-    bounding_points,
-    effects_of,
-    largest_effects,
-    largest_effects_of_others,
-)
+from sklearn_mcmd.adjustment._effects import bounding_points, effects_of, largest_effects
 from sklearn_mcmd.adjustment._elimination import own_redundancy
 from sklearn_mcmd.adjustment._memberships import (
     abnormal_residual_membership,
@@ -94,31 +89,21 @@ class FuzzyPlaneDetector(PlaneDetector):
         ``1 - C_H`` with all its digits.
     test_ : {"w", "tau", "t"}
         `test`.
-    test_statistic_ : ndarray of shape (n_samples,)
-        w, tau or t.
-    redundancy_, leverage_ : ndarray of shape (n_samples,)
-        Redundancy numbers r_ii, which sum to `dof_`, and ``1 - r_ii``.
+    test_statistic_, redundancy_, leverage_ : ndarray of shape (n_samples,)
+        As of `BaardaPlaneDetector`, of the one plane; redundancy numbers sum to `dof_`.
     critical_value_ : float
         ``N_{1 - alpha/2}``, or that of tau or t.
-    coef_, intercept_, normal_, distance_, global_test_level_, dof_, rank_
-        As of `BaardaPlaneDetector`, of the tested plane.
+    coef_, intercept_, normal_, distance_, sigma0_, global_test_level_, dof_, rank_
+        As of `BaardaPlaneDetector`; an estimate of `sigma0` is a robust one.
     support_ : ndarray of bool of shape (n_samples,)
         Points of positive weight: all of them make the plane.
-    sigma0_ : float
-        `sigma0`, or its robust estimate; no less than what float64 may add to a residual at
-        these coordinates.
     variance_factor_initial_, variance_factor_ : float
         v'Pv / f of all points, and after the outliers are left out and the plane is adjusted
         again, as in the paper's Table 4.
     global_test_pvalue_, global_test_pvalue_initial_ : float
-        Probability of a larger v'Pv / sigma0^2 in clean data, without the outliers and of all
-        points. nan with ``sigma0="auto"``, which fits the same points.
-    robust_weights_ : ndarray of shape (n_samples,)
-        W of the M-estimate; only with `loss` other than "squared_error".
-    offset_ : float
-        Limit of the scores.
-    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
-        Number of columns seen in `fit`, and their names, if they had any.
+        As of `BaardaPlaneDetector`, without the outliers and of all points.
+    robust_weights_, offset_, n_features_in_, feature_names_in_
+        As of `BaardaPlaneDetector`.
 
     See Also
     --------
@@ -278,7 +263,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         effect = largest_effects(plane, X, effects.vertices)
         alone = np.flatnonzero(own & (cofactors > 0.5))
         same = (X[alone, None] == effects.vertices).all(axis=2)
-        effect[alone] = largest_effects_of_others(plane, X[alone], effects.vertices, same)
+        effect[alone] = largest_effects(plane, X[alone], effects.vertices, same)
         diagonal = redundancy
         if robust_weights is not None:
             effect *= robust_weights

@@ -102,7 +102,6 @@ def plot_report(
     *,
     title: str = "Plane test",
     unit: str = "",
-    figure: "Figure | None" = None,
 ) -> "Figure":
     """Residual map, histogram against the normal curve, and memberships or statistics.
 
@@ -110,17 +109,15 @@ def plot_report(
     ----------
     detector, X, title, unit
         As of `text_report`.
-    figure : matplotlib.figure.Figure, default=None
-        Figure to draw on. None means a new figure without a window.
 
     Returns
     -------
     matplotlib.figure.Figure
-        ``figure.savefig("report.png")`` saves it.
+        Without a window; ``figure.savefig("report.png")`` saves it.
     """
     new_figure = import_extra("matplotlib.figure", "plot", "plot_report").Figure
     X = check_points(detector, X)
-    figure = figure or new_figure(figsize=(11.7, 8.3), layout="constrained")  # A4
+    figure = new_figure(figsize=(11.7, 8.3), layout="constrained")  # A4
     view, names = _view(detector, X)
     wide = view.shape[1] >= 2 and np.ptp(view[:, 0]) > 1.5 * np.ptp(view[:, 1])
     if wide:

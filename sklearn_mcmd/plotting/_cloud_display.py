@@ -153,8 +153,8 @@ def is_minus_one(labels, name):
     return labels == -1
 
 
-def one_for_each(values, points, name):
-    values = np.asarray(values)
+def one_for_each(values, points, name, dtype=None):
+    values = np.asarray(values, dtype)
     if values.shape != (len(points),):
         raise ValueError(f"{name} must have shape ({len(points)},), got {values.shape}.")
     return values

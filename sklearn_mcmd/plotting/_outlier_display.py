@@ -64,31 +64,19 @@ class OutlierDisplay(CloudDisplay):
         is_true_outlier: ArrayLike | None = None,
     ) -> None:
         self.xyz = check_points(xyz, finite=True)
-        self.is_outlier = one_for_each(is_outlier, self.xyz, "is_outlier").astype(bool)
-        self.scores = None if scores is None else one_for_each(scores, self.xyz, "scores")
-        self.is_true_outlier = (
-            None
-            if is_true_outlier is None
-            else one_for_each(is_true_outlier, self.xyz, "is_true_outlier").astype(bool)
-        )
+        self.is_outlier = one_for_each(is_outlier, self.xyz, "is_outlier", bool)
+        self.scores = self.is_true_outlier = None
+        if scores is not None:
+            self.scores = one_for_each(scores, self.xyz, "scores")
+        if is_true_outlier is not None:
+            self.is_true_outlier = one_for_each(is_true_outlier, self.xyz, "is_true_outlier", bool)
 
     @classmethod
     def from_estimator(
         cls, estimator: Any, X: ArrayLike, y: ArrayLike | None = None, **options: Any
     ) -> Self:
-        """Draw the verdict of a fitted detector.
-
-        Parameters
-        ----------
-        estimator : fitted outlier detector
-            With `predict` and `score_samples`.
-        X : array-like of shape (n, 3)
-            Points to judge.
-        y : array-like of shape (n,), default=None
-            The truth, -1 for outliers.
-        **options : dict
-            For :meth:`plot`.
-        """
+        """Draw the verdict of a fitted detector on points X (n, 3); the truth `y`, if it is known,
+        is -1 for outliers, and options are for :meth:`plot`."""
         scores = -estimator.score_samples(X)
         return super().from_estimator(estimator, X, scores=scores, y_true=y, **options)
 
