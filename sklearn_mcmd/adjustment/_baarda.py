@@ -271,17 +271,8 @@ class BaardaPlaneDetector(PlaneDetector):
         self._warn_if_steep(training, initial)
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Minus the statistic that each point would have if it joined the support with weight 1.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            0 on the plane; lower is more abnormal. For tau it is the equivalent t.
-        """
+        """Minus the statistic that each point would have if it joined the support with weight 1:
+        0 on the plane, lower is more abnormal. For tau it is the equivalent t."""
         X = self._check_query(X)
         residuals, _, spread = self._fitted.plane.evaluate(X)
         return _added_scores(residuals, spread, None, self._scale_of_joining())

@@ -142,31 +142,15 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         return ()
 
     def residuals(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Observed minus adjusted, along the last axis or the normal.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            In units of X. For an orthogonal surface they are positive on the side of `normal_`.
-        """
+        """Observed minus adjusted (n_samples,), along the last axis, or along `normal_` and
+        positive on its side."""
         return self._fitted.plane.evaluate(self._check_query(X))[0]
 
     def precision(self, variance: Literal["posterior", "prior"] = "posterior") -> PlanePrecision:
         """Covariance and standard errors of normal, distance, slopes, tilt and its direction.
 
-        Parameters
-        ----------
-        variance : {"posterior", "prior"}, default="posterior"
-            The scale: that of the residuals of the plane, with `dof_` degrees of freedom, or the
-            known `sigma0`. If `sigma0` was estimated, "prior" raises a ValueError.
-
-        Returns
-        -------
-        PlanePrecision
+        The scale is that of the residuals of the plane, with `dof_` degrees of freedom, or a priori
+        the known `sigma0`. If `sigma0` was estimated, "prior" raises a ValueError.
         """
         check_is_fitted(self)
         return precision_of(self._fitted.plane, *self._scale_by(variance))
@@ -289,9 +273,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         """The plane of least squares and the given sigma0, or a robust plane and its scale."""
         if self.sigma0 != "auto":
             return initial, float(self.sigma0)
-        plane, _, sigma = m_estimate(
-            training.X, training.weights, loss="huber", surface=self.surface
-        )
+        plane, _, sigma = m_estimate(training.X, training.weights, surface=self.surface)
         return plane, sigma
 
     def _noise(self, sigma, plane, training):
@@ -359,9 +341,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
     def _warn_if_steep(self, training, vertical):
         """Warn if vertical residuals of a wall reject good points, or miss the wall.
 
-        Columns may be other things than coordinates, so a wall can only be guessed. The points
-        are a wall if they are a thin and steep sheet, and if many of them fail the test or the
-        sheet is much nearer to them than the `vertical` plane.
+        Columns may be other things than coordinates. The points are taken for a wall if they are a
+        thin and steep sheet that fails the test, or is much nearer than the `vertical` plane.
         """
         if self.surface == "orthogonal":
             return

@@ -35,7 +35,7 @@ class Change(NamedTuple):
     shrink: float
     shift: NDArray[np.float64]
     linear: NDArray[np.float64]
-    turn: NDArray[np.float64] | None
+    turn: NDArray[np.float64]
     squares: float
 
 
@@ -105,8 +105,7 @@ class DowndatedPlane:
         _, first_design, first_residuals, weights, *_ = self.candidates
         residuals = change.shrink * first_residuals + first_design @ change.shift
         design = first_design @ change.linear.T
-        if change.turn is not None:
-            design += np.outer(first_residuals, change.turn)
+        design += np.outer(first_residuals, change.turn)
         redundancy = 1 - weights * np.einsum("ij,ij->i", design, design)
         standardized = standardized_residuals(residuals, weights, redundancy)
         standardized[gone] = -1.0
@@ -123,8 +122,7 @@ class DowndatedPlane:
         """Upper bound of the statistics of all points that are no candidates."""
         change, rest = self.change, self.candidates.rest_standardized
         leverage, stretch = np.sqrt(self.candidates.rest_leverage), np.linalg.norm(change.linear, 2)
-        turn = 0.0 if change.turn is None else np.linalg.norm(change.turn)
-        redundancy = 1 - (stretch * leverage + turn * rest) ** 2
+        redundancy = 1 - (stretch * leverage + np.linalg.norm(change.turn) * rest) ** 2
         if redundancy <= UNCONTROLLED:
             return np.inf
         residual = abs(change.shrink) * rest + leverage * np.linalg.norm(change.shift)
@@ -176,7 +174,8 @@ def _tilted(plane, lost_normal, lost_cross, lost_squares):
     shift = np.linalg.solve(root.T, half)
     squares = plane.sum_of_squares - lost_squares - half @ half
     linear = np.linalg.inv(root)
-    return Change(shrink=1.0, shift=shift, linear=linear, turn=None, squares=squares)
+    turn = np.zeros(plane.rank)
+    return Change(shrink=1.0, shift=shift, linear=linear, turn=turn, squares=squares)
 
 
 def _turned(plane, lost_normal, lost_cross, lost_squares):

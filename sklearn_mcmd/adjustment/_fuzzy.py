@@ -226,19 +226,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         self._warn_if_steep(training, plane)
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
-        """``G = 1 - m_H`` of each point, an observation of weight 1.
+        """``G = 1 - m_H`` of each point, an observation of weight 1: lower is more abnormal.
 
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Lower is more abnormal.
-
-        Notes
-        -----
         A point with no more leverage than the training points counts as one of the adjusted
         observations. A point with more leverage counts as an added one: its residual has the
         larger deviation ``sqrt(1 + h)`` and the redundancy number ``1 / (1 + h)``.

@@ -3,10 +3,10 @@
 from sklearn_mcmd.plotting._displays import (
     EdgeDisplay,
     NormalsDisplay,
+    OutlierDisplay,
     PlaneResidualDisplay,
     SegmentationDisplay,
 )
-from sklearn_mcmd.plotting._outlier_display import OutlierDisplay
 from sklearn_mcmd.plotting._pages import view
 from sklearn_mcmd.plotting._still import normal_colors, plot_cloud, region_colors
 
