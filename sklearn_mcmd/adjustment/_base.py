@@ -107,11 +107,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             is never an outlier: nothing is known about its precision. In a Pipeline, pass
             ``name__weights=``, or request them by ``set_fit_request(weights=True)``.
 
-        Returns
-        -------
-        self : PlaneDetector
-            Fitted detector.
-
         Raises
         ------
         ValueError
@@ -199,10 +194,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             Probability of detection, above the level of one point.
         n_worst : int, default=10
             Number of points of the largest statistics whose tests are compared with others.
-
-        Returns
-        -------
-        PlaneReliability
 
         Raises
         ------

@@ -51,10 +51,6 @@ def text_report(
     flatness : PlaneFlatness, default=None
         Of these points, by :func:`flatness`.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     ValueError

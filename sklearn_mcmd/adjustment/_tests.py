@@ -34,10 +34,6 @@ def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float
         B-method alpha is Baarda's alpha_0, from which that of the global test follows: see
         `coupled_level`.
 
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> from sklearn_mcmd.adjustment import local_level
