@@ -200,8 +200,9 @@ class FuzzyPlaneDetector(PlaneDetector):
             standardized_residuals(residuals, weights, self.redundancy_)
         )
         self.leverage_ = 1 - self.redundancy_
-        self.membership_residual_ = self._memberships(abnormal_residual_membership, below=0.0)
-        normal = self._memberships(normal_residual_membership, below=1.0)
+        residual = self.test_statistic_, self.redundancy_, self.critical_value_, float(self.width)
+        self.membership_residual_ = abnormal_residual_membership(*residual)
+        normal = normal_residual_membership(*residual)
         abnormal = self.membership_residual_ >= 0.5
         equivalent = weights
         if robust_weights is not None:
@@ -211,7 +212,11 @@ class FuzzyPlaneDetector(PlaneDetector):
         )
         complement = normal_error_complement(effect, normal)
         self.membership_ = 1 - complement
-        self.defuzzification_complement_ = self._complement(complement, effect, normal, used)
+        self.defuzzification_complement_ = np.nan
+        if abnormal.any():
+            self.defuzzification_complement_ = defuzzification_complement(
+                complement[used], effect[used], normal[used], self.weighting
+            )
         self.defuzzification_limit_ = 1 - self.defuzzification_complement_
         # `decision_function` is negative for outliers, and a tie is one (Eq. 21).
         limit = float(np.nextafter(self.defuzzification_complement_, np.inf))
@@ -271,18 +276,6 @@ class FuzzyPlaneDetector(PlaneDetector):
             standardized *= np.sqrt(weights)
         return WEIGHT_FUNCTIONS[self.loss](standardized)
 
-    def _memberships(self, equation, below):
-        """Eq. 11 or 12 of the training points, evaluated above the critical value only."""
-        membership = np.full(len(self.test_statistic_), below)
-        above = np.flatnonzero(self.test_statistic_ > self.critical_value_)
-        membership[above] = equation(
-            self.test_statistic_[above],
-            self.redundancy_[above],
-            self.critical_value_,
-            float(self.width),
-        )
-        return membership
-
     def _find_effects(self, training, cofactors, abnormal, loss_scale):
         """r~n of every observation (Eqs 13, 17), without the redundancy matrix.
 
@@ -319,15 +312,6 @@ class FuzzyPlaneDetector(PlaneDetector):
             loss_scale=loss_scale,
         )
         return effect, effects
-
-    def _complement(self, complement, effect, normal, used):
-        """1 - C_H of the points that count (Eq. 19); nan if no residual is abnormal."""
-        if not (self.membership_residual_ >= 0.5).any():
-            return np.nan
-        rows = slice(None) if used.all() else used
-        return defuzzification_complement(
-            complement[rows], effect[rows], normal[rows], self.weighting
-        )
 
     def _set_variance_after(self, X, weights):
         """Set the variance factor and global test of the points that are left."""
