@@ -20,6 +20,14 @@ def random_case(seed):
     return np.column_stack([A, z]), rng.uniform(0.2, 5, n) if seed % 3 == 0 else None
 
 
+def tilted_plane(tilt, noise, n=2000, size=(8, 3)):
+    """A sheet, tilted in degrees about its first side, with equal noise in all directions."""
+    rng, angle = np.random.default_rng(0), np.radians(tilt)
+    along, across = rng.uniform(0, size, (n, 2)).T
+    X = np.column_stack([along, across * np.cos(angle), across * np.sin(angle)])
+    return X + rng.normal(0, noise, (n, 3))
+
+
 def plane_with_outliers(n=400, k=40, size=10.0, seed=0, sigma=1.0):
     rng = np.random.default_rng(seed)
     X = np.column_stack([rng.uniform(0, 10, (n, 2)), np.zeros(n)])

@@ -126,12 +126,9 @@ def fuzzy(X, p=None, *, alpha, width, weighting="ratio", sigma0=1.0, test="w", s
     return {
         "labels": labels,
         "m_M": m_M,
-        "m_N": m_N,
         "m_A": m_A,
         "m_B": m_B,
         "m_H": m_H,
-        "r_n": r_n,
         "complement": K,
         "M5": M5,
-        "relative": relative,
     }

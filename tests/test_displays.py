@@ -1,4 +1,4 @@
-"""Displays draw the verdict that they are given, and keep rare classes visible."""
+"""Pictures show every point where it belongs, in the color of the verdict that they are given."""
 
 import sys
 
@@ -146,22 +146,78 @@ def test_perspective_enlarges_what_is_near():
     right, _, toward = camera("perspective")
     pair = np.array([-right, right])
     cloud = np.vstack([pair + 3 * toward, pair, pair - 3 * toward])
-    near, middle, far = look(cloud, "perspective").places.reshape(3, 2, 2)
+    near, middle, far = look(cloud, "perspective")[0].reshape(3, 2, 2)
     lengths = [np.linalg.norm(ends[1] - ends[0]) for ends in (near, middle, far)]
     assert lengths[0] > 2.2
     assert lengths[1] == pytest.approx(2.0)
     assert lengths[2] < 1.8
 
 
-def test_named_views_look_along_the_axes():
-    point = np.array([[1.0, 2.0, 3.0]])
-    for view, place in (("top", [1, 2]), ("front", [1, 3]), ("side", [2, 3])):
-        np.testing.assert_allclose(look(point, view).places, [place], atol=1e-12)
-
-
 def test_a_few_points_can_be_drawn():
     for points in ([[1.0, 2.0, 3.0]], np.zeros((2, 3)), np.eye(3) * [1, 1, 0]):
         EdgeDisplay(points, np.zeros(len(points), bool)).plot(max_points=2).figure_.canvas.draw()
+
+
+@pytest.mark.parametrize(
+    ("view", "columns", "near"), [("top", [0, 1], 2), ("front", [0, 2], 4), ("side", [1, 2], 0)]
+)
+def test_named_views_look_along_the_axes_and_near_points_come_last(view, columns, near, xyz):
+    points = plot_cloud(xyz, view=view).collections[0].get_offsets()
+    far_to_near = xyz[np.argsort(np.hstack([xyz, -xyz])[:, near])]
+    np.testing.assert_allclose(points, far_to_near[:, columns], atol=1e-12)
+
+
+def test_exactly_the_outliers_are_red(xyz):
+    outliers = np.arange(len(xyz)) % 7 == 0
+    colors = plot_cloud(xyz, outliers=outliers, view="front").collections[0].get_facecolors()
+    red = (colors[:, 0] > 0.8) & (colors[:, 1:3] < 0.2).all(axis=1)
+    np.testing.assert_array_equal(red, outliers[np.argsort(-xyz[:, 1])])
+
+
+@pytest.mark.parametrize("color", ["tab:blue", (0.1, 0.2, 0.3), "values", "rgb"])
+def test_colors_may_be_one_or_one_a_point(color, xyz):
+    color = {"values": xyz[:, 0], "rgb": np.abs(xyz)}.get(color, color)
+    for outliers in (None, xyz[:, 0] > 2):
+        plot_cloud(xyz, color=color, outliers=outliers).figure.canvas.draw()
+
+
+def test_the_ball_beside_the_normals_has_the_color_of_each_of_its_normals(xyz):
+    normals = xyz / np.linalg.norm(xyz, axis=1, keepdims=True)
+    axes = NormalsDisplay.from_predictions(xyz, normals, view="front").ax_
+    (ball,) = axes.child_axes[0].images
+    picture = ball.get_array()
+    middle = len(picture) // 2
+    # Seen along +y: x to the right, z up, and the near side looks along -y.
+    for row, column, normal in (
+        (middle, middle, [0, -1, 0]),
+        (-1, middle, [0, 0, 1]),
+        (middle, -1, [1, 0, 0]),
+    ):
+        expected = [*plotting.normal_colors([normal], view="front")[0], 1.0]
+        np.testing.assert_allclose(picture[row, column], expected, atol=1e-9)
+    assert picture[0, 0, 3] == 0  # nothing outside of the ball
+
+
+def test_each_of_many_regions_has_a_color_of_its_own_and_none_is_gray():
+    colors = plotting.region_colors(np.arange(300))
+    assert len(np.unique(np.rint(255 * colors), axis=0)) == 300
+    assert (colors >= 0).all()
+    assert (colors <= 1).all()
+    np.testing.assert_array_equal(plotting.region_colors([-1]), [[0.3, 0.3, 0.3]])
+
+
+def test_a_whole_number_is_a_size_of_markers_too():
+    rng = np.random.default_rng(0)
+    ax = plot_cloud(rng.uniform(size=(50, 3)), outliers=np.arange(50) < 5, size=3)
+    drawn = np.concatenate([c.get_sizes() for c in ax.collections])
+    np.testing.assert_allclose(np.unique(drawn), [9.0, 12.96])
+
+
+def test_colors_of_normals_depend_on_the_axis_and_not_on_the_sign_and_none_is_gray(xyz):
+    np.testing.assert_array_equal(plotting.normal_colors(xyz), plotting.normal_colors(-xyz))
+    x, y, z = plotting.normal_colors(np.eye(3))
+    assert min(np.abs(x - y).max(), np.abs(y - z).max(), np.abs(x - z).max()) > 0.1
+    np.testing.assert_array_equal(plotting.normal_colors([[np.nan] * 3]), [[0.6, 0.6, 0.6]])
 
 
 ONES, BROKEN, FLAGS = np.ones(400), np.full((400, 3), np.nan), np.ones(400, bool)

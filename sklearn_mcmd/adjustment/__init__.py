@@ -4,12 +4,11 @@ from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._comparison import Difference, PlaneComparison, compare_planes
 from sklearn_mcmd.adjustment._fuzzy import FuzzyPlaneDetector
 from sklearn_mcmd.adjustment._planning import PlanePlan, plan_plane
-from sklearn_mcmd.adjustment._plot_report import plot_report
 from sklearn_mcmd.adjustment._power import coupled_level, noncentrality
 from sklearn_mcmd.adjustment._precision import PlanePrecision
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
+from sklearn_mcmd.adjustment._report import plot_report, text_report
 from sklearn_mcmd.adjustment._tests import critical_value, local_level
-from sklearn_mcmd.adjustment._text_report import text_report
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness, flatness
 
 __all__ = [

@@ -1,7 +1,7 @@
 """Baarda's data snooping of a least-squares plane."""
 
 from numbers import Integral
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,7 +9,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from sklearn_mcmd._choices import Correction, EliminationRule, Loss, Surface, Test, choices_of
 from sklearn_mcmd._errors import warn, warn_caller
-from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
 from sklearn_mcmd.adjustment._elimination import (
@@ -29,7 +29,6 @@ from sklearn_mcmd.adjustment._tests import (
     statistic,
     t_to_tau,
 )
-from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 
 class JoiningLimits(NamedTuple):
@@ -230,46 +229,8 @@ class BaardaPlaneDetector(PlaneDetector):
         self.robust_start = robust_start
         self.random_state = random_state
 
-    @fit_context(prefer_skip_nested_validation=True)
-    @fit_in_tasks
-    def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
-        """Adjust the plane and remove what its tests reject.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-            Points; the last column depends on the others.
-        y : Ignored
-            Present for API consistency.
-        weights : array-like of shape (n_samples,), default=None
-            Precisions ``p_i = sigma0^2 / sigma_i^2``. They differ from scikit-learn's
-            `sample_weight`, which means repetition. A point of weight 0 takes no part and
-            is never an outlier: nothing is known about its precision. In a Pipeline, pass
-            ``name__weights=``, or request them by ``set_fit_request(weights=True)``.
-
-        Returns
-        -------
-        self : BaardaPlaneDetector
-            Fitted detector.
-
-        Raises
-        ------
-        ValueError
-            If the points of positive weight leave no redundancy (no more distinct points than
-            columns), or lie on one line or at one place, so that many planes contain them. For a
-            vertical surface the regressors alone count.
-
-        Warns
-        -----
-        UserWarning
-            If the tests would leave too few points for a plane with redundancy; if vertical
-            residuals reject points of a steep plane; if the points of an orthogonal surface are
-            as thick as they are wide; if half of the points are on one line, which is no robust
-            start; or if `sigma0` is less than the rounding of float64.
-        ConvergenceWarning
-            If `max_iter` rounds were not enough.
-        """
-        training = self._check_training(X, weights)
+    def _fit(self, training):
+        """Adjust the plane and remove what its tests reject."""
         X, weights, used, _ = training
         initial, *_ = self._adjust(X, weights)
         check_rank(initial, X.shape[1])
@@ -281,7 +242,11 @@ class BaardaPlaneDetector(PlaneDetector):
                 X, weights, used, initial.rank, self.surface, self._known_sigma(), self.random_state
             )
             if start is None:
-                self._warn_of_start()
+                warn(
+                    "$robust_start=True finds half of the points or more on one line, through "
+                    "which any plane goes. All points are the start in their place, as with "
+                    "$robust_start=False.",
+                )
         is_robust = start is not None or self.test_ != self.test
         if start is None:
             start, sigma = self._first_plane(training, initial)
@@ -297,25 +262,17 @@ class BaardaPlaneDetector(PlaneDetector):
         self.n_iter_ = max(found.n_rounds, 1)
         self.critical_value_ = critical_value(self.test_, self._level_of_one(), self.dof_)
         scores = self._test_training(training, found)
-        limit = self._limit_of_joining(found.plane.n_observations, self.dof_)
+        # A point that joins others has a t, for tau too, as their scale lacks it.
+        level = local_level(self.alpha, found.plane.n_observations + 1, self.correction)
+        limit = critical_value("w" if self.test_ == "w" else "t", level, self.dof_ + 1)
         self.offset_ = self._choose_offset(scores, used, -limit)
         self.labels_ = np.where(scores - self.offset_ < 0, -1, 1)
         self._warn_of(found)
         self._warn_if_steep(training, initial)
-        return self
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Minus the statistic that each point would have if it joined the support with weight 1.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            0 on the plane; lower is more abnormal. For tau it is the equivalent t.
-        """
+        """Minus the statistic that each point would have if it joined the support with weight 1:
+        0 on the plane, lower is more abnormal. For tau it is the equivalent t."""
         X = self._check_query(X)
         residuals, _, spread = self._fitted.plane.evaluate(X)
         return _added_scores(residuals, spread, None, self._scale_of_joining())
@@ -384,11 +341,6 @@ class BaardaPlaneDetector(PlaneDetector):
             size += n_back
         return support
 
-    def _limit_of_joining(self, n_inside, dof):
-        """Critical value of a point that joins others: t, for tau too, as their scale lacks it."""
-        level = local_level(self.alpha, n_inside + 1, self.correction)
-        return critical_value("w" if self.test_ == "w" else "t", level, dof + 1)
-
     def _test_training(self, training, found):
         """Set the attributes of the training points and return their scores."""
         X, weights, _, _ = training
@@ -407,12 +359,6 @@ class BaardaPlaneDetector(PlaneDetector):
         if robust_weights is not None:
             self.robust_weights_ = np.where(support, robust_weights, 0.0)
         return scores
-
-    def _warn_of_start(self):
-        warn(
-            "$robust_start=True finds half of the points or more on one line, through which any "
-            "plane goes. All points are the start in their place, as with $robust_start=False.",
-        )
 
     def _warn_of(self, state):
         if state.ran_out_of_points:

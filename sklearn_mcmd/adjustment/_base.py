@@ -1,7 +1,7 @@
 """Base class of both plane tests: input, scale, predictions."""
 
 from numbers import Integral, Real
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from sklearn_mcmd._sklearn import (
     DocLinkMixin,
     Interval,
     StrOptions,
+    fit_context,
     validate_params,
 )
 from sklearn_mcmd._validation import OffsetOutlierMixin, validate_points
@@ -24,13 +25,18 @@ from sklearn_mcmd.adjustment._determinacy import (
     check_rank,
     normal_pvalue,
 )
-from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane
+from sklearn_mcmd.adjustment._least_squares import (
+    PlaneAdjustment,
+    adjust_plane,
+    residual_rounding,
+    rounding_errors,
+)
 from sklearn_mcmd.adjustment._power import POWER, coupled_level
 from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import m_estimate
-from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level
+from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
 
@@ -72,7 +78,7 @@ class FittedPlane(NamedTuple):
 
 
 class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, BaseEstimator):
-    """Base class of plane tests; a subclass has `fit` and `score_samples`."""
+    """Base class of plane tests; a subclass has `_fit` and `score_samples`."""
 
     _parameter_constraints: ClassVar[dict] = {
         "alpha": [Interval(Real, 0, 1, closed="neither")],
@@ -84,52 +90,62 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         "surface": [StrOptions(choices_of(Surface))],
     }
 
-    def fit_predict(
-        self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None
-    ) -> NDArray[np.int_]:
-        """Fit and return the labels of the training points.
+    @fit_context(prefer_skip_nested_validation=True)
+    @fit_in_tasks
+    def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
+        """Adjust the plane and test its points.
 
         Parameters
         ----------
-        X, y, weights
-            As of `fit`. The labels depend on the weights too, and `predict` does not know them.
+        X : array-like of shape (n_samples, n_features)
+            Points; the last column depends on the others.
+        y : Ignored
+            Present for API consistency.
+        weights : array-like of shape (n_samples,), default=None
+            Precisions ``p_i = sigma0^2 / sigma_i^2``. They differ from scikit-learn's
+            `sample_weight`, which means repetition. A point of weight 0 takes no part and
+            is never an outlier: nothing is known about its precision. In a Pipeline, pass
+            ``name__weights=``, or request them by ``set_fit_request(weights=True)``.
 
-        Returns
-        -------
-        ndarray of int of shape (n_samples,)
-            -1 for outliers, 1 for inliers.
+        Raises
+        ------
+        ValueError
+            If the points of positive weight leave no redundancy (no more distinct points than
+            columns), or lie on one line or at one place, so that many planes contain them. For a
+            vertical surface the regressors alone count.
+
+        Warns
+        -----
+        UserWarning
+            If the tests would leave too few points for a plane with redundancy; if vertical
+            residuals reject points of a steep plane; if the points of an orthogonal surface are
+            as thick as they are wide; if half of the points are on one line, which is no robust
+            start; or if `sigma0` is less than the rounding of float64.
+        ConvergenceWarning
+            If `max_iter` rounds were not enough.
         """
+        self._fit(self._check_training(X, weights))
+        return self
+
+    def fit_predict(
+        self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None
+    ) -> NDArray[np.int_]:
+        """Fit, and return the labels of the training points, which depend on their weights too."""
         return self.fit(X, weights=weights).labels_
 
     def _stages(self):
         return ()
 
     def residuals(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Observed minus adjusted, along the last axis or the normal.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            In units of X. For an orthogonal surface they are positive on the side of `normal_`.
-        """
+        """Observed minus adjusted (n_samples,), along the last axis, or along `normal_` and
+        positive on its side."""
         return self._fitted.plane.evaluate(self._check_query(X))[0]
 
     def precision(self, variance: Literal["posterior", "prior"] = "posterior") -> PlanePrecision:
         """Covariance and standard errors of normal, distance, slopes, tilt and its direction.
 
-        Parameters
-        ----------
-        variance : {"posterior", "prior"}, default="posterior"
-            The scale: that of the residuals of the plane, with `dof_` degrees of freedom, or the
-            known `sigma0`. If `sigma0` was estimated, "prior" raises a ValueError.
-
-        Returns
-        -------
-        PlanePrecision
+        The scale is that of the residuals of the plane, with `dof_` degrees of freedom, or a priori
+        the known `sigma0`. If `sigma0` was estimated, "prior" raises a ValueError.
         """
         check_is_fitted(self)
         return precision_of(self._fitted.plane, *self._scale_by(variance))
@@ -178,10 +194,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             Probability of detection, above the level of one point.
         n_worst : int, default=10
             Number of points of the largest statistics whose tests are compared with others.
-
-        Returns
-        -------
-        PlaneReliability
 
         Raises
         ------
@@ -252,9 +264,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         """The plane of least squares and the given sigma0, or a robust plane and its scale."""
         if self.sigma0 != "auto":
             return initial, float(self.sigma0)
-        plane, _, sigma = m_estimate(
-            training.X, training.weights, loss="huber", surface=self.surface
-        )
+        plane, _, sigma = m_estimate(training.X, training.weights, surface=self.surface)
         return plane, sigma
 
     def _noise(self, sigma, plane, training):
@@ -322,9 +332,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
     def _warn_if_steep(self, training, vertical):
         """Warn if vertical residuals of a wall reject good points, or miss the wall.
 
-        Columns may be other things than coordinates, so a wall can only be guessed. The points
-        are a wall if they are a thin and steep sheet, and if many of them fail the test or the
-        sheet is much nearer to them than the `vertical` plane.
+        Columns may be other things than coordinates. The points are taken for a wall if they are a
+        thin and steep sheet that fails the test, or is much nearer than the `vertical` plane.
         """
         if self.surface == "orthogonal":
             return

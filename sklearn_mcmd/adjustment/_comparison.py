@@ -85,10 +85,6 @@ def compare_planes(
     variance : {"posterior", "prior"}, default="posterior"
         See `BaardaPlaneDetector.precision`. Two estimated scales have Welch's degrees of freedom.
 
-    Returns
-    -------
-    PlaneComparison
-
     Examples
     --------
     >>> import numpy as np

@@ -63,11 +63,9 @@ def check_rank(plane, d, which="$X"):
 def normal_pvalue(plane, rounding=0.0):
     """Probability that points around a line are at least as flat as the points of the plane.
 
-    The plane is of an orthogonal surface. `rounding`, the largest distance by which a point may
-    have been moved before it was adjusted, is the least thickness of the points. The probability is
-    near 0 if the points are wider than thick, so that they determine a normal. It is uniform in
-    (0, 1) if they lie around a line, with equal normal noise across it. Their normal is then an
-    arbitrary direction across the line.
+    The plane is of an orthogonal surface; `rounding` is the least thickness of its points. The
+    probability is near 0 if they determine a normal. It is uniform in (0, 1) if they lie around a
+    line, with equal normal noise across it: their normal is then any direction across the line.
 
     This is Mauchly's test of sphericity of the two least principal variances. For two variables
     with f degrees of freedom the ratio L of their geometric to their arithmetic mean has the

@@ -28,14 +28,6 @@ class Candidates(NamedTuple):
     rest_leverage: float
 
 
-class Sums(NamedTuple):
-    """Parts of the sums that removed points took away since the last full adjustment."""
-
-    normal: NDArray[np.float64] | float
-    cross: NDArray[np.float64] | float
-    squares: float
-
-
 class Change(NamedTuple):
     """What these sums do: the present residual is ``shrink e + g'shift`` and the present whitened
     regressors are ``linear g + turn e``."""
@@ -43,7 +35,7 @@ class Change(NamedTuple):
     shrink: float
     shift: NDArray[np.float64]
     linear: NDArray[np.float64]
-    turn: NDArray[np.float64] | None
+    turn: NDArray[np.float64]
     squares: float
 
 
@@ -69,7 +61,7 @@ class DowndatedPlane:
     candidates: Candidates
     standardized: NDArray[np.float64]  # of the candidates; -1 for those that are gone
     sum_of_squares: float
-    lost: Sums
+    lost: tuple  # by removed points since then: parts of normal matrix, cross sums and squares
     change: Change | None = None  # since the last full adjustment
 
     @property
@@ -96,10 +88,8 @@ class DowndatedPlane:
     def without(self, at):
         """The plane without this candidate; None if that takes a full adjustment."""
         g, p = self.candidates.design[at], self.candidates.weights[at]
-        e, lost = self.candidates.residuals[at], self.lost
-        lost = Sums(
-            lost.normal + p * np.outer(g, g), lost.cross + p * e * g, lost.squares + p * e * e
-        )
+        e, (normal, cross, squares) = self.candidates.residuals[at], self.lost
+        lost = normal + p * np.outer(g, g), cross + p * e * g, squares + p * e * e
         gone = self.standardized < 0
         gone[at] = True
         if gone.all():
@@ -115,8 +105,7 @@ class DowndatedPlane:
         _, first_design, first_residuals, weights, *_ = self.candidates
         residuals = change.shrink * first_residuals + first_design @ change.shift
         design = first_design @ change.linear.T
-        if change.turn is not None:
-            design += np.outer(first_residuals, change.turn)
+        design += np.outer(first_residuals, change.turn)
         redundancy = 1 - weights * np.einsum("ij,ij->i", design, design)
         standardized = standardized_residuals(residuals, weights, redundancy)
         standardized[gone] = -1.0
@@ -133,8 +122,7 @@ class DowndatedPlane:
         """Upper bound of the statistics of all points that are no candidates."""
         change, rest = self.change, self.candidates.rest_standardized
         leverage, stretch = np.sqrt(self.candidates.rest_leverage), np.linalg.norm(change.linear, 2)
-        turn = 0.0 if change.turn is None else np.linalg.norm(change.turn)
-        redundancy = 1 - (stretch * leverage + turn * rest) ** 2
+        redundancy = 1 - (stretch * leverage + np.linalg.norm(change.turn) * rest) ** 2
         if redundancy <= UNCONTROLLED:
             return np.inf
         residual = abs(change.shrink) * rest + leverage * np.linalg.norm(change.shift)
@@ -175,7 +163,7 @@ def downdated_plane(X, weights, support, surface):
         candidates=candidates,
         standardized=standardized[rows],
         sum_of_squares=plane.sum_of_squares,
-        lost=Sums(0.0, 0.0, 0.0),
+        lost=(0.0, 0.0, 0.0),
     )
 
 
@@ -186,7 +174,8 @@ def _tilted(plane, lost_normal, lost_cross, lost_squares):
     shift = np.linalg.solve(root.T, half)
     squares = plane.sum_of_squares - lost_squares - half @ half
     linear = np.linalg.inv(root)
-    return Change(shrink=1.0, shift=shift, linear=linear, turn=None, squares=squares)
+    turn = np.zeros(plane.rank)
+    return Change(shrink=1.0, shift=shift, linear=linear, turn=turn, squares=squares)
 
 
 def _turned(plane, lost_normal, lost_cross, lost_squares):

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from sklearn_mcmd.adjustment._least_squares import CHUNK
+from sklearn_mcmd.runtime._chunks import slices
 
 MAX_DIMENSIONS = 5  # in more a hull has too many vertices to save time; then all points are taken
 FEWEST = 32  # members that a hull has; of fewer all are taken
@@ -50,36 +51,25 @@ def hull_vertices(plane, X, members):
 
 def effects_of(plane, X, rows, vertices, weights, alone):
     """``max |r_ki|`` over vertices k other than i, for the given rows i."""
-    effect = largest_effects(plane, X, X[vertices], rows)
+    effect = largest_effects(plane, X[rows], X[vertices])
     few = np.flatnonzero(alone[rows])
-    effect[few] = largest_effects_of_others(
-        plane, X[rows[few]], X[vertices], rows[few, None] == vertices
-    )
+    same = rows[few, None] == vertices
+    effect[few] = largest_effects(plane, X[rows[few]], X[vertices], same)
     return effect if weights is None else effect * weights[rows]
 
 
-def largest_effects(plane, X, vertices, rows=None):
-    """``max |a_k' N^-1 a_i|`` over vertices k, for all points i or those of some rows."""
-    n = len(X) if rows is None else len(rows)
-    effect = np.zeros(n)
+def largest_effects(plane, X, vertices, same=None):
+    """``max |a_k' N^-1 a_i|`` over vertices k, for all points i, without those that are the `same`
+    point."""
+    effect = np.zeros(len(X))
     if len(vertices) == 0:
         return effect
     design = plane.design(plane.whiten(vertices)[0])
     # With many regressors there is no hull, and all points are vertices.
     step = max(CHUNK * FEWEST // (FEWEST + len(vertices)), 1)
-    for start in range(0, n, step):
-        part = slice(start, start + step)
-        points = X[part] if rows is None else X[rows[part]]
-        product = plane.design(plane.whiten(points)[0]) @ design.T
-        effect[part] = np.abs(product, out=product).max(axis=1)
+    for part in slices(len(X), step):
+        product = np.abs(plane.design(plane.whiten(X[part])[0]) @ design.T)
+        if same is not None:
+            product[same[part]] = 0.0
+        effect[part] = product.max(axis=1)
     return effect
-
-
-def largest_effects_of_others(plane, X, vertices, same):
-    """Same, without the vertices that are the point itself."""
-    if 0 in same.shape:
-        return np.zeros(len(X))
-    design = plane.design(plane.whiten(vertices)[0])
-    product = np.abs(plane.design(plane.whiten(X)[0]) @ design.T)
-    product[same] = 0.0
-    return product.max(axis=1)

@@ -29,9 +29,8 @@ class Elimination(NamedTuple):
 def eliminate(X, weights, adjust, limit, start, single, max_rounds=None):
     """Remove every rejected point, or the worst one, and adjust again (section 1.1).
 
-    ``adjust(retained)`` gives a plane and robust weights, None for least squares;
-    ``limit(n_retained, dof, variance_factor, direction)`` the largest standardized residual that
-    passes. With `single` a round removes only the worst of the rejected points.
+    ``adjust(retained)`` gives a plane and robust weights; ``limit(n_retained, dof,
+    variance_factor, direction)`` the largest standardized residual that passes.
     """
     now, before = start, start.support
     while True:

@@ -1,21 +1,16 @@
 """Outliers of a least-squares plane by fuzzy sets."""
 
 from numbers import Real
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._choices import Correction, Loss, Surface, Test
-from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
+from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
-from sklearn_mcmd.adjustment._effects import (
-    bounding_points,
-    effects_of,
-    largest_effects,
-    largest_effects_of_others,
-)
+from sklearn_mcmd.adjustment._effects import bounding_points, effects_of, largest_effects
 from sklearn_mcmd.adjustment._elimination import own_redundancy
 from sklearn_mcmd.adjustment._memberships import (
     abnormal_residual_membership,
@@ -30,7 +25,6 @@ from sklearn_mcmd.adjustment._tests import (
     statistic,
     t_to_tau,
 )
-from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 
 class Effects(NamedTuple):
@@ -95,31 +89,21 @@ class FuzzyPlaneDetector(PlaneDetector):
         ``1 - C_H`` with all its digits.
     test_ : {"w", "tau", "t"}
         `test`.
-    test_statistic_ : ndarray of shape (n_samples,)
-        w, tau or t.
-    redundancy_, leverage_ : ndarray of shape (n_samples,)
-        Redundancy numbers r_ii, which sum to `dof_`, and ``1 - r_ii``.
+    test_statistic_, redundancy_, leverage_ : ndarray of shape (n_samples,)
+        As of `BaardaPlaneDetector`, of the one plane; redundancy numbers sum to `dof_`.
     critical_value_ : float
         ``N_{1 - alpha/2}``, or that of tau or t.
-    coef_, intercept_, normal_, distance_, global_test_level_, dof_, rank_
-        As of `BaardaPlaneDetector`, of the tested plane.
+    coef_, intercept_, normal_, distance_, sigma0_, global_test_level_, dof_, rank_
+        As of `BaardaPlaneDetector`; an estimate of `sigma0` is a robust one.
     support_ : ndarray of bool of shape (n_samples,)
         Points of positive weight: all of them make the plane.
-    sigma0_ : float
-        `sigma0`, or its robust estimate; no less than what float64 may add to a residual at
-        these coordinates.
     variance_factor_initial_, variance_factor_ : float
         v'Pv / f of all points, and after the outliers are left out and the plane is adjusted
         again, as in the paper's Table 4.
     global_test_pvalue_, global_test_pvalue_initial_ : float
-        Probability of a larger v'Pv / sigma0^2 in clean data, without the outliers and of all
-        points. nan with ``sigma0="auto"``, which fits the same points.
-    robust_weights_ : ndarray of shape (n_samples,)
-        W of the M-estimate; only with `loss` other than "squared_error".
-    offset_ : float
-        Limit of the scores.
-    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
-        Number of columns seen in `fit`, and their names, if they had any.
+        As of `BaardaPlaneDetector`, without the outliers and of all points.
+    robust_weights_, offset_, n_features_in_, feature_names_in_
+        As of `BaardaPlaneDetector`.
 
     See Also
     --------
@@ -195,33 +179,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.surface = surface
         self.loss = loss
 
-    @fit_context(prefer_skip_nested_validation=True)
-    @fit_in_tasks
-    def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
-        """Adjust the plane once and divide its residuals.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-            Points; the last column depends on the others.
-        y : Ignored
-            Present for API consistency.
-        weights : array-like of shape (n_samples,), default=None
-            Precisions ``p_i = sigma0^2 / sigma_i^2``, not repetitions; see
-            `BaardaPlaneDetector.fit`. A point of weight 0 takes no part and is never an outlier.
-
-        Returns
-        -------
-        self : FuzzyPlaneDetector
-            Fitted detector.
-
-        Raises
-        ------
-        ValueError
-            If the points of positive weight leave no redundancy or do not determine a plane;
-            see `BaardaPlaneDetector.fit`, which says as well what is warned of.
-        """
-        training = self._check_training(X, weights)
+    def _fit(self, training):
+        """Adjust the plane once and divide its residuals."""
         X, weights, used, _ = training
         plane, robust_weights, loss_scale = self._adjust(X, weights)
         check_rank(plane, X.shape[1])
@@ -241,8 +200,9 @@ class FuzzyPlaneDetector(PlaneDetector):
             standardized_residuals(residuals, weights, self.redundancy_)
         )
         self.leverage_ = 1 - self.redundancy_
-        self.membership_residual_ = self._memberships(abnormal_residual_membership, below=0.0)
-        normal = self._memberships(normal_residual_membership, below=1.0)
+        residual = self.test_statistic_, self.redundancy_, self.critical_value_, float(self.width)
+        self.membership_residual_ = abnormal_residual_membership(*residual)
+        normal = normal_residual_membership(*residual)
         abnormal = self.membership_residual_ >= 0.5
         equivalent = weights
         if robust_weights is not None:
@@ -252,7 +212,11 @@ class FuzzyPlaneDetector(PlaneDetector):
         )
         complement = normal_error_complement(effect, normal)
         self.membership_ = 1 - complement
-        self.defuzzification_complement_ = self._complement(complement, effect, normal, used)
+        self.defuzzification_complement_ = np.nan
+        if abnormal.any():
+            self.defuzzification_complement_ = defuzzification_complement(
+                complement[used], effect[used], normal[used], self.weighting
+            )
         self.defuzzification_limit_ = 1 - self.defuzzification_complement_
         # `decision_function` is negative for outliers, and a tie is one (Eq. 21).
         limit = float(np.nextafter(self.defuzzification_complement_, np.inf))
@@ -265,22 +229,10 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.labels_[~used] = 1
         self._set_variance_after(X, weights)
         self._warn_if_steep(training, plane)
-        return self
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
-        """``G = 1 - m_H`` of each point, an observation of weight 1.
+        """``G = 1 - m_H`` of each point, an observation of weight 1: lower is more abnormal.
 
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-            Lower is more abnormal.
-
-        Notes
-        -----
         A point with no more leverage than the training points counts as one of the adjusted
         observations. A point with more leverage counts as an added one: its residual has the
         larger deviation ``sqrt(1 + h)`` and the redundancy number ``1 / (1 + h)``.
@@ -305,7 +257,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         effect = largest_effects(plane, X, effects.vertices)
         alone = np.flatnonzero(own & (cofactors > 0.5))
         same = (X[alone, None] == effects.vertices).all(axis=2)
-        effect[alone] = largest_effects_of_others(plane, X[alone], effects.vertices, same)
+        effect[alone] = largest_effects(plane, X[alone], effects.vertices, same)
         diagonal = redundancy
         if robust_weights is not None:
             effect *= robust_weights
@@ -323,18 +275,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         if weights is not None:
             standardized *= np.sqrt(weights)
         return WEIGHT_FUNCTIONS[self.loss](standardized)
-
-    def _memberships(self, equation, below):
-        """Eq. 11 or 12 of the training points, evaluated above the critical value only."""
-        membership = np.full(len(self.test_statistic_), below)
-        above = np.flatnonzero(self.test_statistic_ > self.critical_value_)
-        membership[above] = equation(
-            self.test_statistic_[above],
-            self.redundancy_[above],
-            self.critical_value_,
-            float(self.width),
-        )
-        return membership
 
     def _find_effects(self, training, cofactors, abnormal, loss_scale):
         """r~n of every observation (Eqs 13, 17), without the redundancy matrix.
@@ -372,15 +312,6 @@ class FuzzyPlaneDetector(PlaneDetector):
             loss_scale=loss_scale,
         )
         return effect, effects
-
-    def _complement(self, complement, effect, normal, used):
-        """1 - C_H of the points that count (Eq. 19); nan if no residual is abnormal."""
-        if not (self.membership_residual_ >= 0.5).any():
-            return np.nan
-        rows = slice(None) if used.all() else used
-        return defuzzification_complement(
-            complement[rows], effect[rows], normal[rows], self.weighting
-        )
 
     def _set_variance_after(self, X, weights):
         """Set the variance factor and global test of the points that are left."""

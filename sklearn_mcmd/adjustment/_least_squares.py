@@ -1,7 +1,6 @@
 """Weighted least-squares planes: coefficients, cofactors and redundancy numbers."""
 
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 from numpy.linalg import eigh
@@ -62,8 +61,7 @@ class PlaneAdjustment:
     @property
     def normal(self) -> NDArray[np.float64]:
         """Unit normal; its last component that is not negligible is positive."""
-        normal = self.direction / np.linalg.norm(self.direction)
-        return _oriented(normal)
+        return _oriented(self.direction / np.linalg.norm(self.direction))
 
     @property
     def coef(self) -> NDArray[np.float64]:
@@ -77,9 +75,7 @@ class PlaneAdjustment:
         with np.errstate(invalid="ignore"):
             return float(self.center[-1] - self.center[:-1] @ self.coef)
 
-    def evaluate(
-        self, X: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def evaluate(self, X):
         """Residuals of points and cofactors of the plane below them.
 
         Residuals are observed minus adjusted, in units of X. A cofactor is ``a_i' N^-1 a_i``; times
@@ -98,21 +94,16 @@ class PlaneAdjustment:
                 spread[rows] = np.einsum("ij,ij->i", G @ self.kernel, G)
         return residuals, cofactors, spread
 
-    def whiten(self, X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def whiten(self, X):
         """Whitened regressors (n, rank - 1) and residuals (n,) of a few points."""
         local = (X - self.center) @ np.column_stack([self.axes, self.direction])
         return local[:, :-1], local[:, -1]
 
-    def design(self, U: NDArray[np.float64]) -> NDArray[np.float64]:
+    def design(self, U):
         """Rows g of the whitened design matrix, with the constant first; ``g'g`` is a cofactor."""
         return np.column_stack([np.full(len(U), self.sum_weights**-0.5), U])
 
-    def with_robust_weights(
-        self,
-        X: NDArray[np.float64],
-        weights: NDArray[np.float64] | None,
-        robust_weights: NDArray[np.float64],
-    ) -> Self:
+    def with_robust_weights(self, X, weights, robust_weights):
         """The same plane with the kernel of equivalent weights PW."""
         kernel = np.zeros((self.rank, self.rank))
         for rows in slices(len(X), CHUNK):
@@ -194,6 +185,31 @@ def adjust_plane(
 def weights_of(members, weights):
     """Weights of an adjustment of some points; 0 for the others."""
     return members.astype(float) if weights is None else members * weights
+
+
+def rounding_errors(X):
+    """Largest rounding error of float64 in each coordinate of the points of an exact plane.
+
+    In steps of float64 at the largest coordinate of a column, it is 1/2 of storing it, up to
+    ``d / 2`` of computing it from the others, and up to 1 of the center. A residual of centered
+    coordinates takes d products and d - 1 sums along a rounded direction: ``(d + 1) eps`` of the
+    extent of the cloud.
+    """
+    d = X.shape[1]
+    low, high = X.min(axis=0), X.max(axis=0)
+    with np.errstate(over="ignore"):
+        extent = high - low
+    steps = np.spacing(np.maximum(np.abs(low), np.abs(high)))
+    return (d + 3) / 2 * steps + (d + 1) * np.finfo(float).eps * extent
+
+
+def residual_rounding(errors, direction):
+    """Length below which a residual is only rounding, from `rounding_errors` of its coordinates.
+
+    The direction is `PlaneAdjustment.direction`: on a steep vertical surface the rounding of the
+    regressors enters the residuals.
+    """
+    return max(float(np.abs(direction) @ errors), np.finfo(float).tiny)
 
 
 def _moments(X, origin, basis, weights):

@@ -32,25 +32,22 @@ def normal_error_complement(effect_on_normal, normal_residual):
 
 
 def defuzzification_complement(complement, effect_on_normal, normal_residual, weighting):
-    """1 - C_H: weighted mean of 1 - m_H (Eq. 19)."""
-    weights = defuzzification_weights(effect_on_normal, normal_residual, weighting)
-    # For "ratio" the products P (1 - m_H) are simplified, because m_N may be 0.
-    ratio = weighting == "ratio"
-    products = effect_on_normal * (1 - complement) if ratio else weights * complement
-    total = weights.sum()
-    return float(products.sum() / total) if total > 0 else 0.0
-
-
-def defuzzification_weights(effect_on_normal, normal_residual, weighting):
-    """Weights P of the limit (Eq. 20, second line; the first never applies, see Eq. 18).
+    """1 - C_H: weighted mean of 1 - m_H (Eq. 19), with the weights P of Eq. 20's second line; its
+    first never applies, see Eq. 18.
 
     "ratio" is the paper's ``m_B / m_N = 1 / m_N - r~n``. It has no bound: one huge outlier
     decides the limit alone and masks the others. "cut", ``1 - r~n``, is bounded.
     """
     if weighting == "cut":
-        return 1 - effect_on_normal
-    with np.errstate(divide="ignore"):
-        return 1 / normal_residual - effect_on_normal
+        weights = 1 - effect_on_normal
+        products = weights * complement
+    else:
+        with np.errstate(divide="ignore"):
+            weights = 1 / normal_residual - effect_on_normal
+        # P (1 - m_H) is simplified, because m_N may be 0.
+        products = effect_on_normal * (1 - complement)
+    total = weights.sum()
+    return float(products.sum() / total) if total > 0 else 0.0
 
 
 def _squared_excess(statistic, redundancy, critical, width):

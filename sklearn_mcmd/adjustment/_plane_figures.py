@@ -112,8 +112,7 @@ def plan_rows(plan, unit):
 
 def _words(rows):
     """Rows of words; what is a row already stays."""
-    named = rows.items()
-    return [row if isinstance(row, Row) else _row(name, row) for name, row in named]
+    return [row if isinstance(row, Row) else _row(name, row) for name, row in rows.items()]
 
 
 def _row(name, value, unit="", *, error=None, note=""):

@@ -115,10 +115,6 @@ def plan_plane(
     random_state : int, RandomState instance or None, default=None
         Seed. All sizes of bias get the same points.
 
-    Returns
-    -------
-    PlanePlan
-
     Examples
     --------
     >>> from sklearn_mcmd.adjustment import plan_plane

@@ -83,10 +83,6 @@ def coupled_level(level: float, dof: float, power: float = POWER) -> float:
     power : float in (0, 1), default=0.8
         Larger than the level; otherwise a ValueError is raised.
 
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> from sklearn_mcmd.adjustment import coupled_level

@@ -1,15 +1,16 @@
 """Robust adjustment by iteratively reweighted least squares (Eqs 2-8)."""
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 
-from sklearn_mcmd._choices import Surface
 from sklearn_mcmd._errors import warn_caller
-from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane
-from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
+from sklearn_mcmd.adjustment._least_squares import (
+    adjust_plane,
+    residual_rounding,
+    rounding_errors,
+)
 
 MAX_ITERATIONS = 200  # adjustments of an M-estimate, after which it warns
 TOLERANCE = 1e-6  # change of a residual, in units of the scale, at which the iteration ends
@@ -23,33 +24,17 @@ class LossLimits(NamedTuple):
     tukey: float = 4.685  # from which on the weight is 0
 
 
-def m_estimate(
-    X: ArrayLike,
-    weights: ArrayLike | None = None,
-    *,
-    loss: Literal["huber", "tukey"] = "huber",
-    sigma0: float | None = None,
-    surface: Surface = "vertical",
-) -> tuple[PlaneAdjustment, NDArray[np.float64], float]:
+def m_estimate(X, weights=None, *, loss="huber", sigma0=None, surface="vertical"):
     """Plane by M-estimation: repeat the adjustment with P W until it converges (Eqs 3-7).
 
-    The loss turns standardized residuals into W; "tukey" starts from Huber's plane, because its own
-    solution depends on the start. X, the weights P and the surface are as of `adjust_plane`.
-    `sigma0` is the standard deviation of unit weight, by default the `robust_scale` of the
-    residuals.
-
-    Returns the plane, with the kernel that propagates the equivalent weights into cofactors; W, 1
-    for normal observations, near 0 for outliers; and sigma0, or its robust estimate, which is at
-    least the rounding error of float64 in a residual at these coordinates. Warns if the plane still
-    changes after 200 adjustments.
+    "tukey" starts from Huber's plane, because its own solution depends on the start. Without
+    `sigma0` the scale is the `robust_scale` of the residuals, or float64's rounding if larger.
+    Returns the plane, with the kernel that propagates PW into cofactors, W and the scale.
 
     Eq. 5 multiplies P by the weights of iteration i - 1, not by the product of all earlier weights.
     Eq. 8's limit ``s0 sqrt(q_i p_i) t`` has a wrong dimension. Here ``sqrt(p_i) |v_i|`` is
     compared, which is the same for unit weights.
     """
-    X = np.asarray(X, dtype=np.float64)
-    if weights is not None:
-        weights = np.asarray(weights, dtype=np.float64)
     weigh = WEIGHT_FUNCTIONS[loss]
     if loss == "tukey":
         plane, _, scale = m_estimate(X, weights, sigma0=sigma0, surface=surface)

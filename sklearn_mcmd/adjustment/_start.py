@@ -5,9 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd.adjustment._least_squares import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import (
+    adjust_plane,
+    residual_rounding,
+    rounding_errors,
+    weights_of,
+)
 from sklearn_mcmd.adjustment._robust import robust_scale
-from sklearn_mcmd.adjustment._rounding import residual_rounding, rounding_errors
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED
 from sklearn_mcmd.planes._consistent_set import (
     draw_trials,
@@ -34,13 +38,11 @@ MAX_ROUNDS = 20  # both iterations converge within a few, or alternate between n
 def robust_start(X, weights, used, rank, surface, sigma0, random_state):
     """The plane of the most coplanar half of the points, and its scale.
 
-    `used` are the points of positive weight, `rank` is that of the plane of all points; without
-    `sigma0`, the standard deviation of unit weight, it is estimated. The plane is that of all
-    points within 2.5 deviations of it. It is None if these points, or all but one of them, are on
-    one line: then many planes fit half of the points or more. The scale is sigma0, or the standard
-    deviation of these points. Outliers that are separate from them do not enlarge it, as they would
-    enlarge a median. It is at least the rounding error of float64 in a residual at these
-    coordinates.
+    `used` are the points of positive weight, `rank` is that of the plane of all points. The plane
+    is that of all points within 2.5 deviations of it. It is None if these points, or all but one of
+    them, are on one line: then many planes fit half of the points or more. The scale is sigma0, or
+    the standard deviation of these points, which separate outliers do not enlarge as they would
+    enlarge a median.
 
     Two well-known iterations start from the consistent set: concentration on the half of the points
     with the least residuals (least trimmed squares), then reweighting.

@@ -34,10 +34,6 @@ def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float
         B-method alpha is Baarda's alpha_0, from which that of the global test follows: see
         `coupled_level`.
 
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> from sklearn_mcmd.adjustment import local_level
@@ -143,15 +139,10 @@ def statistic(standardized, test, sigma0, scale, dof):
     if test == "w":
         return standardized / sigma0
     tau = standardized / scale
-    return tau if test == "tau" else tau_to_t(tau, dof)
-
-
-def tau_to_t(tau, dof):
-    """t of a residual whose tau is known: ``tau sqrt((f - 1) / (f - tau^2))``.
-
-    The scale of t leaves the tested point out; this formula needs no second adjustment. t is 0
-    if f < 2, because that scale then has no degree of freedom.
-    """
+    if test == "tau":
+        return tau
+    # ``t = tau sqrt((f - 1) / (f - tau^2))``, whose scale leaves the tested point out, and has no
+    # degree of freedom if f < 2.
     if dof < 2:
         return np.zeros_like(tau)
     # tau reaches sqrt(f) where all other residuals are 0.
@@ -160,7 +151,7 @@ def tau_to_t(tau, dof):
 
 
 def t_to_tau(t, dof):
-    """Inverse of `tau_to_t`, ``sqrt(f t^2 / (f - 1 + t^2))``, as in Table 1's critical value."""
+    """tau of a residual whose t is known, ``sqrt(f t^2 / (f - 1 + t^2))`` (Table 1)."""
     with np.errstate(over="ignore", divide="ignore"):
         return np.sqrt(dof / ((dof - 1) / np.square(t) + 1)) if dof > 1 else 1.0
 

@@ -63,10 +63,6 @@ def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFl
     tolerance : float > 0
         Width of the zone that shall hold all points, in units of X.
 
-    Returns
-    -------
-    PlaneFlatness
-
     Examples
     --------
     >>> import numpy as np

@@ -362,7 +362,7 @@ def _figures_of(detector, cloud, unit, more, lists_worst):
 
 def _text_of(title, figures, source, target, sheets):
     """The text report, and as its last lines input, output, program and date."""
-    from sklearn_mcmd.adjustment._text_report import figures_as_text, with_heading
+    from sklearn_mcmd.adjustment._report import figures_as_text, with_heading
 
     rows = {
         "input": source,

@@ -1,9 +1,13 @@
 """Pictures of point clouds and of results, and a page to look around in."""
 
-from sklearn_mcmd.plotting._displays import EdgeDisplay, NormalsDisplay, SegmentationDisplay
-from sklearn_mcmd.plotting._outlier_display import OutlierDisplay
+from sklearn_mcmd.plotting._displays import (
+    EdgeDisplay,
+    NormalsDisplay,
+    OutlierDisplay,
+    PlaneResidualDisplay,
+    SegmentationDisplay,
+)
 from sklearn_mcmd.plotting._pages import view
-from sklearn_mcmd.plotting._residual_display import PlaneResidualDisplay
 from sklearn_mcmd.plotting._still import normal_colors, plot_cloud, region_colors
 
 __all__ = [

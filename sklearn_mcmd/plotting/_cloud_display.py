@@ -42,21 +42,9 @@ class CloudDisplay(ABC):
 
     @classmethod
     def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> Self:
-        """Draw what a fitted estimator found.
+        """Draw what an estimator found in X (n, 3 or more), to which it is fitted.
 
-        Parameters
-        ----------
-        estimator : object
-            Fitted to X; of the kind that the display is for.
-        X : array-like of shape (n, 3 or more)
-            The cloud; coordinates are its first three columns.
-        **options : dict
-            For :meth:`plot`.
-
-        Returns
-        -------
-        display : object
-            The display, drawn.
+        The first three columns are coordinates, and options are for :meth:`plot`.
         """
         found = cls._found_by(estimator, X)
         return cls.from_predictions(np.asarray(X)[:, :3], *found, **options)
@@ -75,11 +63,6 @@ class CloudDisplay(ABC):
             Points to draw. Of more, so many are chosen at random, rare classes more often.
         ax : matplotlib.axes.Axes, default=None
             Axes to draw on. None makes a figure.
-
-        Returns
-        -------
-        display : object
-            Itself.
         """
         view = self._usual_view() if view is None else view
         return self._draw(self._picture(view), view, max_points, ax)
@@ -153,8 +136,8 @@ def is_minus_one(labels, name):
     return labels == -1
 
 
-def one_for_each(values, points, name):
-    values = np.asarray(values)
+def one_for_each(values, points, name, dtype=None):
+    values = np.asarray(values, dtype)
     if values.shape != (len(points),):
         raise ValueError(f"{name} must have shape ({len(points)},), got {values.shape}.")
     return values

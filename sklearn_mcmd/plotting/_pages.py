@@ -48,16 +48,6 @@ def view(
     CloudPage
         The page, with ``save(path)``.
 
-    Raises
-    ------
-    PointFileError
-        If a file cannot be read.
-    ValueError
-        If there is no cloud, a cloud has no points with finite coordinates, coordinates are more
-        than 1e18 apart, or no cloud has the attribute of `color` or one of `only`; if `names` has
-        another length than the clouds, `max_points` is less than their number, or `height` is no
-        whole number of at least 1.
-
     Warns
     -----
     UserWarning

@@ -59,21 +59,12 @@ def plot_cloud(
         With equal scales and no frame. Data coordinates are those of the picture plane, in the
         units of `xyz`.
 
-    Raises
-    ------
-    ImportError
-        If Matplotlib is not installed.
-    ValueError
-        If `xyz` or `outliers` is not of the stated shape, or `view` is unknown.
-
     See Also
     --------
     normal_colors : Colors that make a cloud look like a lit solid.
 
     Examples
     --------
-    >>> import matplotlib
-    >>> matplotlib.use("agg")
     >>> from sklearn_mcmd.datasets import make_street
     >>> from sklearn_mcmd.plotting import plot_cloud
     >>> street = make_street(2_000, random_state=0)
@@ -243,11 +234,7 @@ def _marker_size(ax, extent, n_points):
     figure = ax.get_figure()
     figure.draw_without_rendering()  # fixes the layout
     box = ax.get_window_extent()
-    scale = (
-        72.0
-        / figure.dpi
-        * min(box.width / max(extent[0], 1e-300), box.height / max(extent[1], 1e-300))
-    )
+    scale = 72.0 / figure.dpi * np.min([box.width, box.height] / np.maximum(extent, 1e-300))
     return float(np.clip(scale * np.sqrt(extent[0] * extent[1] / n_points), 0.4, 6.0))
 
 

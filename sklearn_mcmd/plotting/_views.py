@@ -1,7 +1,5 @@
 """From where a cloud is seen, which of its points are drawn, and how long a meter is there."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
@@ -10,15 +8,10 @@ EYE = 2.6  # of the perspective view, in radii of the cloud from its middle
 NEAREST = 0.25  # no point is enlarged as if it were nearer than this share of that distance
 
 
-class Picture(NamedTuple):
-    """Points on the picture plane, in units of the cloud, and how near they are."""
-
-    places: np.ndarray
-    nearness: np.ndarray
-
-
 def look(points, view):
-    """The picture of points (n, 3) from a named view, or from an azimuth and an elevation.
+    """Places of points (n, 3) on the picture plane, and how near they are, in units of the cloud.
+
+    The view is a name, or azimuth and elevation.
 
     In perspective a length in the middle of the cloud is true, nearer ones are enlarged.
     """
@@ -31,20 +24,15 @@ def look(points, view):
         if eye > 0:
             enlarged = eye / np.maximum(eye - (nearness - depth), NEAREST * eye)
             places = middle + (places - middle) * enlarged[:, None]
-    return Picture(places, nearness)
+    return places, nearness
 
 
 def camera(view):
     """Unit vectors to the right, up and toward the camera."""
     azimuth, elevation = np.radians(_angles(view))
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    toward = np.array(
-        [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
-    )
+    level = np.array([np.cos(azimuth), np.sin(azimuth)])
+    toward = np.append(np.cos(elevation) * level, np.sin(elevation))
     return right, np.cross(toward, right), toward
 
 

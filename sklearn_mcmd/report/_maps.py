@@ -67,7 +67,7 @@ def found_maps(xyz, found, near, noun):
         marked = found[rows]
         part, size = xyz[rows[~marked]], LEAST_FOUND
         if len(part):
-            colors = distance_colors(look(part, view).nearness, FAR, NEAR)
+            colors = distance_colors(look(part, view)[1], FAR, NEAR)
             plot_cloud(part, color=colors, view=view, ax=ax)
             size = max(size, ENLARGED * float(np.sqrt(ax.collections[0].get_sizes()[0])))
         if marked.any():
@@ -90,7 +90,7 @@ def _map(draw, xyz, rows, view, caption):
     new_figure = import_extra("matplotlib.figure", "plot", "--report").Figure
     from PIL import Image  # comes with it
 
-    places = look(xyz[rows], view).places
+    places = look(xyz[rows], view)[0]
     low, high = places.min(axis=0), places.max(axis=0)
     width, height = high - low
     # A cloud at one place, or along a line, has some width too.

@@ -6,7 +6,7 @@ from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.plotting import PlaneResidualDisplay
 from sklearn_mcmd.plotting._cloud_display import Picture
-from sklearn_mcmd.plotting._residual_display import along_normal, those_of_plane
+from sklearn_mcmd.plotting._displays import along_normal, those_of_plane
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram

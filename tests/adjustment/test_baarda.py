@@ -1,14 +1,12 @@
 """Data snooping against a full adjustment in every round, and its edge cases."""
 
-import warnings
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.exceptions import ConvergenceWarning
 
 import reference_adjustment as reference
-from adjustment_clouds import plane_with_outliers, random_case
+from adjustment_clouds import plane_with_outliers, random_case, tilted_plane
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, _downdate
 
 
@@ -97,52 +95,16 @@ def test_m_estimation_with_tests_finds_the_outliers_and_shows_its_weights(loss, 
 
 @pytest.mark.parametrize("tilt", [0, 60, 80, 90])
 def test_an_orthogonal_surface_flags_no_good_point_at_any_tilt(tilt):
-    rng = np.random.default_rng(0)
-    local = np.column_stack([rng.uniform(-5, 5, (500, 2)), rng.normal(scale=0.01, size=500)])
-    c, s = np.cos(np.deg2rad(tilt)), np.sin(np.deg2rad(tilt))
-    X = local @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]).T
+    X = tilted_plane(tilt, 0.01, 500)
     assert (BaardaPlaneDetector(sigma0=0.01, surface="orthogonal").fit_predict(X) == -1).sum() <= 1
 
 
+@pytest.mark.filterwarnings("ignore")
 def test_a_vertical_surface_rejects_half_of_a_steep_plane():
-    rng = np.random.default_rng(0)
-    t = np.deg2rad(80)
-    flat = np.column_stack([rng.uniform(-5, 5, (500, 2)), np.zeros(500)])
-    X = flat @ np.array([[1, 0, 0], [0, np.cos(t), -np.sin(t)], [0, np.sin(t), np.cos(t)]]).T
-    X += rng.normal(scale=0.01, size=X.shape)
-    batch = BaardaPlaneDetector(sigma0=0.01, elimination="all", max_iter=1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        share = (batch.fit(X).elimination_step_ > 0).mean()
-    assert 0.4 < share < 0.6
+    X = tilted_plane(80, 0.01, 500, size=(10, 10))
+    batch = BaardaPlaneDetector(sigma0=0.01, elimination="all", max_iter=1).fit(X)
+    assert 0.4 < (batch.elimination_step_ > 0).mean() < 0.6
     assert (batch.set_params(surface="orthogonal").fit(X).elimination_step_ > 0).mean() < 0.01
-
-
-# Robust start: the title's case, outliers at one edge.
-
-
-def strip(share, n=800, size=20.0, seed=0):
-    X = plane_with_outliers(n, 0, seed=seed)
-    order = np.argsort(X[:, 0])[: int(share * n)]
-    X[order, 2] += size
-    is_outlier = np.zeros(n, dtype=bool)
-    is_outlier[order] = True
-    return X, is_outlier
-
-
-@pytest.mark.parametrize("test", ["w", "tau"])
-@pytest.mark.parametrize("share", [0.3, 0.4])
-def test_a_robust_start_finds_a_strip_of_outliers_at_one_edge(share, test):
-    for seed in range(3):
-        X, is_outlier = strip(share, seed=seed)
-        detector = BaardaPlaneDetector(test=test, robust_start=True, random_state=0)
-        assert ((detector.fit_predict(X) == -1) != is_outlier).sum() <= 1
-
-
-def test_a_robust_start_is_repeatable():
-    X, _ = strip(0.3, size=6.0)
-    detector = BaardaPlaneDetector(robust_start=True, random_state=3)
-    assert_array_equal(detector.fit(X).test_statistic_, detector.fit(X).test_statistic_)
 
 
 # Rounds and their limits.
@@ -165,14 +127,15 @@ def test_a_sigma0_far_too_small_leaves_the_last_plane_and_warns(elimination):
         assert (detector.elimination_step_ > 0).all()
 
 
-def test_bad_weights_are_refused_by_name():
-    X = plane_with_outliers(20, 0)
-    detector = BaardaPlaneDetector()
-    with pytest.raises(ValueError, match="weights has negative values"):
-        detector.fit(X, weights=-np.ones(20))
-    with pytest.raises(ValueError, match="weights is zero for all"):
-        detector.fit(X, weights=np.zeros(20))
-    with pytest.raises(ValueError, match="weights has shape"):
-        detector.fit(X, weights=np.ones(19))
-    with pytest.raises(ValueError, match="weights contains NaN"):
-        detector.fit(X, weights=np.full(20, np.nan))
+@pytest.mark.parametrize(
+    ("weights", "words"),
+    [
+        (-np.ones(20), "has negative values"),
+        (np.zeros(20), "is zero for all"),
+        (np.ones(19), "has shape"),
+        (np.full(20, np.nan), "contains NaN"),
+    ],
+)
+def test_bad_weights_are_refused_by_name(weights, words):
+    with pytest.raises(ValueError, match=f"weights {words}"):
+        BaardaPlaneDetector().fit(plane_with_outliers(20, 0), weights=weights)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from adjustment_clouds import plane_with_outliers
+from adjustment_clouds import plane_with_outliers, tilted_plane
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 from sklearn_mcmd.adjustment._determinacy import normal_pvalue
 from sklearn_mcmd.adjustment._least_squares import adjust_plane
@@ -214,21 +214,12 @@ def test_ties_are_removed_in_the_order_of_rows():
     assert_array_equal(detector.elimination_step_[[2, 18]], [1, 2])
 
 
-def wall(tilt, noise=0.005):
-    """A sheet of 8 by 3, tilted about its long side, with equal noise in all directions."""
-    rng = np.random.default_rng(0)
-    across = rng.uniform(0, 3, 2000)
-    angle = np.radians(tilt)
-    X = [rng.uniform(0, 8, 2000), across * np.cos(angle), across * np.sin(angle)]
-    return np.column_stack(X) + rng.normal(0, noise, (2000, 3))
-
-
 # sigma0="auto" hides the rejected points, but at 90 degrees the vertical plane misses the wall.
 @pytest.mark.parametrize(("tilt", "sigma0"), [(80, 0.005), (90, 0.005), (90, "auto"), (90, 1.0)])
 @pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
 def test_vertical_residuals_of_a_wall_are_warned_of(detector, tilt, sigma0):
     with pytest.warns(UserWarning, match=f"tilted by {tilt} degrees.*surface='orthogonal'"):
-        detector(sigma0=sigma0).fit(wall(tilt))
+        detector(sigma0=sigma0).fit(tilted_plane(tilt, 0.005))
 
 
 @pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
@@ -236,12 +227,12 @@ def test_vertical_residuals_of_a_wall_are_warned_of(detector, tilt, sigma0):
 def test_planes_on_which_the_surface_is_right_give_no_warning(detector, tilt, surface):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        detector(sigma0=0.005, surface=surface).fit(wall(tilt))
+        detector(sigma0=0.005, surface=surface).fit(tilted_plane(tilt, 0.005))
 
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
 def test_residuals_are_observed_minus_adjusted(surface):
-    X = wall(30)
+    X = tilted_plane(30, 0.005)
     fitted = BaardaPlaneDetector(sigma0=0.005, surface=surface).fit(X)
     direction = fitted.normal_ / (fitted.normal_[-1] if surface == "vertical" else 1)
     expected = (X - X.mean(axis=0)) @ direction

@@ -1,12 +1,11 @@
 """Simulated snooping decides as the detector does, and its rates are what theory says."""
 
-import numba
 import numpy as np
 import pytest
 from scipy import stats
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, critical_value, local_level, plan_plane
-from sklearn_mcmd.adjustment._planning_numba import _start, snoop_planes
+from sklearn_mcmd.adjustment._planning_numba import snoop_planes
 from sklearn_mcmd.adjustment._start import StartLimits, half_of
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED
 
@@ -43,44 +42,6 @@ def test_with_a_robust_start_they_are_nearly_always():
     same = (snooped(X, n_trials=69) == expected).all(axis=1)
     assert np.mean(same) >= 0.95
     assert np.mean(expected, axis=(0))[:21].mean() > 0.99
-
-
-def start_by_numpy(X, corners, half, limit, cut):
-    """Members of the most coplanar half, concentrated and reweighted, by general least squares."""
-    A, z, best = np.column_stack([X[:, :2], np.ones(len(X))]), X[:, 2], (np.inf, None)
-    for rows in corners:
-        if len(set(rows)) == 3:
-            sizes = np.abs(z - A @ np.linalg.solve(A[rows], z[rows]))
-            nearest = np.sort(sizes)[half - 1]
-            total = (sizes[sizes <= nearest] ** 2).sum()
-            best = (total, sizes <= nearest) if total < best[0] else best
-    member = best[1]
-    for turn in range(41):
-        inverse = np.linalg.inv(A[member].T @ A[member])
-        sizes = np.abs(z - A @ (inverse @ A[member].T @ z[member]))
-        if turn < 20:
-            member = sizes <= np.sort(sizes)[half - 1]
-            continue
-        sizes /= np.sqrt(1 + np.einsum("ij,jk,ik->i", A, inverse, A))
-        inside = sizes <= (limit if turn == 40 else cut)
-        member = inside if inside.sum() > 3 else member
-    return member
-
-
-@numba.njit
-def start(X, corners, start, limit, sizes, member):
-    _start(X, corners, start, limit, sizes, member)
-
-
-@pytest.mark.parametrize("cut", [StartLimits().cut, 0.4])
-def test_the_start_is_that_of_general_least_squares_for_the_same_corners(cut):
-    n, rng = 13, np.random.default_rng(0)
-    for X in simulated(n, 5, 6, 40):
-        corners, sizes, member = rng.integers(n, size=(3, 3)), np.empty(n), np.empty(n, dtype=bool)
-        corners[0] = rng.choice(n, 3, replace=False)
-        start(X, corners, (half_of(n, 3), cut, 20), 2.9, sizes, member)
-        expected = start_by_numpy(X, corners, half_of(n, 3), 2.9, cut)
-        np.testing.assert_array_equal(member, expected)
 
 
 def test_outcomes_are_all_that_can_happen_and_the_level_is_kept():

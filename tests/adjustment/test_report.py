@@ -85,9 +85,11 @@ def test_the_picture_has_three_panels_and_can_be_saved(detector, columns, tmp_pa
     last = "Memberships" if isinstance(detector, FuzzyPlaneDetector) else "Test statistics"
     drawn = panels(figure)
     assert {"Residual map", "Residuals", last} <= drawn.keys()
-    residual_map = drawn["Residual map"]
-    assert residual_map.get_xlabel().endswith("[m]")
-    assert residual_map.get_ylabel().endswith("[m]")
+    names = ["x", "y"] if len(columns) == 3 else ["x", "residual"]
+    if len(columns) == 3 and detector.surface == "orthogonal":  # steeper than 45 degrees
+        names = ["along the level line", "z"]
+    axes = drawn["Residual map"]
+    assert [axes.get_xlabel(), axes.get_ylabel()] == [f"{name} [m]" for name in names]
     assert reported(detector, X, unit="m")[0]["normal"] in figure.get_supxlabel()
 
 
@@ -116,13 +118,6 @@ def test_the_curves_are_those_of_the_normal_and_of_the_test(test):
     if test == "tau":
         quantile *= np.sqrt(detector.dof_ / (detector.dof_ - 1 + quantile**2))
     np.testing.assert_allclose(expected, quantile, rtol=1e-9)
-
-
-def test_columns_beyond_space_have_numbers_in_the_map():
-    pytest.importorskip("matplotlib")
-    X = np.random.default_rng(0).normal(size=(50, 4))
-    residual_map = panels(plot_report(BaardaPlaneDetector().fit(X), X))["Residual map"]
-    assert (residual_map.get_xlabel(), residual_map.get_ylabel()) == ("column 0", "column 1")
 
 
 @pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
@@ -164,18 +159,6 @@ def test_the_plane_is_given_by_a_point_and_digits_by_the_standard_error():
     assert "rounding" not in text
 
 
-@pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
-def test_the_error_of_the_normal_is_its_scatter_among_planes(surface):
-    slopes, errors = [], []
-    for seed in range(60):
-        X = plane_with_outliers(50, 0, sigma=0.01, seed=seed) * [1, 0.2, 0.02]  # widest along x
-        detector = BaardaPlaneDetector(sigma0="auto", surface=surface).fit(X)
-        slopes.append(detector.normal_[1])
-        errors.append(numbers(reported(detector, X, n_worst=0)[0]["normal"])[-1])
-    # 60 normals know their deviation to 9 %; what is printed has two digits.
-    assert abs(np.log(np.median(errors) / np.std(slopes))) < 0.3
-
-
 @pytest.mark.parametrize("detector", [BaardaPlaneDetector, FuzzyPlaneDetector])
 def test_the_report_has_the_global_test_or_why_there_is_none(detector):
     X = plane_with_outliers(400, 5, 12.0)
@@ -195,6 +178,8 @@ def test_standard_errors_and_reliability_are_those_of_the_detector():
     precision, found = detector.precision(), detector.reliability(X)
     assert f"cone {precision.cone:.2g} degrees" in rows["normal's ellipse"]
     assert numbers(rows["tilt"]) == pytest.approx([precision.tilt, precision.tilt_error], rel=0.05)
+    turn = np.radians(precision.ellipse[0])
+    assert numbers(rows["normal"]) == pytest.approx([*detector.normal_, turn], rel=0.05)
     assert rows["level, power"].endswith(f"noncentrality {found.noncentrality:.2f}")
     least, most = found.minimal_bias.min(), found.minimal_bias.max()
     assert rows["detectable bias"] == f"{least:.4g} to {most:.4g} m (MDB)"

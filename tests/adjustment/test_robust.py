@@ -45,13 +45,6 @@ def test_huber_agrees_with_scikit_learn_for_its_scale(cloud):
     assert_allclose(plane.intercept, theirs.intercept_, atol=1e-3)
 
 
-def test_tukey_takes_gross_outliers_out_of_the_plane(cloud):
-    plane, weights, _ = m_estimate(cloud, loss="tukey", sigma0=0.1)
-    clean = adjust_plane(cloud[30:])
-    assert np.all(weights[:30] < 1e-6)
-    assert_allclose(plane.coef, clean.coef, atol=2e-3)
-
-
 def test_cofactors_of_equivalent_weights_are_those_of_dense_algebra(cloud):
     X = cloud[:60]
     p = np.random.default_rng(2).uniform(0.5, 2, len(X))
@@ -65,16 +58,10 @@ def test_cofactors_of_equivalent_weights_are_those_of_dense_algebra(cloud):
     assert_allclose(own_redundancy(k, spread, p, weights), p * cofactors, rtol=1e-5)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_robust_scale_is_near_the_truth_in_clean_data(seed):
-    rng = np.random.default_rng(seed)
-    X = np.column_stack([rng.uniform(size=(5000, 2)), rng.normal(scale=0.3, size=5000)])
+@pytest.mark.parametrize(("n_outliers", "low", "high"), [(0, 0.94, 1.06), (1000, 1.2, 1.5)])
+def test_a_fifth_of_one_sided_outliers_enlarges_the_robust_scale_by_a_third(n_outliers, low, high):
     # The median of 5000 has a standard error of 1.6 %.
-    assert_allclose(m_estimate(X)[2], 0.3, rtol=0.06)
-
-
-def test_a_fifth_of_one_sided_outliers_enlarges_the_robust_scale_by_a_third():
     rng = np.random.default_rng(4)
     X = np.column_stack([rng.uniform(size=(5000, 2)), rng.normal(size=5000)])
-    X[:1000, 2] += 20
-    assert 1.2 < m_estimate(X)[2] < 1.5
+    X[:n_outliers, 2] += 20
+    assert low < m_estimate(X)[2] < high

@@ -19,13 +19,18 @@ def with_a_bad_corner(share=0.45, n=600, size=15.0):
     return X, np.isin(np.arange(n), bad)
 
 
-@pytest.mark.parametrize(("share", "n"), [(0.45, 600), (0.3, 25_000)])  # the latter by a sample
-def test_the_plane_is_that_of_the_good_points(share, n):
+@pytest.mark.parametrize(
+    ("share", "n", "test"),
+    [(0.45, 600, "w"), (0.4, 600, "tau"), (0.3, 25_000, "w")],  # the last by a sample
+)
+def test_outliers_gathered_in_a_corner_are_found_and_do_not_move_the_plane(share, n, test):
     X, bad = with_a_bad_corner(share, n)
-    residuals = np.abs(robust(X).residuals(X))
+    detector = robust(X, test=test)
+    residuals = np.abs(detector.residuals(X))
     # Good points are within 5 sigma, outliers at 15.
     assert residuals[~bad].max() < 5.5
     assert residuals[bad].min() > 9
+    assert ((detector.labels_ == -1) != bad).sum() <= 1
 
 
 def test_the_scale_is_not_enlarged_by_separate_outliers_and_unbiased_without():

@@ -6,9 +6,6 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from sklearn_mcmd.adjustment import critical_value, local_level
-from sklearn_mcmd.adjustment._tests import (
-    tau_to_t,
-)
 
 
 def test_w_has_the_three_critical_values_of_table_1_at_once():
@@ -36,12 +33,7 @@ def test_tau_rejects_a_clean_residual_with_its_level():
 
 @pytest.mark.parametrize(
     ("test", "dof", "expected"),
-    [
-        ("tau", 0, np.inf),
-        ("t", 0, np.inf),
-        ("tau", 1, 1.0),
-        ("t", 1, np.inf),
-    ],
+    [("tau", 0, np.inf), ("t", 0, np.inf), ("tau", 1, 1.0), ("t", 1, np.inf)],
 )
 def test_without_redundancy_nothing_can_be_rejected(test, dof, expected):
     assert critical_value(test, 0.05, dof) == expected
@@ -57,13 +49,3 @@ def test_bonferroni_bounds_sidak_within_three_percent():
     for n in (1, 10, 10**6):
         ratio = local_level(0.05, n) / local_level(0.05, n, "bonferroni")
         assert 1 <= ratio < 1.026
-
-
-def test_tau_and_t_decide_alike():
-    rng = np.random.default_rng(0)
-    for f in (2, 5, 50):
-        tau = np.sqrt(f) * np.sqrt(rng.beta(0.5, (f - 1) / 2, 1000))
-        for level in (0.3, 0.05, 0.001):
-            by_tau = tau > critical_value("tau", level, f)
-            by_t = tau_to_t(tau, f) > critical_value("t", level, f)
-            assert np.array_equal(by_tau, by_t)

@@ -74,13 +74,6 @@ def test_a_dent_exceeds_the_tolerance_and_its_points_are_counted():
     assert found.zone < 0.01  # of the others
 
 
-def test_where_no_point_passes_the_zone_is_that_of_all():
-    X = sheet(60, noise=0.05)
-    detector = FuzzyPlaneDetector(sigma0=0.05).fit(X)
-    detector.labels_ = np.full(60, -1)
-    assert flatness(detector, X, 0.1).minimum_zone == pytest.approx(minimum_zone(X))
-
-
 def test_a_tilted_plane_has_perpendicular_distances():
     X = sheet(200, noise=0)
     X[:, 2] = 2 * X[:, 0]

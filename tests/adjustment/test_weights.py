@@ -39,15 +39,6 @@ def test_a_pipeline_hands_requested_weights_to_the_detector(detector, cloud):
 
 
 @parametrized
-def test_weights_that_nobody_requested_are_refused(detector, cloud):
-    X, weights = cloud
-    with config_context(enable_metadata_routing=True):
-        pipeline = Pipeline([("test", detector())])
-        with pytest.raises(ValueError, match="weights"):
-            pipeline.fit(X, weights=weights)
-
-
-@parametrized
 def test_a_weight_is_no_repetition(detector):
     X = plane_with_outliers(200, 0)
     once = detector(sigma0=9.0).fit(X, weights=np.full(200, 2.0))

@@ -1,6 +1,4 @@
-"""A report of a fitted plane test for a surveyor's files, as a figure."""
-
-from __future__ import annotations
+"""A report of a fitted plane test for a surveyor's files, as text or as a figure."""
 
 from typing import TYPE_CHECKING
 
@@ -9,9 +7,12 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
+from sklearn_mcmd._sklearn import validate_params
+from sklearn_mcmd.adjustment._base import N_WORST, PlaneDetector, check_points
+from sklearn_mcmd.adjustment._comparison import PlaneComparison
 from sklearn_mcmd.adjustment._plane_figures import plane_figures
 from sklearn_mcmd.adjustment._tests import t_to_tau
+from sklearn_mcmd.adjustment._tolerance import PlaneFlatness
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,15 +22,18 @@ MAX_DEVIATIONS = 15  # half width of the histogram, in standard deviations of th
 BLUE, RED, GRAY = "#1f77b4", "#d62728", "#7f7f7f"
 
 
-def plot_report(
+@validate_params(N_WORST, prefer_skip_nested_validation=True)
+def text_report(
     detector: PlaneDetector,
     X: ArrayLike,
     *,
     title: str = "Plane test",
     unit: str = "",
-    figure: Figure | None = None,
-) -> Figure:
-    """Residual map, histogram against the normal curve, and memberships or statistics.
+    n_worst: int = 10,
+    comparison: PlaneComparison | None = None,
+    flatness: PlaneFlatness | None = None,
+) -> str:
+    """Plane, precision, reliability and the worst points of a fitted detector, as text.
 
     Parameters
     ----------
@@ -40,22 +44,76 @@ def plot_report(
     title : str, default="Plane test"
     unit : str, default=""
         Unit of X, for example "m"; only printed.
-    figure : matplotlib.figure.Figure, default=None
-        Figure to draw on. None means a new figure without a window.
+    n_worst : int, default=10
+        Number of points to list, those with the largest test statistics.
+    comparison : PlaneComparison, default=None
+        With another plane, by `compare_planes`.
+    flatness : PlaneFlatness, default=None
+        Of these points, by :func:`flatness`.
+
+    Raises
+    ------
+    ValueError
+        If the detector was fitted to other points than X.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.adjustment import BaardaPlaneDetector, text_report
+    >>> X = np.array([[0.0, 0], [1, 1], [2, 2], [3, 9], [4, 4], [5, 5], [6, 6]])
+    >>> print(text_report(BaardaPlaneDetector().fit(X), X, n_worst=1))
+    Plane test
+    ==========
+    ...
+    outliers              1 of 7 (14.29 %)
+    ...
+    """
+    X = check_points(detector, X)
+    further = {"comparison": comparison, "flatness": flatness}
+    return figures_as_text(title, plane_figures(detector, X, unit, n_worst=n_worst, **further))
+
+
+def figures_as_text(title, figures):
+    """Parts of rows below each other, then aligned tables."""
+    lines = [title, "=" * len(title)]
+    for name, rows in figures.parts.items():
+        lines += with_heading(name, {row.name: row for row in rows})
+    for name, table in figures.tables.items():
+        cells = [table.header, *table.rows]
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        lines += with_heading(name, {})
+        lines += ["  ".join(map(str.rjust, row, widths)) for row in cells]
+    return "\n".join(lines) + "\n"
+
+
+def with_heading(title, rows):
+    """Lines of a part of the report: a title, and names beside values."""
+    lines = [f"{name:<22}{value}" for name, value in rows.items()]
+    return [*(["", title, "-" * len(title)] if title else []), *lines]
+
+
+def plot_report(
+    detector: PlaneDetector,
+    X: ArrayLike,
+    *,
+    title: str = "Plane test",
+    unit: str = "",
+) -> "Figure":
+    """Residual map, histogram against the normal curve, and memberships or statistics.
+
+    Parameters
+    ----------
+    detector, X, title, unit
+        As of `text_report`.
 
     Returns
     -------
     matplotlib.figure.Figure
-        ``figure.savefig("report.png")`` saves it.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is missing.
+        Without a window; ``figure.savefig("report.png")`` saves it.
     """
     new_figure = import_extra("matplotlib.figure", "plot", "plot_report").Figure
     X = check_points(detector, X)
-    figure = figure or new_figure(figsize=(11.7, 8.3), layout="constrained")  # A4
+    figure = new_figure(figsize=(11.7, 8.3), layout="constrained")  # A4
     view, names = _view(detector, X)
     wide = view.shape[1] >= 2 and np.ptp(view[:, 0]) > 1.5 * np.ptp(view[:, 1])
     if wide:
