@@ -78,10 +78,10 @@ def _joined_members(data):
 def _with_checksums(data):
     """An E57 whose pages have right checksums, so that more of it than these is read."""
     pages = [data[i : i + PAGE - 4] for i in range(0, len(data), PAGE)]
-    return b"".join(page + struct.pack(">I", _crc32c(page)) for page in pages if len(page) > 4)
+    return b"".join(page + struct.pack(">I", crc32c(page)) for page in pages if len(page) > 4)
 
 
-def _crc32c(data):
+def crc32c(data):
     crc = 0xFFFFFFFF
     for byte in data:
         crc ^= byte

@@ -23,10 +23,7 @@ class Choice(NamedTuple):
     only: tuple[int, ...] = ()
 
     def of(self, cloud):
-        """A mask of the points that are used; None if all are.
-
-        Raise if classes are asked for, and the cloud has none.
-        """
+        """A mask of the points that are used; None if all are."""
         used = np.ones(len(cloud), bool)
         if "withheld" in cloud.attributes:
             used &= np.asarray(cloud.attributes["withheld"]) == 0

@@ -25,10 +25,7 @@ REMEDY = ParameterError(
 
 
 def coordinate_columns(names, columns=None):
-    """Positions of x, y and z among the names of columns, or as `columns` of `read_points` say.
-
-    Raise if an axis has no column, or several that it may be.
-    """
+    """Positions of x, y and z among the names of columns, or as `columns` of `read_points` say."""
     given = {axis: [_position(names, which)] for axis, which in (columns or {}).items()}
     asked = [axis for axis in "xyz" if axis not in given]
     plain = [_plain(name) for name in names]

@@ -47,10 +47,7 @@ class HeightRange(NamedTuple):
 
 
 class Ground:
-    """Points of the ground, of which those nearest in plan can be asked for.
-
-    Where there are fewer than three, the others are infinitely far and high.
-    """
+    """Points of the ground, of which those nearest in plan can be asked for."""
 
     def __init__(self, xyz):
         xyz = xyz[np.lexsort(xyz.T[::-1])]
@@ -108,9 +105,6 @@ def check_ground(n_points):
 
 
 def heights_over_ground(xyz, ground):
-    """Height of each point over the mean of the three ground points that are nearest in plan.
-
-    Of equally distant ones the lowest count. `ground` is a mask of the points.
-    """
+    """Height of points over the mean of the three points of `ground`, a mask, nearest in plan."""
     _, near = Ground(xyz[ground]).nearest(xyz)
     return xyz[:, 2] - near.mean(axis=1)

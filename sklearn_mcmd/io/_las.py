@@ -293,16 +293,12 @@ def las_of_cloud(laspy, cloud, noise=None):
         if noise.dtype == bool or las.header.point_format.id < FIRST_WITH_HIGH_NOISE:
             noise = np.where(noise, LOW_NOISE, 0)
         las.classification = np.where(noise, noise, np.array(las.classification))
-    _forget_ranges(las.header)
-    return las
-
-
-def _forget_ranges(header):
-    """Leave out the range of extra attributes: laspy has that of the first points of parts."""
-    for record in header.vlrs.get("ExtraBytesVlr"):
+    for record in las.header.vlrs.get("ExtraBytesVlr"):
         for described in record.extra_bytes_structs:
-            if described.data_type != 0:  # else the options are a number of bytes
+            # laspy has the range of the first points of parts. Of type 0, options are another word.
+            if described.data_type != 0:
                 described.options &= ~(described.MIN_BIT_MASK | described.MAX_BIT_MASK)
+    return las
 
 
 def _with_colors(laspy, las, attributes, from_las):

@@ -50,7 +50,14 @@ def joined_header(paths):
         point_format = laspy.PointFormat(_richest(formats))
         least = laspy.header.Version.from_str("1.4" if point_format.id >= FIRST_NEW else "1.2")
         header.set_version_and_point_format(max(version, least), point_format)
-        header.add_extra_dims([_params(laspy, dimension) for dimension in dimensions.values()])
+        header.add_extra_dims(
+            [
+                laspy.ExtraBytesParams(
+                    d.name, d.dtype, d.description, d.offsets, d.scales, d.no_data
+                )
+                for d in dimensions.values()
+            ]
+        )
     return header
 
 
@@ -106,10 +113,3 @@ def _kind(dimension):
     """What must be equal, so that equal numbers mean the same."""
     factors = ((), ()) if dimension.scales is None else (dimension.scales, dimension.offsets)
     return (dimension.dtype, *map(tuple, factors))
-
-
-def _params(laspy, dimension):
-    return laspy.ExtraBytesParams(
-        *(dimension.name, dimension.dtype, dimension.description),
-        *(dimension.offsets, dimension.scales, dimension.no_data),
-    )

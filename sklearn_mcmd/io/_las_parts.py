@@ -10,10 +10,7 @@ POINTS_A_TIME = 250_000  # that are read to look for rays without a return
 
 
 def read_parts(path, n_points):
-    """The clouds of successive points of a LAS, LAZ or COPC file, as of `read_las`.
-
-    A part has `n_points` at most, but of a compressed file at least one of its chunks.
-    """
+    """The clouds of successive points of a LAS, LAZ or COPC file, as of `read_las`."""
     some = no_returns_of(path).n_left_out
     for cloud in _all_parts(path, n_points):
         cloud = cloud.subset(cloud.xyz.any(axis=1)) if some else cloud

@@ -28,10 +28,7 @@ WAVE_PACKET_FORMATS = (4, 5, 9, 10)  # point formats
 
 
 def compressed_parts(file, header, n_points):
-    """The point records behind a header, as bytes, in parts of whole chunks; see `parts_of`.
-
-    The header's LASzip record is removed, as laspy does.
-    """
+    """The point records behind a header, as bytes, in parts of whole chunks; see `parts_of`."""
     lazrs = import_extra("lazrs", "las", "LAZ")
     records = header.vlrs.extract("LasZipVlr")
     if not records:

@@ -13,9 +13,15 @@ import numpy as np
 
 from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns
-from sklearn_mcmd.io._fixed_columns import COLUMNS, fitting, names_after_xyz, with_bytes
 from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
-from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, fit_dtype, flat_columns
+from sklearn_mcmd.io._point_cloud import (
+    COLORS,
+    PointCloud,
+    PointFileError,
+    colors_of_bytes,
+    fit_dtype,
+    flat_columns,
+)
 
 NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # dtypes written
 LAYOUT = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
@@ -24,6 +30,11 @@ ROWS_A_TIME = 100_000  # that are read and written at once
 LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
 IN_DOUBT = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # thousands, or three decimals
 LONGEST, MOST_HEADERS = 1_000_000, 10  # characters of a line, and lines before the first row
+COLUMNS = {  # what rows may have; the first that a cloud has is written
+    ".pts": (("intensity", *COLORS), COLORS, ("intensity",), ()),
+    ".xyzn": (("normal_x", "normal_y", "normal_z"), ()),
+    ".xyzrgb": (COLORS, ()),
+}
 
 
 def read_text(path, columns=None):
@@ -55,14 +66,14 @@ def read_text(path, columns=None):
     if np.count_nonzero(counts := table.head.counts) > 1:
         attributes["scan_index"] = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
     xyz = np.concatenate([part[:, table.positions] for part in table.parts])
-    return PointCloud(xyz, with_bytes(path, attributes))
+    return PointCloud(xyz, _with_bytes(path, attributes))
 
 
 def write_text(path, cloud):
     """Write a table with the fewest digits that give the same numbers when read."""
     columns, is_fixed = flat_columns(cloud.attributes), path.suffix in COLUMNS
     if is_fixed:
-        columns = fitting(path.suffix, columns)
+        columns = _fitting(path.suffix, columns)
     columns = {n: fit_dtype(n, values, NUMBERS, "a text file") for n, values in columns.items()}
     is_csv = path.suffix == ".csv"
     layout = {"delimiter": "," if is_csv else " ", "lineterminator": "\n"}
@@ -212,7 +223,7 @@ def _begin(file, columns, extension):
             raise PointFileError(
                 f"the header names {len(known)} columns, line {head.number} has {len(fields)}"
             )
-    names = known or ["", "", "", *names_after_xyz(extension, len(fields) - 3)]
+    names = known or ["", "", "", *_names_after_xyz(extension, len(fields) - 3)]
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if known is not None or columns:
         head.positions = coordinate_columns(names, columns)
@@ -407,3 +418,51 @@ def _decoded(text):
     if text.isascii() or not any("\udc80" <= character <= "\udcff" for character in text):
         return text
     return text.encode("utf-8", "surrogateescape").decode("latin-1")
+
+
+def _names_after_xyz(extension, n):
+    """Names of n columns after x, y and z, empty where a file without a header tells none."""
+    return next((names for names in COLUMNS.get(extension, ()) if len(names) == n), [""] * n)
+
+
+def _with_bytes(path, attributes):
+    """The attributes with colors of 8 bits; colors that are no such are left as they are.
+
+    Those of XYZRGB go from 0 to 1. Where one is larger, a program wrote 0 to 255.
+    """
+    extension = path.suffix.lower()
+    if extension not in COLUMNS or not attributes.keys() >= set(COLORS):
+        return attributes
+    colors = np.array([attributes[color] for color in COLORS], float)
+    shares = extension == ".xyzrgb" and colors.max() <= 1
+    colors *= 255 if shares else 1
+    whole = np.rint(colors)
+    off = np.abs(colors - whole).max()
+    if not (whole.min() >= 0 and whole.max() <= 255 and (shares or off == 0)):
+        return attributes
+    if off > 255 * 0.0005:  # more than three decimals leave
+        warn_caller(f"{path}: colors are rounded to 8 bits")
+    return attributes | dict(zip(COLORS, whole.astype(np.uint8), strict=True))
+
+
+def _fitting(extension, columns):
+    """The columns that a format holds, with a warning of all others."""
+    name, (held, rounded) = extension[1:].upper(), colors_of_bytes(columns)
+    for color in COLORS:
+        values = held.get(color, np.zeros(1))
+        if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > 255:
+            held = {n: v for n, v in held.items() if n != color}
+    names = next(names for names in COLUMNS[extension] if held.keys() >= set(names))
+    lost = [n for n in columns if n not in names]
+    if "outlier" in lost:
+        raise PointFileError(
+            f"{name} has no place to mark outliers; write another format, or the inliers alone"
+        )
+    words = [f"not written: {', '.join(lost)}"] if lost else []
+    words += ["rounded to 8 bits: colors"] if rounded and "red" in names else []
+    if not names and extension != ".pts":
+        words.append(f"few programs read {name} without the last three")
+    if words:
+        holds = ", ".join(COLUMNS[extension][0])
+        warn_caller(f"{name} holds x, y, z and {holds} only; {'; '.join(words)}")
+    return {n: held[n] / 255 if extension == ".xyzrgb" else held[n] for n in names}

@@ -120,10 +120,7 @@ def times_of(cloud):
 
 
 def time_shift(times, trajectory):
-    """Seconds by which the times of points are ahead of a trajectory's, with a warning if so.
-
-    Raises if it does not cover them.
-    """
+    """Seconds by which points' times are ahead of a trajectory's, which must cover them; warns."""
     begin, end = trajectory.times[[0, -1]]
     shift, words = _shift(times, begin, end)
     if words:

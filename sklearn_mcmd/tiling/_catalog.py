@@ -79,7 +79,13 @@ class Catalog:
         headers, self.stamps = [], []
         for path in self.paths:
             with one_clear_line(path, "read"):
-                headers.append(_checked_header(path))
+                if path.suffix.lower() not in TILED:
+                    words = "clouds of several files, or beyond memory, must be LAS or LAZ"
+                    raise PointFileError(words)
+                check_file(path)
+                headers.append(read_header(path))
+                if headers[-1].point_count == 0:
+                    raise PointFileError("holds no points")
                 self.stamps.append(stamp_of(path))
         left_out = [no_returns_of(path).n_left_out for path in self.paths]
         self.counts = [int(h.point_count) - n for h, n in zip(headers, left_out, strict=True)]
@@ -116,10 +122,7 @@ def stamp_of(path):
 
 
 def parts_of(paths, choice=None):
-    """Parts of files in their order: the path, the cloud, and a mask of the points that are chosen.
-
-    The mask is None if all are.
-    """
+    """Parts of files in order: path, cloud, and a mask of the chosen points, None if all are."""
     for path in paths:
         for cloud in read_parts(path, PART):
             with one_clear_line(path, "read"):
@@ -180,16 +183,6 @@ def _place(index, link):
         if path.exists():
             return path
     return index.parent / link
-
-
-def _checked_header(path):
-    if path.suffix.lower() not in TILED:
-        raise PointFileError("clouds of several files, or beyond memory, must be LAS or LAZ")
-    check_file(path)
-    header = read_header(path)
-    if header.point_count == 0:
-        raise PointFileError("holds no points")
-    return header
 
 
 def _projection(header):

@@ -125,10 +125,7 @@ class WorkFolder:
 
 
 class Lock:
-    """A file that names the process that works in a folder.
-
-    What a process of this machine has left is taken over when it is no more.
-    """
+    """A file that names the process that works in a folder."""
 
     def __init__(self, path):
         self.path = path

@@ -16,8 +16,8 @@ from sklearn_mcmd.outliers._low_groups import group_depths
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._memory import bytes_of_groups
 from sklearn_mcmd.tiling._result_files import write_results
-from sklearn_mcmd.tiling._search import SLACK, by_distance, near_box, within_reach
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
+from sklearn_mcmd.tiling._stored_index import SLACK, by_distance, near_box, within_reach
 
 GROUND = "ground"  # the folder of the ground's cells
 
@@ -98,10 +98,7 @@ def _find_heights(cell, points, columns, limits):
 
 
 def _find_verdicts(cell, scored, columns, limits):
-    """Write the scores of a cell's points, or depths below the ground if these are more.
-
-    Beside them the depths of groups below the ground, NaN of points that are not judged.
-    """
+    """Write the scores of a cell's points, or depths below the ground if these are more."""
     results = scored.read(cell, "results")
     scores, depths = results["values"][:, 0], np.zeros(len(results))
     if limits.low_groups:
@@ -113,10 +110,7 @@ def _find_verdicts(cell, scored, columns, limits):
 
 
 def _nearest_ground(cells, xyz):
-    """What `Ground.nearest` returns, of all points of the ground.
-
-    The own cell of each point is searched, and then all that may have nearer ground.
-    """
+    """What `Ground.nearest` returns, of all points of the ground."""
     plan, n_nearest = _flat(xyz), GroundLimits().n_nearest
     found = np.full((2, len(xyz), n_nearest), np.inf)
     own = cells.of(plan)

@@ -126,10 +126,7 @@ def check_tile_size(tile_size):
 
 
 def usual_memory():
-    """Bytes that a run takes if nothing is said: half of the machine's, or of all workers' of dask.
-
-    The worker with the least memory for a task sets the memory of all.
-    """
+    """Half of the machine's bytes, or of dask's workers' by the one with the least for a task."""
     client = getattr(get_active_backend()[0], "client", None)
     if client is None:
         machine = _memory_of_machine()
@@ -180,15 +177,14 @@ def bytes_of_groups(n_points):
 def plan_run(
     n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals", n_neighbors=None
 ):
-    """Divide points so that all workers together stay within the memory.
-
-    `work` is as of `costs_of`, and `n_neighbors` the most that are asked for. Raise if one worker
-    with the smallest tile would take more.
-    """
+    """Divide points so that all workers stay within the memory; `work` is as of `costs_of`."""
     costs, more = costs_of(work), 4 * max(0, (n_neighbors or NEIGHBORS) - NEIGHBORS)
     stored, bytes_a_point = costs.stored + more, costs.tile + FEATURE * n_features + 2 * more
     own, least = _least(n_points, work, bytes_a_point, n_neighbors if more else None, memory)
-    n_jobs = n_workers = _n_jobs(n_jobs)
+    asked, n_jobs = n_jobs, effective_n_jobs(n_jobs)
+    if asked is not None and asked > 0:  # dask counts all of its workers
+        n_jobs = min(n_jobs, asked)
+    n_workers = n_jobs
     if costs.whole:  # other processes stay, while one works on the whole
         n_workers = max(1, min(n_workers, int((memory - own) // max(PROCESS, 1))))
     if n_workers > 1:  # processes of their own
@@ -198,7 +194,8 @@ def plan_run(
         for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
         return int(for_tiles / n_workers / bytes_a_point)
 
-    shares = not _is_elsewhere()
+    # An engine with its own processes, on this machine or others, gives no threads.
+    shares = not hasattr(get_active_backend()[0], "client")
     # Fewer processes with more threads each have tiles that are large enough.
     if tile_size is None and shares:
         while n_workers > 1 and capacity(n_workers) < min(GOOD_TILE, n_points / n_workers):
@@ -222,10 +219,7 @@ def plan_run(
 
 
 def _least(n_points, work, bytes_a_point, n_neighbors, memory):
-    """What the process that reads and writes takes, and one with the smallest tile.
-
-    Raise if this is more than the memory; `n_neighbors` are named if they are many.
-    """
+    """Bytes of the process that reads and writes, and with the smallest tile; raise if too many."""
     costs = costs_of(work)
     own, least = PROCESS + PART * PART_POINT, PROCESS + LEAST_TILE * bytes_a_point
     why = f" with $n_neighbors={n_neighbors}" if n_neighbors else ""
@@ -242,16 +236,3 @@ def _least(n_points, work, bytes_a_point, n_neighbors, memory):
             f"$memory={given} is too little: at least {max(own, least) / 1e6:.0f}MB is needed{why}."
         )
     return own, least
-
-
-def _n_jobs(n_jobs):
-    """How many threads of execution the caller asks for."""
-    n_workers = effective_n_jobs(n_jobs)
-    if n_jobs is not None and n_jobs > 0:  # dask counts all of its workers
-        n_workers = min(n_workers, n_jobs)
-    return n_workers
-
-
-def _is_elsewhere():
-    """Whether an engine computes tiles that has its own processes, on this machine or others."""
-    return hasattr(get_active_backend()[0], "client")

@@ -27,11 +27,7 @@ LAS_OR_LAZ = listed(TILED, "or")
 
 
 def targets_of(catalog, target):
-    """The output of each input, or one for all of several inputs.
-
-    The target is a folder if there may be several inputs and its name is not that of a LAS or LAZ
-    file.
-    """
+    """The output of each input; one for all where the target is a file or the catalog has one."""
     named_as_file = target.suffix.lower() in TILED and not target.is_dir()
     as_folder = catalog.is_many and not named_as_file
     targets = _names_in(target, catalog) if as_folder else [target]
@@ -74,10 +70,7 @@ def _names_in(folder, catalog):
 
 
 def write_outputs(run, verb):
-    """Write each output in the order of its inputs; returns the sum of what the verb measures.
-
-    Points that the verb's choice does not take have no `Results`: NaN.
-    """
+    """Write each output in the order of its inputs; returns the sum of what the verb measures."""
     catalog, targets, results, first, total = run.catalog, run.targets, verb.results(run), 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
@@ -140,10 +133,7 @@ def move_outputs(verb, catalog, targets, folder, report):
 
 
 def resume_moves(verb, catalog, targets, folder):
-    """The report of an earlier run of which outputs were to be moved, now that they are.
-
-    None if there is none. Raise if another run has replaced some inputs.
-    """
+    """Move the outputs of an earlier run that ended amid that; returns its report, or None."""
     stored = read_json(folder.moves)
     if not stored:
         if folder.moves.exists():

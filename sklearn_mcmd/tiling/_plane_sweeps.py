@@ -129,17 +129,19 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
     whole.make(normals=(job.constants.dtype, (3,)))
     sweep("normals", _keep_fitted, job=replace(job, keep=_keep_normals))
     sweep("forest", _find_forest)
-    if not whole.columns.is_done(ALL, "tree"):
-        _find_signs(whole, np.flatnonzero(cells.counts))
+    if not whole.columns.is_done(ALL, "tree"):  # along which the signs of all normals agree
+        points, normals = whole.open("points"), whole.open("normals")
+        forests = [whole.columns.read(cell, "forest") for cell in np.flatnonzero(cells.counts)]
+        tree = spanning_forest(normals, points, *np.concatenate(forests).T)
+        whole.make(signs=(np.float64, ()))
+        whole.open("signs")[:] = signs_along(normals, points, *tree)
+        whole.columns.finish(ALL, "tree")
     sweep("sides", partial(_keep_fitted, name="sides"))
     return whole
 
 
 def stored_planes(cell, job, fitted):
-    """What later stages know of the places of a cell, by the columns of a fitted estimator.
-
-    Returns the points, their `Columns`, and the fields of planes that are `FACES`.
-    """
+    """The points of a cell, their `Columns` by a fitted estimator, and the planes' `FACES`."""
     whole, dtype = job.whole(), np.dtype(job.constants.dtype)
     points = np.array(whole.open("points")[whole.rows(cell)])
     planes = fitted.plane_offset_[:, None], fitted.plane_scale_[:, None]
@@ -251,16 +253,6 @@ def _keep_fitted(cell, job, name="normals"):
     fitted.n_neighbors_ = sizes
     job.keep(cell, job, fitted)
     columns.finish(cell, name)
-
-
-def _find_signs(whole, cells):
-    """Fill signs, those of the normals of all places along the tree that joins the forests."""
-    points, normals = whole.open("points"), whole.open("normals")
-    edges = np.concatenate([whole.columns.read(cell, "forest") for cell in cells])
-    signs = signs_along(normals, points, *spanning_forest(normals, points, *edges.T))
-    whole.make(signs=(np.float64, ()))
-    whole.open("signs")[:] = signs
-    whole.columns.finish(ALL, "tree")
 
 
 def _keep_normals(cell, job, fitted):

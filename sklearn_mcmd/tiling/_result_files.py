@@ -26,10 +26,7 @@ class Results:
         self.starts, self.rows = [0] * n_tiles, [0] * n_tiles
 
     def take(self, first, n, n_expected=None):
-        """Results (n, n_columns) of the points from the row `first` on; 0 or NaN of those without.
-
-        Raise if their number is known and another one.
-        """
+        """Results (n, n_columns) of points from the row `first` on; 0 or NaN of those without."""
         of_row, n_found = np.load(self.paths[0], mmap_mode="r").dtype["values"], 0
         none = np.nan if of_row.base.kind == "f" else 0
         values = np.full((n, *of_row.shape), none, of_row.base)

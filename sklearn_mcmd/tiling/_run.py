@@ -144,10 +144,7 @@ class TiledVerb(ABC):
 
     @abstractmethod
     def make(self, cloud, values, xyz):
-        """What to write of a cloud in the form of its output, and which points to mark in it.
-
-        `values` are its results, and `xyz` its coordinates in the input.
-        """
+        """What to write of a cloud in the form of its output, and which points to mark in it."""
 
     def measure(self, values):
         """What is summed up of the results of points."""
@@ -199,10 +196,7 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
 
 
 def warm_up(estimator, n_points=3_000):
-    """An estimator fitted to so many points; compiled code is then on disk for all processes.
-
-    Half of the points lie in a plane, and half in a volume. Large neighborhoods are made smaller.
-    """
+    """An estimator fitted to so many points; compiled code is then on disk for all processes."""
     asked = {name: k for name, k in estimator.get_params().items() if name.endswith("n_neighbors")}
     fewer = {name: min(k, WARM_UP) for name, k in asked.items() if isinstance(k, Integral)}
     points = np.random.default_rng(0).uniform(size=(n_points, 3)) * [1, 1, 0.01]

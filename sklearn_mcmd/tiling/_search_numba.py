@@ -5,21 +5,14 @@ import numpy as np
 from sklearn_mcmd.runtime._kernels import kernel
 
 
-def merge_nearest(known, queries, rows, near, points, numbers):
+@kernel(cache=True)
+def merge_nearest(known, queries, rows, near, points, numbers, merged):
     """Take points that are nearer to some queries, the `rows`, than what is known, in place.
 
     Known are the nearest of each: squares of distances (m, k), ascending, inf where there is none;
     coordinates (m, k, 3); and numbers (m, k). The points (n, 3) have numbers, and `near` are those
-    that are nearest to each of the rows, the nearest first.
+    that are nearest to each of the rows, the nearest first; `merged` is room for one of `known`.
     """
-    k = known[0].shape[1]
-    # Python makes the arrays, since Numba takes long to compile what makes them.
-    merged = np.empty(k), np.empty((k, 3)), np.empty(k, known[2].dtype)
-    _merge_nearest(known, queries, rows, near, points, numbers, merged)
-
-
-@kernel(cache=True)
-def _merge_nearest(known, queries, rows, near, points, numbers, merged):
     squares, known_points, known_numbers = known
     merged_squares, merged_points, merged_numbers = merged
     k, width = squares.shape[1], near.shape[1]

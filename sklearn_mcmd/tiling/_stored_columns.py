@@ -26,10 +26,7 @@ ALL = "all"  # stands for all cells, in the place of a cell's number
 
 
 class CellColumns:
-    """Arrays by their cell and name.
-
-    What a sweep has written of a cell counts when its report is there, which it writes last.
-    """
+    """Arrays by their cell and name; a sweep writes its report of a cell last."""
 
     def __init__(self, folder):
         self.folder = Path(folder)
@@ -107,10 +104,7 @@ class StoredColumns:
                 self.columns.path(cell, name).unlink(missing_ok=True)
 
     def make(self, n_rows=None, /, **columns):
-        """Make files for columns that `put` fills, by their names and (dtype, shape of a row).
-
-        They have a row for each place, or `n_rows`.
-        """
+        """Make files for columns, given as (dtype, shape of a row), for each place or `n_rows`."""
         if len(self) > MOST_PLACES:
             raise ValueError(f"{len(self):,} different points are more than {MOST_PLACES:,}")
         for name, (dtype, shape) in columns.items():

@@ -69,10 +69,7 @@ class Job:
 
 
 class Sweeps:
-    """Call it with one sweep after the other; each is finished before the next begins.
-
-    They write `columns`. `steps` are the names of all that is done, in its order.
-    """
+    """Call it with one sweep after the other, by the `steps`; each is finished before the next."""
 
     def __init__(self, columns, n_workers, steps):
         self.columns, self.n_workers = columns, n_workers
@@ -113,7 +110,8 @@ def compute_cells(task, cells, todo, n_workers):
         n_done += int(cells.counts[cell])
         if error is not None:
             n_failed += 1
-            between = _between(*cells.extent(cell))
+            ends = zip("xyz", *cells.extent(cell), strict=True)
+            between = ", ".join(f"{axis} {low:.6g} to {high:.6g}" for axis, low, high in ends)
             warn_caller(f"tile {cell} failed ({between}): {error}")
         rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
         report_share(n_done / n_points, f"{rate:,.0f} points/s")
@@ -136,9 +134,3 @@ def _attempt(task, cell):
         except Exception as err:
             return cell, f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
     return cell, None
-
-
-def _between(low, high):
-    return ", ".join(
-        f"{axis} {a:.6g} to {b:.6g}" for axis, a, b in zip("xyz", low, high, strict=True)
-    )

@@ -49,7 +49,7 @@ class TiledNormals(TiledVerb):
         job = PlaneJob.of(run, self.estimator, keep=_write)
         whole = find_planes(run.sweeps(plane_steps(self.estimator)), job)
         if whole is None:
-            fit_together(job, self.estimator, run.cells, _values)
+            fit_together(job, self.estimator, run.cells, lambda fitted: normal_columns(fitted)[1])
         else:
             whole.remove("near", "larger", *OWN)
 
@@ -67,22 +67,15 @@ class TiledNormals(TiledVerb):
 
 
 def without_sides(estimator):
-    """The estimator, changed, of those who do not ask for the sides of normals.
-
-    Raises for what cannot work by tiles, and for sides that are none.
-    """
+    """The estimator, changed, of who asks for no sides; raises for what tiles cannot do."""
     check_estimator(estimator, BaseLocalPlanes)
     Sides.of(estimator.orientation, estimator.sensor_origin, np.zeros((1, 3)))
     return estimator.set_params(orientation=None, sensor_origin=None)
 
 
-def _values(fitted):
-    return normal_columns(fitted)[1]
-
-
 def _write(cell, job, fitted):
     """Write the results of the points of a cell, from those of its places."""
-    values = _values(fitted)
+    _, values = normal_columns(fitted)
     if job.origins() is None:  # else they are of points, not of places
         values = values[job.columns.read(cell, "place_of")]
     write_results(job.columns, cell, job.cells.read(cell)["row"], values)

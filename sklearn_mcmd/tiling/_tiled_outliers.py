@@ -136,10 +136,7 @@ class TiledOutliers(TiledVerb):
         return rows_of_sensor(where, report["doubt"], n)
 
     def _lowest(self, run):
-        """What separates low noise from high: the `LowestPoints` of the ground, but outliers.
-
-        Where these are less than a neighborhood, of all points that are kept.
-        """
+        """The `LowestPoints` of the ground without outliers; of all kept points if it is little."""
         results, k, first = Results(self.scored, len(run.cells)), self.estimator.n_neighbors, 0
         lowest = LowestPoints(run.catalog.n_points, k)
         for _, cloud, _ in parts_of(run.catalog.paths):
@@ -211,10 +208,7 @@ def cutoff_of(estimator):
 
 
 def judge_cells(job, sweeps, cutoff):
-    """Find the scores of all points, which are written as results beside the columns.
-
-    `cutoff` is that of `cutoff_of`. Returns the score beyond which points are outliers.
-    """
+    """Write the scores of all points; returns the score beyond which points are outliers."""
     cells, columns, sweep = job.cells, job.columns, partial(sweeps, cells=job.cells, job=job)
     sweep("places", find_places)
     whole = job.whole()
@@ -245,7 +239,11 @@ def _find_planes(cell, job):
     own = whole.rows(cell)
     judged = job.judged(StoredIndex(whole), job.n_threads)
     if job.own_planes_only:
-        distances = [_paper_scores(judged, rows) for rows in slices(own.stop, CHUNK, own.start)]
+        model, distances = judged.model, []
+        for rows in slices(own.stop, CHUNK, own.start):
+            around = model.index.query_own(rows)
+            found = model.evaluate_neighborhoods(model.index.points[rows], around)
+            distances.append(judged.paper_scores(*found))
         whole.put(cell, distances=np.concatenate(distances))
     else:
         judged.counts = whole.open("counts")
@@ -254,12 +252,6 @@ def _find_planes(cell, job):
         faces = {name: getattr(planes, name) for name in names}
         whole.put(cell, spacing=spacing, other_spacing=other_spacing, **faces)
     job.columns.finish(cell, "planes")
-
-
-def _paper_scores(judged, rows):
-    index = judged.model.index
-    around = index.query_own(rows)
-    return judged.paper_scores(*judged.model.evaluate_neighborhoods(index.points[rows], around))
 
 
 def _judge(job, cells, whole, n_threads):

@@ -36,10 +36,7 @@ OUTLIERS = {"outlier": {1}, "classification": {7, 18}}  # of attributes that the
 
 
 class ColumnSource(NamedTuple):
-    """An attribute: what the page is told about it, and its codes in each cloud.
-
-    `codes` holds for each cloud a list of arrays, the components, or None where the cloud lacks it.
-    """
+    """An attribute: what the page is told about it, and its codes in each cloud."""
 
     info: dict[str, Any]
     codes: list[list[np.ndarray] | None]

@@ -87,18 +87,13 @@ def typical_spacing(xyz):
     return (float(np.median(apart)) if apart.size else fourth, fourth)
 
 
-def shuffled(n_points, most, seed=0):
+def shuffled(n_points, most):
     """Rows in random order, at most `most` of them."""
-    return np.random.default_rng(seed).permutation(n_points)[:most]
+    return np.random.default_rng(0).permutation(n_points)[:most]
 
 
 def pack_points(steps, rows, columns, blocks):
-    """Pack one cloud: add its blocks of text to a list, and return chunks as the page reads them.
-
-    `steps` (n, 3) of uint32 are coordinates of points in random order, `rows` the row of each in
-    its file, and `columns` have unsigned whole numbers of 8 or 16 bits. A chunk tells its points
-    and, of each column, width, filter, block and bytes.
-    """
+    """Pack the points of a cloud, in random order: add blocks of text, and return chunks."""
     bounds = _chunk_bounds(len(rows))
     largest = slice(bounds[-2], bounds[-1])
     by_place = _is_smaller_by_place(steps[largest], rows[largest], columns, largest)

@@ -153,9 +153,13 @@ def cloud_page(
         raise ValueError(
             f"names must have one entry for each of {len(clouds)} clouds, got {names!r}."
         )
-    named = [_name_of(*numbered) for numbered in enumerate(clouds, 1)] if names is None else names
+    if names is None:
+        names = [
+            Path(cloud).name if isinstance(cloud, str | os.PathLike) else f"cloud {number}"
+            for number, cloud in enumerate(clouds, 1)
+        ]
     finite = [_as_cloud(cloud) for cloud in clouds]
-    _check_extent(finite, named)
+    _check_extent(finite, names)
     sizes = [len(rows) for _, rows in finite]
     rows = [
         known[shuffled(size, most)]
@@ -166,12 +170,12 @@ def cloud_page(
     if n_shown < sum(sizes):
         warn_caller(f"the page holds {n_shown:,} of {sum(sizes):,} points, chosen at random")
     manifest, blocks = _pack(kept, rows, only)
-    for told, name, size, cloud in zip(manifest["clouds"], named, sizes, kept, strict=True):
+    for told, name, size, cloud in zip(manifest["clouds"], names, sizes, kept, strict=True):
         told |= {"name": str(name), "total": size, "dropped": cloud.n_dropped}
     known = [attribute["name"] for attribute in manifest["attributes"]]
     units = {length_unit(cloud) for cloud in kept}
     manifest |= {
-        "title": title or ", ".join(map(str, named)),
+        "title": title or ", ".join(map(str, names)),
         "own_height": free_name("height", known),
         "unit": units.pop() if len(units) == 1 else None,
         "start": _first_color(color, [*known, free_name("height", known)]),
@@ -185,10 +189,6 @@ def cloud_page(
         height=height,
         drawn_error=manifest["drawn"],
     )
-
-
-def _name_of(number, cloud):
-    return Path(cloud).name if isinstance(cloud, str | os.PathLike) else f"cloud {number}"
 
 
 def check_suffix(path: str | os.PathLike[str]) -> Path:
@@ -214,7 +214,9 @@ def _pack(clouds, rows, only):
     sources, constants, skipped = plan_attributes([c.attributes for c in clouds], only)
     if skipped:
         warn_caller(f"attributes that hold no numbers are left out: {', '.join(skipped)}")
-    if only is not None and (missing := _missing(only, sources, constants)):
+    missing = [name for name in only or () if not any(name in kept for kept in constants)]
+    missing = [name for name in missing if not any(is_wanted(s.info, {name}) for s in sources)]
+    if missing:
         raise ValueError(f"no cloud has an attribute {', '.join(map(repr, missing))}")
     told, blocks = [], []
     steps = [grid.encode(cloud.xyz) for cloud in clouds]
@@ -291,12 +293,6 @@ def _first_color(color, known):
     if color not in known:
         raise ValueError(f"no attribute {color!r} to color by; there are {', '.join(known)}")
     return color
-
-
-def _missing(only, sources, constants):
-    known = set().union(*constants)
-    wanted = (name for name in only if name not in known)
-    return [name for name in wanted if not any(is_wanted(s.info, {name}) for s in sources)]
 
 
 def _as_cloud(cloud):

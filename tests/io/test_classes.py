@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.io import PointCloud, PointFileError, write_points
+from sklearn_mcmd.io import PointCloud, PointFileError
 from sklearn_mcmd.io._classes import Choice, noise_classes
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 
@@ -72,9 +72,3 @@ def test_where_there_is_ground_low_noise_is_lower_than_the_ground_and_not_than_a
             cloud, is_outlier, is_outlier, used & (classes != 2), LowestPoints(len(xyz), 50)
         )
         assert_array_equal(found[-3:], expected)
-
-
-@pytest.mark.parametrize("noise", [np.array([7.0, 0, 0]), np.array([2, 0, 0]), np.array([7])])
-def test_other_marks_than_classes_of_noise_are_refused(noise, tmp_path):
-    with pytest.raises(ValueError, match="noise must be"):
-        write_points(tmp_path / "a.csv", np.eye(3), noise=noise)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from benchmarks._fuzz_seeds import crc32c
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 
 pye57 = pytest.importorskip("pye57")
@@ -110,15 +111,6 @@ for path in sorted(Path(sys.argv[1]).iterdir()):
     except PointFileError as err:
         print("refused:", err, flush=True)
 """
-
-
-def crc32c(data):
-    crc = 0xFFFFFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ (0x82F63B78 if crc & 1 else 0)
-    return crc ^ 0xFFFFFFFF
 
 
 def with_xml(source, target, *changes):

@@ -21,11 +21,8 @@ from sklearn_mcmd.io._formats import (
     ALL,
     FORMATS,
     SENSORS,
-    TILED,
-    TILED_NAMES,
     WITH_COLUMNS,
     format_of,
-    listed,
     no_columns,
     supported_extensions,
 )
@@ -91,19 +88,6 @@ def test_the_page_of_extras_has_the_files_of_each_format(one):
     assert one.extra in [None, *metadata("sklearn-mcmd").get_all("Provides-Extra")]
 
 
-@pytest.mark.parametrize("extension", EXTENSIONS)
-def test_the_changelog_names_each_format(extension):
-    name = extension.split(".")[1].upper()
-    assert re.search(rf"\b{name}\b", text_of("CHANGELOG.md")), f"CHANGELOG.md does not name {name}"
-
-
-@pytest.mark.parametrize("one", [one for one in FORMATS if one.sensor], ids=ids)
-def test_the_page_of_the_sensor_has_a_row_of_each_format_that_tells_it(one):
-    table = text_of("docs/sensor.rst").partition("When is it known?")[2]
-    names = re.split("'s| and ", f"{one.sensor} ")[0]
-    assert re.search(rf"^(\w+, )*{names}\b", table, re.M), f"docs/sensor.rst: no row of {names}"
-
-
 def test_pages_list_who_has_columns_and_who_tells_the_sensor():
     page = in_one_line(text_of("docs/command_line.rst"))
     for text, words in [
@@ -113,14 +97,6 @@ def test_pages_list_who_has_columns_and_who_tells_the_sensor():
         (in_one_line(inspect.getdoc(sensor_origins)), SENSORS),
     ]:
         assert words in text, f"not listed: {words}"
-
-
-@pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges", "plane"])
-def test_the_help_of_verbs_names_the_formats_that_are_divided_into_tiles(verb):
-    module = pytest.importorskip(f"sklearn_mcmd.cli._{verb}")
-    told = in_one_line(inspect.getdoc(getattr(module, verb)))
-    assert f"{TILED_NAMES} that need more than --memory" in told or verb == "plane"
-    assert f"ends in {listed(TILED, 'or')} gets all" in told
 
 
 # ---- what the records say --------------------------------------------------------------

@@ -167,13 +167,6 @@ def test_a_new_las_file_is_precise_to_a_hundred_millionth_of_the_extent(
     assert np.abs(read_points(tmp_path / "a.las").xyz - xyz).max() <= 1e-8 * largest + rounding
 
 
-def test_decimal_coordinates_become_decimal_las(tmp_path):
-    xyz = np.array([[119849.123, 485249.5, -1.25], [119850.001, 485250.0, 3.0]])
-    write_points(tmp_path / "a.las", xyz)
-    assert_array_equal(laspy.read(tmp_path / "a.las").header.scales, 0.001)
-    assert_allclose(read_points(tmp_path / "a.las").xyz, xyz, rtol=1e-15)
-
-
 # ---- records ---------------------------------------------------------------------------
 
 

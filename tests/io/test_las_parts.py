@@ -54,12 +54,6 @@ def test_a_file_written_in_parts_is_the_one_written_at_once(path, name):
         assert_array_equal(getattr(found.header, name), getattr(wanted.header, name))
 
 
-def test_a_truncated_file_is_named(path):
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(PointFileError, match=rf"{path.name}: .*truncated"):
-        list(read_parts(path, 30_000))
-
-
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 @pytest.mark.parametrize("name", ["b.las", "b.laz"])
 def test_a_full_disk_and_ctrl_c_are_no_error_of_lazrs(tmp_path, monkeypatch, error, name):
@@ -110,15 +104,6 @@ def test_the_richest_point_format_holds_all_attributes(tmp_path, formats):
             else:
                 assert not values[rows].any()
         assert cloud.attributes.keys() - together.attributes.keys() <= {"scan_angle_rank"}
-
-
-def test_files_of_one_form_are_appended_bit_for_bit(tmp_path):
-    extra = [("beam", "u1"), ("range", "f4")]
-    paths = [las_file(tmp_path / f"{i}.laz", extra=extra, seed=i) for i in range(3)]
-    together = joined(*paths).metadata["las_points"]
-    single = [read_points(path).metadata["las_points"] for path in paths]
-    assert together.dtype == single[0].dtype
-    assert together.tobytes() == b"".join(points.tobytes() for points in single)
 
 
 @pytest.mark.parametrize(

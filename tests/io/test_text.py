@@ -1,10 +1,8 @@
 """Text however it is laid out."""
 
-import csv
 import warnings
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_array_equal
 
@@ -63,16 +61,6 @@ def test_text_is_read_however_it_is_laid_out(tmp_path, monkeypatch, kind):
     labels = cloud.attributes["label" if "label" in LAYOUTS[kind] else "column_4"]
     assert_array_equal(labels, [4, 8])
     assert labels.dtype == np.int64
-
-
-@pytest.mark.parametrize("sep", [",", ";", "\t", " "])
-@pytest.mark.parametrize("quoting", [csv.QUOTE_ALL, csv.QUOTE_NONNUMERIC, csv.QUOTE_MINIMAL])
-def test_tables_of_pandas_are_read_however_they_are_quoted(tmp_path, sep, quoting):
-    table = pd.DataFrame({"x": [1.5, 2], "y": [3, 4.5], "z": [5, 6e-7], "label": [7, 8]})
-    table.to_csv(tmp_path / "a.csv", sep=sep, quoting=quoting, index=False)
-    cloud = read_points(tmp_path / "a.csv")
-    assert_array_equal(cloud.xyz, table[["x", "y", "z"]])
-    assert_array_equal(cloud.attributes["label"], [7, 8])
 
 
 GERMAN = "Rechtswert;Hochwert;Höhe;Güte\n"

@@ -113,9 +113,3 @@ def test_heights_of_200_times_the_extent_of_x_and_y_are_the_limit():
     for times, warns in ((190, False), (210, True)):
         xyz = box * [0.001, 0.001, 0.001 * times] + [13.4, 52.5, 40]
         assert (degrees_warning("a.las", xyz) is not None) == warns
-
-
-def test_real_clouds_are_not_taken_for_degrees(shared_data):
-    for path in shared_data.glob("*/cloud.npz"):
-        with np.load(path) as told:
-            assert degrees_warning(path, told["xyz"]) is None

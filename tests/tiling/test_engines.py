@@ -37,15 +37,6 @@ def client():
         yield client
 
 
-def test_dask_gives_the_output_of_memory(client, small_file, tmp_path, monkeypatch):
-    expected = in_memory(small_file, tmp_path / "expected.las").read_bytes()
-    monkeypatch.chdir(tmp_path)
-    with joblib.parallel_config(backend="dask"):
-        report = process_files(small_file, "out.las", ESTIMATOR, tile_size=2_000)
-    assert report.n_workers == 2
-    assert (tmp_path / "out.las").read_bytes() == expected
-
-
 def test_sweeps_on_dask_give_the_output_of_this_process(client, small_file, tmp_path):
     a, b = tmp_path / "a.las", tmp_path / "b.las"
     normals = RobustNormalEstimator("auto", random_state=0)

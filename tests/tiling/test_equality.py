@@ -108,7 +108,7 @@ FAST = {
     "normals": {"street", "sparse beside dense", "single precision"},
     "auto": {"floor", "copies", "far apart"},
     "regions": {"blunt gable", "copies", "far apart", "crown roof", "plane of equal steps"},
-    "edges": {"machined", "copies", "single precision"},
+    "edges": {"machined", "copies"},
 }
 
 
@@ -159,25 +159,20 @@ PARAMETERS = [
     ("outliers", "street", {"strictness": "surfaces"}),
     ("outliers", "volume", {"strictness": "surfaces"}),
     ("outliers", "street", {"strictness": None}),
-    ("outliers", "volume", {"method": "mcmd_md"}),
     ("outliers", "street", {"noise_scale": 0.02, "n_neighbors": 40}),
-    ("outliers", "volume", {"noise_scale": 0.02, "n_neighbors": 40}),
     ("outliers", "street", {"reweight": False, "support_fraction": 0.7, "n_neighbors": 6}),
     ("outliers", "copies", {"contamination": 0.07}),
-    ("outliers", "copies", {"cutoff": 10.0}),
     ("outliers", "copies", {"false_positive_rate": 0.02}),
     ("outliers", "lattice", {"strictness": None, "false_positive_rate": 0.02}),
     ("normals", "copies", {"neighbor_planes": False, "features": "mean_curvature"}),
     ("normals", "street", {"reweight": False, "radius": 0.15, "orientation": "mst"}),
     ("normals", "street", {"method": "pca"}),
-    ("normals", "street", {"method": "msac"}),
     ("normals", "street", {"radius": 0.1, "orientation": [1.0, 2.0, 3.0]}),
     ("normals", "copies", {"n_neighbors": 8, "orientation": "mst", "reweight": False}),
     ("normals", "street", {"method": "mcmd_md", "n_neighbors": 20, "tangents": False}),
     ("normals", "street", {"radius": 0.2, "features": ["roughness", "max_curvature_direction"]}),
     ("normals", "street", {"orientation": "sensor", "sensor_origin": [2.0, 2.0, 3.0]}),
     ("auto", "floor", {"method": "pca", "radius": 0.3}),
-    ("auto", "floor", {"method": "mcmd_md", "neighbor_planes": False}),
     ("auto", "floor", {"reweight": False, "features": ["normal_error"], "orientation": "mst"}),
     ("regions", "street", {f"{NORMALS}__n_neighbors": "auto", f"{NORMALS}__orientation": "mst"}),
     ("regions", "street", {"max_gap": 0.15}),
@@ -188,7 +183,6 @@ PARAMETERS = [
     ("regions", "street", {f"{NORMALS}__neighbor_planes": False}),
     ("edges", "street", {"outlier_detector": "passthrough"}),
     ("edges", "copies", {"outlier_detector": MCMDOutlierDetector(16, contamination=0.1)}),
-    ("edges", "street", {NORMALS: RobustNormalEstimator(20, method="pca", radius=0.5)}),
     ("edges", "street", {NORMALS: RobustNormalEstimator("auto", orientation="mst")}),
     ("edges", "copies", {"criterion": "eigenvalue"}),
     ("edges", "street", {"criterion": "removed_fraction"}),
@@ -224,9 +218,10 @@ def clouds(draw):
     return np.vstack([X, X[rng.integers(0, len(X), draw(st.integers(0, 200)))]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", VERBS)
 @given(X=clouds(), tile_size=st.integers(200, 1_200), cut=st.floats(0.2, 0.8))
-@settings(max_examples=2)
+@settings(max_examples=4)
 def test_results_of_any_cloud_are_those_of_memory(verb, X, tile_size, cut, by_tiles, tmp_path):
     path = written(tmp_path, X)
     assert_equal_by_tiles(by_tiles, path, VERBS[verb], tile_size=tile_size, cut=cut)

@@ -4,8 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
@@ -128,25 +126,6 @@ def test_cells_of_fewer_ground_points_than_a_height_needs_are_put_together(files
     write_points(a, site(60))
     in_memory(a, b, **ALL)
     process_files(a, c, DETECTOR, mode="mark", tile_size=2, **ALL)
-    assert c.read_bytes() == b.read_bytes()
-
-
-@given(
-    n=st.integers(60, 900),
-    seed=st.integers(0, 10**6),
-    digits=st.sampled_from([0, 1, 3]),
-    tile_size=st.integers(100, 900),
-    cut=st.floats(0.2, 0.8),
-    above=st.sampled_from([None, -8.0, 0.0]),
-)
-@settings(max_examples=4)
-def test_verdicts_of_any_cloud_are_those_of_memory(n, seed, digits, tile_size, cut, above, files):
-    a, b, c = files
-    cloud = site(n, seed)
-    write_points(a, cloud_of(np.round(cloud.xyz, digits), cloud.attributes["classification"]))
-    in_memory(a, b, above=above, low_groups=True)
-    options = {"above": above, "low_groups": True, "tile_size": tile_size, "cut": cut}
-    divide(a, c, DETECTOR, mode="mark", **options)
     assert c.read_bytes() == b.read_bytes()
 
 

@@ -37,18 +37,12 @@ SLOW = [
     (ESTIMATOR, {}, "_run.WorkFolder.finish_cells", 0, 0),
     (ESTIMATOR, {}, "_result_files.Results.take", 0, 4),
     (AUTO, {}, "_plane_sweeps._bend", 2, 4),
-    (AUTO, {}, "_plane_sweeps.find_neighbors", 2, 0),
-    (AUTO, {}, "_plane_sweeps._keep_fitted", 2, 4),
     (OUTLIERS, MARK, "_tiled_outliers.find_places", 2, 0),
     (OUTLIERS, MARK, "_result_files.write_results", 2, 4),
-    (OUTLIERS, MARK, "_result_files.Results.take", 0, 4),
     (OUTLIERS, HEIGHTS, "_heights._find_heights", 2, 0),
     (REGIONS, {}, "_tiled_regions.finish_regions", 0, 4),
-    (REGIONS, {}, "_result_files.write_results", 2, 4),
-    (EDGES, {}, "_tiled_outliers._find_planes", 2, 0),
     (EDGES, {}, "_tiled_edges._find_kept", 2, 0),
     (EDGES, {}, "_tiled_edges._constants_of", 0, 0),
-    (EDGES, {}, "_result_files.Results.take", 0, 4),
 ]
 
 

@@ -1,19 +1,8 @@
 """Plans stay within the memory."""
 
-from collections import defaultdict
-from contextlib import contextmanager
-
 import pytest
 
-from sklearn_mcmd import (
-    MCMDOutlierDetector,
-    RegionGrowing,
-    RobustNormalEstimator,
-    SharpFeatureDetector,
-)
 from sklearn_mcmd.tiling._memory import PROCESS, parse_memory, plan_run, usual_memory
-from sklearn_mcmd.tiling._stored_columns import StoredColumns
-from tiled import divide
 
 
 @pytest.mark.parametrize(
@@ -43,29 +32,6 @@ def test_all_processes_together_stay_within_the_memory(n_jobs, memory):
     assert plan.n_tiles * plan.tile_size >= 10**9
 
 
-def test_more_memory_means_larger_tiles():
-    sizes = [plan_run(10**9, memory, 1).tile_size for memory in (1e9, 2e9, 4e9)]
-    assert sizes == sorted(sizes)
-    assert sizes[0] > 5e5
-
-
-@pytest.mark.parametrize(
-    ("n_points", "memory", "n_jobs", "expected"),
-    [
-        (10_000_000, 1e12, 1, (1, 1)),
-        (10_000_000, 1e12, 4, (4, 1)),  # each process has work
-        (10**9, 2e9, 2, (1, 2)),  # threads share a large tile where each would have a small one
-        (10**9, 8e9, 2, (2, 1)),
-        (1_000, 8e9, 4, (1, 4)),
-    ],
-)
-def test_processes_have_large_tiles_or_share_them(n_points, memory, n_jobs, expected):
-    plan = plan_run(n_points, memory, n_jobs)
-    assert (plan.n_workers, plan.n_threads) == expected
-    assert plan.n_tiles >= plan.n_workers
-    assert (plan.n_tiles == 1) == (plan.tile_size >= n_points)
-
-
 def test_regions_of_many_points_need_memory_however_small_tiles_are():
     with pytest.raises(ValueError, match=r"at least 10480MB .*regions of all 100,000,000 points"):
         plan_run(10**8, 4e9, 4, work="regions")
@@ -84,39 +50,3 @@ def test_a_hundred_million_points_are_judged_within_4_gib():
 def test_too_little_memory_is_refused_with_what_is_needed():
     with pytest.raises(ValueError, match="at least 4"):
         plan_run(10**6, PROCESS, 1)
-
-
-@pytest.mark.parametrize(
-    "estimator",
-    [
-        MCMDOutlierDetector(20, random_state=0),
-        RobustNormalEstimator("auto", random_state=0),
-        RegionGrowing(normal_estimator=RobustNormalEstimator(20, random_state=0)),
-        SharpFeatureDetector(20, random_state=0),
-    ],
-)
-def test_one_process_that_works_on_all_places_frees_what_it_opens(
-    estimator, small_file, tmp_path, monkeypatch
-):
-    """Else all that it has read of files stays in its memory: 300 bytes a point."""
-    at_work, names, freed, kept = [], defaultdict(set), set(), set()
-    releasing, opened = StoredColumns.releasing, StoredColumns.open
-
-    @contextmanager
-    def begin(whole):
-        at_work.append(whole)
-        with releasing(whole):
-            yield
-        at_work.remove(whole)
-        freed.update(names[whole])
-
-    def note(whole, name, *kinds, **more):
-        names[whole].add(name)
-        kept.update(name for of in at_work if whole is not of)
-        return opened(whole, name, *kinds, **more)
-
-    monkeypatch.setattr(StoredColumns, "releasing", begin)
-    monkeypatch.setattr(StoredColumns, "open", note)
-    divide(small_file, tmp_path / "out.las", estimator, tile_size=1_500, n_jobs=1)
-    assert {"points", "near"} <= freed
-    assert not kept

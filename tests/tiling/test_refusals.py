@@ -52,7 +52,7 @@ OPTIONS = [
     (OUTLIERS, {"ignore_classes": [600]}, f"^ignore_classes=.* {NO_LIST}"),
     (OUTLIERS, {"above": np.nan}, "must be a finite number, or None"),
     (OUTLIERS, {"below": "2"}, "must be a finite number, or None"),
-    (RegionGrowing(**SEED), {"memory": "10MB"}, "too little"),
+    (ESTIMATOR, {"memory": "10MB"}, "too little"),
     *((ESTIMATOR, {"tile_size": n}, "^tile_size=.* must be") for n in (0, -5, 1.5, "2000", True)),
     *((ESTIMATOR, {"memory": n}, "^memory=.* must be") for n in (0, -1e9, np.nan, np.inf)),
 ]
@@ -116,16 +116,3 @@ def test_a_run_whose_points_are_all_left_out_is_refused(size, tmp_path):
     with pytest.raises(PointFileError, match=r"a\.las: no points are judged: all are withheld"):
         process_files(path, tmp_path / "b.las", OUTLIERS, only_classes=[2], tile_size=size)
     assert names_in(tmp_path) == ["a.las"]
-
-
-def test_a_damaged_chunk_is_named_and_leaves_nothing(tmp_path):
-    path = tmp_path / "damaged.laz"
-    write_points(path, np.random.default_rng(0).uniform(size=(120_000, 3)))  # three chunks
-    content = bytearray(path.read_bytes())
-    third = len(content) // 3
-    content[third : 2 * third] = bytes(third)
-    path.write_bytes(content)
-    with pytest.raises(PointFileError, match=r"damaged\.laz: .*damaged"):
-        process_files(path, tmp_path / "out.laz", ESTIMATOR, tile_size=5_000)
-    assert names_in(tmp_path) == ["damaged.laz"]
-    assert path.read_bytes() == content

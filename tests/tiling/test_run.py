@@ -1,9 +1,7 @@
 """Files by tiles are those that memory writes: one or many, with all that their points have."""
 
 import os
-import shutil
 
-import laspy
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -21,10 +19,8 @@ from sklearn_mcmd.io._point_cloud import with_results, without_outliers
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.plotting._still import edge_columns, region_columns
 from sklearn_mcmd.tiling import (
-    Catalog,
     TilingError,
     _memory,
-    _outputs,
     _run,
     _sweeps,
     process_files,
@@ -37,35 +33,23 @@ REGIONS = RegionGrowing(20, normal_estimator=RobustNormalEstimator(24, random_st
 EDGES = SharpFeatureDetector(12, random_state=0)
 
 
-@pytest.mark.parametrize("tile_size", [2_000, TILE, 50_000])
-def test_the_output_is_that_of_memory_for_any_tile_size(street_file, tmp_path, tile_size):
+@pytest.mark.parametrize(
+    ("tile_size", "n_workers", "n_threads"),
+    [(2_000, 1, 1), (50_000, 1, 1), (TILE, 1, 2), (TILE, 2, 1)],
+)
+def test_the_output_is_that_of_memory_for_any_tiles_threads_and_processes(
+    street_file, tmp_path, monkeypatch, tile_size, n_workers, n_threads
+):
     source, expected = street_file
-    report = process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=tile_size)
+    plan = _run.plan_run(12_000, 8e9, n_workers, tile_size=tile_size)
+    plan = plan._replace(n_threads=n_threads)
+    monkeypatch.setattr(_run, "plan_run", lambda *args, **kwargs: plan)
+    estimator = clone(ESTIMATOR).set_params(n_neighbors=np.uint8(ESTIMATOR.n_neighbors))
+    report = process_files(source, tmp_path / "out.laz", estimator)
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
+    assert report.n_workers == n_workers
     assert report.n_tiles >= 12_000 / tile_size
     assert names_in(tmp_path) == ["out.laz"]
-
-
-def test_numbers_of_numpy_are_parameters_as_those_of_python(street_file, tmp_path):
-    source, expected = street_file
-    estimator = clone(ESTIMATOR).set_params(n_neighbors=np.uint8(ESTIMATOR.n_neighbors))
-    process_files(source, tmp_path / "out.laz", estimator, tile_size=TILE)
-    assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
-
-
-def test_the_output_does_not_depend_on_the_number_of_threads(street_file, tmp_path, monkeypatch):
-    source, expected = street_file
-    plan = _run.plan_run(12_000, 8e9, 1, tile_size=TILE)._replace(n_threads=2)
-    monkeypatch.setattr(_run, "plan_run", lambda *args, **kwargs: plan)
-    process_files(source, tmp_path / "out.laz", ESTIMATOR)
-    assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
-
-
-def test_the_output_does_not_depend_on_the_number_of_processes(street_file, tmp_path):
-    source, expected = street_file
-    report = process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=TILE, n_jobs=2)
-    assert report.n_workers == 2
-    assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
 
 
 def results_in_memory(estimator, parts, colors=None):
@@ -179,27 +163,6 @@ def test_points_on_no_surface_that_take_more_than_the_memory_are_warned_of(tmp_p
         process_files(tmp_path / "a.las", tmp_path / "b.las", REGIONS, **options)
 
 
-def test_zeros_amid_large_coordinates_are_named_as_in_memory(tmp_path):
-    las = laspy.create()
-    las.header.scales = [0.01] * 3
-    las.xyz = np.r_[street(3_000).xyz, np.zeros((2, 3))]
-    las.write(tmp_path / "in.las")
-    with pytest.warns(UserWarning, match="2 of 3,002 points are 0, 0, 0 .* is point 3001") as told:
-        process_files(tmp_path / "in.las", tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
-    assert [warning.filename for warning in told if "0, 0, 0" in str(warning.message)] == [__file__]
-
-
-def test_the_same_points_in_two_files_count_once(tmp_path):
-    (tmp_path / "in").mkdir()
-    write_points(tmp_path / "in" / "a.las", street(3_000))
-    shutil.copy(tmp_path / "in" / "a.las", tmp_path / "in" / "b.las")
-    process_files(tmp_path / "in", tmp_path / "out", ESTIMATOR, tile_size=2_000)
-    expected = in_memory(tmp_path / "in" / "a.las", tmp_path / "expected.las")
-    # The step of rounding is the same too, since all values occur twice.
-    for name in ("a.las", "b.las"):
-        assert (tmp_path / "out" / name).read_bytes() == expected.read_bytes()
-
-
 def test_bounds_in_the_header_do_not_matter(small_file, tmp_path):
     expected = in_memory(small_file, tmp_path / "expected.las")
     with open(small_file, "rb+") as file:
@@ -232,14 +195,6 @@ def test_several_files_may_become_one(tmp_path):
     assert names_in(tmp_path) == ["in", "joined.laz"]
 
 
-def test_an_input_that_vanishes_is_named(small_file, tmp_path):
-    catalog = Catalog(small_file)
-    small_file.rename(tmp_path / "elsewhere.las")
-    with pytest.raises(PointFileError, match=r"small\.las: cannot be read: no such file"):
-        process_files(catalog, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
-    assert names_in(tmp_path) == ["elsewhere.las"]
-
-
 @pytest.mark.parametrize("how", ["changes", "vanishes"])
 def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, monkeypatch, how):
     compute = _sweeps.compute_cells
@@ -263,52 +218,9 @@ def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, m
     assert report.n_resumed == report.n_tiles
 
 
-def test_outputs_that_were_written_before_are_not_written_again(tmp_path, monkeypatch):
-    folder, _ = two_files(tmp_path, street(4_000))
-    replacing, ready = _outputs.replacing, []
-
-    def fail_at_second(target):
-        ready.append(target.name)
-        if len(ready) == 2:
-            raise OSError(28, "No space left on device", str(target))
-        return replacing(target)
-
-    monkeypatch.setattr(_outputs, "replacing", fail_at_second)
-    with pytest.raises(TilingError, match=r"No space left .*out\.tiles"):
-        process_files(folder, tmp_path / "out", ESTIMATOR, tile_size=2_000)
-    assert names_in(tmp_path / "out") == ["a.laz"]
-    report = process_files(folder, tmp_path / "out", ESTIMATOR, tile_size=2_000)
-    assert ready == ["a.laz", "b.las", "b.las"]
-    assert report.n_resumed == report.n_tiles
-    outputs = [read_points(tmp_path / "out" / name).attributes for name in ("a.laz", "b.las")]
-    removed = np.concatenate([attributes["removed_fraction"] for attributes in outputs])
-    assert report.removed_fraction == pytest.approx(removed.mean(dtype=float))
-
-
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write")
 def test_a_read_only_output_is_refused_before_the_work(small_file, tmp_path):
     target = tmp_path / "out.las"
     target.touch(mode=0o400)
     with pytest.raises(PointFileError, match="write-protected"):
         process_files(small_file, target, ESTIMATOR)
-
-
-@pytest.mark.parametrize("n_channels", [1, 2])
-def test_wave_packets_are_kept_or_refused_where_they_would_change(tmp_path, n_channels):
-    header = laspy.LasHeader(version="1.4", point_format=9)
-    header.scales, header.offsets = [0.001] * 3, [362_000, 5_157_000, 100]
-    las = laspy.LasData(header)
-    las.xyz = street(2_500).xyz
-    las.scanner_channel = np.arange(2_500) % n_channels
-    las.points.array["wavepacket_offset"] = 60 + 256 * np.arange(2_500)
-    las.points.array["wavepacket_size"] = 256
-    las.write(source := tmp_path / "a.las")
-    if n_channels > 1:
-        with pytest.raises(TilingError, match="lazrs cannot compress these wave packets"):
-            process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=2_000)
-        assert not (tmp_path / "out.laz").exists()
-        return
-    process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=2_000)
-    found, given = (laspy.read(path).points.array for path in (tmp_path / "out.laz", source))
-    for dimension in given.dtype.names:
-        assert_array_equal(found[dimension], given[dimension])

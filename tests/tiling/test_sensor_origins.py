@@ -15,7 +15,6 @@ from sklearn_mcmd.io import PointCloud, Trajectory, read_points, sensor_origins,
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
 from sklearn_mcmd.tiling import TilingError, process_files
-from sklearn_mcmd.tiling._memory import plan_run
 from tiled import in_memory
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -97,19 +96,6 @@ def test_normals_look_at_where_the_sensor_was_for_each_copy_of_a_point(drive, tm
     assert (tmp_path / "b.las").read_bytes() == expected.read_bytes()
 
 
-def test_few_places_are_judged_as_in_memory(drive, tmp_path):
-    cloud = read_points(drive[0]).subset(slice(0, 700))
-    write_points(tmp_path / "few.las", cloud)
-    origins = sensor_origins(cloud, drive[1])
-    fitted = clone(DETECTOR).fit(cloud.xyz, sensor_origin=origins)
-    options = {"sensor_origin": drive[1], "tile_size": 300}
-    assert_scores_by_tiles(tmp_path / "few.las", tmp_path / "b.las", fitted, **options)
-    estimator = clone(NORMALS).set_params(sensor_origin=origins)
-    expected = in_memory(tmp_path / "few.las", tmp_path / "c.las", estimator)
-    process_files(tmp_path / "few.las", tmp_path / "d.las", NORMALS, **options)
-    assert (tmp_path / "d.las").read_bytes() == expected.read_bytes()
-
-
 def test_flight_lines_over_several_files_are_adjusted_together(tmp_path):
     xyz, _, given = flight(step=1.0)
     cloud = of(xyz, given)
@@ -154,14 +140,6 @@ def test_a_trajectory_along_the_ground_is_doubted_and_used_as_in_memory(drive, t
     where = place_words(origins, "trajectory")
     assert report.sensor == rows_of_sensor(where, fitted._cloud.ray_doubt, fitted.n_by_rays_)
     assert fitted.n_by_rays_ > 100
-
-
-def test_edges_of_what_a_detector_with_a_position_leaves_are_those_of_memory(turn, tmp_path):
-    detector = clone(DETECTOR).set_params(sensor_origin="origin")
-    edges = SharpFeatureDetector(16, outlier_detector=detector, random_state=0)
-    expected = edges.fit_predict(read_points(turn).xyz) == -1
-    process_files(turn, tmp_path / "b.las", edges, tile_size=900)
-    assert_array_equal(read_points(tmp_path / "b.las").attributes["edge"] == 1, expected)
 
 
 def test_another_trajectory_begins_anew_and_the_same_goes_on(drive, tmp_path, monkeypatch):
@@ -240,22 +218,3 @@ def test_outputs_that_wait_for_their_inputs_are_of_one_sensor(drive, tmp_path, m
         process_files(tmp_path / "in", tmp_path / "in", NORMALS, tile_size=900, sensor_origin=moved)
     report = process_files(tmp_path / "in", tmp_path / "in", NORMALS, **options)
     assert report.n_resumed == report.n_tiles
-
-
-def test_warnings_of_a_trajectory_are_at_the_callers_line(drive, tmp_path):
-    path, (times, positions) = drive
-    ahead = Trajectory(times + 1e9, positions)
-    with pytest.warns(UserWarning, match="begin elsewhere") as told:
-        process_files(path, tmp_path / "b.las", DETECTOR, tile_size=900, sensor_origin=ahead)
-    assert {warning.filename for warning in told} == {__file__}
-
-
-def test_the_plan_says_what_rays_to_all_points_take():
-    with pytest.raises(ValueError, match="because one process follows the rays to all 100,000,000"):
-        plan_run(10**8, 4e9, work="outliers, rays")
-    without, along, of_lines = (
-        plan_run(10**7, 4e9, tile_size=10**6, work=f"outliers{more}")
-        for more in ("", ", rays, trajectory", ", rays, angles")
-    )
-    assert without.disk < along.disk == of_lines.disk
-    assert without.memory < along.memory < of_lines.memory

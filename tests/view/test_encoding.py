@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pages import DIGITS, column, read_chunk
+from pages import column, read_chunk
 from sklearn_mcmd.view import _encoding
 from sklearn_mcmd.view._encoding import Grid, pack_column, pack_points, shuffled
 
@@ -111,30 +111,3 @@ def test_each_point_keeps_its_row_and_its_values(order):
     np.testing.assert_array_equal(np.sort(row), np.arange(n))
     np.testing.assert_array_equal(np.column_stack([x, y, z]), steps[row])
     np.testing.assert_array_equal(value, values[row])
-
-
-@pytest.mark.parametrize("order", ["scanner", "random"])
-def test_any_first_part_is_a_thinned_cloud(order):
-    rng = np.random.default_rng(2)
-    n = 30_000
-    xy = rng.integers(0, 1000, (n, 2))
-    if order == "scanner":
-        xy = xy[np.lexsort(xy.T)]
-    steps = np.column_stack([xy, np.zeros(n, int)]).astype(np.uint32)
-    rows = shuffled(n, n)
-    blocks = []
-    x, y, _, _ = read_chunk(pack_points(steps[rows], rows, [], blocks)[0], blocks)
-    for part in (500, 2000, 7000):
-        counts, _, _ = np.histogram2d(x[:part], y[:part], bins=5, range=[[0, 1000]] * 2)
-        assert np.abs(counts - part / 25).max() < 5 * np.sqrt(part / 25)
-
-
-def test_the_alphabet_means_nothing_in_html():
-    assert DIGITS == _encoding.DIGITS
-    assert len(set(DIGITS)) == 85
-    assert not set(DIGITS) & set("<>&\"'\\")
-
-
-def test_the_same_cloud_gives_the_same_page():
-    np.testing.assert_array_equal(shuffled(50, 20), shuffled(50, 20))
-    assert len(set(shuffled(50, 20).tolist())) == 20

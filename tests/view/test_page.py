@@ -120,8 +120,6 @@ def test_each_attribute_has_a_name_of_its_own(cloud):
     manifest, (first, second) = read_page(view(*clouds).html)
     assert [a["name"] for a in manifest["attributes"]] == ["color (2)", "color"]
     assert (set(first.columns), set(second.columns)) == ({"color (2)"}, {"color"})
-    manifest, _ = read_page(view(*clouds, only=["color (2)"]).html)
-    assert [a["kind"] for a in manifest["attributes"]] == ["rgb"]
 
 
 def test_rows_are_those_of_the_array_also_after_points_that_are_left_out(tmp_path):
