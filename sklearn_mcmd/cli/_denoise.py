@@ -12,9 +12,8 @@ import sklearn_mcmd
 from sklearn_mcmd._choices import Mode, OutlierMethod, Strictness
 from sklearn_mcmd.cli import _options, _sensor
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
-from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.cli._options import length, option
+from sklearn_mcmd.cli._options import command_of, length, option
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, class_numbers, noise_classes
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import (
@@ -140,11 +139,12 @@ class Denoise(CloudVerb):
         by_height = self.low_groups or any(limit is not None for limit in limits.values())
         self.work = self.asked.work("heights" if by_height else "outliers", rays=True)
 
-    def check(self, catalog):
+    def other_files(self, catalog):
         if self.intensity and catalog is not None:
             raise ValueError(
                 f"{self.source}: tiles take no --intensity; a file within --memory does"
             )
+        return []
 
     def estimator(self):
         auto = _sensor.AUTO if self.asked.recognize else None
@@ -238,7 +238,7 @@ class Denoise(CloudVerb):
         return told, contents
 
     def contents(self, cloud, found, told):
-        from sklearn_mcmd.report._kinds import plane_scales
+        from sklearn_mcmd.report._outliers_page import plane_scales
         from sklearn_mcmd.report._shown import Shown
 
         some, detector = found.some, found.detector

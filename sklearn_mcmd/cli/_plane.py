@@ -16,11 +16,10 @@ from sklearn_mcmd import __version__
 from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._options import length, option
-from sklearn_mcmd.cli._progress_bar import progress
-from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
+from sklearn_mcmd.cli._files import ReportFolder, write_report_of
+from sklearn_mcmd.cli._messages import progress
+from sklearn_mcmd.cli._options import command_of, length, option
 from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._las import writing_parts
@@ -167,12 +166,11 @@ class Plane:
         with progress("plane", self.quiet):
             catalog = None
             if _files.is_several(self.source):
-                from sklearn_mcmd.cli._large import catalog_of
-
-                catalog = catalog_of(self.source, self.columns)
+                catalog = _files.catalog_of(self.source, self.columns)
             if self.target is not None:
-                there = {"report": self.report, "catalog": catalog}
-                _files.refuse_existing(self.no_clobber, self.target, *sheets, **there)
+                if self.no_clobber:
+                    there = {"report": self.report, "catalog": catalog}
+                    _files.refuse_existing(self.target, *sheets, **there)
                 sheets = self._rehearse(catalog, *sheets)
             cloud = self._read(catalog)
             with _files.working(self.source, "plane"):

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
+from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._kinds import KINDS, kinds_of_outliers, plane_scales, reasons_of
 from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._notes import together_notes
 from sklearn_mcmd.report._places import place_sections
@@ -20,7 +20,7 @@ CLEAR = 10  # score of a clear error, as the detector's documentation says
 GROSS = 100  # score of a gross one
 WORST = 10  # outliers, or groups of them, whose reasons are given
 LEAST_SCORE = 0.01  # where the axis of scores begins: smaller ones are on a plane
-WORDS = {
+KINDS = {  # and what they are
     "isolated": "single points and pairs, far from everything else",
     "in groups": "small groups that stand apart: ghosts, birds, dust",
     "off surfaces": "points that lie on no surface: foliage, wires, noise",
@@ -151,8 +151,6 @@ def _judged_notes(n, n_all):
 
 
 def _surface_notes(detector, n_all):
-    from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
-
     n_exact = int(np.count_nonzero(detector.scores_ < -EXACT_PLANE_SCORE))
     notes = note_if(
         n_exact >= 0.01 * n_all,
@@ -173,12 +171,60 @@ def _surface_notes(detector, n_all):
     )
 
 
+def plane_scales(detector):
+    """Standard deviations of the planes of a fitted detector; None where each point is judged by
+    its own plane alone."""
+    cloud = judged_cloud(detector)
+    return None if cloud.own_planes_only else cloud.planes.scale
+
+
+def kinds_of_outliers(detector):
+    """Why each fitted point is an outlier: its place in `KINDS`, and -1 of all others.
+
+    Isolated points are farther from their neighbors than the cutoff, in usual spacings. Those in
+    groups are not, but their group stands off by more than the cutoff. The others lie on no
+    surface, and ``strictness="surfaces"`` flags them for that alone, as does the paper's form.
+    """
+    is_outlier, cutoff = detector.scores_ < detector.offset_, -detector.offset_
+    if detector.isolation_ is None:
+        return np.where(is_outlier, np.int8(2), np.int8(-1))
+    apart = detector.isolation_ > cutoff, detector.separation_ > cutoff
+    return np.select([~is_outlier, *apart], [np.int8(-1), np.int8(0), np.int8(1)], np.int8(2))
+
+
+def reasons_of(detector, rows):
+    """Why each of these rows is an outlier, in words with numbers: a list of str."""
+    cloud, kinds = judged_cloud(detector), kinds_of_outliers(detector)
+    groups = detector.group_index_
+    at = np.searchsorted(cloud.off_surface.rest.rows, cloud.model.index.places)
+    sizes, far = np.bincount(groups + 1), detector.separation_ > -detector.offset_
+    reasons = []
+    for row in rows:
+        kind, n, score = kinds[row], sizes[groups[row] + 1], -detector.scores_[row]
+        away = (detector.separation_ if kind == 1 else detector.isolation_)[row]
+        who = f"group of {n:,}" if kind == 1 else f"one of {n:,} together"
+        who = who if n > 1 and groups[row] >= 0 else "single point"
+        if kind == 2 or score < away:
+            away, unit = score, "standard deviations off a surface"
+        elif kind == 1 and n > 1:
+            unit = "of its sizes away"
+        else:
+            unit = f"usual spacings from {'anything' if far[row] else 'its neighbors'}"
+        words = f"{who}, {float(f'{away:.2g}'):,g} {unit}"
+        if kind == 2 and groups[row] >= 0:
+            words = "off every surface"
+        elif kind == 0 and cloud.rays is not None and cloud.rays.rest.by_sheet[at[row]]:
+            words = "on a sheet of rays"
+        reasons.append(words)
+    return reasons
+
+
 def _kind_table(detector, found):
     kinds, n = kinds_of_outliers(detector)[found], int(np.count_nonzero(found))
     counts = np.bincount(kinds[kinds >= 0], minlength=len(KINDS))
     rows = [
-        (name, f"{count:,}", percent(count, n), WORDS[name])
-        for name, count in zip(KINDS, counts.tolist(), strict=True)
+        (name, f"{count:,}", percent(count, n), words)
+        for (name, words), count in zip(KINDS.items(), counts.tolist(), strict=True)
         if count or name != "off surfaces"
     ]
     n_large = int(np.count_nonzero(kinds < 0))

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from commands import error_line, files_in, run
-from sklearn_mcmd.cli import _scheduler
+from sklearn_mcmd.cli import _cloud_verb
 
 distributed = pytest.importorskip("distributed")
 
@@ -40,7 +40,7 @@ def free_port():
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "no://127.0.0.1:{}"])
 def test_an_address_that_does_not_answer_is_said_soon(address, source, tmp_path, monkeypatch):
-    monkeypatch.setattr(_scheduler, "SECONDS", 0.3)
+    monkeypatch.setattr(_cloud_verb, "SECONDS", 0.3)
     address = address.format(free_port())
     line = error_line(run("normals", source, tmp_path / "b.laz", "--scheduler", address))
     assert f"--scheduler {address}: no scheduler of dask answers" in line
@@ -48,7 +48,7 @@ def test_an_address_that_does_not_answer_is_said_soon(address, source, tmp_path,
 
 
 def test_a_scheduler_without_workers_is_said(source, tmp_path, monkeypatch):
-    monkeypatch.setattr(_scheduler, "SECONDS", 0.5)
+    monkeypatch.setattr(_cloud_verb, "SECONDS", 0.5)
     with distributed.LocalCluster(n_workers=0, processes=False, protocol="tcp", **LOCAL) as cluster:
         address = cluster.scheduler_address
         line = error_line(run("normals", source, tmp_path / "b.laz", "--scheduler", address))

@@ -8,7 +8,7 @@ import pytest
 
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.report._contents import Contents, Run
-from sklearn_mcmd.report._report_folder import check_folder, write_report
+from sklearn_mcmd.report._rendering import check_folder, write_report
 
 RUN = Run(
     verb="denoise",

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from commands import error_line, files_in, run
-from sklearn_mcmd.cli import _demo_run
+from sklearn_mcmd.cli import _demo
 from sklearn_mcmd.io import read_points
 
 
@@ -57,7 +57,7 @@ def test_demo_refuses_a_file_as_folder(tmp_path):
 
 
 def test_demo_in_the_same_folder_replaces_its_files_and_gives_the_same_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(_demo_run, "N_POINTS", 4_000)
+    monkeypatch.setattr(_demo, "N_POINTS", 4_000)
     accuracy, files = [], []
     for _ in range(2):
         result = run("demo", tmp_path)

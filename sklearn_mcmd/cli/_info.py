@@ -1,18 +1,48 @@
-"""The contents of a point file, as ``mcmd info`` prints them."""
+"""``mcmd info``: the contents of point files."""
+
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from scipy.spatial import cKDTree
+import typer
 
+from sklearn_mcmd.cli._files import files_of, read
+from sklearn_mcmd.cli._messages import clear_exits, print_table
+from sklearn_mcmd.cli._options import Columns
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las import coordinate_system
 from sklearn_mcmd.io._sensor import place_words, stated_positions
-from sklearn_mcmd.report._facts import distinct_points, median_spacing
 
 TELLING = {"las_header", "pcd_viewpoint", "sensor_origins"}  # of formats that may tell the sensor
 
 
+def info(
+    source: Annotated[
+        Path, typer.Argument(metavar="IN", help="Point file, or a folder or .vpc index of files.")
+    ],
+    columns: Columns = None,
+) -> None:
+    """Show what a file holds: points, bounds, spacing, duplicates, attributes.
+
+    Of a folder or an index, each file has one line, and a line tells of all together.
+    """
+    with clear_exits():
+        paths = files_of(source)
+        if paths == [source]:
+            print_table(str(source), **summarize(source, read(source, columns=columns)))
+            return
+        rows, errors = summarize_each(paths, lambda path: read(path, columns=columns))
+        print_table(str(source), **rows)
+        if errors:
+            raise PointFileError("; ".join(errors))
+
+
 def summarize(source, cloud):
     """Names and values of the table that `mcmd info` prints."""
+    from scipy.spatial import cKDTree
+
+    from sklearn_mcmd.report._facts import distinct_points, median_spacing
+
     xyz = cloud.xyz
     low, high = xyz.min(axis=0), xyz.max(axis=0)
     distinct = distinct_points(xyz)
