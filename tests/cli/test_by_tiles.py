@@ -143,14 +143,6 @@ def test_too_little_memory_is_told_by_the_name_of_the_option(verb, source, tmp_p
     assert "--memory 10MB is too little" in line
 
 
-@pytest.mark.parametrize("size", ["lots", "0GB", "-1GB"])
-def test_what_is_no_size_of_memory_is_wrong_usage(size, source, tmp_path):
-    result = run("normals", source, tmp_path / "b.laz", f"--memory={size}")
-    assert result.exit_code == 2
-    words = " ".join(result.stderr.replace("│", "").split())
-    assert f"Invalid value for '--memory': '{size}' is no size: write it like 2GB" in words
-
-
 @pytest.mark.parametrize(
     ("verb", "options", "words"),
     [

@@ -77,95 +77,63 @@ def test_single_precision_fine_enough_is_taken_without_a_word(verb, room, tmp_pa
 # ---- bad input: exit code 1, one line, nothing written --------------------------------------
 
 
-def bad_input(kind, folder):
-    path = folder / "bad.xyz"
-    if kind == "missing":
-        return path
-    if kind == "folder":
-        path.mkdir()
-    elif kind == "truncated laz":
-        rng = np.random.default_rng(0)
-        write_points(folder / "bad.laz", rng.uniform(size=(5000, 3)))
-        path = folder / "bad.laz"
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    else:
-        text = {
-            "empty": "",
-            "only nan": "nan nan nan\n" * 9,
-            "two columns": "1 2\n3 4\n",
-            "words": "x y z\none two three\n",
-            "three points": "0 0 0\n1 0 0\n0 1 0\n",
-        }
-        path.write_text(text[kind])
-    return path
-
-
 @pytest.mark.parametrize(
-    ("kind", "reason"),
+    ("text", "reason"),
     [
-        ("missing", "no such file"),
+        (None, "no such file"),
         ("folder", "is a folder"),
-        ("truncated laz", "truncated"),
-        ("empty", "is empty"),
-        ("only nan", "holds no points with finite coordinates"),
-        ("two columns", "2 column"),
-        ("words", "holds no row of numbers (header: 'x, y, z')"),
-        ("three points", "3 points is too few for planes in 3D: at least 4"),
+        ("truncated", "truncated"),
+        ("", "is empty"),
+        ("nan nan nan\n" * 9, "holds no points with finite coordinates"),
+        ("1 2\n3 4\n", "2 column"),
+        ("x y z\none two three\n", "holds no row of numbers (header: 'x, y, z')"),
+        ("0 0 0\n1 0 0\n0 1 0\n", "3 points is too few for planes in 3D: at least 4"),
     ],
 )
-@pytest.mark.parametrize("verb", ["denoise", "info", "plane"])
-def test_bad_input_fails_with_one_line_and_writes_nothing(verb, kind, reason, tmp_path):
-    path = bad_input(kind, tmp_path)
+def test_bad_input_fails_with_one_line_and_writes_nothing(text, reason, tmp_path):
+    path = tmp_path / "bad.xyz"
+    if text == "folder":
+        path.mkdir()
+    elif text == "truncated":
+        path = tmp_path / "bad.laz"
+        write_points(path, np.random.default_rng(0).uniform(size=(5000, 3)))
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    elif text is not None:
+        path.write_text(text)
     before = files_in(tmp_path)
-    if kind in ("folder", "three points") and verb != "denoise":
-        return
-    target = [] if verb == "info" else [tmp_path / "out.laz"]
-    assert reason in error_line(run(verb, path, *target))
+    for verb, target in (("denoise", ["out.laz"]), ("plane", ["out.laz"]), ("info", [])):
+        if verb == "denoise" or ("folder" not in reason and "planes" not in reason):
+            line = error_line(run(verb, path, *(tmp_path / name for name in target)))
+            assert reason in line
     assert files_in(tmp_path) == before
 
 
 # ---- bad output: refused before the long work -----------------------------------------------
 
 
-def bad_output(kind, folder):
-    if kind == "no extension":
-        return folder / "out"
-    if kind == "unknown extension":
-        return folder / "out.docx"
-    if kind == "copc":
-        return folder / "out.copc.laz"
-    if kind == "missing folder":
-        return folder / "nowhere" / "out.laz"
-    if kind == "long":
-        return folder / ("x" * 260 + ".laz")
-    if kind == "file as folder":
-        return folder / "room.laz" / "out.laz"
-    (folder / "out.laz").mkdir()
-    return folder / "out.laz"
-
-
 @pytest.mark.parametrize(
-    ("kind", "reason"),
+    ("name", "reason"),
     [
-        ("no extension", "no extension"),
-        ("unknown extension", "unknown extension '.docx'"),
-        ("copc", "COPC can be read but not written"),
-        ("missing folder", "does not exist"),
-        ("file as folder", "does not exist"),
-        ("a folder", "is a folder"),
-        ("long", "cannot be written: file name too long"),
+        ("out", "no extension"),
+        ("out.docx", "unknown extension '.docx'"),
+        ("out.copc.laz", "COPC can be read but not written"),
+        ("nowhere/out.laz", "does not exist"),
+        ("room.laz/out.laz", "does not exist"),
+        ("folder.laz", "is a folder"),
+        ("x" * 260 + ".laz", "cannot be written: file name too long"),
     ],
 )
 @pytest.mark.parametrize("verb", ["denoise", "normals"])
 def test_an_output_that_cannot_be_is_refused_before_the_work(
-    verb, kind, reason, room_file, tmp_path, monkeypatch
+    verb, name, reason, room_file, tmp_path, monkeypatch
 ):
     def work(*args, **kwargs):
         raise AssertionError("the long work began")
 
     monkeypatch.setattr(MCMDOutlierDetector, "fit", work)
     monkeypatch.setattr(RobustNormalEstimator, "fit", work)
-    target = bad_output(kind, tmp_path)
+    (tmp_path / "folder.laz").mkdir()
+    target = tmp_path / name
     before = files_in(tmp_path)
     line = error_line(run(verb, room_file, target))
     assert reason in line

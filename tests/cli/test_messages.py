@@ -101,21 +101,6 @@ def test_a_point_without_a_position_is_named_by_its_number(tmp_path):
     assert "in.xyz: the cloud has a coordinate beyond 1e+70 in point 8: [" in line
 
 
-@pytest.mark.parametrize(
-    ("cloud", "words"),
-    [
-        ([[0, 0, 0]], "in.xyz: 1 point is too few to test a plane in 3D"),
-        (np.eye(3)[[0, 1, 2, 0, 1]], "the cloud has 3 distinct points in 5 points, which is"),
-        (np.arange(9)[:, None] * np.ones(3), "The 9 points of the cloud lie on one line"),
-    ],
-)
-def test_clouds_that_have_no_plane_are_told_without_words_of_python(cloud, words, tmp_path):
-    np.savetxt(tmp_path / "in.xyz", cloud)
-    line = error_line(run("plane", tmp_path / "in.xyz", tmp_path / "out.xyz"))
-    assert words in line
-    assert not any(word in line for word in PYTHON)
-
-
 def test_what_a_run_repeats_of_its_cause_is_in_words_of_options(failing, room_file, tmp_path):
     cause = ParameterError("$memory=2MB is too little")
     error = TilingError(f"{cause}; what was done is kept")

@@ -75,6 +75,7 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("denoise", "--ignore-class", ["a"]),
         ("denoise", "--only-class", ["3,256"]),
         ("denoise", "--sensor", ["1,2", "1,2,x", "0,0,nan", "", "origin"]),
+        ("normals", "--memory", ["lots", "0GB", "-1GB"]),
         ("normals", "--radius", ["0", "-1", "nan"]),
         ("normals", "--cutoff", ["0", "nan"]),
         ("normals", "--n-neighbors", ["3", "12.5", "many", "nan", "-50"]),

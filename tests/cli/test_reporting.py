@@ -48,10 +48,15 @@ def test_each_verb_writes_a_page_and_one_to_look_around_in(verb, room_file, tmp_
 
 
 def test_the_output_is_the_same_with_a_report_and_without(room_file, tmp_path):
-    a, b = tmp_path / "a.laz", tmp_path / "b.laz"
+    a, b, folder = tmp_path / "a.laz", tmp_path / "b.laz", tmp_path / "r"
+    folder.mkdir()
+    for name in ("index.html", "mine.txt"):
+        (folder / name).write_text("old")
     assert run("denoise", room_file, a).exit_code == 0
-    assert run("denoise", room_file, b, "--report", tmp_path / "r").exit_code == 0
+    assert run("denoise", room_file, b, "--report", folder).exit_code == 0
     assert a.read_bytes() == b.read_bytes()
+    assert files_in(folder) == ["index.html", "mine.txt", "view.html"]
+    assert (folder / "mine.txt").read_text() == "old" != (folder / "index.html").read_text()
 
 
 def test_the_command_of_a_report_is_what_was_typed_and_runs(room_file, tmp_path):
@@ -106,21 +111,33 @@ def test_pages_for_which_there_is_no_room_are_named_and_leave_nothing(tmp_path):
     assert files_in(tmp_path / "r") == []
 
 
-@pytest.mark.parametrize("fault", ["taken", "no matplotlib"])
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("file", "report: is no folder; give --report another folder"),
+        ("page", "index.html: is a folder"),
+        ("matplotlib", "--report needs matplotlib, which is not installed: pip install"),
+        ("jinja2", "--report needs jinja2, which is not installed: pip install"),
+    ],
+)
 def test_a_report_that_cannot_be_is_refused_before_the_work(
-    fault, room_file, tmp_path, monkeypatch
+    fault, words, room_file, tmp_path, monkeypatch
 ):
     def work(*args, **kwargs):
         raise AssertionError("the long work began")
 
     monkeypatch.setattr(MCMDOutlierDetector, "fit", work)
-    (tmp_path / "taken").write_text("")
-    if fault == "no matplotlib":
-        monkeypatch.setitem(sys.modules, "matplotlib", None)
-        (tmp_path / "taken").unlink()
-    line = error_line(run("denoise", room_file, tmp_path / "o.laz", "--report", tmp_path / "taken"))
-    assert (fault if fault == "taken" else "--report needs matplotlib") in line
-    assert not (tmp_path / "o.laz").exists()
+    folder = tmp_path / "report"
+    if fault == "file":
+        folder.write_text("")
+    elif fault == "page":
+        (folder / "index.html").mkdir(parents=True)
+    else:
+        monkeypatch.setitem(sys.modules, fault, None)
+    before = files_in(tmp_path)
+    line = error_line(run("denoise", room_file, tmp_path / "o.laz", "--report", folder))
+    assert words in line
+    assert files_in(tmp_path) == before
 
 
 @pytest.mark.parametrize(

@@ -37,12 +37,6 @@ def test_every_outlier_has_a_kind_and_nothing_else(strictness):
         assert set(kinds[kinds >= 0]) <= {[*KINDS].index("off surfaces")}
 
 
-def test_copies_share_a_kind():
-    xyz = cloud()
-    kinds = kinds_of_outliers(MCMDOutlierDetector(random_state=0).fit(np.vstack([xyz, xyz])))
-    assert (kinds[: len(xyz)] == kinds[len(xyz) :]).all()
-
-
 def test_reasons_name_a_point_a_group_and_what_lies_off_every_surface():
     detector = MCMDOutlierDetector(random_state=0).fit(cloud())
     single, ghost = reasons_of(detector, [4002, 4010])
