@@ -172,8 +172,9 @@ class CloudVerb:
                 told, contents = self.in_memory() if catalog is None else self.by_tiles(catalog)
                 _files.write_report_of(self, seconds, contents)
             if not self.quiet:
-                files = self.source, self.target
-                _messages.print_summary(*files, told.n_points, seconds(), **self.rows(told))
+                rows = {"points": f"{told.n_points:,}"} | self.rows(told)
+                title = f"{self.source} -> {self.target}"
+                _messages.print_table(title, **rows, seconds=f"{seconds():.1f}")
 
     def _large_catalog(self):
         """The catalog of what the verb reads, if it is to be divided into tiles, else None.

@@ -182,7 +182,7 @@ def write_report_of(verb, seconds, contents):
         run = Run(
             verb=name,
             command=shlex.join(["mcmd", name, *context.meta[TYPED]]),
-            parameters=tuple(_parameters(context)),
+            parameters=list(_parameters(context)),
             source=verb.source,
             target=verb.target,
             seconds=seconds(),
@@ -196,8 +196,6 @@ def write_report_of(verb, seconds, contents):
 
 
 def _parameters(context):
-    from sklearn_mcmd.report._contents import Parameter
-
     for parameter in context.command.params:
         if parameter.param_type_name != "option" or parameter.name == "help":
             continue
@@ -205,7 +203,7 @@ def _parameters(context):
         is_default = context.get_parameter_source(parameter.name).name == "DEFAULT"
         shown = getattr(parameter, "show_default", None)
         words = shown if is_default and value is None and isinstance(shown, str) else _words(value)
-        yield Parameter(max(parameter.opts, key=len), words, is_default)
+        yield max(parameter.opts, key=len), words + " (default)" * is_default
 
 
 def _words(value):

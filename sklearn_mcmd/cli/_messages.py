@@ -144,17 +144,6 @@ def _printable(words):
     return "".join(c if c.isprintable() else "?" for c in str(words))
 
 
-def print_summary(source, target, n_points, seconds, **rows):
-    """The summary of a verb: files, the target if there is one, points, own rows, and seconds."""
-    title = source if target is None else f"{source} -> {target}"
-    print_table(title, points=f"{n_points:,}", **rows, seconds=f"{seconds:.1f}")
-
-
-def count_and_share(mask):
-    """The number of marked points, and their percentage."""
-    return number_and_share(mask.sum(), len(mask))
-
-
 def number_and_share(n, n_all):
     return f"{n:,} ({100 * n / n_all:.2f} %)"
 

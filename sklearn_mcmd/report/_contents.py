@@ -4,20 +4,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 
-class Parameter(NamedTuple):
-    """An option of the command, its value in words, and whether nobody gave it."""
-
-    name: str
-    value: str
-    is_default: bool
-
-
 class Run(NamedTuple):
     """The command that is reported."""
 
     verb: str
     command: str  # as it was typed
-    parameters: tuple[Parameter, ...]
+    parameters: list[tuple[str, str]]  # options and their values in words
     source: Path
     target: Path
     seconds: float  # of all work before the report

@@ -44,10 +44,6 @@ def join(*parts):
 
 def make_page(run, contents, has_view):
     """The HTML of a report; it may have view.html beside it."""
-    parameters = [
-        (name, f"{value} (default)" if is_default else value)
-        for name, value, is_default in run.parameters
-    ]
     return (
         _templates()
         .get_template("page.html")
@@ -56,7 +52,6 @@ def make_page(run, contents, has_view):
             name=source_name(run),
             contents=contents,
             has_view=has_view,
-            parameters=parameters,
             record=_record(run),
         )
     )
