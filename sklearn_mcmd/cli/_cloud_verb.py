@@ -44,7 +44,15 @@ class CloudVerb:
     """A verb that reads a cloud, finds something by an estimator, and writes the cloud with it.
 
     The fields here are what all of them take. A verb adds its own, with the help of each, and its
-    docstring is its help.
+    docstring is its help. It has these methods, too:
+
+    - ``estimator()``: the estimator, with its parameters as options tell them.
+    - ``find(cloud)``: what is found in a cloud in memory.
+    - ``written(cloud, found=None)``: the cloud to write, and the points to mark in it; a blank one
+      if nothing is found yet.
+    - ``counts(cloud, found)``: numbers of what was found in memory, by the names of `RunReport`.
+    - ``rows(told)``: rows of the summary, of such counts or of what tiles came to.
+    - ``contents(cloud, found, told)``, ``tile_contents(catalog, told)``: `Contents` of a report.
     """
 
     source: _options.InFiles
@@ -73,6 +81,8 @@ class CloudVerb:
     restart: bool = option(
         False, "Begin anew, whatever an earlier run has left.", "--restart", hidden=True
     )
+    random_state: _options.RandomState = 0
+    n_jobs: _options.NJobs = -1
     report: _files.ReportFolder = None
     columns: _options.Columns = None
     unit: _options.HiddenUnit = ""  # which options that are lengths look up
@@ -90,9 +100,6 @@ class CloudVerb:
         """The files to write beside the cloud; an error if options do not go with tiles."""
         return []
 
-    def estimator(self):
-        """The estimator, with its parameters as options tell them."""
-
     def dry_estimator(self):
         """The estimator whose time a dry run measures, which reads no positions of the sensor."""
         return self.estimator()
@@ -101,26 +108,8 @@ class CloudVerb:
         """What `process_files` takes beside the estimator."""
         return {}
 
-    def find(self, cloud):
-        """What is found in a cloud in memory."""
-
-    def written(self, cloud, found=None):
-        """The cloud to write, and the points to mark in it; a blank one if nothing is found yet."""
-
     def write(self, cloud, found):
         _files.write(self.target, *self.written(cloud, found))
-
-    def counts(self, cloud, found):
-        """Numbers of what was found in memory, by the names of `RunReport`."""
-
-    def contents(self, cloud, found, told):
-        """The `Contents` of a report."""
-
-    def tile_contents(self, catalog, told):
-        """The `Contents` of a report on a run by tiles."""
-
-    def rows(self, told):
-        """Rows of the summary; `told` are `counts` of a cloud in memory, or what tiles came to."""
 
     def made(self, kind, **others):
         """An estimator: its parameters are the options of the same names, and others."""

@@ -122,8 +122,6 @@ class Denoise(CloudVerb):
         False, "Take the file's intensity as evidence, too.", "--intensity", hidden=True
     )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
-    random_state: _options.RandomState = 0
-    n_jobs: _options.NJobs = -1
 
     def __post_init__(self):
         _at_most_one(self, "cutoff", "false_positive_rate", "contamination")
@@ -238,7 +236,7 @@ class Denoise(CloudVerb):
         return told, contents
 
     def contents(self, cloud, found, told):
-        from sklearn_mcmd.report._outliers_page import plane_scales
+        from sklearn_mcmd.report._outliers_page import denoise_contents, plane_scales
         from sklearn_mcmd.report._shown import Shown
 
         some, detector = found.some, found.detector
@@ -251,11 +249,12 @@ class Denoise(CloudVerb):
             used = ("used", f"{told.n_used:,}, as follows")
             shown = shown._replace(rows=[("points", f"{told.n_points:,}"), used, *shown.rows[1:]])
         n = np.count_nonzero(results["outlier"])
-        return self._contents(shown, told, n, -float(detector.offset_), judged=[detector])
+        cutoff = -float(detector.offset_)
+        return denoise_contents(shown, told, n, cutoff, marked=self.marks, detector=detector)
 
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.planes._explaining import ExplainLimits
-        from sklearn_mcmd.report._outliers_page import shown_of_tiles
+        from sklearn_mcmd.report._outliers_page import denoise_contents, shown_of_tiles
         from sklearn_mcmd.tiling._outputs import targets_of
 
         shown = shown_of_tiles(catalog, targets_of(catalog, self.target), told, self.marks)
@@ -263,16 +262,7 @@ class Denoise(CloudVerb):
         cutoff = self.cutoff
         if cutoff is None and not found_by_run and self.strictness != PAPER:
             cutoff = ExplainLimits().explained
-        return self._contents(shown, told, told.n_outliers, cutoff)
-
-    def _contents(self, shown, told, n_outliers, cutoff, **judged):
-        from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents
-
-        n_others = told.n_points - told.n_used
-        verdict = Verdict(
-            n=n_outliers, n_all=told.n_used, n_others=n_others, cutoff=cutoff, sensor=told.sensor
-        )
-        return denoise_contents(shown, verdict, marked=self.marks, together=told.together, **judged)
+        return denoise_contents(shown, told, told.n_outliers, cutoff, marked=self.marks)
 
 
 denoise = command_of(Denoise, more=BY_TILES)

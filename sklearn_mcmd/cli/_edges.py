@@ -42,8 +42,6 @@ class Edges(CloudVerb):
         "Whether to write colors: edges red, surfaces gray.",
         show_default="unless IN has colors",
     )
-    random_state: _options.RandomState = 0
-    n_jobs: _options.NJobs = -1
 
     work = results = "edges"
 

@@ -80,8 +80,6 @@ class Normals(CloudVerb):
         show_default="2.5, for mcmd_md 3.06",
     )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
-    random_state: _options.RandomState = 0
-    n_jobs: _options.NJobs = -1
 
     results = "normals"
 

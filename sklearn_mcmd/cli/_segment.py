@@ -64,8 +64,6 @@ class Segment(CloudVerb):
         30, "Points in a neighborhood for growth. Regions grow to the nearer half of them.", min=4
     )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
-    random_state: _options.RandomState = 0
-    n_jobs: _options.NJobs = -1
 
     work = results = "regions"
 

@@ -30,7 +30,8 @@ def normals_contents(shown, names, removed):
     headline = f"{n_all:,} points have normals. The median of the surface variation is "
     headline += f"{variation:.2g}."
     cards = [(f"{n_all:,}", "points"), (f"{variation:.2g}", "surface variation (median)")]
-    sections = [Section("Normals", shown.words + _maps_of(xyz, normals, near))]
+    drawn = ball() + maps(NormalsDisplay(xyz, normals), xyz, near)
+    sections = [Section("Normals", shown.words + drawn)]
     if errors is not None:
         known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
         n = int(np.count_nonzero(unreliable))
@@ -80,11 +81,6 @@ def _errors_drawn(errors):
         "soft",
     )
     return drawn + words + _error_table(errors)
-
-
-def _maps_of(xyz, normals, near):
-    """Maps by direction, and the legend."""
-    return ball() + maps(NormalsDisplay(xyz, normals), xyz, near)
 
 
 def _notes(errors, removed):

@@ -1,8 +1,5 @@
 """What a report says about outliers."""
 
-from collections.abc import Mapping
-from typing import NamedTuple
-
 import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
@@ -10,7 +7,6 @@ from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud
 from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import found_maps
-from sklearn_mcmd.report._notes import together_notes
 from sklearn_mcmd.report._places import place_sections
 from sklearn_mcmd.report._rendering import join, paragraph, part, table
 from sklearn_mcmd.report._shown import Shown, removed_of, step_of
@@ -27,17 +23,6 @@ KINDS = {  # and what they are
 }
 
 
-class Verdict(NamedTuple):
-    """Outliers, points that were used, all others, the cutoff of scores, None if unknown, and rows
-    on the sensor."""
-
-    n: int
-    n_all: int
-    n_others: int
-    cutoff: float | None
-    sensor: Mapping[str, str] = {}
-
-
 def shown_of_tiles(catalog, outputs, run, marked):
     """What is shown of a run by tiles: a sample of the judged points, and which are outliers."""
     if marked:
@@ -52,21 +37,22 @@ def shown_of_tiles(catalog, outputs, run, marked):
     return Shown.of_sample(cloud, catalog, outputs, run)
 
 
-def denoise_contents(shown, verdict, *, marked, together="", judged=()):
+def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
     """The contents of a report of `mcmd denoise`.
 
     What is shown has ``outlier``, and ``outlier_score`` if scores are known; neither if nobody
-    knows which points were removed. Outliers are marked, or dropped. `together` says where they lie
-    together, by `words_of`; `judged` has the fitted detector, if it is there.
+    knows which points were removed. `told` has the counts of the run, `n` is that of outliers, and
+    the cutoff of scores is None if it is unknown. Outliers are marked, or dropped. The fitted
+    detector is there after a run in memory.
     """
-    n, n_all, n_others, cutoff, sensor = verdict
+    n_all, n_others = told.n_used, told.n_points - told.n_used
     given, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
     found, score = given.get("outlier"), given.get("outlier_score")
     cards = [(f"{n_all:,}", "points that were used" if n_others else "points in the input")]
     if n_others:
         cards.append((f"{n_others:,}", "others, neither judged nor used"))
     cards.append((f"{n:,}", f"outliers, {percent(n, n_all)}"))
-    notes = _sensor_notes(sensor) + together_notes(together) + _judged_notes(n, n_all)
+    notes = _run_notes(told, n, n_all)
     if found is None:
         words = "The outputs replaced the inputs, or have other coordinates. --mode mark keeps "
         words += "outliers, and then they have maps."
@@ -82,7 +68,7 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
         drawn = histogram(score, cutoff=cutoff, name="score", least=LEAST_SCORE)
         drawn += _grade_table(score, cutoff)
         sections.append(Section("How clear they are", shown.words + drawn))
-    for detector in judged:
+    if detector is not None:
         on_surface = int(np.count_nonzero(detector.on_surface_))
         cards.append((f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"))
         cards.append((f"{cutoff:.3g}", "cutoff of the score"))
@@ -101,7 +87,7 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
         notes=[*notes, *shown.notes],
         checks=f"many outliers, many that lie together, {shown.checks}",
         sections=sections,
-        cloud_rows=[*shown.rows, *sensor.items()],
+        cloud_rows=[*shown.rows, *told.sensor.items()],
         output=f"{n_out:,} points{shown.files}" + ", with outlier_score and marks" * marked,
         shown=shown.cloud,
     )
@@ -128,20 +114,25 @@ def _grade_table(score, cutoff):
     return words + table(("outliers", "score", "points", "share"), rows, numbers=(2, 3))
 
 
-def _sensor_notes(sensor):
-    """What speaks against the position of the sensor."""
-    return note_if(
-        "doubt" in sensor,
+def _run_notes(told, n, n_all):
+    """Notes on the position of the sensor, on where outliers lie together, and on their share."""
+    doubt = told.sensor.get("doubt", "")
+    notes = note_if(
+        doubt,
         "Where was the sensor?",
-        f"The position is {sensor.get('sensor')}: {sensor.get('doubt')}.",
+        f"The position is {told.sensor.get('sensor')}: {doubt}.",
         "Give --sensor X,Y,Z as it was, or --sensor none.",
-        warned=sensor.get("doubt", ""),
+        warned=doubt,
     )
-
-
-def _judged_notes(n, n_all):
-    """Notes on a verdict: its share."""
-    return note_if(
+    notes += note_if(
+        told.together,
+        "Outliers lie together.",
+        f"{told.together}.",
+        "Look at the maps. A thing that is sparser than what is around it is kept if the dense "
+        "parts are thinned to its spacing first.",
+        warned=told.together,
+    )
+    return notes + note_if(
         n > MANY * n_all,
         "Many outliers.",
         f"{share(n, n_all)} are flagged. Planes withstand up to a half of outliers in a "

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from commands import error_line, files_in, run
+from commands import done, error_line, files_in, run
 from sklearn_mcmd.cli import _demo
 from sklearn_mcmd.io import read_points
 
@@ -52,8 +52,7 @@ def test_demo_in_the_same_folder_replaces_its_files_and_gives_the_same_again(tmp
     monkeypatch.setattr(_demo, "N_POINTS", 4_000)
     accuracy, files = [], []
     for _ in range(2):
-        result = run("demo", tmp_path)
-        assert result.exit_code == 0, result.output
+        result = done("demo", tmp_path)
         accuracy.append(result.stdout.split("Outliers by")[1].split("Normals of")[0])
         files.append({path.name: path.read_bytes() for path in tmp_path.iterdir()})
         (tmp_path / "demo.png").write_bytes(b"")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commands import error_line, files_in, run
+from commands import done, error_line, files_in, run
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import ALL, format_of, supported_extensions
@@ -11,8 +11,8 @@ from sklearn_mcmd.io._formats import ALL, format_of, supported_extensions
 
 @pytest.mark.parametrize("verb", ["denoise", "normals"])
 def test_output_may_replace_the_input(verb, room_file, tmp_path):
-    assert run(verb, room_file, tmp_path / "apart.laz").exit_code == 0
-    assert run(verb, room_file, room_file).exit_code == 0
+    done(verb, room_file, tmp_path / "apart.laz")
+    done(verb, room_file, room_file)
     apart, in_place = read_points(tmp_path / "apart.laz"), read_points(room_file)
     assert apart.attributes.keys() == in_place.attributes.keys()
     np.testing.assert_array_equal(apart.xyz, in_place.xyz)
@@ -26,8 +26,7 @@ def test_rays_without_a_return_are_told_once_and_apart_from_holes(room, tmp_path
     xyz[:n_others, 0] = np.nan
     path = tmp_path / name
     np.save(path, xyz) if n_others else write_points(path, xyz)
-    result = run("normals", tmp_path / name, tmp_path / "out.npy")
-    assert result.exit_code == 0, result.output
+    result = done("normals", tmp_path / name, tmp_path / "out.npy")
     zeros, *others = [line for line in result.stderr.splitlines() if "left out" in line]
     assert f"20 of {len(xyz):,} points are 0, 0, 0" in zeros
     assert len(others) == n_others
@@ -37,8 +36,7 @@ def test_rays_without_a_return_are_told_once_and_apart_from_holes(room, tmp_path
 def test_normals_of_the_input_are_replaced_with_a_warning(room, tmp_path):
     stale = np.tile([9.0, 9.0, 9.0], (len(room), 1))
     write_points(tmp_path / "in.npz", room.with_attributes(normals=stale))
-    result = run("normals", tmp_path / "in.npz", tmp_path / "out.laz")
-    assert result.exit_code == 0, result.output
+    result = done("normals", tmp_path / "in.npz", tmp_path / "out.laz")
     assert result.stderr == "mcmd: warning: the results replace what the input calls normals\n"
     assert (read_points(tmp_path / "out.laz").attributes["normal_x"] <= 1).all()
 
@@ -191,8 +189,7 @@ def test_all_other_formats_hold_the_results_of_every_verb(extension, verb, room_
         pytest.importorskip("plyfile" if extension == ".ply" else "pypcd4")
     options = ["--mode", "mark"] if verb == "denoise" else []
     target = tmp_path / f"out{extension}"
-    done = run(verb, room_file, target, *options)
-    assert done.exit_code == 0, done.output
+    done(verb, room_file, target, *options)
     assert RESULTS[verb] in read_points(target).attributes
 
 
@@ -204,9 +201,8 @@ def test_an_organized_cloud_stays_organized(verb, options, tmp_path):
     xyz[3:5, 7] = np.nan
     xyz[20, 20, 2] = 0.7  # an outlier
     np.save(tmp_path / "in.npy", xyz)
-    done = run(verb, tmp_path / "in.npy", tmp_path / "out.pcd", *options)
-    assert done.exit_code == 0, done.output
-    assert "2 points without coordinates are left out" in done.stderr
+    result = done(verb, tmp_path / "in.npy", tmp_path / "out.pcd", *options)
+    assert "2 points without coordinates are left out" in result.stderr
     pcd = pypcd4.PointCloud.from_path(tmp_path / "out.pcd")
     assert (pcd.metadata.height, pcd.metadata.width) == (30, 40)
     found = pcd.numpy(("x", "y", "z")).reshape(30, 40, 3)

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from commands import error_line, files_in, run
+from commands import done, error_line, files_in, run
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io import PointCloud, write_points
@@ -84,8 +84,7 @@ def test_deprecations_within_libraries_are_not_told_to_users(room_file, tmp_path
 def test_a_cloud_of_few_distinct_points_is_told_how_many_it_has(verb, n, tmp_path):
     X = np.random.default_rng(0).uniform(size=(n, 3))
     np.savetxt(tmp_path / "in.xyz", np.resize(X, (70, 3)))
-    result = run(verb, tmp_path / "in.xyz", tmp_path / "out.xyz")
-    assert result.exit_code == 0, result.output
+    result = done(verb, tmp_path / "in.xyz", tmp_path / "out.xyz")
     size = 40 if verb == "edges" else 50  # the verb's own, not that of a step within
     assert f"--n-neighbors {size} is more than the number of distinct points" in result.stderr
     assert result.stderr.count("is more than") == 1

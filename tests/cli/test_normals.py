@@ -6,15 +6,14 @@ import re
 import numpy as np
 import pytest
 
-from commands import error_line, files_in, run
+from commands import done, error_line, files_in, run
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
 
 def test_normals_adds_the_estimators_results_as_float32(room, room_file, tmp_path):
-    result = run("normals", room_file, tmp_path / "out.laz")
-    assert result.exit_code == 0, result.output
+    done("normals", room_file, tmp_path / "out.laz")
     out = read_points(tmp_path / "out.laz").attributes
     fitted = RobustNormalEstimator(random_state=0).fit(read_points(room_file).xyz)
     expected = {
@@ -30,11 +29,10 @@ def test_normals_adds_the_estimators_results_as_float32(room, room_file, tmp_pat
 
 
 def test_normals_look_at_the_sensor_also_at_negative_coordinates(room_file, tmp_path):
-    result = run(
+    done(
         *("normals", room_file, tmp_path / "out.npy"),
         *("--orientation", "sensor", "--sensor", "-1,0.5,-9"),
     )
-    assert result.exit_code == 0, result.output
     out = np.load(tmp_path / "out.npy")
     to_sensor = np.array([-1, 0.5, -9]) - np.column_stack([out[a] for a in "xyz"])
     normals = np.column_stack([out[f"normal_{a}"] for a in "xyz"])
@@ -109,8 +107,7 @@ def test_where_noise_decides_the_side_of_many_the_option_is_named(small_machine,
         ("room", ("--orientation", "mst"), []),
         ("floor", (), []),
     ):
-        result = run("normals", tmp_path / f"{name}.laz", target, *options)
-        assert result.exit_code == 0, result.output
+        result = done("normals", tmp_path / f"{name}.laz", target, *options)
         told = re.findall(r"(\d+) % .*see --orientation sensor and mst\n", result.stdout)
         assert told == expected
     down = np.column_stack([read_points(target).attributes[f"normal_{a}"] for a in "xyz"])
@@ -139,8 +136,7 @@ def test_curvatures_are_written_with_a_column_for_each_coordinate(
 ):
     names = ["mean_curvature", "max_curvature_direction"]
     target = tmp_path / f"out.{suffix}"
-    result = run("normals", room_file, target, "--features", ",".join(names))
-    assert result.exit_code == 0, result.output
+    done("normals", room_file, target, "--features", ",".join(names))
     fitted = RobustNormalEstimator(features=names, random_state=0).fit(room.xyz)
     out = read_points(target).attributes
     columns = ["mean_curvature", *(f"max_curvature_direction_{axis}" for axis in "xyz")]
@@ -150,8 +146,7 @@ def test_curvatures_are_written_with_a_column_for_each_coordinate(
 
 
 def test_auto_tells_how_many_neighbors_each_point_has(room, room_file, tmp_path):
-    result = run("normals", room_file, tmp_path / "out.laz", "--n-neighbors", "auto")
-    assert result.exit_code == 0, result.output
+    done("normals", room_file, tmp_path / "out.laz", "--n-neighbors", "auto")
     out = read_points(tmp_path / "out.laz").attributes
     fitted = RobustNormalEstimator("auto", random_state=0).fit(room.xyz)
     np.testing.assert_array_equal(out["n_neighbors"], fitted.n_neighbors_)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commands import error_line, files_in, run, usage_error
+from commands import done, error_line, files_in, run, usage_error
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 from sklearn_mcmd.cli import _plane
 from sklearn_mcmd.io import PointCloud, read_points, write_points
@@ -41,7 +41,7 @@ def _matplotlib():
 
 
 def test_outliers_of_a_wall_become_noise_and_all_points_stay(wall_file, tmp_path):
-    assert run("plane", wall_file, tmp_path / "out.laz").exit_code == 0
+    done("plane", wall_file, tmp_path / "out.laz")
     out = read_points(tmp_path / "out.laz")
     np.testing.assert_array_equal(np.flatnonzero(out.attributes["classification"] == 7), range(60))
     np.testing.assert_array_equal(out.attributes["row"], np.arange(N))
@@ -81,8 +81,7 @@ def test_outliers_of_a_wall_become_noise_and_all_points_stay(wall_file, tmp_path
 def test_what_is_written_is_the_detectors_with_these_options(
     options, detector, wall_file, tmp_path
 ):
-    result = run("plane", wall_file, tmp_path / "out.npz", *options)
-    assert result.exit_code == 0, result.output
+    done("plane", wall_file, tmp_path / "out.npz", *options)
     out, xyz = read_points(tmp_path / "out.npz").attributes, read_points(wall_file).xyz
     found = detector.fit(xyz).labels_ == -1
     assert 0 < np.count_nonzero(found) < N
@@ -125,11 +124,10 @@ def test_fuzzy_that_leaves_no_point_says_so_and_gives_no_nan(tmp_path):
 def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path, real_figures):
     (tmp_path / "filed").mkdir()
     text, figure = tmp_path / "filed" / "a.md", tmp_path / "filed" / "a.pdf"
-    result = run(
+    done(
         *("plane", wall_file, tmp_path / "out.laz", "--unit", "m"),
         *("--text", text, "--plot", figure),
     )
-    assert result.exit_code == 0, result.output
     assert files_in(tmp_path) == ["filed", "out.laz", "wall.laz"]
     assert files_in(tmp_path / "filed") == ["a.md", "a.pdf"]
     assert figure.read_bytes().startswith(b"%PDF")
@@ -229,8 +227,7 @@ def test_without_matplotlib_the_text_is_written_and_the_figure_named(
 ):
     for name in ("matplotlib", "matplotlib.figure"):
         monkeypatch.setitem(sys.modules, name, None)
-    result = run("plane", wall_file, tmp_path / "out.laz")
-    assert result.exit_code == 0
+    result = done("plane", wall_file, tmp_path / "out.laz")
     assert 'pip install "matplotlib>=' in result.stderr
     assert files_in(tmp_path) == ["out.laz", "out_report.txt", "wall.laz"]
     wanted = run("plane", wall_file, tmp_path / "other.laz", "--plot", tmp_path / "a.png")
@@ -276,8 +273,8 @@ def test_the_files_of_a_folder_are_tested_as_one_plane(wall, wall_file, tmp_path
     for i, name in enumerate(("a.las", "b.laz")):
         write_points(folder / name, wall.subset(slice(i * N // 2, (i + 1) * N // 2)))
     run("plane", wall_file, tmp_path / "whole.laz")
-    assert run("plane", folder, tmp_path / "joined.laz").exit_code == 0
-    assert run("plane", folder, tmp_path / "each").exit_code == 0
+    done("plane", folder, tmp_path / "joined.laz")
+    done("plane", folder, tmp_path / "each")
     assert files_in(tmp_path / "each") == ["a.las", "b.laz"]
     assert (tmp_path / "each_report.txt").exists()
     whole, joined, *each = (
@@ -300,8 +297,7 @@ def moved(path, wall, shift):
 
 def test_another_wall_is_compared(wall, wall_file, tmp_path):
     other = moved(tmp_path / "later.laz", wall, 0.02)
-    result = run("plane", wall_file, tmp_path / "out.laz", "--against", other, "--unit", "m")
-    assert result.exit_code == 0, result.output
+    result = done("plane", wall_file, tmp_path / "out.laz", "--against", other, "--unit", "m")
     assert re.search(r"against +moved\n", result.stdout)
     offset = re.search(r"offset +(\S+) ± (\S+) m along the normal \(significant", result.stdout)
     assert abs(abs(float(offset[1])) - 0.02) < 0.001  # both have the same noise
@@ -331,8 +327,7 @@ def test_a_folder_to_compare_with_is_one_wall_in_one_coordinate_system(wall, wal
 
 
 def test_without_an_output_the_summary_is_that_of_one_and_nothing_is_written(wall_file, tmp_path):
-    told = run("plane", wall_file, "--sigma0", 0.004)
-    assert told.exit_code == 0, told.output
+    told = done("plane", wall_file, "--sigma0", 0.004)
     assert files_in(tmp_path) == ["wall.laz"]
     written = run("plane", wall_file, tmp_path / "out.laz", "--sigma0", 0.004)
     shared = [line for line in written.stdout.splitlines()[1:] if "report" not in line]

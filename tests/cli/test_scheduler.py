@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from commands import error_line, files_in, run
+from commands import done, error_line, files_in, run
 from sklearn_mcmd.cli import _cloud_verb
 
 distributed = pytest.importorskip("distributed")
@@ -18,13 +18,12 @@ LOCAL = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
 def test_a_scheduler_divides_the_work(source, tmp_path):
     plain, divided = tmp_path / "a.laz", tmp_path / "b.laz"
     options = ("--n-neighbors", 16)
-    assert run("normals", source, plain, *options).exit_code == 0
+    done("normals", source, plain, *options)
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", **LOCAL
     ) as cluster:
         address = cluster.scheduler_address
-        result = run("normals", source, divided, *options, "--scheduler", address)
-        assert result.exit_code == 0, result.output
+        result = done("normals", source, divided, *options, "--scheduler", address)
         plan = run("normals", source, divided, "--scheduler", address, "--dry-run")
     assert "tiles" in result.stdout
     assert "processes  1" in plan.stdout
