@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from sklearn_mcmd.plotting import NormalsDisplay
-from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import ball, maps
 from sklearn_mcmd.report._places import place_sections
@@ -31,7 +31,7 @@ def normals_contents(shown, names, removed):
     headline += f"{variation:.2g}."
     cards = [(f"{n_all:,}", "points"), (f"{variation:.2g}", "surface variation (median)")]
     drawn = ball() + maps(NormalsDisplay(xyz, normals), xyz, near)
-    sections = [Section("Normals", shown.words + drawn)]
+    sections = [("Normals", shown.words + drawn)]
     if errors is not None:
         known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
         n = int(np.count_nonzero(unreliable))
@@ -43,8 +43,8 @@ def normals_contents(shown, names, removed):
             (percent(n, len(errors)), "of the normals are unreliable"),
         ]
         sections += [
-            Section("How exact they are", shown.words + _errors_drawn(errors)),
-            Section(
+            ("How exact they are", shown.words + _errors_drawn(errors)),
+            (
                 "Where they are unreliable",
                 shown.words + place_sections(xyz, unreliable, near, "unreliable normals"),
             ),
@@ -52,8 +52,8 @@ def normals_contents(shown, names, removed):
     left = given["removed_fraction"]
     flatness = histogram(given["surface_variation"], name="surface variation")
     sections += [
-        Section("Flatness", flatness),
-        Section("Directions and neighborhoods", _tilt_table(normals) + _removed_words(left)),
+        ("Flatness", flatness),
+        ("Directions and neighborhoods", _tilt_table(normals) + _removed_words(left)),
     ]
     return Contents(
         headline=headline,

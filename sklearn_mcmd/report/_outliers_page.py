@@ -4,7 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud
-from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._places import place_sections
@@ -56,18 +56,18 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
     if found is None:
         words = "The outputs replaced the inputs, or have other coordinates. --mode mark keeps "
         words += "outliers, and then they have maps."
-        sections = [Section("Where the outliers are", paragraph(words))]
+        sections = [("Where the outliers are", paragraph(words))]
     else:
         found = found > 0
         drawn = found_maps(xyz, found, near, "outliers")
-        sections = [Section("Where the outliers are", shown.words + drawn)]
+        sections = [("Where the outliers are", shown.words + drawn)]
     if score is not None:
         score = score.astype(np.float64)
         if cutoff is None:  # the run found it: the largest score below it
             cutoff = float(score[~found].max(initial=0.0))
         drawn = histogram(score, cutoff=cutoff, name="score", least=LEAST_SCORE)
         drawn += _grade_table(score, cutoff)
-        sections.append(Section("How clear they are", shown.words + drawn))
+        sections.append(("How clear they are", shown.words + drawn))
     if detector is not None:
         on_surface = int(np.count_nonzero(detector.on_surface_))
         cards.append((f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"))
@@ -75,10 +75,10 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
         notes += _surface_notes(detector, n_all)
         if plane_scales(detector) is not None:
             drawn = _kind_table(detector, found) + _worst_table(detector, xyz, found)
-            sections.append(Section("What they are", drawn))
+            sections.append(("What they are", drawn))
     if found is not None:
         drawn = place_sections(xyz, found, near, "outliers")
-        sections.append(Section("Places", shown.words + drawn))
+        sections.append(("Places", shown.words + drawn))
     n_out = n_all + n_others - (0 if marked else n)
     done = "are marked" if marked else "were removed"
     return Contents(

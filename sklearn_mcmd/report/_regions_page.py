@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.plotting import SegmentationDisplay, region_colors
-from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import maps
 from sklearn_mcmd.report._rendering import paragraph, table
@@ -55,14 +55,14 @@ def segment_contents(shown, regions, n_regions, inside):
     words = paragraph("Each region has a color; points of no region are dark gray.", "soft")
     drawn = words + maps(SegmentationDisplay(shown.xyz, labels), shown.xyz, shown.near)
     sections = [
-        Section("Regions", shown.words + drawn),
-        Section("The largest regions", listed + _region_table(regions, n_all)),
+        ("Regions", shown.words + drawn),
+        ("The largest regions", listed + _region_table(regions, n_all)),
     ]
     if all_known:
         drawn = histogram(
             sizes, name="points of a region", least=float(sizes.min()), what="regions"
         )
-        sections.append(Section("Sizes", drawn + _size_words(sizes, n_all)))
+        sections.append(("Sizes", drawn + _size_words(sizes, n_all)))
     return Contents(
         headline=f"{n_regions:,} regions hold {share(inside, n_all)}.",
         cards=[

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sklearn_mcmd.report._contents import Contents, Note, Run, Section, percent, share
+from sklearn_mcmd.report._contents import Contents, Note, Run, percent, share
 from sklearn_mcmd.report._rendering import join, make_page, paragraph, part, table
 
 EVIL = "<img src=x onerror=alert(1)>&\"'"
@@ -35,7 +35,7 @@ def page(has_view=True, **changes):
         cards=[("10", EVIL)],
         notes=[Note("Few points.", f"Only 10 {EVIL}", "Take more.")],
         checks=EVIL,
-        sections=[Section("Part & parcel", parts), Section(EVIL, EVIL)],
+        sections=[("Part & parcel", parts), (EVIL, EVIL)],
         cloud_rows=[("attributes", EVIL)],
         output=EVIL,
     )
