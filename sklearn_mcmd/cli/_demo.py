@@ -20,8 +20,8 @@ from sklearn_mcmd.io._rehearsal import naming
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
 
-N_POINTS = 60_000
-OUTLIER_SHARE = 0.1
+N_POINTS = 60_000  # of the street
+OUTLIER_SHARE = 0.1  # of its points
 DPI = 100  # of the picture
 COLORS = 160  # of the picture's palette, which reduces the file to a third
 
