@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from _fuzz_seeds import seeds_of
 
-from sklearn_mcmd.cli._file_summary import summarize
+from sklearn_mcmd.cli._info import summarize
 from sklearn_mcmd.io import PointFileError, read_points, read_trajectory
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.tiling import Catalog, TilingError

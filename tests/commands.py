@@ -10,6 +10,13 @@ def run(*args):
     return CliRunner().invoke(app, [str(a) for a in args], prog_name="mcmd")
 
 
+def done(*args):
+    """The outcome of a command that must succeed."""
+    result = run(*args)
+    assert result.exit_code == 0, result.output
+    return result
+
+
 def error_line(result, code=1):
     """The one line on stderr of a command that failed as users' errors should."""
     assert result.exit_code == code, result.output

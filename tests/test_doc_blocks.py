@@ -11,8 +11,8 @@ import pytest
 
 from doc_blocks import blocks, run_console, run_python
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.cli import _progress_bar
-from sklearn_mcmd.cli._demo_run import write_street
+from sklearn_mcmd.cli import _messages
+from sklearn_mcmd.cli._demo import write_street
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, write_points
 
@@ -100,7 +100,7 @@ def reader(tmp_path, given_files, monkeypatch):
     matplotlib.use("agg")
     shutil.copytree(given_files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(_progress_bar, "PATIENCE", 3600.0)
+    monkeypatch.setattr(_messages, "PATIENCE", 3600.0)
     return tmp_path
 
 

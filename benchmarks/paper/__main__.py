@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 
 from benchmarks.paper import EXPERIMENTS
-from sklearn_mcmd.cli._progress_bar import progress
+from sklearn_mcmd.cli._messages import progress
 
 
 def main(arguments=None):

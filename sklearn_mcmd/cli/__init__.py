@@ -8,12 +8,13 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd import __version__
-from sklearn_mcmd.cli._command import TypedCommand
 from sklearn_mcmd.cli._config import config
-from sklearn_mcmd.cli._demo import demo, info
+from sklearn_mcmd.cli._demo import demo
 from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._edges import edges
+from sklearn_mcmd.cli._info import info
 from sklearn_mcmd.cli._normals import normals
+from sklearn_mcmd.cli._options import TypedCommand
 from sklearn_mcmd.cli._plan import plan
 from sklearn_mcmd.cli._plane import plane
 from sklearn_mcmd.cli._segment import segment

@@ -1,21 +1,28 @@
 """What ``denoise``, ``normals``, ``segment`` and ``edges`` share: options, help, and the run."""
 
-from contextlib import ExitStack
+import time
+import warnings
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, fields
+from errno import ENOENT
 from inspect import signature
 from types import SimpleNamespace
 
 import typer
 
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
 from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._options import option
-from sklearn_mcmd.cli._progress_bar import progress
-from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
-from sklearn_mcmd.io._formats import TILED_NAMES
+from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._formats import TILED, TILED_NAMES
+from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._point_cloud import has_colors
 from sklearn_mcmd.io._rehearsal import rehearse
 
+SAMPLE = 50_000  # points whose time is measured
+MORE = 1.25  # time of tiles over that in memory, at most; see docs/tiling.rst
+SECONDS = 5.0  # that a scheduler has for its answer
 BY_TILES = """
 LAS and LAZ that need more than --memory, and folders, get tiles, with the same results; --dry-run
 plans. A run that ended early goes on, or with --restart begins anew. Of several files a folder
@@ -37,7 +44,15 @@ class CloudVerb:
     """A verb that reads a cloud, finds something by an estimator, and writes the cloud with it.
 
     The fields here are what all of them take. A verb adds its own, with the help of each, and its
-    docstring is its help.
+    docstring is its help. It has these methods, too:
+
+    - ``estimator()``: the estimator, with its parameters as options tell them.
+    - ``find(cloud)``: what is found in a cloud in memory.
+    - ``written(cloud, found=None)``: the cloud to write, and the points to mark in it; a blank one
+      if nothing is found yet.
+    - ``counts(cloud, found)``: numbers of what was found in memory, by the names of `RunReport`.
+    - ``rows(told)``: rows of the summary, of such counts or of what tiles came to.
+    - ``contents(cloud, found, told)``, ``tile_contents(catalog, told)``: `Contents` of a report.
     """
 
     source: _options.InFiles
@@ -66,7 +81,9 @@ class CloudVerb:
     restart: bool = option(
         False, "Begin anew, whatever an earlier run has left.", "--restart", hidden=True
     )
-    report: ReportFolder = None
+    random_state: _options.RandomState = 0
+    n_jobs: _options.NJobs = -1
+    report: _files.ReportFolder = None
     columns: _options.Columns = None
     unit: _options.HiddenUnit = ""  # which options that are lengths look up
     no_clobber: _options.NoClobber = False
@@ -79,15 +96,9 @@ class CloudVerb:
     work, n_features, results = "", 0, ""
     writes_all = True  # whether no point is left out
 
-    def check(self, catalog):
-        """Raise if options do not go with a cloud in tiles, or in memory if there is no catalog."""
-
-    def outputs(self):
-        """The files to write, the cloud first."""
-        return [self.target]
-
-    def estimator(self):
-        """The estimator, with its parameters as options tell them."""
+    def other_files(self, catalog):
+        """The files to write beside the cloud; an error if options do not go with tiles."""
+        return []
 
     def dry_estimator(self):
         """The estimator whose time a dry run measures, which reads no positions of the sensor."""
@@ -97,26 +108,8 @@ class CloudVerb:
         """What `process_files` takes beside the estimator."""
         return {}
 
-    def find(self, cloud):
-        """What is found in a cloud in memory."""
-
-    def written(self, cloud, found=None):
-        """The cloud to write, and the points to mark in it; a blank one if nothing is found yet."""
-
     def write(self, cloud, found):
         _files.write(self.target, *self.written(cloud, found))
-
-    def counts(self, cloud, found):
-        """Numbers of what was found in memory, by the names of `RunReport`."""
-
-    def contents(self, cloud, found, told):
-        """The `Contents` of a report."""
-
-    def tile_contents(self, catalog, told):
-        """The `Contents` of a report on a run by tiles."""
-
-    def rows(self, told):
-        """Rows of the summary; `told` are `counts` of a cloud in memory, or what tiles came to."""
 
     def made(self, kind, **others):
         """An estimator: its parameters are the options of the same names, and others."""
@@ -153,28 +146,99 @@ class CloudVerb:
 
     def run(self):
         from sklearn_mcmd._sklearn import check_parameters
-        from sklearn_mcmd.cli._large import large_catalog, print_plan
 
         check_parameters(self.estimator())
         seconds = _messages.stopwatch()
-        with ExitStack() as stack:
-            if self.scheduler is not None:
-                from sklearn_mcmd.cli._scheduler import joblib_by
-
-                stack.enter_context(joblib_by(self.scheduler))
-            catalog = large_catalog(self)
-            self.check(catalog)
+        with nullcontext() if self.scheduler is None else joblib_by(self.scheduler):
+            catalog = self._large_catalog()
+            others = self.other_files(catalog)
             if self.dry_run:
-                print_plan(self, catalog)
+                self._print_plan(catalog)
                 return
-            there = {"report": self.report, "catalog": catalog}
-            _files.refuse_existing(self.no_clobber, *self.outputs(), **there)
-            with progress(type(self).__name__.lower(), self.quiet):
+            if self.no_clobber:
+                _files.refuse_existing(self.target, *others, report=self.report, catalog=catalog)
+            with _messages.progress(type(self).__name__.lower(), self.quiet):
                 told, contents = self.in_memory() if catalog is None else self.by_tiles(catalog)
-                write_report_of(self, seconds, contents)
+                _files.write_report_of(self, seconds, contents)
             if not self.quiet:
-                files = self.source, self.target
-                _messages.print_summary(*files, told.n_points, seconds(), **self.rows(told))
+                rows = {"points": f"{told.n_points:,}"} | self.rows(told)
+                title = f"{self.source} -> {self.target}"
+                _messages.print_table(title, **rows, seconds=f"{seconds():.1f}")
+
+    def _large_catalog(self):
+        """The catalog of what the verb reads, if it is to be divided into tiles, else None.
+
+        Faults of a single file are left to the reading of it, unless a scheduler divides it.
+        """
+        source = self.source
+        if not source.exists():
+            raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
+        if self.scheduler is not None or _files.is_several(source):
+            return _files.catalog_of(source, self.columns)
+        if source.suffix.lower() not in TILED:
+            if self.memory is not None:
+                warnings.warn(
+                    f"{source}: is read as a whole, whatever --memory is; only {TILED_NAMES} are "
+                    "divided into tiles",
+                    stacklevel=2,
+                )
+            return None
+        from sklearn_mcmd.tiling._memory import bytes_in_memory, usual_memory
+
+        try:
+            catalog = _files.catalog_of(source, self.columns)
+        except PointFileError:
+            return None
+        limit = usual_memory() if self.memory is None else self.memory
+        return (
+            catalog if bytes_in_memory(catalog, self.n_features, work=self.work) > limit else None
+        )
+
+    def _print_plan(self, catalog):
+        """Print tiles, memory and time; the time is measured with the first points."""
+        from sklearn.base import clone
+
+        from sklearn_mcmd.tiling._memory import (
+            bytes_in_memory,
+            most_neighbors,
+            plan_run,
+            usual_memory,
+        )
+        from sklearn_mcmd.tiling._run import warm_up
+
+        if catalog is None and self.source.suffix.lower() not in TILED:
+            raise PointFileError(f"{self.source}: --dry-run is for {TILED_NAMES}")
+        tiles, catalog = catalog is not None, catalog or _files.catalog_of(self.source)
+        size = {"work": self.work}
+        estimator = self.dry_estimator()
+        k = most_neighbors(catalog.n_points, estimator)
+        xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
+        n_jobs, estimator = estimator.n_jobs, clone(estimator)
+        estimator.set_params(
+            **{name: 1 for name in estimator.get_params() if name.endswith("n_jobs")}
+        )
+        warm_up(estimator)
+        begin = time.perf_counter()
+        clone(estimator).fit(xyz)
+        seconds = (time.perf_counter() - begin) / len(xyz) * catalog.n_points
+        rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
+        if tiles:
+            limit = usual_memory() if self.memory is None else self.memory
+            plan = plan_run(catalog.n_points, limit, n_jobs, self.n_features, n_neighbors=k, **size)
+            seconds *= MORE / (plan.n_workers * plan.n_threads)
+            threads = f" with {plan.n_threads} threads" if plan.n_threads > 1 else ""
+            rows |= {
+                "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
+                "processes": f"{plan.n_workers}{threads}",
+                "memory": f"about {plan.memory / 1e9:.2g} GB",
+                "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {self.target}",
+            }
+        else:
+            needed = bytes_in_memory(catalog, self.n_features, **size)
+            rows["memory"] = f"about {needed / 1e9:.2g} GB, without tiles"
+        _messages.print_table(
+            f"{self.source} -> {self.target}", **rows, time=f"about {_in_words(seconds)}"
+        )
 
 
 def tiles_row(told):
@@ -182,3 +246,39 @@ def tiles_row(told):
     if told.n_tiles == 0:
         return {}
     return {"tiles": f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before"}
+
+
+def _in_words(seconds):
+    if seconds < 120:
+        return f"{seconds:.0f} seconds"
+    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
+
+
+@contextmanager
+def joblib_by(scheduler):
+    """Make joblib send its work to the scheduler of dask.distributed at this address."""
+    distributed = import_extra("distributed", "dask", "--scheduler")
+    import asyncio
+
+    import joblib
+
+    try:
+        # A client that fails to connect leaves threads and messages, so one asks before.
+        asyncio.run(_connect(distributed, scheduler))
+    except (OSError, ValueError) as err:
+        raise ValueError(f"--scheduler {scheduler}: no scheduler of dask answers: {err}") from err
+    with distributed.Client(scheduler, timeout=SECONDS, set_as_default=False) as client:
+        try:
+            client.wait_for_workers(1, timeout=SECONDS)
+        except TimeoutError as err:
+            raise ValueError(
+                f"--scheduler {scheduler}: has no workers; start some with: dask worker {scheduler}"
+            ) from err
+        with joblib.parallel_config(backend="dask", client=client):
+            yield
+
+
+async def _connect(distributed, scheduler):
+    arguments = distributed.Security().get_connection_args("client")
+    connection = await distributed.core.connect(scheduler, timeout=SECONDS, **arguments)
+    await connection.close()

@@ -1,44 +1,29 @@
-"""``mcmd info`` and ``mcmd demo``."""
+"""``mcmd demo``: a street with known truth, and the accuracy of the results."""
 
+import io
 import os
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli._denoise import denoise
-from sklearn_mcmd.cli._files import files_of, read, refuse_existing
-from sklearn_mcmd.cli._messages import clear_exits, print_table, stopwatch
+from sklearn_mcmd.cli._files import refuse_existing
+from sklearn_mcmd.cli._messages import clear_exits, print_table, progress, stopwatch
 from sklearn_mcmd.cli._normals import normals
-from sklearn_mcmd.cli._options import Columns, NJobs, NoClobber, Quiet
-from sklearn_mcmd.cli._progress_bar import progress
-from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.cli._options import NJobs, NoClobber, Quiet
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._rehearsal import naming
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
+from sklearn_mcmd.runtime._progress import progress_part
 
-
-def info(
-    source: Annotated[
-        Path, typer.Argument(metavar="IN", help="Point file, or a folder or .vpc index of files.")
-    ],
-    columns: Columns = None,
-) -> None:
-    """Show what a file holds: points, bounds, spacing, duplicates, attributes.
-
-    Of a folder or an index, each file has one line, and a line tells of all together.
-    """
-    with clear_exits():
-        from sklearn_mcmd.cli._file_summary import summarize, summarize_each
-
-        paths = files_of(source)
-        if paths == [source]:
-            print_table(str(source), **summarize(source, read(source, columns=columns)))
-            return
-        rows, errors = summarize_each(paths, lambda path: read(path, columns=columns))
-        print_table(str(source), **rows)
-        if errors:
-            raise PointFileError("; ".join(errors))
+N_POINTS = 60_000  # of the street
+OUTLIER_SHARE = 0.1  # of its points
+DPI = 100  # of the picture
+COLORS = 160  # of the picture's palette, which reduces the file to a third
 
 
 def demo(
@@ -62,34 +47,33 @@ def demo(
     demo.png, and prints the accuracy. Files of an earlier demo in the same folder are replaced.
     """
     with clear_exits():
-        from sklearn_mcmd.cli import _demo_run
-
         seconds = stopwatch()
         import_extra("matplotlib", "plot", "the picture")
         names = "street.laz", "clean.laz", "clean_sensor.laz", "normals.laz", "demo.png"
         outputs = street, clean, clean_sensor, with_normals, picture = [folder / n for n in names]
-        refuse_existing(no_clobber, *outputs)
+        if no_clobber:
+            refuse_existing(*outputs)
         there = [path.name for path in outputs if os.path.exists(path)]
-        if there and not force and not _demo_run.made_by_demo(street):
+        if there and not force and not made_by_demo(street):
             raise FileExistsError(
                 f"{folder} already holds {', '.join(there)}, of no earlier demo; name another "
                 "folder, or --force"
             )
-        sensor = _demo_run.write_street(street)
+        sensor = write_street(street)
         work = {"n_jobs": n_jobs, "quiet": quiet}
         denoise(street, clean, sensor="none", **work)
         denoise(street, clean_sensor, sensor=sensor, **work)
         normals(clean_sensor, with_normals, orientation="sensor", sensor=sensor, **work)
         with progress("accuracy", quiet):
-            angles = _demo_run.normal_errors(street, n_jobs)
+            angles = normal_errors(street, n_jobs)
         cleaned = {"by coordinates alone": clean}
         cleaned[f"with --sensor {','.join(f'{x:g}' for x in sensor)}"] = clean_sensor
         with naming(picture):
-            _demo_run.draw(street, cleaned, with_normals, picture)
+            draw(street, cleaned, with_normals, picture)
         ignore_interrupts()
         if not quiet:
             for how, path in cleaned.items():
-                rates = _demo_run.outlier_rates(street, path)
+                rates = outlier_rates(street, path)
                 print_table(
                     f"Outliers {how}, against the truth",
                     **{name: f"{100 * rate:.1f} %" for name, rate in rates.items()},
@@ -102,3 +86,103 @@ def demo(
                 },
             )
             typer.echo(f"Picture: {picture}; {seconds():.1f} seconds in all.")
+
+
+def made_by_demo(path):
+    """Whether a file is the street of an earlier run: it then holds the truth."""
+    try:
+        return {"true_outlier", "true_normal_x"} <= read_points(path).attributes.keys()
+    except PointFileError:
+        return False
+
+
+def write_street(path):
+    """Write a contaminated street with its truth as attributes; returns where its sensor stood."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        reason = (err.strerror or str(err)).lower()
+        raise PointFileError(f"{path.parent}: the folder cannot be made: {reason}") from err
+    from sklearn_mcmd.datasets import make_street
+
+    street = make_street(N_POINTS, outlier_share=OUTLIER_SHARE, random_state=0)
+    truth = {
+        "true_outlier": (street.target == -1).astype(np.uint8),
+        "outlier_kind": street.outlier_kind.astype(np.uint8),
+        "edge_distance": street.edge_distance.astype(np.float32),
+    }
+    for axis, values in zip("xyz", street.normals.T, strict=True):
+        truth[f"true_normal_{axis}"] = values.astype(np.float32)
+    # Tenths of a millimeter, as a scanner writes.
+    write_points(path, PointCloud(np.round(street.data, 4), truth))
+    return tuple(street.sensor_origins[0].tolist())
+
+
+def outlier_rates(street, clean):
+    """Accuracy of the removal, from the two files alone: both hold the truth."""
+    is_outlier = read_points(street).attributes["true_outlier"] == 1
+    missed = read_points(clean).attributes["true_outlier"] == 1
+    n_outliers, n_regular = np.count_nonzero(is_outlier), np.count_nonzero(~is_outlier)
+    n_found, n_kept = n_outliers - np.count_nonzero(missed), np.count_nonzero(~missed)
+    return {
+        "outliers found": n_found / n_outliers,
+        "regular points kept": n_kept / n_regular,
+        "accuracy": (n_found + n_kept) / len(is_outlier),
+    }
+
+
+def normal_errors(street, n_jobs):
+    """Median and 95 % quantile of the angle to the true normal, in degrees, by method."""
+    from sklearn_mcmd.metrics import bias_angle
+    from sklearn_mcmd.normals._estimator import RobustNormalEstimator
+
+    cloud = read_points(street)
+    true_normals = _stack(cloud, "true_normal_")
+    has_normal = np.isfinite(true_normals).all(axis=1)
+    errors = {}
+    for begin, method in ((0.0, "pca"), (0.5, "mcmd_z")):
+        estimator = RobustNormalEstimator(method=method, random_state=0, n_jobs=n_jobs)
+        with progress_part(begin, begin + 0.5):
+            fitted = estimator.fit(cloud.xyz)
+        angles = bias_angle(fitted.normals_[has_normal], true_normals[has_normal])
+        errors[method] = (np.median(angles), np.quantile(angles, 0.95))
+    return errors
+
+
+def draw(street, cleaned, with_normals, path):
+    """Draw the street, each cleaned one and the normals into a PNG; outliers are red."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+    from PIL import Image
+
+    from sklearn_mcmd.plotting import normal_colors, plot_cloud
+    from sklearn_mcmd.plotting._still import draw_ball
+    from sklearn_mcmd.plotting._views import VIEW
+
+    fig, axes = plt.subplots(2, 2, figsize=(11, 8.6), layout="constrained", facecolor="white")
+    for ax, (how, file) in zip(axes.flat, ({"Before": street} | cleaned).items(), strict=False):
+        cloud = read_points(file)
+        outlier = cloud.attributes["true_outlier"] == 1
+        plot_cloud(cloud.xyz, outliers=outlier, ax=ax)
+        left = "left" if file in cleaned.values() else "in red"
+        title = f"{how[0].upper()}{how[1:]}: {np.count_nonzero(outlier):,} outliers {left}"
+        ax.set_title(title, fontsize=12)
+    last, cloud = axes[1, 1], read_points(with_normals)
+    plot_cloud(cloud.xyz, color=normal_colors(_stack(cloud, "normal_")), ax=last)
+    last.set_title("Normals of what is left with --sensor", fontsize=12)
+    draw_ball(last, VIEW)
+    for ax in axes.flat[1:]:  # the same place and scale, so that the eye can compare
+        ax.set(xlim=axes[0, 0].get_xlim(), ylim=axes[0, 0].get_ylim())
+    raw, small = io.BytesIO(), io.BytesIO()
+    fig.savefig(raw, format="png", dpi=DPI)
+    plt.close(fig)
+    palette = Image.open(raw).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+    palette.save(small, format="png", optimize=True)
+    with replacing(path) as temporary:
+        temporary.write_bytes(small.getvalue())
+
+
+def _stack(cloud, prefix):
+    return np.column_stack([cloud.attributes[f"{prefix}{axis}"] for axis in "xyz"])

@@ -12,9 +12,8 @@ import sklearn_mcmd
 from sklearn_mcmd._choices import Mode, OutlierMethod, Strictness
 from sklearn_mcmd.cli import _options, _sensor
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
-from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.cli._options import length, option
+from sklearn_mcmd.cli._options import command_of, length, option
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, class_numbers, noise_classes
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import (
@@ -123,8 +122,6 @@ class Denoise(CloudVerb):
         False, "Take the file's intensity as evidence, too.", "--intensity", hidden=True
     )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
-    random_state: _options.RandomState = 0
-    n_jobs: _options.NJobs = -1
 
     def __post_init__(self):
         _at_most_one(self, "cutoff", "false_positive_rate", "contamination")
@@ -140,11 +137,12 @@ class Denoise(CloudVerb):
         by_height = self.low_groups or any(limit is not None for limit in limits.values())
         self.work = self.asked.work("heights" if by_height else "outliers", rays=True)
 
-    def check(self, catalog):
+    def other_files(self, catalog):
         if self.intensity and catalog is not None:
             raise ValueError(
                 f"{self.source}: tiles take no --intensity; a file within --memory does"
             )
+        return []
 
     def estimator(self):
         auto = _sensor.AUTO if self.asked.recognize else None
@@ -238,7 +236,7 @@ class Denoise(CloudVerb):
         return told, contents
 
     def contents(self, cloud, found, told):
-        from sklearn_mcmd.report._kinds import plane_scales
+        from sklearn_mcmd.report._outliers_page import denoise_contents, plane_scales
         from sklearn_mcmd.report._shown import Shown
 
         some, detector = found.some, found.detector
@@ -251,11 +249,12 @@ class Denoise(CloudVerb):
             used = ("used", f"{told.n_used:,}, as follows")
             shown = shown._replace(rows=[("points", f"{told.n_points:,}"), used, *shown.rows[1:]])
         n = np.count_nonzero(results["outlier"])
-        return self._contents(shown, told, n, -float(detector.offset_), judged=[detector])
+        cutoff = -float(detector.offset_)
+        return denoise_contents(shown, told, n, cutoff, marked=self.marks, detector=detector)
 
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.planes._explaining import ExplainLimits
-        from sklearn_mcmd.report._outliers_page import shown_of_tiles
+        from sklearn_mcmd.report._outliers_page import denoise_contents, shown_of_tiles
         from sklearn_mcmd.tiling._outputs import targets_of
 
         shown = shown_of_tiles(catalog, targets_of(catalog, self.target), told, self.marks)
@@ -263,16 +262,7 @@ class Denoise(CloudVerb):
         cutoff = self.cutoff
         if cutoff is None and not found_by_run and self.strictness != PAPER:
             cutoff = ExplainLimits().explained
-        return self._contents(shown, told, told.n_outliers, cutoff)
-
-    def _contents(self, shown, told, n_outliers, cutoff, **judged):
-        from sklearn_mcmd.report._outliers_page import Verdict, denoise_contents
-
-        n_others = told.n_points - told.n_used
-        verdict = Verdict(
-            n=n_outliers, n_all=told.n_used, n_others=n_others, cutoff=cutoff, sensor=told.sensor
-        )
-        return denoise_contents(shown, verdict, marked=self.marks, together=told.together, **judged)
+        return denoise_contents(shown, told, told.n_outliers, cutoff, marked=self.marks)
 
 
 denoise = command_of(Denoise, more=BY_TILES)

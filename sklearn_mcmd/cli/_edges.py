@@ -8,9 +8,8 @@ import sklearn_mcmd
 from sklearn_mcmd._choices import Criterion
 from sklearn_mcmd.cli import _options
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
-from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.cli._options import option
+from sklearn_mcmd.cli._options import command_of, option
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
 
@@ -43,8 +42,6 @@ class Edges(CloudVerb):
         "Whether to write colors: edges red, surfaces gray.",
         show_default="unless IN has colors",
     )
-    random_state: _options.RandomState = 0
-    n_jobs: _options.NJobs = -1
 
     work = results = "edges"
 

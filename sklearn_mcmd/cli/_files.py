@@ -1,23 +1,38 @@
-"""Reading and writing by the verbs. Errors of writing appear before the long work."""
+"""Reading and writing by the verbs, reports too. Errors of writing appear before the long work."""
 
 import os
+import shlex
 import warnings
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, NamedTuple
 
 import numpy as np
+import typer
 
 from sklearn_mcmd._errors import counted
+from sklearn_mcmd.cli._messages import clear_exits, warned
+from sklearn_mcmd.cli._options import TYPED
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.io._formats import ALL, INDEX, TILED, format_of, supported_extensions
+from sklearn_mcmd.io._formats import (
+    ALL,
+    INDEX,
+    TILED,
+    format_of,
+    no_columns,
+    supported_extensions,
+)
 from sklearn_mcmd.io._no_returns import LEFT_OUT
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.io._rehearsal import rehearse
 from sklearn_mcmd.planes._resolution import coarse_warning, in_own_precision
-from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.runtime._interrupts import ignore_interrupts
+from sklearn_mcmd.runtime._progress import current_span, progress_part
 
 USUAL_NEIGHBORS = 50  # of estimators by default, where none have been given
 # Begin and end of the work between reading and writing, as shares of a verb's progress.
 WORKING = (0.04, 0.97)
+DRAWN = 0.8  # share of a report's time until its maps are drawn
 
 
 def warn_if_coarse(cloud):
@@ -41,6 +56,16 @@ def files_of(source):
     from sklearn_mcmd.tiling._catalog import paths_of
 
     return paths_of(source, supported_extensions())
+
+
+def catalog_of(source, columns=None):
+    """The catalog of LAS and LAZ files, which know their columns."""
+    from sklearn_mcmd.tiling import Catalog
+
+    if columns is not None:
+        told = no_columns(columns)
+        raise ValueError(f"{source}: {told}") from told
+    return Catalog(source)
 
 
 def read_all(source, columns=None):
@@ -73,13 +98,11 @@ def read(source, target=None, results=None, *, columns=None):
     return cloud
 
 
-def refuse_existing(no_clobber, *targets, report=None, catalog=None):
+def refuse_existing(*targets, report=None, catalog=None):
     """Raise if an output is there that --no-clobber keeps.
 
     Of a `catalog`, those that an earlier run of the same target wrote before it ended may be there.
     """
-    if not no_clobber:
-        return
     known = set()
     if catalog is not None:
         from sklearn_mcmd.tiling._folder import WorkFolder
@@ -88,7 +111,7 @@ def refuse_existing(no_clobber, *targets, report=None, catalog=None):
         known = WorkFolder.written(targets[0])
         targets = (*targets_of(catalog, targets[0]), *targets[1:])
     if report is not None:
-        from sklearn_mcmd.report._report_folder import PAGE, VIEW
+        from sklearn_mcmd.report._rendering import PAGE, VIEW
 
         targets = (*targets, report.folder / PAGE, report.folder / VIEW)
     for path in targets:
@@ -111,3 +134,87 @@ def working(source, stage=None):
 def write(target, cloud, noise=None):
     with progress_part(WORKING[1], 1.0, "writing"):
         write_points(target, cloud, noise=noise)
+
+
+class Report(NamedTuple):
+    """The folder of a report, and the context of the command that it tells of."""
+
+    folder: Path
+    context: typer.Context
+
+
+def _check(context: typer.Context, folder: Path | None):
+    """Refuse a folder that cannot be written, before the work."""
+    if folder is None:
+        return None
+    with clear_exits():
+        from sklearn_mcmd.report._rendering import check_folder
+
+        check_folder(folder)
+    return Report(folder, context)
+
+
+ReportFolder = Annotated[
+    Report | None,
+    typer.Option(
+        "--report",
+        metavar="DIR",
+        parser=Path,  # also keeps the value that the callback returns
+        callback=_check,
+        help="Folder for a report: counts, maps, warnings, the cloud.",
+    ),
+]
+
+
+def write_report_of(verb, seconds, contents):
+    """Write a verb's report, if one is asked for. Then all outputs are there: Ctrl-C is too late.
+
+    ``seconds()`` is the time of the work so far. ``contents()`` makes the `Contents`, and takes
+    time.
+    """
+    if verb.report is not None:
+        from sklearn_mcmd.report._contents import Run
+        from sklearn_mcmd.report._notes import with_warnings
+        from sklearn_mcmd.report._rendering import write_report
+
+        folder, context = verb.report
+        name = context.command.name
+        run = Run(
+            verb=name,
+            command=shlex.join(["mcmd", name, *context.meta[TYPED]]),
+            parameters=list(_parameters(context)),
+            source=verb.source,
+            target=verb.target,
+            seconds=seconds(),
+        )
+        with progress_part(1.0, 1.0, "report"):
+            span, made = current_span(), contents()
+            if span is not None:
+                span.report(DRAWN)
+            write_report(folder, run, with_warnings(made, warned()))
+    ignore_interrupts()
+
+
+def _parameters(context):
+    for parameter in context.command.params:
+        if parameter.param_type_name != "option" or parameter.name == "help":
+            continue
+        value = context.params.get(parameter.name)
+        is_default = context.get_parameter_source(parameter.name).name == "DEFAULT"
+        shown = getattr(parameter, "show_default", None)
+        words = shown if is_default and value is None and isinstance(shown, str) else _words(value)
+        yield max(parameter.opts, key=len), words + " (default)" * is_default
+
+
+def _words(value):
+    if value is None:
+        return "none"
+    if isinstance(value, Report):
+        return str(value.folder)
+    if isinstance(value, dict):
+        return ",".join(f"{axis}={name}" for axis, name in value.items())
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ",".join(map(_words, value))
+    return str(value).removesuffix(".0")

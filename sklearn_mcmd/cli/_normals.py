@@ -11,8 +11,7 @@ import sklearn_mcmd
 from sklearn_mcmd._choices import RuleMethod
 from sklearn_mcmd.cli import _options, _sensor
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
-from sklearn_mcmd.cli._command import command_of
-from sklearn_mcmd.cli._options import length, option
+from sklearn_mcmd.cli._options import command_of, length, option
 from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
@@ -81,8 +80,6 @@ class Normals(CloudVerb):
         show_default="2.5, for mcmd_md 3.06",
     )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
-    random_state: _options.RandomState = 0
-    n_jobs: _options.NJobs = -1
 
     results = "normals"
 

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 from sklearn_mcmd.cli import _messages, _options
-from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._options import length, option
+from sklearn_mcmd.cli._options import command_of, length, option
 
 
 @dataclass

@@ -16,11 +16,10 @@ from sklearn_mcmd import __version__
 from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._options import length, option
-from sklearn_mcmd.cli._progress_bar import progress
-from sklearn_mcmd.cli._reporting import ReportFolder, write_report_of
+from sklearn_mcmd.cli._files import ReportFolder, write_report_of
+from sklearn_mcmd.cli._messages import progress
+from sklearn_mcmd.cli._options import command_of, length, option
 from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._las import writing_parts
@@ -160,6 +159,7 @@ class Plane:
 
     def run(self):
         from sklearn_mcmd._sklearn import check_parameters
+        from sklearn_mcmd.adjustment._plane_figures import plane_figures
 
         check_parameters(self.detector())
         seconds = _messages.stopwatch()
@@ -167,12 +167,11 @@ class Plane:
         with progress("plane", self.quiet):
             catalog = None
             if _files.is_several(self.source):
-                from sklearn_mcmd.cli._large import catalog_of
-
-                catalog = catalog_of(self.source, self.columns)
+                catalog = _files.catalog_of(self.source, self.columns)
             if self.target is not None:
-                there = {"report": self.report, "catalog": catalog}
-                _files.refuse_existing(self.no_clobber, self.target, *sheets, **there)
+                if self.no_clobber:
+                    there = {"report": self.report, "catalog": catalog}
+                    _files.refuse_existing(self.target, *sheets, **there)
                 sheets = self._rehearse(catalog, *sheets)
             cloud = self._read(catalog)
             with _files.working(self.source, "plane"):
@@ -180,7 +179,8 @@ class Plane:
                 detector = self.tested(cloud.xyz)
             more = self._further(detector, cloud)
             is_written = self.target is not None
-            figures = _figures_of(detector, cloud, self.unit, more, lists_worst=is_written)
+            n_worst = N_WORST if is_written else None
+            figures = plane_figures(detector, cloud.xyz, self.unit, n_worst=n_worst, **more)
             if is_written:
                 self._write(catalog, sheets, cloud, detector, figures)
                 from sklearn_mcmd.report._plane_page import plane_contents
@@ -188,7 +188,7 @@ class Plane:
                 contents = partial(plane_contents, cloud, detector, figures, self.unit)
                 write_report_of(self, seconds, contents)
         if not self.quiet:
-            _summarize(self.source, self.target, sheets, detector, figures, seconds())
+            self._print_summary(sheets, detector.labels_ == -1, figures.rows(), seconds())
 
     def detector(self):
         """The detector, with its parameters as options tell them."""
@@ -305,6 +305,15 @@ class Plane:
             else:
                 _write_each(catalog, self.target, results)
 
+    def _print_summary(self, sheets, is_outlier, known, seconds):
+        rows = {"points": f"{len(is_outlier):,}"}
+        rows |= {name: known[name] for name in SUMMARY if name in known}
+        rows["outliers"] = _messages.number_and_share(is_outlier.sum(), len(is_outlier))
+        if sheets:
+            rows["report"] = ", ".join(str(path) for path in sheets if path is not None)
+        title = self.source if self.target is None else f"{self.source} -> {self.target}"
+        _messages.print_table(title, **rows, seconds=f"{seconds:.1f}")
+
 
 plane = command_of(Plane)
 
@@ -353,13 +362,6 @@ def _write_each(catalog, target, results):
             put(*_tested(joined_cloud(cloud, header), *part))
 
 
-def _figures_of(detector, cloud, unit, more, lists_worst):
-    from sklearn_mcmd.adjustment._plane_figures import plane_figures
-
-    n_worst = N_WORST if lists_worst else None
-    return plane_figures(detector, cloud.xyz, unit, n_worst=n_worst, **more)
-
-
 def _text_of(title, figures, source, target, sheets):
     """The text report, and as its last lines input, output, program and date."""
     from sklearn_mcmd.adjustment._report import figures_as_text, with_heading
@@ -372,12 +374,3 @@ def _text_of(title, figures, source, target, sheets):
         "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
     }
     return figures_as_text(title, figures) + "\n".join(with_heading("Record", rows)) + "\n"
-
-
-def _summarize(source, target, sheets, detector, figures, seconds):
-    known, is_outlier = figures.rows(), detector.labels_ == -1
-    rows = {name: known[name] for name in SUMMARY if name in known}
-    rows["outliers"] = _messages.count_and_share(is_outlier)
-    if sheets:
-        rows["report"] = ", ".join(str(path) for path in sheets if path is not None)
-    _messages.print_summary(source, target, len(is_outlier), seconds, **rows)

@@ -1,20 +1,26 @@
 """``mcmd segment``."""
 
+import csv
+import json
+import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import typer
 
 import sklearn_mcmd
 from sklearn_mcmd.cli import _options
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
-from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.cli._options import length, option
+from sklearn_mcmd.cli._options import command_of, length, option
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.io._rehearsal import standing_in
 from sklearn_mcmd.planes._resolution import in_own_precision
 
+SUFFIXES = (".csv", ".geojson", ".json")
 LARGEST_SHOWN = 3  # regions in the summary
 
 
@@ -58,19 +64,14 @@ class Segment(CloudVerb):
         30, "Points in a neighborhood for growth. Regions grow to the nearer half of them.", min=4
     )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
-    random_state: _options.RandomState = 0
-    n_jobs: _options.NJobs = -1
 
     work = results = "regions"
 
-    def check(self, catalog):
-        from sklearn_mcmd.cli._region_files import check_regions_file
-
-        if self.regions is not None:
-            check_regions_file(self.regions, catalog, self.source, self.target)
-
-    def outputs(self):
-        return [self.target] if self.regions is None else [self.target, self.regions]
+    def other_files(self, catalog):
+        if self.regions is None:
+            return []
+        check_regions_file(self.regions, catalog, self.source, self.target)
+        return [self.regions]
 
     def estimator(self):
         normals = self.made(sklearn_mcmd.RobustNormalEstimator)
@@ -90,8 +91,6 @@ class Segment(CloudVerb):
         if self.regions is None:
             super().write(cloud, fitted)
             return
-        from sklearn_mcmd.cli._region_files import write_regions
-
         with replacing(self.regions) as temporary:  # no file is replaced before both are written
             write_regions(temporary, fitted.regions_)
             super().write(cloud, fitted)
@@ -129,3 +128,55 @@ class Segment(CloudVerb):
 
 
 segment = command_of(Segment, more=BY_TILES)
+
+
+def check_regions_file(path, catalog, *taken):
+    """Raise if a table cannot be written there, or is asked of a cloud in tiles."""
+    fault = None
+    if path.suffix.lower() not in SUFFIXES:
+        fault = f"{path}: a table of regions ends in {', '.join(SUFFIXES)}"
+    elif os.path.realpath(path) in map(os.path.realpath, taken):
+        fault = f"{path}: is IN or OUT as well"
+    elif catalog is not None:
+        fault = "is for clouds in memory, not for tiles; give more --memory, or one file"
+    if fault:
+        raise typer.BadParameter(fault, param_hint="--regions")
+    with standing_in(path):
+        pass
+
+
+def write_regions(path, table):
+    """Write the `regions_` of a `RegionGrowing`."""
+    rows = [_row(number, region) for number, region in enumerate(table)]
+    if path.suffix.lower() == ".csv":
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(_row(0, np.zeros(1, table.dtype)[0]))
+            writer.writerows(row.values() for row in rows)
+        return
+    features = [
+        {"type": "Feature", "geometry": _geometry(row.pop("outline")), "properties": row}
+        for row in rows
+    ]
+    text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _row(number, region):
+    """Names and values of a line; vectors have a value for each axis, None is what has no value."""
+    row = {"region": number}
+    for name in region.dtype.names:
+        value = region[name].tolist() if hasattr(region[name], "tolist") else region[name]
+        parts = zip("xyz", value, strict=True) if isinstance(value, list) else [("", value)]
+        for axis, part in parts:
+            known = not isinstance(part, float) or math.isfinite(part)
+            row[f"{name}_{axis}" if axis else name] = part if known else None
+    return row
+
+
+def _geometry(outline):
+    if outline.endswith("EMPTY"):
+        return None
+    ring = outline[outline.index("((") + 2 : -2].split(", ")
+    corners = [[float(value) for value in corner.split()] for corner in ring]
+    return {"type": "Polygon", "coordinates": [corners]}

@@ -8,10 +8,9 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._command import command_of
 from sklearn_mcmd.cli._config import Config
-from sklearn_mcmd.cli._options import option
-from sklearn_mcmd.cli._progress_bar import progress
+from sklearn_mcmd.cli._messages import progress
+from sklearn_mcmd.cli._options import command_of, option
 from sklearn_mcmd.io._rehearsal import standing_in
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
@@ -61,7 +60,8 @@ class View:
 
     def run(self):
         seconds = _messages.stopwatch()
-        _files.refuse_existing(self.no_clobber, self.page)
+        if self.no_clobber:
+            _files.refuse_existing(self.page)
         with progress("view", self.quiet):
             made = self._make()
             with progress_part(0.97, 1.0, "writing"):

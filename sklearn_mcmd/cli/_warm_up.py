@@ -1,8 +1,7 @@
 """``mcmd warm-up``."""
 
-from sklearn_mcmd.cli._messages import clear_exits, print_table, stopwatch
+from sklearn_mcmd.cli._messages import clear_exits, print_table, progress, stopwatch
 from sklearn_mcmd.cli._options import Quiet
-from sklearn_mcmd.cli._progress_bar import progress
 
 
 def warm_up(quiet: Quiet = False) -> None:

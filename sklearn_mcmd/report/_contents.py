@@ -4,20 +4,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 
-class Parameter(NamedTuple):
-    """An option of the command, its value in words, and whether nobody gave it."""
-
-    name: str
-    value: str
-    is_default: bool
-
-
 class Run(NamedTuple):
     """The command that is reported."""
 
     verb: str
     command: str  # as it was typed
-    parameters: tuple[Parameter, ...]
+    parameters: list[tuple[str, str]]  # options and their values in words
     source: Path
     target: Path
     seconds: float  # of all work before the report
@@ -37,13 +29,6 @@ def note_if(holds, *words, warned=""):
     return [Note(*words, warned=warned)] if holds else []
 
 
-class Section(NamedTuple):
-    """A part of the page; `html` is markup by `part`, other text is escaped."""
-
-    title: str
-    html: Any
-
-
 class Contents(NamedTuple):
     """All that a verb has to say."""
 
@@ -51,7 +36,7 @@ class Contents(NamedTuple):
     cards: list[tuple[str, str]]  # numbers and what they count
     notes: list[Note]
     checks: str  # what was looked for, shown where there is no note
-    sections: list[Section]
+    sections: list[tuple[str, Any]]  # titles, and markup by `part`; other text is escaped
     cloud_rows: list[tuple[str, str]]  # what the input holds
     output: str  # what the output holds
     shown: Any = None  # a PointCloud for the page to look around in

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import found_maps
 from sklearn_mcmd.report._places import place_sections
@@ -37,11 +37,9 @@ def edges_contents(shown, criterion, n, limit, cards):
         notes=[*_notes(n, n_all), *shown.notes],
         checks=f"edges that are areas, no edges, {shown.checks}",
         sections=[
-            Section(
-                "Where the edges are", shown.words + found_maps(xyz, found, near, "edge points")
-            ),
-            Section("Scores", shown.words + drawn + _score_words(is_crease)),
-            Section("Places", shown.words + place_sections(xyz, found, near, "edge points")),
+            ("Where the edges are", shown.words + found_maps(xyz, found, near, "edge points")),
+            ("Scores", shown.words + drawn + _score_words(is_crease)),
+            ("Places", shown.words + place_sections(xyz, found, near, "edge points")),
         ],
         cloud_rows=shown.rows,
         output=f"{n_all:,} points{shown.files}, with edge and edge_score",

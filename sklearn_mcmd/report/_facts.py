@@ -67,7 +67,7 @@ class Facts(NamedTuple):
         rows = [("points", f"{self.n_points:,}")]
         if cloud.n_dropped:
             rows.append(("left out", f"{cloud.n_dropped:,} without coordinates"))
-        rows += bounds_rows(self.low, self.high)
+        rows += bounds_rows(self.low, self.high).items()
         header = cloud.metadata.get("las_header")
         if header is not None:
             rows.append(("CRS", coordinate_system(header) or "not stated"))
@@ -86,11 +86,20 @@ class Facts(NamedTuple):
         return rows
 
 
+@np.errstate(over="ignore")
 def bounds_rows(low, high):
-    return [
-        (axis, f"{a:,.7g} to {b:,.7g} (extent {b - a:.4g})".replace(",", ""))
-        for axis, a, b in zip("xyz", low.tolist(), high.tolist(), strict=True)
-    ]
+    """Ranges of the axes, to six digits of the largest extent; one location has all its digits."""
+    extent = min(float((high - low).max()), np.finfo(float).max)
+    if extent == 0.0:
+        return {axis: f"{value!r}" for axis, value in zip("xyz", low.tolist(), strict=True)}
+    digits = max(0, 5 - int(np.floor(np.log10(extent))))
+    # For large coordinates float64 holds fewer digits than that.
+    most = max(0, 15 - int(np.floor(np.log10(max(np.abs([low, high]).max(), 1.0)))))
+    digits = min(digits, most)
+    return {
+        axis: f"{least:.{digits}f} to {most:.{digits}f} (extent {most - least:.{digits}f})"
+        for axis, least, most in zip("xyz", low, high, strict=True)
+    }
 
 
 def distinct_points(xyz):

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from sklearn_mcmd.plotting import NormalsDisplay
-from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import ball, maps
 from sklearn_mcmd.report._places import place_sections
@@ -30,7 +30,8 @@ def normals_contents(shown, names, removed):
     headline = f"{n_all:,} points have normals. The median of the surface variation is "
     headline += f"{variation:.2g}."
     cards = [(f"{n_all:,}", "points"), (f"{variation:.2g}", "surface variation (median)")]
-    sections = [Section("Normals", shown.words + _maps_of(xyz, normals, near))]
+    drawn = ball() + maps(NormalsDisplay(xyz, normals), xyz, near)
+    sections = [("Normals", shown.words + drawn)]
     if errors is not None:
         known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
         n = int(np.count_nonzero(unreliable))
@@ -42,8 +43,8 @@ def normals_contents(shown, names, removed):
             (percent(n, len(errors)), "of the normals are unreliable"),
         ]
         sections += [
-            Section("How exact they are", shown.words + _errors_drawn(errors)),
-            Section(
+            ("How exact they are", shown.words + _errors_drawn(errors)),
+            (
                 "Where they are unreliable",
                 shown.words + place_sections(xyz, unreliable, near, "unreliable normals"),
             ),
@@ -51,8 +52,8 @@ def normals_contents(shown, names, removed):
     left = given["removed_fraction"]
     flatness = histogram(given["surface_variation"], name="surface variation")
     sections += [
-        Section("Flatness", flatness),
-        Section("Directions and neighborhoods", _tilt_table(normals) + _removed_words(left)),
+        ("Flatness", flatness),
+        ("Directions and neighborhoods", _tilt_table(normals) + _removed_words(left)),
     ]
     return Contents(
         headline=headline,
@@ -80,11 +81,6 @@ def _errors_drawn(errors):
         "soft",
     )
     return drawn + words + _error_table(errors)
-
-
-def _maps_of(xyz, normals, near):
-    """Maps by direction, and the legend."""
-    return ball() + maps(NormalsDisplay(xyz, normals), xyz, near)
 
 
 def _notes(errors, removed):

@@ -81,18 +81,6 @@ def _neighborhood_notes(facts):
     )
 
 
-def together_notes(words):
-    """The note on outliers that lie together, if there are `words_of` such."""
-    return note_if(
-        words,
-        "Outliers lie together.",
-        f"{words}.",
-        "Look at the maps. A thing that is sparser than what is around it is kept if the dense "
-        "parts are thinned to its spacing first.",
-        warned=words,
-    )
-
-
 def with_warnings(contents, warned):
     """The same with what the run warned of on the terminal, unless a note is on that matter."""
     noted = [note.warned for note in contents.notes if note.warned]

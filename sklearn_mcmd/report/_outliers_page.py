@@ -1,16 +1,12 @@
 """What a report says about outliers."""
 
-from collections.abc import Mapping
-from typing import NamedTuple
-
 import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._kinds import KINDS, kinds_of_outliers, plane_scales, reasons_of
 from sklearn_mcmd.report._maps import found_maps
-from sklearn_mcmd.report._notes import together_notes
 from sklearn_mcmd.report._places import place_sections
 from sklearn_mcmd.report._rendering import join, paragraph, part, table
 from sklearn_mcmd.report._shown import Shown, removed_of, step_of
@@ -20,22 +16,11 @@ CLEAR = 10  # score of a clear error, as the detector's documentation says
 GROSS = 100  # score of a gross one
 WORST = 10  # outliers, or groups of them, whose reasons are given
 LEAST_SCORE = 0.01  # where the axis of scores begins: smaller ones are on a plane
-WORDS = {
+KINDS = {  # and what they are
     "isolated": "single points and pairs, far from everything else",
     "in groups": "small groups that stand apart: ghosts, birds, dust",
     "off surfaces": "points that lie on no surface: foliage, wires, noise",
 }
-
-
-class Verdict(NamedTuple):
-    """Outliers, points that were used, all others, the cutoff of scores, None if unknown, and rows
-    on the sensor."""
-
-    n: int
-    n_all: int
-    n_others: int
-    cutoff: float | None
-    sensor: Mapping[str, str] = {}
 
 
 def shown_of_tiles(catalog, outputs, run, marked):
@@ -52,47 +37,48 @@ def shown_of_tiles(catalog, outputs, run, marked):
     return Shown.of_sample(cloud, catalog, outputs, run)
 
 
-def denoise_contents(shown, verdict, *, marked, together="", judged=()):
+def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
     """The contents of a report of `mcmd denoise`.
 
     What is shown has ``outlier``, and ``outlier_score`` if scores are known; neither if nobody
-    knows which points were removed. Outliers are marked, or dropped. `together` says where they lie
-    together, by `words_of`; `judged` has the fitted detector, if it is there.
+    knows which points were removed. `told` has the counts of the run, `n` is that of outliers, and
+    the cutoff of scores is None if it is unknown. Outliers are marked, or dropped. The fitted
+    detector is there after a run in memory.
     """
-    n, n_all, n_others, cutoff, sensor = verdict
+    n_all, n_others = told.n_used, told.n_points - told.n_used
     given, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
     found, score = given.get("outlier"), given.get("outlier_score")
     cards = [(f"{n_all:,}", "points that were used" if n_others else "points in the input")]
     if n_others:
         cards.append((f"{n_others:,}", "others, neither judged nor used"))
     cards.append((f"{n:,}", f"outliers, {percent(n, n_all)}"))
-    notes = _sensor_notes(sensor) + together_notes(together) + _judged_notes(n, n_all)
+    notes = _run_notes(told, n, n_all)
     if found is None:
         words = "The outputs replaced the inputs, or have other coordinates. --mode mark keeps "
         words += "outliers, and then they have maps."
-        sections = [Section("Where the outliers are", paragraph(words))]
+        sections = [("Where the outliers are", paragraph(words))]
     else:
         found = found > 0
         drawn = found_maps(xyz, found, near, "outliers")
-        sections = [Section("Where the outliers are", shown.words + drawn)]
+        sections = [("Where the outliers are", shown.words + drawn)]
     if score is not None:
         score = score.astype(np.float64)
         if cutoff is None:  # the run found it: the largest score below it
             cutoff = float(score[~found].max(initial=0.0))
         drawn = histogram(score, cutoff=cutoff, name="score", least=LEAST_SCORE)
         drawn += _grade_table(score, cutoff)
-        sections.append(Section("How clear they are", shown.words + drawn))
-    for detector in judged:
+        sections.append(("How clear they are", shown.words + drawn))
+    if detector is not None:
         on_surface = int(np.count_nonzero(detector.on_surface_))
         cards.append((f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"))
         cards.append((f"{cutoff:.3g}", "cutoff of the score"))
         notes += _surface_notes(detector, n_all)
         if plane_scales(detector) is not None:
             drawn = _kind_table(detector, found) + _worst_table(detector, xyz, found)
-            sections.append(Section("What they are", drawn))
+            sections.append(("What they are", drawn))
     if found is not None:
         drawn = place_sections(xyz, found, near, "outliers")
-        sections.append(Section("Places", shown.words + drawn))
+        sections.append(("Places", shown.words + drawn))
     n_out = n_all + n_others - (0 if marked else n)
     done = "are marked" if marked else "were removed"
     return Contents(
@@ -101,7 +87,7 @@ def denoise_contents(shown, verdict, *, marked, together="", judged=()):
         notes=[*notes, *shown.notes],
         checks=f"many outliers, many that lie together, {shown.checks}",
         sections=sections,
-        cloud_rows=[*shown.rows, *sensor.items()],
+        cloud_rows=[*shown.rows, *told.sensor.items()],
         output=f"{n_out:,} points{shown.files}" + ", with outlier_score and marks" * marked,
         shown=shown.cloud,
     )
@@ -128,20 +114,25 @@ def _grade_table(score, cutoff):
     return words + table(("outliers", "score", "points", "share"), rows, numbers=(2, 3))
 
 
-def _sensor_notes(sensor):
-    """What speaks against the position of the sensor."""
-    return note_if(
-        "doubt" in sensor,
+def _run_notes(told, n, n_all):
+    """Notes on the position of the sensor, on where outliers lie together, and on their share."""
+    doubt = told.sensor.get("doubt", "")
+    notes = note_if(
+        doubt,
         "Where was the sensor?",
-        f"The position is {sensor.get('sensor')}: {sensor.get('doubt')}.",
+        f"The position is {told.sensor.get('sensor')}: {doubt}.",
         "Give --sensor X,Y,Z as it was, or --sensor none.",
-        warned=sensor.get("doubt", ""),
+        warned=doubt,
     )
-
-
-def _judged_notes(n, n_all):
-    """Notes on a verdict: its share."""
-    return note_if(
+    notes += note_if(
+        told.together,
+        "Outliers lie together.",
+        f"{told.together}.",
+        "Look at the maps. A thing that is sparser than what is around it is kept if the dense "
+        "parts are thinned to its spacing first.",
+        warned=told.together,
+    )
+    return notes + note_if(
         n > MANY * n_all,
         "Many outliers.",
         f"{share(n, n_all)} are flagged. Planes withstand up to a half of outliers in a "
@@ -151,8 +142,6 @@ def _judged_notes(n, n_all):
 
 
 def _surface_notes(detector, n_all):
-    from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
-
     n_exact = int(np.count_nonzero(detector.scores_ < -EXACT_PLANE_SCORE))
     notes = note_if(
         n_exact >= 0.01 * n_all,
@@ -173,12 +162,60 @@ def _surface_notes(detector, n_all):
     )
 
 
+def plane_scales(detector):
+    """Standard deviations of the planes of a fitted detector; None where each point is judged by
+    its own plane alone."""
+    cloud = judged_cloud(detector)
+    return None if cloud.own_planes_only else cloud.planes.scale
+
+
+def kinds_of_outliers(detector):
+    """Why each fitted point is an outlier: its place in `KINDS`, and -1 of all others.
+
+    Isolated points are farther from their neighbors than the cutoff, in usual spacings. Those in
+    groups are not, but their group stands off by more than the cutoff. The others lie on no
+    surface, and ``strictness="surfaces"`` flags them for that alone, as does the paper's form.
+    """
+    is_outlier, cutoff = detector.scores_ < detector.offset_, -detector.offset_
+    if detector.isolation_ is None:
+        return np.where(is_outlier, np.int8(2), np.int8(-1))
+    apart = detector.isolation_ > cutoff, detector.separation_ > cutoff
+    return np.select([~is_outlier, *apart], [np.int8(-1), np.int8(0), np.int8(1)], np.int8(2))
+
+
+def reasons_of(detector, rows):
+    """Why each of these rows is an outlier, in words with numbers: a list of str."""
+    cloud, kinds = judged_cloud(detector), kinds_of_outliers(detector)
+    groups = detector.group_index_
+    at = np.searchsorted(cloud.off_surface.rest.rows, cloud.model.index.places)
+    sizes, far = np.bincount(groups + 1), detector.separation_ > -detector.offset_
+    reasons = []
+    for row in rows:
+        kind, n, score = kinds[row], sizes[groups[row] + 1], -detector.scores_[row]
+        away = (detector.separation_ if kind == 1 else detector.isolation_)[row]
+        who = f"group of {n:,}" if kind == 1 else f"one of {n:,} together"
+        who = who if n > 1 and groups[row] >= 0 else "single point"
+        if kind == 2 or score < away:
+            away, unit = score, "standard deviations off a surface"
+        elif kind == 1 and n > 1:
+            unit = "of its sizes away"
+        else:
+            unit = f"usual spacings from {'anything' if far[row] else 'its neighbors'}"
+        words = f"{who}, {float(f'{away:.2g}'):,g} {unit}"
+        if kind == 2 and groups[row] >= 0:
+            words = "off every surface"
+        elif kind == 0 and cloud.rays is not None and cloud.rays.rest.by_sheet[at[row]]:
+            words = "on a sheet of rays"
+        reasons.append(words)
+    return reasons
+
+
 def _kind_table(detector, found):
     kinds, n = kinds_of_outliers(detector)[found], int(np.count_nonzero(found))
     counts = np.bincount(kinds[kinds >= 0], minlength=len(KINDS))
     rows = [
-        (name, f"{count:,}", percent(count, n), WORDS[name])
-        for name, count in zip(KINDS, counts.tolist(), strict=True)
+        (name, f"{count:,}", percent(count, n), words)
+        for (name, words), count in zip(KINDS.items(), counts.tolist(), strict=True)
         if count or name != "off surfaces"
     ]
     n_large = int(np.count_nonzero(kinds < 0))

@@ -1,7 +1,5 @@
 """Where points were flagged: in cells of a grid, and by height."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from sklearn_mcmd.plotting._views import round_length
@@ -13,64 +11,38 @@ LISTED = 8  # cells of the table
 BANDS = 12  # heights, at most
 
 
-class Places(NamedTuple):
-    """Cells of a grid in plan, those that hold points."""
-
-    low: np.ndarray  # their lower corners, (m, 2)
-    side: float
-    n_all: np.ndarray
-    n_found: np.ndarray
-
-    @classmethod
-    def of(cls, xyz, found, near):
-        """Of points (n, 3), those that were `found`; points that are not `near` are left out."""
-        plan, found = xyz[near, :2], found[near]
-        extent = float(np.ptp(plan, axis=0).max())
-        side = round_length(extent / CELLS) if extent > 0 else 1.0
-        cells, inverse = np.unique(np.floor(plan / side), axis=0, return_inverse=True)
-        inverse = inverse.ravel()
-        n_all = np.bincount(inverse, minlength=len(cells))
-        n_found = np.bincount(inverse, found, minlength=len(cells)).astype(int)
-        return cls(cells * side, side, n_all, n_found)
-
-    def where(self, number):
-        """The ranges of x and of y of a cell, in words."""
-        return [f"{_number(a)} to {_number(a + self.side)}" for a in self.low[number].tolist()]
-
-    def fullest(self):
-        """The numbers of the cells where most was found."""
-        order = np.argsort(-self.n_found, kind="stable")[:LISTED]
-        return order[self.n_found[order] > 0]
-
-
 def place_sections(xyz, found, near, noun):
-    """Tables of what was `found`: the fullest of its `Places`, and heights."""
-    places = Places.of(xyz, found, near)
-    fullest = places.fullest()
-    if len(fullest) == 0:
+    """Tables of what was `found` among the points that are `near`: the fullest cells, heights."""
+    xyz, found = xyz[near], found[near]
+    if not found.any():
         return paragraph(f"There are no {noun}.")
-    total = places.n_found.sum()
+    extent = float(np.ptp(xyz[:, :2], axis=0).max())
+    side = round_length(extent / CELLS) if extent > 0 else 1.0
+    cells, inverse = np.unique(np.floor(xyz[:, :2] / side), axis=0, return_inverse=True)
+    n_all = np.bincount(inverse.ravel())
+    n_found = np.bincount(inverse.ravel(), found).astype(int)
     rows = [
         (
-            *places.where(i),
-            f"{places.n_found[i]:,}",
-            percent(places.n_found[i], places.n_all[i]),
-            percent(places.n_found[i], total),
+            *(f"{_number(a)} to {_number(a + side)}" for a in (cells[i] * side).tolist()),
+            f"{n_found[i]:,}",
+            percent(n_found[i], n_all[i]),
+            percent(n_found[i], n_found.sum()),
         )
-        for i in fullest
+        for i in np.argsort(-n_found, kind="stable")[:LISTED]
+        if n_found[i]
     ]
     header = ("x", "y", noun, "of the cell's points", f"of all {noun}")
     intro = paragraph(
-        f"The fullest cells of a grid of {places.side:g} in plan, seen from above; "
-        f"{len(places.n_all):,} cells hold points."
+        f"The fullest cells of a grid of {side:g} in plan, seen from above; "
+        f"{len(cells):,} cells hold points."
     )
-    heights = height_rows(xyz[near, 2], found[near])
+    heights = _height_rows(xyz[:, 2], found)
     bars = part("bar_table", ("z", f"{noun}, and share of the points there"), heights)
     cells = table(header, rows, numbers=(2, 3, 4))
     return join(intro, cells, part("heading", "By height"), bars)
 
 
-def height_rows(z, found):
+def _height_rows(z, found):
     """Bands of height, the highest first: name, number in words, and share of the largest bar."""
     low, high = float(z.min()), float(z.max())
     side = round_length((high - low) / BANDS) if high > low else 1.0

@@ -7,7 +7,7 @@ from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.plotting import PlaneResidualDisplay
 from sklearn_mcmd.plotting._cloud_display import Picture
 from sklearn_mcmd.plotting._displays import along_normal, those_of_plane
-from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._facts import Facts
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import maps
@@ -50,8 +50,8 @@ def plane_contents(cloud, detector, figures, unit):
         notes=_notes(detector, n, n_all, unit, rows) + cloud_notes(facts, local=False),
         checks=f"many outliers, a rejected plane, {CHECKS_OF_ALL}",
         sections=[
-            Section("Residuals", _maps(cloud.xyz, residuals, found, facts.near, rms, unit)),
-            Section("How far off", statistics),
+            ("Residuals", _maps(cloud.xyz, residuals, found, facts.near, rms, unit)),
+            ("How far off", statistics),
             *_found_biases(cloud.xyz, figures.reliability, facts.near, unit),
             _figure_sections(figures),
         ],
@@ -92,7 +92,7 @@ def _found_biases(xyz, reliability, near, unit):
     )
     views = [(along_normal(xyz[near]), "Along the normal")]
     figures = maps(picture, xyz, near, ends, views)
-    return [Section("Which errors are found", paragraph(words) + figures)]
+    return [("Which errors are found", paragraph(words) + figures)]
 
 
 def _figure_sections(figures):
@@ -104,7 +104,7 @@ def _figure_sections(figures):
         rows.append(table(("name", "value"), named, kind="pairs"))
     for title, (header, cells) in figures.tables.items():
         rows += [part("heading", title), table(header, cells, numbers=range(len(header)))]
-    return Section("All figures", join(*rows))
+    return ("All figures", join(*rows))
 
 
 def _notes(detector, n, n_all, unit, rows):

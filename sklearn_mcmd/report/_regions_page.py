@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.plotting import SegmentationDisplay, region_colors
-from sklearn_mcmd.report._contents import Contents, Section, note_if, percent, share
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import maps
 from sklearn_mcmd.report._rendering import paragraph, table
@@ -48,20 +48,21 @@ def segment_contents(shown, regions, n_regions, inside):
     """
     sizes, n_all, labels = regions.sizes, shown.n_all, shown.cloud.attributes["region"]
     largest = int(sizes[0]) if len(sizes) else 0
-    notes = _left_over_notes(inside, n_all)
+    all_known = 1 < len(sizes) == n_regions
     listed = shown.words.replace(
         "From a sample", "Sizes are exact; normals, rms and middle are from a sample"
     )
+    words = paragraph("Each region has a color; points of no region are dark gray.", "soft")
+    drawn = words + maps(SegmentationDisplay(shown.xyz, labels), shown.xyz, shown.near)
     sections = [
-        Section("Regions", shown.words + _maps_of(shown.xyz, labels, shown.near)),
-        Section("The largest regions", listed + _region_table(regions, n_all)),
+        ("Regions", shown.words + drawn),
+        ("The largest regions", listed + _region_table(regions, n_all)),
     ]
-    if 1 < len(sizes) == n_regions:
+    if all_known:
         drawn = histogram(
             sizes, name="points of a region", least=float(sizes.min()), what="regions"
         )
-        sections.append(Section("Sizes", drawn + _size_words(sizes, n_all)))
-        notes += _small_notes(n_all, sizes)
+        sections.append(("Sizes", drawn + _size_words(sizes, n_all)))
     return Contents(
         headline=f"{n_regions:,} regions hold {share(inside, n_all)}.",
         cards=[
@@ -71,19 +72,13 @@ def segment_contents(shown, regions, n_regions, inside):
             (f"{largest:,}", f"points of the largest, {percent(largest, n_all)}"),
             *shown.cards[:1],
         ],
-        notes=[*notes, *shown.notes],
+        notes=[*_notes(inside, n_all, sizes if all_known else sizes[:0]), *shown.notes],
         checks=f"many points without a region, many small regions, {shown.checks}",
         sections=sections,
         cloud_rows=shown.rows,
         output=f"{n_all:,} points{shown.files}, with region (0 is the largest, -1 is none)",
         shown=shown.cloud,
     )
-
-
-def _maps_of(xyz, labels, near):
-    """Maps of a color for each region."""
-    words = paragraph("Each region has a color; points of no region are dark gray.", "soft")
-    return words + maps(SegmentationDisplay(xyz, labels), xyz, near)
 
 
 def _region_table(regions, n_all):
@@ -125,8 +120,9 @@ def _size_words(sizes, n_all):
     )
 
 
-def _left_over_notes(inside, n_all):
-    """A warning of many points without a region, if they are many."""
+def _notes(inside, n_all, sizes):
+    """Warnings of many points without a region, or in small ones, if the sizes of all are known."""
+    in_small = int(sizes[sizes < SMALL].sum())
     return note_if(
         n_all - inside > LEFT_OVER * n_all,
         "Many points without a region.",
@@ -134,13 +130,7 @@ def _left_over_notes(inside, n_all):
         "are too noisy or too curved for the limits.",
         "Denoise the cloud first. If surfaces are missing, give a larger --max-angle or more "
         "--n-neighbors.",
-    )
-
-
-def _small_notes(n_all, sizes):
-    """A warning of points in small regions, if they are many."""
-    in_small = int(sizes[sizes < SMALL].sum())
-    return note_if(
+    ) + note_if(
         in_small > PIECES * n_all,
         "Many small regions.",
         f"{share(in_small, n_all)} are in regions of fewer than {SMALL} points: surfaces fall to "

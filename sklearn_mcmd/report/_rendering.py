@@ -1,12 +1,19 @@
-"""The page of a report: one file without scripts, which loads nothing from any network."""
+"""The page of a report, without scripts and links to any network, and the folder it is in."""
 
+import os
 import platform
+import tempfile
+import warnings
 from datetime import datetime
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.io._files import replacing, system_error
 
+MOST_SHOWN = 1_000_000  # points of the page to look around in, which then has about 10 MB
+PAGE, VIEW = "index.html", "view.html"
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "numba", "laspy", "matplotlib")  # of the record
 
 
@@ -37,10 +44,6 @@ def join(*parts):
 
 def make_page(run, contents, has_view):
     """The HTML of a report; it may have view.html beside it."""
-    parameters = [
-        (name, f"{value} (default)" if is_default else value)
-        for name, value, is_default in run.parameters
-    ]
     return (
         _templates()
         .get_template("page.html")
@@ -49,7 +52,6 @@ def make_page(run, contents, has_view):
             name=source_name(run),
             contents=contents,
             has_view=has_view,
-            parameters=parameters,
             record=_record(run),
         )
     )
@@ -75,3 +77,56 @@ def _record(run):
         except PackageNotFoundError:
             continue
     return rows
+
+
+def check_folder(folder):
+    """Raise before the work if a report cannot be drawn or written; nothing is made yet."""
+    for library in ("matplotlib", "jinja2"):
+        import_extra(library, "plot", "--report")
+    folder = Path(folder)
+    for path in (folder, folder / PAGE, folder / VIEW):
+        if path.exists() and path.is_dir() != (path == folder):
+            kind = "no folder" if path == folder else "a folder"
+            raise ValueError(f"{path}: is {kind}; give --report another folder")
+        if path.is_file() and not os.access(path, os.W_OK):
+            raise ValueError(f"{path}: the file is write-protected")
+    above = folder.absolute()
+    while not above.exists():
+        above = above.parent
+    try:
+        if not above.is_dir():
+            raise ValueError(f"{folder}: {above} is no folder")
+        with tempfile.TemporaryDirectory(prefix=".mcmd-", dir=above):
+            pass
+    except OSError as err:
+        raise system_error(folder, "written", err) from err
+
+
+def write_report(folder, run, contents):
+    """Write the page, and the one to look around in beside it; pages that stand there go.
+
+    The folder is made if it is missing. Returns the path of the page.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise system_error(folder, "written", err) from err
+    if contents.shown is not None:
+        _write_view(folder / VIEW, run, contents)
+    page = make_page(run, contents, has_view=contents.shown is not None)
+    with replacing(folder / PAGE) as temporary:
+        temporary.write_text(page, encoding="utf-8", errors="replace")
+    return folder / PAGE
+
+
+def _write_view(path, run, contents):
+    from sklearn_mcmd.view._page import cloud_page
+
+    title = f"{run.verb}: {source_name(run)}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the page itself says what it leaves out
+        page = cloud_page(
+            [contents.shown], names=[source_name(run)], title=title, max_points=MOST_SHOWN
+        )
+    page.save(path)

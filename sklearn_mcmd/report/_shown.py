@@ -59,7 +59,8 @@ class Shown(NamedTuple):
             words = f"From a sample: one point of {step:,}, {share(len(cloud), run.n_points)}."
             words = paragraph(words, "soft")
         rows = [("points", f"{catalog.n_points:,}"), ("files", f"{len(catalog):,}")]
-        rows += [*bounds_rows(catalog.low, catalog.high), ("CRS", catalog.crs or "not stated")]
+        rows += bounds_rows(catalog.low, catalog.high).items()
+        rows.append(("CRS", catalog.crs or "not stated"))
         cards = [(f"{run.n_tiles:,}", "tiles"), (f"{len(catalog):,}", "input files")]
         return cls(
             cloud=cloud,

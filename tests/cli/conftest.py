@@ -3,7 +3,7 @@
 import pytest
 
 from sklearn_mcmd import adjustment
-from sklearn_mcmd.cli import _progress_bar
+from sklearn_mcmd.cli import _messages
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.report import _maps
 from sklearn_mcmd.tiling import _memory
@@ -13,7 +13,7 @@ from tiled import street
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
     """However slow the machine is, no line of progress comes between those a test asks for."""
-    monkeypatch.setattr(_progress_bar, "PATIENCE", 3600.0)
+    monkeypatch.setattr(_messages, "PATIENCE", 3600.0)
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from commands import error_line, files_in, run
+from commands import done, error_line, files_in, run
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.tiling import _plane_sweeps
 from tiled import street
@@ -76,15 +76,14 @@ def test_an_index_becomes_one_file_or_a_folder(source, tmp_path):
     features = [{"assets": {"data": {"href": name}}} for name in ("street.laz", "b.laz")]
     (tmp_path / "drive.vpc").write_text(json.dumps({"features": features}))
     for target in ("out.laz", "out"):
-        assert run("normals", tmp_path / "drive.vpc", tmp_path / target, *ONE).exit_code == 0
+        done("normals", tmp_path / "drive.vpc", tmp_path / target, *ONE)
     assert len(read_points(tmp_path / "out.laz")) == 12_000
     assert files_in(tmp_path / "out") == ["b.laz", "street.laz"]
 
 
 @pytest.mark.parametrize("verb", RESULTS)
 def test_a_dry_run_shows_the_plan_and_writes_nothing(verb, small_machine, source, tmp_path):
-    result = run(verb, source, tmp_path / "b.laz", "--dry-run", *TILES)
-    assert result.exit_code == 0, result.output
+    result = done(verb, source, tmp_path / "b.laz", "--dry-run", *TILES)
     for words in ("6,000", "tiles", "GB for temporary files", "seconds"):
         assert words in result.stdout
     fits = run(verb, source, tmp_path / "b.laz", "--dry-run", "--memory", "4GB")
@@ -101,8 +100,7 @@ def test_a_dry_run_shows_the_plan_and_writes_nothing(verb, small_machine, source
     ],
 )
 def test_a_dry_run_reads_no_positions(verb, options, source, tmp_path):
-    result = run(verb, source, tmp_path / "b.laz", "--memory", "4GB", *options, "--dry-run")
-    assert result.exit_code == 0, result.output
+    done(verb, source, tmp_path / "b.laz", "--memory", "4GB", *options, "--dry-run")
 
 
 def test_normals_look_along_a_trajectory_by_tiles_too(small_machine, source, tmp_path):
@@ -122,8 +120,7 @@ def test_records_beyond_those_that_a_header_counts_are_told_once(small_machine, 
     (tmp_path / "in.las").write_bytes(raw)
     out = tmp_path / "out.las"
     for verb, *options in (["info"], ["normals", out], ["normals", out, *TILES]):
-        result = run(verb, tmp_path / "in.las", *options)
-        assert result.exit_code == 0, result.output
+        result = done(verb, tmp_path / "in.las", *options)
         assert result.stderr.count("in.las: holds 1,000 records more than its header counts") == 1
 
 
@@ -141,14 +138,6 @@ def test_rays_without_a_return_are_left_out_by_tiles_too(small_machine, tmp_path
 def test_too_little_memory_is_told_by_the_name_of_the_option(verb, source, tmp_path):
     line = error_line(run(verb, source, tmp_path / "b.laz", "--memory", "10MB"))
     assert "--memory 10MB is too little" in line
-
-
-@pytest.mark.parametrize("size", ["lots", "0GB", "-1GB"])
-def test_what_is_no_size_of_memory_is_wrong_usage(size, source, tmp_path):
-    result = run("normals", source, tmp_path / "b.laz", f"--memory={size}")
-    assert result.exit_code == 2
-    words = " ".join(result.stderr.replace("│", "").split())
-    assert f"Invalid value for '--memory': '{size}' is no size: write it like 2GB" in words
 
 
 @pytest.mark.parametrize(
@@ -170,8 +159,7 @@ def test_sources_that_cannot_be_divided_are_told(tmp_path, source):
     write_points(tmp_path / "a.xyz", street(300))
     line = error_line(run("denoise", tmp_path / "a.xyz", tmp_path / "b.las", "--dry-run"))
     assert "a.xyz: --dry-run is for LAS and LAZ" in line
-    result = run("denoise", tmp_path / "a.xyz", tmp_path / "b.csv", "--memory", "2GB")
-    assert result.exit_code == 0
+    result = done("denoise", tmp_path / "a.xyz", tmp_path / "b.csv", "--memory", "2GB")
     assert "a.xyz: is read as a whole, whatever --memory is" in result.stderr
     result = run("segment", tmp_path, tmp_path / "out", *TILES, "--regions", tmp_path / "r.csv")
     assert "for clouds in memory" in " ".join(result.output.split())
@@ -193,7 +181,7 @@ def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(
         f"mcmd: warning: tile {i} failed " for i in range(len(tiles))
     ]
     assert error.startswith(f"mcmd: error: {len(tiles)} of {len(tiles)} tiles failed; ")
-    assert run(*args, "--restart").exit_code == 0
+    done(*args, "--restart")
     assert files_in(tmp_path) == ["b.laz", "street.laz"]
 
 
@@ -202,7 +190,7 @@ def test_single_precision_that_is_too_coarse_is_refused_unless_allowed(tmp_path,
     write_points(tmp_path / "coarse.las", rng.integers(0, 60, (6_000, 3)) + 16_000_000.0)
     args = ("normals", tmp_path / "coarse.las", tmp_path / "b.las", *TILES)
     assert "single precision" in run(*args).stderr
-    assert run(*args, "--allow-coarse").exit_code == 0
+    done(*args, "--allow-coarse")
 
 
 def test_outliers_off_exact_planes_are_warned_of(small_machine, tmp_path):
@@ -229,8 +217,7 @@ def test_a_sparse_ball_that_is_lost_before_a_dense_wall_is_told_in_memory_and_by
     write_points(path, PointCloud(np.vstack([wall, ball])))
     for source, name in ((path, "memory"), (path.parent, "tiles")):
         report = tmp_path / name
-        result = run("denoise", source, tmp_path / "b.las", "--report", report, *ONE)
-        assert result.exit_code == 0, result.output
+        result = done("denoise", source, tmp_path / "b.las", "--report", report, *ONE)
         (line,) = [line for line in result.stderr.splitlines() if "together" in line]
         told.append(line.removeprefix("mcmd: warning: "))
         assert (report / "index.html").read_text().count(told[-1]) == 1
@@ -252,4 +239,4 @@ def test_denoising_again_warns_and_denoising_once_does_not(extension, tmp_path):
     assert "before" not in run("denoise", source, first, *ONE).stderr
     named = first / "a.las" if extension == "folder" else first
     assert f"{named}: outliers were removed" in run("denoise", first, again, *ONE).stderr
-    assert run("denoise", source, again, "--mode", "mark", *ONE).exit_code == 0
+    done("denoise", source, again, "--mode", "mark", *ONE)

@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from commands import run, usage_error
+from commands import done, run, usage_error
 
 
 @pytest.fixture
@@ -29,8 +29,7 @@ def cloud_file(tmp_path):
 
 def outliers(cloud_file, *options):
     target = cloud_file.with_name("out.npy")
-    result = run("denoise", cloud_file, target, *options)
-    assert result.exit_code == 0, result.output
+    done("denoise", cloud_file, target, *options)
     return np.load(target)["outlier"]
 
 

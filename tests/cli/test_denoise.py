@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commands import error_line, run
+from commands import done, error_line, run
 from scenes import scanned
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
@@ -24,8 +24,7 @@ def expected_outliers(xyz, **params):
 
 
 def test_drop_writes_exactly_the_points_the_detector_keeps(room, room_file, tmp_path):
-    result = run("denoise", room_file, tmp_path / "out.laz")
-    assert result.exit_code == 0, result.output
+    done("denoise", room_file, tmp_path / "out.laz")
     kept = ~expected_outliers(room.xyz)
     assert 0 < np.count_nonzero(~kept) < 0.2 * len(kept)
     out = read_points(tmp_path / "out.laz")
@@ -34,7 +33,7 @@ def test_drop_writes_exactly_the_points_the_detector_keeps(room, room_file, tmp_
 
 
 def test_mark_keeps_all_points_and_gives_outliers_class_7_or_18_in_laz(room, room_file, tmp_path):
-    assert run("denoise", room_file, tmp_path / "out.laz", "--mode", "mark").exit_code == 0
+    done("denoise", room_file, tmp_path / "out.laz", "--mode", "mark")
     out = read_points(tmp_path / "out.laz")
     outlier = expected_outliers(room.xyz)
     used = np.ones(len(outlier), bool)
@@ -79,10 +78,7 @@ def mixed(room):
 )
 def test_what_is_judged_and_by_what_reaches_the_detector(options, parameters, mixed, tmp_path):
     np.save(tmp_path / "in.npy", mixed)
-    result = run(
-        *("denoise", tmp_path / "in.npy", tmp_path / "out.npy", "--mode", "mark", *options)
-    )
-    assert result.exit_code == 0, result.output
+    done(*("denoise", tmp_path / "in.npy", tmp_path / "out.npy", "--mode", "mark", *options))
     marked = np.load(tmp_path / "out.npy")["outlier"]
     np.testing.assert_array_equal(marked, expected_outliers(mixed, **parameters))
     assert (marked != expected_outliers(mixed)).any()
@@ -99,17 +95,6 @@ def test_the_summary_states_points_share_removed_and_seconds(room, room_file, tm
     assert result.stderr == ""
 
 
-@pytest.mark.parametrize("strictness", ["surfaces", "paper"])
-def test_exact_planes_are_warned_about_where_they_make_outliers(strictness, tmp_path):
-    write_points(tmp_path / "rounded.csv", rounded_plane())
-    result = run(
-        *("denoise", tmp_path / "rounded.csv", tmp_path / "out.csv", "--strictness", strictness)
-    )
-    assert result.exit_code == 0
-    assert "lie exactly in one plane" in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-
-
 # ---- where the sensor stood -----------------------------------------------------------------
 
 
@@ -124,8 +109,7 @@ def turn(tmp_path):
 
 def test_the_position_of_the_sensor_reaches_the_detector(turn, tmp_path):
     path, xyz = turn
-    result = run("denoise", path, tmp_path / "out.npy", "--mode", "mark", "--sensor", "0,0,0")
-    assert result.exit_code == 0, result.output
+    done("denoise", path, tmp_path / "out.npy", "--mode", "mark", "--sensor", "0,0,0")
     expected = MCMDOutlierDetector(sensor_origin="origin", random_state=0).fit(xyz).scores_
     scores = np.load(tmp_path / "out.npy")["outlier_score"]
     np.testing.assert_array_equal(scores, (-expected).astype(np.float32))
@@ -144,8 +128,7 @@ def test_a_turn_is_recognized_unless_that_is_refused(turn, tmp_path, small_machi
         "not": ("--sensor", "none"),
         "paper": ("--strictness", "paper"),
     }.items():
-        result = run("denoise", tmp_path / "in.las", tmp_path / f"{name}.las", *options)
-        assert result.exit_code == 0, result.output
+        result = done("denoise", tmp_path / "in.las", tmp_path / f"{name}.las", *options)
         assert (told in result.output) == (name in ("seen", "tiles"))
         clouds[name] = (tmp_path / f"{name}.las").read_bytes()
     assert clouds["told"] == clouds["seen"] == clouds["tiles"] != clouds["not"]
@@ -161,8 +144,7 @@ def test_a_pose_that_is_a_local_origin_loses_no_points_and_the_report_says_so(tm
     clouds, page = {}, tmp_path / "report" / "index.html"
     for name, options in {"stated": (), "none": ("--sensor", "none")}.items():
         args = ("denoise", tmp_path / "in.e57", tmp_path / f"{name}.npy", *options)
-        result = run(*args, "--report", tmp_path / "report")
-        assert result.exit_code == 0, result.output
+        result = done(*args, "--report", tmp_path / "report")
         said = "sensor was at 500000, 0, 100 (pose of the scan), but points do not look as if"
         assert (said in " ".join(result.output.split())) == (name == "stated")
         assert (said in page.read_text()) == (name == "stated")
@@ -183,7 +165,6 @@ def test_a_pose_that_is_a_local_origin_loses_no_points_and_the_report_says_so(tm
         (("--sensor", "auto"), "no position of the sensor is known"),
         (("--sensor", "0,0,0", "--strictness", "paper"), "--sensor has no meaning"),
         (("--trajectory", "missing.csv"), "missing.csv"),
-        (("--sensor", "1,2"), "1,2 is neither auto, none nor a position"),
     ],
 )
 def test_a_position_that_cannot_be_used_is_refused(turn, tmp_path, options, message):
@@ -216,8 +197,7 @@ def test_the_intensity_of_the_points_that_are_used_reaches_the_detector(
     attributes = {**room.attributes, "classification": classes}
     write_points(tmp_path / "in.laz", PointCloud(room.xyz, attributes))
     for options in ((), ("--intensity",), ("--intensity", "--only-class", 1)):
-        result = run("denoise", tmp_path / "in.laz", tmp_path / "out.laz", *options)
-        assert result.exit_code == 0, result.output
+        done("denoise", tmp_path / "in.laz", tmp_path / "out.laz", *options)
     none, every, some = asked_for
     assert none is None
     np.testing.assert_array_equal(every, room.attributes["intensity"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commands import run
+from commands import done
 from sklearn_mcmd import SharpFeatureDetector
 from sklearn_mcmd.datasets import make_box
 from sklearn_mcmd.io import PointCloud, read_points, write_points
@@ -24,8 +24,7 @@ def box_file(tmp_path, box):
 
 
 def edges(source, target, *options):
-    result = run("edges", source, target, *options)
-    assert result.exit_code == 0, result.output
+    result = done("edges", source, target, *options)
     return read_points(target).attributes, result
 
 
@@ -73,7 +72,7 @@ def test_colors_of_the_input_stay_unless_others_are_asked_for(verb, box, box_fil
     paint = {c: np.full(900, 7, dtype=np.uint8) for c in ("red", "green", "blue")}
     write_points(tmp_path / "in.ply", PointCloud(box.xyz, paint))
     for options, kept in (((), True), (("--colors",), False)):
-        assert run(verb, tmp_path / "in.ply", tmp_path / "out.ply", *options).exit_code == 0
+        done(verb, tmp_path / "in.ply", tmp_path / "out.ply", *options)
         assert (read_points(tmp_path / "out.ply").attributes["red"] == 7).all() == kept
-    assert run(verb, box_file, tmp_path / "out.ply", "--no-colors").exit_code == 0
+    done(verb, box_file, tmp_path / "out.ply", "--no-colors")
     assert "red" not in read_points(tmp_path / "out.ply").attributes

@@ -8,7 +8,7 @@ import pytest
 from typer.main import get_command
 
 import sklearn_mcmd
-from commands import error_line, files_in, run, usage_error
+from commands import done, error_line, files_in, run, usage_error
 from sklearn_mcmd.cli import app
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import WITH_COLUMNS
@@ -37,8 +37,7 @@ def test_version_is_printed():
 
 @pytest.mark.parametrize("verb", COMMANDS)
 def test_every_verb_has_help(verb):
-    result = run(verb, "--help")
-    assert result.exit_code == 0
+    result = done(verb, "--help")
     assert "Usage: mcmd" in result.stdout
 
 
@@ -75,6 +74,7 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("denoise", "--ignore-class", ["a"]),
         ("denoise", "--only-class", ["3,256"]),
         ("denoise", "--sensor", ["1,2", "1,2,x", "0,0,nan", "", "origin"]),
+        ("normals", "--memory", ["lots", "0GB", "-1GB"]),
         ("normals", "--radius", ["0", "-1", "nan"]),
         ("normals", "--cutoff", ["0", "nan"]),
         ("normals", "--n-neighbors", ["3", "12.5", "many", "nan", "-50"]),
@@ -199,8 +199,7 @@ def test_coordinates_are_found_by_their_names_and_where_columns_says(verb, tmp_p
     unknown = survey(tmp_path / "unknown.csv", "point,north of,east of,level")
     columns = ("--columns", "x=east of,y=north of,z=level")
     for out, options in (("a.csv", (known,)), ("b.csv", (unknown, *columns))):
-        result = run(verb, *options[:1], tmp_path / out, *options[1:], "-q")
-        assert result.exit_code == 0, result.output
+        done(verb, *options[:1], tmp_path / out, *options[1:], "-q")
     first, second = (read_points(tmp_path / name) for name in ("a.csv", "b.csv"))
     assert (first.xyz == second.xyz).all()
     assert (first.xyz.min(axis=0) // 1 == [500_000, 5_000_000, 90]).all()
@@ -213,7 +212,7 @@ def test_info_and_view_take_columns_too(tmp_path):
     path = survey(tmp_path / "a.csv", "a,b,c,d")
     columns = ("--columns", "x=3,y=2,z=d")
     assert "z           90.0" in run("info", path, *columns).stdout
-    assert run("view", path, "-o", tmp_path / "a.html", *columns).exit_code == 0
+    done("view", path, "-o", tmp_path / "a.html", *columns)
 
 
 def test_columns_of_files_that_name_their_own_are_refused(source, tmp_path):
@@ -256,6 +255,6 @@ def test_no_clobber_lets_a_run_go_on_and_keeps_what_others_wrote(tmp_path, sourc
     (tmp_path / "out" / "b.laz").write_text("old")
     assert "b.laz: is there already" in error_line(run(*asked))
     (tmp_path / "out" / "b.laz").unlink()
-    assert run(*asked).exit_code == 0
+    done(*asked)
     assert files_in(tmp_path / "out") == ["a.laz", "b.laz"]
     assert "a.laz: is there already" in error_line(run(*asked))

@@ -2,15 +2,14 @@
 
 import pytest
 
-from commands import error_line, run
+from commands import done, error_line, run
 from sklearn_mcmd.adjustment import plan_plane
 
 FAST = ("plan", "--points", 20, "--repetitions", 500)
 
 
 def test_the_table_is_that_of_plan_plane():
-    result = run(*FAST, "--sigma0", 0.004, "--unit", "m", "--outlier-rate", 0.1)
-    assert result.exit_code == 0, result.output
+    result = done(*FAST, "--sigma0", 0.004, "--unit", "m", "--outlier-rate", 0.1)
     plan = plan_plane(
         20, sigma0=0.004, outlier_rate=0.1, robust_start=True, n_repetitions=500, random_state=0
     )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commands import error_line, run
+from commands import done, error_line, run
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
@@ -33,8 +33,7 @@ def site(tmp_path):
 def marked(site, *options):
     """The cloud as mcmd marks it, beside its input."""
     target = site.with_name("marked.las")
-    result = run("denoise", site, target, "--mode", "mark", *options)
-    assert result.exit_code == 0, result.output
+    result = done("denoise", site, target, "--mode", "mark", *options)
     return read_points(site), read_points(target), result
 
 
@@ -116,8 +115,7 @@ def test_a_dense_cluster_below_ground_is_low_noise_if_asked_for(site):
 def test_heights_are_those_of_memory_by_tiles(mode, options, small_machine, site, tmp_path):
     a, b = tmp_path / "a.las", tmp_path / "b.las"
     whole = run("denoise", site, a, "--mode", mode, *options)
-    tiles = run("denoise", site, b, "--mode", mode, *options, "--memory", "1MB", "--n-jobs", 1)
-    assert tiles.exit_code == 0, tiles.output
+    tiles = done("denoise", site, b, "--mode", mode, *options, "--memory", "1MB", "--n-jobs", 1)
     assert a.read_bytes() == b.read_bytes()
     told = [
         [line.split() for line in result.stdout.splitlines() if line.split()[0] in TOLD]

@@ -8,14 +8,14 @@ import sys
 import numpy as np
 import pytest
 
-from sklearn_mcmd.cli import _progress_bar
-from sklearn_mcmd.cli._progress_bar import progress
+from sklearn_mcmd.cli import _messages
+from sklearn_mcmd.cli._messages import progress
 from sklearn_mcmd.runtime._progress import progress_part, report_share
 
 
 @pytest.fixture
 def impatient(monkeypatch):
-    monkeypatch.setattr(_progress_bar, "PATIENCE", 0.0)
+    monkeypatch.setattr(_messages, "PATIENCE", 0.0)
 
 
 def work():
@@ -38,7 +38,7 @@ def test_without_a_terminal_each_long_stage_is_told_once_in_a_plain_line(impatie
 def test_without_a_terminal_a_stage_that_goes_on_is_told_again_and_never_goes_back(
     impatient, monkeypatch, capsys
 ):
-    monkeypatch.setattr(_progress_bar, "AGAIN", 0.0)
+    monkeypatch.setattr(_messages, "AGAIN", 0.0)
     with progress("denoise", quiet=False):
         work()
     told = capsys.readouterr().err
@@ -50,7 +50,7 @@ def test_without_a_terminal_a_stage_that_goes_on_is_told_again_and_never_goes_ba
 
 @pytest.mark.parametrize("quiet", [True, False])
 def test_short_or_quiet_work_is_not_told(quiet, monkeypatch, capsys):
-    monkeypatch.setattr(_progress_bar, "PATIENCE", 0.0 if quiet else 3600.0)
+    monkeypatch.setattr(_messages, "PATIENCE", 0.0 if quiet else 3600.0)
     with progress("denoise", quiet):
         work()
     assert capsys.readouterr().err == ""

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from commands import error_line, files_in, run
+from commands import done, error_line, files_in, run
 from pages import read_page
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import PointCloud, read_points, write_points
@@ -30,8 +30,7 @@ def words_of(path):
 @pytest.mark.parametrize("verb", VERBS)
 def test_each_verb_writes_a_page_and_one_to_look_around_in(verb, room_file, tmp_path):
     folder = tmp_path / "report"
-    result = run(verb, room_file, tmp_path / "out.laz", "--report", folder)
-    assert result.exit_code == 0, result.output
+    done(verb, room_file, tmp_path / "out.laz", "--report", folder)
     assert files_in(folder) == ["index.html", "view.html"]
     words = words_of(folder / "index.html")
     n = len(read_points(room_file))
@@ -48,17 +47,22 @@ def test_each_verb_writes_a_page_and_one_to_look_around_in(verb, room_file, tmp_
 
 
 def test_the_output_is_the_same_with_a_report_and_without(room_file, tmp_path):
-    a, b = tmp_path / "a.laz", tmp_path / "b.laz"
-    assert run("denoise", room_file, a).exit_code == 0
-    assert run("denoise", room_file, b, "--report", tmp_path / "r").exit_code == 0
+    a, b, folder = tmp_path / "a.laz", tmp_path / "b.laz", tmp_path / "r"
+    folder.mkdir()
+    for name in ("index.html", "mine.txt"):
+        (folder / name).write_text("old")
+    done("denoise", room_file, a)
+    done("denoise", room_file, b, "--report", folder)
     assert a.read_bytes() == b.read_bytes()
+    assert files_in(folder) == ["index.html", "mine.txt", "view.html"]
+    assert (folder / "mine.txt").read_text() == "old" != (folder / "index.html").read_text()
 
 
 def test_the_command_of_a_report_is_what_was_typed_and_runs(room_file, tmp_path):
     typed = ["denoise", str(room_file), str(tmp_path / "o u.laz"), "--sensor", "102,102,110.5"]
     typed += ["--ignore-class", "6,9", "--memory=1GB", "--noise-scale", "0.012345678", "-q"]
     typed += ["--report", str(tmp_path / "r")]
-    assert run(*typed).exit_code == 0
+    done(*typed)
     page = (tmp_path / "r" / "index.html").read_text()
     command = html.unescape(re.search(r'<pre class="command".*?>(.*?)</pre>', page)[1])
     assert shlex.split(command) == ["mcmd", *typed]
@@ -80,7 +84,7 @@ def test_names_of_files_and_attributes_are_escaped(tmp_path):
     cloud = PointCloud(rng.uniform(size=(300, 3)), {name: np.arange(300)})
     source = tmp_path / ("<i>&.npz" if os.name == "posix" else "&.npz")
     write_points(source, cloud)
-    assert run("denoise", source, tmp_path / "o.npz", "--report", tmp_path / "r").exit_code == 0
+    done("denoise", source, tmp_path / "o.npz", "--report", tmp_path / "r")
     page = (tmp_path / "r" / "index.html").read_text()
     assert "<script" not in page
     assert "<i>&." not in page
@@ -106,21 +110,33 @@ def test_pages_for_which_there_is_no_room_are_named_and_leave_nothing(tmp_path):
     assert files_in(tmp_path / "r") == []
 
 
-@pytest.mark.parametrize("fault", ["taken", "no matplotlib"])
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("file", "report: is no folder; give --report another folder"),
+        ("page", "index.html: is a folder"),
+        ("matplotlib", "--report needs matplotlib, which is not installed: pip install"),
+        ("jinja2", "--report needs jinja2, which is not installed: pip install"),
+    ],
+)
 def test_a_report_that_cannot_be_is_refused_before_the_work(
-    fault, room_file, tmp_path, monkeypatch
+    fault, words, room_file, tmp_path, monkeypatch
 ):
     def work(*args, **kwargs):
         raise AssertionError("the long work began")
 
     monkeypatch.setattr(MCMDOutlierDetector, "fit", work)
-    (tmp_path / "taken").write_text("")
-    if fault == "no matplotlib":
-        monkeypatch.setitem(sys.modules, "matplotlib", None)
-        (tmp_path / "taken").unlink()
-    line = error_line(run("denoise", room_file, tmp_path / "o.laz", "--report", tmp_path / "taken"))
-    assert (fault if fault == "taken" else "--report needs matplotlib") in line
-    assert not (tmp_path / "o.laz").exists()
+    folder = tmp_path / "report"
+    if fault == "file":
+        folder.write_text("")
+    elif fault == "page":
+        (folder / "index.html").mkdir(parents=True)
+    else:
+        monkeypatch.setitem(sys.modules, fault, None)
+    before = files_in(tmp_path)
+    line = error_line(run("denoise", room_file, tmp_path / "o.laz", "--report", folder))
+    assert words in line
+    assert files_in(tmp_path) == before
 
 
 @pytest.mark.parametrize(
@@ -139,8 +155,7 @@ def test_every_kind_of_verdict_has_a_report(verb, options, words, room, tmp_path
     classes = np.repeat([6, 1], [60, len(room) - 60]).astype(np.uint8)
     write_points(tmp_path / "in.laz", room.with_attributes(classification=classes))
     options = (*options, "--report", tmp_path / "r")
-    result = run(verb, tmp_path / "in.laz", tmp_path / "o.laz", *options)
-    assert result.exit_code == 0, result.output
+    done(verb, tmp_path / "in.laz", tmp_path / "o.laz", *options)
     assert words in words_of(tmp_path / "r" / "index.html")
 
 
@@ -149,8 +164,7 @@ def test_every_kind_of_verdict_has_a_report(verb, options, words, room, tmp_path
 def test_tiny_clouds_have_reports(verb, n, tmp_path):
     xyz = np.random.default_rng(0).uniform(size=(n, 3))
     write_points(tmp_path / "a.laz", PointCloud(xyz))
-    result = run(verb, tmp_path / "a.laz", tmp_path / "b.laz", "--report", tmp_path / "r")
-    assert result.exit_code == 0, result.output
+    done(verb, tmp_path / "a.laz", tmp_path / "b.laz", "--report", tmp_path / "r")
     assert "Few points." in words_of(tmp_path / "r" / "index.html")
 
 
@@ -168,8 +182,7 @@ def warnings_on(page):
 
 @pytest.mark.parametrize("verb", [*VERBS, "plane"])
 def test_what_a_run_warned_of_stands_on_its_page(verb, room_file, tmp_path):
-    result = run(verb, degrees_file(tmp_path, 900), tmp_path / "o.laz", "--report", tmp_path / "r")
-    assert result.exit_code == 0, result.output
+    result = done(verb, degrees_file(tmp_path, 900), tmp_path / "o.laz", "--report", tmp_path / "r")
     (warned,) = warnings_on(tmp_path / "r" / "index.html")
     assert f"mcmd: warning: {warned}" in result.stderr.splitlines()
     assert "x and y seem to be degrees" in warned

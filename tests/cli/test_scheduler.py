@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from commands import error_line, files_in, run
-from sklearn_mcmd.cli import _scheduler
+from commands import done, error_line, files_in, run
+from sklearn_mcmd.cli import _cloud_verb
 
 distributed = pytest.importorskip("distributed")
 
@@ -18,13 +18,12 @@ LOCAL = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
 def test_a_scheduler_divides_the_work(source, tmp_path):
     plain, divided = tmp_path / "a.laz", tmp_path / "b.laz"
     options = ("--n-neighbors", 16)
-    assert run("normals", source, plain, *options).exit_code == 0
+    done("normals", source, plain, *options)
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", **LOCAL
     ) as cluster:
         address = cluster.scheduler_address
-        result = run("normals", source, divided, *options, "--scheduler", address)
-        assert result.exit_code == 0, result.output
+        result = done("normals", source, divided, *options, "--scheduler", address)
         plan = run("normals", source, divided, "--scheduler", address, "--dry-run")
     assert "tiles" in result.stdout
     assert "processes  1" in plan.stdout
@@ -40,7 +39,7 @@ def free_port():
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "no://127.0.0.1:{}"])
 def test_an_address_that_does_not_answer_is_said_soon(address, source, tmp_path, monkeypatch):
-    monkeypatch.setattr(_scheduler, "SECONDS", 0.3)
+    monkeypatch.setattr(_cloud_verb, "SECONDS", 0.3)
     address = address.format(free_port())
     line = error_line(run("normals", source, tmp_path / "b.laz", "--scheduler", address))
     assert f"--scheduler {address}: no scheduler of dask answers" in line
@@ -48,7 +47,7 @@ def test_an_address_that_does_not_answer_is_said_soon(address, source, tmp_path,
 
 
 def test_a_scheduler_without_workers_is_said(source, tmp_path, monkeypatch):
-    monkeypatch.setattr(_scheduler, "SECONDS", 0.5)
+    monkeypatch.setattr(_cloud_verb, "SECONDS", 0.5)
     with distributed.LocalCluster(n_workers=0, processes=False, protocol="tcp", **LOCAL) as cluster:
         address = cluster.scheduler_address
         line = error_line(run("normals", source, tmp_path / "b.laz", "--scheduler", address))

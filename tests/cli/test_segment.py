@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from commands import run
+from commands import done, run
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
@@ -31,8 +31,7 @@ def expected_labels(xyz, **params):
 @pytest.mark.parametrize("extension", ["laz", "csv", "npy"])
 def test_segment_writes_the_estimators_labels(extension, room, room_file, tmp_path):
     path = tmp_path / f"out.{extension}"
-    result = run("segment", room_file, path)
-    assert result.exit_code == 0, result.output
+    result = done("segment", room_file, path)
     out = read_points(path)
     labels = expected_labels(read_points(room_file).xyz)
     assert len(np.unique(labels)) > 1
@@ -48,7 +47,7 @@ def test_segment_writes_the_estimators_labels(extension, room, room_file, tmp_pa
 def test_las_without_a_place_for_colors_gets_one(room_file, tmp_path):
     laspy = pytest.importorskip("laspy")
     assert laspy.read(room_file).point_format.id == 6
-    assert run("segment", room_file, tmp_path / "out.laz").exit_code == 0
+    done("segment", room_file, tmp_path / "out.laz")
     las = laspy.read(tmp_path / "out.laz")
     assert las.point_format.id == 7
     assert {*COLORS, "region"} <= set(las.point_format.dimension_names)
@@ -57,13 +56,12 @@ def test_las_without_a_place_for_colors_gets_one(room_file, tmp_path):
 
 
 def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
-    result = run(
+    done(
         *("segment", room_file, tmp_path / "out.npy", "--max-angle", 7, "--max-distance", 0.003),
         *("--max-gap", 0.4, "--min-region-size", 30, "--no-refine"),
         *("--n-neighbors", 20, "--growth-neighbors", 16, "--max-outlier-rate", 0.3),
         *("--random-state", 4, "--n-jobs", 1),
     )
-    assert result.exit_code == 0, result.output
     growing = RegionGrowing(
         16,
         max_angle=7,
@@ -82,10 +80,7 @@ def test_a_table_of_regions_is_csv_and_geojson_in_the_coordinates_of_the_file(ro
     room.xyz[:] += [4e5, 5e6, 100.0]
     write_points(tmp_path / "in.laz", room)
     for name in ("regions.csv", "regions.geojson"):
-        result = run(
-            "segment", tmp_path / "in.laz", tmp_path / "out.laz", "--regions", tmp_path / name
-        )
-        assert result.exit_code == 0, result.output
+        done("segment", tmp_path / "in.laz", tmp_path / "out.laz", "--regions", tmp_path / name)
     with open(tmp_path / "regions.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     labels = read_points(tmp_path / "out.laz").attributes["region"]

@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from sklearn_mcmd.cli._sensor import Asked, intensity_of
 from sklearn_mcmd.datasets import make_lidar_turn
-from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.io import PointCloud, PointFileError, write_points
 
 TIMED = PointCloud(np.eye(3), {"time": np.array([0.0, 1, 2])})
 VIEWED = PointCloud(np.eye(3), {}, {"pcd_viewpoint": (1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0)})
@@ -56,15 +56,6 @@ def test_what_options_tell_is_used_as_it_is(setups, path):
 def test_errors_name_the_file_of_the_points(cloud, sensor, words, path):
     with pytest.raises(PointFileError, match=rf"a\.e57: {words}"):
         told(cloud, sensor=sensor, trajectory=None if sensor else path)
-
-
-@pytest.mark.parametrize("extension", ["laz", "pcd", "ply", "e57", "csv", "npz"])
-def test_formats_keep_intensity(extension, tmp_path):
-    extras = {"laz": "laspy", "pcd": "pypcd4", "ply": "plyfile", "e57": "pye57"}
-    pytest.importorskip(extras.get(extension, "numpy"))
-    path, light = tmp_path / f"a.{extension}", np.array([3, 250, 17], np.uint16)
-    write_points(path, PointCloud(np.eye(3), {"intensity": light}))
-    assert_array_equal(intensity_of(path, read_points(path)), light)
 
 
 @pytest.mark.parametrize("name", ["Intensity", "scalar_Intensity", "reflectance", "column_4"])

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from commands import error_line, files_in, run
+from commands import done, error_line, files_in, run
 from pages import read_page
 from sklearn_mcmd.io import PointCloud, write_points
 
 
 def page_of(*args, path):
-    result = run("view", *args, "-o", path)
-    assert result.exit_code == 0, result.output
+    done("view", *args, "-o", path)
     return read_page(path.read_text(encoding="utf-8"))
 
 
@@ -25,8 +24,7 @@ def page_of(*args, path):
     ],
 )
 def test_the_result_of_each_verb_is_what_the_page_colors_by(verb, color, kind, room_file, tmp_path):
-    result = run(*verb, room_file, tmp_path / "out.laz", "-q")
-    assert result.exit_code == 0, result.output
+    done(*verb, room_file, tmp_path / "out.laz", "-q")
     manifest, (shown,) = page_of(tmp_path / "out.laz", path=tmp_path / "page.html")
     assert manifest["start"] == color
     by_name = {attribute["name"]: attribute for attribute in manifest["attributes"]}
@@ -62,8 +60,7 @@ def test_two_files_are_two_clouds_and_the_summary_tells_all(room, room_file, tmp
 def test_options_choose_color_attributes_and_number(room_file, tmp_path):
     page = tmp_path / "page.html"
     options = ("--color", "height", "--only", "intensity", "--max-points", "50", "-q")
-    result = run("view", room_file, "-o", page, *options)
-    assert result.exit_code == 0
+    result = done("view", room_file, "-o", page, *options)
     assert result.stdout == ""
     assert result.stderr.splitlines() == [
         "mcmd: warning: the page holds 50 of 930 points, chosen at random"
@@ -84,8 +81,7 @@ def test_the_files_of_a_folder_are_one_cloud(room, tmp_path):
     write_points(
         folder / "b.npz", PointCloud(room.xyz[half:], {"intensity": np.arange(9e3)[:half]})
     )
-    result = run("view", folder, "-o", tmp_path / "page.html")
-    assert result.exit_code == 0, result.output
+    result = done("view", folder, "-o", tmp_path / "page.html")
     assert "attributes that not all clouds have are left out: classification" in result.stderr
     manifest, (shown,) = read_page((tmp_path / "page.html").read_text(encoding="utf-8"))
     assert manifest["title"] == "rooms"

@@ -12,7 +12,7 @@ from sklearn.preprocessing import FunctionTransformer
 from benchmarks.simulators import make_mobile_scan
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.report._kinds import reasons_of
+from sklearn_mcmd.report._outliers_page import reasons_of
 from sklearn_mcmd.sensors._rays import one_far_position
 
 HEIGHT = 2.0  # of the sensor above the ground of the simulated room

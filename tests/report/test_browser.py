@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 import numpy as np
 import pytest
 
-from commands import run
+from commands import done
 from sklearn_mcmd.io import PointCloud, write_points
 
 playwright = pytest.importorskip("playwright.sync_api")
@@ -58,12 +58,10 @@ def pages(tmp_path_factory):
     scores = {EVIL: np.arange(3000), "&quot;<!--": np.zeros(3000), "\x00\x1b": np.ones(3000)}
     write_points(source, PointCloud(np.round(xyz, 4), scores))
     for verb in VERBS:
-        result = run(verb, source, folder / f"{verb}.npz", "--report", folder / verb)
-        assert result.exit_code == 0, result.output
+        done(verb, source, folder / f"{verb}.npz", "--report", folder / verb)
     view = folder / "<script>view.html"
     options = ("--color", EVIL, "--title", EVIL, "-o", view)
-    result = run("view", source, folder / "denoise.npz", *options)
-    assert result.exit_code == 0, result.output
+    done("view", source, folder / "denoise.npz", *options)
     reports = [folder / verb / "index.html" for verb in VERBS]
     return source.name, reports, [view, *(page.with_name("view.html") for page in reports)]
 

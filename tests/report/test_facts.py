@@ -49,5 +49,5 @@ def test_rows_have_bounds_and_attributes():
     rows = dict(Facts.of(cloud.xyz, 9).rows(cloud))
     assert (rows["points"], rows["attributes"]) == ("1,600", "intensity")
     assert rows["left out"].startswith("2 ")
-    assert rows["x"] == "1000 to 1019.5 (extent 19.5)"
+    assert rows["x"] == "1000.0000 to 1019.5000 (extent 19.5000)"
     assert rows["duplicates"] == "0 (0.00 %)"

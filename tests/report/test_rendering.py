@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sklearn_mcmd.report._contents import Contents, Note, Parameter, Run, Section, percent, share
+from sklearn_mcmd.report._contents import Contents, Note, Run, percent, share
 from sklearn_mcmd.report._rendering import join, make_page, paragraph, part, table
 
 EVIL = "<img src=x onerror=alert(1)>&\"'"
@@ -15,7 +15,7 @@ def page(has_view=True, **changes):
     run = Run(
         verb="denoise",
         command=f"mcmd denoise '{EVIL}' out.laz",
-        parameters=(Parameter("--cutoff", "3", True), Parameter("--mode", EVIL, False)),
+        parameters=[("--cutoff", "3 (default)"), ("--mode", EVIL)],
         source=Path(f"/data/{EVIL}.laz"),
         target=Path("out.laz"),
         seconds=1.5,
@@ -35,7 +35,7 @@ def page(has_view=True, **changes):
         cards=[("10", EVIL)],
         notes=[Note("Few points.", f"Only 10 {EVIL}", "Take more.")],
         checks=EVIL,
-        sections=[Section("Part & parcel", parts), Section(EVIL, EVIL)],
+        sections=[("Part & parcel", parts), (EVIL, EVIL)],
         cloud_rows=[("attributes", EVIL)],
         output=EVIL,
     )
@@ -67,7 +67,6 @@ def test_nothing_is_asked_of_a_network():
     ("text", "n"),
     [
         ("3 (default)", 1),
-        ("(default)", 1),
         ("One warning", 1),
         ("Take more.", 1),
         ("view.html", 1),

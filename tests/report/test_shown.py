@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from commands import run
+from commands import done
 from pages import read_page
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.report import _shown
@@ -37,11 +37,10 @@ def test_outliers_of_tiles_are_those_of_memory(mode, tmp_path, monkeypatch):
     write_points(tmp_path / "a.laz", street(N))
     a, b = tmp_path / "r1", tmp_path / "r2"
     options = ("--mode", mode, "--report")
-    assert run("denoise", tmp_path / "a.laz", tmp_path / "b.laz", *options, a).exit_code == 0
+    done("denoise", tmp_path / "a.laz", tmp_path / "b.laz", *options, a)
     (tmp_path / "in").mkdir()
     shutil.copy(tmp_path / "a.laz", tmp_path / "in" / "a.laz")
-    result = run("denoise", tmp_path / "in", tmp_path / "out", *options, b, *TILES)
-    assert result.exit_code == 0, result.output
+    done("denoise", tmp_path / "in", tmp_path / "out", *options, b, *TILES)
     assert counts(a / "index.html")[0] == counts(b / "index.html")[0]
     clouds = [read_page((r / "view.html").read_text())[1][0] for r in (a, b)]
     found = [np.sort(cloud.rows[cloud.columns["outlier"][0] == 1]) for cloud in clouds]
@@ -85,16 +84,14 @@ def test_outputs_of_other_points_are_not_compared(folder, tmp_path):
 
 
 def test_a_run_in_place_has_a_report_without_maps(folder, tmp_path):
-    result = run("denoise", folder, folder, "--report", tmp_path / "r", *TILES)
-    assert result.exit_code == 0, result.output
+    done("denoise", folder, folder, "--report", tmp_path / "r", *TILES)
     assert "replaced the inputs" in (tmp_path / "r" / "index.html").read_text()
 
 
 def test_normals_of_tiles_state_the_sample(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(_shown, "SAMPLE", 1_100)
     options = ("--features", "normal_error", "--report", tmp_path / "r")
-    result = run("normals", folder, tmp_path / "out", *options, *TILES)
-    assert result.exit_code == 0, result.output
+    done("normals", folder, tmp_path / "out", *options, *TILES)
     page = (tmp_path / "r" / "index.html").read_text()
     assert "one point of 6, 1,100 of 6,600 points" in page
     assert "standard error" in page
@@ -108,8 +105,7 @@ def test_regions_and_edges_of_tiles_are_those_of_memory(verb, word, folder, tmp_
     lines = []
     for name, source, options in (("r1", alone / "b.laz", ()), ("r2", alone, TILES)):
         target = tmp_path / ("out" if options else "o.laz")
-        result = run(verb, source, target, "--report", tmp_path / name, *options)
-        assert result.exit_code == 0, result.output
+        done(verb, source, target, "--report", tmp_path / name, *options)
         page = (tmp_path / name / "index.html").read_text()
         lines.append(re.search(rf'class="headline">([^<]*{word}[^<]*)<', page)[1])
     assert lines[0] == lines[1]

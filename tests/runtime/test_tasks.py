@@ -1,10 +1,7 @@
 """Callbacks of scikit-learn: stages of a fit are tasks, and nothing is left when it ends."""
 
 import pickle
-import re
-import textwrap
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -193,15 +190,3 @@ def test_a_grid_search_with_a_progress_bar_finds_what_it_finds_without(n_jobs, x
     search.set_callbacks(callback.ProgressBar(max_propagation_depth=None)).fit(xyz, y)
     assert len(search.cv_results_["params"]) == 2
     assert "RobustNormalEstimator" in capsys.readouterr().out
-
-
-def test_the_callback_in_the_docs_prints_stages(xyz, capsys):
-    page = Path(__file__).parents[2] / "docs" / "pipelines.rst"
-    if not page.is_file():
-        pytest.skip("a checkout is needed")
-    code = re.search(r"( +from time import perf_counter.*?fit\(xyz\))", page.read_text(), re.S)[1]
-    exec(textwrap.dedent(code), {"xyz": xyz, "RobustNormalEstimator": RobustNormalEstimator})
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split(":")[0] for line in lines] == [
-        f"[RobustNormalEstimator] {what}" for what in ("normals", "normals next to edges", "fit")
-    ]

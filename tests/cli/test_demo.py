@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from commands import error_line, files_in, run
-from sklearn_mcmd.cli import _demo_run
+from commands import done, error_line, files_in, run
+from sklearn_mcmd.cli import _demo
 from sklearn_mcmd.io import read_points
 
 
@@ -48,20 +48,11 @@ def test_demo_normals_are_nearer_to_the_truth_than_principal_components(demo):
     assert high["mcmd_z"] < 0.5 * high["pca"]
 
 
-def test_demo_refuses_a_file_as_folder(tmp_path):
-    (tmp_path / "taken").write_text("")
-    result = run("demo", tmp_path / "taken")
-    assert (result.exit_code, result.stdout) == (1, "")
-    assert result.stderr.startswith("mcmd: error: ")
-    assert "taken" in result.stderr
-
-
 def test_demo_in_the_same_folder_replaces_its_files_and_gives_the_same_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(_demo_run, "N_POINTS", 4_000)
+    monkeypatch.setattr(_demo, "N_POINTS", 4_000)
     accuracy, files = [], []
     for _ in range(2):
-        result = run("demo", tmp_path)
-        assert result.exit_code == 0, result.output
+        result = done("demo", tmp_path)
         accuracy.append(result.stdout.split("Outliers by")[1].split("Normals of")[0])
         files.append({path.name: path.read_bytes() for path in tmp_path.iterdir()})
         (tmp_path / "demo.png").write_bytes(b"")
@@ -69,22 +60,14 @@ def test_demo_in_the_same_folder_replaces_its_files_and_gives_the_same_again(tmp
     assert (accuracy[0], files[0]) == (accuracy[1], files[1])
 
 
-def test_the_demo_replaces_no_file_unasked(tmp_path):
-    (tmp_path / "clean.laz").write_text("precious")
-    result = run("demo", tmp_path)
-    assert result.exit_code == 1
-    assert "already holds clean.laz" in result.stderr
-    assert (tmp_path / "clean.laz").read_text() == "precious"
-    assert not (tmp_path / "street.laz").exists()
-
-
-def test_the_demo_replaces_no_street_of_others(room_file, tmp_path):
-    room_file.rename(tmp_path / "street.laz")
-    before = (tmp_path / "street.laz").read_bytes()
-    result = run("demo", tmp_path)
-    assert result.exit_code == 1
-    assert "already holds street.laz, of no earlier demo" in result.stderr
-    assert (tmp_path / "street.laz").read_bytes() == before
+@pytest.mark.parametrize("name", ["clean.laz", "street.laz"])
+def test_the_demo_replaces_no_files_of_others(name, room_file, tmp_path):
+    room_file.rename(tmp_path / name)
+    before = (tmp_path / name).read_bytes()
+    assert f"already holds {name}, of no earlier demo" in error_line(run("demo", tmp_path))
+    assert (tmp_path / name).read_bytes() == before
+    assert files_in(tmp_path) == [name]
+    assert "cannot be made" in error_line(run("demo", tmp_path / name))
 
 
 def test_without_matplotlib_the_demo_says_so_before_its_work(tmp_path, monkeypatch):

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from commands import error_line, run
+from commands import done, error_line, run
 from sklearn_mcmd.io import PointCloud, write_points
 
 GRID = np.stack(np.meshgrid(range(4), range(5), [7.0]), axis=-1).reshape(-1, 3)
 
 
 def rows_of(path):
-    result = run("info", path)
-    assert result.exit_code == 0, result.output
+    result = done("info", path)
     lines = (line.strip().removeprefix("- ") for line in result.stdout.splitlines()[1:])
     return dict(line.split(maxsplit=1) for line in lines)
 

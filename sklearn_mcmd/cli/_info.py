@@ -1,18 +1,48 @@
-"""The contents of a point file, as ``mcmd info`` prints them."""
+"""``mcmd info``: the contents of point files."""
+
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from scipy.spatial import cKDTree
+import typer
 
+from sklearn_mcmd.cli._files import files_of, read
+from sklearn_mcmd.cli._messages import clear_exits, print_table
+from sklearn_mcmd.cli._options import Columns
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las import coordinate_system
 from sklearn_mcmd.io._sensor import place_words, stated_positions
-from sklearn_mcmd.report._facts import distinct_points, median_spacing
 
 TELLING = {"las_header", "pcd_viewpoint", "sensor_origins"}  # of formats that may tell the sensor
 
 
+def info(
+    source: Annotated[
+        Path, typer.Argument(metavar="IN", help="Point file, or a folder or .vpc index of files.")
+    ],
+    columns: Columns = None,
+) -> None:
+    """Show what a file holds: points, bounds, spacing, duplicates, attributes.
+
+    Of a folder or an index, each file has one line, and a line tells of all together.
+    """
+    with clear_exits():
+        paths = files_of(source)
+        if paths == [source]:
+            print_table(str(source), **summarize(source, read(source, columns=columns)))
+            return
+        rows, errors = summarize_each(paths, lambda path: read(path, columns=columns))
+        print_table(str(source), **rows)
+        if errors:
+            raise PointFileError("; ".join(errors))
+
+
 def summarize(source, cloud):
     """Names and values of the table that `mcmd info` prints."""
+    from scipy.spatial import cKDTree
+
+    from sklearn_mcmd.report._facts import bounds_rows, distinct_points, median_spacing
+
     xyz = cloud.xyz
     low, high = xyz.min(axis=0), xyz.max(axis=0)
     distinct = distinct_points(xyz)
@@ -21,7 +51,7 @@ def summarize(source, cloud):
     if header is not None:
         rows["format"] += f" {header.version}, point format {header.point_format.id}"
         rows["CRS"] = coordinate_system(header) or "not stated"
-    rows |= _bounds(low, high)
+    rows |= bounds_rows(low, high)
     if len(distinct) > 1:
         spacing = median_spacing(cKDTree(distinct, balanced_tree=False))
         rows["spacing"] = f"{spacing:.4g} (median distance to the nearest)"
@@ -51,6 +81,8 @@ def summarize(source, cloud):
 
 def summarize_each(paths, read):
     """A row for each file and one for all of them, and the errors of those that `read` refuses."""
+    from sklearn_mcmd.report._facts import bounds_rows
+
     rows, errors, bounds, n_points = {}, [], [], 0
     for path in paths:
         try:
@@ -69,7 +101,7 @@ def summarize_each(paths, read):
         rows[path.name] = ", ".join([f"{told['points']} points", size, *known])
     rows["all"] = f"{n_points:,} points of {len(bounds) // 2:,} files"
     if bounds:
-        ranges = _bounds(np.min(bounds, axis=0), np.max(bounds, axis=0))
+        ranges = bounds_rows(np.min(bounds, axis=0), np.max(bounds, axis=0))
         rows["all"] += "".join(f", {axis} {words}" for axis, words in ranges.items())
     return rows, errors
 
@@ -89,19 +121,3 @@ def _sensor(cloud):
     return (
         f"not known: {words}" if positions is None else f"stated: {place_words(positions, words)}"
     )
-
-
-@np.errstate(over="ignore")
-def _bounds(low, high):
-    """Ranges of the axes, to six digits of the largest extent; one location has all its digits."""
-    extent = min(float((high - low).max()), np.finfo(float).max)
-    if extent == 0.0:
-        return {axis: f"{value!r}" for axis, value in zip("xyz", low.tolist(), strict=True)}
-    digits = max(0, 5 - int(np.floor(np.log10(extent))))
-    # For large coordinates float64 holds fewer digits than that.
-    most = max(0, 15 - int(np.floor(np.log10(max(np.abs([low, high]).max(), 1.0)))))
-    digits = min(digits, most)
-    return {
-        axis: f"{least:.{digits}f} to {most:.{digits}f} (extent {most - least:.{digits}f})"
-        for axis, least, most in zip("xyz", low, high, strict=True)
-    }
