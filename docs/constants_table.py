@@ -18,15 +18,6 @@ ROOT = Path(__file__).resolve().parents[1]
 PRICES = Path(__file__).with_name("constants.csv")
 WHOLE = ast.Constant, ast.UnaryOp, ast.BinOp, ast.Tuple, ast.Attribute, ast.Name
 
-WIDTHS = {
-    "threshold": 30,
-    "number": 30,
-    "what it means": 42,
-    "value": 8,
-    "note": 24,
-    "where": 16,
-}  # of 100
-
 
 class Number(NamedTuple):
     """A number of the package. `name` is ``Record.field`` of a threshold, or ``module.NAME``."""
@@ -93,13 +84,14 @@ def setup(app):
         def run(self):
             from docutils import nodes
 
+            for path in (PRICES, __file__, *{str(number.path) for number in thresholds()}):
+                self.state.document.settings.env.note_dependency(str(path))
             rows = list(_priced(self.arguments[0]) if self.arguments else _rest())
             if len(rows) == 1:
                 return []
             text = io.StringIO()
             csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator="\n").writerows(rows)
-            widths = " ".join(str(WIDTHS.get(name, 12)) for name in rows[0])
-            lines = [".. csv-table::", "   :header-rows: 1", f"   :widths: {widths}", ""]
+            lines = [".. csv-table::", "   :header-rows: 1", "   :widths: auto", ""]
             lines += [f"   {line}" for line in text.getvalue().splitlines()]
             node = nodes.Element()
             self.state.nested_parse(StringList(lines, "constants"), self.content_offset, node)
@@ -166,15 +158,23 @@ def _as_rst(comment):
 def _priced(part):
     known = {number.name: number for number in thresholds()}
     rows = [row for row in prices() if row["part"] == part]
-    said = "where", "less", "more", "off", "note"
-    columns = [name for name in said if any(row[name] for row in rows)]
-    yield ["threshold", "value", "what it means", *columns]
+    columns = [name for name in ("less", "more", "off") if any(row[name] for row in rows)]
+    yield ["threshold", *columns]
+    seen = set()
     for row in rows:
         number = known[row["constant"]]
-        yield [f"``{number.name}``", number.value, number.meaning, *(row[c] for c in columns)]
+        words = [number.meaning] if number.name not in seen else []
+        words += [f"({row['where']})"] * bool(row["where"]) + [row["note"]] * bool(row["note"])
+        numbers = (row[name].replace(" ", "\N{NO-BREAK SPACE}") for name in columns)
+        yield [_cell(number, "; ".join(words).replace("; (", " (")), *numbers]
+        seen.add(number.name)
 
 
 def _rest():
-    yield ["number", "value", "what it means"]
+    yield ["number"]
     for number in others():
-        yield [f"``{number.name}``", f"``{number.value}``", number.meaning]
+        yield [_cell(number, number.meaning)]
+
+
+def _cell(number, words):
+    return f"``{number.name}`` = {number.value}\n\n{words}"
