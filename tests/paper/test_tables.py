@@ -28,15 +28,14 @@ ROWS = {
 
 @cache
 def simulated(n, share, outliers="clustered", runs=RUNS):
-    """Points, their clean twins (runs, n, 3) and labels (runs, n)."""
-    parameters = {
-        "outlier_share": share,
-        "outliers": outliers,
-        "shuffle": True,
-        "return_X_y": False,
-    }
-    twins = [make_contaminated_plane(n, **parameters, random_state=run) for run in range(runs)]
-    return tuple(np.array([twin[name] for twin in twins]) for name in ("data", "clean", "target"))
+    """Points, their clean twins (runs, n, 3) and labels (runs, n), with the rows shuffled."""
+    law = {"outlier_share": share, "outliers": outliers, "return_X_y": False}
+    twins = [make_contaminated_plane(n, **law, random_state=run) for run in range(runs)]
+    orders = [np.random.RandomState(run).permutation(n) for run in range(runs)]
+    return tuple(
+        np.array([twin[name][order] for twin, order in zip(twins, orders, strict=True)])
+        for name in ("data", "clean", "target")
+    )
 
 
 def fitted(row, points, share, seed=0):
