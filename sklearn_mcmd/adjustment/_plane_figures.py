@@ -201,13 +201,14 @@ def _error_rows(detector, X, unit):
 
 def _test_rows(detector, unit):
     replaced = " in place of w, as sigma0 is estimated" if detector.test_ != detector.test else ""
+    correction = "no" if detector.correction == "none" else detector.correction
     squared = unit and f"{unit}^2"
     origin = "estimated" if detector.sigma0 == "auto" else "given"
     if detector._fitted.is_rounding:
         origin = "float64's rounding: no noise to test against"
     return _words(
         {
-            "test": f"{detector.test_}{replaced}, {detector.correction} correction, "
+            "test": f"{detector.test_}{replaced}, {correction} correction, "
             f"alpha = {detector.alpha:g}",
             "level of one point": f"{detector._level_of_one():.3g}",
             "critical value": f"{detector.critical_value_:.4f}",

@@ -26,7 +26,6 @@ from sklearn_mcmd.io._sensor import rows_of_sensor
 from sklearn_mcmd.planes._resolution import in_own_precision
 
 PAPER = "paper"  # the level that is None in Python
-MANY_EXACT = 0.01  # share of points without a scale that is warned of
 
 
 def _classes(text):
@@ -75,7 +74,9 @@ class Denoise(CloudVerb):
         None, "Noise of the scanner.", show_default="that around each point"
     )
     cutoff: float | None = option(
-        None, "Least score of an outlier; 10 for clear errors.", show_default="3; paper: 2.5"
+        None,
+        "Least score of an outlier; 10 for clear errors.",
+        show_default="3; paper: 2.5, 3.06",
     )
     false_positive_rate: float | None = option(
         None,
@@ -91,7 +92,7 @@ class Denoise(CloudVerb):
         None, "Leave points of these classes alone, such as 6,9.", **CLASSES
     )
     only_class: tuple | None = option(
-        None, "Leave all but points of these classes alone.", **CLASSES
+        None, "Judge points of these classes alone.", show_default="all", **CLASSES
     )
     above: float | None = length(
         None,
@@ -138,6 +139,9 @@ class Denoise(CloudVerb):
         self.work = self.asked.work("heights" if by_height else "outliers", rays=True)
 
     def other_files(self, catalog):
+        from sklearn_mcmd.outliers._calibration import check_rate
+
+        check_rate(self.false_positive_rate)  # before a file is read
         if self.intensity and catalog is not None:
             raise ValueError(
                 f"{self.source}: tiles take no --intensity; a file within --memory does"
@@ -343,11 +347,12 @@ def _verdict(cloud, points, detector, low_groups):
 
 def _warn_if_without_scale(n_without, n_points):
     """Warn if many points are outliers only because an exact plane has no noise."""
+    from sklearn_mcmd.outliers._detector import EXACTLY, MANY_EXACT
+
     share = n_without / n_points
     if share >= MANY_EXACT:
         warnings.warn(
-            f"{100 * share:.1f} % of the points are outliers only because most of their neighbors "
-            "lie exactly in one plane, as where coordinates are rounded more coarsely than the "
-            "noise; check these before they are dropped (--mode mark)",
+            f"{100 * share:.1f} % of the points {EXACTLY}, as where coordinates are rounded more "
+            "coarsely than the noise; check these before they are dropped (--mode mark)",
             stacklevel=2,
         )

@@ -50,18 +50,22 @@ class Edges(CloudVerb):
         return self.made(sklearn_mcmd.SharpFeatureDetector, outlier_detector=detector)
 
     def find(self, cloud):
-        return self.estimator().fit(in_own_precision(cloud.xyz))
+        """The fitted detector, whether each point belongs to an edge, and its score."""
+        detector = self.estimator().fit(in_own_precision(cloud.xyz))
+        scores = detector.scores_
+        score = scores if detector.criterion == "crease" else -scores
+        return detector, scores < detector.offset_, score
 
-    def written(self, cloud, detector=None):
+    def written(self, cloud, found=None):
         from sklearn_mcmd.plotting._still import edge_columns
 
         is_edge, score = np.zeros(len(cloud), bool), np.zeros(len(cloud), np.float32)
-        if detector is not None:
-            is_edge, score = _verdict(detector)
+        if found is not None:
+            _, is_edge, score = found
         return with_results(cloud, edge_columns(is_edge, score, self.colored(cloud))), None
 
-    def counts(self, cloud, detector):
-        return {"n_edges": np.count_nonzero(_verdict(detector)[0])}
+    def counts(self, cloud, found):
+        return {"n_edges": np.count_nonzero(found[1])}
 
     def tile_options(self):
         return {"colors": self.colors}
@@ -69,11 +73,11 @@ class Edges(CloudVerb):
     def rows(self, told):
         return tiles_row(told) | {"edges": number_and_share(told.n_edges, told.n_points)}
 
-    def contents(self, cloud, detector, told):
+    def contents(self, cloud, found, told):
         from sklearn_mcmd.report._edges_page import edges_contents
         from sklearn_mcmd.report._shown import Shown
 
-        is_edge, score = _verdict(detector)
+        detector, is_edge, score = found
         scales = getattr(detector.normal_estimator_, "plane_scale_", None)
         results = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
         shown = Shown.of_memory(cloud, detector.n_neighbors, scales, **results)
@@ -92,9 +96,3 @@ class Edges(CloudVerb):
 
 
 edges = command_of(Edges, without={"unit"}, more=BY_TILES)  # it has no option that is a length
-
-
-def _verdict(detector):
-    """Whether each point belongs to an edge, and its distance or the criterion's value."""
-    scores = detector.scores_
-    return scores < detector.offset_, scores if detector.criterion == "crease" else -scores

@@ -60,7 +60,17 @@ def _wrong_parameter(err):
     """The same error with an option in place of a parameter of Python."""
     pattern = r"The '(\w+)' parameter of \w+ must be (.*?)( or None)?\. Got (.*) instead\."
     name, constraint, _, value = re.fullmatch(pattern, str(err), re.DOTALL).groups()
+    constraint = re.sub(r"(, | or )a str among \{.*?\}", "", constraint)  # options are numbers
+    constraint = re.sub(r"\w+ (\w+) in the range (.)(.*), (.*)(.)$", _range_in_words, constraint)
     return typer.BadParameter(f"{value} is not {constraint}", param_hint=_option(name, None))
+
+
+def _range_in_words(found):
+    kind, opening, least, most, closing = found.groups()
+    words = "a whole number" if kind == "int" else "a number"
+    words += f" {'from' if opening == '[' else 'above'} {float(least):g}"
+    bound = "below" if closing == ")" else "at most"
+    return words if most == "inf" else f"{words}, {bound} {float(most):g}"
 
 
 def _in_words(err):

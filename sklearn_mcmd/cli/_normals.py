@@ -111,24 +111,23 @@ class Normals(CloudVerb):
         return estimator
 
     def find(self, cloud):
-        """The fitted estimator, and a row of the summary on the sensor."""
+        """The fitted estimator, its results, and a row of the summary on the sensor."""
         origins, sensed = self.asked.of_normals(cloud)
         fitted = self.estimator().fit(in_own_precision(cloud.xyz), sensor_origin=origins)
-        return fitted, sensed
+        return fitted, _results(fitted), sensed
 
     def written(self, cloud, found=None):
         if found is None:
             names = self._columns() + ["n_neighbors"] * (self.n_neighbors == "auto")
             results = dict.fromkeys(names, np.zeros(len(cloud), np.float32))
         else:
-            results = _results(found[0])
+            results = found[1]
         return with_results(cloud, results), None
 
     def counts(self, cloud, found):
         from sklearn_mcmd.planes._orientation import count_upright
 
-        fitted, sensed = found
-        results = _results(fitted)
+        fitted, results, sensed = found
         return {
             "removed_fraction": results["removed_fraction"].mean(dtype=np.float64),
             "n_upright": count_upright(fitted.normals_),
@@ -154,8 +153,7 @@ class Normals(CloudVerb):
         from sklearn_mcmd.report._normals_page import normals_contents
         from sklearn_mcmd.report._shown import Shown
 
-        fitted, sensed = found
-        results = _results(fitted)
+        fitted, results, sensed = found
         both = results | {"normal_error": fitted.normal_error_.astype(np.float32)}
         n_neighbors = int(np.median(fitted.n_neighbors_))
         shown = Shown.of_memory(cloud, n_neighbors, fitted.plane_scale_, **both)

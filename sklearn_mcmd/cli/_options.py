@@ -1,5 +1,6 @@
 """Options of verbs: fields of records, and commands of them; what several verbs share."""
 
+import re
 from dataclasses import MISSING, field, fields
 from inspect import Parameter, Signature, getdoc
 from math import isfinite
@@ -56,6 +57,12 @@ def length(default, help, *words, metavar="LENGTH", signed=False, **settings) ->
     return option(default, help, parser=str, callback=parse, metavar=metavar, **settings)
 
 
+def _not_zero(value):
+    if value == 0:
+        raise typer.BadParameter("0 threads cannot work; -1 is one a processor")
+    return value
+
+
 def _columns(text):
     """The columns of axes, as in x=easting,y=northing,z=3."""
     columns = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
@@ -91,14 +98,18 @@ RandomState = Annotated[
     ),
 ]
 NJobs = Annotated[
-    int, typer.Option(help="Number of threads. -1: one for each processor.", hidden=True)
+    int,
+    typer.Option(
+        callback=_not_zero, help="Number of threads. -1: one for each processor.", hidden=True
+    ),
 ]
 Columns = Annotated[
     dict | None,
     typer.Option(
         parser=_columns,
         metavar="x=A,y=B,...",
-        help="Columns of the coordinates: names, or numbers from 1 on.",
+        help="Columns, by name or number.",
+        show_default="by header",
     ),
 ]
 AllowCoarse = Annotated[
@@ -122,7 +133,13 @@ class TypedCommand(TyperCommand):
 
     def parse_args(self, ctx, args):
         ctx.meta[TYPED] = list(args)
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter as err:  # pydantic's words
+            err.message = err.message.removeprefix("Value error, ")
+            err.message = re.sub(r"Input should be a valid (\w+).*", r"not a valid \1", err.message)
+            err.message = err.message.replace("Input should be", "must be")
+            raise
 
 
 def command_of(kind, *, without=(), more=""):

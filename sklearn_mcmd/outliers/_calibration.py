@@ -47,11 +47,7 @@ def calibrated_cutoff(model, settings, rate, rows=None):
     """
     d = model.index.points.shape[1]
     compiled = d == 3 and model.index.n_neighbors is not None
-    if rate * MOST[compiled] < LEAST_EXPECTED:
-        raise ParameterError(
-            f"$false_positive_rate={rate} is less than the simulation can resolve: at least "
-            f"{LEAST_EXPECTED / MOST[compiled]:g} is needed here. Choose a cutoff instead."
-        )
+    check_rate(rate, compiled)
     n_counted = int(np.clip(EXPECTED / rate, FEWEST[compiled], MOST[compiled]))
     if model.index.n_neighbors is None:
         return float(np.quantile(_one_plane(model, settings, n_counted), 1 - rate))
@@ -61,6 +57,15 @@ def calibrated_cutoff(model, settings, rate, rows=None):
         settings = {**settings, "noise_scale": noise}
     simulated = JudgedCloud(_model_over(model, X), **settings).fit(X)
     return float(np.quantile(simulated.scores[counted], 1 - rate))
+
+
+def check_rate(rate, compiled=True):
+    """Raise if a false-positive rate, or None, is less than the simulation resolves."""
+    if rate is not None and rate * MOST[compiled] < LEAST_EXPECTED:
+        raise ParameterError(
+            f"$false_positive_rate={rate} is less than the simulation can resolve: at least "
+            f"{LEAST_EXPECTED / MOST[compiled]:g} is needed here. Choose a cutoff instead."
+        )
 
 
 def _clean_plane(n_counted, n_neighbors, d, noise):

@@ -23,6 +23,8 @@ from sklearn_mcmd.sensors._recognition import origin_if_seen
 
 # Score, in standard deviations, that measured noise never reaches, only the rounding of floats.
 EXACT_PLANE_SCORE = 1e6
+MANY_EXACT = 0.01  # share of points with more than that score, which is warned of
+EXACTLY = "are outliers only because most of their neighbors lie exactly in one plane"
 
 
 class MCMDOutlierDetector(BasePlaneOutliers):

@@ -10,7 +10,7 @@ CHECKS_OF_ALL = (
     "duplicates, coordinates that are rounded or too coarse, and points far from all others"
 )
 CHECKS = "too few points, sparse parts, noise that hides surfaces, " + CHECKS_OF_ALL
-FEW = 10  # neighborhoods; the detector judges clouds of fewer by other shares (`LEAST_SHARE`)
+FEW = 10  # neighborhoods; the detector judges clouds of fewer by other shares (`SurfaceLimits`)
 COPIES = 0.01  # share of copies, which count once, below which they change no picture
 STEP = 0.505  # steps of coordinates; half a step is the least scale, and sets the usual one then
 SPARSE = 5.0  # times the usual radius: there is a twenty-fifth of the usual density

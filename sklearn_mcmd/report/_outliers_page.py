@@ -3,7 +3,7 @@
 import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud
+from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, EXACTLY, MANY_EXACT, judged_cloud
 from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import found_maps
@@ -144,12 +144,12 @@ def _run_notes(told, n, n_all):
 def _surface_notes(detector, n_all):
     n_exact = int(np.count_nonzero(detector.scores_ < -EXACT_PLANE_SCORE))
     notes = note_if(
-        n_exact >= 0.01 * n_all,
+        n_exact >= MANY_EXACT * n_all,
         "Planes without noise.",
-        f"{share(n_exact, n_all)} are outliers only because most of their neighbors lie exactly in "
-        "one plane, as where coordinates are rounded more coarsely than the noise.",
+        f"{share(n_exact, n_all)} {EXACTLY}, as where coordinates are rounded more coarsely than "
+        "the noise.",
         "Check these before they are dropped (--mode mark).",
-        warned="are outliers only because most of their neighbors lie exactly in one plane",
+        warned=EXACTLY,
     )
     n_on = int(np.count_nonzero(detector.on_surface_))
     return notes + note_if(

@@ -151,11 +151,11 @@ def stored_planes(cell, job, fitted):
     return points, columns, {name: getattr(planes, name) for name in FACES}
 
 
-def fitted_to_new(job, queries, n_jobs=None):
+def fitted_to_new(job, queries):
     """An estimator that has what is public of new points (m, 3), once planes are found."""
     model, X = job.model(), queries.astype(job.constants.dtype)
     surfaces = job.surfaces(model)
-    around = model.index.query(queries, n_jobs)
+    around = model.index.query(queries)
     planes = Planes.empty(*X.shape)
 
     def task(rows):
@@ -166,8 +166,8 @@ def fitted_to_new(job, queries, n_jobs=None):
             found, _ = model.evaluate_neighborhoods(queries[rows], near)
         planes.put(rows, found)
 
-    each_slice(len(X), model.chunk(), task, n_jobs)
-    return _fitted(job, model, planes, X, around.take, n_jobs)
+    each_slice(len(X), model.chunk(), task, None)
+    return _fitted(job, model, planes, X, around.take, None)
 
 
 def _find_sizes(whole, cells, n_threads):

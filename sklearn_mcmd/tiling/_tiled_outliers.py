@@ -15,7 +15,7 @@ from sklearn_mcmd.io._las import is_denoised, read_header
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers import MCMDOutlierDetector
-from sklearn_mcmd.outliers._calibration import calibrated_cutoff, sample_step
+from sklearn_mcmd.outliers._calibration import calibrated_cutoff, check_rate, sample_step
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, share_to_flag
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
@@ -199,6 +199,7 @@ class OutlierJob(Job):
 
 def cutoff_of(estimator):
     """The cutoff, where the cloud has no part in it; compiled code is then on disk for all."""
+    check_rate(estimator.false_positive_rate)
     detector = clone(estimator)
     if is_auto(detector.sensor_origin):  # which would see nothing in other points
         detector.set_params(sensor_origin="origin")

@@ -186,9 +186,9 @@ def _single(name, arrays):
     known = numbers[np.isfinite(numbers)]
     whole = known.size > 0 and np.array_equal(known, np.rint(known))
     if whole and len(known) == len(numbers):
-        distinct, counts = np.unique(known, return_counts=True)
+        distinct = np.unique(known)
         if len(distinct) <= (MANY if name.lower() in LABELS else FEW):
-            return _classes(name, arrays, distinct, counts)
+            return _classes(name, arrays, distinct)
     code = NumberCode.for_values(known) if known.size else NumberCode(0.0, 1.0)
     codes = [None if v is None else [code.encode(v.astype(np.float64))] for v in arrays]
     exact = whole and code.step == 1.0 and code.width is None
@@ -196,7 +196,7 @@ def _single(name, arrays):
     return ColumnSource(info | ({"whole": True} if whole else {}), codes)
 
 
-def _classes(name, arrays, distinct, counts):
+def _classes(name, arrays, distinct):
     dtype = np.uint8 if len(distinct) <= 256 else np.uint16
     codes = [
         None if v is None else [np.searchsorted(distinct, v.astype(np.float64)).astype(dtype)]

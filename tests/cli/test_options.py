@@ -74,6 +74,8 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("denoise", "--ignore-class", ["a"]),
         ("denoise", "--only-class", ["3,256"]),
         ("denoise", "--sensor", ["1,2", "1,2,x", "0,0,nan", "", "origin"]),
+        ("denoise", "--n-jobs", ["0", "one"]),
+        ("denoise", "--strictness", ["wild"]),
         ("normals", "--memory", ["lots", "0GB", "-1GB"]),
         ("normals", "--radius", ["0", "-1", "nan"]),
         ("normals", "--cutoff", ["0", "nan"]),
@@ -106,7 +108,7 @@ def test_values_out_of_range_are_wrong_usage_before_a_file_is_read(verb, option,
     for value in values:
         error = usage_error(run(verb, *files, f"{option}={value}"))
         assert option in error
-        assert " None" not in error
+        assert not any(word in error for word in (" None", "str among", "Input ", "Value error"))
     assert files_in(tmp_path) == []
 
 

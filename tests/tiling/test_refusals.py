@@ -25,6 +25,7 @@ ESTIMATORS = [
     (MCMDOutlierDetector(), "random_state"),
     (MCMDOutlierDetector(cutoff=3, contamination=0.1, **SEED), "exclude each other"),
     (MCMDOutlierDetector(cutoff=3, false_positive_rate=0.1, **SEED), "exclude each other"),
+    (MCMDOutlierDetector(false_positive_rate=1e-9, **SEED), "less than the simulation"),
     (MCMDOutlierDetector(strictness="much", **SEED), "strictness"),
     (RobustNormalEstimator(None, orientation="mst", **SEED), "whole cloud"),
     (RobustNormalEstimator(None, **SEED), "whole cloud"),
