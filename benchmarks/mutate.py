@@ -36,16 +36,15 @@ ROOT = Path(__file__).resolve().parents[1]
 PYTHON = os.environ.get("NUMBA_DISABLE_JIT") == "1"
 BUDGET, LONGEST = 12, 7 if PYTHON else 600  # seconds of a mutant's tests, and of one test
 FIELDS = ("room", "file", "line", "at", "was", "now", "outcome", "by")
-SWAPS = {"not": [""], "~": [""], "is": ["is not"], "in": ["not in"]} | {
-    old: new
-    for old, *new in map(str.split, (
-        "< <= >=", "<= < >", "> >= <=", ">= > <", "== !=", "!= ==", "+ -", "- +", "* /", "/ *",
-        "& |", "| &", "<< >>", ">> <<", "** *", "// *", "% *", "+= -=", "-= +=", "*= /=", "/= *=",
-        "&= |=", "|= &=", "and or", "or and", "True False", "False True", "min max", "max min",
-        "minimum maximum", "maximum minimum", "argmin argmax", "argmax argmin", "any all",
-        "all any", "floor ceil", "ceil floor",
-    ))
-}  # fmt: skip
+BOTH_WAYS = """
++ - * / & | << >> == != += -= *= /= &= |= and or True False min max minimum maximum
+argmin argmax any all floor ceil
+"""
+SWAPS = {"not": [""], "~": [""], "is": ["is not"], "in": ["not in"]}
+SWAPS |= {"<": ["<=", ">="], "<=": ["<", ">"], ">": [">=", "<="], ">=": [">", "<"]}
+SWAPS |= {"**": ["*"], "//": ["*"], "%": ["*"]}
+for one, other in zip(BOTH_WAYS.split()[::2], BOTH_WAYS.split()[1::2], strict=True):
+    SWAPS |= {one: [other], other: [one]}
 
 
 def changes(source):

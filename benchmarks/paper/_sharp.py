@@ -219,9 +219,8 @@ def _edges(name, scene, make, view, said, runs, seed):
         "count as wrong. Recall is the percentage of the points within 1 spacing that are flagged.",
         "If a fit keeps to one face, its eigenvalue does not show the edge. So MCMD's edges by "
         "Eq. 25 are thin, precise and incomplete, more so with h = .5 k.",
-        *(f"{method.name}: {method.reading}." for method in SCENE_METHODS.values()
-          if method.name != "default"),
-    ]  # fmt: skip
+        *(f"{m.name}: {m.reading}." for m in SCENE_METHODS.values() if m.name != "default"),
+    ]
 
     def draw(figure):
         from sklearn_mcmd.plotting import plot_cloud
