@@ -3,23 +3,6 @@
 They are shown beside the reproduced numbers, with their misprints.
 """
 
-__all__ = [
-    "ANGLES",
-    "BREAKDOWN",
-    "CLASSIFICATION",
-    "DENOISING",
-    "OUTLIERS",
-    "RATES",
-    "SECONDS",
-    "SEGMENTATION",
-    "SHARES",
-    "SIZES",
-    "STATISTICS",
-    "TIMED_SHARES",
-    "VARIANCES",
-    "Z_VARIANCES",
-]
-
 OUTLIERS = ("clustered", "uniform")
 STATISTICS = ("mean", "min", "max", "median", "StD", "QR")
 

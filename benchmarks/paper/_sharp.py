@@ -9,8 +9,6 @@ from sklearn_mcmd.datasets import make_box, make_crown_roof
 from sklearn_mcmd.edges._detector import SharpFeatureDetector
 from sklearn_mcmd.metrics import bias_angle
 
-__all__ = ["figure10", "figure11", "figure12", "figure13"]
-
 NORMAL_NEIGHBORS, EDGE_NEIGHBORS = 20, 30
 NEAR, FAR = 2.0, 6.0  # spacings from an edge: inside the neighborhoods' reach, and outside
 ON, AROUND = 1.0, 2.0  # spacings within which points must be flagged, and may be flagged

@@ -14,8 +14,6 @@ from benchmarks.paper._printed import SECONDS, SIZES, TIMED_SHARES
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, bootstrap_error, stream
 
-__all__ = ["table3"]
-
 # Seconds after which the timing of a method in a column ends, after at least three clouds.
 BUDGET = 1.0
 
