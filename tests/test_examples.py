@@ -55,6 +55,7 @@ def test_it_answers_in_time(script, monkeypatch, capsys):
     few = FEW if '"--points"' in script.read_text(encoding="utf-8") else ONCE.get(script.stem, ())
     monkeypatch.setattr(sys, "argv", [str(script), *few])
     monkeypatch.chdir(script.parent)
+    monkeypatch.syspath_prepend(script.parent)  # some share a module
     before = time.process_time()
     with warnings.catch_warnings(), plt.rc_context():
         warnings.simplefilter("default")
