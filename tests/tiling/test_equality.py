@@ -274,12 +274,12 @@ def test_normals_agree_along_the_tree_of_memory_where_costs_are_equal(n, by_tile
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: make_street(40_000, outlier_share=0.1, tree=True, random_state=1),
-        lambda: make_mobile_scan(40_000, random_state=1),
-        lambda: make_airborne_scan(40_000, random_state=1),
+        lambda: make_street(20_000, outlier_share=0.1, tree=True, random_state=1),
+        lambda: make_mobile_scan(20_000, random_state=1),
+        lambda: make_airborne_scan(20_000, random_state=1),
     ],
     ids=["street", "mobile", "airborne"],
 )
 def test_many_points_have_the_results_of_memory(make, verb, by_tiles, tmp_path):
     path = written(tmp_path, PointCloud(np.round(make().data, 3)))
-    assert_equal_by_tiles(by_tiles, path, VERBS[verb], tile_size=5_000, n_jobs=2)
+    assert_equal_by_tiles(by_tiles, path, VERBS[verb], tile_size=2_500, n_jobs=2)
