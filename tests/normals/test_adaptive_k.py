@@ -170,6 +170,7 @@ def waves(noise, n=4000):
     return surface + rng.normal(0, noise, n)[:, None] * normals, normals
 
 
+@pytest.mark.slow
 def test_one_setting_does_for_clouds_for_which_no_fixed_number_does():
     ratios = {"auto": [], 16: [], 32: [], 64: [], 128: []}
     for noise in (0.0, 0.2, 0.4, 0.8):

@@ -18,7 +18,7 @@ from sklearn_mcmd.sensors._rays import one_far_position
 HEIGHT = 2.0  # of the sensor above the ground of the simulated room
 
 
-def room(n_rings=40, n_steps=300, rng=None, noise=0.003):
+def room(n_rings=32, n_steps=240, rng=None, noise=0.003):
     """A turn of a sensor at the origin in a room of 20 m by 20 m, its ground 2 m below."""
     rng = rng or np.random.default_rng(0)
     elevation = np.repeat(np.radians(np.linspace(-40, 12, n_rings)), n_steps)
@@ -62,7 +62,7 @@ def test_flakes_are_found_and_rings_are_kept(snowed):
 @pytest.fixture(scope="module")
 def street():
     errors = {"outlier_share": 0.1, "outlier_kinds": ["mixed_pixel"]}
-    return make_street(20_000, sampling="scan_lines", tree=True, random_state=0, **errors)
+    return make_street(12_000, sampling="scan_lines", tree=True, random_state=0, **errors)
 
 
 def test_sheets_of_mixed_pixels_are_found_and_the_rest_of_the_street_stays(street):
