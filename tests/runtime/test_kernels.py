@@ -98,7 +98,11 @@ def copied(tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="HOME does not say where users keep caches")
 @pytest.mark.parametrize(
     ("home", "temporary", "compilations"),
-    [("home", "no/t", 1), ("no/h", "t", 1), ("no/h", "no/t", 2)],
+    [
+        pytest.param("home", "no/t", 1, marks=pytest.mark.slow),
+        pytest.param("no/h", "t", 1, marks=pytest.mark.slow),
+        ("no/h", "no/t", 2),
+    ],
 )
 def test_a_package_that_cannot_be_written_keeps_its_code_elsewhere_or_compiles_each_time(
     home, temporary, compilations, copied, tmp_path

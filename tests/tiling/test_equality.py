@@ -196,7 +196,14 @@ PARAMETERS = [
 ]
 
 
-@pytest.mark.parametrize(("verb", "scene", "params"), PARAMETERS, ids=str)
+@pytest.mark.parametrize(
+    ("verb", "scene", "params"),
+    [
+        pytest.param(*row, marks=[pytest.mark.slow] if row[1] == "copies" else [])
+        for row in PARAMETERS
+    ],
+    ids=str,
+)
 def test_results_are_those_of_memory_for_all_parameters(verb, scene, params, by_tiles, tmp_path):
     path = written(tmp_path, SCENES[scene]())
     estimator = clone(VERBS[verb]).set_params(**params)
