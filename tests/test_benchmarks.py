@@ -70,6 +70,7 @@ SLOW = [
     ("bench_false_positives", "--clouds cylinder --n-points 1000 --rates 0.05", "known"),
     ("bench_segmentation", "scenes --size 3000 --seeds 1", "make_bus_stop"),
     ("bench_sensor", "--data {data} --points 2000", "3 mrad"),
+    ("figures", "--check", "changed since"),
 ]
 
 
