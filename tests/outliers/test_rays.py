@@ -10,6 +10,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from benchmarks.simulators import make_mobile_scan
+from outliers.test_ray_evidence import FORM, sheet_at_an_edge
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.report._outliers_page import reasons_of
@@ -122,6 +123,13 @@ def test_outliers_by_rays_alone_are_those_that_coordinates_keep(street):
     assert (plain.n_by_rays_, detector(strictness=None).fit(street.data).n_by_rays_) == (0, 0)
     gross = detector(sensor_origin=street.sensor_origins[0], cutoff=6.0).fit(street.data)
     assert 0 < gross.n_by_rays_ < told.n_by_rays_
+
+
+@pytest.mark.parametrize("cutoff", [0.5, 3.0])
+def test_points_on_sheets_are_outliers_by_rays_alone_at_any_cutoff(cutoff):
+    X, sensor = sheet_at_an_edge(np.random.default_rng(0))
+    found = MCMDOutlierDetector(**FORM, cutoff=cutoff).fit(X, sensor_origin=sensor)
+    assert found.n_by_rays_ == reasons_of(found, np.arange(60)).count("on a sheet of rays") > 40
 
 
 def test_one_position_for_each_point_says_the_same_as_one_for_all(snowed):

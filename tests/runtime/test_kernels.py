@@ -25,6 +25,12 @@ def n_compiled(name):
     return sum(module.double.stats.cache_misses.values())
 
 
+def test_where_numba_is_told_not_to_compile_python_runs():
+    command = [sys.executable, "-c", SOURCE + "print(double(3))"]
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    assert subprocess.check_output(command, env=environment, text=True) == "6\n"
+
+
 def test_an_edit_of_any_kernel_lets_all_be_compiled_again(tmp_path, monkeypatch):
     (tmp_path / "kept_kernel.py").write_text(SOURCE)
     monkeypatch.syspath_prepend(tmp_path)
