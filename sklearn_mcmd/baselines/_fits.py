@@ -1,7 +1,7 @@
 """The interface of all methods: they take neighborhoods and return `NeighborhoodFit`."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any, ClassVar, NamedTuple
 
@@ -46,9 +46,9 @@ class NeighborhoodFit:
         Standard deviation of the noise along the normal, in units of the points. It is negative
         where no plane was found; there no member is judged.
     origin : ndarray of shape (B, d)
-        Origin of the coordinates that `model` takes.
-    model : object
-        Its ``score(points)`` gives the scores of any points (B, m, d), with the origin subtracted.
+        Origin of the coordinates that `models` take.
+    models : list of (ndarray of int, object)
+        Rows of neighborhoods of one size, and what scores any points of theirs (m, d).
     """
 
     scores: np.ndarray
@@ -59,12 +59,15 @@ class NeighborhoodFit:
     normals: np.ndarray
     scale: np.ndarray
     origin: np.ndarray
-    model: Any
+    models: list[tuple[NDArray[np.intp], Any]]
 
     def score(self, queries: NDArray[np.float64]) -> NDArray[np.float64]:
         """Abnormality (B, m) of queries (B, m, d) to each of the neighborhoods."""
+        local, scores = queries - self.origin[:, None], np.empty(queries.shape[:2])
         with np.errstate(over="ignore"):  # off copies of the origin, which have no scale
-            return self.model.score(queries - self.origin[:, None])
+            for rows, model in self.models:
+                scores[rows] = model.score(local[rows])
+        return scores
 
 
 class Group(NamedTuple):
@@ -73,7 +76,6 @@ class Group(NamedTuple):
     points: np.ndarray  # (B, n, d), with the origin subtracted
     table: np.ndarray  # random positions
     floor: np.ndarray  # (B,), the least scale
-    origin: np.ndarray  # (B, d)
     compiled: bool | None
 
 
@@ -116,7 +118,33 @@ class Method(ABC):
     def fit(
         self, points: ArrayLike, *, random_state: int | np.random.RandomState | None = None
     ) -> NeighborhoodFit:
-        """Judge the members of neighborhoods, as `fit_neighborhoods` does."""
+        """Judge the members of many neighborhoods.
+
+        Parameters
+        ----------
+        points : array-like of shape (B, n, d)
+            Neighborhoods, in any unit; one cloud X is ``X[None]``. They are centered at each
+            neighborhood's first member before any arithmetic.
+        random_state : int, RandomState instance or None, default=None
+            Seed of the one table of random positions that all neighborhoods use.
+
+        Examples
+        --------
+        Two walls, one with a car in front of it:
+
+        >>> import numpy as np
+        >>> from sklearn_mcmd.baselines import Pca, Ransac, Robpca
+        >>> rng = np.random.default_rng(0)
+        >>> walls = rng.uniform(0, 2, (2, 50, 3)) * [1, 0, 1] + rng.normal(0, 0.004, (2, 50, 3))
+        >>> walls[1, :15] += [0, -0.8, 0]
+        >>> for method in (Pca(), Ransac(), Robpca()):
+        ...     found = method.fit(walls, random_state=0)
+        ...     tilts = np.degrees(np.arccos(np.abs(found.normals[:, 1])))
+        ...     print((~found.inliers).sum(axis=1), "removed, tilts", tilts.round(1), "degrees")
+        [1 0] removed, tilts [0.1 4.7] degrees
+        [ 1 15] removed, tilts [0.  0.1] degrees
+        [ 2 15] removed, tilts [0.1 0.1] degrees
+        """
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 3:
             raise ValueError(
@@ -160,15 +188,7 @@ class Method(ABC):
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
             table = tables.of(int(size), d)
-            found = self._fit(
-                Group(
-                    points=local[rows, :size],
-                    table=table,
-                    floor=floor[rows],
-                    origin=origin[rows],
-                    compiled=compiled,
-                )
-            )
+            found = self._fit(Group(local[rows, :size], table, floor[rows], compiled))
             scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
             support[rows, :size] = found.inliers if found.support is None else found.support
             cutoff[rows], scale[rows] = found.cutoff, found.scale
@@ -179,7 +199,6 @@ class Method(ABC):
         if unknown.any():
             scales = plane_scale(local, support, centers, axes[..., 0])
             scale = np.where(unknown, np.maximum(scales, floor), scale)
-        model = models[0][1] if len(models) == 1 else _merge(models, n_sets)
         return NeighborhoodFit(
             scores=scores,
             cutoff=cutoff,
@@ -189,7 +208,7 @@ class Method(ABC):
             normals=axes[..., 0],
             scale=scale,
             origin=origin,
-            model=model,
+            models=models,
         )
 
     def tables(self, random_state: int | np.random.RandomState | None = None) -> "Tables":
@@ -255,17 +274,3 @@ def _draw_positions(n_rows, n_columns, size, seed):
     for row in table:
         row[:] = sample_without_replacement(size, n_columns, random_state=rng)
     return table
-
-
-def _merge(models, n_sets):
-    """One model of all neighborhoods from the models of each size; missing entries are zero."""
-    first = models[0][1]
-    arrays = []
-    for field in fields(first):
-        parts = [np.asarray(getattr(model, field.name)) for _, model in models]
-        shape = np.max([part.shape[1:] for part in parts], axis=0).astype(int)
-        array = np.zeros((n_sets, *shape))
-        for (rows, _), part in zip(models, parts, strict=True):
-            array[(rows, *(slice(0, m) for m in part.shape[1:]))] = part
-        arrays.append(array)
-    return type(first)(*arrays)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from sklearn_mcmd.baselines._ransac import scale_factor
 from sklearn_mcmd.planes._moments_numba import FASTMATH
 from sklearn_mcmd.runtime._kernels import kernel
 
@@ -15,12 +14,12 @@ def best_planes_3d(points, table, threshold, stops, truncated_loss, *, rank_tole
     return centers, normals
 
 
-def least_median_scales_3d(points, table, *, rank_tolerance):
-    """As `_ransac.least_median_scales`, for points (B, n, 3)."""
+def least_medians_3d(points, table, *, rank_tolerance):
+    """As `_ransac.least_medians`, for points (B, n, 3)."""
     least = np.full(len(points), np.inf)
     columns = np.ascontiguousarray(np.swapaxes(points, 1, 2))
     _least_medians(columns, table, rank_tolerance, least)
-    return scale_factor(points.shape[1], 3) * least
+    return least
 
 
 @kernel(cache=True)

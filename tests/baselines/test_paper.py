@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sklearn_mcmd.baselines import fit_neighborhoods
+from sklearn_mcmd.baselines import Msac, Pca, Qsp, Ransac, Robpca
 from sklearn_mcmd.datasets import make_contaminated_plane
 from sklearn_mcmd.metrics import bias_angle
 
@@ -55,8 +55,7 @@ def bias_angles(method, outliers, **params):
     data, clean, _ = simulated(50, 0.2, outliers)
     # The clean twin's trials are others, as they were in the paper.
     normals = (
-        fit_neighborhoods(method, X, random_state=seed, **params).normals
-        for seed, X in enumerate((data, clean))
+        method(**params).fit(X, random_state=seed).normals for seed, X in enumerate((data, clean))
     )
     return bias_angle(*normals)
 
@@ -64,20 +63,20 @@ def bias_angles(method, outliers, **params):
 def rates(method, share, **params):
     """Mean TPR and TNR in percent."""
     data, _, y = simulated(100, share)
-    inliers = fit_neighborhoods(method, data, random_state=0, **params).inliers
+    inliers = method(**params).fit(data, random_state=0).inliers
     return 100 * (~inliers[y == -1]).mean(), 100 * inliers[y == 1].mean()
 
 
 @pytest.mark.parametrize(
     ("method", "params", "outliers", "mean", "median", "deviation"),
     [
-        ("pca", {}, "clustered", 34.350, 33.988, 4.050),
-        ("ransac", ZULIANI, "clustered", 1.214, 0.872, 1.166),
-        ("msac", ZULIANI, "clustered", 1.140, 0.687, 1.215),  # the paper
-        ("msac", ZULIANI, "uniform", 1.157, 0.730, 1.202),  # the paper
-        ("robpca", OLD_MCD, "clustered", 0.694, 0.599, 0.489),  # the paper
-        ("robpca", OLD_MCD, "clustered", 0.663, 0.547, 0.487),
-        ("robpca", {"n_components": 2}, "clustered", 0.545, 0.444, 0.410),  # rrcov
+        (Pca, {}, "clustered", 34.350, 33.988, 4.050),
+        (Ransac, ZULIANI, "clustered", 1.214, 0.872, 1.166),
+        (Msac, ZULIANI, "clustered", 1.140, 0.687, 1.215),  # the paper
+        (Msac, ZULIANI, "uniform", 1.157, 0.730, 1.202),  # the paper
+        (Robpca, OLD_MCD, "clustered", 0.694, 0.599, 0.489),  # the paper
+        (Robpca, OLD_MCD, "clustered", 0.663, 0.547, 0.487),
+        (Robpca, {"n_components": 2}, "clustered", 0.545, 0.444, 0.410),  # rrcov
     ],
 )
 def test_table_1_is_reproduced(method, params, outliers, mean, median, deviation):
@@ -90,10 +89,10 @@ def test_table_1_is_reproduced(method, params, outliers, mean, median, deviation
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4])
 def test_ransac_with_the_right_noise_keeps_its_inliers(share):
     """96 to 98 % by the plane of three points, and the quantile's 99 % once it is refitted."""
-    found, kept = rates("ransac", share, noise_scale=0.1, n_refits=0)
+    found, kept = rates(Ransac, share, noise_scale=0.1, n_refits=0)
     assert found > 99.95
     assert 95.5 < kept < 98.5
-    found, kept = rates("ransac", share, noise_scale=0.1)
+    found, kept = rates(Ransac, share, noise_scale=0.1)
     assert found > 99.95
     assert 98.7 < kept < 99.5
 
@@ -102,7 +101,7 @@ def breakdown(method, shares, failures, **params):
     """The first percentage at which that part of 100 runs is off by more than 5 degrees."""
     for percent in shares:
         data, _, _ = simulated(100, percent / 100, runs=100)
-        normals = fit_neighborhoods(method, data, random_state=0, **params).normals
+        normals = method(**params).fit(data, random_state=0).normals
         if (bias_angle(normals, [0, 0, 1]) > 5).mean() >= failures:
             return percent
     return None
@@ -111,9 +110,9 @@ def breakdown(method, shares, failures, **params):
 def test_ransac_breaks_down_between_64_and_70_percent():
     """The replication, threshold .0258: fails in 5 % of the runs at 64, in 18 % at 70."""
     params = {"noise_scale": 0.01, "n_refits": 0}
-    first = breakdown("ransac", range(56, 80, 2), 0.05, **params)
+    first = breakdown(Ransac, range(56, 80, 2), 0.05, **params)
     assert 62 <= first <= 68
-    assert first < breakdown("ransac", range(60, 80, 2), 0.18, **params) <= 72
+    assert first < breakdown(Ransac, range(60, 80, 2), 0.18, **params) <= 72
 
 
 @pytest.mark.parametrize(
@@ -122,6 +121,6 @@ def test_ransac_breaks_down_between_64_and_70_percent():
 )
 def test_qsp_with_a_sample_of_five_is_as_replicated(outliers, mean, median, deviation):
     """A sample of five has no outlier in every third run: two modes, 0 and 34 degrees."""
-    angles = bias_angles("qsp", outliers, sample_size=5, contamination=0.2)
+    angles = bias_angles(Qsp, outliers, sample_size=5, contamination=0.2)
     assert abs(angles.mean() - mean) < ERROR * deviation
     assert abs(np.median(angles) - median) < 2 * ERROR * deviation
