@@ -76,7 +76,6 @@ class Group(NamedTuple):
     points: np.ndarray  # (B, n, d), with the origin subtracted
     table: np.ndarray  # random positions
     floor: np.ndarray  # (B,), the least scale
-    compiled: bool | None
 
 
 class Found(NamedTuple):
@@ -165,13 +164,11 @@ class Method(ABC):
         tables: "Tables",
         rounding: float = 8 * 2.0**-52,
         least_scale: float = 0.0,
-        compiled: bool | None = None,
     ) -> NeighborhoodFit:
         """As `fit`, for neighborhoods whose first `sizes` members are in use.
 
         `rounding` is the relative rounding error of the coordinates, and `least_scale` the error
-        from their step. No scale is smaller than these. `compiled` chooses between the two forms
-        of the arithmetic where there are two; with None the method chooses.
+        from their step. No scale is smaller than these.
         """
         n_sets, n, d = points.shape
         origin = points[:, 0].copy()
@@ -188,7 +185,7 @@ class Method(ABC):
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
             table = tables.of(int(size), d)
-            found = self._fit(Group(local[rows, :size], table, floor[rows], compiled))
+            found = self._fit(Group(local[rows, :size], table, floor[rows]))
             scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
             support[rows, :size] = found.inliers if found.support is None else found.support
             cutoff[rows], scale[rows] = found.cutoff, found.scale

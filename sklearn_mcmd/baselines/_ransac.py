@@ -1,7 +1,6 @@
 """RANSAC and MSAC: the plane of the minimal subset that most members agree with."""
 
 from dataclasses import dataclass
-from functools import partial
 from numbers import Integral, Real
 from typing import ClassVar
 
@@ -11,16 +10,13 @@ from scipy.special import chdtri
 from sklearn_mcmd._sklearn import Interval
 from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method, WhitenedModel
 from sklearn_mcmd.planes._consistent_set import (
-    RANK_TOLERANCE,
     n_trials_needed,
     planes_through,
 )
 from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
-from sklearn_mcmd.runtime._compiling import compiled_function
 
 TRIALS_AT_ONCE = 16  # at first; more where few neighborhoods still seek
-COMPILE_FROM = 50_000  # for fewer members loading compiled code would take longer than the work
 
 
 @dataclass(frozen=True)
@@ -90,21 +86,18 @@ class Ransac(Method):
     def _fit(self, group):
         points, table, floor = group.points, group.table, group.floor
         n_sets, n, d = points.shape
-        select, medians = best_planes, least_medians
-        if d == 3 and (n_sets * n >= COMPILE_FROM if group.compiled is None else group.compiled):
-            forms = ("best_planes_3d", "least_medians_3d")
-            forms = (compiled_function("baselines._ransac_numba", name) for name in forms)
-            select, medians = (partial(form, rank_tolerance=RANK_TOLERANCE) for form in forms)
         if self.noise_scale is None:
             enough = min(len(table), n_trials_needed(0.5, self.stop_probability, d))
             # With the small-sample factor of Rousseeuw and Leroy.
-            scale = MAD_TO_SD * (1.0 + 5.0 / max(n - d, 1)) * medians(points, table[:enough])
+            scale = MAD_TO_SD * (1.0 + 5.0 / max(n - d, 1)) * least_medians(points, table[:enough])
         else:
             scale = np.full(n_sets, float(self.noise_scale))
         found = np.isfinite(scale)
         scale = np.maximum(np.where(found, scale, 0.0), floor)
         stops = trials_to_stop(n, d, self.stop_probability)
-        centers, normals = select(points, table, self.cutoff * scale, stops, self.truncated_loss)
+        centers, normals = best_planes(
+            points, table, self.cutoff * scale, stops, self.truncated_loss
+        )
         found &= np.isfinite(normals[:, 0])
         for _ in range(self.n_refits):
             distances = np.abs(orthogonal_distances(points, centers, normals))
