@@ -66,8 +66,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         Weights of the limit. "ratio" is the paper's Eq. 20, ``1 / m_N - r~n``. "cut" is
         ``1 - r~n``. "ratio" has no bound: one huge outlier can take the limit for itself and mask
         the others. Take "cut" if sizes differ by more than a factor of 5.
-    contamination : "auto" or float in (0, 0.5], default="auto"
-        Share of training points to call outliers; by Eq. 21 when "auto".
     surface : {"vertical", "orthogonal"}, default="vertical"
         "vertical" takes residuals along the last axis, "orthogonal" along the normal (for walls).
     loss : {"squared_error", "huber", "tukey"}, default="squared_error"
@@ -165,7 +163,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         correction: Correction = "none",
         width: float = 1.0,
         weighting: Literal["ratio", "cut"] = "ratio",
-        contamination: float | Literal["auto"] = "auto",
         surface: Surface = "vertical",
         loss: Loss = "squared_error",
     ) -> None:
@@ -175,7 +172,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.correction = correction
         self.width = width
         self.weighting = weighting
-        self.contamination = contamination
         self.surface = surface
         self.loss = loss
 
@@ -219,12 +215,11 @@ class FuzzyPlaneDetector(PlaneDetector):
             )
         self.defuzzification_limit_ = 1 - self.defuzzification_complement_
         # `decision_function` is negative for outliers, and a tie is one (Eq. 21).
-        limit = float(np.nextafter(self.defuzzification_complement_, np.inf))
+        self.offset_ = float(np.nextafter(self.defuzzification_complement_, np.inf))
         if not abnormal.any():
             # The largest effect times G is at least (1 - h) / 2 for a normal point, and at most
             # h / 2 for an abnormal one.
-            limit = float(min(0.25 / self._effects.largest, complement[used].min()))
-        self.offset_ = self._choose_offset(complement, used, limit)
+            self.offset_ = float(min(0.25 / self._effects.largest, complement[used].min()))
         self.labels_ = np.where(complement - self.offset_ < 0, -1, 1)
         self.labels_[~used] = 1
         self._set_variance_after(X, weights)

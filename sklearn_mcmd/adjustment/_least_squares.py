@@ -1,6 +1,7 @@
 """Weighted least-squares planes: coefficients, cofactors and redundancy numbers."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import eigh
@@ -14,6 +15,23 @@ CHUNK = 1 << 15  # rows that are processed together, whose copy stays in the pro
 
 # Spread of a direction over the largest, squared and of columns scaled alike, of collinear columns.
 RANK_TOLERANCE = 1e-13
+
+
+class Training(NamedTuple):
+    """Points to test, and their weights, None where all are 1."""
+
+    X: NDArray[np.float64]
+    weights: NDArray[np.float64] | None
+    used: NDArray[np.bool_]  # points of positive weight
+    rounding_errors: NDArray[np.float64]  # of float64 in each coordinate
+
+    def rounding_of(self, direction):
+        """Largest rounding error of float64 in a residual of this direction."""
+        return residual_rounding(self.rounding_errors, direction)
+
+    def deviation_of(self, plane):
+        """Estimated standard deviation of unit weight, no less than rounding."""
+        return max(np.sqrt(plane.variance_factor), self.rounding_of(plane.direction))
 
 
 @dataclass(frozen=True, eq=False)
