@@ -251,11 +251,7 @@ def _draw_statistics(axes, detector, outliers):
     if np.isfinite(limit):
         axes.axhline(limit, color="k", linestyle="--", label="critical value")
         # Linear up to the critical value, logarithmic above it.
-        axes.set_yscale("symlog", linthresh=limit, linscale=2.5, subs=range(2, 10))
-        ticks = np.arange(0, np.floor(limit) + 1, max(np.floor(limit / 4), 1))
-        tens = 10.0 ** np.arange(np.ceil(np.log10(limit)), 20)
-        axes.set_yticks([*ticks, *tens[tens <= 2 * statistic.max()]])
-        axes.yaxis.set_major_formatter("{x:g}")
+        axes.set_yscale("symlog", linthresh=limit, linscale=2.5)
     highest = max(statistic.max(), limit if np.isfinite(limit) else 1)
     axes.set(title="Test statistics", ylim=(0, 1.3 * highest))
     axes.set(xlabel="points, in ascending order", ylabel=f"test statistic {detector.test_}")

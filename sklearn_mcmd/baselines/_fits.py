@@ -70,14 +70,6 @@ class NeighborhoodFit:
         return scores
 
 
-class Group(NamedTuple):
-    """Neighborhoods of one size, as `Method._fit` takes them."""
-
-    points: np.ndarray  # (B, n, d), with the origin subtracted
-    table: np.ndarray  # random positions
-    floor: np.ndarray  # (B,), the least scale
-
-
 class Found(NamedTuple):
     """The result of `Method._fit`, with the names of `NeighborhoodFit`."""
 
@@ -184,8 +176,7 @@ class Method(ABC):
         models = []
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
-            table = tables.of(int(size), d)
-            found = self._fit(Group(local[rows, :size], table, floor[rows]))
+            found = self._fit(local[rows, :size], tables.of(int(size), d), floor[rows])
             scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
             support[rows, :size] = found.inliers if found.support is None else found.support
             cutoff[rows], scale[rows] = found.cutoff, found.scale
@@ -221,8 +212,12 @@ class Method(ABC):
         """Rows and columns of the table for neighborhoods of a size."""
 
     @abstractmethod
-    def _fit(self, group):
-        """The verdicts on neighborhoods of one size, as `Found`."""
+    def _fit(self, points, table, floor):
+        """The verdicts on neighborhoods of one size, as `Found`.
+
+        Points (B, n, d) are without the origin; `table` has random positions, `floor` (B,) the
+        least scale.
+        """
 
 
 class Tables:

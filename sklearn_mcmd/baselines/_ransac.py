@@ -83,8 +83,7 @@ class Ransac(Method):
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return self.max_trials, d
 
-    def _fit(self, group):
-        points, table, floor = group.points, group.table, group.floor
+    def _fit(self, points, table, floor):
         n_sets, n, d = points.shape
         if self.noise_scale is None:
             enough = min(len(table), n_trials_needed(0.5, self.stop_probability, d))

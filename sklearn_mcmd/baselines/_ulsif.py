@@ -56,15 +56,13 @@ class Ulsif(Method):
         # The last row is the random order of the members; the other rows are the MCD's starts.
         return (1 if size >= McdLimits().nested_from else RatioLimits().n_starts + 1), size
 
-    def _fit(self, group):
-        points = group.points
-        n_sets = len(points)
-        shuffled = group.table[-1]
-        training = self._training(group, shuffled)
+    def _fit(self, points, table, floor):
+        n_sets, shuffled = len(points), table[-1]
+        training = self._training(points, table, floor)
         basis = training[:, : RatioLimits().max_basis]
         gaps = training - np.median(training, axis=1, keepdims=True)
         usual = np.median(np.sqrt(np.square(gaps).sum(axis=-1)), axis=1)
-        candidates = np.maximum(usual, group.floor)[:, None] * RatioLimits().widths
+        candidates = np.maximum(usual, floor)[:, None] * RatioLimits().widths
         best = np.full(n_sets, np.inf)
         width, weights = np.ones(n_sets), np.zeros((n_sets, basis.shape[1]))
         for widths in candidates.T:
@@ -83,14 +81,14 @@ class Ulsif(Method):
         inliers, cutoff = flag_share(scores, self.contamination)
         return Found(model, scores, inliers, cutoff)
 
-    def _training(self, group, shuffled):
+    def _training(self, points, table, floor):
         """The central members (B, m, d), in random order."""
-        _, n, d = group.points.shape
-        found = fit_mcd(group.points, group.table[:-1, : d + 1], 0.5, group.floor)
+        (_, n, d), shuffled = points.shape, table[-1]
+        found = fit_mcd(points, table[:-1, : d + 1], 0.5, floor)
         m = max(d + 1, int(np.ceil(round(RatioLimits().training_fraction * n, 9))))
         squares = found.raw_squares[:, shuffled]
         central = np.sort(np.argsort(squares, axis=1, kind="stable")[:, :m], axis=1)
-        return np.take_along_axis(group.points[:, shuffled], central[..., None], 1)
+        return np.take_along_axis(points[:, shuffled], central[..., None], 1)
 
 
 @dataclass(frozen=True)
