@@ -43,12 +43,10 @@ class Change(NamedTuple):
 class DowndatedPlane:
     """The plane of the retained points, and the largest of their standardized residuals.
 
-    When a point leaves, only the few sums of the normal equations change (down-dating), and the
-    residuals and redundancy numbers of all points change a little. Only the *candidates*, the
-    points with the largest statistics at the last full adjustment, are computed again each time. A
-    bound limits the statistics of all other points. If the largest candidate does not exceed the
-    bound, the whole cloud has to be adjusted anew. So the point found is always the one that a full
-    computation finds. `sum_of_squares` is v'Pv of the retained points.
+    When a point leaves, only the few sums of the normal equations change (down-dating). Only the
+    *candidates*, the points with the largest statistics at the last full adjustment, are computed
+    again each time. A bound limits the statistics of all others: if the largest candidate does not
+    exceed it, the whole cloud is adjusted anew. So the point found is that of a full computation.
 
     With whitened regressors g (``|g|^2`` is a cofactor) and the residual e at the last adjustment,
     Cauchy's inequality and the triangle inequality give, with the names of `Change`::

@@ -160,9 +160,7 @@ class BasePlaneOutliers(FittedScoresMixin, BaseLocalPlanes):
 def model_of(estimator, index, shape, precision, step, cutoff=None, comparator=None):
     """The planes of an index of points of this shape, by the parameters of an estimator.
 
-    `precision` is the relative rounding error of the coordinates, `step` that of a lattice. The
-    estimator gets `n_trials_`, and says whether a comparator judges in place of a rule if none is
-    given.
+    `precision` and `step` are as of `PlaneSettings`. The estimator gets `n_trials_`.
     """
     n, d = shape
     k, comparator = index.n_neighbors or n, comparator or estimator._comparator()

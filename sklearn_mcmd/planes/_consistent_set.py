@@ -55,10 +55,7 @@ def draw_trials(n_trials, n_neighbors, random_state=None, *, length=None):
     Each row is a random order of the positions 0..k-1. A minimal subset is the start of a row.
     Where it spans no plane, more of the row is read, by half as many points again each time
     ("randomly add more points", Algorithm 1, step 1). Positions beyond a smaller neighborhood are
-    skipped.
-
-    With a `length`, only so many positions of each row are kept. This limits the memory for one
-    neighborhood of a million points; the first thousands of a row are enough.
+    skipped. A `length` limits the memory of a row for one neighborhood of a million points.
     """
     rng = check_random_state(random_state)
     length = n_neighbors if length is None else min(length, n_neighbors)

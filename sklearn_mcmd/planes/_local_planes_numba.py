@@ -22,9 +22,8 @@ FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 def fit_neighborhoods_3d(points, around, queries, trials, method, rule, out):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
-    Points and queries (m, 3) are float64, and `rule` is a `RuleArguments`. What is filled, `out`,
-    are planes, except for extents and errors, directions (m, 3), the axes of the largest
-    eigenvalues, and robust distances (m,) of the queries.
+    What is filled, `out`, are planes, except for extents and errors, directions (m, 3), the axes of
+    the largest eigenvalues, and robust distances (m,) of the queries.
     """
     arrays = WorkArrays.of(len(trials.positions), around.indices.shape[1])
     _fit_neighborhoods(points, around, queries, trials, rule, *FORMS[method], arrays, *out)

@@ -19,9 +19,8 @@ class NeighborTable:
     in succession. Rows near each other share a list of these groups. A neighbor is then two
     bytes: the place of its group in the list, and its own place in the group.
 
-    ``search(rows, k)`` returns the neighbors, int32 (m, k), of a slice of rows, itself the first of
-    each. If `sizes` (n,) says how many each needs, parts hold as many as any of their rows
-    needs.
+    ``search(rows, k)`` returns the neighbors, int32 (m, k), of a slice of rows. If `sizes` (n,)
+    says how many each needs, parts hold as many as any of their rows does.
     """
 
     def __init__(self, search, n, k, sizes=None):
