@@ -24,7 +24,6 @@ from sklearn_mcmd.adjustment._tests import (
     local_level,
     residual_limit,
     standardized_residuals,
-    statistic,
     t_to_tau,
 )
 
@@ -344,8 +343,7 @@ class BaardaPlaneDetector(PlaneDetector):
         redundancy = own_redundancy(cofactors, spread, weights, robust_weights)
         redundancy[~support] = 1 / (1 + spread * (1 if weights is None else weights))[~support]
         standardized = standardized_residuals(residuals, weights, redundancy)
-        tests = statistic(standardized, self.test_, self.sigma0_, self._fitted.scale, self.dof_)
-        self.test_statistic_ = np.where(support, tests, outside)
+        self.test_statistic_ = np.where(support, self._statistic(standardized), outside)
         self.redundancy_, self.leverage_ = redundancy, 1 - redundancy
         if robust_weights is not None:
             self.robust_weights_ = np.where(support, robust_weights, 0.0)

@@ -35,7 +35,7 @@ from sklearn_mcmd.adjustment._power import POWER, coupled_level
 from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import m_estimate
-from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level
+from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level, statistic
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
@@ -187,6 +187,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 "squares: take loss='squared_error'."
             )
         return reliability_of(self, X, power, n_worst)
+
+    def _statistic(self, standardized):
+        return statistic(standardized, self.test_, self.sigma0_, self._fitted.scale, self.dof_)
 
     def _level_of_one(self):
         """Level of the last tests of single points."""

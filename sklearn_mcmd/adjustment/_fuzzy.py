@@ -22,7 +22,6 @@ from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS
 from sklearn_mcmd.adjustment._tests import (
     critical_value,
     standardized_residuals,
-    statistic,
     t_to_tau,
 )
 
@@ -260,9 +259,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         among_normal = normal > 0.5
         effect[among_normal] = np.maximum(effect, diagonal)[among_normal]
         return normal_error_complement(effect / effects.largest, normal)
-
-    def _statistic(self, standardized):
-        return statistic(standardized, self.test, self.sigma0_, self._fitted.scale, self.dof_)
 
     def _robust_weights_at(self, residuals, loss_scale, weights=None):
         """W of given residuals, by the same rule for training points and new ones."""
