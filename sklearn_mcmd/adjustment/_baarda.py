@@ -16,7 +16,7 @@ from sklearn_mcmd.adjustment._elimination import (
     eliminate_one_by_one,
     own_redundancy,
 )
-from sklearn_mcmd.adjustment._least_squares import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weighed
 from sklearn_mcmd.adjustment._start import StartLimits, robust_start
 from sklearn_mcmd.adjustment._tests import (
     chance_outside,
@@ -312,7 +312,7 @@ class BaardaPlaneDetector(PlaneDetector):
         limits, support = JoiningLimits(), support.copy()
         n, size = int(np.count_nonzero(used)), np.count_nonzero(support)
         while size < n:
-            plane = adjust_plane(X, weights_of(support, weights), surface=self.surface)
+            plane = adjust_plane(X, weighed(support, weights), surface=self.surface)
             residuals, _, spread = plane.evaluate(X)
             values = -_added_scores(residuals, spread, weights, training.deviation_of(plane))
             outside = np.flatnonzero(used & ~support)

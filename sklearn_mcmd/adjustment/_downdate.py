@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weighed
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, first_of_largest, standardized_residuals
 
 # Share of its first value below which a sum is formed anew; twelve digits are left there.
@@ -129,10 +129,10 @@ class DowndatedPlane:
 
 def downdated_plane(X, weights, support, surface):
     """Adjust all points of the support and choose candidates."""
-    retained = weights_of(support, weights)
+    retained = weighed(support, weights)
     plane = adjust_plane(X, retained, surface=surface)
     residuals, cofactors, _ = plane.evaluate(X)
-    leverage = cofactors if weights is None else cofactors * weights
+    leverage = weighed(cofactors, weights)
     standardized = standardized_residuals(residuals, weights, 1 - leverage)
     standardized[~support] = -1.0
     leverage[~support] = 0.0

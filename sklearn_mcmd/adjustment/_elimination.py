@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sklearn_mcmd.adjustment._downdate import downdated_plane
-from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weighed
 from sklearn_mcmd.adjustment._tests import first_of_largest, standardized_residuals
 
 
@@ -33,7 +33,7 @@ def eliminate(X, weights, adjust, limit, start, single):
     """
     now, before = start, start.support
     while True:
-        plane, robust_weights = adjust(weights_of(now.support, weights))
+        plane, robust_weights = adjust(weighed(now.support, weights))
         if now.plane is not None and plane.rank < now.plane.rank:
             return now._replace(support=before, ran_out_of_points=True)
         now = now._replace(plane=plane, robust_weights=robust_weights)
@@ -77,7 +77,7 @@ def eliminate_one_by_one(X, weights, surface, limit, start):
             break
         support[worst] = False
         plane = plane.without(at) or downdated_plane(X, weights, support, surface)
-    last = adjust_plane(X, weights_of(support, weights), surface=surface)
+    last = adjust_plane(X, weighed(support, weights), surface=surface)
     return start._replace(
         step=step, support=support, n_rounds=n_rounds, plane=last, ran_out_of_points=ran_out
     )
@@ -90,6 +90,5 @@ def own_redundancy(cofactors, spread, weights, robust_weights=None):
     taken as fixed: ``r = 1 - 2 w h + p g'Cg``, which is 1 - h for W = 1.
     """
     if robust_weights is None:
-        return 1 - (cofactors if weights is None else cofactors * weights)
-    loss = 2 * robust_weights * cofactors - spread
-    return 1 - (loss if weights is None else loss * weights)
+        return 1 - weighed(cofactors, weights)
+    return 1 - weighed(2 * robust_weights * cofactors - spread, weights)

@@ -12,6 +12,7 @@ from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
 from sklearn_mcmd.adjustment._effects import bounding_points, effects_of, largest_effects
 from sklearn_mcmd.adjustment._elimination import own_redundancy
+from sklearn_mcmd.adjustment._least_squares import weighed
 from sklearn_mcmd.adjustment._memberships import (
     abnormal_residual_membership,
     defuzzification_complement,
@@ -199,9 +200,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.membership_residual_ = abnormal_residual_membership(*residual)
         normal = normal_residual_membership(*residual)
         abnormal = self.membership_residual_ >= 0.5
-        equivalent = weights
-        if robust_weights is not None:
-            equivalent = robust_weights if weights is None else robust_weights * weights
+        equivalent = weights if robust_weights is None else weighed(robust_weights, weights)
         effect, self._effects = self._find_effects(
             training._replace(weights=equivalent), cofactors, abnormal, loss_scale
         )
@@ -277,7 +276,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         """
         X, weights, used, _ = training
         plane, n = self._fitted.plane, len(X)
-        leverage = cofactors if weights is None else cofactors * weights
+        leverage = weighed(cofactors, weights)
         diagonal = np.maximum(1 - leverage, 0.0)
         alone = leverage > 0.5  # at most 2u points: leverages sum to u
 
@@ -311,7 +310,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         if np.count_nonzero(left) <= plane.rank:
             self._warn_of_too_few(self.labels_ == -1)
         elif not left.all():
-            retained = left.astype(float) if weights is None else left * weights
-            plane, *_ = self._adjust(X, retained)
+            plane, *_ = self._adjust(X, weighed(left, weights))
             self.variance_factor_ = plane.variance_factor
             self.global_test_pvalue_ = self._global_test(plane)

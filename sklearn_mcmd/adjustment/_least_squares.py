@@ -190,9 +190,9 @@ def adjust_plane(X, weights=None, *, surface="vertical"):
     )
 
 
-def weights_of(members, weights):
-    """Weights of an adjustment of some points; 0 for the others."""
-    return members.astype(float) if weights is None else members * weights
+def weighed(values, weights):
+    """Values times weights, None where all are 1; of a mask the weights of its points, else 0."""
+    return values * (1.0 if weights is None else weights)
 
 
 def rounding_errors(X):

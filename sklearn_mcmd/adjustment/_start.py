@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd.adjustment._least_squares import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weighed
 from sklearn_mcmd.adjustment._robust import robust_scale
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED
 from sklearn_mcmd.planes._consistent_set import (
@@ -46,9 +46,9 @@ def robust_start(training, rank, surface, sigma0, random_state):
     points = X[used] if surface == "orthogonal" else _stretched(X[used])
     members[used] = _robust_start_plane(points, random_state)
     size = np.count_nonzero(members)
-    root = np.sqrt(used if weights is None else weights)
+    root = np.sqrt(weighed(used, weights))
     for _ in range(MAX_ROUNDS):
-        plane = adjust_plane(X, weights_of(members, weights), surface=surface)
+        plane = adjust_plane(X, weighed(members, weights), surface=surface)
         residuals = plane.evaluate(X)[0]
         distances = np.where(used, np.abs(residuals) * root, np.inf)
         nearest = np.zeros(len(X), dtype=bool)
@@ -63,12 +63,12 @@ def robust_start(training, rank, surface, sigma0, random_state):
     members = None
     for _ in range(MAX_ROUNDS):
         residuals, _, spread = plane.evaluate(X)
-        deviation = sigma * np.sqrt(1 + (spread if weights is None else spread * root**2))
+        deviation = sigma * np.sqrt(1 + spread * (1 if weights is None else root**2))
         near = used & (np.abs(residuals) * root <= limits.cut * deviation)
         if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):
             break
         made_of = members = near
-        plane = adjust_plane(X, weights_of(members, weights), surface=surface)
+        plane = adjust_plane(X, weighed(members, weights), surface=surface)
         if sigma0 is None:
             rounding = training.rounding_of(plane.direction)
             sigma = max(np.sqrt(plane.variance_factor) / limits.cut_deviation, rounding)
