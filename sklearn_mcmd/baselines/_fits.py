@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 from numbers import Real
 from typing import Any, ClassVar, NamedTuple
 
@@ -147,13 +148,13 @@ class Method(ABC):
             raise ValueError(
                 f"{n} members are too few for planes in {d}D: at least {d + 1} are needed."
             )
-        return self.fit_sizes(points, np.full(n_sets, n), self.tables(random_state))
+        return self.fit_sizes(points, np.full(n_sets, n), self.seed(random_state))
 
     def fit_sizes(
         self,
         points: NDArray[np.float64],
         sizes: NDArray[np.integer],
-        tables: "Tables",
+        seed: int,
         rounding: float = 8 * 2.0**-52,
         least_scale: float = 0.0,
     ) -> NeighborhoodFit:
@@ -176,7 +177,7 @@ class Method(ABC):
         models = []
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
-            found = self._fit(local[rows, :size], tables.of(int(size), d), floor[rows])
+            found = self._fit(local[rows, :size], self.table(int(size), d, seed), floor[rows])
             scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
             support[rows, :size] = found.inliers if found.support is None else found.support
             cutoff[rows], scale[rows] = found.cutoff, found.scale
@@ -199,9 +200,14 @@ class Method(ABC):
             models=models,
         )
 
-    def tables(self, random_state: int | np.random.RandomState | None = None) -> "Tables":
-        """The tables of random positions, by the size of the neighborhoods."""
-        return Tables(self, check_random_state(random_state).randint(LARGEST_SEED))
+    def seed(self, random_state: int | np.random.RandomState | None = None) -> int:
+        """The seed of all tables of random positions."""
+        return check_random_state(random_state).randint(LARGEST_SEED)
+
+    def table(self, size: int, d: int, seed: int) -> NDArray[np.intp]:
+        """The one table of random positions of all neighborhoods of a size."""
+        n_rows, n_columns = self.table_shape(size, d)
+        return _draw_positions(n_rows, min(n_columns, size), size, seed)
 
     def usual_cutoff(self, n: int, d: int) -> float | None:
         """Score above which one of n members is an outlier; None for a method without a cut-off."""
@@ -218,21 +224,6 @@ class Method(ABC):
         Points (B, n, d) are without the origin; `table` has random positions, `floor` (B,) the
         least scale.
         """
-
-
-class Tables:
-    """One table of random positions for all neighborhoods of a size, drawn on first use."""
-
-    def __init__(self, method, seed):
-        self.method = method
-        self.seed = seed
-        self.drawn = {}
-
-    def of(self, size, d):
-        if size not in self.drawn:
-            n_rows, n_columns = self.method.table_shape(size, d)
-            self.drawn[size] = _draw_positions(n_rows, min(n_columns, size), size, self.seed)
-        return self.drawn[size]
 
 
 def flag_share(scores, contamination):
@@ -258,6 +249,7 @@ def plane_scale(points, members, centers, normals):
     return np.sqrt(np.square(distances).sum(axis=1) / freedom)
 
 
+@lru_cache  # which is asked for by each chunk
 def _draw_positions(n_rows, n_columns, size, seed):
     rng = np.random.RandomState(seed)
     if size <= SHUFFLE_AT_ONCE:

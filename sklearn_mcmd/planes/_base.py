@@ -167,8 +167,8 @@ def model_of(estimator, index, shape, precision, step, cutoff=None, comparator=N
     settings = PlaneSettings(estimator.method, precision, step)
     if comparator is not None:
         estimator.n_trials_, _ = comparator.table_shape(k, d)
-        tables = comparator.tables(estimator.random_state)
-        return LocalPlaneModel(index, tables, settings._replace(comparator=comparator))
+        seed = comparator.seed(estimator.random_state)
+        return LocalPlaneModel(index, seed, settings._replace(comparator=comparator))
     estimator.n_trials_ = estimator._count_trials(d)
     rule = METHODS[estimator.method]
     n_trials = estimator.n_trials_ if rule.needs_consistent_set else 0

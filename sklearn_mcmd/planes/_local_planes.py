@@ -51,7 +51,7 @@ class PlaneSettings(NamedTuple):
     support_fraction: float = 0.5
     cutoff: float | None = None
     reweight: bool = False
-    # A `baselines.Method` that judges in the place of a rule; trials are then its tables.
+    # A `baselines.Method` that judges in the place of a rule; trials are then a seed.
     comparator: object = None
 
 

@@ -101,7 +101,7 @@ def test_neighborhoods_of_different_sizes_are_judged_one_by_one(method):
     valid = np.arange(30) < np.array(sizes)[:, None]
     points[~valid] = np.nan
     comparator = COMPARATORS[method](**QUICK.get(method, {}))
-    together = comparator.fit_sizes(points, np.array(sizes), comparator.tables(0))
+    together = comparator.fit_sizes(points, np.array(sizes), comparator.seed(0))
     queries = np.random.default_rng(1).normal(size=(4, 5, 3))
     for b, size in enumerate(sizes):
         alone = comparator.fit(points[b : b + 1, :size], random_state=0)

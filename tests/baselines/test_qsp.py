@@ -11,9 +11,9 @@ from sklearn_mcmd.baselines import Qsp
 def test_scores_are_distances_to_the_nearest_other_member_of_the_sample(n):
     points = np.random.default_rng(0).normal(size=(7, n, 3)) + 100
     method = Qsp(sample_size=15)
-    sample = method.tables(3).of(n, 3)[0]
+    sample = method.table(n, 3, method.seed(3))[0]
     assert len(set(sample)) == min(15, n - 1)
-    found = method.fit_sizes(points, np.full(7, n), method.tables(3))
+    found = method.fit_sizes(points, np.full(7, n), method.seed(3))
     gaps = np.linalg.norm(points[:, :, None] - points[:, None, sample], axis=-1)
     gaps[:, np.arange(n)[:, None] == sample] = np.inf
     assert_allclose(found.scores, gaps.min(axis=2), atol=1e-12)

@@ -47,10 +47,9 @@ def literally(points, table, method):
 def test_scores_are_those_of_one_trial_after_another(kind, noise_scale, d):
     points = noisy_planes(10, d=d)
     method = kind(noise_scale=noise_scale, n_refits=0, max_trials=200, stop_probability=0.99)
-    tables = method.tables(0)
-    found = method.fit_sizes(points, np.full(10, 50), tables)
+    table, found = method.table(50, d, method.seed(0)), method.fit(points, random_state=0)
     for i in range(10):
-        scores, scale = literally(points[i], tables.of(50, d), method)
+        scores, scale = literally(points[i], table, method)
         assert_allclose(found.scale[i], scale)
         assert_allclose(found.scores[i], scores, rtol=1e-6, atol=1e-8)
 

@@ -60,7 +60,7 @@ def test_width_and_regularization_are_those_of_the_best_score():
     points = np.random.default_rng(0).normal(size=(3, 40, 2))
     found = Ulsif().fit(points, random_state=0)
     ((_, model),) = found.models
-    shuffled = Ulsif().tables(0).of(40, 2)[-1]
+    shuffled = Ulsif().table(40, 2, Ulsif().seed(0))[-1]
     basis, test = model.basis, (points - found.origin[:, None])[:, shuffled]
     # All training points are in the basis.
     gaps = np.linalg.norm(basis - np.median(basis, axis=1, keepdims=True), axis=2)
