@@ -73,16 +73,6 @@ class Sensor(NamedTuple):
     extra: Callable = lambda scan, beams, beam: {}
 
 
-class Target(NamedTuple):
-    """What beams may meet: its parts, of each whether a beam may go past it and meet something
-    else, and the distance of points to the nearest part of the whole scene.
-    """
-
-    parts: list
-    through: np.ndarray
-    distance: Callable
-
-
 class Rays(NamedTuple):
     """Sub-rays that met something: their beams in ascending order, range and part."""
 
@@ -112,7 +102,11 @@ def join_echoes(echoes):
 
 
 def cast(target, sensor, beams, rng):
-    """All echoes of beams, block by block and in each by their order; also those in doubt."""
+    """All echoes of beams, block by block and in each by their order; also those in doubt.
+
+    The target, a `World` or a `Scene`, has ``parts``, of each whether a beam may go past it and
+    meet something else (``through``), and the ``distance`` of points to the nearest.
+    """
     n, echoes = len(beams.origins), []
     for rows in blocks(n, sensor.divergence):
         echoes += _cast_block(target, sensor, beams, np.arange(n)[rows], rng)

@@ -88,8 +88,8 @@ def make_lidar_turn(
     Returns
     -------
     scan : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_street` but ``bay``, ``edge_distance``, ``spacing`` and
-        ``length``. True points are where beams end; ``normals`` are NaN in leaves and grass, too;
+        With the arrays of :func:`make_street` but ``edge_distance`` and ``spacing``. True points
+        are where beams end; ``normals`` are NaN in leaves and grass, too;
         parts of one thing may share a name in ``surface_names``. Besides them
 
         - ``classification``, int64 (n_samples,): number of the class in ``class_names``; -1 for

@@ -107,11 +107,11 @@ def in_box(scan, size, rng):
 def draw(scan, n, propose, more=0.0):
     """Proposals off the world's parts, by their noise and by more."""
 
-    def clearance(rows):
+    def is_clear(rows):
         ranges = np.linalg.norm(rows[:, :3] - rows[:, 3:6], axis=1)
-        return CLEARANCE * scan.sensor.noise_at(ranges) + more
+        return scan.world.distance(rows[:, :3]) > CLEARANCE * scan.sensor.noise_at(ranges) + more
 
-    return draw_clear(lambda rows: scan.world.distance(rows[:, :3]), n, clearance, propose)
+    return draw_clear(n, is_clear, propose)
 
 
 def clumps(scan, n, radii, draw, propose, rng, off=0.0):
