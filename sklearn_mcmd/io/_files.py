@@ -193,9 +193,9 @@ def write_points(
     points would make it coarser than the decimal step of most points (0.0001 or more), else than a
     hundredth of their spacing and a millionth of the extent of their middle half, they are refused.
     Attributes without a standard dimension become extra dimensions and replace any of the same
-    name. LAS 1.0 and 1.1 become 1.2. Wave packets that lazrs would change (point formats 9 and 10
-    with several scanner channels) are refused. Samples of waveforms inside a file are copied from
-    LAS 1.4, but not from LAS 1.3.
+    name. LAS 1.0 and 1.1 become 1.2. Wave packets of several scanner channels (point formats 9
+    and 10) are refused in LAZ, since lazrs would change them. Samples of waveforms inside a file
+    are copied from LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
     Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized cloud keeps its

@@ -2,7 +2,6 @@
 
 import copy
 from contextlib import contextmanager, suppress
-from hashlib import sha256
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from sklearn_mcmd.io._las_structure import (
     record_length,
     start_of_longest,
 )
-from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS, compressed_parts
+from sklearn_mcmd.io._laz import compressed_parts
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -27,8 +26,9 @@ from sklearn_mcmd.io._point_cloud import (
 )
 from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
 
-WRITTEN_AT_ONCE, CHECKED_AT_ONCE = 2_000_000, 250_000  # points
+WRITTEN_AT_ONCE = 2_000_000  # points
 FIRST_WITH_HIGH_NOISE = 6  # point format
+WAVES_OF_CHANNELS = 9, 10  # point formats
 USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
 WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
@@ -78,13 +78,20 @@ def writing_parts(path):
     """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
-    writer, header, written, ends = None, None, {}, []
+    writer, header, channels, ends = None, None, set(), []
     with open(path, "wb+") as file:
         sink = _Sink(file)
 
         def write(cloud, noise=None):
             nonlocal writer, header
             las = las_of_cloud(laspy, cloud, noise)
+            if compressed and las.header.point_format.id in WAVES_OF_CHANNELS:
+                channels.update(np.asarray(las.scanner_channel))
+                if len(channels) > 1:
+                    raise PointFileError(
+                        "lazrs cannot compress wave packets of several scanner channels without "
+                        "loss; write .las instead"
+                    )
             with sink.own_errors():
                 if writer is None:
                     header = las.header
@@ -101,8 +108,6 @@ def writing_parts(path):
                 if (las.header.scales < 0).any():
                     xyz = _coordinates(las.points.array, las.header)
                     ends.append([xyz.min(axis=0), xyz.max(axis=0)])
-            if compressed and header.point_format.id in WAVE_PACKET_FORMATS:
-                _digest(written, las.points.array)
 
         try:
             yield write
@@ -116,8 +121,6 @@ def writing_parts(path):
                 writer.write_evlrs(header.evlrs)
             _correct(writer.header, np.array(ends))
             writer.close()
-    if written:
-        _refuse_changed(path, written)
 
 
 def _correct(header, ends):
@@ -141,28 +144,6 @@ def _correct(header, ends):
                 "the samples of waveforms that the input holds behind its points are not copied; "
                 "what the points say of them is."
             )
-
-
-def _digest(digests, records):
-    """Add some records to the digest of each of their fields."""
-    for name in records.dtype.names:
-        digests.setdefault(name, sha256()).update(records[name].tobytes())
-
-
-def _refuse_changed(path, written):
-    """Raise if points changed: lazrs 0.8 mixes up wave packets of several scanner channels."""
-    stored = {}
-    with open(path, "rb") as file:
-        header = read_header(path)
-        for points in compressed_parts(file, header, CHECKED_AT_ONCE):
-            _digest(stored, points.view(header.point_format.dtype()))
-    changed = [name for name, told in written.items() if told.digest() != stored[name].digest()]
-    if changed:
-        raise PointFileError(
-            f"lazrs cannot compress these wave packets without loss ({', '.join(changed)} would "
-            f"change, point format {header.point_format.id}, as of several scanner channels); "
-            "write .las instead"
-        )
 
 
 class _Sink:

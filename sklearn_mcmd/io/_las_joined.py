@@ -6,7 +6,6 @@ import numpy as np
 
 from sklearn_mcmd.io._grid import LARGEST
 from sklearn_mcmd.io._las import cloud_of_points, forget_copc, import_laspy, read_header
-from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS
 from sklearn_mcmd.io._point_cloud import PointFileError
 
 # What a point format has besides coordinates: GPS time, colors, near infrared.
@@ -14,6 +13,7 @@ PARTS = {
     **{0: set(), 1: {"time"}, 2: {"color"}, 3: {"time", "color"}},
     **{6: {"time"}, 7: {"time", "color"}, 8: {"time", "color", "infrared"}},
 }
+WAVE_PACKETS = 4, 5, 9, 10  # point formats
 FIRST_NEW = 6  # from this format on, angles and flags are stored in another way
 ANGLE_STEP = 0.006  # degrees, of the new formats
 
@@ -28,7 +28,7 @@ def joined_header(paths):
     for path in paths:
         other = read_header(path)
         formats.add(other.point_format.id)
-        if other.point_format.id in WAVE_PACKET_FORMATS:
+        if other.point_format.id in WAVE_PACKETS:
             raise PointFileError(f"{path}: wave packets of several files cannot be one file's")
         if other.global_encoding.gps_time_type != first.global_encoding.gps_time_type:
             raise PointFileError(f"{path}: its GPS times begin elsewhere than those of {paths[0]}")

@@ -24,7 +24,6 @@ BYTES_PER_ENTRY = 16  # of the table, at most: two integers with their probabili
 # points a byte if all are alike. lazrs comes to 655.
 POINTS_A_BYTE = 2_900
 CHUNKS_A_TIME = 64  # enough for all processors, and few enough for Ctrl-C to end soon
-WAVE_PACKET_FORMATS = (4, 5, 9, 10)  # point formats
 
 
 def compressed_parts(file, header, n_points):

@@ -204,6 +204,8 @@ def las_with_waveforms(path, point_format):
     las = las_of(point_format, n=3)
     las.points.array["wavepacket_offset"] = 60 + 50 * np.arange(3)
     las.points.array["wavepacket_size"] = 50
+    if point_format > 5:
+        las.scanner_channel[:] = 0  # of which LAZ takes one
     las.write(path)
     content = bytearray(path.read_bytes())
     start = len(content)
