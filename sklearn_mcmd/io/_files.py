@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -142,7 +141,6 @@ def write_points(
     cloud: PointCloud | ArrayLike,
     *,
     noise: ArrayLike | None = None,
-    encoding: Literal["ascii", "binary", "binary_compressed"] | None = None,
 ) -> None:
     """Write a point cloud. An existing file is replaced only by a complete new one beside it.
 
@@ -157,8 +155,6 @@ def write_points(
         points keep their class; elsewhere by a column ``outlier``. Integers tell low noise, 7, from
         high noise, 18, and other points, 0. Point formats 0 to 5 of LAS define no high noise: there
         it is 7, too.
-    encoding : {"ascii", "binary", "binary_compressed"}, default=None
-        For PLY (the first two) and PCD; None means "binary".
 
     Raises
     ------
@@ -168,7 +164,7 @@ def write_points(
         (they are named), LAZ would change wave packets, or an optional library is not installed. An
         existing file is then unchanged.
     ValueError
-        If ``cloud``, ``noise`` or ``encoding`` is not of the stated form.
+        If ``cloud`` or ``noise`` is not of the stated form.
 
     Warns
     -----
@@ -197,7 +193,8 @@ def write_points(
     and 10) are refused in LAZ, since lazrs would change them. Samples of waveforms inside a file
     are copied from LAS 1.4, but not from LAS 1.3.
 
-    *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
+    *PLY, PCD.* Files are binary. Coordinates are float32 where that is exact, as viewers expect,
+    else float64.
     Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized cloud keeps its
     grid; cells whose points were left out or removed have NaN, and 0 where fields are integers.
 
@@ -226,12 +223,7 @@ def write_points(
         raise PointFileError(f"{path}: the cloud has no points, there is nothing to write")
     if not np.isfinite(cloud.xyz).all():
         raise PointFileError(f"{path}: xyz holds NaN or infinity; remove those points first")
-    options: dict[str, Any] = {}
-    if encoding is not None:
-        options["encoding"] = encoding
-        if encoding not in known.encodings:
-            words = ", ".join(known.encodings) or "only None"
-            raise ValueError(f"encoding={encoding!r} is unknown for {known.name}; known: {words}.")
+    options = {}
     if noise is not None:
         noise = _mask(noise, len(cloud))
         if known.marks:

@@ -90,16 +90,11 @@ def write_text(path, cloud):
         if path.suffix == ".pts":
             file.write(f"{len(cloud)}\n")
         writer = csv.writer(file, **layout)
-        for rows in text_rows([*cloud.xyz.T, *columns.values()]):
-            writer.writerows(rows)
-
-
-def text_rows(columns):
-    """Rows of strings in chunks, each number in its shortest exact form."""
-    for start in range(0, len(columns[0]), ROWS_A_TIME):
-        part = [column[start : start + ROWS_A_TIME] for column in columns]
-        text = [c.astype(str).tolist() if c.dtype.kind == "f" else c.tolist() for c in part]
-        yield zip(*text, strict=True)
+        for start in range(0, len(cloud), ROWS_A_TIME):
+            rows = slice(start, start + ROWS_A_TIME)
+            part = [column[rows] for column in (*cloud.xyz.T, *columns.values())]
+            text = [c.astype(str).tolist() if c.dtype.kind == "f" else c.tolist() for c in part]
+            writer.writerows(zip(*text, strict=True))
 
 
 def _opened(path):

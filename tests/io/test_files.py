@@ -120,8 +120,6 @@ def test_attributes_that_a_format_cannot_hold_are_named(tmp_path, extension, att
         ("a.foo", np.eye(3), {}, "unknown extension"),
         ("a.ply", np.empty((0, 3)), {}, "no points"),
         ("a.ply", np.full((2, 3), np.nan), {}, "NaN or infinity"),
-        ("a.ply", np.eye(3), {"encoding": "binary_compressed"}, "known: ascii, binary"),
-        ("a.las", np.eye(3), {"encoding": "ascii"}, "unknown for LAS and LAZ; known: only None"),
         ("a.ply", np.eye(3), {"noise": [0, 1, 0]}, r"must be 0, 7 \(low noise\) or 18"),
         ("a.ply", np.eye(3), {"noise": [7.0, 0, 0]}, "noise must be a boolean mask, or classes"),
         ("a.ply", np.eye(3), {"noise": [True]}, r"shape \(3,\)"),

@@ -76,11 +76,11 @@ def test_the_viewpoint_of_pcd_is_the_position_unless_it_is_the_usual_zeros():
 
 @pytest.mark.parametrize(("number", "place"), [("nan", 0), ("inf", 2), ("-inf", 4)])
 def test_a_viewpoint_that_is_not_finite_is_not_known(tmp_path, number, place):
-    write_points(tmp_path / "a.pcd", PointCloud(POINTS), encoding="ascii")
+    write_points(tmp_path / "a.pcd", PointCloud(POINTS))
     numbers = ["1", "2", "3", "1", "0", "0", "0"]
     numbers[place] = number
-    text = (tmp_path / "a.pcd").read_text()
-    (tmp_path / "a.pcd").write_text(re.sub("VIEWPOINT.*", f"VIEWPOINT {' '.join(numbers)}", text))
+    line, data = f"VIEWPOINT {' '.join(numbers)}".encode(), (tmp_path / "a.pcd").read_bytes()
+    (tmp_path / "a.pcd").write_bytes(re.sub(rb"VIEWPOINT.*", line, data, count=1))
     with pytest.warns(UserWarning, match="a.pcd: VIEWPOINT has numbers that are not finite"):
         cloud = read_points(tmp_path / "a.pcd")
     with pytest.raises(PointFileError, match=r"no position .* VIEWPOINT has numbers that are n"):
