@@ -107,9 +107,10 @@ def cast(target, sensor, beams, rng):
     The target, a `World` or a `Scene`, has ``parts``, of each whether a beam may go past it and
     meet something else (``through``), and the ``distance`` of points to the nearest.
     """
-    n, echoes = len(beams.origins), []
-    for rows in blocks(n, sensor.divergence):
-        echoes += _cast_block(target, sensor, beams, np.arange(n)[rows], rng)
+    numbers, echoes = np.arange(len(beams.origins)), []
+    step = _BLOCK if sensor.divergence else max(len(numbers), 1)  # beams without width at once
+    for start in range(0, max(len(numbers), 1), step):
+        echoes += _cast_block(target, sensor, beams, numbers[start : start + step], rng)
     return join_echoes(echoes)
 
 
@@ -197,12 +198,6 @@ def cone(directions, divergence):
     )
     rays[:, 1:] /= np.linalg.norm(rays[:, 1:], axis=2, keepdims=True)
     return rays
-
-
-def blocks(n, divergence):
-    """Slices of n beams that are cast at once: all of those without divergence."""
-    step = _BLOCK if divergence else max(n, 1)
-    return [slice(start, start + step) for start in range(0, max(n, 1), step)]
 
 
 def merge(rays, resolution):

@@ -68,7 +68,7 @@ def make_contaminated_plane(
     dataset : :class:`~sklearn.utils.Bunch` if ``return_X_y=False``
         ``data`` and ``target`` are `X` and `y`. ``clean``, of the shape of `X`, is the clean twin;
         its rows equal those of `X` where ``target == 1``. ``normal``, of shape (3,), is
-        the true plane's unit normal. ``feature_names`` is a list of str.
+        the true plane's unit normal.
 
     Raises
     ------
@@ -122,8 +122,7 @@ def make_contaminated_plane(
     target = np.repeat([1, -1], [n_samples - n_outliers, n_outliers])
     if return_X_y:
         return data, target
-    truth = {"clean": clean, "normal": least.astype(float), "feature_names": list("xyz")}
-    return Bunch(data=data, target=target, **truth)
+    return Bunch(data=data, target=target, clean=clean, normal=least.astype(float))
 
 
 def _deviations(variances, kind):

@@ -61,7 +61,6 @@ def labeled_cloud(parts, kinds, sizes, names, order, *, both, regular):
         outlier_kind=join(own, codes),
         outlier_kind_names=names,
         surface_names=[part.name for part in parts],
-        feature_names=["x", "y", "z"],
     )
 
 

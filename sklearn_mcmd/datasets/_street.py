@@ -127,7 +127,7 @@ def make_street(
           "regular", for no outlier;
         - ``noise_scale``, float64 (n_samples,): standard deviation, on each axis or along the ray,
           of the noise at that range, for outliers that of a regular point there;
-        - ``surface_names``, ``outlier_kind_names``, ``feature_names``: lists of str;
+        - ``surface_names``, ``outlier_kind_names``: lists of str;
         - ``sensor_origins``, float64 (n_samples, 3): where the scanner stood;
         - ``spacing``, float: mean point spacing in meters where the scanner is nearest (a square of
           that side holds one point on average), 2 cm for 100,000 points; of scan lines, the spacing
