@@ -107,8 +107,7 @@ def make_contaminated_plane(
     least = scale == scale.min()
     if least.sum() > 1:
         raise ValueError(
-            f"regular_variances={(scale**2).tolist()} has no single least value, so the plane "
-            "has no normal: make one variance smaller than the others."
+            f"regular_variances={(scale**2).tolist()}: one must be the least, for a normal."
         )
     outlier_scale = _deviations(outlier_variances, "outlier")
     rng = check_random_state(random_state)
@@ -129,7 +128,5 @@ def _deviations(variances, kind):
     """Standard deviations along the axes."""
     variances = np.asarray(variances, float)
     if variances.shape != (3,) or not (np.isfinite(variances) & (variances >= 0)).all():
-        raise ValueError(
-            f"{kind}_variances={variances.tolist()} must be three finite numbers, not negative."
-        )
+        raise ValueError(f"{kind}_variances={variances.tolist()}: three are needed, not negative.")
     return np.sqrt(variances)

@@ -24,8 +24,7 @@ def mixed_pixel(scan, n, rng):
     edge = np.flatnonzero(edge & (np.diff(scan.beams.line) == 0))
     if len(edge) == 0:
         raise ValueError(
-            f"{len(scan.points)} regular points show no edge with a surface behind it, and so no "
-            "mixed pixels: give more points, or leave 'mixed_pixel' out of outlier_kinds."
+            f"{len(scan.points)} regular points show no edge for mixed pixels: give more points."
         )
 
     def propose(m):

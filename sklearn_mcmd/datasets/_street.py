@@ -173,8 +173,7 @@ def make_street(
     """
     if sampling == "uniform" and beam_divergence:
         raise ValueError(
-            f"beam_divergence={beam_divergence:g} has no meaning with sampling='uniform', which "
-            "has no beams: give sampling='scan_lines', or leave beam_divergence 0."
+            f"beam_divergence={beam_divergence:g} is for sampling='scan_lines', which has beams."
         )
     return scan(
         _street(tree),

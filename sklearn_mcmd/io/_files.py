@@ -230,8 +230,7 @@ def write_points(
             options["noise"] = noise
         elif known.results != ALL:
             raise PointFileError(
-                f"{path}: {known.name} has no place to mark outliers; write another format, "
-                "or the inliers alone"
+                f"{path}: {known.name} has no place to mark outliers; write another format"
             )
         else:
             cloud = cloud.with_attributes(outlier=noise != 0)
@@ -269,13 +268,11 @@ def _mask(noise, n_points):
     noise = np.asarray(noise)
     if noise.dtype.kind not in "biu" or noise.shape != (n_points,):
         raise ValueError(
-            f"noise must be a boolean mask, or classes, of shape ({n_points},), got shape "
-            f"{noise.shape} and dtype {noise.dtype}."
+            f"noise must be a mask, or classes, ({n_points},), got {noise.dtype} of {noise.shape}."
         )
     if noise.dtype != bool and not np.isin(noise, (0, LOW_NOISE, HIGH_NOISE)).all():
         raise ValueError(
-            f"noise must be 0, {LOW_NOISE} (low noise) or {HIGH_NOISE} (high noise), got "
-            f"{np.unique(noise)}."
+            f"noise must be 0, {LOW_NOISE} (low) or {HIGH_NOISE} (high), got {np.unique(noise)}."
         )
     return noise
 
@@ -314,9 +311,7 @@ def one_clear_line(path, action):
     except OSError as err:
         raise system_error(path, action, err) from err
     except MemoryError as err:
-        raise PointFileError(
-            f"{path}: cannot be {action}: not enough memory, or its header is broken"
-        ) from err
+        raise PointFileError(f"{path}: cannot be {action}: not enough memory, or broken") from err
     except BaseException as err:
         is_panic = type(err).__name__ == "PanicException"  # of Rust, in lazrs: no Exception
         if not (is_panic or isinstance(err, Exception)):

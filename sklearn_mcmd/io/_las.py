@@ -89,8 +89,7 @@ def writing_parts(path):
                 channels.update(np.asarray(las.scanner_channel))
                 if len(channels) > 1:
                     raise PointFileError(
-                        "lazrs cannot compress wave packets of several scanner channels without "
-                        "loss; write .las instead"
+                        "lazrs would change wave packets of several channels; write .las instead"
                     )
             with sink.own_errors():
                 if writer is None:
@@ -100,9 +99,7 @@ def writing_parts(path):
                         sink, "w", header=header, laz_backend=backend, closefd=False
                     )
                 if las.point_format != writer.header.point_format:
-                    raise PointFileError(
-                        "an attribute fits its dimension in a part of the file only"
-                    )
+                    raise PointFileError("an attribute fits its dimension only in a part")
                 for start in range(0, len(las.points), WRITTEN_AT_ONCE):  # Ctrl-C ends between
                     writer.write_points(las.points[start : start + WRITTEN_AT_ONCE])
                 if (las.header.scales < 0).any():
@@ -140,10 +137,7 @@ def _correct(header, ends):
             at += EVLR_HEADER + len(record.record_data_bytes())
         header.start_of_waveform_data_packet_record = found
         if not found:
-            warn_caller(
-                "the samples of waveforms that the input holds behind its points are not copied; "
-                "what the points say of them is."
-            )
+            warn_caller("waveform samples behind the points of the input are not copied")
 
 
 class _Sink:
@@ -194,14 +188,10 @@ def header_of(path, file):
     rest = header.point_format.dimensions.pop()  # what none of the records describes
     n_more = length - header.point_format.size
     if length < standard:
-        raise PointFileError(
-            f"broken header: points of {length} bytes, of which point format "
-            f"{header.point_format.id} needs {standard}"
-        )
+        raise PointFileError(f"broken header: points of {length} bytes, not {standard} or more")
     if n_behind:
         warn_caller(
-            f"{path}: holds {counted(n_behind, 'record')} more than its header counts, as it "
-            "seems; they are not read. Get the file anew from where it was made"
+            f"{path}: holds {counted(n_behind, 'record')} more than its header counts: not read"
         )
     if n_more > 0:
         header.point_format.dimensions.append(
@@ -373,16 +363,14 @@ def _store_attributes(laspy, las, attributes):
         for column, part in flat_columns({name: values}).items():
             if column in standard:
                 warn_caller(
-                    f"{column!r} does not fit the LAS dimension of that name; it is stored as "
-                    f"the extra dimension {column + '_value'!r}."
+                    f"{column!r} does not fit its dimension; it is stored as {column + '_value'!r}"
                 )
                 column += "_value"
             if column in new or (column != name and column in attributes):
                 raise PointFileError(f"two attributes would both be written as {column!r}")
             if len(column.encode()) > LONGEST_NAME:
                 raise PointFileError(
-                    f"attribute name {column!r} is longer than the {LONGEST_NAME} bytes LAS "
-                    "allows; rename it"
+                    f"attribute name {column!r} is longer than {LONGEST_NAME} bytes; rename it"
                 )
             new[column] = fit_dtype(column, part, EXTRA_DTYPES, "LAS")
     if replaced := extra & (others.keys() | new.keys()):

@@ -36,8 +36,7 @@ def joined_header(paths):
             known = dimensions.setdefault(dimension.name, dimension)
             if _kind(known) != _kind(dimension):
                 raise PointFileError(
-                    f"{path}: its attribute {dimension.name!r} is of another kind than that of an "
-                    "earlier file; write a folder"
+                    f"{path}: its attribute {dimension.name!r} is of another kind; write a folder"
                 )
         version = max(version, other.version)
         scales = np.minimum(scales, np.abs(other.scales))
@@ -104,9 +103,7 @@ def _offsets(offsets, scales, low, high):
     for some in (offsets, np.round((low + high) / 2)):
         if (np.maximum(np.abs(low - some), np.abs(high - some)) <= LARGEST * scales).all():
             return some
-    raise PointFileError(
-        f"the files span too much for one file with steps of {scales.min():g}; write a folder"
-    )
+    raise PointFileError(f"steps of {scales.min():g} cannot span all files; write a folder")
 
 
 def _kind(dimension):

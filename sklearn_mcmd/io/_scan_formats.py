@@ -92,7 +92,7 @@ def read_pcd(path, columns=None):
             raise PointFileError(f"the points are truncated or damaged: no {told}") from err
     if len(records) != header.points:
         raise PointFileError(
-            f"the header promises {header.points} points, the file holds {len(records)}"
+            f"the header promises {header.points} points, there are {len(records)}"
         )
     metadata = {"pcd_viewpoint": tuple(header.viewpoint)}
     if not np.isfinite(header.viewpoint).all():
@@ -118,9 +118,7 @@ def write_pcd(path, cloud):
         columns["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
     for name in columns:
         if not re.fullmatch(r"[A-Za-z0-9_.\-]+", name):
-            raise PointFileError(
-                f"attribute name {name!r} cannot be stored in PCD: use letters, digits, '_'"
-            )
+            raise PointFileError(f"{name!r} cannot be stored in PCD: use letters, digits, '_'")
     columns = {n: fit_dtype(n, v, PCD_DTYPES, "PCD") for n, v in columns.items()}
     columns, cells = {**_axes(cloud.xyz), **columns}, cells_of(cloud)
     if cells is not None:

@@ -79,9 +79,7 @@ def write_text(path, cloud):
     layout = {"delimiter": "," if is_csv else " ", "lineterminator": "\n"}
     for name in columns:
         if {"\n", "\r"} & set(name):
-            raise PointFileError(
-                f"attribute name {name!r} has several lines, text has one; rename it"
-            )
+            raise PointFileError(f"attribute name {name!r} has several lines; rename it")
     has_delimiters = any(set(";,\t") & set(name) for name in columns)
     with open(path, "w", encoding="utf-8", newline="") as file:
         if is_csv or (columns and not is_fixed):  # every program reads .xyz without a header
@@ -123,8 +121,7 @@ def _large_integers(path, table, j, values):
         cells = (row[j] for row in rows if len(row) == width)
         if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
             warn_caller(
-                f"{path}: integers of {table.names[j]} are rounded to 53 bits, because the "
-                "column has gaps, or no 64 bits hold all of it"
+                f"{path}: integers of {table.names[j]} are rounded to 53 bits: 64 do not hold all"
             )
     return values
 
@@ -149,9 +146,7 @@ class _Head:
             self.delimiter = _delimiter(self.line)
         fields = _fields(self.line, self.delimiter)
         if len(fields) == 2 and fields[0].lower() in ("ncols", "nrows"):
-            raise PointFileError(
-                "is an ESRI ASCII grid: convert it to rows of x y z, as gdal_translate -of XYZ does"
-            )
+            raise PointFileError("is an ESRI ASCII grid: convert it by gdal_translate -of XYZ")
         if len(fields) == 1 and fields[0].isdecimal() and not any(self.counts):  # as in PTS
             self.counts.append(int(fields[0]))
             self.counted_at = self.number
@@ -199,8 +194,7 @@ def _begin(file, columns, extension):
     fields, known = _row(head.line, head.delimiter, len(head.names or ())), head.names
     if len(fields) < 3:
         raise PointFileError(
-            f"line {head.number} has {counted(len(fields), 'column')}; at least 3 (x, y, z) are "
-            "needed"
+            f"line {head.number} has {counted(len(fields), 'column')}, x, y, z are 3"
         )
     if known is None:
         widths = {len(fields), len(fields) - (fields[-1] == "")}
@@ -216,7 +210,7 @@ def _begin(file, columns, extension):
             known = [*known, ""]
         if len(fields) != len(known):
             raise PointFileError(
-                f"the header names {len(known)} columns, line {head.number} has {len(fields)}"
+                f"the header has {len(known)} columns, line {head.number} has {len(fields)}"
             )
     names = known or ["", "", "", *_names_after_xyz(extension, len(fields) - 3)]
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
@@ -348,8 +342,7 @@ class _Table:
                 remedy = f" with a decimal {'comma' if self.comma else 'point'}, as those above"
         elif re.fullmatch(r"[+-]?\d*,\d+|\d+\s+[+-]?\d+", cell):
             raise PointFileError(
-                f"line {number} has decimal commas: replace them by points, "
-                "and leave out those between thousands"
+                f"line {number} has decimal commas: write points, and no commas between thousands"
             )
         raise PointFileError(f"line {number}: {_decoded(cell)[:40]!r} is not a number{remedy}")
 
@@ -450,9 +443,7 @@ def _fitting(extension, columns):
     names = next(names for names in COLUMNS[extension] if held.keys() >= set(names))
     lost = [n for n in columns if n not in names]
     if "outlier" in lost:
-        raise PointFileError(
-            f"{name} has no place to mark outliers; write another format, or the inliers alone"
-        )
+        raise PointFileError(f"{name} has no place to mark outliers; write another format")
     words = [f"not written: {', '.join(lost)}"] if lost else []
     words += ["rounded to 8 bits: colors"] if rounded and "red" in names else []
     if not names and extension != ".pts":

@@ -39,14 +39,14 @@ def test_every_array_has_a_row_per_point_and_the_documented_type(make, own):
 BAD = [
     (make_street, {"outlier_kinds": ["rain"]}, r"outlier_kinds=\['rain'\] must name"),
     (make_street, {"outlier_kinds": ["ghost", "ghost"]}, "once each"),
-    (make_street, {"outlier_kinds": []}, "one or more .* outlier_share=0"),
+    (make_street, {"outlier_kinds": []}, "once each, one or more"),
     (make_street, {"outlier_kinds": "ghost"}, "'outlier_kinds' parameter"),
     (make_street, {"outlier_share": 1.0}, "'outlier_share' parameter"),
     (make_street, {"n_samples": 1, "outlier_share": 0.9}, "leaves no regular point"),
     (make_street, {"noise": -0.1}, "'noise' parameter"),
     (make_street, {"noise_growth": 0.5}, "'noise_growth' parameter"),
     (make_street, {"noise": 2.0}, "noise leaves no room"),
-    (make_street, {"beam_divergence": 0.003}, "beam_divergence=0.003 has no meaning"),
+    (make_street, {"beam_divergence": 0.003}, "beam_divergence=0.003 is for sampling"),
     (make_box, {"outlier_scale": 0.0}, "'outlier_scale' parameter"),
     (make_lidar_turn, {"outlier_kinds": ["gaussian"]}, "outlier_kinds="),
     (make_lidar_turn, {"n_samples": 0}, "'n_samples' parameter"),
@@ -64,8 +64,8 @@ BAD = [
     (make_contaminated_plane, {"outliers": "none"}, "'outliers' parameter"),
     (make_contaminated_plane, {"outlier_share": 1.2}, "'outlier_share' parameter"),
     (make_contaminated_plane, {"regular_variances": (1, 1, -1)}, "regular_.*not negative"),
-    (make_contaminated_plane, {"regular_variances": (1, 1, 1)}, "no single least value"),
-    (make_contaminated_plane, {"outlier_variances": (1, np.nan, 1)}, "outlier_var.*finite"),
+    (make_contaminated_plane, {"regular_variances": (1, 1, 1)}, "one must be the least"),
+    (make_contaminated_plane, {"outlier_variances": (1, np.nan, 1)}, "outlier_var.*three"),
     (make_contaminated_plane, {"outlier_variances": (1, 1)}, "outlier_variances=.*three"),
 ]
 

@@ -251,7 +251,7 @@ def test_a_rotation_is_read_by_its_names_in_any_order(plain, tmp_path):
 
 def test_a_rotation_of_zeros_is_no_rotation(plain, tmp_path):
     with_xml(plain, tmp_path / "a.e57", rotation(0, 0, 0, 0))
-    with pytest.warns(UserWarning, match="scan 1: its rotation has length 0, not 1; no rotation"):
+    with pytest.warns(UserWarning, match="scan 1: rotation of length 0, not 1; no rotation"):
         cloud = read_points(tmp_path / "a.e57")
     assert_allclose(cloud.xyz, np.transpose([NUMBERS + 10, NUMBERS + 20.5, NUMBERS + 31]))
     assert_array_equal(cloud.metadata["sensor_origins"], [[10, 20, 30]])
@@ -263,7 +263,7 @@ def test_a_rotation_of_another_length_turns_as_one_of_length_1(plain, tmp_path, 
     with_xml(plain, tmp_path / "a.e57", rotation(half, 0, 0, half))
     with warnings.catch_warnings(record=True, action="always") as shown:
         cloud = read_points(tmp_path / "a.e57")
-    assert [f"has length {factor:.3g}, not 1; its direction" in str(w.message) for w in shown] == (
+    assert [f"of length {factor:.3g}, not 1; its direction" in str(w.message) for w in shown] == (
         [True] if told else []
     )
     assert_allclose(cloud.xyz, read_points(plain).xyz, rtol=1e-12)
@@ -296,5 +296,5 @@ def test_a_wrong_count_is_refused(plain, tmp_path):
 @pytest.mark.parametrize("scale", [0.0, 1e-300, 1e300])
 def test_scaled_integers_that_all_mean_one_number_are_refused(plain, tmp_path, scale):
     node = f'<cartesianX type="ScaledInteger" minimum="0" maximum="4294967295" scale="{scale}"/>'
-    with pytest.raises(PointFileError, match="give no coordinates that differ"):
+    with pytest.raises(PointFileError, match="give no coordinates"):
         read_points(with_xml(plain, tmp_path / "a.e57", (r"<cartesianX.*?</cartesianX>", node)))

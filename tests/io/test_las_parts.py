@@ -145,7 +145,7 @@ def with_bytes(path, position, data):
     ("other", "message"),
     [
         ({"extra": [("beam", "f4")]}, r"b\.las: its attribute 'beam'"),
-        ({"scales": 1e-7, "offsets": 9e5}, "span too much"),
+        ({"scales": 1e-7, "offsets": 9e5}, "cannot span all files"),
         ({"point_format": 9}, r"b\.las: wave packets"),
         ({}, r"b\.las: its GPS times"),
         ({"scales": 1e-6, "offsets": 1e5}, "outside the bounds"),

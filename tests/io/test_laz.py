@@ -147,10 +147,10 @@ DAMAGES = [
     (record_at, 34, "<H", 11, "item 11 of 30 bytes"),
     (record_at, 36, "<H", 29, "item 10 of 29 bytes"),
     (record_at, 38, "<H", 2, "version 2"),
-    (first_chunk_at, 34, "<I", 0x70000000, "chunk 1 of .* would need"),  # of the first layer
-    (first_chunk_at, 30, "<I", 3, "chunk 1 holds 3 points, not 500"),
-    (lambda _: 247, 0, "<Q", 3001, "3001 points in .* are not in 6 chunks"),
-    (lambda _: 247, 0, "<Q", 2**60, "points need .* bytes or more"),
+    (first_chunk_at, 34, "<I", 0x70000000, "chunk 1 would need"),  # of the first layer
+    (first_chunk_at, 30, "<I", 3, "chunk 1 holds 3 points"),
+    (lambda _: 247, 0, "<Q", 3001, "3001 points are not in 6 chunks"),
+    (lambda _: 247, 0, "<Q", 2**60, "points need .* bytes, there are"),
 ]
 
 
@@ -210,7 +210,7 @@ def test_wave_packets_of_two_channels_are_refused_as_lazrs_would_change_them(
     las = waves(point_format, 60 + 256 * np.arange(N))
     las.scanner_channel = np.arange(N) % 2
     las.write(tmp_path / "a.las")
-    with pytest.raises(PointFileError, match=r"of several scanner channels.*write \.las instead"):
+    with pytest.raises(PointFileError, match=r"of several channels; write \.las instead"):
         write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
     assert os.listdir(tmp_path) == ["a.las"]
     buffer = io.BytesIO()
