@@ -13,7 +13,7 @@ from sklearn_mcmd._sklearn import Interval, validate_params
 
 # Extents are measured between these percentiles, so that a single far point changes no cut.
 BULK = 5, 95
-BLOCKS_OF_FOLD = 4
+BLOCKS_OF_FOLD = 4  # places of the cloud that a fold mixes
 
 
 @validate_params(

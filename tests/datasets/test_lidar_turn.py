@@ -25,18 +25,6 @@ def test_rays_leave_in_rings_of_equal_elevation(n_rings):
     assert_allclose(rings, np.linspace(-30.67, 10.67, n_rings), atol=1e-6)
 
 
-def test_rings_on_the_ground_part_a_hundredfold():
-    scan, _ = scanned("make_lidar_turn", 60_000)
-    ground = scan.true_points[scan.classification == 0]
-    assert_array_equal(scan.sensor_origins, 0.0)
-    assert_allclose(ground[:, 2], -1.5, atol=1e-12)
-    rings = np.unique(np.round(np.hypot(ground[:, 0], ground[:, 1]), 3))
-    gaps = np.diff(rings)
-    gaps = gaps[gaps > 0.01]
-    assert gaps[0] == pytest.approx(0.140, abs=0.002)  # of rings at 30.67 and 29.34 degrees
-    assert gaps.max() / gaps[0] > 100
-
-
 def test_points_of_a_ring_lie_at_equal_steps_of_azimuth():
     scan, _ = scanned("make_lidar_turn")
     ray = (scan.true_points - scan.sensor_origins)[scan.target == 1]

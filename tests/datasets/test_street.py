@@ -74,28 +74,6 @@ def test_normals_face_the_scanner_and_only_foliage_lacks_them_and_edges(street):
     assert (np.einsum("ij,ij->i", street.normals[has], view) > 0).all()
 
 
-def test_the_density_of_a_scan_falls_with_the_square_of_the_range_and_the_incidence():
-    cloud = make_street(60_000, sampling="scan_lines", noise=0, outlier_share=0, random_state=1)
-    road = cloud.data[cloud.surface == 0]
-    scanner = cloud.sensor_origins[0]
-    # On the level road: incidence h / r, and columns closer by the cosine of the elevation.
-    windows = [(0.2, 0.7), (0.7, 1.2), (3.6, 4.1), (4.1, 4.6)]
-    found, expected = [], []
-    for low, high in windows:
-        inside = (road[:, 0] >= low) & (road[:, 0] < high) & (road[:, 1] > 1) & (road[:, 1] < 1.5)
-        grid = np.stack(
-            np.meshgrid(np.linspace(low, high, 41), np.linspace(1, 1.5, 41)), axis=-1
-        ).reshape(-1, 2)
-        flat = np.linalg.norm(grid - scanner[:2], axis=1)
-        height = scanner[2] - 0.03
-        r = np.hypot(flat, height)
-        found.append(inside.sum())
-        expected.append(np.mean(height / r / r**2 / (flat / r)))
-    ratio = np.array(found) / expected
-    assert min(found) > 200
-    assert_allclose(ratio / ratio.mean(), 1, atol=0.1)
-
-
 def of_kind(street, kind):
     return street.data[street.outlier_kind == street.outlier_kind_names.index(kind)]
 

@@ -249,24 +249,24 @@ def test_a_rotation_is_read_by_its_names_in_any_order(plain, tmp_path):
         assert_allclose(read_points(tmp_path / "a.e57").xyz, xyz, rtol=1e-12)
 
 
-def test_a_rotation_of_zeros_is_no_rotation(plain, tmp_path):
-    with_xml(plain, tmp_path / "a.e57", rotation(0, 0, 0, 0))
-    with pytest.warns(UserWarning, match="scan 1: rotation of length 0, not 1; no rotation"):
-        cloud = read_points(tmp_path / "a.e57")
-    assert_allclose(cloud.xyz, np.transpose([NUMBERS + 10, NUMBERS + 20.5, NUMBERS + 31]))
-    assert_array_equal(cloud.metadata["sensor_origins"], [[10, 20, 30]])
-
-
-@pytest.mark.parametrize(("factor", "told"), [(2.0, True), (0.1, True), (1 + 1e-6, False)])
-def test_a_rotation_of_another_length_turns_as_one_of_length_1(plain, tmp_path, factor, told):
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [(2.0, "its direction"), (0.1, "its direction"), (1 + 1e-6, None), (0, "no rotation")],
+)
+def test_a_rotation_of_another_length_turns_as_one_of_length_1_and_zeros_do_not(
+    plain, tmp_path, factor, told
+):
     half = factor * np.sqrt(0.5)
     with_xml(plain, tmp_path / "a.e57", rotation(half, 0, 0, half))
     with warnings.catch_warnings(record=True, action="always") as shown:
         cloud = read_points(tmp_path / "a.e57")
-    assert [f"of length {factor:.3g}, not 1; its direction" in str(w.message) for w in shown] == (
-        [True] if told else []
+    expected = [f"scan 1: rotation of length {factor:.3g}, not 1; {told} is taken"] * (
+        told is not None
     )
-    assert_allclose(cloud.xyz, read_points(plain).xyz, rtol=1e-12)
+    assert [str(warning.message).split(": ", 1)[1] for warning in shown] == expected
+    moved = np.transpose([NUMBERS + 10, NUMBERS + 20.5, NUMBERS + 31])
+    assert_allclose(cloud.xyz, read_points(plain).xyz if factor else moved, rtol=1e-12)
+    assert_array_equal(cloud.metadata["sensor_origins"], [[10, 20, 30]])
 
 
 TRANSLATION = r'(<translation.*?<x type="Float">)1e\+01'
