@@ -91,38 +91,6 @@ def test_times_and_trajectory_say_where_the_sensor_was(name):
     assert np.abs(positions - scan.sensor_origins).max() < 1e-9
 
 
-AXIS = np.array([0.0, np.cos(np.radians(8)), -np.sin(np.radians(8))])
-
-
-def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth():
-    step = 0.01  # not the default
-    scan = simulators.make_depth_frame(20_000, step=step, random_state=0)
-    depth = (scan.data - scan.sensor_origins) @ AXIS
-    level = 1 / (step * depth)
-    assert_allclose(level, np.round(level), atol=1e-9)
-    levels = np.unique(np.round(depth, 9))
-    middle = (levels[:-1] + levels[1:]) / 2
-    near = np.diff(levels) < 1.5 * step * middle**2
-    assert near.sum() > 20
-    assert_allclose(np.diff(levels)[near] / middle[near] ** 2, step, rtol=2e-2)
-
-
-def test_errors_have_the_stated_scale_and_are_alike_in_neighboring_pixels():
-    scan, _ = scanned("make_depth_frame", 60_000, outlier_share=0.0)
-    ray = scan.true_points - scan.sensor_origins
-    ranges = np.linalg.norm(ray, axis=1)
-    error = np.einsum("ij,ij->i", scan.data - scan.true_points, ray) / ranges / scan.noise_scale
-    assert error.std() == pytest.approx(1, rel=0.06)
-    assert abs(error.mean()) < 0.1
-    # Pixels of one row, from left to right.
-    depth = ray @ AXIS
-    row = np.round(ray @ [0, AXIS[2], -AXIS[1]] / depth, 9)
-    order = np.lexsort([ray[:, 0] / depth, row])
-    same = np.diff(row[order]) == 0
-    left, right = error[order][:-1][same], error[order][1:][same]
-    assert 0.3 < np.corrcoef(left, right)[0, 1] < 0.7
-
-
 @pytest.mark.parametrize(
     ("name", "n_surfaces", "n_round", "least"),
     [("make_traffic_furniture", 21, 11, 20), ("make_bus_stop", 31, 10, 40)],

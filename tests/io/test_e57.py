@@ -11,20 +11,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from benchmarks._fuzz_seeds import crc32c
+from e57_files import pye57, write_scans
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-
-pye57 = pytest.importorskip("pye57")
-
-
-def write_scan(path, points, **pose):
-    with pye57.E57(str(path), mode="w") as file:
-        file.write_scan_raw(points, **pose)
 
 
 def test_points_that_e57_marks_invalid_are_dropped_and_counted(tmp_path):
-    points = {f"cartesian{axis}": np.array([0.0, 1, 2]) for axis in "XYZ"}
-    points["cartesianInvalidState"] = np.array([0, 2, 0], dtype=np.int8)
-    write_scan(tmp_path / "a.e57", points)
+    invalid = {"cartesianInvalidState": np.array([0, 2, 0], dtype=np.int8)}
+    write_scans(tmp_path / "a.e57", (np.outer([0, 1, 2], [1, 1, 1]), invalid, {}))
     cloud = read_points(tmp_path / "a.e57")
     assert_array_equal(cloud.xyz[:, 0], [0, 2])
     assert cloud.n_dropped == 1
@@ -66,18 +59,16 @@ def test_e57_names_what_it_cannot_hold(tmp_path, cloud, attributes, told):
         assert_array_equal(back["red"], red >> 8 if red.max() > 255 else red)
 
 
-def with_poses(path, *places, **fields):
-    points = {f"cartesian{axis}": np.linspace(1, 9, 40) ** i for i, axis in enumerate("XYZ", 1)}
-    with pye57.E57(str(path), mode="w") as file:
-        for place in places:
-            file.write_scan_raw(points | fields, translation=np.array(place, float))
-    return read_points(path)
+def posed(place, **fields):
+    """A scan that stood at a place."""
+    xyz = np.linspace(1, 9, 40)[:, None] ** [1, 2, 3]
+    return xyz, fields, {"translation": np.array(place, float)}
 
 
 @pytest.mark.parametrize("place", [(500_000.25, 5_400_000, 101.5), (0, 0, 0)])
 def test_the_pose_of_one_scan_is_written_again(tmp_path, place):
     grid = {"rowIndex": np.arange(40), "columnIndex": np.arange(40)}
-    cloud = with_poses(tmp_path / "a.e57", place, **grid)
+    cloud = read_points(write_scans(tmp_path / "a.e57", posed(place, **grid)))
     write_points(tmp_path / "b.e57", cloud)
     again = read_points(tmp_path / "b.e57")
     assert_array_equal(again.metadata["sensor_origins"], [place])
@@ -85,11 +76,12 @@ def test_the_pose_of_one_scan_is_written_again(tmp_path, place):
 
 
 def test_poses_that_one_scan_cannot_hold_are_named(tmp_path):
-    cloud = with_poses(tmp_path / "a.e57", (5, 6, 7), (8, 9, 10))
+    cloud = read_points(write_scans(tmp_path / "a.e57", posed((5, 6, 7)), posed((8, 9, 10))))
     with pytest.warns(UserWarning, match="not written: scan_index, poses of the scans"):
         write_points(tmp_path / "b.e57", cloud)
     assert np.isnan(read_points(tmp_path / "b.e57").metadata["sensor_origins"]).all()
-    cloud = with_poses(tmp_path / "a.e57", (0, 0, 0))  # which is no pose without a grid
+    # Zeros are no pose without a grid.
+    cloud = read_points(write_scans(tmp_path / "a.e57", posed((0, 0, 0))))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         write_points(tmp_path / "b.e57", cloud)
@@ -136,10 +128,9 @@ def with_xml(source, target, *changes):
 @pytest.fixture
 def plain(tmp_path):
     """A scan that is turned about z by a quarter and moved by 10, 20, 30."""
-    data = {f"cartesian{axis}": NUMBERS + 0.5 * i for i, axis in enumerate("XYZ")}
-    turn, move = np.sqrt([0.5, 0, 0, 0.5]), np.array([10.0, 20, 30])
-    write_scan(tmp_path / "plain.e57", data, rotation=turn, translation=move)
-    return tmp_path / "plain.e57"
+    xyz, turn = NUMBERS[:, None] + 0.5 * np.arange(3), np.sqrt([0.5, 0, 0, 0.5])
+    pose = {"rotation": turn, "translation": np.array([10.0, 20, 30])}
+    return write_scans(tmp_path / "plain.e57", (xyz, {}, pose))
 
 
 def with_colors(path, *scans):

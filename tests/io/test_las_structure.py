@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from las_files import las_file, las_of, laspy
+from las_files import change, las_file, las_of, laspy
 from sklearn_mcmd.io import PointFileError, read_points, write_points
 from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
@@ -27,13 +27,6 @@ def write(path, version="1.4", point_format=6, scales=0.001, extra=()):
     for name, _ in extra:
         las[name] = np.arange(1, N + 1)
     las.write(path)
-    return path
-
-
-def change(path, position, data):
-    raw = bytearray(path.read_bytes())
-    raw[position : position + len(data)] = data
-    path.write_bytes(raw)
     return path
 
 
