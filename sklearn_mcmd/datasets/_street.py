@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from functools import cache
 from numbers import Real
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from sklearn.utils import Bunch
@@ -19,20 +19,11 @@ KERB_Y, PATH_Z = 3.0, 0.10
 CROWN_RADIUS, CROWN_Z = 75.0, 0.03  # of the cambered road: a cylinder, and its top
 
 
-class Opening(NamedTuple):
-    """Window or door in a wall along x."""
-
-    x0: float
-    x1: float
-    z0: float
-    z1: float
-
-
 # Meters.
 _LENGTH = 5.0
 _WALL_Y, _WALL_TOP = 4.5, 2.7
-_WINDOW = Opening(0.4, 1.6, 0.95, 2.15)
-_DOOR = Opening(2.2, 3.1, PATH_Z, 2.1)
+_WINDOW = (0.4, 1.6, 0.95, 2.15)  # x and z, each from and to
+_DOOR = (2.2, 3.1, PATH_Z, 2.1)
 _WINDOW_DEPTH, _DOOR_DEPTH = 0.20, 0.12
 _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 
@@ -271,7 +262,7 @@ def facing(turn):
 
 
 def recess(name, wall_y, opening, depth, *, sill):
-    """The back of an opening in the wall at that y, and its reveals."""
+    """The back of an opening, by x and z from and to, in the wall at that y, and its reveals."""
     x0, x1, z0, z1 = opening
     x, y, z = (x1 - x0, 0, 0), (0, depth, 0), (0, 0, z1 - z0)
     parts = [

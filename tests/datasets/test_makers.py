@@ -50,7 +50,6 @@ BAD = [
     (make_box, {"outlier_scale": 0.0}, "'outlier_scale' parameter"),
     (make_lidar_turn, {"outlier_kinds": ["gaussian"]}, "outlier_kinds="),
     (make_lidar_turn, {"n_samples": 0}, "'n_samples' parameter"),
-    (make_lidar_turn, {"n_rings": 1}, "'n_rings' parameter"),
     (
         make_lidar_turn,
         {"n_samples": 4, "outlier_share": 0.5, "outlier_kinds": ["mixed_pixel"]},

@@ -54,7 +54,7 @@ def turn():
 def test_turns_are_recognized(turn):
     words = seen(turn)
     assert words == "a turn about the origin"
-    for options in ({"snow": 2.0}, {"n_rings": 16, "outlier_share": 0.2}):
+    for options in ({"snow": 2.0}, {"outlier_share": 0.2}):
         cloud = make_lidar_turn(8_000, random_state=1, **options).data
         assert seen(cloud) == words
 
