@@ -106,9 +106,7 @@ def make_contaminated_plane(
     scale = _deviations(regular_variances, "regular")
     least = scale == scale.min()
     if least.sum() > 1:
-        raise ValueError(
-            f"regular_variances={(scale**2).tolist()}: one must be the least, for a normal."
-        )
+        raise ValueError(f"regular_variances={(scale**2).tolist()}: one must be the least.")
     outlier_scale = _deviations(outlier_variances, "outlier")
     rng = check_random_state(random_state)
     clean = _REGULAR_MEAN + scale * rng.standard_normal((n_samples, 3))

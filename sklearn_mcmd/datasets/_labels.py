@@ -19,9 +19,7 @@ def outlier_sizes(n_samples, share, kinds, possible):
         )
     n = round(share * n_samples)
     if n >= n_samples:
-        raise ValueError(
-            f"outlier_share={share:g} leaves no regular point of n_samples={n_samples}."
-        )
+        raise ValueError(f"outlier_share={share:g} leaves no regular point of {n_samples}.")
     return {kind: n // len(kinds) + (i < n % len(kinds)) for i, kind in enumerate(kinds)}
 
 

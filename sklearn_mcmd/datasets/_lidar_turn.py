@@ -17,7 +17,7 @@ from sklearn_mcmd.datasets._things import World, box, capped, car, house
 from sklearn_mcmd.datasets._vegetation import Grass, hedge, leaves, tree
 
 _GROUND, _REACH = -1.5, 100.0  # meters; the sensor is the origin
-_N_RINGS = 32
+_N_RINGS = 32  # at equal steps of elevation
 _ELEVATIONS = np.radians([-30.67, 10.67])  # of the lowest and the highest ring
 _NOISE_GROWTH = 4.0  # at the end of the reach, over that at range 0
 _PASSING = 0.1  # chance that a beam goes on behind leaves

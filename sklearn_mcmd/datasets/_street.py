@@ -20,7 +20,7 @@ CROWN_RADIUS, CROWN_Z = 75.0, 0.03  # of the cambered road: a cylinder, and its 
 
 
 # Meters.
-_LENGTH = 5.0
+_LENGTH = 5.0  # of the street
 _WALL_Y, _WALL_TOP = 4.5, 2.7
 _WINDOW = (0.4, 1.6, 0.95, 2.15)  # x and z, each from and to
 _DOOR = (2.2, 3.1, PATH_Z, 2.1)

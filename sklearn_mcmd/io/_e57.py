@@ -121,9 +121,7 @@ def _pose(path, number, scan):
         ) from None
     if abs(length - 1) > limits.unit:
         taken = "its direction" if length > limits.unit else "no rotation"
-        warn_caller(
-            f"{path}: scan {number}: rotation of length {length:.3g}, not 1; {taken} is taken"
-        )
+        warn_caller(f"{path}: scan {number}: rotation has length {length:.3g}; {taken} is taken")
     return rotation if length > limits.unit else np.eye(1, 4)[0], translation
 
 

@@ -88,9 +88,7 @@ def writing_parts(path):
             if compressed and las.header.point_format.id in WAVES_OF_CHANNELS:
                 channels.update(np.asarray(las.scanner_channel))
                 if len(channels) > 1:
-                    raise PointFileError(
-                        "lazrs would change wave packets of several channels; write .las instead"
-                    )
+                    raise PointFileError("LAZ changes waves of several channels; write .las")
             with sink.own_errors():
                 if writer is None:
                     header = las.header
@@ -362,16 +360,12 @@ def _store_attributes(laspy, las, attributes):
     for name, values in others.items():
         for column, part in flat_columns({name: values}).items():
             if column in standard:
-                warn_caller(
-                    f"{column!r} does not fit its dimension; it is stored as {column + '_value'!r}"
-                )
+                warn_caller(f"{column!r} does not fit: stored as {column + '_value'!r}")
                 column += "_value"
             if column in new or (column != name and column in attributes):
                 raise PointFileError(f"two attributes would both be written as {column!r}")
             if len(column.encode()) > LONGEST_NAME:
-                raise PointFileError(
-                    f"attribute name {column!r} is longer than {LONGEST_NAME} bytes; rename it"
-                )
+                raise PointFileError(f"rename {column!r}: it is longer than {LONGEST_NAME} bytes")
             new[column] = fit_dtype(column, part, EXTRA_DTYPES, "LAS")
     if replaced := extra & (others.keys() | new.keys()):
         las.remove_extra_dims(list(replaced))

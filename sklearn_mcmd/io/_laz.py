@@ -132,9 +132,7 @@ def _chunks(lazrs, file, header, record, layout):
         chunks[-1] = (n_points - layout.chunk_size * (n_needed - 1), chunks[-1][1])
     n_listed, n_bytes = map(sum, zip(*chunks, strict=True)) if chunks else (0, 0)
     if n_listed != n_points or n_bytes > room:
-        raise PointFileError(
-            f"damaged: its table tells of {n_listed} points, the file holds {n_points}"
-        )
+        raise PointFileError(f"damaged: its table has {n_listed} points, not {n_points}")
     file.seek(points_at + 8)
     return chunks
 

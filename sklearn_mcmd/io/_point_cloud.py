@@ -85,9 +85,7 @@ class PointCloud:
     def __post_init__(self) -> None:
         xyz = np.asarray(self.xyz)
         if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype.kind not in "biuf":
-            raise ValueError(
-                f"xyz must be numbers of shape (n, 3), got {xyz.dtype} of {xyz.shape}."
-            )
+            raise ValueError(f"xyz must be numbers (n, 3), got {xyz.dtype} of {xyz.shape}.")
         self.xyz = xyz.astype(np.float64, copy=False)
         self.attributes = {
             str(name): np.asarray(values) for name, values in self.attributes.items()
@@ -154,9 +152,7 @@ class PointCloud:
 def check_room(needed, room, what):
     """Refuse counts that the bytes of a file cannot hold: libraries would request their memory."""
     if needed > room:
-        raise PointFileError(
-            f"truncated or damaged: {what} need {needed:,} bytes, there are {room:,}"
-        )
+        raise PointFileError(f"damaged: {what} need {needed:,} bytes, there are {room:,}")
 
 
 def flat_columns(attributes):

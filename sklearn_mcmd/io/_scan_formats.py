@@ -91,9 +91,7 @@ def read_pcd(path, columns=None):
             told = f"{header.points:,} points of {sum(header.count)} numbers"
             raise PointFileError(f"the points are truncated or damaged: no {told}") from err
     if len(records) != header.points:
-        raise PointFileError(
-            f"the header promises {header.points} points, there are {len(records)}"
-        )
+        raise PointFileError(f"header promises {header.points} points, there are {len(records)}")
     metadata = {"pcd_viewpoint": tuple(header.viewpoint)}
     if not np.isfinite(header.viewpoint).all():
         warn_caller(f"{path}: VIEWPOINT has numbers that are not finite; it is taken as not known")

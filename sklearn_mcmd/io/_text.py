@@ -193,9 +193,7 @@ def _begin(file, columns, extension):
     head = _head(file, columns)
     fields, known = _row(head.line, head.delimiter, len(head.names or ())), head.names
     if len(fields) < 3:
-        raise PointFileError(
-            f"line {head.number} has {counted(len(fields), 'column')}, x, y, z are 3"
-        )
+        raise PointFileError(f"line {head.number} has {len(fields)} columns, x, y, z are 3")
     if known is None:
         widths = {len(fields), len(fields) - (fields[-1] == "")}
         named = [some for some in head.headers + head.comments if len(some) in widths]
@@ -210,7 +208,7 @@ def _begin(file, columns, extension):
             known = [*known, ""]
         if len(fields) != len(known):
             raise PointFileError(
-                f"the header has {len(known)} columns, line {head.number} has {len(fields)}"
+                f"header has {len(known)} columns, line {head.number} has {len(fields)}"
             )
     names = known or ["", "", "", *_names_after_xyz(extension, len(fields) - 3)]
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]

@@ -210,7 +210,7 @@ def test_wave_packets_of_two_channels_are_refused_as_lazrs_would_change_them(
     las = waves(point_format, 60 + 256 * np.arange(N))
     las.scanner_channel = np.arange(N) % 2
     las.write(tmp_path / "a.las")
-    with pytest.raises(PointFileError, match=r"of several channels; write \.las instead"):
+    with pytest.raises(PointFileError, match=r"of several channels; write \.las"):
         write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
     assert os.listdir(tmp_path) == ["a.las"]
     buffer = io.BytesIO()
