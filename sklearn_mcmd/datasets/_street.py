@@ -22,8 +22,8 @@ CROWN_RADIUS, CROWN_Z = 75.0, 0.03  # of the cambered road: a cylinder, and its 
 # Meters.
 _LENGTH = 5.0  # of the street
 _WALL_Y, _WALL_TOP = 4.5, 2.7
-_WINDOW = (0.4, 1.6, 0.95, 2.15)  # x and z, each from and to
-_DOOR = (2.2, 3.1, PATH_Z, 2.1)
+# x and z, each from and to.
+_WINDOW, _DOOR = (0.4, 1.6, 0.95, 2.15), (2.2, 3.1, PATH_Z, 2.1)
 _WINDOW_DEPTH, _DOOR_DEPTH = 0.20, 0.12
 _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 
