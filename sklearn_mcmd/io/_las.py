@@ -7,7 +7,7 @@ import numpy as np
 
 from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._classes import LOW_NOISE
-from sklearn_mcmd.io._grid import LARGEST, fits, offset_of, scale_of
+from sklearn_mcmd.io._grid import LARGEST, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import (
     EVLR_HEADER,
     as_described,
@@ -326,7 +326,7 @@ def _store_coordinates(las, xyz):
         steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])
         if np.abs(steps).max() > LARGEST:
             low, high = xyz[:, i].min(), xyz[:, i].max()
-            if not fits(high - low, scales[i]):
+            if not (high - low) / 2 <= (LARGEST - 1) * scales[i]:  # about the middle
                 scales[i] = scale_of(xyz, [i])
             offsets[i] = offset_of(low, high, scales[i])
             steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])

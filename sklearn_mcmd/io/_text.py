@@ -210,7 +210,9 @@ def _begin(file, columns, extension):
             raise PointFileError(
                 f"header has {len(known)} columns, line {head.number} has {len(fields)}"
             )
-    names = known or ["", "", "", *_names_after_xyz(extension, len(fields) - 3)]
+    n = len(fields) - 3  # after x, y, z, which the format names where the file has no header
+    own = next((names for names in COLUMNS.get(extension, ()) if len(names) == n), [""] * n)
+    names = known or ["", "", "", *own]
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if known is not None or columns:
         head.positions = coordinate_columns(names, columns)
@@ -404,11 +406,6 @@ def _decoded(text):
     if text.isascii() or not any("\udc80" <= character <= "\udcff" for character in text):
         return text
     return text.encode("utf-8", "surrogateescape").decode("latin-1")
-
-
-def _names_after_xyz(extension, n):
-    """Names of n columns after x, y and z, empty where a file without a header tells none."""
-    return next((names for names in COLUMNS.get(extension, ()) if len(names) == n), [""] * n)
 
 
 def _with_bytes(path, attributes):
