@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd.io import PointCloud, write_points
-from sklearn_mcmd.io._formats import format_of
 
 PARTS = b"--next member--"  # between the names and bytes of an NPZ's members
 PAGE = 1024  # of E57: bytes with four of a checksum
@@ -106,13 +105,32 @@ def _files(reader, folder):
         yield from _las_files(folder, reader, xyz)
     elif reader == "npy":
         yield _npy(np.asfortranarray(xyz, ">f4"))
-    for encoding in format_of(f"a.{reader}").encodings or [None]:
+    for encoding in ENCODINGS.get(f".{reader}", [None]):
         for number, cloud in enumerate(clouds):
             path = folder / f"seed{number}.{reader}"
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of what a format cannot hold
-                write_points(path, cloud, encoding=encoding)
+                write_points(path, cloud)
+            if encoding:
+                save_as(path, encoding)
             yield path.read_bytes()
+
+
+ENCODINGS = {".ply": ("ascii", "binary"), ".pcd": ("ascii", "binary", "binary_compressed")}
+
+
+def save_as(path, encoding):
+    """Write a PLY or PCD file again, in an encoding of that format."""
+    if path.suffix == ".ply":
+        from plyfile import PlyData
+
+        ply = PlyData.read(str(path), mmap=False)  # as it is written over
+        ply.text = encoding == "ascii"
+        ply.write(str(path))
+    else:
+        import pypcd4
+
+        pypcd4.PointCloud.from_path(path).save(str(path), pypcd4.Encoding(encoding))
 
 
 def _las_files(folder, suffix, xyz):

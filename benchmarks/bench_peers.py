@@ -36,7 +36,7 @@ PEERS = ("open3d", "pgeof", "jakteristics", "small-gicp")
 NEAR, RIGHT = 4.0, 10.0  # spacings from an edge, and degrees
 NATIONAL_GRID = (5e5, 5.4e6, 0.0)
 N_WARM = 10_000  # points on which each process compiles and loads what it needs, before the clock
-DENSE_FROM = 100_000  # streets of so many points have 2 cm between points; others are coarser
+ONE_STREET = 100_000  # points with 2 cm between them; more are streets in a row
 
 
 def main(arguments=None):
@@ -84,16 +84,22 @@ def runs(jobs, options):
 
 
 def make_cloud(folder, n, k, *, columns):
-    """Save a street with its truth, and the columns of normals for growing if they are wanted."""
+    """Save streets in a row with their truth, and columns of normals if they are wanted."""
     from sklearn_mcmd import RobustNormalEstimator
     from sklearn_mcmd.datasets import make_street
 
-    street = make_street(n, spacing=0.02 if n >= DENSE_FROM else None, random_state=0)
-    arrays = {"X": street.data, "normals": street.normals, "edge_distance": street.edge_distance}
-    arrays |= {"target": street.target, "spacing": street.spacing}
+    m = max(1, round(n / ONE_STREET))
+    streets = [make_street(n // m + (i < n % m), random_state=i) for i in range(m)]
+    for i, street in enumerate(streets):
+        street.data += [5.0 * i, 0, 0]
+    arrays = {
+        name: np.concatenate([street[name] for street in streets])
+        for name in ("data", "normals", "edge_distance", "target")
+    }
+    arrays |= {"X": arrays.pop("data"), "spacing": streets[0].spacing}
     if columns:
         estimator = RobustNormalEstimator(k, random_state=0, n_jobs=-1)
-        arrays["columns"] = estimator.fit_transform(street.data)
+        arrays["columns"] = estimator.fit_transform(arrays["X"])
     np.savez(folder / "street.npz", **arrays)
 
 

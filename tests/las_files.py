@@ -41,3 +41,11 @@ def las_file(path, *args, **options):
     """The path of a file of `las_of`."""
     las_of(*args, **options).write(path)
     return path
+
+
+def change(path, position, data):
+    """Write bytes over those at a position of a file."""
+    with open(path, "rb+") as file:
+        file.seek(position)
+        file.write(data)
+    return path

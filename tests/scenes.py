@@ -7,7 +7,6 @@ import numpy as np
 from benchmarks import simulators
 from benchmarks.simulators import _airborne, _depth_frame, _mobile
 from sklearn_mcmd.datasets import _lidar_turn, make_lidar_turn
-from sklearn_mcmd.datasets._street import _street
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 # Makers of scanned scenes, and what makes the worlds that they scan.
@@ -79,12 +78,6 @@ def torus(n, noise):
     N = np.column_stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)])
     X = 0.3 * N + np.column_stack([np.cos(u), np.sin(u), np.zeros(n)])
     return X + rng.normal(0, noise, (n, 3)), N
-
-
-def scene_of(street, tree=False):
-    """The surfaces that a street of `make_street` was scanned from."""
-    n_bays = len(np.unique(street.sensor_origins, axis=0))
-    return _street(street.length / n_bays, n_bays, tree)
 
 
 @cache

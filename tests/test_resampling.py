@@ -37,7 +37,7 @@ def test_the_rows_kept_are_the_detectors_inliers_in_order(street, kept):
     X, y = sampler.fit_resample(street.data.tolist())
     assert y is None
     assert_array_equal(X, street.data[kept])
-    y = np.column_stack([street.surface, street.bay])
+    y = np.column_stack([street.surface, street.outlier_kind])
     assert_array_equal(sampler.fit_resample(street.data, y)[1], y[kept])
 
 

@@ -7,7 +7,7 @@ Sharp edges are the lines where surfaces meet at an angle, and the free ends of 
 import numpy as np
 
 from sklearn_mcmd.datasets._panels import Disc, Polygon
-from sklearn_mcmd.datasets._scan import Scanning, scan
+from sklearn_mcmd.datasets._scan import scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._street import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
 from sklearn_mcmd.datasets._surfaces import Circle, Foliage, Patch
@@ -20,8 +20,7 @@ def make_traffic_furniture(n_samples=127_898, *, noise=0.005, outlier_share=0.0,
     plates, two lids of litter bins) and eleven are round (six sign posts, two light poles, two
     litter bins, an advertising column). The default number of points is the paper's.
     """
-    scanning = Scanning(noise, outlier_share)
-    return scan(lambda _: _traffic_furniture(), n_samples, scanning, random_state)
+    return scan(_traffic_furniture(), n_samples, noise, outlier_share, random_state)
 
 
 def make_bus_stop(n_samples=33_719, *, noise=0.005, outlier_share=0.0, random_state=None):
@@ -33,8 +32,7 @@ def make_bus_stop(n_samples=33_719, *, noise=0.005, outlier_share=0.0, random_st
     its lid; a tree of trunk and foliage. The back panels of the umbrellas have a name, but no
     points. The default number of points is the paper's.
     """
-    scanning = Scanning(noise, outlier_share)
-    return scan(lambda _: _bus_stop(), n_samples, scanning, random_state)
+    return scan(_bus_stop(), n_samples, noise, outlier_share, random_state)
 
 
 def _traffic_furniture():
@@ -53,7 +51,7 @@ def _traffic_furniture():
         pole("column", (4.5, 4.8), 0.35, 2.9),
     ]
     parts = [*_ground(length, 5.5, circles=feet(things)), *things]
-    return Scene(parts, length, 1, scanner=(length / 2, 1.0, 2.2))
+    return Scene(parts, scanner=(length / 2, 1.0, 2.2))
 
 
 def _bus_stop():
@@ -102,7 +100,7 @@ def _bus_stop():
     lines = [(foot, foot + along), *[(foot + x, foot + x + across) for x in (0, along)]]
     ground = _ground(length, 5.8, circles=feet([*posts, *things]), lines=lines)
     parts = [*ground, *shelter, *bench, *things]
-    return Scene(parts, length, 1, scanner=(length / 2, 1.0, 2.2))
+    return Scene(parts, scanner=(length / 2, 1.0, 2.2))
 
 
 def _ground(length, path_y, *, circles, lines=()):

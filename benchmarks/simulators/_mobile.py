@@ -9,7 +9,6 @@ from sklearn_mcmd.datasets._street import (
     KERB_Y,
     PATH_Z,
     UP,
-    Opening,
     facing,
     pole,
     recess,
@@ -146,7 +145,7 @@ def _world(rng):
 
 
 def _facade(low, along, rng):
-    openings = [Opening(x, x + 1.1, z, z + 1.5) for x in np.arange(3.1, 20, 2.4) for z in _FLOORS]
+    openings = [(x, x + 1.1, z, z + 1.5) for x in np.arange(3.1, 20, 2.4) for z in _FLOORS]
     facade = [
         Patch(
             "wall",
@@ -164,7 +163,7 @@ def _facade(low, along, rng):
     for opening in openings:
         frame = recess("window", _WALL_Y, opening, 0.2, sill=True)
         if rng.random() < _CLEAR:  # beams go through the pane, into a room
-            x, y, z = opening.x0 - 1.5, _WALL_Y + rng.uniform(1.5, 5.0), opening.z0 - 0.9
+            x, y, z = opening[0] - 1.5, _WALL_Y + rng.uniform(1.5, 5.0), opening[2] - 0.9
             frame[0] = Patch("room", (x, y, z), (4.0, 0, 0), (0, 0, 2.7))
         facade += frame
     return facade

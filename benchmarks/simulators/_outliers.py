@@ -1,7 +1,5 @@
 """Outliers of scanned scenes that the package's own do not have: low, high and far ones."""
 
-import numpy as np
-
 from sklearn_mcmd.datasets._labels import outlier_sizes
 from sklearn_mcmd.datasets._outliers import draw_clear
 from sklearn_mcmd.datasets._sensing import sense
@@ -49,12 +47,8 @@ def far_clump(scan, n, rng):
 
 
 def _draw_far(scan, n, propose, more=0.0):
-    return draw_clear(
-        lambda rows: scan.tree.query(rows[:, :3])[0],
-        n,
-        lambda rows: np.full(len(rows), _FAR * scan.diagonal + more),
-        propose,
-    )
+    least = _FAR * scan.diagonal + more
+    return draw_clear(n, lambda rows: scan.tree.query(rows[:, :3])[0] > least, propose)
 
 
 NEAR = SENSOR_OUTLIERS | {"low": low, "high": high}

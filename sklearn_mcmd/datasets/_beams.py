@@ -73,16 +73,6 @@ class Sensor(NamedTuple):
     extra: Callable = lambda scan, beams, beam: {}
 
 
-class Target(NamedTuple):
-    """What beams may meet: its parts, of each whether a beam may go past it and meet something
-    else, and the distance of points to the nearest part of the whole scene.
-    """
-
-    parts: list
-    through: np.ndarray
-    distance: Callable
-
-
 class Rays(NamedTuple):
     """Sub-rays that met something: their beams in ascending order, range and part."""
 
@@ -112,10 +102,15 @@ def join_echoes(echoes):
 
 
 def cast(target, sensor, beams, rng):
-    """All echoes of beams, block by block and in each by their order; also those in doubt."""
-    n, echoes = len(beams.origins), []
-    for rows in blocks(n, sensor.divergence):
-        echoes += _cast_block(target, sensor, beams, np.arange(n)[rows], rng)
+    """All echoes of beams, block by block and in each by their order; also those in doubt.
+
+    The target, a `World` or a `Scene`, has ``parts``, of each whether a beam may go past it and
+    meet something else (``through``), and the ``distance`` of points to the nearest.
+    """
+    numbers, echoes = np.arange(len(beams.origins)), []
+    step = _BLOCK if sensor.divergence else max(len(numbers), 1)  # beams without width at once
+    for start in range(0, max(len(numbers), 1), step):
+        echoes += _cast_block(target, sensor, beams, numbers[start : start + step], rng)
     return join_echoes(echoes)
 
 
@@ -203,12 +198,6 @@ def cone(directions, divergence):
     )
     rays[:, 1:] /= np.linalg.norm(rays[:, 1:], axis=2, keepdims=True)
     return rays
-
-
-def blocks(n, divergence):
-    """Slices of n beams that are cast at once: all of those without divergence."""
-    step = _BLOCK if divergence else max(n, 1)
-    return [slice(start, start + step) for start in range(0, max(n, 1), step)]
 
 
 def merge(rays, resolution):

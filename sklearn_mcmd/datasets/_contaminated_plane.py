@@ -68,7 +68,7 @@ def make_contaminated_plane(
     dataset : :class:`~sklearn.utils.Bunch` if ``return_X_y=False``
         ``data`` and ``target`` are `X` and `y`. ``clean``, of the shape of `X`, is the clean twin;
         its rows equal those of `X` where ``target == 1``. ``normal``, of shape (3,), is
-        the true plane's unit normal. ``feature_names`` is a list of str.
+        the true plane's unit normal.
 
     Raises
     ------
@@ -106,10 +106,7 @@ def make_contaminated_plane(
     scale = _deviations(regular_variances, "regular")
     least = scale == scale.min()
     if least.sum() > 1:
-        raise ValueError(
-            f"regular_variances={(scale**2).tolist()} has no single least value, so the plane "
-            "has no normal: make one variance smaller than the others."
-        )
+        raise ValueError(f"regular_variances={(scale**2).tolist()}: one must be the least.")
     outlier_scale = _deviations(outlier_variances, "outlier")
     rng = check_random_state(random_state)
     clean = _REGULAR_MEAN + scale * rng.standard_normal((n_samples, 3))
@@ -122,15 +119,12 @@ def make_contaminated_plane(
     target = np.repeat([1, -1], [n_samples - n_outliers, n_outliers])
     if return_X_y:
         return data, target
-    truth = {"clean": clean, "normal": least.astype(float), "feature_names": list("xyz")}
-    return Bunch(data=data, target=target, **truth)
+    return Bunch(data=data, target=target, clean=clean, normal=least.astype(float))
 
 
 def _deviations(variances, kind):
     """Standard deviations along the axes."""
     variances = np.asarray(variances, float)
     if variances.shape != (3,) or not (np.isfinite(variances) & (variances >= 0)).all():
-        raise ValueError(
-            f"{kind}_variances={variances.tolist()} must be three finite numbers, not negative."
-        )
+        raise ValueError(f"{kind}_variances={variances.tolist()}: three are needed, not negative.")
     return np.sqrt(variances)

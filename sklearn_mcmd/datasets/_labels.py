@@ -15,15 +15,11 @@ def outlier_sizes(n_samples, share, kinds, possible):
     unknown = [kind for kind in kinds if kind not in possible]
     if unknown or len(set(kinds)) < len(kinds) or not kinds:
         raise ValueError(
-            f"outlier_kinds={kinds!r} must name, once each, one or more of {list(possible)}; "
-            "for a cloud without these outliers set outlier_share=0."
+            f"outlier_kinds={kinds!r} must name, once each, one or more of {list(possible)}."
         )
     n = round(share * n_samples)
     if n >= n_samples:
-        raise ValueError(
-            f"outlier_share={share:g} of n_samples={n_samples} leaves no regular point: lower the "
-            "share or give more points."
-        )
+        raise ValueError(f"outlier_share={share:g} leaves no regular point of {n_samples}.")
     return {kind: n // len(kinds) + (i < n % len(kinds)) for i, kind in enumerate(kinds)}
 
 
@@ -36,10 +32,7 @@ def labeled_cloud(parts, kinds, sizes, names, order, *, both, regular):
     """
     of_regular = kinds == REGULAR
     if not of_regular.any():
-        raise ValueError(
-            "Snow and mixed pixels leave no regular point: give more points (n_samples), or less "
-            "snow."
-        )
+        raise ValueError("Snow and mixed pixels leave no regular point: give more n_samples.")
     n_outliers = sum(sizes.values())
 
     def join(of_echoes, of_outliers):
@@ -61,7 +54,6 @@ def labeled_cloud(parts, kinds, sizes, names, order, *, both, regular):
         outlier_kind=join(own, codes),
         outlier_kind_names=names,
         surface_names=[part.name for part in parts],
-        feature_names=["x", "y", "z"],
     )
 
 

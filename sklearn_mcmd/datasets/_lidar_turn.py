@@ -1,7 +1,7 @@
 """One turn of a spinning lidar on a campus."""
 
 from collections.abc import Sequence
-from numbers import Integral, Real
+from numbers import Real
 
 import numpy as np
 from sklearn.utils import Bunch
@@ -17,6 +17,7 @@ from sklearn_mcmd.datasets._things import World, box, capped, car, house
 from sklearn_mcmd.datasets._vegetation import Grass, hedge, leaves, tree
 
 _GROUND, _REACH = -1.5, 100.0  # meters; the sensor is the origin
+_N_RINGS = 32  # at equal steps of elevation
 _ELEVATIONS = np.radians([-30.67, 10.67])  # of the lowest and the highest ring
 _NOISE_GROWTH = 4.0  # at the end of the reach, over that at range 0
 _PASSING = 0.1  # chance that a beam goes on behind leaves
@@ -25,7 +26,6 @@ _PASSING = 0.1  # chance that a beam goes on behind leaves
 @validate_params(
     {
         **SHARED_PARAMETERS,
-        "n_rings": [Interval(Integral, 2, None, closed="left")],
         "outlier_kinds": [list, tuple],
         "beam_divergence": [Interval(Real, 0, None, closed="left")],
         "snow": [Interval(Real, 0, None, closed="left")],
@@ -35,7 +35,6 @@ _PASSING = 0.1  # chance that a beam goes on behind leaves
 def make_lidar_turn(
     n_samples: int = 70_000,
     *,
-    n_rings: int = 32,
     noise: float = 0.01,
     outlier_share: float = 0.03,
     outlier_kinds: Sequence[str] = ("particle", "mixed_pixel", "ghost", "no_return"),
@@ -46,16 +45,15 @@ def make_lidar_turn(
     """Make one turn of a spinning lidar.
 
     A sensor at the origin, 1.5 m above a yard: walls 4 to 50 m away, and shrubs, trees, pillars,
-    poles, cars and pedestrians between them. Its rays leave in rings of equal elevation, at equal
-    steps of azimuth. So on the ground rings are 0.14 m apart nearby and more than 30 m far away,
-    while points on a ring are a few centimeters apart.
+    poles, cars and pedestrians between them. Its rays leave in 32 rings, at equal steps of
+    elevation from -30.67 to 10.67 degrees and at equal steps of azimuth. So on the ground rings are
+    0.14 m apart nearby and more than 30 m far away, while points on a ring are a few centimeters
+    apart.
 
     Parameters
     ----------
     n_samples : int, default=70_000
         Number of points, outliers included.
-    n_rings : int, default=32
-        Number of rings, at equal steps of elevation from -30.67 to 10.67 degrees.
     noise : float, default=0.01
         Standard deviation of ranges at range 0, in meters. It grows linearly, to four times as
         much at 100 m.
@@ -88,8 +86,8 @@ def make_lidar_turn(
     Returns
     -------
     scan : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_street` but ``bay``, ``edge_distance``, ``spacing`` and
-        ``length``. True points are where beams end; ``normals`` are NaN in leaves and grass, too;
+        With the arrays of :func:`make_street` but ``edge_distance`` and ``spacing``. True points
+        are where beams end; ``normals`` are NaN in leaves and grass, too;
         parts of one thing may share a name in ``surface_names``. Besides them
 
         - ``classification``, int64 (n_samples,): number of the class in ``class_names``; -1 for
@@ -164,20 +162,20 @@ def make_lidar_turn(
         passing=_PASSING,
         divergence=beam_divergence,
         snow=snow,
-        make_beams=lambda n, rng: _beams(n, n_rings, rng),
-        extra=lambda scan, beams, beam: {"ring": _rings(scan, beams.line[beam], n_rings)},
+        make_beams=_beams,
+        extra=lambda scan, beams, beam: {"ring": _rings(scan, beams.line[beam])},
     )
     sizes = outlier_sizes(n_samples, outlier_share, outlier_kinds, SENSOR_OUTLIERS)
     return sense(_campus, sensor, n_samples, sizes, random_state)
 
 
-def _beams(n, n_rings, rng):
+def _beams(n, rng):
     """Rings of equal steps of elevation; in each equal steps of azimuth, shifted by chance."""
-    n_steps = max(1, round(n / n_rings))
+    n_steps = max(1, round(n / _N_RINGS))
     step = 2 * np.pi / n_steps
-    azimuth = (np.arange(n_steps) + rng.random((n_rings, 1))).ravel() * step
-    ring = np.repeat(np.arange(n_rings), n_steps)
-    elevation = np.linspace(*_ELEVATIONS, n_rings)[ring]
+    azimuth = (np.arange(n_steps) + rng.random((_N_RINGS, 1))).ravel() * step
+    ring = np.repeat(np.arange(_N_RINGS), n_steps)
+    elevation = np.linspace(*_ELEVATIONS, _N_RINGS)[ring]
     flat = np.cos(elevation)
     directions = np.column_stack(
         [flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]
@@ -185,13 +183,13 @@ def _beams(n, n_rings, rng):
     return Beams(np.zeros((len(ring), 3)), directions, ring, np.zeros(len(ring), int))
 
 
-def _rings(scan, ring, n_rings):
+def _rings(scan, ring):
     """Ring of each point; of an outlier that is off the beams, the one nearest in elevation."""
     ranges = np.linalg.norm(scan.data, axis=1)
     off = np.flatnonzero((scan.target == -1) & (ranges > 0))
     low, high = _ELEVATIONS
     share = (np.arcsin(scan.data[off, 2] / ranges[off]) - low) / (high - low)
-    ring[off] = np.clip(np.rint(share * (n_rings - 1)), 0, n_rings - 1)
+    ring[off] = np.clip(np.rint(share * (_N_RINGS - 1)), 0, _N_RINGS - 1)
     return ring
 
 

@@ -9,7 +9,7 @@ _LEAST_ACCEPTANCE = 0.005  # below this share of usable proposals there is no ro
 _ENOUGH = 5000  # proposals that show it
 
 
-def gaussian(scene, n, clearance, rng):
+def gaussian(scene, n, is_clear, rng):
     """Points of the surfaces, displaced at random on each axis."""
     solid = [part for part in scene.parts if not isinstance(part, Soft)]
     areas = np.array([part.area for part in solid])
@@ -17,19 +17,18 @@ def gaussian(scene, n, clearance, rng):
     def propose(m):
         counts = rng.multinomial(m, areas / areas.sum())
         origin = np.concatenate([p.sample(c, rng) for p, c in zip(solid, counts, strict=True)])
-        origin = scene.to_scene(origin, rng.integers(scene.n_bays, size=m))
         return rng.permutation(origin + rng.normal(scale=scene.displacement, size=(m, 3)))
 
-    return draw_clear(scene.distance, n, clearance, propose)
+    return draw_clear(n, is_clear, propose)
 
 
-def uniform(scene, n, clearance, rng):
+def uniform(scene, n, is_clear, rng):
     """Points anywhere in the scene's bounding box."""
     low, high = scene.bounds
-    return draw_clear(scene.distance, n, clearance, lambda m: rng.uniform(low, high, (m, 3)))
+    return draw_clear(n, is_clear, lambda m: rng.uniform(low, high, (m, 3)))
 
 
-def mixed_pixel(scene, n, clearance, rng):
+def mixed_pixel(scene, n, is_clear, rng):
     """Points between an outline and what lies behind it, on one ray of a scanner.
 
     A beam that is cut by an outline returns a mean of the two ranges. Rays leave the scanner
@@ -37,7 +36,7 @@ def mixed_pixel(scene, n, clearance, rng):
     background at least 15 cm behind give a point in between.
     """
     lengths = np.array([part.outline_length for part in scene.parts])
-    reach = 2 * np.linalg.norm(np.diff(scene.bay_bounds, axis=0)) + scene.farthest_range
+    reach = 2 * np.linalg.norm(np.diff(scene.bounds, axis=0)) + scene.farthest_range
 
     def propose(m):
         counts = rng.multinomial(m, lengths / lengths.sum())
@@ -56,21 +55,19 @@ def mixed_pixel(scene, n, clearance, rng):
         far = reach * scene.first_hit(scene.scanner + reach * ray)[:, None]
         passes = (np.isfinite(far) & (far > near + 0.15))[:, 0]
         near, far, ray = near[passes], far[passes], ray[passes]
-        points = scene.scanner + ray * (near + rng.uniform(0.05, 0.95, near.shape) * (far - near))
-        return scene.to_scene(points, rng.integers(scene.n_bays, size=len(points)))
+        return scene.scanner + ray * (near + rng.uniform(0.05, 0.95, near.shape) * (far - near))
 
-    return draw_clear(scene.distance, n, clearance, propose)
+    return draw_clear(n, is_clear, propose)
 
 
-def ghost(scene, n, clearance, rng):
+def ghost(scene, n, is_clear, rng):
     """Dense balls of 10 to 60 points, 5 to 10 cm in radius, floating off the surfaces."""
     low, high = scene.bounds
     sizes = cluster_sizes(n, rng)
     radii = rng.uniform(0.05, 0.10, len(sizes))
     centers = draw_clear(
-        scene.distance,
         len(sizes),
-        lambda points: 0.25 + clearance(points),
+        lambda points: is_clear(points, 0.25),
         lambda m: rng.uniform(low, high, (m, 3)),
     )
     direction = rng.standard_normal((n, 3))
@@ -88,8 +85,8 @@ SCENE_OUTLIERS = {
 }
 
 
-def draw_clear(distance, n, clearance, propose):
-    """n proposed points (rows) that are farther from the scene than their clearance."""
+def draw_clear(n, is_clear, propose):
+    """n proposed points (rows) that are clear of the scene."""
     kept = []
     missing, proposed, usable = n, 0, 0
     while missing > 0:
@@ -103,7 +100,7 @@ def draw_clear(distance, n, clearance, propose):
         rate = min(1.2 * proposed / max(usable, 1), 20.0) if proposed else 1
         n_more = 64 + int(rate * missing)
         points = propose(n_more)
-        clear = points[distance(points) > clearance(points)]
+        clear = points[is_clear(points)]
         proposed, usable = proposed + n_more, usable + len(clear)
         kept.append(clear[:missing])
         missing -= len(kept[-1])

@@ -8,8 +8,6 @@ import numpy as np
 from sklearn_mcmd.datasets._surfaces import (
     Circle,
     Flat,
-    sample_segments,
-    segment_lengths,
     segments_distance,
 )
 
@@ -118,7 +116,6 @@ class Bilinear:
         # Linear in u and v, so its length is greatest at a corner.
         self._largest = np.linalg.norm(self._cross_product(*ends), axis=1).max()
         self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
-        self.outline_length = segment_lengths(self.edges).sum()
 
     def sample(self, n, rng):
         kept, missing = [np.empty((0, 3))], n
@@ -173,9 +170,6 @@ class Bilinear:
                 on_part = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1) & (t > 0) & (t <= 1)
                 fraction = np.where(on_part, np.minimum(fraction, t), fraction)
         return fraction
-
-    def sample_outline(self, n, rng, viewpoint):
-        return sample_segments(self.edges, n, rng)
 
     def _surface(self, u, v):
         u, v = u[:, None], v[:, None]

@@ -1,16 +1,14 @@
 """From a scene to a cloud with the truth of every point."""
 
-from collections.abc import Sequence
+from functools import cache
 from numbers import Integral, Real
-from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd._sklearn import Interval
-from sklearn_mcmd.datasets._beams import REGULAR
+from sklearn_mcmd.datasets._beams import PHASE_SHIFT, REGULAR, Beams, Sensor, cast
 from sklearn_mcmd.datasets._labels import labeled_cloud, outlier_sizes, streams
 from sklearn_mcmd.datasets._outliers import CLEARANCE, SCENE_OUTLIERS
-from sklearn_mcmd.datasets._scan_lines import effective_area, scan_lines
 from sklearn_mcmd.datasets._surfaces import facing_normals
 
 #: Constraints of the parameters that all makers share.
@@ -20,59 +18,56 @@ SHARED_PARAMETERS = {
     "outlier_share": [Interval(Real, 0, 1, closed="left")],
     "random_state": ["random_state"],
 }
+LOWEST = -np.radians(60)  # a scanner is blind below this elevation
+_PILOT = 250  # rays on a side of the grid that measures the share of the view that holds something
+_SURPLUS = 0.02  # share of rays that are lost at random, as those on dark surfaces are
 
 
-class Scanning(NamedTuple):
-    """How a scene is scanned: parameters of `make_street`."""
-
-    noise: float
-    outlier_share: float
-    outlier_kinds: Sequence[str] = tuple(SCENE_OUTLIERS)
-    sampling: str = "uniform"
-    noise_growth: float = 1.0
-    beam_divergence: float = 0.0
-
-
-def scan(make_scene, n_samples, scanning, random_state):
+def scan(
+    scene,
+    n_samples,
+    noise,
+    outlier_share,
+    random_state,
+    outlier_kinds=tuple(SCENE_OUTLIERS),
+    noise_growth=1.0,
+    divergence=None,
+):
     """Scan a scene: points, noise, outliers and the truth, as `make_street` documents them.
 
-    ``make_scene(n)`` is the scene of n regular points.
+    `divergence` is that of beams on scan lines; None is for a sample of even density.
     """
-    sizes = outlier_sizes(n_samples, scanning.outlier_share, scanning.outlier_kinds, SCENE_OUTLIERS)
-    n_echoes = n_samples - sum(sizes.values())
-    scene = make_scene(n_echoes)
+    sizes = outlier_sizes(n_samples, outlier_share, outlier_kinds, SCENE_OUTLIERS)
+    n = n_samples - sum(sizes.values())
     points_rng, noise_rng, outlier_rng, order_rng = streams(random_state, 4)
+    nearest = min(part.distance(scene.scanner[None])[0] for part in scene.parts)
 
-    def scale_of(local):
-        return scanning.noise * scene.growth(scene.ranges(local), scanning.noise_growth)
+    def scale_at(ranges):
+        share = np.clip((ranges - nearest) / (scene.farthest_range - nearest), 0.0, 1.0)
+        return noise * (1.0 + (noise_growth - 1.0) * share)
 
-    def noise_at(points):
-        return scale_of(scene.to_bay(points)[0])
+    def is_clear(points, more=0.0):
+        return scene.distance(points) > more + CLEARANCE * scale_at(scene.ranges(points))
 
-    if scanning.sampling == "scan_lines":
-        local, places, surface, bay, kind = scan_lines(scene, n_echoes, points_rng, scanning)
+    if divergence is not None:
+        points, places, surface, kind = scan_lines(scene, n, points_rng, scale_at, divergence)
         # A scanner's error is that of the range.
-        ray = local - scene.scanner
+        ray = points - scene.scanner
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        deviations = ray * noise_rng.standard_normal((n_echoes, 1))
+        deviations = ray * noise_rng.standard_normal((n, 1))
+        area = angular_area(scene) * nearest**2
     else:
-        local, surface = scene.sample(n_echoes, points_rng)
-        places, kind = local, np.full(n_echoes, REGULAR)
-        bay = points_rng.integers(scene.n_bays, size=n_echoes)
-        deviations = noise_rng.standard_normal((n_echoes, 3))
-    scale = scale_of(local)
-    points = scene.to_scene(local, bay) + scale[:, None] * deviations
-    edge_distance = np.empty(n_echoes)
+        points, surface = scene.sample(n, points_rng)
+        places, kind = points, np.full(n, REGULAR)
+        deviations = noise_rng.standard_normal((n, 3))
+        area = scene.seen_area
+    edge_distance = np.empty(n)
     for number, part in enumerate(scene.parts):
         mine = np.flatnonzero(surface == number)
-        edge_distance[mine] = scene.over_bays(part.edge_distance, places[mine], bay[mine])
-
-    def clearance(points):
-        return CLEARANCE * noise_at(points)
-
-    outliers = [SCENE_OUTLIERS[name](scene, n, clearance, outlier_rng) for name, n in sizes.items()]
+        edge_distance[mine] = part.edge_distance(places[mine])
+    scale = scale_at(scene.ranges(points))
+    outliers = [SCENE_OUTLIERS[name](scene, m, is_clear, outlier_rng) for name, m in sizes.items()]
     outliers = np.concatenate(outliers)
-    scanners = scene.scanners
     cloud = labeled_cloud(
         scene.parts,
         kind,
@@ -80,24 +75,76 @@ def scan(make_scene, n_samples, scanning, random_state):
         ["regular", *SCENE_OUTLIERS],
         order_rng.permutation(n_samples),
         both={
-            "data": (points, outliers),
-            "noise_scale": (scale, noise_at(outliers)),
-            "sensor_origins": (scanners[bay], scanners[scene.to_bay(outliers)[1]]),
+            "data": (points + scale[:, None] * deviations, outliers),
+            "noise_scale": (scale, scale_at(scene.ranges(outliers))),
+            "sensor_origins": (np.tile(scene.scanner, (n, 1)), scene.scanner),
         },
         regular={
-            "true_points": (scene.to_scene(places, bay), np.nan),
+            "true_points": (places, np.nan),
             "normals": (facing_normals(scene.parts, places, surface, scene.scanner), np.nan),
             "surface": (surface, -1),
-            "bay": (bay, -1),
             "edge_distance": (edge_distance, np.nan),
         },
     )
-    per_bay = points_per_bay(scene, 1.0, scanning)
-    cloud.update(spacing=float(np.sqrt(scene.n_bays * per_bay / n_echoes)), length=scene.length)
+    cloud.spacing = float(np.sqrt(area / n))
     return cloud
 
 
-def points_per_bay(scene, spacing, scanning):
-    """How many regular points a bay takes at that spacing."""
-    lines = scanning.sampling == "scan_lines"
-    return (effective_area(scene) if lines else scene.seen_area) / spacing**2
+def scan_lines(scene, n, rng, noise_at, divergence):
+    """n points of the scene's surfaces on vertical scan lines at equal angles.
+
+    From the scanner rays leave in columns of equal azimuth, at equal steps of azimuth and
+    elevation, and end at the first surface they meet. So the density falls with the square of the
+    range and with the angle of incidence, and what lies behind another surface is in shadow.
+    Returns points without noise, where they truly are, their parts, and the kinds of the echoes.
+    """
+    step = np.sqrt(angular_area(scene) / ((1 + _SURPLUS) * n + 4))
+    while True:
+        beams, found = _cast(scene, step, rng, noise_at, divergence)
+        found = found.take(found.kind >= 0)
+        if len(found.beam) >= n:
+            found = found.take(np.sort(rng.permutation(len(found.beam))[:n]))
+            ends = found.ranges[:, None] * beams.directions[found.beam]
+            return beams.origins[found.beam] + ends, found.place, found.part, found.kind
+        step *= 0.99
+
+
+@cache
+def angular_area(scene):
+    """Azimuth times elevation, in square radians, in which the scanner meets a surface."""
+    low, high = _elevations(scene)
+    size = 2 * np.pi * (high - low)
+    beams, found = _cast(scene, np.sqrt(size) / _PILOT, np.random.default_rng(0))
+    return size * (len(found.beam) / len(beams.origins))
+
+
+def _cast(scene, step, rng, noise_at=np.zeros_like, divergence=0.0):
+    """Beams of the scanner, column by column, and their echoes."""
+    view = (-np.pi, np.pi), _elevations(scene)
+    azimuth, elevation = (np.arange(low + step * rng.random(), high, step) for low, high in view)
+    azimuth, elevation = np.repeat(azimuth, len(elevation)), np.tile(elevation, len(azimuth))
+    flat = np.cos(elevation)
+    ray = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+    reach = 1.01 * scene.farthest_range
+    # Beams without width are as long as they reach, so that coordinates are rounded once less.
+    unit = 1.0 if divergence else reach
+    sensor = Sensor(
+        noise_at=noise_at,
+        reach=reach / unit,
+        divergence=divergence,
+        resolution=PHASE_SHIFT,
+    )
+    beams = Beams(np.tile(scene.scanner, (len(ray), 1)), unit * ray)
+    return beams, cast(scene, sensor, beams, rng)
+
+
+def _elevations(scene):
+    """Least and greatest elevation, in radians, that can hold a part."""
+    lowest, highest = [], []
+    for part in scene.parts:
+        low, high = part.bounds - scene.scanner
+        nearest = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)[:2])
+        farthest = np.linalg.norm(np.maximum(np.abs(low), np.abs(high))[:2])
+        lowest.append(np.arctan2(low[2], nearest if low[2] < 0 else farthest))
+        highest.append(np.arctan2(high[2], nearest if high[2] > 0 else farthest))
+    return max(min(lowest), LOWEST), max(highest)

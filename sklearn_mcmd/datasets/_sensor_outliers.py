@@ -24,8 +24,7 @@ def mixed_pixel(scan, n, rng):
     edge = np.flatnonzero(edge & (np.diff(scan.beams.line) == 0))
     if len(edge) == 0:
         raise ValueError(
-            f"{len(scan.points)} regular points show no edge with a surface behind it, and so no "
-            "mixed pixels: give more points, or leave 'mixed_pixel' out of outlier_kinds."
+            f"{len(scan.points)} regular points show no edge for mixed pixels: give more points."
         )
 
     def propose(m):
@@ -107,11 +106,11 @@ def in_box(scan, size, rng):
 def draw(scan, n, propose, more=0.0):
     """Proposals off the world's parts, by their noise and by more."""
 
-    def clearance(rows):
+    def is_clear(rows):
         ranges = np.linalg.norm(rows[:, :3] - rows[:, 3:6], axis=1)
-        return CLEARANCE * scan.sensor.noise_at(ranges) + more
+        return scan.world.distance(rows[:, :3]) > CLEARANCE * scan.sensor.noise_at(ranges) + more
 
-    return draw_clear(lambda rows: scan.world.distance(rows[:, :3]), n, clearance, propose)
+    return draw_clear(n, is_clear, propose)
 
 
 def clumps(scan, n, radii, draw, propose, rng, off=0.0):

@@ -7,7 +7,7 @@ from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, validate_params
 from sklearn_mcmd.datasets._panels import Bilinear
-from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, Scanning, scan
+from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Patch
 
@@ -65,8 +65,8 @@ def make_box(
     >>> box.data.shape, box.surface_names
     ((3339, 3), ['front', 'side', 'top'])
     """
-    scanning = Scanning(noise, outlier_share, ("gaussian",))
-    return scan(lambda _: box_scene(outlier_scale), n_samples, scanning, random_state)
+    scene = box_scene(outlier_scale)
+    return scan(scene, n_samples, noise, outlier_share, random_state, ("gaussian",))
 
 
 @validate_params(SHARED_PARAMETERS, prefer_skip_nested_validation=True)
@@ -118,8 +118,8 @@ def make_crown_roof(
     >>> roof.data.shape, len(roof.surface_names)
     ((3017, 3), 4)
     """
-    scanning = Scanning(noise, outlier_share, ("gaussian",))
-    return scan(lambda _: crown_roof_scene(), n_samples, scanning, random_state)
+    scene = crown_roof_scene()
+    return scan(scene, n_samples, noise, outlier_share, random_state, ("gaussian",))
 
 
 def box_scene(displacement):
@@ -129,7 +129,7 @@ def box_scene(displacement):
         Patch("side", (1, 0, 0), y, z, smooth=("u0", "v0")),
         Patch("top", (0, 0, 1), x, y, smooth=("u0", "v0")),
     ]
-    return Scene(parts, 1.0, 1, scanner=(3.0, 3.4, 3.2), displacement=displacement)
+    return Scene(parts, scanner=(3.0, 3.4, 3.2), displacement=displacement)
 
 
 def crown_roof_scene():
@@ -141,4 +141,4 @@ def crown_roof_scene():
         Bilinear(name, [eaves[i], gables[i], center, gables[i - 1]], smooth=(0, 3))
         for i, name in enumerate(("south_west", "south_east", "north_east", "north_west"))
     ]
-    return Scene(parts, 2.0, 1, scanner=(1.3, -3.0, 5.0), displacement=0.1)
+    return Scene(parts, scanner=(1.3, -3.0, 5.0), displacement=0.1)

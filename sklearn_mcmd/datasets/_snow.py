@@ -26,7 +26,8 @@ def flake_echoes(target, snowfall, reach, divergence, rng):
     """
     ranges = np.linspace(_NEAREST, reach, _STEPS)
     weakest = _BRIGHT * _shine(reach)
-    total, slope = _sizes(snowfall)
+    slope = _LAMBDA * snowfall**_LAMBDA_POWER  # by which numbers fall with the diameter in mm
+    total, slope = _N0 * snowfall**_N0_POWER / slope, slope / _SWELLING
     width, size = _width(ranges, divergence), _least_size(ranges, weakest, divergence)
     # No flake covers more than all of the beam.
     rate = np.pi / 4 * (width / 1e3) ** 2 * total * np.exp(-slope * size) * (size <= width)
@@ -43,12 +44,6 @@ def flake_echoes(target, snowfall, reach, divergence, rng):
     order = np.lexsort([-power, beam])
     chosen = order[np.concatenate([[True], np.diff(beam[order]) > 0])[: len(order)]]
     return beam[chosen], at[chosen]
-
-
-def _sizes(snowfall):
-    """Flakes a cubic meter, and the rate at which their number falls with the diameter in mm."""
-    slope = _LAMBDA * snowfall**_LAMBDA_POWER
-    return _N0 * snowfall**_N0_POWER / slope, slope / _SWELLING
 
 
 def _least_size(ranges, power, divergence):

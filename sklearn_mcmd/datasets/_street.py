@@ -1,15 +1,15 @@
 """A simulated scan of a street, with the truth of every point."""
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache
 from numbers import Real
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
-from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, Scanning, points_per_bay, scan
+from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
 
@@ -19,20 +19,11 @@ KERB_Y, PATH_Z = 3.0, 0.10
 CROWN_RADIUS, CROWN_Z = 75.0, 0.03  # of the cambered road: a cylinder, and its top
 
 
-class Opening(NamedTuple):
-    """Window or door in a wall along x."""
-
-    x0: float
-    x1: float
-    z0: float
-    z1: float
-
-
 # Meters.
-_BAY, _BAY_MIN, _BAY_MAX = 5.0, 4.2, 7.5  # length of a bay: usual, least, greatest
+_LENGTH = 5.0  # of the street
 _WALL_Y, _WALL_TOP = 4.5, 2.7
-_WINDOW = Opening(0.4, 1.6, 0.95, 2.15)
-_DOOR = Opening(2.2, 3.1, PATH_Z, 2.1)
+# x and z, each from and to.
+_WINDOW, _DOOR = (0.4, 1.6, 0.95, 2.15), (2.2, 3.1, PATH_Z, 2.1)
 _WINDOW_DEPTH, _DOOR_DEPTH = 0.20, 0.12
 _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 
@@ -40,7 +31,6 @@ _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 @validate_params(
     {
         **SHARED_PARAMETERS,
-        "spacing": [Interval(Real, 0, None, closed="neither"), None],
         "noise_growth": [Interval(Real, 1, None, closed="left")],
         "outlier_kinds": [list, tuple],
         "tree": ["boolean"],
@@ -52,7 +42,6 @@ _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 def make_street(
     n_samples: int = 100_000,
     *,
-    spacing: float | None = None,
     noise: float = 0.005,
     noise_growth: float = 1.0,
     outlier_share: float = 0.1,
@@ -66,23 +55,18 @@ def make_street(
 
     The street has a cambered road, a 13 cm kerb, a footpath, a facade with a recessed window and
     door, a sign on a post, a lamp pole and, if asked for, a tree. x runs along the street, y across
-    it, z up. It is a row of equal bays of about 5 m. Each is scanned from 2 m above its road, so
-    the sign and the pole throw shadows. Surfaces, noise and outliers are known exactly. So the
-    outliers, normals and edges that a method finds can be checked point by point.
+    it, z up. It is 5 m long and is scanned from 2 m above its road, so the sign and the pole throw
+    shadows. Surfaces, noise and outliers are known exactly. So the outliers, normals and edges that
+    a method finds can be checked point by point.
 
     Parameters
     ----------
     n_samples : int, default=100_000
         Number of points, outliers included.
-    spacing : float, default=None
-        Mean point spacing in meters where the scanner is nearest: a square of that side holds
-        one point on average. The street gets as many bays as `n_samples` points fill, each
-        between 4.2 and 7.5 m long. None means one bay of 5 m, whose spacing follows from
-        `n_samples`: 2 cm for 100,000 points.
     noise : float, default=0.005
         Standard deviation of the noise, in meters on each axis, where the scanner is nearest.
     noise_growth : float, default=1.0
-        Noise at the far end of a bay over that at its near end, at least 1. It grows linearly.
+        Noise at the far end over that at the near end, at least 1. It grows linearly.
     outlier_share : float, default=0.1
         Share of outliers in [0, 1), rounded to a whole number of points.
     outlier_kinds : list or tuple of str
@@ -95,16 +79,16 @@ def make_street(
           door), between it and the background;
         - ``"ghost"``: dense balls of 10 to 60 points, 5 to 10 cm in radius, off the surfaces.
     tree : bool, default=False
-        Whether each bay has a tree: a trunk and a ball of foliage. Foliage is regular, but has
-        no normal and no edge.
+        Whether there is a tree: a trunk and a ball of foliage. Foliage is regular, but has no
+        normal and no edge.
     sampling : {"uniform", "scan_lines"}, default="uniform"
         Sampling of the surface that the scanner sees:
 
         - ``"uniform"``: independent draws of one density, with the same noise on each axis;
-        - ``"scan_lines"``: the ends of rays that leave each scanner at equal steps of azimuth and
+        - ``"scan_lines"``: the ends of rays that leave the scanner at equal steps of azimuth and
           elevation, down to 60 degrees below the horizon, in vertical lines. The spacing grows
-          with the range and with the angle of incidence; `spacing` is that between rays at the
-          nearest surface. Noise is along the ray, and some rays pass through foliage.
+          with the range and with the angle of incidence. Noise is along the ray, and some rays
+          pass through foliage.
     beam_divergence : float, default=0.0
         Full angle of each beam in radians, to 1/e^2 of the intensity on its axis, as data sheets
         state it: 0.0003 is usual. Only for scan lines. A beam that is cut by an outline has one
@@ -128,27 +112,24 @@ def make_street(
           surface; NaN for foliage and outliers;
         - ``surface``, int64 (n_samples,): number of the surface in ``surface_names``, where every
           flat or round part has its own; -1 for outliers;
-        - ``bay``, int64 (n_samples,): number of the bay, which distinguishes the sign of one bay
-          from that of the next; -1 for outliers;
         - ``edge_distance``, float64 (n_samples,): distance of the true point to the nearest sharp
           edge of its surface; NaN for foliage and outliers;
         - ``outlier_kind``, int8 (n_samples,): number of the kind in ``outlier_kind_names``; 0,
           "regular", for no outlier;
         - ``noise_scale``, float64 (n_samples,): standard deviation, on each axis or along the ray,
           of the noise at that range, for outliers that of a regular point there;
-        - ``surface_names``, ``outlier_kind_names``, ``feature_names``: lists of str;
-        - ``sensor_origins``, float64 (n_samples, 3): where the scanner of each point's bay
-          stood; of an outlier, that of the bay it lies in;
-        - ``spacing``, ``length``: floats, the true spacing at the near end and the length of the
-          street.
+        - ``surface_names``, ``outlier_kind_names``: lists of str;
+        - ``sensor_origins``, float64 (n_samples, 3): where the scanner stood;
+        - ``spacing``, float: mean point spacing in meters where the scanner is nearest (a square of
+          that side holds one point on average), 2 cm for 100,000 points; of scan lines, the spacing
+          of rays at the nearest surface.
 
     Raises
     ------
     ValueError
         If a kind of outlier is unknown or given twice, if no regular point is left, if
-        `beam_divergence` is given for what has no beams, if
-        `n_samples` points at that `spacing` cannot fill the shortest street, or if the noise is so
-        large that no point in the bounding box is an outlier.
+        `beam_divergence` is given for what has no beams, or if the noise is so large that no point
+        in the bounding box is an outlier.
 
     See Also
     --------
@@ -162,7 +143,7 @@ def make_street(
     Sharp edges are the lines where surfaces meet at an angle (the kerb's foot and top, the wall's
     foot, all sides of the reveals, the feet of pole, post and trunk) and the free ends of things
     (the sign's rim, the tops of pole, post and trunk). There is no edge where only the scene ends
-    (the crown of the road, the top of the wall, both ends of the street), and none between bays.
+    (the crown of the road, the top of the wall, both ends of the street).
 
     An outlier that falls within four noise standard deviations of a surface, or into foliage, is
     drawn anew, so no label is wrong. Beams that would make one there are lost. The points are
@@ -172,7 +153,6 @@ def make_street(
 
     Examples
     --------
-    >>> import numpy as np
     >>> from sklearn_mcmd.datasets import make_street
     >>> street = make_street(20_000, random_state=0)
     >>> street.data.shape, int((street.target == -1).sum())
@@ -181,55 +161,26 @@ def make_street(
     ['road', 'kerb', 'footpath', 'wall']
     >>> round(street.spacing, 3)
     0.045
-    >>> long_street = make_street(20_000, spacing=0.1, random_state=0)
-    >>> len(np.unique(long_street.sensor_origins, axis=0)), round(long_street.spacing, 3)
-    (5, 0.1)
     """
-    scanning = Scanning(
-        noise=noise,
-        outlier_share=outlier_share,
-        outlier_kinds=outlier_kinds,
-        sampling=sampling,
-        noise_growth=noise_growth,
-        beam_divergence=beam_divergence,
-    )
     if sampling == "uniform" and beam_divergence:
         raise ValueError(
-            f"beam_divergence={beam_divergence:g} has no meaning with sampling='uniform', which "
-            "has no beams: give sampling='scan_lines', or leave beam_divergence 0."
+            f"beam_divergence={beam_divergence:g} is for sampling='scan_lines', which has beams."
         )
     return scan(
-        lambda n: _fit_street(n, spacing, scanning, tree), n_samples, scanning, random_state
+        _street(tree),
+        n_samples,
+        noise,
+        outlier_share,
+        random_state,
+        outlier_kinds,
+        noise_growth,
+        beam_divergence if sampling == "scan_lines" else None,
     )
 
 
-def _fit_street(n_regular, spacing, scanning, tree):
-    """The street that n_regular points fill at this spacing."""
-    scene = _street(_BAY, 1, tree)
-    if spacing is None:
-        return scene
-    per_bay = points_per_bay(scene, spacing, scanning)
-    n_bays = max(1, round(n_regular / per_bay))
-    # A bay's surface grows nearly in proportion to its length, so three steps suffice.
-    bay_length = _BAY
-    for _ in range(3):
-        bay_length *= n_regular / (n_bays * per_bay)
-        bay_length = min(max(bay_length, _BAY_MIN), _BAY_MAX)
-        scene = _street(bay_length, n_bays, tree)
-        per_bay = points_per_bay(scene, spacing, scanning)
-    if bay_length == _BAY_MIN and n_regular < 0.97 * n_bays * per_bay:
-        raise ValueError(
-            f"n_samples is too small for spacing={spacing:g}: the shortest street takes "
-            f"{int(np.ceil(per_bay))} regular points and gets {n_regular}. Give more points, a "
-            f"larger spacing, or spacing=None."
-        )
-    return scene
-
-
-@lru_cache(maxsize=8)
-def _street(length, n_bays, tree):
-    """The street of n_bays bays of that length."""
-    recess_y = _WALL_Y + _DOOR_DEPTH
+@cache
+def _street(tree):
+    length, recess_y = _LENGTH, _WALL_Y + _DOOR_DEPTH
     along = np.array([length, 0, 0])
     beside_door = [
         (0.0, _DOOR[0], _WALL_Y - KERB_Y, recess_y - KERB_Y),
@@ -261,7 +212,7 @@ def _street(length, n_bays, tree):
         *recess("door", _WALL_Y, _DOOR, _DOOR_DEPTH, sill=False),
         *things,
     ]
-    return Scene(parts, length, n_bays, scanner=(length / 2, 1.0, 2.0))
+    return Scene(parts, scanner=(length / 2, 1.0, 2.0))
 
 
 def _sign(foot):
@@ -311,7 +262,7 @@ def facing(turn):
 
 
 def recess(name, wall_y, opening, depth, *, sill):
-    """The back of an opening in the wall at that y, and its reveals."""
+    """The back of an opening, by x and z from and to, in the wall at that y, and its reveals."""
     x0, x1, z0, z1 = opening
     x, y, z = (x1 - x0, 0, 0), (0, depth, 0), (0, 0, z1 - z0)
     parts = [

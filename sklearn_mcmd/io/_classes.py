@@ -49,9 +49,7 @@ def class_numbers(classes):
 def classes_of(cloud):
     """The class of each point."""
     if "classification" not in cloud.attributes:
-        raise PointFileError(
-            "has no classes, which are asked for: points need an attribute 'classification'"
-        )
+        raise PointFileError("has no classes: points need an attribute 'classification'")
     return np.asarray(cloud.attributes["classification"])
 
 

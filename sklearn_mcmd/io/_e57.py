@@ -74,9 +74,7 @@ def read_e57(path):
                 xyz = file.to_global(xyz, rotation, translation)
             clouds[i] = PointCloud(xyz, attributes)
     if skipped:
-        warn_caller(
-            f"{path}: fields that pye57 cannot read are left out: {', '.join(sorted(skipped))}"
-        )
+        warn_caller(f"{path}: pye57 cannot read fields {', '.join(sorted(skipped))}")
     cloud = joined_scans(clouds, setups, n_points)
     cloud.metadata[LEFT_OUT] = n_told
     return cloud
@@ -119,14 +117,11 @@ def _pose(path, number, scan):
     except ValueError:
         turn, move = (" ".join(map(str, values)) for values in parts)
         raise PointFileError(
-            f"scan {number}: broken pose: rotation {turn}, translation {move}; get the file anew "
-            "from where it was made, or without that scan"
+            f"scan {number}: broken pose: rotation {turn}, translation {move}; get the file anew"
         ) from None
     if abs(length - 1) > limits.unit:
         taken = "its direction" if length > limits.unit else "no rotation"
-        warn_caller(
-            f"{path}: scan {number}: its rotation has length {length:.3g}, not 1; {taken} is taken"
-        )
+        warn_caller(f"{path}: scan {number}: rotation has length {length:.3g}; {taken} is taken")
     return rotation if length > limits.unit else np.eye(1, 4)[0], translation
 
 

@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -142,7 +141,6 @@ def write_points(
     cloud: PointCloud | ArrayLike,
     *,
     noise: ArrayLike | None = None,
-    encoding: Literal["ascii", "binary", "binary_compressed"] | None = None,
 ) -> None:
     """Write a point cloud. An existing file is replaced only by a complete new one beside it.
 
@@ -157,8 +155,6 @@ def write_points(
         points keep their class; elsewhere by a column ``outlier``. Integers tell low noise, 7, from
         high noise, 18, and other points, 0. Point formats 0 to 5 of LAS define no high noise: there
         it is 7, too.
-    encoding : {"ascii", "binary", "binary_compressed"}, default=None
-        For PLY (the first two) and PCD; None means "binary".
 
     Raises
     ------
@@ -168,7 +164,7 @@ def write_points(
         (they are named), LAZ would change wave packets, or an optional library is not installed. An
         existing file is then unchanged.
     ValueError
-        If ``cloud``, ``noise`` or ``encoding`` is not of the stated form.
+        If ``cloud`` or ``noise`` is not of the stated form.
 
     Warns
     -----
@@ -193,11 +189,12 @@ def write_points(
     points would make it coarser than the decimal step of most points (0.0001 or more), else than a
     hundredth of their spacing and a millionth of the extent of their middle half, they are refused.
     Attributes without a standard dimension become extra dimensions and replace any of the same
-    name. LAS 1.0 and 1.1 become 1.2. Wave packets that lazrs would change (point formats 9 and 10
-    with several scanner channels) are refused. Samples of waveforms inside a file are copied from
-    LAS 1.4, but not from LAS 1.3.
+    name. LAS 1.0 and 1.1 become 1.2. Wave packets of several scanner channels (point formats 9
+    and 10) are refused in LAZ, since lazrs would change them. Samples of waveforms inside a file
+    are copied from LAS 1.4, but not from LAS 1.3.
 
-    *PLY, PCD.* Coordinates are float32 where that is exact, as viewers expect, else float64.
+    *PLY, PCD.* Files are binary. Coordinates are float32 where that is exact, as viewers expect,
+    else float64.
     Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized cloud keeps its
     grid; cells whose points were left out or removed have NaN, and 0 where fields are integers.
 
@@ -226,20 +223,14 @@ def write_points(
         raise PointFileError(f"{path}: the cloud has no points, there is nothing to write")
     if not np.isfinite(cloud.xyz).all():
         raise PointFileError(f"{path}: xyz holds NaN or infinity; remove those points first")
-    options: dict[str, Any] = {}
-    if encoding is not None:
-        options["encoding"] = encoding
-        if encoding not in known.encodings:
-            words = ", ".join(known.encodings) or "only None"
-            raise ValueError(f"encoding={encoding!r} is unknown for {known.name}; known: {words}.")
+    options = {}
     if noise is not None:
         noise = _mask(noise, len(cloud))
         if known.marks:
             options["noise"] = noise
         elif known.results != ALL:
             raise PointFileError(
-                f"{path}: {known.name} has no place to mark outliers; write another format, "
-                "or the inliers alone"
+                f"{path}: {known.name} has no place to mark outliers; write another format"
             )
         else:
             cloud = cloud.with_attributes(outlier=noise != 0)
@@ -277,13 +268,11 @@ def _mask(noise, n_points):
     noise = np.asarray(noise)
     if noise.dtype.kind not in "biu" or noise.shape != (n_points,):
         raise ValueError(
-            f"noise must be a boolean mask, or classes, of shape ({n_points},), got shape "
-            f"{noise.shape} and dtype {noise.dtype}."
+            f"noise must be a mask, or classes, ({n_points},), got {noise.dtype} of {noise.shape}."
         )
     if noise.dtype != bool and not np.isin(noise, (0, LOW_NOISE, HIGH_NOISE)).all():
         raise ValueError(
-            f"noise must be 0, {LOW_NOISE} (low noise) or {HIGH_NOISE} (high noise), got "
-            f"{np.unique(noise)}."
+            f"noise must be 0, {LOW_NOISE} (low) or {HIGH_NOISE} (high), got {np.unique(noise)}."
         )
     return noise
 
@@ -322,9 +311,7 @@ def one_clear_line(path, action):
     except OSError as err:
         raise system_error(path, action, err) from err
     except MemoryError as err:
-        raise PointFileError(
-            f"{path}: cannot be {action}: not enough memory, or its header is broken"
-        ) from err
+        raise PointFileError(f"{path}: cannot be {action}: not enough memory, or broken") from err
     except BaseException as err:
         is_panic = type(err).__name__ == "PanicException"  # of Rust, in lazrs: no Exception
         if not (is_panic or isinstance(err, Exception)):

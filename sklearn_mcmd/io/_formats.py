@@ -28,7 +28,6 @@ class Format(NamedTuple):
     read: Callable[..., Any]
     write: Callable[..., Any] | None = None  # None: read only
     extra: str | None = None  # that has its library
-    encodings: tuple[str, ...] = ()
     results: str = ALL  # that it holds, as verbs call theirs; "" is none
     tiles: bool = False  # whether clouds larger than memory are read and written in parts
     sensor: str = ""  # what tells where it stood
@@ -62,7 +61,6 @@ FORMATS = (
         read=scans.read_ply,
         write=scans.write_ply,
         extra="formats",
-        encodings=("ascii", "binary"),
     ),
     Format(
         name="PCD",
@@ -71,7 +69,6 @@ FORMATS = (
         read=scans.read_pcd,
         write=scans.write_pcd,
         extra="formats",
-        encodings=("ascii", "binary", "binary_compressed"),
         sensor="PCD's VIEWPOINT",
     ),
     Format(

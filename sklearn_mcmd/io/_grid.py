@@ -40,11 +40,6 @@ def scale_of(xyz, axes=slice(None)):
         return max(finest, 10.0 ** np.floor(np.log10(np.spacing(np.abs(values).max()))))
 
 
-def fits(extent, scale):
-    """Whether a grid with the offset in the middle holds the extent."""
-    return extent / 2 <= (LARGEST - 1) * scale
-
-
 def offset_of(low, high, scale):
     """A round number below the minimum, or the middle if only that leaves room for all."""
     if high <= low:

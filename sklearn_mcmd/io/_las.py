@@ -2,13 +2,12 @@
 
 import copy
 from contextlib import contextmanager, suppress
-from hashlib import sha256
 
 import numpy as np
 
 from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._classes import LOW_NOISE
-from sklearn_mcmd.io._grid import LARGEST, fits, offset_of, scale_of
+from sklearn_mcmd.io._grid import LARGEST, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import (
     EVLR_HEADER,
     as_described,
@@ -16,7 +15,7 @@ from sklearn_mcmd.io._las_structure import (
     record_length,
     start_of_longest,
 )
-from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS, compressed_parts
+from sklearn_mcmd.io._laz import compressed_parts
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -27,8 +26,9 @@ from sklearn_mcmd.io._point_cloud import (
 )
 from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
 
-WRITTEN_AT_ONCE, CHECKED_AT_ONCE = 2_000_000, 250_000  # points
+WRITTEN_AT_ONCE = 2_000_000  # points
 FIRST_WITH_HIGH_NOISE = 6  # point format
+WAVES_OF_CHANNELS = 9, 10  # point formats
 USER_DEFINED = 32767  # GeoTIFF's code for a system without a code
 COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the same with colors
 WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
@@ -78,13 +78,17 @@ def writing_parts(path):
     """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
-    writer, header, written, ends = None, None, {}, []
+    writer, header, channels, ends = None, None, set(), []
     with open(path, "wb+") as file:
         sink = _Sink(file)
 
         def write(cloud, noise=None):
             nonlocal writer, header
             las = las_of_cloud(laspy, cloud, noise)
+            if compressed and las.header.point_format.id in WAVES_OF_CHANNELS:
+                channels.update(np.asarray(las.scanner_channel))
+                if len(channels) > 1:
+                    raise PointFileError("LAZ changes waves of several channels; write .las")
             with sink.own_errors():
                 if writer is None:
                     header = las.header
@@ -93,16 +97,12 @@ def writing_parts(path):
                         sink, "w", header=header, laz_backend=backend, closefd=False
                     )
                 if las.point_format != writer.header.point_format:
-                    raise PointFileError(
-                        "an attribute fits its dimension in a part of the file only"
-                    )
+                    raise PointFileError("an attribute fits its dimension only in a part")
                 for start in range(0, len(las.points), WRITTEN_AT_ONCE):  # Ctrl-C ends between
                     writer.write_points(las.points[start : start + WRITTEN_AT_ONCE])
                 if (las.header.scales < 0).any():
                     xyz = _coordinates(las.points.array, las.header)
                     ends.append([xyz.min(axis=0), xyz.max(axis=0)])
-            if compressed and header.point_format.id in WAVE_PACKET_FORMATS:
-                _digest(written, las.points.array)
 
         try:
             yield write
@@ -116,8 +116,6 @@ def writing_parts(path):
                 writer.write_evlrs(header.evlrs)
             _correct(writer.header, np.array(ends))
             writer.close()
-    if written:
-        _refuse_changed(path, written)
 
 
 def _correct(header, ends):
@@ -137,32 +135,7 @@ def _correct(header, ends):
             at += EVLR_HEADER + len(record.record_data_bytes())
         header.start_of_waveform_data_packet_record = found
         if not found:
-            warn_caller(
-                "the samples of waveforms that the input holds behind its points are not copied; "
-                "what the points say of them is."
-            )
-
-
-def _digest(digests, records):
-    """Add some records to the digest of each of their fields."""
-    for name in records.dtype.names:
-        digests.setdefault(name, sha256()).update(records[name].tobytes())
-
-
-def _refuse_changed(path, written):
-    """Raise if points changed: lazrs 0.8 mixes up wave packets of several scanner channels."""
-    stored = {}
-    with open(path, "rb") as file:
-        header = read_header(path)
-        for points in compressed_parts(file, header, CHECKED_AT_ONCE):
-            _digest(stored, points.view(header.point_format.dtype()))
-    changed = [name for name, told in written.items() if told.digest() != stored[name].digest()]
-    if changed:
-        raise PointFileError(
-            f"lazrs cannot compress these wave packets without loss ({', '.join(changed)} would "
-            f"change, point format {header.point_format.id}, as of several scanner channels); "
-            "write .las instead"
-        )
+            warn_caller("waveform samples behind the points of the input are not copied")
 
 
 class _Sink:
@@ -213,14 +186,10 @@ def header_of(path, file):
     rest = header.point_format.dimensions.pop()  # what none of the records describes
     n_more = length - header.point_format.size
     if length < standard:
-        raise PointFileError(
-            f"broken header: points of {length} bytes, of which point format "
-            f"{header.point_format.id} needs {standard}"
-        )
+        raise PointFileError(f"broken header: points of {length} bytes, not {standard} or more")
     if n_behind:
         warn_caller(
-            f"{path}: holds {counted(n_behind, 'record')} more than its header counts, as it "
-            "seems; they are not read. Get the file anew from where it was made"
+            f"{path}: holds {counted(n_behind, 'record')} more than its header counts: not read"
         )
     if n_more > 0:
         header.point_format.dimensions.append(
@@ -357,7 +326,7 @@ def _store_coordinates(las, xyz):
         steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])
         if np.abs(steps).max() > LARGEST:
             low, high = xyz[:, i].min(), xyz[:, i].max()
-            if not fits(high - low, scales[i]):
+            if not (high - low) / 2 <= (LARGEST - 1) * scales[i]:  # about the middle
                 scales[i] = scale_of(xyz, [i])
             offsets[i] = offset_of(low, high, scales[i])
             steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])
@@ -391,18 +360,12 @@ def _store_attributes(laspy, las, attributes):
     for name, values in others.items():
         for column, part in flat_columns({name: values}).items():
             if column in standard:
-                warn_caller(
-                    f"{column!r} does not fit the LAS dimension of that name; it is stored as "
-                    f"the extra dimension {column + '_value'!r}."
-                )
+                warn_caller(f"{column!r} does not fit: stored as {column + '_value'!r}")
                 column += "_value"
             if column in new or (column != name and column in attributes):
                 raise PointFileError(f"two attributes would both be written as {column!r}")
             if len(column.encode()) > LONGEST_NAME:
-                raise PointFileError(
-                    f"attribute name {column!r} is longer than the {LONGEST_NAME} bytes LAS "
-                    "allows; rename it"
-                )
+                raise PointFileError(f"rename {column!r}: it is longer than {LONGEST_NAME} bytes")
             new[column] = fit_dtype(column, part, EXTRA_DTYPES, "LAS")
     if replaced := extra & (others.keys() | new.keys()):
         las.remove_extra_dims(list(replaced))

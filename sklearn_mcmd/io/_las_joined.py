@@ -6,7 +6,6 @@ import numpy as np
 
 from sklearn_mcmd.io._grid import LARGEST
 from sklearn_mcmd.io._las import cloud_of_points, forget_copc, import_laspy, read_header
-from sklearn_mcmd.io._laz import WAVE_PACKET_FORMATS
 from sklearn_mcmd.io._point_cloud import PointFileError
 
 # What a point format has besides coordinates: GPS time, colors, near infrared.
@@ -14,6 +13,7 @@ PARTS = {
     **{0: set(), 1: {"time"}, 2: {"color"}, 3: {"time", "color"}},
     **{6: {"time"}, 7: {"time", "color"}, 8: {"time", "color", "infrared"}},
 }
+WAVE_PACKETS = 4, 5, 9, 10  # point formats
 FIRST_NEW = 6  # from this format on, angles and flags are stored in another way
 ANGLE_STEP = 0.006  # degrees, of the new formats
 
@@ -28,7 +28,7 @@ def joined_header(paths):
     for path in paths:
         other = read_header(path)
         formats.add(other.point_format.id)
-        if other.point_format.id in WAVE_PACKET_FORMATS:
+        if other.point_format.id in WAVE_PACKETS:
             raise PointFileError(f"{path}: wave packets of several files cannot be one file's")
         if other.global_encoding.gps_time_type != first.global_encoding.gps_time_type:
             raise PointFileError(f"{path}: its GPS times begin elsewhere than those of {paths[0]}")
@@ -36,8 +36,7 @@ def joined_header(paths):
             known = dimensions.setdefault(dimension.name, dimension)
             if _kind(known) != _kind(dimension):
                 raise PointFileError(
-                    f"{path}: its attribute {dimension.name!r} is of another kind than that of an "
-                    "earlier file; write a folder"
+                    f"{path}: its attribute {dimension.name!r} is of another kind; write a folder"
                 )
         version = max(version, other.version)
         scales = np.minimum(scales, np.abs(other.scales))
@@ -104,9 +103,7 @@ def _offsets(offsets, scales, low, high):
     for some in (offsets, np.round((low + high) / 2)):
         if (np.maximum(np.abs(low - some), np.abs(high - some)) <= LARGEST * scales).all():
             return some
-    raise PointFileError(
-        f"the files span too much for one file with steps of {scales.min():g}; write a folder"
-    )
+    raise PointFileError(f"steps of {scales.min():g} cannot span all files; write a folder")
 
 
 def _kind(dimension):

@@ -50,10 +50,7 @@ def check_structure(file):
         raise PointFileError("broken header: more metadata records than the file has room for")
     is_compressed, end = format_id & 0xC0 == 0x80, points_at + n_points * record_length
     if not is_compressed and end > size:
-        raise PointFileError(
-            f"truncated: {n_points} points of {record_length} bytes need "
-            f"{end} bytes, the file has {size}"
-        )
+        raise PointFileError(f"truncated: {n_points} points need {end} bytes, the file has {size}")
     grid = np.frombuffer(start, "<f8", 6, GRID_FIELD).reshape(2, 3)
     for axis, scale, offset in zip("xyz", *grid, strict=True):
         check_grid(axis, scale, offset)
@@ -70,8 +67,7 @@ def check_grid(axis, scale, offset):
         finest = np.spacing(max(abs(offset), 1.0))
     if not finest / ScaleLimits().same_place <= abs(scale) <= 1 / np.finfo(float).eps:
         raise PointFileError(
-            f"broken header: scale {scale:g} and offset {offset:g} of {axis} give no "
-            "coordinates that differ; get the file anew from where it was made"
+            f"broken header: scale {scale:g} and offset {offset:g} of {axis} give no coordinates"
         )
 
 

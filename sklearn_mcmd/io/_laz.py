@@ -24,7 +24,6 @@ BYTES_PER_ENTRY = 16  # of the table, at most: two integers with their probabili
 # points a byte if all are alike. lazrs comes to 655.
 POINTS_A_BYTE = 2_900
 CHUNKS_A_TIME = 64  # enough for all processors, and few enough for Ctrl-C to end soon
-WAVE_PACKET_FORMATS = (4, 5, 9, 10)  # point formats
 
 
 def compressed_parts(file, header, n_points):
@@ -72,15 +71,10 @@ class _Layout:
         for i, (kind, n_bytes, version) in enumerate(items):
             known = wanted[i] == (kind, n_bytes) if i < len(wanted) else kind in EXTRA_BYTES
             if not known or version not in ITEM_VERSIONS[self.compressor]:
-                raise PointFileError(
-                    f"damaged: item {kind} of {n_bytes} bytes, version {version}, is not what "
-                    f"point format {format_id} is compressed as"
-                )
+                raise PointFileError(f"damaged: item {kind} of {n_bytes} bytes, version {version}")
         self.n_bytes = size
         if (n_compressed := sum(n_bytes for _, n_bytes, _ in items)) != size:
-            raise PointFileError(
-                f"damaged: points of {size} bytes are compressed as {n_compressed} bytes"
-            )
+            raise PointFileError(f"damaged: points of {size} bytes, not {n_compressed}")
         self.n_layers = 0
         if self.compressor == LAYERED:
             self.n_layers = sum(LAYERS.get(kind, n_bytes) for kind, n_bytes, _ in items)
@@ -103,13 +97,9 @@ class _Layout:
                 )
                 needed += sum(layers)
                 if n_stored < n_points:
-                    raise PointFileError(
-                        f"damaged: chunk {number} holds {n_stored} points, not {n_points}"
-                    )
+                    raise PointFileError(f"damaged: chunk {number} holds {n_stored} points")
             if needed > n_bytes:
-                raise PointFileError(
-                    f"damaged: chunk {number} of {n_bytes} bytes would need {needed}"
-                )
+                raise PointFileError(f"damaged: chunk {number} would need {needed} bytes")
             start += n_bytes
 
 
@@ -129,9 +119,7 @@ def _chunks(lazrs, file, header, record, layout):
     is_variable = layout.chunk_size == VARIABLE
     n_needed = 1 if is_variable else -(-n_points // layout.chunk_size)
     if not n_needed <= n_chunks <= room // layout.smallest_chunk + 1:
-        raise PointFileError(
-            f"damaged: {n_points} points in {room} bytes are not in {n_chunks} chunks"
-        )
+        raise PointFileError(f"damaged: {n_points} points are not in {n_chunks} chunks")
     table = io.BytesIO(start + file.read(BYTES_PER_ENTRY * (n_chunks + 4)))
     try:
         entries = lazrs.read_chunk_table_only(table, lazrs.LazVlr(record))
@@ -144,10 +132,7 @@ def _chunks(lazrs, file, header, record, layout):
         chunks[-1] = (n_points - layout.chunk_size * (n_needed - 1), chunks[-1][1])
     n_listed, n_bytes = map(sum, zip(*chunks, strict=True)) if chunks else (0, 0)
     if n_listed != n_points or n_bytes > room:
-        raise PointFileError(
-            f"damaged: its chunk table tells of {n_listed} points in {n_bytes} bytes, the file "
-            f"holds {n_points} in {room}"
-        )
+        raise PointFileError(f"damaged: its table has {n_listed} points, not {n_points}")
     file.seek(points_at + 8)
     return chunks
 
@@ -160,9 +145,7 @@ def _table_position(file, points_at, size):
         if table_at > points_at:
             break
     else:
-        raise PointFileError(
-            "has no chunk table: it is damaged, or whoever wrote it did not get to the end"
-        )
+        raise PointFileError("has no chunk table: it is damaged, or was not written to the end")
     if not points_at + 8 <= table_at <= size - 8:
         raise PointFileError(f"truncated: its chunk table begins at byte {table_at} of {size}")
     return table_at

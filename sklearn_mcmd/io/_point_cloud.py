@@ -85,22 +85,17 @@ class PointCloud:
     def __post_init__(self) -> None:
         xyz = np.asarray(self.xyz)
         if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype.kind not in "biuf":
-            raise ValueError(
-                f"xyz must be numbers of shape (n, 3), got shape {xyz.shape} and dtype {xyz.dtype}."
-            )
+            raise ValueError(f"xyz must be numbers (n, 3), got {xyz.dtype} of {xyz.shape}.")
         self.xyz = xyz.astype(np.float64, copy=False)
         self.attributes = {
             str(name): np.asarray(values) for name, values in self.attributes.items()
         }
         for name, values in self.attributes.items():
             if name.lower() in RESERVED:
-                raise ValueError(
-                    f"Attribute name {name!r} is taken by the coordinates: choose another."
-                )
+                raise ValueError(f"Attribute name {name!r} is for coordinates: choose another.")
             if values.ndim not in (1, 2) or len(values) != len(xyz):
                 raise ValueError(
-                    f"Attribute {name!r} has shape {values.shape}: it needs one entry for each "
-                    f"of the {len(xyz)} points."
+                    f"Attribute {name!r} of shape {values.shape} needs {len(xyz)} entries."
                 )
 
     def __len__(self) -> int:
@@ -128,9 +123,7 @@ class PointCloud:
             if selection.size == 0 and selection.dtype != bool:
                 selection = selection.astype(np.intp)
             if selection.dtype == bool and selection.shape != (len(self),):
-                raise ValueError(
-                    f"The mask has shape {selection.shape}, the cloud has {len(self)} points."
-                )
+                raise ValueError(f"The mask must have shape ({len(self)},), got {selection.shape}.")
         metadata = dict(self.metadata)
         if "las_points" in metadata:
             metadata["las_points"] = metadata["las_points"][selection]
@@ -159,9 +152,7 @@ class PointCloud:
 def check_room(needed, room, what):
     """Refuse counts that the bytes of a file cannot hold: libraries would request their memory."""
     if needed > room:
-        raise PointFileError(
-            f"truncated or damaged: {what} need {needed:,} bytes or more, the file has {room:,}"
-        )
+        raise PointFileError(f"damaged: {what} need {needed:,} bytes, there are {room:,}")
 
 
 def flat_columns(attributes):
@@ -279,8 +270,7 @@ def fit_dtype(name, values, allowed, format_name):
             if np.array_equal(back, values, equal_nan=kind == "f"):
                 return cast
     raise PointFileError(
-        f"attribute {name!r} of dtype {values.dtype} cannot be stored in {format_name} "
-        "without loss; convert it first"
+        f"attribute {name!r} of dtype {values.dtype} cannot be stored in {format_name}; convert it"
     )
 
 

@@ -71,9 +71,7 @@ def _table(lines, n, first):
         nonlocal last
         for i in range(n):
             if (last := next(lines, None)) is None:
-                raise PointFileError(
-                    f"truncated: the scan of line {first} has {i:,} of {n:,} points"
-                )
+                raise PointFileError(f"truncated: scan of line {first}: {i:,} of {n:,} points")
             yield last[1]
 
     try:

@@ -22,7 +22,6 @@ from sklearn_mcmd.io._point_cloud import (
     made_of_bytes,
     with_cells,
 )
-from sklearn_mcmd.io._text import text_rows
 
 PLY_DTYPES = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}  # that files hold
 PCD_DTYPES = PLY_DTYPES | {"i8", "u8"}
@@ -65,8 +64,8 @@ def _check_ply_values(path):
     check_room(sum(n * len(some) for n, some in rows), size, "its values")
 
 
-def write_ply(path, cloud, encoding="binary"):
-    """Write the vertices of a PLY file, little-endian binary unless ``encoding="ascii"``."""
+def write_ply(path, cloud):
+    """Write the vertices of a PLY file, in binary."""
     plyfile = import_extra("plyfile", "formats", "PLY")
     columns = _renamed(_columns(cloud), {ours: theirs for theirs, ours in PLY_NORMALS.items()})
     columns = {n: fit_dtype(n, v, PLY_DTYPES, "PLY") for n, v in columns.items()}
@@ -75,10 +74,9 @@ def write_ply(path, cloud, encoding="binary"):
     comments = list(cloud.metadata.get("ply_comments", []))
     if cloud.metadata.get("denoised") and DENOISED not in comments:
         comments.append(DENOISED)
-    elements, is_text = [plyfile.PlyElement.describe(records, "vertex")], encoding == "ascii"
     options = {"comments": comments, "obj_info": cloud.metadata.get("ply_obj_info", [])}
-    ply = plyfile.PlyData(elements, text=is_text, byte_order="=" if is_text else "<", **options)
-    ply.write(str(path))
+    element = plyfile.PlyElement.describe(records, "vertex")
+    plyfile.PlyData([element], byte_order="<", **options).write(str(path))
 
 
 def read_pcd(path, columns=None):
@@ -93,9 +91,7 @@ def read_pcd(path, columns=None):
             told = f"{header.points:,} points of {sum(header.count)} numbers"
             raise PointFileError(f"the points are truncated or damaged: no {told}") from err
     if len(records) != header.points:
-        raise PointFileError(
-            f"the header promises {header.points} points, the file holds {len(records)}"
-        )
+        raise PointFileError(f"header promises {header.points} points, there are {len(records)}")
     metadata = {"pcd_viewpoint": tuple(header.viewpoint)}
     if not np.isfinite(header.viewpoint).all():
         warn_caller(f"{path}: VIEWPOINT has numbers that are not finite; it is taken as not known")
@@ -111,8 +107,8 @@ def read_pcd(path, columns=None):
     return with_cells(cloud, (header.height, header.width))
 
 
-def write_pcd(path, cloud, encoding="binary"):
-    """Write PCD: binary, binary_compressed or ascii. An organized cloud has NaN in empty cells."""
+def write_pcd(path, cloud):
+    """Write binary PCD. An organized cloud has NaN in empty cells."""
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
     columns = _columns(cloud)
     if all(c in columns and columns[c].dtype == np.uint8 for c in COLORS):
@@ -120,9 +116,7 @@ def write_pcd(path, cloud, encoding="binary"):
         columns["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
     for name in columns:
         if not re.fullmatch(r"[A-Za-z0-9_.\-]+", name):
-            raise PointFileError(
-                f"attribute name {name!r} cannot be stored in PCD: use letters, digits, '_'"
-            )
+            raise PointFileError(f"{name!r} cannot be stored in PCD: use letters, digits, '_'")
     columns = {n: fit_dtype(n, v, PCD_DTYPES, "PCD") for n, v in columns.items()}
     columns, cells = {**_axes(cloud.xyz), **columns}, cells_of(cloud)
     if cells is not None:
@@ -137,15 +131,7 @@ def write_pcd(path, cloud, encoding="binary"):
     pcd.metadata.viewpoint = cloud.metadata.get("pcd_viewpoint", pcd.metadata.viewpoint)
     if cells is not None:
         pcd.metadata.height, pcd.metadata.width = cloud.metadata[SHAPE]
-    if encoding != "ascii":
-        pcd.save(str(path), pypcd4.Encoding(encoding))
-        return
-    # pypcd4 writes ten decimals, which are too few for small and for packed numbers.
-    with open(path, "w", encoding="ascii", newline="\n") as file:
-        pcd.metadata.data = pypcd4.Encoding.ASCII
-        file.write(pcd.metadata.compose_header())
-        for rows in text_rows(list(columns.values())):
-            file.writelines(f"{' '.join(map(str, row))}\n" for row in rows)
+    pcd.save(str(path), pypcd4.Encoding.BINARY)
 
 
 def _pcd_header(pypcd4, file):

@@ -101,8 +101,7 @@ def sensor_origins(
             times, positions = trajectory
         except (TypeError, ValueError):
             raise PointFileError(
-                "a trajectory is a pair of times (m,) and positions (m, 3), as read_trajectory "
-                f"gives, got {type(trajectory).__name__}"
+                f"a trajectory is as read_trajectory gives it, got {type(trajectory).__name__}"
             ) from None
         return positions_at(cloud, trajectory_of(times, positions))
     stated = stated_positions(cloud)

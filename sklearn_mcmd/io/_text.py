@@ -79,9 +79,7 @@ def write_text(path, cloud):
     layout = {"delimiter": "," if is_csv else " ", "lineterminator": "\n"}
     for name in columns:
         if {"\n", "\r"} & set(name):
-            raise PointFileError(
-                f"attribute name {name!r} has several lines, text has one; rename it"
-            )
+            raise PointFileError(f"attribute name {name!r} has several lines; rename it")
     has_delimiters = any(set(";,\t") & set(name) for name in columns)
     with open(path, "w", encoding="utf-8", newline="") as file:
         if is_csv or (columns and not is_fixed):  # every program reads .xyz without a header
@@ -90,16 +88,11 @@ def write_text(path, cloud):
         if path.suffix == ".pts":
             file.write(f"{len(cloud)}\n")
         writer = csv.writer(file, **layout)
-        for rows in text_rows([*cloud.xyz.T, *columns.values()]):
-            writer.writerows(rows)
-
-
-def text_rows(columns):
-    """Rows of strings in chunks, each number in its shortest exact form."""
-    for start in range(0, len(columns[0]), ROWS_A_TIME):
-        part = [column[start : start + ROWS_A_TIME] for column in columns]
-        text = [c.astype(str).tolist() if c.dtype.kind == "f" else c.tolist() for c in part]
-        yield zip(*text, strict=True)
+        for start in range(0, len(cloud), ROWS_A_TIME):
+            rows = slice(start, start + ROWS_A_TIME)
+            part = [column[rows] for column in (*cloud.xyz.T, *columns.values())]
+            text = [c.astype(str).tolist() if c.dtype.kind == "f" else c.tolist() for c in part]
+            writer.writerows(zip(*text, strict=True))
 
 
 def _opened(path):
@@ -128,8 +121,7 @@ def _large_integers(path, table, j, values):
         cells = (row[j] for row in rows if len(row) == width)
         if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
             warn_caller(
-                f"{path}: integers of {table.names[j]} are rounded to 53 bits, because the "
-                "column has gaps, or no 64 bits hold all of it"
+                f"{path}: integers of {table.names[j]} are rounded to 53 bits: 64 do not hold all"
             )
     return values
 
@@ -154,9 +146,7 @@ class _Head:
             self.delimiter = _delimiter(self.line)
         fields = _fields(self.line, self.delimiter)
         if len(fields) == 2 and fields[0].lower() in ("ncols", "nrows"):
-            raise PointFileError(
-                "is an ESRI ASCII grid: convert it to rows of x y z, as gdal_translate -of XYZ does"
-            )
+            raise PointFileError("is an ESRI ASCII grid: convert it by gdal_translate -of XYZ")
         if len(fields) == 1 and fields[0].isdecimal() and not any(self.counts):  # as in PTS
             self.counts.append(int(fields[0]))
             self.counted_at = self.number
@@ -203,10 +193,7 @@ def _begin(file, columns, extension):
     head = _head(file, columns)
     fields, known = _row(head.line, head.delimiter, len(head.names or ())), head.names
     if len(fields) < 3:
-        raise PointFileError(
-            f"line {head.number} has {counted(len(fields), 'column')}; at least 3 (x, y, z) are "
-            "needed"
-        )
+        raise PointFileError(f"line {head.number} has {len(fields)} columns, x, y, z are 3")
     if known is None:
         widths = {len(fields), len(fields) - (fields[-1] == "")}
         named = [some for some in head.headers + head.comments if len(some) in widths]
@@ -221,9 +208,11 @@ def _begin(file, columns, extension):
             known = [*known, ""]
         if len(fields) != len(known):
             raise PointFileError(
-                f"the header names {len(known)} columns, line {head.number} has {len(fields)}"
+                f"header has {len(known)} columns, line {head.number} has {len(fields)}"
             )
-    names = known or ["", "", "", *_names_after_xyz(extension, len(fields) - 3)]
+    n = len(fields) - 3  # after x, y, z, which the format names where the file has no header
+    own = next((names for names in COLUMNS.get(extension, ()) if len(names) == n), [""] * n)
+    names = known or ["", "", "", *own]
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if known is not None or columns:
         head.positions = coordinate_columns(names, columns)
@@ -353,8 +342,7 @@ class _Table:
                 remedy = f" with a decimal {'comma' if self.comma else 'point'}, as those above"
         elif re.fullmatch(r"[+-]?\d*,\d+|\d+\s+[+-]?\d+", cell):
             raise PointFileError(
-                f"line {number} has decimal commas: replace them by points, "
-                "and leave out those between thousands"
+                f"line {number} has decimal commas: write points, and no commas between thousands"
             )
         raise PointFileError(f"line {number}: {_decoded(cell)[:40]!r} is not a number{remedy}")
 
@@ -420,11 +408,6 @@ def _decoded(text):
     return text.encode("utf-8", "surrogateescape").decode("latin-1")
 
 
-def _names_after_xyz(extension, n):
-    """Names of n columns after x, y and z, empty where a file without a header tells none."""
-    return next((names for names in COLUMNS.get(extension, ()) if len(names) == n), [""] * n)
-
-
 def _with_bytes(path, attributes):
     """The attributes with colors of 8 bits; colors that are no such are left as they are.
 
@@ -455,9 +438,7 @@ def _fitting(extension, columns):
     names = next(names for names in COLUMNS[extension] if held.keys() >= set(names))
     lost = [n for n in columns if n not in names]
     if "outlier" in lost:
-        raise PointFileError(
-            f"{name} has no place to mark outliers; write another format, or the inliers alone"
-        )
+        raise PointFileError(f"{name} has no place to mark outliers; write another format")
     words = [f"not written: {', '.join(lost)}"] if lost else []
     words += ["rounded to 8 bits: colors"] if rounded and "red" in names else []
     if not names and extension != ".pts":

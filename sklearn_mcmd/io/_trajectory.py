@@ -77,10 +77,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
         names = {name.lower(): name for name in reversed(table.attributes)}
         known = [names[time] for time in TIMES if time in names]
         if not known:
-            raise PointFileError(
-                "is no trajectory: its first line must name the columns x, y, z, and time or "
-                "gps_time"
-            )
+            raise PointFileError("is no trajectory: columns must be x, y, z, and time or gps_time")
         return trajectory_of(table.attributes[known[0]], table.xyz)
 
 
@@ -89,8 +86,7 @@ def trajectory_of(times, positions):
     times, positions = np.asarray(times, float), np.asarray(positions, float)
     if times.ndim != 1 or positions.shape != (len(times), 3):
         raise PointFileError(
-            f"a trajectory has times (m,) and positions (m, 3), got shapes {times.shape} and "
-            f"{positions.shape}"
+            f"times (m,) and positions (m, 3) have shapes {times.shape}, {positions.shape}"
         )
     if not (np.isfinite(times).all() and np.isfinite(positions).all()):
         raise PointFileError("a trajectory must have finite times and positions")
@@ -113,9 +109,7 @@ def times_of(cloud):
     """The times of the points of a cloud, float64 (n,)."""
     name = next((time for time in TIMES if time in cloud.attributes), None)
     if name is None:
-        raise PointFileError(
-            "points have no times, which a trajectory needs: an attribute gps_time or time"
-        )
+        raise PointFileError("points have no times: an attribute gps_time or time is needed")
     return np.asarray(cloud.attributes[name], float)
 
 
@@ -171,7 +165,4 @@ def warn_if_far(low, high, positions):
     between = np.maximum(low - positions.max(axis=0), positions.min(axis=0) - high)
     away = float(np.linalg.norm(np.maximum(between, 0.0)))
     if away > FAR * extent:
-        warn_caller(
-            f"the trajectory is {away:,.0f} away from the points, which extend over {extent:,.0f}: "
-            "it seems to be in another coordinate system"
-        )
+        warn_caller(f"the trajectory, {away:,.0f} away, seems to be in another coordinate system")

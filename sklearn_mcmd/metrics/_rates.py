@@ -51,10 +51,7 @@ def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np
     """
     a, b = _unit(normals_a, "normals_a"), _unit(normals_b, "normals_b")
     if a.shape[-1] != b.shape[-1]:
-        raise ValueError(
-            f"normals_a has {a.shape[-1]} coordinates and normals_b {b.shape[-1]}: "
-            "both need the same number."
-        )
+        raise ValueError(f"normals_a has {a.shape[-1]} coordinates and normals_b {b.shape[-1]}.")
     try:
         difference, total = a - b, a + b
     except ValueError as error:
@@ -136,8 +133,7 @@ def _unit(normals, name):
     largest = np.abs(normals).max(axis=-1, keepdims=True)
     if np.any(largest == 0):
         raise ValueError(
-            f"{name} holds {int((largest == 0).sum())} zero vectors, which have no direction: "
-            "drop them, or mark missing normals by NaN."
+            f"{name} holds {(largest == 0).sum()} zero vectors: mark missing normals by NaN."
         )
     scaled = normals / largest
     return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)

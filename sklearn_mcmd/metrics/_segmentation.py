@@ -153,9 +153,7 @@ def _overlaps(surface, y_pred):
 def _labels(y: ArrayLike, name: str) -> NDArray[np.integer]:
     labels: NDArray[np.integer] = column_or_1d(y)
     if labels.dtype.kind not in "iu":
-        raise ValueError(
-            f"{name} has dtype {labels.dtype}; labels are integers, -1 for points of no surface."
-        )
+        raise ValueError(f"{name} has dtype {labels.dtype}; labels are integers, -1 for none.")
     return labels
 
 

@@ -13,6 +13,7 @@ from sklearn_mcmd._sklearn import Interval, validate_params
 
 # Extents are measured between these percentiles, so that a single far point changes no cut.
 BULK = 5, 95
+BLOCKS_OF_FOLD = 4  # places of the cloud that a fold mixes
 
 
 @validate_params(
@@ -89,10 +90,7 @@ class SpatialBlockSplit(BaseCrossValidator):
     Parameters
     ----------
     n_splits : int, default=5
-        Number of folds, at least 2.
-    n_blocks : int, default=None
-        Number of blocks, at least `n_splits`. They are dealt to the folds at random. None means
-        four for each fold, so that a fold mixes places of the cloud.
+        Number of folds, at least 2. Each has four blocks at random, and so mixes places.
     n_neighbors : int, default=50
         Size of the largest neighborhood in the search. Every test point finds this number of
         nearest neighbors, itself included, among the training points.
@@ -125,7 +123,7 @@ class SpatialBlockSplit(BaseCrossValidator):
     nearest neighbor. That one of `n_neighbors` tells nothing, which shifts its scores a little.
     With ``MCMDOutlierDetector`` a point belongs to its neighborhood by definition.
 
-    A fold without any outlier has no ROC-AUC: take fewer or larger blocks.
+    A fold without any outlier has no ROC-AUC: take fewer folds.
 
     Examples
     --------
@@ -149,13 +147,11 @@ class SpatialBlockSplit(BaseCrossValidator):
         self,
         n_splits: int = 5,
         *,
-        n_blocks: int | None = None,
         n_neighbors: int = 50,
         n_rings: int = 1,
         random_state: int | np.random.RandomState | None = None,
     ) -> None:
         self.n_splits = n_splits
-        self.n_blocks = n_blocks
         self.n_neighbors = n_neighbors
         self.n_rings = n_rings
         self.random_state = random_state
@@ -195,9 +191,9 @@ class SpatialBlockSplit(BaseCrossValidator):
             If a parameter is out of range, or X has too few points for it.
         """
         points: NDArray[np.float64] = check_array(X, dtype=np.float64)
-        n_blocks = self._check_parameters(len(points))
-        blocks = spatial_blocks(points, n_blocks)
-        fold_of_block = np.arange(n_blocks) % self.n_splits
+        self._check_parameters(len(points))
+        blocks = spatial_blocks(points, BLOCKS_OF_FOLD * self.n_splits)
+        fold_of_block = np.arange(BLOCKS_OF_FOLD * self.n_splits) % self.n_splits
         check_random_state(self.random_state).shuffle(fold_of_block)
         fold = fold_of_block[blocks]
         tree = cKDTree(points)
@@ -212,17 +208,16 @@ class SpatialBlockSplit(BaseCrossValidator):
             yield np.flatnonzero(inside), test
 
     def _check_parameters(self, n_samples):
-        n_blocks = 4 * self.n_splits if self.n_blocks is None else self.n_blocks
-        for name, value, least, most in (
-            ("n_splits", self.n_splits, 2, n_samples),
-            ("n_blocks", n_blocks, self.n_splits, n_samples),
-            ("n_neighbors", self.n_neighbors, 2, n_samples),
-            ("n_rings", self.n_rings, 1, np.inf),
+        most_folds = n_samples // BLOCKS_OF_FOLD
+        for name, least, most in (
+            ("n_splits", 2, most_folds),
+            ("n_neighbors", 2, n_samples),
+            ("n_rings", 1, np.inf),
         ):
+            value = getattr(self, name)
             if not isinstance(value, Integral) or isinstance(value, bool):
                 raise ValueError(f"{name}={value!r} must be an integer.")
             if value < least:
                 raise ValueError(f"{name}={value} is too few: at least {least} are needed.")
             if value > most:
                 raise ValueError(f"{name}={value} is too many for n_samples={n_samples}.")
-        return n_blocks

@@ -104,7 +104,7 @@ class WholeSceneSplit(BaseCrossValidator):
 def _check_groups(groups):
     if groups is None:
         raise ValueError(
-            "groups=None: give the scene of each point, as in search.fit(X, y, groups=scene)."
+            "groups=None: give the scene of each point, as in fit(X, y, groups=scene)."
         )
     return column_or_1d(groups)
 

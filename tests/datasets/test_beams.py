@@ -5,12 +5,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
-from scenes import scanned, scene_of
+from scenes import scanned
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.datasets._beams import MIXED, PULSED
-from sklearn_mcmd.datasets._scan import Scanning
-from sklearn_mcmd.datasets._scan_lines import scan_lines
+from sklearn_mcmd.datasets._scan import scan_lines
 from sklearn_mcmd.datasets._scene import Scene
+from sklearn_mcmd.datasets._street import _street
 from sklearn_mcmd.datasets._surfaces import Patch, Soft
 
 WIDTH = 0.008
@@ -20,10 +20,13 @@ def test_ranges_at_an_outline_follow_the_energy_on_either_side():
     # A plate before a wall, seen by beams of all offsets from its upright side.
     plate = Patch("plate", (-3, 4, -1), (3, 0, 0), (0, 0, 2))
     wall = Patch("wall", (-3, 6, -1.5), (6, 0, 0), (0, 0, 3))
-    scene = Scene([plate, wall], 1.0, 1, scanner=(0, 0, 0))
-    scanning = Scanning(0.005, 0.0, beam_divergence=WIDTH)
-    lines = scan_lines(scene, 50_000, np.random.default_rng(0), scanning)
-    x, y, z = lines.points.T
+    scene, rng = Scene([plate, wall], scanner=(0, 0, 0)), np.random.default_rng(0)
+
+    def noise_at(ranges):
+        return np.full(len(ranges), 0.005)
+
+    points, places, _, kind = scan_lines(scene, 40_000, rng, noise_at, WIDTH)
+    x, y, z = points.T
     near = (np.abs(x / y) < WIDTH) & (np.abs(z / y) < 0.2)
     sideways, depth = (x / y)[near], y[near]
     share = norm.cdf(-sideways / (WIDTH / 4))  # of the energy, on the plate
@@ -33,8 +36,8 @@ def test_ranges_at_an_outline_follow_the_energy_on_either_side():
     assert np.abs(depth - ranges).max() < 0.25  # a step of one in 19 rays is up to 0.17 m
     assert np.abs(depth - ranges).mean() < 0.06
     mixed = (depth > 4.02) & (depth < 5.98)
-    assert_array_equal(lines.kind[near] == MIXED, mixed)
-    assert_allclose(lines.places[near][~mixed, 1], np.where(depth[~mixed] < 5, 4.0, 6.0))
+    assert_array_equal(kind[near] == MIXED, mixed)
+    assert_allclose(places[near][~mixed, 1], np.where(depth[~mixed] < 5, 4.0, 6.0))
 
 
 @pytest.fixture(scope="module")
@@ -51,18 +54,17 @@ def test_mixed_pixels_come_besides_those_that_are_asked_for(street):
     assert kinds[names.index("ghost")] == 400
     assert kinds[names.index("mixed_pixel")] > 100
     assert_array_equal(street.outlier_kind > 0, street.target == -1)
-    away = scene_of(street, tree=True).distance(street.data[street.target == -1])
+    away = _street(tree=True).distance(street.data[street.target == -1])
     assert away.min() > 0  # but for their noise, mixed pixels are four deviations off
     outlier = street.target == -1
-    for array, nothing in (("surface", -1), ("bay", -1)):
-        assert_array_equal(street[array] == nothing, outlier)
+    assert_array_equal(street.surface == -1, outlier)
     for array in ("true_points", "edge_distance"):
         lacks = np.isnan(street[array].reshape(len(outlier), -1)).any(axis=1)
         assert lacks[outlier].all()
 
 
 def test_ranges_of_a_street_are_those_of_many_random_rays(street):
-    scene, rng = scene_of(street, tree=True), np.random.default_rng(0)
+    scene, rng = _street(tree=True), np.random.default_rng(0)
     solid = [part for part in scene.parts if not isinstance(part, Soft)]
     leaves = next(part for part in scene.parts if isinstance(part, Soft))
     mixed = street.outlier_kind == street.outlier_kind_names.index("mixed_pixel")
@@ -88,7 +90,7 @@ def test_ranges_of_a_street_are_those_of_many_random_rays(street):
 
 
 def test_truth_is_that_of_the_surface_that_a_wide_beam_met(street):
-    scene = scene_of(street, tree=True)
+    scene = _street(tree=True)
     for number, part in enumerate(scene.parts):
         mine = street.surface == number
         true = street.true_points[mine]

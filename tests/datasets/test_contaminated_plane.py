@@ -52,20 +52,3 @@ def test_a_larger_share_replaces_points_and_leaves_the_others():
 def test_the_normal_is_the_axis_of_least_variance():
     cloud = make_contaminated_plane(regular_variances=(1, 0.1, 2), return_X_y=False)
     assert_array_equal(cloud.normal, [0, 1, 0])
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"outliers": "none"}, "'outliers' parameter"),
-        ({"outlier_share": 1.2}, "'outlier_share' parameter"),
-        ({"n_samples": 0}, "'n_samples' parameter"),
-        ({"regular_variances": (1, 1, -1)}, "regular_variances=.*not negative"),
-        ({"regular_variances": (1, 1, 1)}, "no single least value"),
-        ({"outlier_variances": (1, np.nan, 1)}, "outlier_variances=.*finite"),
-        ({"outlier_variances": (1, 1)}, "outlier_variances=.*three"),
-    ],
-)
-def test_bad_parameters_of_the_plane_are_named(parameters, message):
-    with pytest.raises(ValueError, match=message):
-        make_contaminated_plane(**parameters)

@@ -7,7 +7,6 @@ from scipy.spatial import cKDTree
 from scipy.stats import kstest
 
 from sklearn_mcmd.datasets._panels import Bilinear, Disc, Polygon
-from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch
 from sklearn_mcmd.datasets._vegetation import Crown, Grass
 
@@ -144,14 +143,6 @@ def test_foliage_fills_its_ball_evenly_and_has_no_normal_or_edge():
     assert np.isnan(ball.normals(points)).all()
     assert np.isnan(ball.edge_distance(points)).all()
     assert_allclose(ball.distance(np.array([[1, 2, 4.0], [1, 2, 3.1]])), [0.3, 0])
-
-
-def test_distances_over_bays_are_the_least_over_all_copies():
-    parts = [Patch("plate", (0.1, 0, 0), (0.3, 0, 0), (0, 0, 1)), PARTS["cylinder"]]
-    scene = Scene(parts, 2.0, 4, (1.0, -2, 1))
-    queries = np.random.default_rng(11).uniform((-3, -3, -3), (11, 3, 3), (1000, 3))
-    copies = [part.distance(queries - [2.0 * bay, 0, 0]) for part in parts for bay in range(4)]
-    assert_allclose(scene.distance(queries), np.min(copies, axis=0), rtol=1e-12)
 
 
 def test_samples_of_a_bilinear_surface_are_uniform_over_its_area():

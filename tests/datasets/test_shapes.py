@@ -28,18 +28,6 @@ def test_points_lie_on_surfaces_that_are_seen_and_outliers_off_them(make):
     assert_array_equal(np.isnan(cloud.edge_distance), outlier)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"outlier_scale": 0.0}, "'outlier_scale' parameter"),
-        ({"n_samples": 1, "outlier_share": 0.9}, "leaves no regular point"),
-    ],
-)
-def test_bad_parameters_of_the_box_are_named(parameters, message):
-    with pytest.raises(ValueError, match=message):
-        make_box(**parameters)
-
-
 def test_the_edge_distance_of_the_box_is_that_of_its_three_edges():
     box = make_box(2000, random_state=0)
     far = np.sort(1 - box.true_points, axis=1)  # the face's own coordinate is 1

@@ -6,43 +6,34 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 from scipy.stats import kstest
 
-from scenes import scene_of
 from sklearn_mcmd.datasets import make_street
-
-LINES = {"sampling": "scan_lines", "tree": True, "spacing": 0.12}
+from sklearn_mcmd.datasets._street import _street
+from sklearn_mcmd.datasets._surfaces import Soft
 
 
 @pytest.fixture(scope="module")
 def street():
-    return make_street(30_000, spacing=0.07, noise_growth=4, tree=True, random_state=0)
+    return make_street(30_000, noise_growth=4, tree=True, random_state=0)
 
 
-def test_every_array_has_a_row_per_point_and_the_documented_type(street):
-    flat = {"target": "i8", "surface": "i8", "bay": "i8", "outlier_kind": "i1"}
-    flat |= {"edge_distance": "f8", "noise_scale": "f8"}
-    wide = dict.fromkeys(("data", "true_points", "normals", "sensor_origins"), "f8")
-    for name, kind in (flat | wide).items():
-        assert street[name].dtype == np.dtype(kind), name
-        assert street[name].shape == ((30_000, 3) if name in wide else (30_000,)), name
-
-
-def test_points_without_noise_lie_on_the_surface_and_bay_that_they_are_labelled_with(street):
-    scene = scene_of(street, tree=True)
+def test_points_without_noise_lie_on_the_surface_that_they_are_labelled_with(street):
+    scene = _street(tree=True)
+    assert_array_equal(street.sensor_origins, np.tile(scene.scanner, (30_000, 1)))
     for number, part in enumerate(scene.parts):
         mine = street.surface == number
-        local = street.true_points[mine] - np.outer(
-            street.bay[mine] * scene.bay_length, [1.0, 0, 0]
-        )
-        assert_allclose(part.distance(local), 0, atol=1e-9)
+        assert_allclose(part.distance(street.true_points[mine]), 0, atol=1e-9)
+        lacks = isinstance(part, Soft)
+        edges = np.nan if lacks else part.edge_distance(street.true_points[mine])
+        assert_array_equal(street.edge_distance[mine], edges)
 
 
-def test_sensor_origins_are_the_scanner_of_each_bay(street):
-    regular = street.target == 1
-    scanners = np.unique(street.sensor_origins, axis=0)
-    assert len(scanners) == street.bay.max() + 1 > 2
-    assert_array_equal(street.sensor_origins[regular], scanners[street.bay[regular]])
-    nearest = cKDTree(scanners[:, :1]).query(street.data[~regular, :1])[1]
-    assert_array_equal(street.sensor_origins[~regular], scanners[nearest])
+def test_the_spacing_is_that_of_the_road_where_the_scanner_is_nearest():
+    street = make_street(60_000, outlier_share=0, noise=0, random_state=4)
+    x, y, _ = street.data[street.surface == 0].T
+    # An open rectangle of the road, without shadows; the camber adds under 0.1 % of area.
+    window = (x > 1) & (x < 4) & (y > 0.5) & (y < 2.5)
+    expected = 2 * 3 / street.spacing**2
+    assert window.sum() == pytest.approx(expected, abs=5 * np.sqrt(expected) + 0.01 * expected)
 
 
 def test_noise_is_gaussian_and_grows_linearly_with_the_range(street):
@@ -63,11 +54,10 @@ def test_outliers_have_no_truth_and_keep_clear_of_all_surfaces(street):
     outlier = street.target == -1
     assert_array_equal(np.bincount(street.outlier_kind), [27_000, *4 * [750]])
     assert (street.surface[outlier] == -1).all()
-    assert (street.bay[outlier] == -1).all()
     for name in ("normals", "true_points", "edge_distance"):
         assert np.isnan(street[name][outlier]).all()
     assert_array_equal(street.outlier_kind > 0, outlier)
-    distance = scene_of(street, tree=True).distance(street.data[outlier])
+    distance = _street(tree=True).distance(street.data[outlier])
     assert (distance > 4 * street.noise_scale[outlier]).all()
     assert 0 < outlier[:200].sum() < 60  # rows are shuffled
 
@@ -84,71 +74,6 @@ def test_normals_face_the_scanner_and_only_foliage_lacks_them_and_edges(street):
     assert (np.einsum("ij,ij->i", street.normals[has], view) > 0).all()
 
 
-def test_edge_distances_of_a_long_street_see_the_next_bay():
-    street = make_street(40_000, spacing=0.06, outlier_share=0, noise=0, random_state=2)
-    n_bays = street.bay.max() + 1
-    length = street.length / n_bays
-    assert n_bays > 2
-    wall = street.surface_names.index("wall")
-    mine = street.surface == wall
-    one_bay = scene_of(street).parts[wall].sample_outline(8000, np.random.default_rng(0), None)
-    shifts = np.outer(np.arange(n_bays) * length, [1.0, 0, 0])
-    edges = (one_bay + shifts[:, None]).reshape(-1, 3)
-    brute = cKDTree(edges).query(street.true_points[mine])[0]
-    # 8000 random points on 14 m of edges leave gaps of a few centimeters at most.
-    assert_allclose(street.edge_distance[mine], brute, atol=0.02)
-    assert (street.edge_distance[mine] <= brute + 1e-9).all()
-
-
-def test_the_spacing_on_the_road_is_the_one_asked():
-    street = make_street(60_000, spacing=0.04, outlier_share=0, noise=0, random_state=4)
-    assert street.spacing == pytest.approx(0.04, rel=0.01)
-    x, y, _ = street.data[street.surface == 0].T
-    # An open rectangle of the road, without shadows; the camber adds under 0.1 % of area.
-    window = (x > 1) & (x < street.length - 1) & (y > 0.5) & (y < 2.5)
-    expected = 2 * (street.length - 2) / 0.04**2
-    assert window.sum() == pytest.approx(expected, abs=5 * np.sqrt(expected) + 0.01 * expected)
-
-
-def test_the_bays_of_a_long_street_are_shared_evenly():
-    street = make_street(60_000, spacing=0.05, outlier_share=0, random_state=12)
-    counts = np.bincount(street.bay)
-    assert len(counts) == len(np.unique(street.sensor_origins, axis=0)) > 3
-    assert np.abs(counts - counts.mean()).max() < 5 * np.sqrt(counts.mean())
-    assert street.true_points[:, 0].max() <= street.length
-
-
-def test_the_density_of_a_scan_falls_with_the_square_of_the_range_and_the_incidence():
-    cloud = make_street(60_000, sampling="scan_lines", noise=0, outlier_share=0, random_state=1)
-    road = cloud.data[cloud.surface == 0]
-    scanner = cloud.sensor_origins[0]
-    # On the level road: incidence h / r, and columns closer by the cosine of the elevation.
-    windows = [(0.2, 0.7), (0.7, 1.2), (3.6, 4.1), (4.1, 4.6)]
-    found, expected = [], []
-    for low, high in windows:
-        inside = (road[:, 0] >= low) & (road[:, 0] < high) & (road[:, 1] > 1) & (road[:, 1] < 1.5)
-        grid = np.stack(
-            np.meshgrid(np.linspace(low, high, 41), np.linspace(1, 1.5, 41)), axis=-1
-        ).reshape(-1, 2)
-        flat = np.linalg.norm(grid - scanner[:2], axis=1)
-        height = scanner[2] - 0.03
-        r = np.hypot(flat, height)
-        found.append(inside.sum())
-        expected.append(np.mean(height / r / r**2 / (flat / r)))
-    ratio = np.array(found) / expected
-    assert min(found) > 200
-    assert_allclose(ratio / ratio.mean(), 1, atol=0.1)
-
-
-def test_a_long_scanned_street_has_the_spacing_that_was_asked():
-    street = make_street(40_000, spacing=0.04, sampling="scan_lines", random_state=0)
-    # What a bay's scanner sees grows less than in proportion to its length.
-    assert street.spacing == pytest.approx(0.04, rel=0.03)
-    counts = np.bincount(street.bay[street.bay >= 0])
-    assert len(counts) == len(np.unique(street.sensor_origins, axis=0)) > 1
-    assert np.ptp(counts) <= 1
-
-
 def of_kind(street, kind):
     return street.data[street.outlier_kind == street.outlier_kind_names.index(kind)]
 
@@ -161,7 +86,7 @@ def test_gaussian_outliers_are_as_far_from_the_surfaces_as_their_law_says():
     # Before the open road nothing else is near: |z| is half-normal with a scale of 0.2 m.
     above = points[(points[:, 1] > 0.8) & (points[:, 1] < 2.2)]
     above = above[np.abs(above[:, 0] - 2.5) < 1.5]
-    height = scene_of(street).distance(above)
+    height = _street(tree=False).distance(above)
     assert len(above) > 1000
     assert np.median(height) == pytest.approx(0.2 * 0.6745, rel=0.08)
     assert height.max() < 1.1
@@ -171,14 +96,14 @@ def test_uniform_outliers_fill_the_bounding_box_evenly():
     street = make_street(
         10_000, noise=0, outlier_share=0.3, outlier_kinds=["uniform"], random_state=9
     )
-    low, high = scene_of(street).bounds
+    low, high = _street(tree=False).bounds
     for column, a, b in zip(of_kind(street, "uniform").T, low, high, strict=True):
         assert kstest(column, "uniform", args=(a, b - a)).pvalue > 1e-3
 
 
 def test_mixed_pixels_lie_behind_an_outline_and_before_a_background():
     street = make_street(10_000, outlier_kinds=["mixed_pixel"], random_state=10)
-    scene = scene_of(street)
+    scene = _street(tree=False)
     scanner, points = street.sensor_origins[0], of_kind(street, "mixed_pixel")
     rng = np.random.default_rng(13)
     outlines = np.concatenate(
@@ -207,40 +132,4 @@ def test_ghosts_are_dense_balls_off_the_surfaces():
     points = of_kind(street, "ghost")
     company = cKDTree(points).query_ball_point(points, 0.2, return_length=True)
     assert company.min() >= 10
-    assert scene_of(street).distance(points).min() > 0.15 - 1e-9
-
-
-@pytest.mark.parametrize(
-    ("n", "parameters", "seed", "first", "total"),
-    [
-        (3000, {}, 0, (0.701556575, 3.103482865, 0.097770088), 18410.442623),
-        (5000, LINES, 1, (17.935052923, 2.311749935, -0.009401217), 91369.085801),
-    ],
-)
-def test_a_seed_keeps_its_street(n, parameters, seed, first, total):
-    """Figures that were published rest on these."""
-    points = make_street(n, random_state=seed, **parameters).data
-    assert_allclose(points[0], first, atol=2e-9)
-    assert np.abs(points).sum() == pytest.approx(total, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"outlier_kinds": ["rain"]}, r"outlier_kinds=\['rain'\] must name"),
-        ({"outlier_kinds": ["ghost", "ghost"]}, "once each"),
-        ({"outlier_kinds": []}, "outlier_share=0"),
-        ({"outlier_kinds": "ghost"}, "'outlier_kinds' parameter"),
-        ({"outlier_share": 1.0}, "'outlier_share' parameter"),
-        ({"n_samples": 1, "outlier_share": 0.9}, "leaves no regular point"),
-        ({"noise": -0.1}, "'noise' parameter"),
-        ({"noise_growth": 0.5}, "'noise_growth' parameter"),
-        ({"spacing": 0.0}, "'spacing' parameter"),
-        ({"spacing": 0.01}, "n_samples is too small for spacing=0.01"),
-        ({"noise": 2.0}, "noise leaves no room"),
-        ({"beam_divergence": 0.003}, "beam_divergence=0.003 has no meaning"),
-    ],
-)
-def test_bad_parameters_of_the_street_are_named(parameters, message):
-    with pytest.raises(ValueError, match=message):
-        make_street(**({"n_samples": 5000} | parameters))
+    assert _street(tree=False).distance(points).min() > 0.15 - 1e-9

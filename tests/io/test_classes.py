@@ -40,35 +40,33 @@ def test_a_cloud_without_classes_is_used_whole_unless_classes_are_asked_for():
         Choice(ignored=(7,)).of(cloud)
 
 
-def test_noise_under_the_ground_is_low_and_that_over_it_or_under_a_roof_is_high():
-    ground = RNG.uniform(0, 30, (4_000, 3)) * [1, 1, 0.001]
-    roof = RNG.uniform(10, 20, (1_500, 3)) * [1, 1, 0] + [0, 0, 6]
-    outliers = np.array([[5, 5, -2], [15, 15, -0.5], [5, 5, 9], [15, 15, 8], [15, 15, 3]])
-    xyz = np.vstack([ground, roof, outliers])
-    is_outlier = np.arange(len(xyz)) >= len(xyz) - 5
+GROUND = RNG.uniform(0, 30, (4_000, 3)) * [1, 1, 0.001]
+ROOF = RNG.uniform(10, 20, (1_500, 3)) * [1, 1, 0] + [0, 0, 6]
+OPEN = GROUND[((GROUND[:, :2] < 10) | (GROUND[:, :2] > 20)).any(axis=1)]
+
+
+@pytest.mark.parametrize(
+    ("ground", "outliers", "ground_class", "expected"),
+    [  # without classes all points count, and where there is ground, it counts alone
+        (GROUND, [[5, 5, -2], [15, 15, -0.5], [5, 5, 9], [15, 15, 8], [15, 15, 3]], None, 2),
+        (OPEN, [[15, 15, -2], [5, 5, -0.2], [15, 15, 3]], 2, 2),
+        (OPEN, [[15, 15, -2], [5, 5, -0.2], [15, 15, 3]], 1, 3),
+    ],
+)
+def test_low_noise_lies_lower_than_the_ground_or_all_around(
+    ground, outliers, ground_class, expected
+):
+    xyz, attributes = np.vstack([ground, ROOF, outliers]), {}
+    if ground_class:
+        sizes = len(ground), len(ROOF), len(outliers)
+        attributes["classification"] = np.repeat([ground_class, 6, 1], sizes)
+    is_outlier = np.arange(len(xyz)) >= len(xyz) - len(outliers)
     used = np.ones(len(xyz), bool)
-    classes = noise_classes(
-        PointCloud(xyz), is_outlier, is_outlier, used, LowestPoints(len(xyz), 50)
+    if ground_class == 2:  # that is not used counts as well
+        used &= attributes["classification"] != 2
+    lowest = LowestPoints(len(xyz), 50)
+    classes = noise_classes(PointCloud(xyz, attributes), is_outlier, is_outlier, used, lowest)
+    assert_array_equal(
+        classes[-len(outliers) :], [7] * expected + [18] * (len(outliers) - expected)
     )
-    assert_array_equal(classes[-5:], [7, 7, 18, 18, 18])
-    assert not classes[:-5].any()
-
-
-def test_where_there_is_ground_low_noise_is_lower_than_the_ground_and_not_than_a_roof():
-    ground = RNG.uniform(0, 30, (4_000, 3)) * [1, 1, 0.001]
-    ground = ground[((ground[:, :2] < 10) | (ground[:, :2] > 20)).any(axis=1)]
-    roof = RNG.uniform(10, 20, (1_500, 3)) * [1, 1, 0] + [0, 0, 6]
-    outliers = np.array([[15, 15, 3], [15, 15, -2], [5, 5, -0.2]])
-    xyz = np.vstack([ground, roof, outliers])
-    is_outlier = np.arange(len(xyz)) >= len(xyz) - 3
-    used = np.ones(len(xyz), bool)
-    for ground_class, expected in ((2, [18, 7, 7]), (1, [7, 7, 7])):
-        classes = np.repeat([ground_class, 6, 1], [len(ground), len(roof), 3])
-        cloud = PointCloud(xyz, {"classification": classes})
-        found = noise_classes(cloud, is_outlier, is_outlier, used, LowestPoints(len(xyz), 50))
-        assert_array_equal(found[-3:], expected)
-        # Ground that is not used counts as well.
-        found = noise_classes(
-            cloud, is_outlier, is_outlier, used & (classes != 2), LowestPoints(len(xyz), 50)
-        )
-        assert_array_equal(found[-3:], expected)
+    assert not classes[: -len(outliers)].any()

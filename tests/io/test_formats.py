@@ -150,7 +150,7 @@ def test_outliers_have_a_mark_a_column_or_no_place(tmp_path, one):
 
 
 @pytest.mark.parametrize("one", WRITTEN, ids=ids)
-def test_columns_encodings_and_tiles_are_those_of_the_format(tmp_path, one):
+def test_columns_and_tiles_are_those_of_the_format(tmp_path, one):
     path, columns = written(tmp_path, one), {"x": 2, "y": 1, "z": 3}
     if one.columns:
         assert_array_equal(read_points(path, columns=columns).xyz, XYZ[:, [1, 0, 2]])
@@ -162,11 +162,6 @@ def test_columns_encodings_and_tiles_are_those_of_the_format(tmp_path, one):
     else:
         with pytest.raises(PointFileError, match="must be LAS or LAZ"):
             Catalog(path)
-    for encoding in one.encodings:
-        assert_array_equal(read_points(written(tmp_path, one, encoding=encoding)).xyz, XYZ)
-    known = ", ".join(one.encodings) or "only None"
-    with pytest.raises(ValueError, match=f"known: {known}"):
-        written(tmp_path, one, encoding="no such")
 
 
 @pytest.mark.parametrize("one", WRITTEN, ids=ids)

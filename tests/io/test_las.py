@@ -204,6 +204,8 @@ def las_with_waveforms(path, point_format):
     las = las_of(point_format, n=3)
     las.points.array["wavepacket_offset"] = 60 + 50 * np.arange(3)
     las.points.array["wavepacket_size"] = 50
+    if point_format > 5:
+        las.scanner_channel[:] = 0  # of which LAZ takes one
     las.write(path)
     content = bytearray(path.read_bytes())
     start = len(content)
@@ -234,7 +236,7 @@ def test_the_header_says_where_samples_of_waveforms_are_after_points_were_remove
 @pytest.mark.parametrize("target", ["b.las", "b.laz"])
 def test_samples_that_cannot_be_copied_are_not_promised(tmp_path, target):
     cloud = read_points(las_with_waveforms(tmp_path / "a.las", 4))
-    with pytest.warns(UserWarning, match="samples of waveforms .* are not copied"):
+    with pytest.warns(UserWarning, match="waveform samples .* are not copied"):
         write_points(tmp_path / target, cloud)
     assert struct.unpack_from("<Q", (tmp_path / target).read_bytes(), 227) == (0,)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from las_files import las_file, laspy
+from las_files import change, las_file, laspy
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
@@ -135,17 +135,11 @@ def test_attributes_that_a_file_has_not_are_0(tmp_path):
         assert_array_equal(together[name][rows], expected)
 
 
-def with_bytes(path, position, data):
-    content = bytearray(path.read_bytes())
-    content[position : position + len(data)] = data
-    path.write_bytes(content)
-
-
 @pytest.mark.parametrize(
     ("other", "message"),
     [
         ({"extra": [("beam", "f4")]}, r"b\.las: its attribute 'beam'"),
-        ({"scales": 1e-7, "offsets": 9e5}, "span too much"),
+        ({"scales": 1e-7, "offsets": 9e5}, "cannot span all files"),
         ({"point_format": 9}, r"b\.las: wave packets"),
         ({}, r"b\.las: its GPS times"),
         ({"scales": 1e-6, "offsets": 1e5}, "outside the bounds"),
@@ -155,8 +149,8 @@ def test_what_cannot_be_one_file_is_named(tmp_path, other, message):
     a = las_file(tmp_path / "a.las", extra=[("beam", "u1")], scales=1e-6)
     b = las_file(tmp_path / "b.las", **other)
     if not other:
-        with_bytes(b, 6, b"\x01")  # standard time, not that of the week
+        change(b, 6, b"\x01")  # standard time, not that of the week
     elif "outside" in message:
-        with_bytes(b, 179, np.array([1.0, 0.0] * 3).tobytes())  # bounds that are wrong
+        change(b, 179, np.array([1.0, 0.0] * 3).tobytes())  # bounds that are wrong
     with pytest.raises(PointFileError, match=message):
         joined(a, b)

@@ -147,10 +147,10 @@ DAMAGES = [
     (record_at, 34, "<H", 11, "item 11 of 30 bytes"),
     (record_at, 36, "<H", 29, "item 10 of 29 bytes"),
     (record_at, 38, "<H", 2, "version 2"),
-    (first_chunk_at, 34, "<I", 0x70000000, "chunk 1 of .* would need"),  # of the first layer
-    (first_chunk_at, 30, "<I", 3, "chunk 1 holds 3 points, not 500"),
-    (lambda _: 247, 0, "<Q", 3001, "3001 points in .* are not in 6 chunks"),
-    (lambda _: 247, 0, "<Q", 2**60, "points need .* bytes or more"),
+    (first_chunk_at, 34, "<I", 0x70000000, "chunk 1 would need"),  # of the first layer
+    (first_chunk_at, 30, "<I", 3, "chunk 1 holds 3 points"),
+    (lambda _: 247, 0, "<Q", 3001, "3001 points are not in 6 chunks"),
+    (lambda _: 247, 0, "<Q", 2**60, "points need .* bytes, there are"),
 ]
 
 
@@ -203,24 +203,17 @@ def test_wave_packets_in_any_order_survive_laz(tmp_path, point_format):
         assert_array_equal(laspy.read(tmp_path / "b.laz").points.array, las.points.array)
 
 
-@pytest.fixture(params=[9, 10])
-def channels(request, tmp_path):
-    """Wave packets of two scanner channels, of which lazrs 0.8 makes other ones."""
-    las = waves(request.param, 60 + 256 * np.arange(N))
+@pytest.mark.parametrize("point_format", [9, 10])
+def test_wave_packets_of_two_channels_are_refused_as_lazrs_would_change_them(
+    tmp_path, point_format
+):
+    las = waves(point_format, 60 + 256 * np.arange(N))
     las.scanner_channel = np.arange(N) % 2
     las.write(tmp_path / "a.las")
-    return las
-
-
-def test_wave_packets_of_two_channels_survive_laz_or_are_refused(tmp_path, channels):
-    cloud, refused = read_points(tmp_path / "a.las"), None
-    try:
-        write_points(tmp_path / "b.laz", cloud)
-    except PointFileError as err:
-        refused = str(err)
-    if refused is None:  # by a later lazrs
-        assert_array_equal(laspy.read(tmp_path / "b.laz").points.array, channels.points.array)
-    else:
-        assert "(wavepacket_offset, " in refused
-        assert refused.endswith("write .las instead")
-        assert os.listdir(tmp_path) == ["a.las"]
+    with pytest.raises(PointFileError, match=r"of several channels; write \.las"):
+        write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
+    assert os.listdir(tmp_path) == ["a.las"]
+    buffer = io.BytesIO()
+    las.write(buffer, do_compress=True)  # a later lazrs may be right, and is to be let
+    buffer.seek(0)
+    assert (laspy.read(buffer).points.array != las.points.array).any()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from e57_files import write_scans
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import supported_extensions
 from sklearn_mcmd.io._las_parts import read_parts
@@ -39,11 +40,8 @@ def test_zeros_of_every_format_are_named_and_many_in_the_scanners_frame_left_out
 
 
 def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
-    pye57 = pytest.importorskip("pye57")
-    raw = {f"cartesian{axis}": SPINNING[:, i].copy() for i, axis in enumerate("XYZ")}
     pose = {"translation": np.array([5e5, 5.4e6, 100]), "rotation": np.array([0.6, 0, 0, 0.8])}
-    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
-        file.write_scan_raw(raw, **pose)
+    write_scans(tmp_path / "a.e57", (SPINNING, {}, pose))
     with pytest.warns(UserWarning, match=r"a.e57, scan 1: 90 of 390 points are 0, 0, 0"):
         cloud = read_points(tmp_path / "a.e57")
     assert (len(cloud), cloud.n_dropped, cloud.metadata["n_no_returns"]) == (300, 90, 90)

@@ -146,31 +146,6 @@ def test_numbers_are_read_as_they_are_meant_and_others_are_none(tmp_path, cell, 
             read(tmp_path, text)
 
 
-SIGNS = [
-    ("1,5;2;3\n312.403;2;3", 2, "comma"),  # thousands, as in German
-    ("1,5;2;3\n1.5;2;3", 2, "comma"),
-    ("1.5;2;3\n4;5;6\n312,403;2;3", 3, "point"),
-    ("1;2;3\n4;5.0;6\n4;5;6,5", 3, "point"),
-    ("452,345.6;2;3\n4;5;6,5", 2, "point"),
-    ("1;2;3;0,5\n1,5;2;3;4\n1.5;2;3;4", 3, "comma"),  # whatever an attribute has
-    ("1;2;3;0.5\n1,5;2;3;4\n1.5;2;3;4", 3, "comma"),
-    ('"345,678";"567,890";12', 1, None),
-    ('345;567;12\n1;"-567,890";12', 2, None),
-    ('x;y;z;i\n1;2;3;"12,345"', 2, None),
-]
-
-
-@pytest.mark.parametrize("at_once", [1, 2, 100])
-@pytest.mark.parametrize(("text", "line", "sign"), SIGNS)
-def test_decimal_signs_that_change_or_are_in_doubt_are_refused_by_their_line(
-    tmp_path, monkeypatch, text, line, sign, at_once
-):
-    monkeypatch.setattr(_text, "ROWS_A_TIME", at_once)
-    words = f".* with a decimal {sign}, as those" if sign else "are there thousands or decimals"
-    with pytest.raises(PointFileError, match=f"line {line}: {words}"):
-        read(tmp_path, text)
-
-
 # ---- columns -----------------------------------------------------------------------------
 
 
@@ -258,23 +233,6 @@ def test_names_of_attributes_come_back(tmp_path, name, extension):
 
 
 # ---- comments above the rows -------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("# SHOT TIME LONGITUDE LATITUDE ELEVATION\n9 8 13.4 52.5 3\n", "no x, y among .* SHOT"),
-        ("// time ost nord hoch\n9 1 2 3\n", "no z among the columns time, ost, nord, hoch"),
-        ("# by hand\n# t azimuth range v\n9 1 2 3\n", "no x, y, z among the columns t, azimuth"),
-        ("#id,a,b,c\n9,1,2,3\n", "no x, y, z among the columns id, a, b, c"),
-        ("#id;a;b;c\n9;1;2;3\n", "no x, y, z among the columns id, a, b, c"),
-        ("#id,a,b,c\n9,1,2,3,\n", "no x, y, z among the columns id, a, b, c"),
-        ("# a,b,c,d\n# scanned,by,hand,today\n3,2,1,4\n", "among the columns a, b, c, d"),
-    ],
-)
-def test_names_in_a_comment_that_hold_no_coordinates_are_refused(tmp_path, text, message):
-    with pytest.raises(PointFileError, match=message):
-        read(tmp_path, text)
 
 
 def test_columns_are_found_by_the_names_of_a_comment(tmp_path):

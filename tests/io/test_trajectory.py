@@ -42,7 +42,7 @@ def test_columns_of_a_trajectory_are_found_by_their_names(head, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x,y,z\n1,2,3\n", "must name the columns x, y, z, and time or gps_time"),
+        ("x,y,z\n1,2,3\n", "columns must be x, y, z, and time or gps_time"),
         ("time,x,y\n1,2,3\n", "no z among the columns time, x, y"),
         ("time,x,y,z\n1,2,3,4\n1,2,3,5\n", "two times or more"),
         ("time,x,y,z\n1,2,3,4\n2,nan,3,5\n", "finite"),
@@ -89,7 +89,7 @@ def test_times_may_be_counted_from_elsewhere_which_is_said(of_points, of_path):
             for off in (-0.5, 0.5, 1e5, -3e7)
         ],
         (PointCloud(np.eye(3)), PATH, "points have no times"),
-        (points_at(SECONDS), PATH[:, :2], r"shapes \(21,\) and \(21, 2\)"),
+        (points_at(SECONDS), PATH[:, :2], r"shapes \(21,\), \(21, 2\)"),
     ],
 )
 def test_points_and_trajectories_that_do_not_fit_are_refused(cloud, path, message):
