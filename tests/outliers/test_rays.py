@@ -24,9 +24,8 @@ def room(n_rings=40, n_steps=300, rng=None, noise=0.003):
     elevation = np.repeat(np.radians(np.linspace(-40, 12, n_rings)), n_steps)
     azimuth = np.tile(np.linspace(-np.pi, np.pi, n_steps, endpoint=False), n_rings)
     azimuth += 0.3 * (azimuth[1] - azimuth[0]) * rng.random(len(azimuth))
-    rays = np.column_stack([
-        np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation),
-    ])  # fmt: skip
+    level = np.cos(elevation) * [np.cos(azimuth), np.sin(azimuth)]
+    rays = np.column_stack([*level, np.sin(elevation)])
     wall = 10 / np.abs(rays[:, :2]).max(axis=1)
     with np.errstate(divide="ignore"):
         ground = np.where(rays[:, 2] < 0, HEIGHT / -rays[:, 2], np.inf)
@@ -62,10 +61,8 @@ def test_flakes_are_found_and_rings_are_kept(snowed):
 
 @pytest.fixture(scope="module")
 def street():
-    return make_street(
-        20_000, sampling="scan_lines", outlier_share=0.1, outlier_kinds=["mixed_pixel"],
-        tree=True, random_state=0,
-    )  # fmt: skip
+    mixed = {"outlier_share": 0.1, "outlier_kinds": ["mixed_pixel"]}
+    return make_street(20_000, sampling="scan_lines", tree=True, random_state=0, **mixed)
 
 
 def test_sheets_of_mixed_pixels_are_found_and_the_rest_of_the_street_stays(street):
