@@ -57,13 +57,6 @@ class JetLimits(NamedTuple):
     rounds: int = 2  # times that the members are chosen anew, by the quadric
     least_members: int = 8  # leaves two degrees of freedom for the noise
 
-    @classmethod
-    def now(cls):
-        """As the limits that all rules share are now."""
-        explained = ExplainLimits().explained
-        truncation = truncated_normal(explained)[1] ** -0.5
-        return cls(explained=explained, truncation=truncation, pivot=QuadricLimits().pivot)
-
 
 class Jets(NamedTuple):
     """Quadrics of m neighborhoods, one row each, in radii of the neighborhoods.
@@ -147,7 +140,9 @@ def _curvatures_of_one(model, planes, queries):
 
 def _fit_jets(model, planes, queries, around, tangents):
     """Quadrics over the planes (m) of queries (m, 3), along `tangents` (m, 2, 3)."""
-    points, limits = model.index.points, JetLimits.now()
+    points, explained = model.index.points, ExplainLimits().explained
+    truncation = truncated_normal(explained)[1] ** -0.5
+    limits = JetLimits(explained, truncation, QuadricLimits().pivot)
     floor, k = model.least_scales(planes.centroids), around.indices.shape[1]
     m, (arrays, equations) = len(queries), work_arrays(8, k)
     jets = Jets(

@@ -3,7 +3,8 @@
 import numpy as np
 
 LEVELS = 31  # bits of a place along an axis
-HALF, SIDE = 2 ** (LEVELS - 1), 2 ** (LEVELS + 1)  # places are from -HALF to HALF - 1
+HALF = 2 ** (LEVELS - 1)  # places are from -HALF to HALF - 1
+SIDE = 2 ** (LEVELS + 1)  # the factor of a place along x in the number of a square
 
 
 class LowestPoints:

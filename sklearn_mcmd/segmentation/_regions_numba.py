@@ -12,7 +12,8 @@ from sklearn_mcmd.planes._explaining_numba import _root
 from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.runtime._kernels import kernel
 
-N_PLANE, N_CYLINDER = 3, 5  # parameters of a plane and of a cylinder
+N_PLANE = 3  # parameters of a plane
+N_CYLINDER = 5  # and of a cylinder
 # The points that a surface is fitted to; with plain numbers, `_fitted` is compiled for each.
 OTHER, FIRST, BOTH = np.int64(0), np.int64(1), np.int64(2)
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
