@@ -88,6 +88,6 @@ def changed(record, **values):
 
 def without_steps(*names):
     """Region growing leaves these steps out, meanwhile."""
-    from sklearn_mcmd.segmentation._steps import GrowthSteps
+    from sklearn_mcmd.segmentation._estimator import GrowthSteps
 
     return changed(GrowthSteps, **dict.fromkeys(names, False))

@@ -47,7 +47,7 @@ from _ablation_clouds import (
 from sklearn.metrics import average_precision_score
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
-from sklearn_mcmd.segmentation._steps import GrowthSteps
+from sklearn_mcmd.segmentation._estimator import GrowthSteps
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def outlier_scores(outlier, result):
 def low_points(X):
     """Points of groups far below ground, as ``mcmd denoise --low-groups`` finds them."""
     from sklearn_mcmd.io._ground import Ground
-    from sklearn_mcmd.outliers._low_groups import depths_of_groups
+    from sklearn_mcmd.outliers._groups import depths_of_groups
 
     ground = X[:, 3] == 1
     depths = depths_of_groups(X[:, :3], Ground(X[ground, :3]), ~ground)
@@ -197,6 +197,8 @@ PARTS = {
             Limit("segmentation._narrow_faces", "NarrowFaceLimits", "reach", np.inf),
             Limit("segmentation._cylinder_parts", "CylinderLimits", "growth"),
             Limit("segmentation._cylinder_parts", "CylinderLimits", "least_size", 6),
+            Limit("segmentation._cylinder_parts", "FitLimits", "n_steps"),
+            Limit("segmentation._cylinder_parts", "FitLimits", "least_gain"),
             Parameter("n_neighbors", (15, 24, 37, 60)),
             Parameter("max_angle", (7.5, 12, 18.75, 30)),
             Parameter("min_region_size", (1, 5, 8, 12, 20)),
@@ -221,11 +223,11 @@ PARTS = {
             Limit("normals._surface_planes", "MendLimits", "quiet"),
             Limit("normals._surface_planes", "MendLimits", "half_ball", np.inf),
             Limit("planes._explaining", "ExplainLimits", "explained", np.inf),
-            Limit("normals._neighbor_planes", "PatchLimits", "patch"),
-            Limit("normals._folds", "FoldLimits", "evidence", np.inf),
-            Limit("normals._folds", "FoldLimits", "best", 1.0, most=1.0),
-            Limit("normals._folds", "FoldLimits", "off"),
-            Limit("normals._folds", "FoldLimits", "rounds", 0),
+            Limit("normals._surface_planes", "PatchLimits", "patch"),
+            Limit("normals._quadrics", "FoldLimits", "evidence", np.inf),
+            Limit("normals._quadrics", "FoldLimits", "best", 1.0, most=1.0),
+            Limit("normals._quadrics", "FoldLimits", "off"),
+            Limit("normals._quadrics", "FoldLimits", "rounds", 0),
             Limit("normals._quadrics", "SmoothnessLimits", "curved", 0.0),
             Limit("normals._quadrics", "SmoothnessLimits", "n_errors", 0.0),
             Limit("normals._quadrics", "QuadricLimits", "pivot", 0.0),
@@ -261,15 +263,15 @@ PARTS = {
     "edges": Part(
         tried=(
             Limit("planes._explaining", "ExplainLimits", "explained", np.inf),
-            Limit("edges._faces", "FaceLimits", "n_spacing", 10_000),
-            Limit("edges._faces", "FaceLimits", "least_noise", 1e-6),
-            Limit("edges._faces", "FaceLimits", "flat", np.inf),
+            Limit("edges._crease_distance", "FaceLimits", "n_spacing", 10_000),
+            Limit("edges._crease_distance", "FaceLimits", "least_noise", 1e-6),
+            Limit("edges._crease_distance", "FaceLimits", "flat", np.inf),
             Limit("edges._crease_distance", "CreaseLimits", "far"),
             Limit("edges._crease_distance", "CreaseLimits", "evening_steps", 0),
             Limit("edges._crease_distance", "CreaseLimits", "radii", ()),
             Limit("edges._crease_distance", "CreaseLimits", "smooth_steps", 1),
             Limit("edges._crease_distance", "CreaseLimits", "huber", np.inf),
-            Limit("edges._limits", "EdgeLimits", "width"),
+            Limit("edges._detector", "EdgeLimits", "width"),
             Parameter("n_neighbors", (20, 30, 50)),
             Parameter("min_angle", (10, 16, 25, 40)),
         ),

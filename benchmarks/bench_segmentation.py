@@ -28,7 +28,7 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.metrics import segmentation_scores
-from sklearn_mcmd.segmentation._steps import GrowthSteps
+from sklearn_mcmd.segmentation._estimator import GrowthSteps
 
 FORMS = {  # steps of growth that are left out
     "paper's rules": GrowthSteps._fields,

@@ -2,7 +2,7 @@
 
 Constraints, type hints and the command line read them here. The command line cannot read them from
 the estimators, whose import takes long. What a word does is told where the work is done: levels of
-strictness in ``outliers/_levels.py``, methods in ``planes/_rules.py``. Tests hold that these know
+strictness in ``outliers/_model.py``, methods in ``planes/_rules.py``. Tests hold that these know
 every word, and that docstrings, help and pages name it.
 """
 

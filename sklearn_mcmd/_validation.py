@@ -58,13 +58,17 @@ class FittedScoresMixin(OffsetOutlierMixin):
         """1 for inliers and -1 for outliers of the fitted cloud, by ``offset_``."""
         return np.where(self.scores_ >= self.offset_, 1, -1)
 
-    def fit_predict(self, X: ArrayLike, y: object = None) -> NDArray[np.int64]:
+    def fit_predict(
+        self, X: ArrayLike, y: object = None, **fit_params: ArrayLike | None
+    ) -> NDArray[np.int64]:
         """Label the points of a cloud by itself.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
         y : Ignored
+        **fit_params : array-like
+            What else `fit` takes, such as positions of the sensor.
 
         Returns
         -------
@@ -72,7 +76,7 @@ class FittedScoresMixin(OffsetOutlierMixin):
             1 for inliers (points of a surface) and -1 for outliers (or edges). They equal
             ``fit(X).predict(X)``, but points are judged only once.
         """
-        return self.fit(X).labels_
+        return self.fit(X, **fit_params).labels_
 
 
 def validate_points(estimator, X, *, dtype=(np.float64, np.float32), **params):

@@ -331,7 +331,7 @@ def _verdict(cloud, points, detector, low_groups):
     under = np.zeros(len(cloud), bool)
     if low_groups:
         from sklearn_mcmd.io._ground import Ground
-        from sklearn_mcmd.outliers._low_groups import depths_of_groups
+        from sklearn_mcmd.outliers._groups import depths_of_groups
 
         ground = Ground(cloud.xyz[points.ground])
         depths = depths_of_groups(cloud.xyz, ground, points.judged)

@@ -7,13 +7,14 @@ decided by the Bayesian information criterion (BIC): faces that meet in creases,
 without any. The verdict is pooled over the neighbors, as an edge is a line and not a point.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import gamma
 
-from sklearn_mcmd.edges._faces import Faces, are_faces, give_faces, measure_spacing
-from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._around import are_flat
+from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
@@ -25,6 +26,17 @@ SEARCHED, MEASURED, GIVEN, MET = 0.1, 0.15, 0.3, 0.9
 CERTAIN = -np.log(np.finfo(float).eps)  # logarithm of the inverse of the rounding of a likelihood
 
 
+class FaceLimits(NamedTuple):
+    """What a face is."""
+
+    n_spacing: int = 8  # neighbors that tell the spacing, or all if fewer
+    least_noise: float = 0.05  # share of the spacing: a point is not known better
+    # Most noise, as a share of its radius. It is more than that of surfaces in the search for
+    # outliers, 0.15: a face that passes for foliage costs edges, but little foliage is left in a
+    # cleaned cloud.
+    flat: float = 0.2
+
+
 class CreaseLimits(NamedTuple):
     """How creases are found."""
 
@@ -34,6 +46,26 @@ class CreaseLimits(NamedTuple):
     huber: float = 1.5  # standard deviations beyond which points count less in such a fit
     # Radii of rounded edges, in spacings: what is rounded by less is sharp.
     radii: tuple = (1.0, 1.5, 2.0, 3.0, 4.0)
+
+
+class Faces(NamedTuple):
+    """The plane given to each of m points."""
+
+    normals: np.ndarray  # (m, d)
+    levels: np.ndarray  # (m,), as all below: n . x of the plane's points
+    height: np.ndarray  # of the point above its plane
+    scale: np.ndarray  # standard deviation of the noise
+    spacing: np.ndarray  # of the points around
+    flat: np.ndarray  # bool: whether the plane is that of a face, not of foliage or a cluster
+    on_face: np.ndarray  # bool: whether the point lies on such a plane
+
+    @classmethod
+    def empty(cls, m, d, make=np.empty):
+        """A record to be filled, of arrays that `make` makes."""
+        numbers, answers = (make(m) for _ in range(4)), (make(m, bool) for _ in range(2))
+        return cls(make((m, d)), *numbers, *answers)
+
+    put, take = Planes.put, Planes.take  # type: ignore[misc]
 
 
 def find_creases(index, planes, min_angle, n_jobs=None, around=None):
@@ -50,54 +82,52 @@ def find_creases(index, planes, min_angle, n_jobs=None, around=None):
         around = _search(index, index.points, n_jobs) if around is None else around
     with progress_part(SEARCHED, MEASURED):
         _measure_spacing(index, points, planes, around, n_jobs)
-    cloud = _Cloud(index=index, points=points, planes=planes, flat=are_faces(planes), n_jobs=n_jobs)
-    with progress_part(MEASURED, GIVEN):
-        faces = cloud.give_planes(points, around)
     cosine = np.cos(np.radians(min_angle))
-    with progress_part(GIVEN, MET):
-        distance, evidence = cloud.meet(points, faces, faces, cosine, around)
-    with progress_part(MET, 1.0):
-        cloud.judge(faces, distance, evidence, around)
-    creases = Creases(cloud=cloud, origin=origin, faces=faces, evidence=evidence, cosine=cosine)
-    return creases, distance
+    creases = Creases(
+        index=index,
+        points=points,
+        origin=origin,
+        planes=planes,
+        flat=are_faces(planes),
+        cosine=cosine,
+        n_jobs=n_jobs,
+    )
+    faces, evidence, distance = creases.measure(points, around)
+    return replace(creases, faces=faces, evidence=evidence), distance
 
 
-class Creases(NamedTuple):
-    """A cloud whose creases are known."""
+@dataclass(frozen=True)
+class Creases:
+    """A cloud whose creases are known, once its faces are."""
 
-    cloud: "_Cloud"
+    index: NeighborIndex
+    points: np.ndarray  # from the origin
     origin: np.ndarray
-    faces: Faces
-    evidence: np.ndarray
-    cosine: float  # that of two faces is smaller
+    planes: Planes
+    flat: np.ndarray  # bool: which planes are those of faces
+    cosine: float  # that of two faces that meet is smaller
+    n_jobs: int | None
+    faces: Faces | None = None  # of the points
+    evidence: np.ndarray | None = None
 
     def distance(self, queries, around=None):
         """Distances of queries (m, d) to the nearest crease, in spacings. Where none is found it is
         between `far` and twice as much, the less, the less flat the neighborhood."""
-        cloud = self.cloud
         with progress_part(0.0, SEARCHED):
-            around = _search(cloud.index, queries, cloud.n_jobs) if around is None else around
-        queries = queries - self.origin
+            around = _search(self.index, queries, self.n_jobs) if around is None else around
+        return self.measure(queries - self.origin, around)[2]
+
+    def measure(self, queries, around):
+        """Faces of queries, evidence for creases, and distances from these."""
         with progress_part(MEASURED, GIVEN):
-            own = cloud.give_planes(queries, around)
+            own = self._give_planes(queries, around)
         with progress_part(GIVEN, MET):
-            distance, _ = cloud.meet(queries, own, self.faces, self.cosine, around)
+            distance, evidence = self._meet(queries, own, around)
         with progress_part(MET, 1.0):
-            cloud.judge(own, distance, self.evidence, around)
-        return distance
+            self._judge(own, distance, evidence, around)
+        return own, evidence, distance
 
-
-@dataclass(frozen=True)
-class _Cloud:
-    """Points whose planes are measured."""
-
-    index: NeighborIndex
-    points: np.ndarray  # from the origin
-    planes: Planes
-    flat: np.ndarray  # bool: which planes are those of faces
-    n_jobs: int | None
-
-    def give_planes(self, queries, around):
+    def _give_planes(self, queries, around):
         """Of the planes of its neighbors, the one that explains each query best."""
         faces = Faces.empty(*queries.shape, self.index.empty)
         usable = np.ones(len(self.points), dtype=bool)
@@ -108,25 +138,44 @@ class _Cloud:
         _in_chunks(around, give, self.points.shape[1], self.n_jobs)
         return faces
 
-    def meet(self, queries, own, faces, cosine, around):
-        """Distance to the nearest crease in spacings, and the evidence for it."""
+    def _meet(self, queries, own, around):
+        """Distance to the nearest crease in spacings, inf if none, and its evidence: half of the
+        BIC of the best two or three faces less that of the best surface without a crease, negative
+        where there is an edge. `own` are the faces of the queries."""
         distance, evidence = (self.index.empty(len(queries)) for _ in range(2))
+        distance[:], evidence[:] = np.inf, np.nan
+        faces = own if self.faces is None else self.faces
 
         def meet(part, around):
-            distance[part], evidence[part] = meet_faces(
-                queries[part], own.take(part), around, self.points, faces, cosine
-            )
+            mine, near = own.take(part), around.indices
+            cosines = np.abs(np.einsum("md,mkd->mk", mine.normals, faces.normals[near]))
+            other = (cosines < self.cosine) & faces.on_face[near]
+            # A face has as many points as determine a plane.
+            busy = np.flatnonzero(other.sum(axis=1) >= queries.shape[1])
+            busy = busy[mine.flat[busy] & (mine.spacing[busy] > 0)]
+            if busy.size:
+                some, near = part.start + busy, near[busy]
+                given = faces.normals[near], faces.levels[near], cosines[busy], other[busy]
+                distance[some], evidence[some] = _faces_or_smooth(
+                    queries[some], mine.take(busy), self.points[near], *given, self.cosine
+                )
 
         _in_chunks(around, meet, min(self.index.n_neighbors, 1_000), self.n_jobs)
         return distance, evidence
 
-    def judge(self, faces, distance, evidence, around):
+    def _judge(self, faces, distance, evidence, around):
         """Let the neighbors say, in place, how far each point counts as from the crease: as far as
         it is where they say that an edge is the better model, and farther where not."""
+        evidence = evidence if self.evidence is None else self.evidence
 
         def judge(part, around):
-            pooled = _median(evidence[around.indices])
-            most = CreaseLimits().far * (2.0 - _roundness(self.points[around.indices]))
+            pooled, neighbors = _median(evidence[around.indices]), self.points[around.indices]
+            d, centered = neighbors.shape[2], neighbors - neighbors.mean(axis=1, keepdims=True)
+            values = np.linalg.eigvalsh(np.matmul(centered.swapaxes(1, 2), centered))
+            total = np.maximum(values.sum(axis=1), np.finfo(float).tiny)
+            # From 0 on a plane to 1 in a ball.
+            roundness = d * np.clip(values[:, 0] / total, 0.0, 1.0 / d)
+            most = CreaseLimits().far * (2.0 - roundness)
             smooth = np.exp(np.clip(pooled, 0.0, CERTAIN))  # continuous
             limit = ExplainLimits().explained * faces.scale[part]
             off = np.maximum(np.abs(faces.height[part]) / limit, 1.0)
@@ -146,28 +195,34 @@ def _in_chunks(around, work, width, n_jobs):
 
 def _search(index, queries, n_jobs):
     """The neighborhoods of queries, or of all points: one search for all that follows."""
-    own = queries is index.points
-    (m, d), k = queries.shape, index.n_neighbors
+    m, k = len(queries), index.n_neighbors
     indices = np.empty((m, k), dtype=np.int32)
 
-    def task(rows):
-        around = index.query_own(rows) if own else index.query(queries[rows])
+    def search(rows, around=None):
+        around = index.query(queries[rows]) if around is None else around
         indices[rows] = around.indices
 
-    if own:
-        each_slice(m, max(1, CHUNK // (k * d)), task, n_jobs)
+    if queries is index.points:
+        index.visit_own(np.ones(m, bool), k, search, n_jobs)
     else:
-        each_chunk(queries, index.chunk, task, n_jobs)
+        each_chunk(queries, index.chunk, search, n_jobs)
     return Neighborhoods(indices, np.full(m, k))
 
 
 def _measure_spacing(index, points, planes, around, n_jobs):
-    """Fill spacing and radius of the planes, and their noise, which is not known better."""
-    even = index.empty(len(points))
+    """Fill radius, spacing (the side of the cell that one point of a surface takes), and noise of
+    the planes, which is not known better."""
+    even, d, limits = index.empty(len(points)), points.shape[1], FaceLimits()
+    n = min(limits.n_spacing, around.indices.shape[1] - 1)
+    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
+    side = (ball / n) ** (1.0 / (d - 1))
 
     def measure(part, around):
-        found = measure_spacing(points, points[part], around, planes.scale[part])
-        planes.spacing[part], planes.radius[part], planes.scale[part] = found
+        gaps = points[around.indices] - points[part, None]
+        distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
+        planes.spacing[part] = spacing = np.partition(distances, n, axis=1)[:, n] * side
+        planes.radius[part] = distances.max(axis=1)
+        planes.scale[part] = np.maximum(planes.scale[part], limits.least_noise * spacing)
 
     def smooth(part, around):
         even[part] = planes.spacing[around.indices].mean(axis=1)
@@ -180,24 +235,45 @@ def _measure_spacing(index, points, planes, around, n_jobs):
             planes.spacing[:] = even
 
 
-def meet_faces(queries, own, around, points, faces, cosine):
-    """Distance to the nearest crease in spacings, inf if none, and its evidence: half of the BIC
-    of the best two or three faces less that of the best surface without a crease, negative where
-    there is an edge. `own` are the faces of the queries, `faces` those of the points."""
-    distance, evidence = np.full(len(queries), np.inf), np.full(len(queries), np.nan)
-    indices = around.indices
-    cosines = np.abs(np.einsum("md,mkd->mk", own.normals, faces.normals[indices]))
-    other = (cosines < cosine) & faces.on_face[indices]
-    # A face has as many points as determine a plane.
-    busy = np.flatnonzero(other.sum(axis=1) >= queries.shape[1])
-    busy = busy[own.flat[busy] & (own.spacing[busy] > 0)]
-    if busy.size:
-        near = indices[busy]
-        given = faces.normals[near], faces.levels[near], cosines[busy], other[busy]
-        distance[busy], evidence[busy] = _faces_or_smooth(
-            queries[busy], own.take(busy), points[near], *given, cosine
-        )
-    return distance, evidence
+def are_faces(planes):
+    """Whether planes are those of faces: flat, or the flatter half of all."""
+    flatness = planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
+    return are_flat(planes, max(FaceLimits().flat, np.median(flatness)))
+
+
+def give_faces(queries, around, planes, flat, usable):
+    """Of the planes of its neighbors, the one that explains each query best: `Faces`. `usable` is
+    True for all planes; an array, so that it is made once."""
+    spacing = planes.spacing[around.indices].mean(axis=1)
+    least = np.maximum(FaceLimits().least_noise * spacing, np.finfo(float).tiny)
+    owners = explain(queries, around, planes, usable, least, likely=True)[0]
+    far = np.flatnonzero(owners < 0)
+    if len(far):
+        # What no plane reaches is given the likeliest as if all were boundless.
+        near = around.take(far)
+        members = np.unique(near.indices)
+        boundless = planes.take(members)
+        boundless = boundless._replace(radius=np.full_like(boundless.radius, np.inf))
+        near = near._replace(indices=np.searchsorted(members, near.indices).astype(np.int32))
+        all_usable = usable[: len(members)]
+        found = explain(queries[far], near, boundless, all_usable, least[far], likely=True)[0]
+        # Points in one place have no planes.
+        owners[far] = members[np.where(found < 0, near.indices[:, 0], found)]
+    normals = planes.normals[owners]
+    levels = np.einsum("md,md->m", planes.centroids[owners], normals)
+    height = np.einsum("md,md->m", queries, normals) - levels
+    scale = np.maximum(planes.scale[owners], least)
+    flat = flat[owners]
+    on_face = flat & (np.abs(height) <= ExplainLimits().explained * scale)
+    return Faces(
+        normals=normals,
+        levels=levels,
+        height=height,
+        scale=scale,
+        spacing=spacing,
+        flat=flat,
+        on_face=on_face,
+    )
 
 
 def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, cosine):
@@ -346,14 +422,6 @@ def _solve(terms, values, deviations):
     normal = np.matmul(weighted.swapaxes(1, 2), terms) + 1e-9 * np.eye(terms.shape[2])
     right = np.einsum("mka,mk->ma", weighted, values)
     return np.linalg.solve(normal, right[..., None])[..., 0]
-
-
-def _roundness(neighbors):
-    """Surface variation (m,) of neighborhoods (m, k, d), from 0 on a plane to 1 in a ball."""
-    centered = neighbors - neighbors.mean(axis=1, keepdims=True)
-    values = np.linalg.eigvalsh(np.matmul(centered.swapaxes(1, 2), centered))
-    total = np.maximum(values.sum(axis=1), np.finfo(float).tiny)
-    return neighbors.shape[2] * np.clip(values[:, 0] / total, 0.0, 1.0 / neighbors.shape[2])
 
 
 def _median(values):

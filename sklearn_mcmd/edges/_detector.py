@@ -1,8 +1,10 @@
 """SharpFeatureDetector: edges and corners of point clouds."""
 
 import warnings
+from itertools import chain
+from math import fsum, sqrt
 from numbers import Integral, Real
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,13 +30,21 @@ from sklearn_mcmd._validation import (
     validate_points,
 )
 from sklearn_mcmd.edges._crease_distance import CreaseLimits, find_creases
-from sklearn_mcmd.edges._limits import EdgeLimits, column_of_criterion, least_of_edge
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
+
+
+class EdgeLimits(NamedTuple):
+    """Which points belong to an edge, where no parameter says it."""
+
+    width: float = 2.0  # spacings from a crease
+    robust_std: float = 3.0  # robust standard deviations above the median
+    paper_std: float = 1.0  # standard deviations above the mean (Eq. 25)
 
 
 class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin, BaseEstimator):
@@ -228,13 +238,6 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         Returns
         -------
         self : object
-
-        Raises
-        ------
-        ValueError
-            If X has NaN, infinite or too few values or columns, `n_neighbors` is too small,
-            `threshold` or `normals` does not fit `criterion`, or `outlier_detector` gives other
-            labels than +1 and -1 or leaves too few points for a plane.
         """
         table = validate_points(self, X, ensure_min_features=2)
         if self.normals == "precomputed" and self.criterion == "removed_fraction":
@@ -346,7 +349,14 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             if self.criterion == "eigenvalue":
                 values = columns.eigenvalues[:, 0]
             return values.astype(np.float64)
-        column, xyz = self._value_column(), columns.coordinates
+        names, xyz = list(self.normal_estimator_.get_feature_names_out()), columns.coordinates
+        name = column_of_criterion(self.criterion)
+        if name not in names:
+            raise ValueError(
+                f"criterion={self.criterion!r} needs the column {name} of "
+                f"normal_estimator.transform, which has {names}: ask for it by features=[{name!r}]."
+            )
+        column = names.index(name)
         values, rest = np.empty(len(xyz)), np.ones(len(xyz), dtype=bool)
         if members is not None:
             rest = ~self.inlier_mask_
@@ -355,57 +365,34 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             values[rest] = np.asarray(self.normal_estimator_.transform(xyz[rest]))[:, column]
         return values
 
-    def _value_column(self):
-        """Which column of the normal estimator holds the criterion."""
-        names = list(self.normal_estimator_.get_feature_names_out())
-        name = column_of_criterion(self.criterion)
-        if name not in names:
-            raise ValueError(
-                f"criterion={self.criterion!r} needs the column {name} of "
-                f"normal_estimator.transform, which has {names}: ask for it by features=[{name!r}]."
-            )
-        return names.index(name)
-
 
 def crease_width(detector):
     """Spacings from a crease within which a point belongs to the edge."""
     return EdgeLimits().width if detector.threshold is None else float(detector.threshold)
 
 
-def steps_of(detector):
+def steps_of(edges):
     """The detector that cleans the cloud, None if nothing does, and the normal estimator."""
     # Both get one seed, drawn once, because a RandomState would give them two.
-    seed = check_random_state(detector.random_state).randint(np.iinfo(np.int32).max)
-    return _cleaner(detector, seed), _normal_estimator(detector, seed)
-
-
-def _cleaner(edges, seed):
-    detector = edges.outlier_detector
-    if isinstance(detector, str) and detector == "passthrough":
-        return None
-    if edges.normals == "precomputed" and edges.criterion != "crease":
-        return None
-    if detector is None:
-        detector = MCMDOutlierDetector(
-            strictness="groups" if edges.criterion == "crease" else "surfaces",
-            random_state=seed,
-            n_jobs=edges.n_jobs,
+    seed = check_random_state(edges.random_state).randint(np.iinfo(np.int32).max)
+    common = {"random_state": seed, "n_jobs": edges.n_jobs}
+    cleaner, normals = edges.outlier_detector, edges.normal_estimator
+    crease = edges.criterion == "crease"
+    if cleaner is None:
+        cleaner = MCMDOutlierDetector(strictness="groups" if crease else "surfaces", **common)
+    if normals is None:
+        plain = edges.criterion in ("eigenvalue", "surface_variation")
+        normals = RobustNormalEstimator(
+            edges.n_neighbors,
+            method="pca" if plain else "mcmd_z",
+            tangents=False,  # beside an edge they turn from one face to the other
+            features="removed_fraction" if edges.criterion == "removed_fraction" else None,
+            **common,
         )
-    return _seeded(detector, seed)
-
-
-def _normal_estimator(edges, seed):
-    if edges.normal_estimator is not None:
-        return _seeded(edges.normal_estimator, seed)
-    plain = edges.criterion in ("eigenvalue", "surface_variation")
-    return RobustNormalEstimator(
-        edges.n_neighbors,
-        method="pca" if plain else "mcmd_z",
-        tangents=False,  # beside an edge they turn from one face to the other
-        features="removed_fraction" if edges.criterion == "removed_fraction" else None,
-        random_state=seed,
-        n_jobs=edges.n_jobs,
-    )
+    cleans = crease or edges.normals == "estimate"
+    if not cleans or (isinstance(cleaner, str) and cleaner == "passthrough"):
+        return None, _seeded(normals, seed)
+    return _seeded(cleaner, seed), _seeded(normals, seed)
 
 
 def _seeded(estimator, seed):
@@ -414,3 +401,35 @@ def _seeded(estimator, seed):
     if estimator.get_params().get("random_state", seed) is None:
         estimator.set_params(random_state=seed)
     return estimator
+
+
+def column_of_criterion(criterion):
+    """The column of ``RobustNormalEstimator.transform`` that holds a criterion."""
+    return "eigenvalue_0" if criterion == "eigenvalue" else criterion
+
+
+def least_of_edge(parts, threshold, n_std):
+    """The limit that a threshold means; it depends on neither the parts nor their order.
+
+    ``parts()`` iterates over arrays, the values of a cloud.
+    """
+    if isinstance(threshold, Real):
+        return float(threshold)
+    if threshold == "mean":  # Eq. 25
+        n = sum(len(values) for values in parts())
+        mean = _sum(parts()) / n
+        variance = _sum(np.square(values - mean) for values in parts()) / (n - 1)
+        return mean + (EdgeLimits().paper_std if n_std is None else n_std) * sqrt(variance)
+    usual = _median(parts())
+    deviation = _median(np.abs(values - usual) for values in parts())
+    n_std = EdgeLimits().robust_std if n_std is None else n_std
+    return float(usual + n_std * MAD_TO_SD * deviation)
+
+
+def _sum(parts):
+    """The sum as if it were exact, and rounded once."""
+    return fsum(chain.from_iterable(values.tolist() for values in parts))
+
+
+def _median(parts):
+    return np.median(np.concatenate(list(parts)))

@@ -84,12 +84,18 @@ class ScaleFinder:
         return reached
 
     def _fit(self, k, rows):
-        """Errors (m,) and normals (m, d) of planes of the k nearest, of some points."""
+        """Errors in degrees (m,) and normals (m, d) of planes of the k nearest of some points."""
         errors, normals = self.index.empty(len(rows)), self.index.empty(self.index.points.shape)
         errors[:], normals[:] = 90.0, 0.0
 
         def task(part, around):
-            errors[part], normals[part] = errors_of(self.index.points, around)
+            planes = Planes.empty(len(part), normals.shape[1])
+            _, left, _ = whole_planes(
+                self.index.points, around, planes, np.empty_like(planes.normals)
+            )
+            known = np.isfinite(left)  # the members determine a quadric
+            found = normal_errors(np.where(known, left, 0.0), planes.eigenvalues, around.sizes)
+            errors[part], normals[part] = np.where(known, found, 90.0), planes.normals
 
         self._each(rows, k, task)
         return errors, normals
@@ -116,18 +122,6 @@ def sized_index(xyz, radius, n_jobs):
     index = NeighborIndex(xyz, SizeLimits().around)  # which the next one shares
     sizes = ScaleFinder(index, n_jobs).sizes()
     return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
-
-
-def errors_of(points, around):
-    """Errors (m,), in degrees, and normals (m, d) of planes of neighborhoods.
-
-    The error is 90 where the members do not determine a quadric.
-    """
-    planes = Planes.empty(len(around.sizes), points.shape[1])
-    _, left, _ = whole_planes(points, around, planes, np.empty_like(planes.normals))
-    known = np.isfinite(left)
-    found = normal_errors(np.where(known, left, 0.0), planes.eigenvalues, around.sizes)
-    return np.where(known, found, 90.0), planes.normals
 
 
 def wanted_by(quiet, k, d, limits):

@@ -57,13 +57,6 @@ class JetLimits(NamedTuple):
     rounds: int = 2  # times that the members are chosen anew, by the quadric
     least_members: int = 8  # leaves two degrees of freedom for the noise
 
-    @classmethod
-    def now(cls):
-        """As the limits that all rules share are now."""
-        explained = ExplainLimits().explained
-        truncation = truncated_normal(explained)[1] ** -0.5
-        return cls(explained=explained, truncation=truncation, pivot=QuadricLimits().pivot)
-
 
 class Jets(NamedTuple):
     """Quadrics of m neighborhoods, one row each, in radii of the neighborhoods.
@@ -77,17 +70,6 @@ class Jets(NamedTuple):
     factors: np.ndarray  # (m, 6), rows of the lower triangle L
     noise: np.ndarray  # (m,), standard deviation of the members from the quadric
     n_used: np.ndarray  # int (m,), members; 0 where they do not determine the quadric
-
-    @classmethod
-    def undetermined(cls, m):
-        """A record to be filled in part."""
-        return cls(
-            slopes=np.zeros((m, 2)),
-            bends=np.zeros((m, 3)),
-            factors=np.ones((m, 6)),
-            noise=np.zeros(m),
-            n_used=np.zeros(m, np.int64),
-        )
 
 
 def curvatures_of_fitted(model, planes, X, n_jobs=None):
@@ -110,10 +92,7 @@ def curvatures_of_fitted(model, planes, X, n_jobs=None):
     turned = (planes.normals != planes.normals[index.rows[places]]).any(axis=1)
     rows = np.flatnonzero(turned)
     if len(rows):
-        around = index.query_own(places[rows])
-        found.put(
-            rows, curvatures_of_each(model, planes.take(rows), index.points[places[rows]], around)
-        )
+        found.put(rows, curvatures_of_new(model, planes.take(rows), X[rows]))
     return found
 
 
@@ -161,11 +140,20 @@ def _curvatures_of_one(model, planes, queries):
 
 def _fit_jets(model, planes, queries, around, tangents):
     """Quadrics over the planes (m) of queries (m, 3), along `tangents` (m, 2, 3)."""
-    points, limits = model.index.points, JetLimits.now()
+    points, explained = model.index.points, ExplainLimits().explained
+    truncation = truncated_normal(explained)[1] ** -0.5
+    limits = JetLimits(explained, truncation, QuadricLimits().pivot)
     floor, k = model.least_scales(planes.centroids), around.indices.shape[1]
-    jets, (arrays, equations) = Jets.undetermined(len(queries)), work_arrays(8, k)
+    m, (arrays, equations) = len(queries), work_arrays(8, k)
+    jets = Jets(
+        slopes=np.zeros((m, 2)),
+        bends=np.zeros((m, 3)),
+        factors=np.ones((m, 6)),
+        noise=np.zeros(m),
+        n_used=np.zeros(m, np.int64),
+    )
     room = arrays[:3], arrays[3:6], arrays[6], arrays[7], np.empty(k, bool), *equations
-    fit = compiled_function("normals._curvature_numba", "fit_jets")
+    fit = compiled_function("normals._quadrics_numba", "fit_jets")
     fit(points, around, queries, tangents, planes, floor, limits, room, jets)
     return jets
 
@@ -191,26 +179,25 @@ def _derive(jets, tangents, normals, radius):
         flat = x[:, None] * tangents[:, 0] + y[:, None] * tangents[:, 1]
         directions.append(point_up(flat + (b * x + c * y)[:, None] * normals))
         gradients.append(2 * np.stack([x * x, x * y, y * y]) / steep)
-    unit = jets.noise * _student(jets.n_used)
+    # The ratio of the quantiles of Student's and the normal distribution widens the errors of few.
+    counts, inverse_counts = np.unique(jets.n_used, return_inverse=True)
+    quantile = (1 + CONFIDENCE) / 2
+    student = stdtrit(np.maximum(counts - TERMS, 1), quantile) / ndtri(quantile)
+    unit = jets.noise * student[inverse_counts]
     errors = [unit * _length(jets.factors, gradient) for gradient in gradients]
     mean_error = unit * _length(jets.factors, (gradients[0] + gradients[1]) / 2)
-    found = Curvatures(
-        max_curvature=mean + half,
-        min_curvature=mean - half,
-        max_error=errors[0],
-        min_error=errors[1],
-        mean_error=mean_error,
-        max_direction=directions[0],
-        min_direction=directions[1],
+    # From one over radii to one over units; zeros where the error exceeds one over the radius.
+    inverse = np.divide(1.0, radius, out=np.zeros(len(radius)), where=radius > 0)
+    known = (jets.n_used > 0) & (np.maximum(*errors) <= 1.0)
+    return Curvatures(
+        max_curvature=np.where(known, mean + half, 0.0) * inverse,
+        min_curvature=np.where(known, mean - half, 0.0) * inverse,
+        max_error=np.where(known, errors[0], 1.0) * inverse,
+        min_error=np.where(known, errors[1], 1.0) * inverse,
+        mean_error=np.where(known, mean_error, 1.0) * inverse,
+        max_direction=np.where(known[:, None], directions[0], 0.0),
+        min_direction=np.where(known[:, None], directions[1], 0.0),
     )
-    return _in_units(found, jets.n_used > 0, radius)
-
-
-def _student(n_used):
-    """Ratios of the quantiles of Student's and the normal distribution, by numbers of members."""
-    counts, inverse = np.unique(n_used, return_inverse=True)
-    quantile = (1 + CONFIDENCE) / 2
-    return (stdtrit(np.maximum(counts - TERMS, 1), quantile) / ndtri(quantile))[inverse]
 
 
 def _length(factors, gradient):
@@ -220,14 +207,3 @@ def _length(factors, gradient):
     y = (gradient[1] - l21 * x) / l22
     z = (gradient[2] - l31 * x - l32 * y) / l33
     return np.sqrt(x * x + y * y + z * z)
-
-
-def _in_units(found, determined, radius):
-    """From one over radii to one over units; zeros where the error exceeds one over the radius."""
-    inverse = np.divide(1.0, radius, out=np.zeros(len(radius)), where=radius > 0)
-    known = determined & (np.maximum(found.max_error, found.min_error) <= 1.0)
-    return Curvatures(
-        *(np.where(known, values, 0.0) * inverse for values in found[:2]),
-        *(np.where(known, values, 1.0) * inverse for values in found[2:5]),
-        *(np.where(known[:, None], values, 0.0) for values in found[5:]),
-    )

@@ -319,17 +319,33 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Returns
         -------
         self : object
-
-        Raises
-        ------
-        ValueError
-            If X has NaN, infinite or too few values, or if parameters do not fit it or each other.
         """
-        self._fit_columns(X, sensor_origin)
+        if self.n_neighbors is None and self.radius is not None:
+            raise ValueError(
+                f"radius={self.radius} has no meaning with n_neighbors=None, one neighborhood of "
+                "all points; give a number of neighbors."
+            )
+        check_mending(self)
+        xyz = self._fit_planes(X, self.radius, self.cutoff)
+        origin = self.sensor_origin if sensor_origin is None else sensor_origin
+        self._sides = Sides(self.orientation, origin, xyz)
+        self._feature_names = check_features(self.features, xyz.shape[1])
+        self._surfaces = None
+        with self._part_of_planes():
+            if mends_planes(self) and xyz.shape[1] <= 3:
+                surfaces = SurfacePlanes(self, self._model)
+                planes, self.plane_index_, self._surfaces = surfaces.fit(xyz, self.n_jobs)
+            else:
+                with progress_part(0.0, 1.0, "normals"):
+                    planes, _ = self._model.evaluate_fitted(xyz, n_jobs=self.n_jobs)
+                self.plane_index_ = np.arange(len(xyz))
+
+        def orient(normals):
+            self._sides.fit(self._model.index, normals, xyz, self.n_jobs)
+
+        self._fill(planes, xyz, orient, curvatures_of_fitted)
         return self
 
-    @fit_context(prefer_skip_nested_validation=True)
-    @fit_in_tasks
     def fit_transform(
         self,
         X: ArrayLike,
@@ -350,7 +366,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         X_out : ndarray of shape (n_samples, 3 * n_features + 3 + n_chosen)
             As by `transform`.
         """
-        xyz = self._fit_columns(X, sensor_origin)
+        xyz = self.fit(X, sensor_origin=sensor_origin)._check_queries(X)
         planes = self.eigenvalues_, self.plane_offset_[:, None], self.plane_scale_[:, None]
         return joined_columns(xyz, self.normals_, *planes, self.features_)
 
@@ -410,33 +426,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         tags = super().__sklearn_tags__()
         tags.transformer_tags.preserves_dtype = ["float64", "float32"]
         return tags
-
-    def _fit_columns(self, X, sensor_origin=None):
-        if self.n_neighbors is None and self.radius is not None:
-            raise ValueError(
-                f"radius={self.radius} has no meaning with n_neighbors=None, one neighborhood of "
-                "all points; give a number of neighbors."
-            )
-        check_mending(self)
-        X = self._fit_planes(X, self.radius, self.cutoff)
-        origin = self.sensor_origin if sensor_origin is None else sensor_origin
-        self._sides = Sides.of(self.orientation, origin, X)
-        self._feature_names = check_features(self.features, X.shape[1])
-        self._surfaces = None
-        with self._part_of_planes():
-            if mends_planes(self) and X.shape[1] <= 3:
-                surfaces = SurfacePlanes.of(self, self._model)
-                planes, self.plane_index_, self._surfaces = surfaces.fit(X, self.n_jobs)
-            else:
-                with progress_part(0.0, 1.0, "normals"):
-                    planes, _ = self._model.evaluate_fitted(X, n_jobs=self.n_jobs)
-                self.plane_index_ = np.arange(len(X))
-
-        def orient(normals):
-            self._sides.fit(self._model.index, normals, X, self.n_jobs)
-
-        self._fill(planes, X, orient, curvatures_of_fitted)
-        return X
 
     def _fill(self, planes, X, orient, find_curvatures):
         """Fill what is public of points X (n, d); `orient` flips normals that point up in place."""

@@ -120,17 +120,13 @@ def evaluate_features(names, planes, points, curvatures=None):
 
     `curvatures` is None where no feature needs them.
     """
-    width = len(feature_columns(names, range(points.shape[1])))
-    columns, start = np.empty((len(points), width)), 0
+    columns = [np.empty((len(points), 0))]
     for name in names:
         if name in OF_CURVATURES:
-            values = OF_CURVATURES[name](curvatures)
+            columns.append(OF_CURVATURES[name](curvatures))
         else:
-            values = OF_PLANES[name](planes, points)
-        values = values.reshape(len(points), -1)
-        columns[:, start : start + values.shape[1]] = values
-        start += values.shape[1]
-    return columns
+            columns.append(OF_PLANES[name](planes, points))
+    return np.column_stack(columns)
 
 
 def _difference(planes, larger, smaller):

@@ -1,4 +1,4 @@
-"""``_neighbor_planes``, compiled."""
+"""Which planes of neighbors explain a point, compiled."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 @kernel(cache=True)
 def find_lenders(points, queries, around, planes, most, limits, arrays, lenders):
-    """Fill `lenders` as `find_lenders` of ``_neighbor_planes`` returns them, in work arrays."""
+    """Fill `lenders` as `find_lenders` of ``_surface_planes`` returns them, in work arrays."""
     d = queries.shape[1]
     patch, heights = arrays[:d], arrays[d]
     for i in range(len(queries)):
@@ -91,7 +91,7 @@ def _weighted(heights, n, variance, explained):
 def doubted_errors(
     points, queries, around, planes, tangents, members, bends, limits, patches, found, errors
 ):
-    """Fill `errors` as `doubted_errors` of ``_neighbor_planes`` returns them, in work arrays.
+    """Fill `errors` as `doubted_errors` of ``_surface_planes`` returns them, in work arrays.
 
     `found` has, of the planes around, the heights of the query above them, what their angles have
     beyond chance, and along two tangents the places of their points and the lean of their normals.

@@ -5,6 +5,10 @@ noise can be smaller than the bend within a neighborhood. Then the points off th
 look like outliers, and a plane fitted to the rest leans. So a test comes first: does one smooth
 surface, a quadric over the plane of all members, explain the neighborhood as well as the robust
 plane explains the members that it keeps? It does not at an edge.
+
+A quadric and two planes have the same number of parameters. At a bend the quadric leaves less, at a
+fold the planes do. Of a surface that bends, the normal is that of the quadric at the point, and not
+that of the plane of all members: beside an end of a fillet this leans.
 """
 
 from math import pi, sqrt
@@ -13,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri, fdtri, ndtr, ndtri
 
+from sklearn_mcmd.planes._principal_planes import student_factors
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 GEARY = sqrt(2 / pi)  # mean absolute value of a standard normal variable
@@ -41,22 +46,26 @@ class SmoothnessLimits(NamedTuple):
     n_errors: float = 1.5
 
 
+class FoldLimits(NamedTuple):
+    """When a neighborhood is folded."""
+
+    evidence: float = 1.0  # least ratio of squares that the quadric leaves to those of two planes
+    best: float = 0.75  # share of the members whose squares count, as others may be outliers
+    # Members farther from the robust plane than this number of its standard deviations are what the
+    # second plane is fitted to first.
+    off: float = 1.5
+    rounds: int = 5  # times that members join the nearer plane, and both are fitted anew
+
+
 class NormalSample(NamedTuple):
-    """What heights of noise have at most, by the size of a neighborhood, 0 ... k.
+    """What heights above the plane of all members, in their standard deviations, have at most if
+    they are noise, by the size of a neighborhood, 0 ... k."""
 
-    Heights above the plane of all members, in their standard deviations, are like those of a normal
-    sample if
-
-    - a quadric reduces their squares by no more than chance does (`most_ratio`, by the F test),
-    - no absolute height is larger than `farthest`,
-    - the mean of their cubes is at most `most_skew` (members of another face make them skew),
-    - their mean absolute value differs from a normal sample's, 0.798, by at most `geary` (Geary's
-      ratio). Outliers make it smaller. Two planes, or one plane across both, make it larger.
-    """
-
-    most_ratio: np.ndarray  # ratio of the plane's standard deviation to the quadric's
-    farthest: np.ndarray
-    most_skew: np.ndarray
+    most_ratio: np.ndarray  # of the plane's standard deviation to the quadric's, by the F test
+    farthest: np.ndarray  # absolute height
+    most_skew: np.ndarray  # mean of the cubes; members of another face make it larger
+    # Difference of the mean absolute height from a normal sample's (Geary's ratio): outliers make
+    # it smaller; two planes, or one plane across both, make it larger.
     geary: np.ndarray
     geary_of_normal: float
     pivot: float
@@ -65,9 +74,10 @@ class NormalSample(NamedTuple):
     def of(cls, k, d):
         """For neighborhoods of up to k members in d dimensions."""
         n_errors = SmoothnessLimits().n_errors
-        n = np.maximum(np.arange(k + 1), least_members(d)).astype(float)
-        chance = ndtr(-n_errors)  # probability that a normal sample fails one of the tests
         terms = n_terms(d)
+        # A quadric is to leave as many degrees of freedom as it takes.
+        n = np.maximum(np.arange(k + 1), 2 * terms).astype(float)
+        chance = ndtr(-n_errors)  # probability that a normal sample fails one of the tests
         left = n - terms
         gained = fdtri(terms - d, left, 1 - chance)
         return cls(
@@ -83,11 +93,6 @@ class NormalSample(NamedTuple):
 def n_terms(d):
     """Number of terms of a quadric over a plane."""
     return 1 + (d - 1) + d * (d - 1) // 2
-
-
-def least_members(d):
-    """Least number of members at which a quadric leaves as many degrees of freedom as it takes."""
-    return 2 * n_terms(d)
 
 
 def noise_quantiles(share, sizes, d):
@@ -140,6 +145,42 @@ def whole_planes(points, around, planes, directions):
     fit = compiled_function("normals._quadrics_numba", "fit_whole_planes")
     fit(points, around, limits, room, planes, directions, *found)
     return found
+
+
+def are_folded(points, around, planes, faces):
+    """Whether two planes leave less of neighborhoods than a quadric does: bool (m,).
+
+    `planes` are those of all members, and `faces` the robust planes, each of the majority of the
+    members. The points (n, d) are in 2D or 3D.
+    """
+    folded = np.empty(len(around.sizes), dtype=bool)
+    arrays, equations = work_arrays(7, around.indices.shape[1])
+    room = arrays[:3], *arrays[3:], arrays.view(np.int64)[3], *equations
+    find = compiled_function("normals._quadrics_numba", "find_folded")
+    find(points, around, planes, tangents_of(planes.normals), faces, FoldLimits(), room, folded)
+    return folded
+
+
+def quadric_normals(points, queries, around, planes, left):
+    """Tangent planes of quadrics at queries (m, d), in 2D or 3D: normals, centroids and errors.
+
+    `planes` are those of all members, which stay where they determine no quadric, with an error of
+    90. `left` (m,) is the standard deviation of the members from their quadric.
+
+    The centroids (m, d) are the points of the quadrics nearest to the queries, along the normals of
+    the planes, but no farther off the mean, in the plane, than the farthest member.
+    """
+    m, d = queries.shape
+    normals, centroids, tilt = out = np.empty((m, d)), np.empty((m, d)), np.empty(m)
+    arrays, equations = work_arrays(4, around.indices.shape[1])
+    room = arrays[:3], arrays[3], *equations, *np.empty((2, n_terms(3)))
+    find = compiled_function("normals._quadrics_numba", "find_quadric_normals")
+    tangents, pivot = tangents_of(planes.normals), QuadricLimits().pivot
+    find(points, queries, around, planes, tangents, pivot, room, *out)
+    freedom = around.sizes - n_terms(d)
+    with np.errstate(invalid="ignore"):
+        errors = np.degrees(tilt * left) * student_factors(freedom, d)
+    return normals, centroids, np.where(errors <= 90.0, errors, 90.0)
 
 
 def work_arrays(rows, k):

@@ -1,4 +1,4 @@
-"""Quadrics over planes, compiled: equations, solutions, heights, and whether these are noise.
+"""Quadrics over planes, compiled: what they leave of noise, folds, tangents and curvatures.
 
 In 2D the third coordinate, and v with it, is zero. The terms of v then have the coefficient 0.
 
@@ -9,11 +9,17 @@ So all arrays of a kernel with one number for each member are rows of one.
 
 import numpy as np
 
-from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
+from sklearn_mcmd.planes._moments_numba import (
+    FASTMATH,
+    kth_smallest,
+    principal_axes,
+    weighted_covariance,
+)
 from sklearn_mcmd.runtime._kernels import kernel
 
 TERMS = 6  # of a quadric over a plane in 3D
 ORIGIN = 0.0, 0.0, 0.0  # the mean of members that are centered
+TINY = np.finfo(np.float64).tiny  # least variance
 
 
 @kernel
@@ -190,3 +196,243 @@ def _tails(height, size):
         first += absolute
         third += height[j] * height[j] * height[j]
     return farthest, first, third
+
+
+@kernel(cache=True)
+def find_folded(points, around, planes, tangents, faces, limits, room, folded):
+    """Fill `folded` as `are_folded` returns it."""
+    local, work, weight, first, second, keys, lower, right, solution = room
+    d = points.shape[1]
+    for i in range(len(folded)):
+        size = around.sizes[i]
+        localize(points, around.indices[i], size, planes.centroids[i], local)
+        face = vector(faces.normals[i])
+        level = 0.0
+        for axis in range(d):
+            level += face[axis] * (faces.centroids[i, axis] - planes.centroids[i, axis])
+        _height(local, size, face, level, first)
+        off = limits.off * faces.scale[i]
+        _fit_two(local, size, d, off, limits.rounds, weight, first, second)
+        n_best = int(limits.best * size)
+        by_planes = _least(first, size, n_best, work, keys)
+
+        axes = frame(planes.normals[i], tangents[i])
+        extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
+        quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, first)
+        decompose(lower, right, solution, 0.0, 0.0)
+        back_substitute(lower, solution)
+        deviate(local, size, axes, extent, solution, first)
+        by_quadric = extent * extent * _least(first, size, n_best, work, keys)
+        folded[i] = by_quadric > limits.evidence * by_planes
+
+
+@kernel
+def _fit_two(local, size, d, off, rounds, weight, first, second):
+    """Overwrite the heights over one plane, `first`, with those over the nearer of two."""
+    n_second = 0
+    for j in range(size):
+        second[j] = np.inf
+        weight[j] = 1.0 if abs(first[j]) > off else 0.0
+        n_second += 1 if abs(first[j]) > off else 0
+    if n_second >= d:
+        _heights_over_fitted(local, size, d, weight, second)
+        for _ in range(rounds):
+            n_second = 0
+            for j in range(size):
+                nearer = abs(second[j]) < abs(first[j])
+                weight[j] = 1.0 if nearer else 0.0
+                n_second += 1 if nearer else 0
+            if n_second < d or size - n_second < d:
+                break
+            _heights_over_fitted(local, size, d, weight, second)
+            for j in range(size):
+                weight[j] = 1.0 - weight[j]
+            _heights_over_fitted(local, size, d, weight, first)
+    for j in range(size):
+        first[j] = min(abs(first[j]), abs(second[j]))
+
+
+@kernel
+def _heights_over_fitted(local, size, d, weight, heights):
+    """Fill the heights over the plane of the weighted members."""
+    mean, covariance = weighted_covariance(local, size, weight)
+    _, axes = principal_axes(covariance, d)
+    x, y, z = axes[0]
+    _height(local, size, axes[0], x * mean[0] + y * mean[1] + z * mean[2], heights)
+
+
+@kernel(cache=True)
+def find_quadric_normals(
+    points, queries, around, planes, tangents, pivot, room, normals, centroids, tilt
+):
+    """Fill normals and centroids of `quadric_normals`, and the errors for a noise of one."""
+    local, heights, lower, right, solution, first, second = room
+    d = points.shape[1]
+    for i in range(len(queries)):
+        size = around.sizes[i]
+        localize(points, around.indices[i], size, planes.centroids[i], local)
+        axes = frame(planes.normals[i], tangents[i])
+        normal, tangent, other = axes
+        extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
+        quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, heights)
+        _, determined = decompose(lower, right, solution, 0.0, pivot)
+        tilt[i] = np.inf
+        for axis in range(d):
+            normals[i, axis], centroids[i, axis] = normal[axis], planes.centroids[i, axis]
+        if not determined:
+            continue
+        back_substitute(lower, solution)
+
+        u = v = 0.0
+        for axis in range(d):
+            gap = (queries[i, axis] - planes.centroids[i, axis]) / extent
+            u += tangent[axis] * gap
+            v += other[axis] * gap
+        farthest = _farthest(local, size, tangent, other) / (extent * extent)
+        length = u * u + v * v
+        if length > farthest:
+            share = np.sqrt(farthest / length)
+            u, v = share * u, share * v
+        one, su, sv = solution[0], solution[1], solution[2]
+        uu, uv, vv = solution[3], solution[4], solution[5]
+        height = one + su * u + sv * v + uu * u * u + uv * u * v + vv * v * v
+        su, sv = su + 2.0 * uu * u + uv * v, sv + uv * u + 2.0 * vv * v
+        steep = 1.0 + su * su + sv * sv
+        for axis in range(d):
+            slope = su * tangent[axis] + sv * other[axis]
+            normals[i, axis] = (normal[axis] - slope) / np.sqrt(steep)
+            flat = u * tangent[axis] + v * other[axis]
+            centroids[i, axis] += extent * (flat + height * normal[axis])
+        _gradient(lower, u, v, first, second)
+        if d == 2:
+            second[:] = 0.0
+        variance = 0.0
+        for row in range(TERMS):
+            along = first[row] * su + second[row] * sv
+            variance += first[row] ** 2 + second[row] ** 2 - along * along / steep
+        tilt[i] = np.sqrt(variance / steep) / extent
+
+
+@kernel(fastmath=FASTMATH)
+def _height(local, size, normal, level, heights):
+    x, y, z = local[0], local[1], local[2]
+    nx, ny, nz = normal
+    for j in range(size):
+        heights[j] = nx * x[j] + ny * y[j] + nz * z[j] - level
+
+
+@kernel(fastmath=FASTMATH)
+def _farthest(local, size, tangent, other):
+    """Largest squared distance of a member from the mean, in the plane."""
+    x, y, z = local[0], local[1], local[2]
+    ax, ay, az = tangent
+    bx, by, bz = other
+    farthest = 0.0
+    for j in range(size):
+        u = ax * x[j] + ay * y[j] + az * z[j]
+        v = bx * x[j] + by * y[j] + bz * z[j]
+        farthest = max(farthest, u * u + v * v)
+    return farthest
+
+
+@kernel
+def _gradient(lower, u, v, first, second):
+    """The inverse of L times the derivatives of the terms by u and by v."""
+    first[0] = second[0] = 0.0
+    first[1], first[2], first[3], first[4], first[5] = 1.0, 0.0, 2.0 * u, v, 0.0
+    second[1], second[2], second[3], second[4], second[5] = 0.0, 1.0, 0.0, u, 2.0 * v
+    for row in range(TERMS):
+        for column in range(row):
+            first[row] -= lower[row, column] * first[column]
+            second[row] -= lower[row, column] * second[column]
+        first[row] /= lower[row, row]
+        second[row] /= lower[row, row]
+
+
+@kernel
+def _least(heights, size, n_best, work, keys):
+    """Sum of the least squares of the heights; `keys` are the bits of `work` as integers."""
+    for j in range(size):
+        work[j] = heights[j] * heights[j]
+    if n_best < 1:
+        return 0.0
+    most = kth_smallest(keys, size, n_best)
+    n_less, total = 0, 0.0
+    for j in range(size):
+        if keys[j] < most:
+            n_less += 1
+            total += work[j]
+    keys[0] = most
+    return total + (n_best - n_less) * work[0]
+
+
+@kernel(cache=True)
+def fit_jets(points, around, queries, tangents, planes, floor, limits, room, jets):
+    """Fill `Jets` that are undetermined with quadrics of the members that belong to surfaces.
+
+    `floor` (m,) is the least standard deviation of the noise, in units of the points.
+    """
+    indices, sizes = around.indices, around.sizes
+    local, chosen, deviations, heights, used, lower, right, solution = room
+    for i in range(len(indices)):
+        size, radius = sizes[i], planes.radius[i]
+        if not (planes.scale[i] > 0.0 and radius > 0.0):
+            continue
+        localize(points, indices[i], size, queries[i], local)
+        axes = frame(planes.normals[i], tangents[i])
+        solution[:] = 0.0
+        for axis in range(3):
+            solution[0] += axes[0][axis] * (planes.centroids[i, axis] - queries[i, axis]) / radius
+        deviate(local, size, axes, radius, solution, deviations)
+        noise = planes.scale[i] / radius
+        used[:] = False
+        for _ in range(1 + limits.rounds):
+            n_used, changed = _choose(
+                local, size, deviations, limits.explained * noise, used, chosen
+            )
+            if not changed:
+                break
+            jets.n_used[i] = 0
+            if n_used < limits.least_members:
+                break
+            quadric_moments(chosen, n_used, 3, ORIGIN, axes, radius, lower, right, heights)
+            _, determined = decompose(lower, right, solution, 0.0, limits.pivot)
+            if not determined:
+                break
+            jets.n_used[i] = n_used
+            back_substitute(lower, solution)
+            deviate(local, size, axes, radius, solution, deviations)
+            squares = 0.0
+            for j in range(size):
+                if used[j]:
+                    squares += deviations[j] * deviations[j]
+            noise = limits.truncation * np.sqrt(squares / (n_used - TERMS))
+            noise = max(noise, floor[i] / radius)
+            _store(jets, i, solution, lower, noise)
+
+
+@kernel
+def _choose(local, size, deviations, most, used, chosen):
+    """Copy the members within the largest deviation; their number, and whether any is new."""
+    n_used, changed = 0, False
+    for j in range(size):
+        inside = abs(deviations[j]) <= most
+        changed |= inside != used[j]
+        used[j] = inside
+        if inside:
+            for axis in range(3):
+                chosen[axis, n_used] = local[axis, j]
+            n_used += 1
+    return n_used, changed
+
+
+@kernel
+def _store(jets, i, solution, lower, noise):
+    jets.noise[i] = noise
+    jets.slopes[i, 0], jets.slopes[i, 1] = solution[1], solution[2]
+    place = 0
+    for row in range(3):
+        jets.bends[i, row] = solution[3 + row]
+        for column in range(row + 1):
+            jets.factors[i, place] = lower[3 + row, 3 + column]
+            place += 1

@@ -20,17 +20,14 @@ class TreeLimits(NamedTuple):
 class Sides:
     """The sides of normals that `orientation` and `sensor_origin` of the estimator name.
 
-    The direction is (d,) or None, the sensor's origin None, (d,), or (n, d) of the fitted points.
+    Both are checked for the fitted points X (n, d). The sensor's origin is None, (d,), or (n, d) of
+    these points.
     """
 
-    def __init__(self, direction=None, sensor_origin=None, tree=False):
-        self.direction, self.sensor_origin, self.tree = direction, sensor_origin, tree
-        self.tree_normals = None  # of the fitted points, where neighbors are to agree
-
-    @classmethod
-    def of(cls, orientation, sensor_origin, X):
-        """Check the parameters for the fitted points X (n, d)."""
+    def __init__(self, orientation, sensor_origin, X):
         named = orientation if isinstance(orientation, str) else None
+        self.direction, self.sensor_origin, self.tree = None, None, named == "mst"
+        self.tree_normals = None  # of the fitted points, where neighbors are to agree
         if named == "sensor":
             if sensor_origin is None:
                 raise ValueError(
@@ -38,34 +35,21 @@ class Sides:
                 )
             origins = check_sensor_origin(sensor_origin, X)
             moved = (origins != origins[0]).any()
-            return cls(sensor_origin=origins if moved else origins[0].copy())
-        if sensor_origin is not None:
+            self.sensor_origin = origins if moved else origins[0].copy()
+        elif sensor_origin is not None:
             raise ValueError('sensor_origin is given but orientation is not "sensor".')
-        if orientation is None or named == "mst":
-            return cls(tree=named == "mst")
-        d, name = X.shape[1], "orientation"
-        direction = check_array(orientation, dtype=np.float64, ensure_2d=False, input_name=name)
-        if direction.shape != (d,):
-            raise ValueError(
-                f"orientation must have shape ({d},) as X has {d} features, got {direction.shape}."
-            )
-        if not direction.any():
-            raise ValueError("orientation as a direction must not be zero.")
-        return cls(direction=direction)
+        elif orientation is not None and named is None:
+            self.direction = _checked_direction(orientation, X.shape[1])
 
     def fit(self, index, normals, X, n_jobs):
         """Flip the normals of the fitted points X (n, d) in place, and keep what `orient` needs."""
-        if self._moves():
+        if np.ndim(self.sensor_origin) == 2:
             orient_toward(normals, self.sensor_origin - X)
             self.sensor_origin = self.sensor_origin[index.rows]  # of its points
             return
         if self.tree:
             self._fit_tree(index, normals, X, n_jobs)
         self.orient(index, normals, X, n_jobs)
-
-    def _moves(self):
-        """Whether the sensor had more than one position."""
-        return np.ndim(self.sensor_origin) == 2
 
     def _fit_tree(self, index, normals, X, n_jobs):
         """Make normals of neighbors agree along a minimum spanning tree (Hoppe et al., 1992)."""
@@ -85,11 +69,14 @@ class Sides:
 
         Where the sensor moved, each counts as measured from where the nearest fitted point was.
         """
-        if self._moves():
-            nearest = _nearest(index, X, n_jobs)
-            orient_toward(normals, self.sensor_origin[nearest] - X)
-        elif self.sensor_origin is not None:
-            orient_toward(normals, self.sensor_origin - X)
+        if self.sensor_origin is not None:
+            origins = self.sensor_origin
+            if np.ndim(origins) == 2:
+                if index.n_neighbors is None:
+                    origins = origins[cKDTree(index.points).query(X)[1]]
+                else:
+                    origins = origins[index.nearest(X, effective_n_jobs(n_jobs))]
+            orient_toward(normals, origins - X)
         elif self.direction is not None:
             orient_toward(normals, self.direction)
         elif self.tree:
@@ -97,7 +84,14 @@ class Sides:
             orient_toward(normals, self.tree_normals[nearest])
 
 
-def _nearest(index, queries, n_jobs):
-    if index.n_neighbors is None:  # and no tree
-        return cKDTree(index.points).query(queries)[1]
-    return index.nearest(queries, effective_n_jobs(n_jobs))
+def _checked_direction(orientation, d):
+    direction = check_array(
+        orientation, dtype=np.float64, ensure_2d=False, input_name="orientation"
+    )
+    if direction.shape != (d,):
+        raise ValueError(
+            f"orientation must have shape ({d},) as X has {d} features, got {direction.shape}."
+        )
+    if not direction.any():
+        raise ValueError("orientation as a direction must not be zero.")
+    return direction

@@ -4,20 +4,32 @@ Three corrections improve the planes of Algorithm 4. A smooth neighborhood keeps
 it bends, its normal is that of a quadric at the point. In other neighborhoods, next to an edge, the
 majority may lie on the other face, or one plane may run across both faces. There the point is given
 the plane of a neighbor that explains it best. Planes noisier than is usual around come last.
+
+One point alone lies near many planes by chance, also near wrong ones. So a plane must explain the
+patch around the point as well: its nearest neighbors, of which most lie on the same face. The
+standard error of a plane says how noise tilts it, and not that another plane could have been
+chosen. Those planes exist, one of each neighbor, and so do their probabilities.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.normals._folds import are_folded, quadric_normals
-from sklearn_mcmd.normals._neighbor_planes import doubted_errors, find_lenders
-from sklearn_mcmd.normals._quadrics import QuadricLimits, is_smooth, whole_planes
+from sklearn_mcmd.normals._quadrics import (
+    QuadricLimits,
+    are_folded,
+    is_smooth,
+    quadric_normals,
+    tangents_of,
+    whole_planes,
+)
 from sklearn_mcmd.planes._around import extents, most_noise_around
+from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._principal_planes import flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import METHODS
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
+from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
 # Forms of neighborhoods: ROUGH ones have a robust plane, and may borrow another. The others keep
@@ -41,6 +53,15 @@ class MendLimits(NamedTuple):
     half_ball: float = 0.5
 
 
+class PatchLimits(NamedTuple):
+    """What the patch of a point is."""
+
+    # Standard deviations within which a plane explains its point. Members of the patch count as
+    # this far off at most, since some lie on the other face.
+    explained: float
+    patch: float = 1 / 3  # share of the neighborhood that is the patch: those nearest to the point
+
+
 class Surfaces(NamedTuple):
     """What is known of the surfaces of m points before any plane is lent."""
 
@@ -49,28 +70,22 @@ class Surfaces(NamedTuple):
     noise: np.ndarray  # (m,), what the surface, flat or curved, leaves of the neighborhood
     left: np.ndarray  # (m,), what it leaves of the members of its plane
 
-    @classmethod
-    def empty(cls, m, d):
-        """A record to be filled."""
-        planes = Planes.empty(m, d).without(UNUSED)
-        return cls(planes, np.empty(m, np.int8), np.empty(m), np.empty(m))
-
 
 class SurfacePlanes:
     """Planes of the surfaces of a cloud's points, in memory or on disk.
 
-    `lends` and `tangents` are as of the estimator. `members`, the `Surfaces` of all points of the
-    model's index, are filled part by part by `fit_own` and then `bend`.
+    The estimator is one that `mends_planes`. `members`, the `Surfaces` of all points of the model's
+    index, are filled part by part by `fit_own` and then `bend`.
     """
 
-    def __init__(self, model, lends, tangents=True, members=None):
-        self.model, self.lends, self.tangents = model, lends, tangents
-        self.members = Surfaces.empty(*model.index.points.shape) if members is None else members
-
-    @classmethod
-    def of(cls, estimator, model, members=None):
-        """Those of a model, by the parameters of an estimator that `mends_planes`."""
-        return cls(model, estimator.neighbor_planes is not False, estimator.tangents, members)
+    def __init__(self, estimator, model, members=None):
+        self.model, self.tangents = model, estimator.tangents
+        self.lends = estimator.neighbor_planes is not False
+        if members is None:
+            m, d = model.index.points.shape
+            planes = Planes.empty(m, d).without(UNUSED)
+            members = Surfaces(planes, np.empty(m, np.int8), np.empty(m), np.empty(m))
+        self.members = members
 
     def fit(self, X, n_jobs):
         """Planes of the fitted points X (n, d), the rows of X (n,) whose planes they are, and the
@@ -315,3 +330,43 @@ def _bends_too_much(deviation, left, planes):
         np.square(deviation)
         > np.square(left) + MendLimits().half_ball ** 2 * planes.eigenvalues[:, 1]
     )
+
+
+def find_lenders(points, queries, around, planes, most):
+    """The neighbors whose planes are the most likely ones of patches.
+
+    By Bayes' rule this is the plane with the least sum of ``log S + (r / S)^2 / 2 - log f``, where
+    r is a point's distance to the plane, S the plane's standard deviation and f the share of its
+    neighborhood that it keeps, the prior probability. The query weighs as much as all other points
+    of the patch. The weights of these fall by the same step from each to the next farther one.
+
+    Planes that are not noisier than `most` (m,) and explain the query come first. A plane reaches
+    as far from its centroid as its neighborhood does from its point. Points and queries are
+    float64, and `around` has rows of both `points` and `planes`. Returns rows of `planes`, int64
+    (m,), -1 where none reaches the query.
+    """
+    lenders, limits = np.empty(len(queries), dtype=np.int64), PatchLimits(ExplainLimits().explained)
+    patches = np.empty((queries.shape[1] + 1, around.indices.shape[1]))
+    find = compiled_function("normals._neighbor_planes_numba", "find_lenders")
+    find(points, queries, around, planes, most, limits, patches, lenders)
+    return lenders
+
+
+def doubted_errors(points, queries, around, planes, members, bends):
+    """Standard errors of normals (m,) in degrees, with the doubt which plane is the right one.
+
+    It is the error of a mixture, within and between its planes:
+    ``E^2 + sum of w_j max(0, a_j^2 - 2 (E^2 + E_j^2))``. The planes j are those of the nearest
+    third of the neighborhood, w_j their probabilities by the costs of `find_lenders`, and a_j their
+    angles to the normal. Where the surface `bends`, bool (m,), what is linear in the place is left
+    out of these.
+
+    `planes` are those that the queries have in the end, `members` those of the points before any is
+    lent, whose scale is noise: of those that bend, what the quadric leaves.
+    """
+    errors, width = np.empty(len(queries)), around.indices.shape[1]
+    find = compiled_function("normals._neighbor_planes_numba", "doubted_errors")
+    limits, tangents = PatchLimits(ExplainLimits().explained), tangents_of(planes.normals)
+    arrays = np.empty((queries.shape[1] + 1, width)), np.empty((6, width))
+    find(points, queries, around, planes, tangents, members, bends, limits, *arrays, errors)
+    return errors

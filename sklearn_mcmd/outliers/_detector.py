@@ -4,16 +4,14 @@ from numbers import Real
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sklearn_mcmd._choices import OutlierMethod, Strictness, choices_of
 from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import check_sensor_origin, is_auto
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
-from sklearn_mcmd.outliers._intensity import ranks_of_intensity
-from sklearn_mcmd.outliers._levels import LEVELS
-from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
+from sklearn_mcmd.outliers._model import LEVELS, JudgedCloud, n_by_rays, ranks_of_intensity
 from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._explaining import ExplainLimits
@@ -208,8 +206,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     changes it by rounding errors only.
 
     `predict` scores new points by the surfaces and the rest of the fitted cloud, each as if it
-    alone were added. A point of the fitted cloud keeps its score, so ``fit_predict(X)`` equals
-    ``fit(X).predict(X)``.
+    alone were added and measured from where the nearest of the fitted points was. A point of the
+    fitted cloud keeps its score, so ``fit_predict(X)`` equals ``fit(X).predict(X)``.
 
     A surface has at least as many points as a neighborhood, and a group of twice as many is a
     thing, if it stands off by no more than three of its sizes, and n times that with n times as
@@ -323,15 +321,6 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Returns
         -------
         self : object
-
-        Raises
-        ------
-        ValueError
-            If X has NaN, infinite or too few values, or `n_neighbors` is too small; if more
-            than one of `cutoff`, `false_positive_rate` and `contamination` is given, or the
-            rate is out of reach; if `sensor_origin` has another shape, NaN, or is where all
-            points are, or there is no strictness to use it; if `intensity` has another shape or
-            NaN, or no strictness.
         """
         self._check_choices(sensor_origin, intensity)
         xyz = self._fit_planes(X)
@@ -343,7 +332,14 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         self._cloud = JudgedCloud(self._model, **given, **self._settings())
         with progress_part(begin, 1.0):
             found = self._cloud.fit(xyz.astype(np.float64, copy=False))
-        self._keep(found, cutoff)
+        self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
+        self.isolation_, self.separation_ = found.isolation, found.separation
+        self.group_index_ = found.group_index
+        self.scores_ = np.negative(found.scores, out=found.scores)
+        self.offset_ = -cutoff
+        if (share := share_to_flag(self)) is not None:
+            self.offset_ = float(np.percentile(self.scores_, 100 * share))
+        self.n_by_rays_ = n_by_rays(self._cloud.raised, -self.offset_)
         self.sensor_origin_ = None if self._cloud.rays is None else position
         return self
 
@@ -413,61 +409,6 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         if self.cutoff is not None:
             return self.cutoff, 0.0
         return self._model.settings.cutoff if self._one_plane else ExplainLimits().explained, 0.0
-
-    def _keep(self, found, cutoff):
-        """Set the fitted attributes from a `Judgement`."""
-        self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
-        self.isolation_, self.separation_ = found.isolation, found.separation
-        self.group_index_ = found.group_index
-        self.scores_ = np.negative(found.scores, out=found.scores)
-        self.offset_ = -cutoff
-        if (share := share_to_flag(self)) is not None:
-            self.offset_ = float(np.percentile(self.scores_, 100 * share))
-        self.n_by_rays_ = n_by_rays(self._cloud.raised, -self.offset_)
-
-    def fit_predict(
-        self,
-        X: ArrayLike,
-        y: object = None,
-        sensor_origin: ArrayLike | Literal["origin", "auto"] | None = None,
-        intensity: ArrayLike | None = None,
-    ) -> NDArray[np.int64]:
-        """Label the points of a cloud by itself.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-        y : Ignored
-        sensor_origin : array-like, "origin" or "auto"
-        intensity : array-like of shape (n_samples,)
-            Both as in `fit`.
-
-        Returns
-        -------
-        labels : ndarray of int of shape (n_samples,)
-            1 for inliers (points that are real) and -1 for outliers. They equal
-            ``fit(X).predict(X)``, but points are judged only once.
-        """
-        return self.fit(X, sensor_origin=sensor_origin, intensity=intensity).labels_
-
-    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Opposite of how far each point is off the surfaces and stands off from all else.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-            Each new point counts as measured from where the nearest of the fitted points was.
-
-        Returns
-        -------
-        scores : ndarray of shape (n_samples,)
-            At most 0; the lower, the more abnormal. Down to -3 the point is on a surface, or
-            keeps company. -10 means ten standard deviations off the surfaces and ten usual
-            spacings, or sizes of its group, away from what is real; -100 is a gross error.
-            With ``strictness=None`` the robust z-score (Eq. 17) or Mahalanobis distance
-            (Eq. 18), negative.
-        """
-        return super().score_samples(X)
 
     def _stages(self):
         if self.false_positive_rate is None:

@@ -3,6 +3,8 @@
 import numpy as np
 
 LEVELS = 31  # bits of a place along an axis
+HALF = 2 ** (LEVELS - 1)  # places are from -HALF to HALF - 1
+SIDE = 2 ** (LEVELS + 1)  # the factor of a place along x in the number of a square
 
 
 class LowestPoints:
@@ -16,7 +18,7 @@ class LowestPoints:
     def __init__(self, most_points, n_usual):
         self.most_points, self.n_usual, self.n_points = most_points, n_usual, 0
         self.exponent = -1074
-        self.codes = np.empty(0, np.uint64)
+        self.codes = np.empty(0, np.int64)
         self.counts, self.lowest = np.empty(0, np.int64), np.empty(0)
 
     def add(self, xyz):
@@ -70,35 +72,17 @@ class LowestPoints:
 
 
 def _codes(xyz, exponent):
-    """A number for the square of each point, with the bits of x and y in turn."""
-    half = 2 ** (LEVELS - 1)
+    """A number for the square of each point, of its places along x and y."""
     with np.errstate(over="ignore"):
         places = np.floor(np.ldexp(xyz[:, :2], -exponent))
-    places = np.clip(places, -half, half - 1).astype(np.int64) + half
-    x, y = (_spread(axis.astype(np.uint64)) for axis in places.T)
-    return x << np.uint64(1) | y
-
-
-def _spread(bits):
-    """Bits with a zero between each two."""
-    for shift, mask in (
-        (16, 0x0000FFFF0000FFFF),
-        (8, 0x00FF00FF00FF00FF),
-        (4, 0x0F0F0F0F0F0F0F0F),
-        (2, 0x3333333333333333),
-        (1, 0x5555555555555555),
-    ):
-        bits = (bits | bits << np.uint64(shift)) & np.uint64(mask)
-    return bits
+    x, y = np.clip(places, -HALF, HALF - 1).astype(np.int64).T
+    return x * SIDE + y
 
 
 def _twofold(codes):
-    """Codes of the squares of twofold sides that hold those of some codes, in their order. The
-    first bit of each axis is its sign, which halving repeats, as a shift of negatives does."""
-    top = np.uint64(2 * LEVELS - 2)
-    signs = codes >> top
-    rest = (codes & np.uint64((1 << 2 * LEVELS - 2) - 1)) >> np.uint64(2)
-    return signs << top | (signs ^ np.uint64(3)) << (top - np.uint64(2)) | rest
+    """Codes of the squares of twofold sides that hold those of some codes."""
+    x = (codes + HALF) // SIDE
+    return (x >> 1) * SIDE + ((codes - x * SIDE) >> 1)
 
 
 def _joined(codes, counts, lowest):

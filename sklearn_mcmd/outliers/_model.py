@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
+from sklearn.utils import check_array
 
 from sklearn_mcmd._errors import warn
-from sklearn_mcmd.outliers._levels import LEVELS
 from sklearn_mcmd.outliers._off_surface import (
     OffSurfaceLimits,
     Rest,
@@ -14,14 +14,9 @@ from sklearn_mcmd.outliers._off_surface import (
     mean_distance,
 )
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
-from sklearn_mcmd.outliers._surfaces import (
-    SurfaceLimits,
-    distances_to_surfaces,
-    find_surfaces,
-    own_distances,
-)
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits, find_surfaces, own_distances
 from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
@@ -32,6 +27,21 @@ UNUSED = "eigenvalues", "spacing", "normal_error"  # fields of planes that no la
 USED = "Look at what goes by it, or give another $sensor_origin, or none"
 NOT_USED = "It is not used. Give $sensor_origin as it was, or none"
 FITTING = 0.65  # share of the time that planes take, for the display of progress
+
+
+class Level(NamedTuple):
+    """What counts beside isolation at a level of strictness."""
+
+    groups: bool  # whether a small group that stands off is an outlier
+    off_surfaces: bool  # whether a point on no surface is, whatever company it has
+
+
+# By the words of `Strictness`. Each level flags all that those before it flag.
+LEVELS = {
+    "isolated": Level(groups=False, off_surfaces=False),
+    "groups": Level(groups=True, off_surfaces=False),
+    "surfaces": Level(groups=True, off_surfaces=True),
+}
 
 
 class Judgement(NamedTuple):
@@ -82,7 +92,10 @@ class JudgedCloud:
                 scores = self.paper_scores(*self.model.evaluate_fitted(X, self.n_jobs))
             return Judgement(scores, np.arange(len(X)), scores <= ExplainLimits().explained)
         index = self.model.index
-        owners = self.judge(_measurements(index, len(X)), len(X))
+        counts = np.broadcast_to(np.int32(1), len(X))  # which takes no memory
+        if index.n_distinct < len(X):  # measurements at each point
+            counts = np.maximum(np.bincount(index.places, minlength=len(index.points)), 1)
+        owners = self.judge(counts, len(X))
         first = index.places
         isolation, separation, group_index = self._company(first)
         return Judgement(
@@ -265,11 +278,21 @@ class JudgedCloud:
         return owners, distances
 
     def to_planes(self, queries, neighbors_of, wanted, precision=0.0):
-        """As `distances_to_surfaces`, by the planes that are wanted."""
-        floor, chunk = self._floor(queries, precision), self.model.chunk()
-        return distances_to_surfaces(
-            queries, neighbors_of, self.planes, wanted, floor, chunk, self.n_jobs
-        )
+        """The nearest of the wanted planes among each query's neighbors: its row, and the distance.
+
+        The row is -1 where none reaches the query, and the distance inf; it is in standard
+        deviations. ``neighbors_of(rows)`` gives the `Neighborhoods` of a slice of queries.
+        """
+        m, floor = len(queries), self._floor(queries, precision)
+        owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
+
+        def task(rows):
+            owners[rows], distances[rows] = explain(
+                queries[rows], neighbors_of(rows), self.planes, wanted, floor[rows]
+            )
+
+        each_slice(m, self.model.chunk(), task, self.n_jobs)
+        return owners, distances
 
     def measured(self, planes):
         """The planes with the noise by which distances are measured."""
@@ -312,8 +335,20 @@ def n_by_rays(raised, cutoff):
     return int(counts[(with_rays > cutoff) & (without <= cutoff)].sum())
 
 
-def _measurements(index, n):
-    """Measurements at each point of an index of n points with copies: ndarray of int (m,)."""
-    if index.n_distinct == n:
-        return np.broadcast_to(np.int32(1), n)  # which takes no memory
-    return np.maximum(np.bincount(index.places, minlength=len(index.points)), 1)
+def ranks_of_intensity(intensity, index, n):
+    """The share of the points of an index that returned less than each, and half of the equal.
+
+    None if `intensity` (n,) is None or the same everywhere. Copies have the largest of theirs: as
+    ranks it needs no scale, and it doubts least, since one bright return tells a solid place.
+    """
+    if intensity is None:
+        return None
+    if np.shape(intensity) != (n,):
+        shape = np.shape(intensity)
+        raise ValueError(f"intensity must have the shape ({n},) of the points; got {shape}.")
+    given = check_array(intensity, dtype=np.float64, ensure_2d=False, input_name="intensity")
+    largest = given[index.rows]
+    np.maximum.at(largest, index.places, given)
+    values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)
+    ranks = (np.cumsum(counts) - counts / 2) / len(largest)
+    return ranks[place] if len(values) > 1 else None

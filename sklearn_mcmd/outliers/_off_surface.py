@@ -84,6 +84,7 @@ class Rest(NamedTuple):
     reference: NearestPoints  # of points on surfaces, of all points if there are none
     reference_spacing: np.ndarray  # theirs
     quantile: float  # of these spacings, which is usual
+    has_surface: bool  # whether any point is on a surface
     others: NearestPoints  # of the points themselves
     rows: np.ndarray  # (m,), in the cloud
     points: np.ndarray
@@ -107,17 +108,13 @@ class Rest(NamedTuple):
             reference=index.among(explained if any_explained else ~explained),
             reference_spacing=other_spacing,
             quantile=limits.usual if any_explained else limits.half,
+            has_surface=bool(any_explained),
             others=index.among(~explained),
             rows=rows,
             points=chosen_rows(index, index.points, ~explained),
             counts=counts[rows],
             among_all=spacing[rows],
         )
-
-    @property
-    def has_surface(self):
-        """Whether any point is on a surface."""
-        return len(self.rows) < len(self.cloud.points)
 
     def usual_around(self, queries, n_jobs):
         """Spacing that is usual on the surfaces around queries."""

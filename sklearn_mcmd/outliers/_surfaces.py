@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import are_flat
-from sklearn_mcmd.planes._explaining import ExplainLimits, LinkLimits, connected_planes, explain
-from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.planes._explaining import ExplainLimits, LinkLimits, connected_planes
 
 
 class SurfaceLimits(NamedTuple):
@@ -48,23 +47,3 @@ def own_distances(queries, planes, floor):
     heights = np.einsum("md,md->m", queries - planes.centroids, planes.normals)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.nan_to_num(np.abs(heights) / np.hypot(planes.scale, floor), nan=0.0)
-
-
-def distances_to_surfaces(queries, neighbors_of, planes, on_surface, floor, chunk, n_jobs=None):
-    """The nearest of the surfaces' planes among each query's neighbors: its row, and the distance.
-
-    The row is -1 where none reaches the query, and the distance inf; it is in standard deviations.
-    ``neighbors_of(rows)`` gives the `Neighborhoods` of a slice of queries, of whose planes those
-    `on_surface` count. `floor` (m,) is a standard deviation that rounding of coordinates adds.
-    """
-    m = len(queries)
-    owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
-
-    def task(rows):
-        around = neighbors_of(rows)
-        owners[rows], distances[rows] = explain(
-            queries[rows], around, planes, on_surface, floor[rows]
-        )
-
-    each_slice(m, chunk, task, n_jobs)
-    return owners, distances

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import label
 
-from sklearn_mcmd.outliers._levels import LEVELS
+from sklearn_mcmd.outliers._model import LEVELS
 
 SAMPLE = 200_000  # points that tell the ends of the whole
 MOST_CELLS = 2**20  # of an eighth of a box; it limits the memory

@@ -11,13 +11,22 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import run
-from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, Cylinder, fit_cylinder
+from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._graph import by_place, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaceLimits
 from sklearn_mcmd.segmentation._region_sums import region_moments, rows_of, sums_by_region
 
-N_TASKS = 16  # that the fits of all parts are dealt to
+N_PARAMETERS = 5  # of a cylinder
+
+
+class FitLimits(NamedTuple):
+    """When a fit ends. They reach kernels as arguments, which would freeze imported constants."""
+
+    n_steps: int = 8  # most steps from each start; from a good one two or three suffice
+    least_gain: float = 1e-6  # share of the sum of squares that a step must gain
+    # Keeps the equations of a flat strip, whose radius is infinite, from being singular.
+    ridge: float = 1e-12
 
 
 class CylinderLimits(NamedTuple):
@@ -27,6 +36,49 @@ class CylinderLimits(NamedTuple):
     # All fits together then take only about as long as the last one or two.
     growth: float = 2.0
     least_size: int = 10  # twice the parameters of a cylinder: with fewer points any one fits
+
+
+class Cylinder(NamedTuple):
+    """A circular cylinder without ends."""
+
+    point: np.ndarray  # of the axis
+    axis: np.ndarray  # unit vector
+    radius: float
+
+    def distances(self, points):
+        """Signed distances of points (n, 3) from the surface, positive outside."""
+        # Each by itself, whereas a product of matrices depends on where in them a point is.
+        gaps = [points[:, i] - self.point[i] for i in range(3)]
+        along = gaps[0] * self.axis[0] + gaps[1] * self.axis[1] + gaps[2] * self.axis[2]
+        x, y, z = (gap - along * step for gap, step in zip(gaps, self.axis, strict=True))
+        return np.sqrt(x * x + y * y + z * z) - self.radius
+
+
+def fit_cylinder(points, normals):
+    """Fit a cylinder to points by least squares of their distances (Gauss-Newton).
+
+    The search for the axis starts from three directions. The longest extent of the points is right
+    for a pole, and the second extent for a wide strip of a column. The direction most nearly
+    perpendicular to all normals, of either sign, is right for pieces as high as wide; where all are
+    equal, as of points that borrowed one plane, it is any. Points of an
+    exact plane have no best cylinder and get a poor one: compare it with their plane. There must be
+    at least six points. Returns the sum of squares and the `Cylinder`.
+    """
+    center = points.mean(axis=0)
+    local = points - center
+    scale = np.sqrt(np.square(local).sum() / len(local))
+    if not scale > 0:
+        return 0.0, Cylinder(center, np.array([0.0, 0.0, 1.0]), 0.0)
+    local /= scale
+    extents = np.linalg.eigh(local.T @ local)[1]
+    across, turns = np.linalg.eigh(normals.T @ normals)
+    starts = [extents[:, 2], extents[:, 1], turns[:, 0]]
+    limits = FitLimits()
+    starts = np.stack(starts if across[1] > limits.ridge * len(points) else starts[:2])
+    fit = compiled_function("segmentation._regions_numba", "fit_cylinder")
+    equations, model = np.empty((N_PARAMETERS, N_PARAMETERS + 1)), np.zeros(7)
+    total = fit(local, starts, limits, equations, model)
+    return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])
 
 
 @dataclass
@@ -128,11 +180,10 @@ class CylinderParts:
         """The answers of a function to all items, found in threads."""
         answers = [None] * len(items)
 
-        def task(first):
-            for i in range(first, len(items), N_TASKS):
-                answers[i] = function(items[i])
+        def task(i):
+            answers[i] = function(items[i])
 
-        run([(first,) for first in range(min(N_TASKS, len(items)))], task, self.n_jobs)
+        run([(i,) for i in range(len(items))], task, self.n_jobs)
         return answers
 
     def _around(self, rows):
@@ -151,7 +202,7 @@ class CylinderParts:
         plane = max(np.linalg.eigvalsh(deviations.T @ deviations)[0], 0.0) / (n - 3)
         curve, cylinder = np.inf, None
         if n >= CylinderLimits().least_size:
-            curve, cylinder = self._fit(members)
+            curve, cylinder = fit_cylinder(points, self.planes.normals[members])
             curve /= n - N_PARAMETERS
         floor = self.floor[members].max() ** 2
         ceiling = (self.planes.radius[members].mean() / (2 * ExplainLimits().explained)) ** 2
@@ -164,9 +215,6 @@ class CylinderParts:
             curve=curve,
             cylinder=cylinder,
         )
-
-    def _fit(self, rows):
-        return fit_cylinder(self.index.points[rows], self.planes.normals[rows])
 
     def _join(self, labels, parts, fresh, tried):
         """Join `parts`, in place, until no more can be joined; the names of changed ones."""
@@ -215,7 +263,7 @@ class CylinderParts:
             if 2 * np.count_nonzero(near) <= len(near):
                 return False
         floor, ceiling = max(first.floor, second.floor), max(first.ceiling, second.ceiling)
-        total, cylinder = self._fit(rows)
+        total, cylinder = fit_cylinder(self.index.points[rows], self.planes.normals[rows])
         apart = sum(part.plane * (len(part.members) - 3) for part in (first, second)) / (n - 6)
         if not total / (n - N_PARAMETERS) <= min(max(apart, floor), ceiling):
             return False

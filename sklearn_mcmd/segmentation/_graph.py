@@ -82,7 +82,7 @@ def grow_regions(links, seeds):
     Which points these are does not depend on the order in which links are followed. Seeds are all
     rows, that of least curvature first. Labels, int32, count from 0 in their order.
     """
-    return compiled_function("segmentation._graph_numba", "grow")(links, seeds)
+    return compiled_function("segmentation._regions_numba", "grow")(links, seeds)
 
 
 def seed_order(variation, points, planes):

@@ -125,25 +125,14 @@ class NarrowFaces:
         for axis in range(points.shape[1]):
             gaps = points[rows, axis][:, None] - planes.centroids[near, axis]
             heights += gaps * planes.normals[near, axis]
-        heights = np.where(known, np.abs(heights), np.inf)
-        # Mostly there is one region around.
-        first = np.where(known, region, -1).max(axis=1)
-        several = (known & (region != first[:, None])).any(axis=1)
-        single = np.flatnonzero(known.any(axis=1) & ~several)
-        middle = (np.count_nonzero(known[single], axis=1) - 1) // 2
-        of_single = np.sort(heights[single], axis=1)[np.arange(len(single)), middle]
-        row, column = np.nonzero(known & several[:, None])
-        own, height = region[row, column], heights[row, column]
-        order = np.lexsort((height, own, row))
-        key = (row * len(usual) + own)[order]
-        start = np.flatnonzero(np.diff(key, prepend=-1))
+        row, column = np.nonzero(known)
+        region, heights = region[row, column], np.abs(heights[row, column])
+        key = row * len(usual) + region
+        order = np.lexsort((heights, key))
+        start = np.flatnonzero(np.diff(key[order], prepend=-1))
         count = np.diff(start, append=len(key))
         middle = order[start + (count - 1) // 2]
-        return (
-            np.concatenate([single, row[middle]]),
-            np.concatenate([first[single], own[middle]]),
-            np.concatenate([of_single, height[middle]]),
-        )
+        return row[middle], region[middle], heights[middle]
 
     def _faces(self, rows, flattest):
         """Regions of rows by planes among themselves: rows, and the face of each, from 0 on."""

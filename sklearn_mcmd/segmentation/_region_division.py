@@ -7,18 +7,19 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.runtime._chunks import each_slice, run
 from sklearn_mcmd.runtime._compiling import compiled_function
-from sklearn_mcmd.segmentation._cylinder import FitLimits
+from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, GrowthLimits, n_linked
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
 
 UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in its nine
 WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
-CHUNK = 64  # borders that are voted on in one task
+CHUNK = 64  # borders whose points are parted at once; it limits the memory
 FEW = 2**16  # pairs of cells from which on trees are faster
 ROWS = 2**18  # whose neighbors are looked at at once; it limits the memory
 
@@ -138,11 +139,10 @@ class _Strips:
         """The vote of each pair of patches; see `vote`."""
         votes = np.empty(len(borders))
 
-        def task(start):
-            for i in range(start, min(start + CHUNK, len(borders))):
-                votes[i] = self.vote_on(borders[i])[0]
+        def task(i):
+            votes[i] = self.vote_on(borders[i])[0]
 
-        run([(start,) for start in range(0, len(borders), CHUNK)], task, n_jobs)
+        run([(i,) for i in range(len(borders))], task, n_jobs)
         return votes
 
     def part(self, borders, group, labels, n_jobs):
@@ -166,7 +166,8 @@ class _Strips:
         centers = self.centers
         small, large = (self.groups[name] for name in names)
         if len(small) * len(large) <= FEW:
-            large = large[_compiled("strip_of")(centers[small], centers[large])]
+            gaps = cdist(centers[large], centers[small], "sqeuclidean")
+            large = large[gaps.min(axis=1) <= gaps.min(axis=0).max()]
         else:
             large = large[_strip(self.tree(names[0]), self.tree(names[1]))]
         rows, cell = self.cells.rows(np.concatenate([small, large]))
@@ -182,7 +183,8 @@ class _Strips:
 
 
 def _strip(small, large):
-    """Rows of the large of two trees, ascending: `strip_of` many points."""
+    """Rows of the large of two trees, ascending, that are as near to some point of the small one
+    as the one of these that is farthest from the large one is to it."""
     reach = large.query(small.data)[0].max()
     middle = (small.mins + small.maxes) / 2
     around = (np.linalg.norm(small.maxes - middle) + reach) * (1 + 1e-9)
@@ -240,4 +242,4 @@ def _joined(n, borders, votes):
 
 
 def _compiled(name):
-    return compiled_function("segmentation._region_division_numba", name)
+    return compiled_function("segmentation._regions_numba", name)

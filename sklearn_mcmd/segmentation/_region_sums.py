@@ -6,6 +6,7 @@ Transactions on Computers 64, 2015). So they are exact in any order, and nearly 
 themselves. Points are taken in parts, whose arrays may lie on disk.
 """
 
+from functools import partial
 from threading import Lock
 from typing import NamedTuple
 
@@ -15,9 +16,7 @@ from scipy.sparse import coo_array
 from sklearn_mcmd.runtime._chunks import run, slices
 
 PART = 2**18  # points at once; it limits the memory
-KEPT = 8  # parts whose points are put in order of regions once for all sums, at most
 AT_ONCE = 2_000_000  # values whose medians are sought at once, or of one region with more
-FEW = 128  # medians of smaller regions are sought together: each by itself would take longer
 BITS = 52  # of a number of double precision
 
 
@@ -61,8 +60,8 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
 
     Weights (n,) of int are copies. `number` has the new number of each label, the last of -1.
     """
-    d, parts = points.shape[1], _Parts(labels, number, n_jobs)
-    sizes, low, high = _boxes(points, parts, n_regions, weights)
+    d, visit = points.shape[1], partial(_visit, labels, number, n_jobs)
+    sizes, low, high = _boxes(points, visit, n_regions, weights)
     inside = np.isfinite(low[0])
     low[:, ~inside] = high[:, ~inside] = 0.0
     # A power of two is the unit, so that squares are near 1.
@@ -82,7 +81,7 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
     def columns(groups):
         return (weighted(groups, local(groups, i)) for i in range(d))
 
-    means = _sums(parts, n_regions, columns, extent, bits) / divisor
+    means = _sums(visit, n_regions, columns, extent, bits) / divisor
     pairs = [(i, j) for i in range(d) for j in range(i + 1)]
 
     def products(groups):
@@ -92,7 +91,7 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
 
     # Rounding may make a deviation longer than the extent.
     extents = [extent[i] + extent[j] + 2 for i, j in pairs]
-    moments = _sums(parts, n_regions, products, extents, bits) / divisor
+    moments = _sums(visit, n_regions, products, extents, bits) / divisor
     covariances = np.empty((n_regions, d, d))
     with np.errstate(over="ignore"):
         for (i, j), moment in zip(pairs, moments, strict=True):
@@ -107,13 +106,15 @@ def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=
     )
 
 
-def _boxes(points, parts, n_regions, weights):
+def _boxes(points, visit, n_regions, weights):
     """Sizes of regions, and the low and high corners (d, n_regions) of their boxes."""
     d, sizes = points.shape[1], np.zeros(n_regions)
     low, high = np.full((d, n_regions), np.inf), np.full((d, n_regions), -np.inf)
 
     def measure(groups, lock):
-        weight = groups.counts if weights is None else groups.sum(groups.take(weights) * 1.0)
+        weight = groups.counts
+        if weights is not None:
+            weight = np.add.reduceat(groups.take(weights) * 1.0, groups.starts)
         own, there = [groups.take(points[:, i]) for i in range(d)], groups.regions
         least = [np.minimum.reduceat(column, groups.starts) for column in own]
         most = [np.maximum.reduceat(column, groups.starts) for column in own]
@@ -122,20 +123,20 @@ def _boxes(points, parts, n_regions, weights):
             low[:, there] = np.minimum(low[:, there], least)
             high[:, there] = np.maximum(high[:, there], most)
 
-    parts.visit(measure)
+    visit(measure)
     return sizes, low, high
 
 
 def sums_by_region(values, labels, n_regions, number=None, n_jobs=None):
     """Sums (n_regions,) of values that are not negative; the other parameters as above."""
-    parts = _Parts(labels, number, n_jobs)
-    most = max((float(values[rows].max(initial=0.0)) for rows in parts.slices), default=0.0)
+    most = max((float(values[rows].max()) for rows in slices(len(labels), PART)), default=0.0)
     extent = np.full(n_regions, np.frexp(most)[1])
     bits = np.full(n_regions, np.frexp(float(max(len(labels), 1)))[1])
-    return _sums(parts, n_regions, lambda groups: [groups.take(values)], [extent], bits)[0]
+    visit = partial(_visit, labels, number, n_jobs)
+    return _sums(visit, n_regions, lambda groups: [groups.take(values)], [extent], bits)[0]
 
 
-def _sums(parts, n_regions, columns, extents, bits):
+def _sums(visit, n_regions, columns, extents, bits):
     """Sums by region of the values that ``columns(groups)`` gives; for the rest see `_two_sums`."""
     sums = np.zeros((len(extents), 2, n_regions))
 
@@ -146,7 +147,7 @@ def _sums(parts, n_regions, columns, extents, bits):
             for total, pair in zip(sums, found, strict=True):
                 total[:, groups.regions] += pair
 
-    parts.visit(add)
+    visit(add)
     return sums.sum(axis=1)
 
 
@@ -175,27 +176,14 @@ def _medians(values, labels, number, n_regions):
         if n_regions > 1:
             numbers.append(some[inside].astype(np.int32))
     own = np.concatenate(own)
-    if n_regions == 1:
-        middle = len(own) // 2
-        own.partition(middle)
-        return own[middle]
-    numbers = np.concatenate(numbers)
-    groups = _grouped(numbers)
-    own = own[groups.rows]
-    middle, medians = groups.counts // 2, np.empty(len(groups.counts))
-    few = groups.counts < FEW
-    for place in np.flatnonzero(~few).tolist():
-        start = groups.starts[place]
-        some = own[start : start + groups.counts[place]]
-        medians[place] = np.partition(some, middle[place])[middle[place]]
-    region = np.repeat(np.flatnonzero(few), groups.counts[few])
-    own = own[np.repeat(few, groups.counts)]
-    order = np.lexsort((own, region))
-    sizes = groups.counts[few]
-    medians[few] = own[order[np.cumsum(sizes) - sizes + middle[few]]]
-    found = np.empty(n_regions)
-    found[groups.regions] = medians
-    return found
+    if n_regions > 1:
+        groups = _grouped(np.concatenate(numbers))
+        own = np.split(own[groups.rows], groups.starts[1:])
+    else:
+        own = [own]
+    for some in own:
+        some.partition(len(some) // 2)
+    return [some[len(some) // 2] for some in own]
 
 
 class _Groups(NamedTuple):
@@ -210,59 +198,31 @@ class _Groups(NamedTuple):
     def take(self, values):
         return values[self.part][self.rows]
 
-    def sum(self, values):
-        return np.add.reduceat(values, self.starts)
-
 
 def _grouped(labels, part=slice(None)):
-    """The `_Groups` of labels; None if there are none. It sorts by counting, if that is short."""
+    """The `_Groups` of labels, sorted by counting; None if there are none."""
     inside = np.flatnonzero(labels >= 0)
-    own = labels[inside]
-    if not len(own):
+    if not len(inside):
         return None
+    own = labels[inside]
     least = own.min()
-    n_labels = int(own.max() - least) + 1
-    if n_labels <= 4 * len(own):
-        ones = np.ones(len(own), np.int8)
-        own, shape = own - least, (n_labels, len(own))
-        groups = coo_array((ones, (own, np.arange(len(own)))), shape=shape).tocsr()
-        rows, counts = groups.indices, np.diff(groups.indptr)
-        some = np.flatnonzero(counts)
-        regions, starts, counts = some + least, groups.indptr[some], counts[some]
-    else:
-        rows = np.argsort(own, kind="stable")
-        regions, starts, counts = np.unique(own[rows], return_index=True, return_counts=True)
-    rows = rows if len(inside) == len(labels) else inside[rows]
-    return _Groups(rows, regions, starts, counts, part)
+    shape = int(own.max() - least) + 1, len(labels)
+    groups = coo_array((np.ones(len(own), np.int8), (own - least, inside)), shape=shape).tocsr()
+    counts = np.diff(groups.indptr)
+    some = np.flatnonzero(counts)
+    return _Groups(groups.indices, some + least, groups.indptr[some], counts[some], part)
 
 
-class _Parts:
-    """Labels in parts, whose groups are kept if they are few."""
+def _visit(labels, number, n_jobs, work):
+    """Call ``work(groups, lock)`` for the groups of each part of labels, numbered anew."""
+    lock = Lock()
 
-    def __init__(self, labels, number, n_jobs):
-        self.labels, self.number, self.n_jobs = labels, number, n_jobs
-        self.slices, self.kept = slices(len(labels), PART), {}
+    def task(part):
+        groups = _grouped(labels[part] if number is None else number[labels[part]], part)
+        if groups is not None:
+            work(groups, lock)
 
-    def visit(self, work):
-        """Call ``work(groups, lock)`` for the groups of each part."""
-        lock = Lock()
-
-        def task(i):
-            groups = self._groups(i)
-            if groups is not None:
-                work(groups, lock)
-
-        run([(i,) for i in range(len(self.slices))], task, self.n_jobs)
-
-    def _groups(self, i):
-        if i in self.kept:
-            return self.kept[i]
-        labels = self.labels[self.slices[i]]
-        labels = labels if self.number is None else self.number[labels]
-        groups = _grouped(labels, self.slices[i])
-        if len(self.slices) <= KEPT:
-            self.kept[i] = groups
-        return groups
+    run([(part,) for part in slices(len(labels), PART)], task, n_jobs)
 
 
 def _two_sums(groups, values, extent, bits):
@@ -274,6 +234,6 @@ def _two_sums(groups, values, extent, bits):
         # Beside this number, doubles have the step of the grid.
         large = np.repeat(np.ldexp(1.5, extent + bits + level * (bits - BITS)), groups.counts)
         rounded = (values + large) - large
-        sums[level] = groups.sum(rounded)
+        sums[level] = np.add.reduceat(rounded, groups.starts)
         values = values - rounded
     return sums

@@ -6,8 +6,7 @@ from scipy.spatial import ConvexHull, QhullError
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE
-from sklearn_mcmd.segmentation._cylinder import N_PARAMETERS, fit_cylinder
-from sklearn_mcmd.segmentation._cylinder_parts import CylinderLimits
+from sklearn_mcmd.segmentation._cylinder_parts import N_PARAMETERS, CylinderLimits, fit_cylinder
 from sklearn_mcmd.segmentation._graph import by_place
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, own_noise
 from sklearn_mcmd.segmentation._region_sums import median_by_region, rows_of

@@ -12,7 +12,7 @@ from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._ground import NONE_JUDGED, Ground, GroundLimits
-from sklearn_mcmd.outliers._low_groups import group_depths
+from sklearn_mcmd.outliers._groups import group_depths
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._memory import bytes_of_groups
 from sklearn_mcmd.tiling._result_files import write_results

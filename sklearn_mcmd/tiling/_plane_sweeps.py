@@ -73,7 +73,7 @@ class PlaneJob(Job):
         own = {name: whole.open(f"own_{name}", private=True) for name in (*FIELDS, *OTHERS)}
         planes = Planes(**{name: own[name] for name in FIELDS}, spacing=np.empty(0))
         members = Surfaces(planes, *(own[name] for name in OTHERS))
-        return SurfacePlanes.of(self.estimator, model, members)
+        return SurfacePlanes(self.estimator, model, members)
 
 
 def plane_steps(estimator):
@@ -279,7 +279,7 @@ def _fitted(job, model, planes, X, around, n_jobs, orient=None):
     place, where more than the points decides their sides: a tree, or positions of the sensor.
     """
     if orient is None:
-        sides = Sides.of(job.estimator.orientation, job.estimator.sensor_origin, X)
+        sides = Sides(job.estimator.orientation, job.estimator.sensor_origin, X)
         orient = partial(sides.orient, None, X=X, n_jobs=n_jobs)
 
     def curvatures(model, planes, X, n_jobs):

@@ -10,8 +10,12 @@ from sklearn.base import clone
 from sklearn_mcmd._validation import check_n_kept
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.edges._crease_distance import find_creases
-from sklearn_mcmd.edges._detector import crease_width, steps_of
-from sklearn_mcmd.edges._limits import column_of_criterion, least_of_edge
+from sklearn_mcmd.edges._detector import (
+    column_of_criterion,
+    crease_width,
+    least_of_edge,
+    steps_of,
+)
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.tiling._cells import Cells, WholeCloud

@@ -69,7 +69,7 @@ class TiledNormals(TiledVerb):
 def without_sides(estimator):
     """The estimator, changed, of who asks for no sides; raises for what tiles cannot do."""
     check_estimator(estimator, BaseLocalPlanes)
-    Sides.of(estimator.orientation, estimator.sensor_origin, np.zeros((1, 3)))
+    Sides(estimator.orientation, estimator.sensor_origin, np.zeros((1, 3)))
     return estimator.set_params(orientation=None, sensor_origin=None)
 
 

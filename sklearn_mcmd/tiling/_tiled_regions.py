@@ -7,9 +7,9 @@ from sklearn_mcmd._errors import ParameterWarning, warn_caller
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._resolution import least_scales
+from sklearn_mcmd.segmentation._estimator import finish_regions, rules_of
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
-from sklearn_mcmd.segmentation._steps import finish_regions, rules_of
 from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, work_of
 from sklearn_mcmd.tiling._plane_sweeps import (
     FACES,

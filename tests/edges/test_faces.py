@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.edges._faces import are_faces, give_faces
+from sklearn_mcmd.edges._crease_distance import are_faces, give_faces
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 

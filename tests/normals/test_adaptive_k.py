@@ -1,14 +1,10 @@
 """n_neighbors="auto": sizes by the noise, against planes whose noise is known."""
 
-import pickle
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from sklearn.base import clone
 
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
@@ -110,29 +106,14 @@ def test_each_part_has_its_own_size():
 
 
 @pytest.mark.parametrize("n", [700, 3000])
-def test_sizes_do_not_depend_on_rows_jobs_and_pose(n):
-    X = make_street(n, random_state=0).data
-    sizes = sizes_of(X)
-    order = np.random.default_rng(0).permutation(n)
-    assert_array_equal(sizes_of(X[order], n_jobs=2), sizes[order])
-    moved = 3 * X @ Rotation.random(random_state=0).as_matrix().T + [10, -20, 30]
-    assert np.mean(sizes_of(moved) == sizes) > 0.995  # the rest is rounded to the other side
-
-
-@pytest.mark.parametrize("n", [700, 3000])
 def test_estimator_tells_the_sizes_and_keeps_them(n):
-    street = make_street(n, random_state=0)
-    X = street.data
-    estimator = RobustNormalEstimator("auto", random_state=0, features="all")
+    X = make_street(n, random_state=0).data
+    estimator = RobustNormalEstimator("auto", random_state=0)
     columns = estimator.fit_transform(X)
     assert_array_equal(estimator.n_neighbors_, sizes_of(X))
     assert estimator.n_neighbors_.shape == estimator.n_support_.shape == (n,)
-    for other in (estimator, pickle.loads(pickle.dumps(estimator))):
-        again = other.transform(X)
-        cosine = np.abs(np.einsum("nd,nd->n", again[:, 3:6], columns[:, 3:6]))
-        assert np.mean(cosine > 1 - 1e-9) > 0.99  # other than where neighbors are equally far
-    parallel = clone(estimator).set_params(n_jobs=2).fit(X)
-    assert_array_equal(parallel.normals_, estimator.normals_)
+    cosine = np.abs(np.einsum("nd,nd->n", estimator.transform(X)[:, 3:6], columns[:, 3:6]))
+    assert np.mean(cosine > 1 - 1e-9) > 0.99  # other than where neighbors are equally far
 
 
 @pytest.mark.parametrize("n", [700, 3000])

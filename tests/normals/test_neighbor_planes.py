@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scenes import planes_around
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._neighbor_planes import doubted_errors, find_lenders
+from sklearn_mcmd.normals._surface_planes import doubted_errors, find_lenders
 from sklearn_mcmd.planes._record import Planes
 
 

@@ -64,16 +64,6 @@ def test_new_points_are_given_planes_as_fitted_ones_are(n):
     assert_allclose(estimator.transform(X[7:8]), columns[7:8], rtol=1e-9, atol=1e-12)
 
 
-def test_results_do_not_depend_on_threads_chunks_or_order(monkeypatch):
-    X, _, _ = corner(4000)
-    expected = RobustNormalEstimator(30, random_state=0).fit(X)
-    order = np.random.default_rng(0).permutation(len(X))
-    monkeypatch.setattr("sklearn_mcmd.planes._neighbor_table.AT_ONCE", 997)
-    shuffled = RobustNormalEstimator(30, random_state=0, n_jobs=2).fit(X[order])
-    angle = bias_angle(shuffled.normals_, expected.normals_[order])
-    assert (angle < 1e-4).mean() > 0.999
-
-
 METHODS = [  # of each kind of compiled loop
     *({}, {"neighbor_planes": False}, {"method": "mcmd_md"}, {"reweight": False}),
     *({"max_outlier_rate": 0.3}, {"method": "pca"}, {"method": "ransac"}),

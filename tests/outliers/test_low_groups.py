@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd.io._ground import Ground
-from sklearn_mcmd.outliers._low_groups import depths_of_groups
+from sklearn_mcmd.outliers._groups import depths_of_groups
 
 RNG = np.random.default_rng(0)
 

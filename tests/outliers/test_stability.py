@@ -7,8 +7,6 @@ distances do tie: which of two equally distant points is the last neighbor is up
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from scenes import near_the_first
@@ -108,31 +106,3 @@ def test_another_seed_changes_few_flags(name, n, request):
     assert first.any()
     for flagged in others:
         assert (first ^ flagged).sum() <= 1 + 0.05 * (first | flagged).sum()
-
-
-@settings(max_examples=5)
-@given(
-    shift=st.tuples(*[st.floats(-1e6, 1e6)] * 3),
-    scale=st.floats(1e-3, 1e3),
-    angles=st.tuples(*[st.floats(0, 6.28)] * 3),
-    seed=st.integers(0, 2**31),
-)
-@pytest.mark.parametrize(
-    "form", [("isolated",), ("groups",), ("surfaces",), (None,), ("groups", None)]
-)
-def test_labels_do_not_depend_on_position_direction_unit_or_order(form, shift, scale, angles, seed):
-    rng = np.random.default_rng(seed)
-    wall = rng.uniform(0, 2, (300, 3)) * [1, 0, 1] + rng.normal(0, 0.004, (300, 3))
-    X = np.vstack([wall, rng.uniform([0, -2, 0], [2, 0, 2], (40, 3))])
-    order = rng.permutation(len(X))
-    # The shift is in units of the cloud: the precision that is left is that of 1e6 m.
-    moved = scale * (Rotation.from_euler("zyx", angles).apply(X) + shift)[order]
-    assert flips(scores_of(X, *form)[order], scores_of(moved, *form)) == 0
-
-
-@pytest.mark.parametrize("strictness", ["isolated", "groups", "surfaces"])
-def test_single_precision_gives_the_labels_of_double(strictness):
-    """Of coordinates that both hold exactly. Their rounding joins the noise, in squares."""
-    X = make_street(6000, outlier_share=0.2, random_state=1).data.astype(np.float32)
-    double = scores_of(X.astype(np.float64), strictness)
-    assert flips(double, scores_of(X, strictness), tolerance=1e-4) == 0

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from reference import GivenNeighbors
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
-    distances_to_surfaces,
     find_surfaces,
 )
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Planes
 
 K, SCALE = 20, 0.01
 OWN = np.zeros(500)  # distances from their own planes
@@ -81,15 +80,3 @@ def test_levels_that_do_not_explain_each_other_are_two_surfaces(rng):
         lifted = points + np.outer(high, [0, 0, step])
         planes.centroids[:] = lifted
         assert surfaces(lifted, neighbors, planes, least=300).all() == linked
-
-
-def test_the_nearest_plane_of_a_surface_that_reaches_the_point_measures_it():
-    """In standard deviations. The first plane is of no surface, the second does not reach."""
-    centers = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.01], [0, 0, 0.05]])
-    planes = planes_at(centers, [0, 0, 1], [9, 0.5, 2, 2], scale=[1, 1, 0.01, 0.1])
-    queries = np.array([[1, 0, 0.06], [0, 0.3, 0.2], [5, 0, 0]])
-    near = Neighborhoods(np.tile(np.arange(4, dtype=np.int32), (3, 1)), np.full(3, 4))
-    given = planes, np.array([False, True, True, True]), np.zeros(3), 1000
-    owners, found = distances_to_surfaces(queries, near.take, *given)
-    assert_array_equal(owners, [3, 1, -1])
-    assert_allclose(found, [0.1, 0.2, np.inf])

@@ -164,7 +164,11 @@ def test_an_exact_plane_has_its_normal_and_nothing_else(case):
 @pytest.mark.filterwarnings("ignore:n_neighbors=.* is more than")
 def test_a_line_has_no_normal_no_edge_and_no_outlier(case):
     X = LINES[case]
-    assert (MCMDOutlierDetector(random_state=0).fit_predict(X) == 1).all()
+    for strictness in ("isolated", "groups", "surfaces"):
+        detector = MCMDOutlierDetector(strictness=strictness, random_state=0).fit(X)
+        assert (detector.labels_ == 1).all()
+        # What is away from all of it has nothing that explains it.
+        assert detector.predict(np.add(X[:1], [50, 0, 0])).tolist() == [-1]
     assert (SharpFeatureDetector(random_state=0).fit_predict(X) == 1).all()
     assert (RobustNormalEstimator(random_state=0).fit(X).normal_error_ == 90).all()
     growing = RegionGrowing(random_state=0).fit(X)

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from sklearn_mcmd.segmentation._cylinder import fit_cylinder
+from sklearn_mcmd.segmentation._cylinder_parts import fit_cylinder
 
 POSE = Rotation.from_euler("xyz", [20, 35, 50], degrees=True)
 SHIFT = np.array([4e3, -2e3, 10.0])

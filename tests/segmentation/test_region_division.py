@@ -8,14 +8,10 @@ from sklearn.metrics import adjusted_rand_score
 from growth import fitted_without
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
-from sklearn_mcmd.segmentation._cylinder import FitLimits
+from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._region_division import _groups, _joined
-from sklearn_mcmd.segmentation._region_division_numba import (
-    gather_cells,
-    join_cells,
-    vote,
-)
+from sklearn_mcmd.segmentation._regions_numba import gather_cells, join_cells, vote
 
 FIT, MOST_NOISE = FitLimits(), JoinLimits().most_noise
 

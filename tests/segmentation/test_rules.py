@@ -7,8 +7,8 @@ from sklearn.metrics import adjusted_rand_score
 
 from benchmarks._ablation_changes import changed
 from growth import fitted_without
+from sklearn_mcmd.segmentation._estimator import GrowthSteps
 from sklearn_mcmd.segmentation._graph import GrowthLimits
-from sklearn_mcmd.segmentation._steps import GrowthSteps
 
 
 def columns_of(X, normals, rng):

@@ -1,4 +1,8 @@
-"""Cells, patches and votes of ``_region_division``, compiled."""
+"""Growth, division and cylinders of regions, compiled.
+
+Loops are in the place of linear algebra: Numba takes ten times as long to compile calls of BLAS and
+LAPACK.
+"""
 
 from heapq import heapify, heappop, heappush
 
@@ -7,12 +11,179 @@ import numpy as np
 from sklearn_mcmd.planes._explaining_numba import _root
 from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.runtime._kernels import kernel
-from sklearn_mcmd.segmentation._cylinder_numba import _across, _add, _dot, _moved, _scaled, _solve
 
 N_PLANE = 3  # parameters of a plane
+N_CYLINDER = 5  # and of a cylinder
 # The points that a surface is fitted to; with plain numbers, `_fitted` is compiled for each.
 OTHER, FIRST, BOTH = np.int64(0), np.int64(1), np.int64(2)
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
+
+
+@kernel(cache=True)
+def grow(links, seeds):
+    """Labels of regions, as of `grow_regions`."""
+    n, width = links.shape
+    labels = np.full(n, -1, np.int32)
+    waiting = np.empty(n, np.int32)  # the current seed list, S_c
+    region = 0
+    for seed in seeds:
+        if labels[seed] >= 0:
+            continue
+        labels[seed] = region
+        waiting[0] = seed
+        n_waiting = 1
+        while n_waiting > 0:
+            n_waiting -= 1
+            i = waiting[n_waiting]
+            for a in range(width):
+                j = links[i, a]
+                if j < 0:
+                    break
+                if labels[j] < 0:
+                    labels[j] = region
+                    waiting[n_waiting] = j
+                    n_waiting += 1
+        region += 1
+    return labels
+
+
+@kernel(cache=True)
+def fit_cylinder(points, starts, limits, equations, model):
+    """Fill the model (point, axis, radius) of centered points, and return the sum of squares.
+
+    `equations` hold the normal equations and, last, their right side.
+    """
+    n = len(points)
+    best = np.inf
+    ridge = limits.ridge * n
+    for start in range(len(starts)):
+        axis = (starts[start, 0], starts[start, 1], starts[start, 2])
+        point, radius = (0.0, 0.0, 0.0), -1.0
+        last = np.inf
+        for step in range(limits.n_steps + 1):
+            u, v = _across(axis)
+            if step == 0:
+                _circle(points, u, v, ridge, equations)
+                a, b = equations[0, N_CYLINDER], equations[1, N_CYLINDER]
+                point = _moved(point, a, u, b, v)
+                radius = np.sqrt(max(equations[2, N_CYLINDER] + a * a + b * b, 0.0))
+            total = _linearize(points, point, axis, u, v, radius, limits.ridge, equations)
+            if total < best:
+                best = total
+                for i in range(3):
+                    model[i], model[3 + i] = point[i], axis[i]
+                model[6] = radius
+            if not total < (1.0 - limits.least_gain) * last:
+                break
+            last = total
+            _solve(equations, ridge)
+            point = _moved(point, equations[0, N_CYLINDER], u, equations[1, N_CYLINDER], v)
+            axis = _moved(axis, equations[2, N_CYLINDER], u, equations[3, N_CYLINDER], v)
+            axis = _scaled(axis, 1.0 / np.sqrt(_dot(axis, axis)))
+            # Move the axis point back to the height of the points; any point of the axis will do.
+            point = _moved(point, -_dot(point, axis), axis, 0.0, axis)
+            radius = abs(radius + equations[4, N_CYLINDER])
+    return best
+
+
+@kernel
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _scaled(a, factor):
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+@kernel
+def _moved(a, s, u, t, v):
+    """The point a + s u + t v."""
+    return (a[0] + s * u[0] + t * v[0], a[1] + s * u[1] + t * v[1], a[2] + s * u[2] + t * v[2])
+
+
+@kernel
+def _across(axis):
+    """Two directions across the axis."""
+    x, y, z = abs(axis[0]), abs(axis[1]), abs(axis[2])
+    one = (0.0, 0.0, 1.0)
+    if x <= y and x <= z:
+        one = (1.0, 0.0, 0.0)
+    elif y <= z:
+        one = (0.0, 1.0, 0.0)
+    u = _moved(one, -_dot(one, axis), axis, 0.0, axis)
+    u = _scaled(u, 1.0 / np.sqrt(_dot(u, u)))
+    v = (
+        axis[1] * u[2] - axis[2] * u[1],
+        axis[2] * u[0] - axis[0] * u[2],
+        axis[0] * u[1] - axis[1] * u[0],
+    )
+    return u, v
+
+
+@kernel
+def _circle(points, u, v, ridge, equations):
+    """The algebraic circle of the points seen along the axis, to the last column.
+
+    x^2 + y^2 is linear in the center's coordinates and a constant.
+    """
+    equations[:] = 0.0
+    for i in range(len(points)):
+        point = (points[i, 0], points[i, 1], points[i, 2])
+        x, y = _dot(point, u), _dot(point, v)
+        _add(equations, (2.0 * x, 2.0 * y, 1.0, 0.0, 0.0), x * x + y * y)
+    _solve(equations, ridge)
+
+
+@kernel
+def _linearize(points, point, axis, u, v, radius, least, equations):
+    """Sum of squared distances from a cylinder, and the normal equations of the next step."""
+    equations[:] = 0.0
+    total = 0.0
+    for i in range(len(points)):
+        gap = (points[i, 0] - point[0], points[i, 1] - point[1], points[i, 2] - point[2])
+        along, x, y = _dot(gap, axis), _dot(gap, u), _dot(gap, v)
+        reach = np.sqrt(x * x + y * y)
+        away = reach - radius
+        total += away * away
+        reach = max(reach, least)
+        x, y = x / reach, y / reach
+        _add(equations, (x, y, along * x, along * y, 1.0), away)
+    return total
+
+
+@kernel
+def _add(equations, row, right):
+    """Add one equation, the first terms of a row, to the lower triangle of the normal ones."""
+    n = len(equations)
+    for i in range(n):
+        for j in range(i + 1):
+            equations[i, j] += row[i] * row[j]
+        equations[i, n] += row[i] * right
+
+
+@kernel
+def _solve(equations, ridge):
+    """Solve the normal equations by Cholesky's method, into the last column."""
+    n = len(equations)
+    for i in range(n):
+        equations[i, i] += ridge
+        for j in range(i):
+            value = equations[i, j]
+            for m in range(j):
+                value -= equations[i, m] * equations[j, m]
+            equations[i, j] = value / equations[j, j]
+        pivot, value = equations[i, i], equations[i, n]
+        for m in range(i):
+            pivot -= equations[i, m] * equations[i, m]
+            value -= equations[i, m] * equations[m, n]
+        equations[i, i] = np.sqrt(pivot)
+        equations[i, n] = value / equations[i, i]
+    for i in range(n - 1, -1, -1):
+        value = equations[i, n]
+        for m in range(i + 1, n):
+            value -= equations[m, i] * equations[m, n]
+        equations[i, n] = value / equations[i, i]
 
 
 @kernel(cache=True)
@@ -108,26 +279,6 @@ def _scatter(scatters, c, more):
     s = scatters[c]
     low = s[0] + more[0], s[1] + more[1], s[2] + more[2]
     return (*low, s[3] + more[3], s[4] + more[4], s[5] + more[5])
-
-
-@kernel(cache=True)
-def strip_of(small, large):
-    """Which points of a large patch (m, 3) are as near to some point of a small one as the one of
-    these that is farthest from the large patch is to it."""
-    reach, nearest = 0.0, np.full(len(large), np.inf)
-    for i in range(len(small)):
-        least = np.inf
-        for j in range(len(large)):
-            x, y, z = (
-                small[i, 0] - large[j, 0],
-                small[i, 1] - large[j, 1],
-                small[i, 2] - large[j, 2],
-            )
-            square = x * x + y * y + z * z
-            least = min(least, square)
-            nearest[j] = min(nearest[j], square)
-        reach = max(reach, least)
-    return nearest <= reach
 
 
 @kernel(cache=True)
@@ -252,8 +403,10 @@ def _fitted(local, weights, side, wanted, ridge):
     equations, heights, total = np.zeros((order, order + 1)), np.empty(len(local)), 0.0
     for i in range(len(local)):
         if wanted == BOTH or side[i] == wanted:
-            _add(equations, _terms(local[i, 0], local[i, 1], weights[i]), weights[i] * local[i, 2])
-            total += weights[i] * weights[i]
+            x, y, w = local[i, 0], local[i, 1], weights[i]
+            terms = (w, w * x, w * y, w * x * x, w * x * y, w * y * y)
+            _add(equations, terms, w * local[i, 2])
+            total += w * w
     _solve(equations, ridge * total)
     c = equations[:, order]
     for i in range(len(local)):
@@ -262,8 +415,3 @@ def _fitted(local, weights, side, wanted, ridge):
         if order > N_PLANE:
             heights[i] += c[3] * x * x + c[4] * x * y + c[5] * y * y
     return heights
-
-
-@kernel
-def _terms(x, y, w):
-    return (w, w * x, w * y, w * x * x, w * x * y, w * y * y)
