@@ -71,7 +71,8 @@ class View:
             self._report(made, seconds())
 
     def _make(self):
-        from sklearn_mcmd.view._page import check_suffix, cloud_page
+        from sklearn_mcmd.view._page import check_suffix
+        from sklearn_mcmd.view._page import view as make_page
 
         check_suffix(self.page)
         with standing_in(self.page) as stand_in:
@@ -84,7 +85,7 @@ class View:
         names = [source.name for source in self.sources]
         shown = {"color": self.color, "max_points": self.max_points, "title": self.title}
         with progress_part(0.4, 0.97, "packing"):
-            return cloud_page(clouds, names=names, only=only, **shown)
+            return make_page(*clouds, names=names, only=only, **shown)
 
     def _report(self, made, seconds):
         size = self.page.stat().st_size

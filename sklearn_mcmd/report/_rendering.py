@@ -121,12 +121,10 @@ def write_report(folder, run, contents):
 
 
 def _write_view(path, run, contents):
-    from sklearn_mcmd.view._page import cloud_page
+    from sklearn_mcmd.view._page import view
 
     title = f"{run.verb}: {source_name(run)}"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page itself says what it leaves out
-        page = cloud_page(
-            [contents.shown], names=[source_name(run)], title=title, max_points=MOST_SHOWN
-        )
+        page = view(contents.shown, names=[source_name(run)], title=title, max_points=MOST_SHOWN)
     page.save(path)
