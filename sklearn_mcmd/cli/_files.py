@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import time
 import warnings
 from contextlib import contextmanager
 from pathlib import Path
@@ -166,11 +167,10 @@ ReportFolder = Annotated[
 ]
 
 
-def write_report_of(verb, seconds, contents):
+def write_report_of(verb, begin, contents):
     """Write a verb's report, if one is asked for. Then all outputs are there: Ctrl-C is too late.
 
-    ``seconds()`` is the time of the work so far. ``contents()`` makes the `Contents`, and takes
-    time.
+    The work began at `begin`. ``contents()`` makes the `Contents`, and takes time.
     """
     if verb.report is not None:
         from sklearn_mcmd.report._contents import Run
@@ -185,7 +185,7 @@ def write_report_of(verb, seconds, contents):
             parameters=list(_parameters(context)),
             source=verb.source,
             target=verb.target,
-            seconds=seconds(),
+            seconds=time.perf_counter() - begin,
         )
         with progress_part(1.0, 1.0, "report"):
             span, made = current_span(), contents()

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.io._las import coordinate_system
-from sklearn_mcmd.planes._resolution import coordinate_step, in_own_precision, is_coarse
+from sklearn_mcmd.planes._resolution import coordinate_step
 
 SPACING_SAMPLE = 200_000  # largest number of points that the median spacing is taken from
 RADIUS_SAMPLE = 20_000  # and radii of neighborhoods: their median is then known to 1 %
@@ -26,23 +26,22 @@ class Facts(NamedTuple):
     radius: float  # of neighborhoods: the median,
     sparse_radius: float  # and what 5 % of the points exceed
     step: float  # to which coordinates are rounded; 0 if none was found
-    # Step of float32 at a typical coordinate, if float32 holds the coordinates and is too coarse
-    # for the neighborhoods; else 0.
-    rounding: float
     noise: float  # median standard deviation about the planes; NaN if these are not known
 
     @classmethod
-    def of(cls, xyz, n_neighbors, scales=None):
-        """Measure a cloud whose planes have these standard deviations."""
+    def of(cls, xyz, n_neighbors=0, scales=None):
+        """Measure a cloud whose planes have these standard deviations; 0: without neighborhoods."""
         distinct = distinct_points(xyz)
         n_members = min(n_neighbors, len(distinct))
         radius = sparse = spacing = np.nan
         if len(distinct) > 1:
             tree = cKDTree(distinct, balanced_tree=False)
-            spacing = median_spacing(tree)
-            sample = distinct[:: -(-len(distinct) // RADIUS_SAMPLE)]
-            radii = tree.query(sample, k=[n_members])[0][:, 0]
-            radius, sparse = (float(value) for value in np.quantile(radii, [0.5, SPARSE]))
+            some = tree.data[:: -(-tree.n // SPACING_SAMPLE)]
+            spacing = float(np.median(tree.query(some, k=[2])[0]))
+            if n_members:
+                sample = distinct[:: -(-len(distinct) // RADIUS_SAMPLE)]
+                radii = tree.query(sample, k=[n_members])[0][:, 0]
+                radius, sparse = np.quantile(radii, [0.5, SPARSE]).tolist()
         noise = np.nan
         if scales is not None:
             known = scales[np.isfinite(scales)]
@@ -58,7 +57,6 @@ class Facts(NamedTuple):
             radius=radius,
             sparse_radius=sparse,
             step=float(coordinate_step(xyz)),
-            rounding=_coarse_rounding(xyz, radius),
             noise=noise,
         )
 
@@ -73,7 +71,8 @@ class Facts(NamedTuple):
             rows.append(("CRS", coordinate_system(header) or "not stated"))
         rows.append(("attributes", ", ".join(cloud.attributes) or "none"))
         if np.isfinite(self.spacing):
-            rows.append(("spacing", f"{self.spacing:.3g} (median distance to the nearest)"))
+            rows.append(("spacing", f"{self.spacing:.4g} (median distance to the nearest)"))
+        if np.isfinite(self.radius):
             sizes = f"radius {self.radius:.3g} (median); 5 % are larger than "
             sizes += f"{self.sparse_radius:.3g}"
             rows.append((f"neighborhoods of {self.n_neighbors}", sizes))
@@ -109,23 +108,8 @@ def distinct_points(xyz):
     return xyz[order[first]]
 
 
-def median_spacing(tree):
-    """Median distance of distinct points to the nearest other one."""
-    step = -(-tree.n // SPACING_SAMPLE)
-    return float(np.median(tree.query(tree.data[::step], k=[2])[0]))
-
-
 def usual_rows(xyz):
     """Points that are not farther from the middle 98 % than these reach, along each axis."""
     low, high = np.quantile(xyz, [0.01, 0.99], axis=0)
     reach = (high - low).max()
     return ((xyz >= low - reach) & (xyz <= high + reach)).all(axis=1)
-
-
-def _coarse_rounding(xyz, radius):
-    single = in_own_precision(xyz)
-    if not np.isfinite(radius) or single.dtype != np.float32:
-        return 0.0
-    largest = np.float32(np.median(np.abs(single).max(axis=1)))
-    rounding = float(np.spacing(largest))
-    return rounding if is_coarse(rounding, radius) else 0.0

@@ -6,9 +6,7 @@ from sklearn_mcmd._errors import counted
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.report._contents import Note, note_if, percent
 
-CHECKS_OF_ALL = (
-    "duplicates, coordinates that are rounded or too coarse, and points far from all others"
-)
+CHECKS_OF_ALL = "duplicates, coordinates that are rounded, and points far from all others"
 CHECKS = "too few points, sparse parts, noise that hides surfaces, " + CHECKS_OF_ALL
 FEW = 10  # neighborhoods; the detector judges clouds of fewer by other shares (`SurfaceLimits`)
 COPIES = 0.01  # share of copies, which count once, below which they change no picture
@@ -34,15 +32,6 @@ def cloud_notes(facts, *, local=True):
         "Distances from surfaces are known in steps and no longer in noise; what is off by less "
         "than a step and a half is not seen.",
         "Export the scan with more decimals, if it has them.",
-    )
-    notes += note_if(
-        facts.rounding,
-        "Single precision far from the origin.",
-        f"The coordinates have the digits of float32, which rounds to {facts.rounding:.2g} so far "
-        f"from the origin. Neighborhoods have a radius of {facts.radius:.2g}: their planes follow "
-        "the rounding.",
-        "Write the file in double precision, as LAS, LAZ or text, or subtract an offset before.",
-        warned="single precision (float32) rounds coordinates",
     )
     notes += note_if(
         n_far > 0,
@@ -82,8 +71,6 @@ def _neighborhood_notes(facts):
 
 
 def with_warnings(contents, warned):
-    """The same with what the run warned of on the terminal, unless a note is on that matter."""
-    noted = [note.warned for note in contents.notes if note.warned]
-    new = [words for words in warned if not any(part in words for part in noted)]
-    notes = [Note("Warned on the terminal.", words) for words in new]
-    return contents._replace(notes=notes + contents.notes)
+    """The same with what the run warned of on the terminal."""
+    new = [Note("Warned on the terminal.", words) for words in warned]
+    return contents._replace(notes=new + contents.notes)
