@@ -173,7 +173,9 @@ def _read(context: typer.Context, path: Path | None):
         if not isinstance(table, dict):
             raise typer.BadParameter(f"{path}: {verb} must stand below a verb, such as [denoise]")
         if verb not in known:
-            raise typer.BadParameter(f"{path}: [{verb}] is no verb with settings: {_all(known)}")
+            raise typer.BadParameter(
+                f"{path}: no settings are of [{verb}], but of {', '.join(known)}"
+            )
         for name in table.keys() - known[verb].keys():
             raise typer.BadParameter(
                 f"{path}: {verb} has no setting {name}; mcmd config {verb} lists all"
@@ -183,10 +185,6 @@ def _read(context: typer.Context, path: Path | None):
         for name, value in tables.get(context.info_name or "", {}).items()
     }
     return path
-
-
-def _all(known):
-    return ", ".join(known)
 
 
 Config = Annotated[
@@ -206,7 +204,7 @@ def config(
     """Print all settings of a verb, or of all, with their defaults, as a file for --config."""
     known = _settings(context)
     if verb not in (None, *known):
-        raise typer.BadParameter(f"{verb} is no verb with settings: {_all(known)}")
+        raise typer.BadParameter(f"{verb} is no verb with settings: {', '.join(known)}")
     for name in [verb] if verb else known:
         typer.echo(f"[{name}]")
         for option in known[name].values():
@@ -276,7 +274,7 @@ def command_of(kind, *, without=(), more=""):
     def command(*args, **kwargs):
         given = call.bind(*args, **kwargs).arguments
         for names in getattr(kind, "one_of", ()):
-            asked = [f"--{one.replace('_', '-')}" for one in names if given[one] is not None]
+            asked = [f"--{one.replace('_', '-')}" for one in names if given.get(one) is not None]
             if len(asked) > 1:
                 raise typer.BadParameter(
                     f"{' and '.join(asked)} exclude each other: leave all but one out."

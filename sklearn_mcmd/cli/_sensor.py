@@ -104,12 +104,11 @@ class Asked(NamedTuple):
         return positions, "" if positions is None else place_words(positions, words), doubt
 
     def _positions(self, cloud, used):
-        """Positions for the used points, (3,) or (m, 3), or None if no option tells them; in words
-        what tells them; and what speaks against those that the file states, which are not given.
+        """Positions for the used points, (3,) or (m, 3), or None; in words what tells them; and
+        what speaks against those that the file states, which are not given then.
 
-        What is typed is taken as it is. What the file states is asked, and is taken with no option
-        as well if `recognize`, unless it is scan angles, which take long and tell of aircraft. A
-        sensor that moves has no even steps to be asked for.
+        What the file states is taken with no option if `recognize`, unless it is scan angles, which
+        take long and tell of aircraft. A sensor that moves has no even steps to be asked for.
         """
         if isinstance(self.sensor, tuple):
             return np.array(self.sensor), "given", ""
@@ -138,7 +137,11 @@ def _doubt(xyz, positions, words, setups):
 
     seen = views_from_setups(xyz, positions, setups)
     if False in seen:
-        which = "" if setups is None else _scans(np.unique(setups)[[s is False for s in seen]] + 1)
+        which = ""
+        if setups is not None:
+            bad = np.unique(setups)[[view is False for view in seen]] + 1
+            more = f" and {len(bad) - MOST:,} more" if len(bad) > MOST else ""
+            which = f"of scan{'s' * (len(bad) > 1)} {', '.join(map(str, bad[:MOST]))}{more} "
         why = f"points {which}do not look as if measured from there; that may be a local origin"
     elif True in seen:  # setups that cannot be asked have no vote
         return ""
@@ -147,12 +150,6 @@ def _doubt(xyz, positions, words, setups):
     place = place_words(positions, words)
     at = "" if place.startswith("from") else "at "
     return f"the file says that the sensor was {at}{place}, but {why}"
-
-
-def _scans(numbers):
-    """Numbers of scans in words, the first ten of many."""
-    more = f" and {len(numbers) - MOST:,} more" if len(numbers) > MOST else ""
-    return f"of scan{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers[:MOST]))}{more} "
 
 
 def intensity_of(source, cloud):

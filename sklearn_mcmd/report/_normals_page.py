@@ -36,7 +36,14 @@ def normals_contents(shown, names, removed):
         n = int(np.count_nonzero(unreliable))
         cards.insert(0, (percent(n, len(errors)), "of the normals are unreliable"))
         places = fullest_cells(xyz, unreliable, near, "unreliable normals")
-        sections.append(("How exact they are", _errors_drawn(errors)))
+        limit = {"cutoff": UNRELIABLE, "cutoff_name": "unreliable from", "least": 0.01}
+        drawn = histogram(errors, name="standard error of the normal in degrees", **limit)
+        drawn += paragraph(
+            "The true normal is within 1.73 standard errors with 95 % confidence, as far as noise "
+            "goes. Rims, corners and things smaller than a neighborhood are worse.",
+            "soft",
+        )
+        sections.append(("How exact they are", drawn))
         sections.append(("Where they are unreliable", places))
     flatness = histogram(given["surface_variation"], name="surface variation")
     sections += [("Flatness", flatness), ("Directions", _tilt_table(normals))]
@@ -47,16 +54,6 @@ def normals_contents(shown, names, removed):
         checks="unreliable normals, neighborhoods of two things",
         sections=sections,
         output=f"{n_all:,} points{shown.files}, with {', '.join(names)}",
-    )
-
-
-def _errors_drawn(errors):
-    name = "standard error of the normal in degrees"
-    limit = {"cutoff": UNRELIABLE, "cutoff_name": "unreliable from"}
-    return histogram(errors, name=name, least=0.01, **limit) + paragraph(
-        "The true normal is within 1.73 standard errors with 95 % confidence, as far as noise "
-        "goes. Rims, corners and things smaller than a neighborhood are worse.",
-        "soft",
     )
 
 

@@ -62,7 +62,14 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
         if cutoff is None:  # the run found it: the largest score below it
             cutoff = float(score[~found].max(initial=0.0))
         drawn = histogram(score, cutoff=cutoff, name="score", least=LEAST_SCORE)
-        sections.append(("How clear they are", drawn + _grade_table(score, cutoff)))
+        clear, gross = (np.count_nonzero(score > max(least, cutoff)) for least in (CLEAR, GROSS))
+        of = np.count_nonzero(score > cutoff)
+        drawn += paragraph(
+            f"A score up to 3 means that the point is on a surface or near other points. "
+            f"{share(clear, of, 'outliers')} are clear errors, with a score above {CLEAR}; "
+            f"{share(gross, of, 'outliers')} are gross ones, above {GROSS}."
+        )
+        sections.append(("How clear they are", drawn))
     if detector is not None:
         on_surface = int(np.count_nonzero(detector.on_surface_))
         cards.append((f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"))
@@ -83,27 +90,6 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
         output=f"{n_out:,} points{shown.files}" + ", with outlier_score and marks" * marked,
         rows=told.sensor.items(),
     )
-
-
-def _grade_table(score, cutoff):
-    """Outliers by how clear they are."""
-    grades = [
-        ("doubtful", cutoff, CLEAR),
-        ("clear", max(cutoff, CLEAR), GROSS),
-        ("gross", max(cutoff, GROSS), np.inf),
-    ]
-    n = np.count_nonzero(score > cutoff)
-    rows = []
-    for name, low, high in grades:
-        if low < high:
-            found = np.count_nonzero((score > low) & (score <= high))
-            span = f"{low:.3g} to {high:g}" if np.isfinite(high) else f"above {low:.3g}"
-            rows.append((name, span, f"{found:,}", percent(found, n)))
-    words = paragraph(
-        "A score up to 3 means that the point is on a surface or near other points; 10 is a clear "
-        "error, 100 a gross one."
-    )
-    return words + table(("outliers", "score", "points", "share"), rows, numbers=(2, 3))
 
 
 def _notes(detector, n, n_all):
@@ -133,12 +119,7 @@ def plane_scales(detector):
 
 
 def kinds_of_outliers(detector):
-    """Why each fitted point is an outlier: its place in `KINDS`, and -1 of all others.
-
-    Isolated points are farther from their neighbors than the cutoff, in usual spacings. Those in
-    groups are not, but their group stands off by more than the cutoff. The others lie on no
-    surface, and ``strictness="surfaces"`` flags them for that alone, as does the paper's form.
-    """
+    """Why each fitted point is an outlier: its place in `KINDS`, and -1 of all others."""
     is_outlier, cutoff = detector.scores_ < detector.offset_, -detector.offset_
     if detector.isolation_ is None:
         return np.where(is_outlier, np.int8(2), np.int8(-1))

@@ -8,8 +8,14 @@ import numpy as np
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.report._contents import Contents, Note, share
-from sklearn_mcmd.report._facts import Facts, bounds_rows, usual_rows
-from sklearn_mcmd.report._notes import CHECKS, CHECKS_OF_ALL, cloud_notes
+from sklearn_mcmd.report._facts import (
+    CHECKS,
+    CHECKS_OF_ALL,
+    Facts,
+    bounds_rows,
+    cloud_notes,
+    usual_rows,
+)
 from sklearn_mcmd.report._volumes import place_numbers
 
 SAMPLE = 500_000  # points; maps show a quarter of them, and shares are known to 0.1 %
@@ -49,10 +55,7 @@ class Shown(NamedTuple):
 
     @classmethod
     def of_memory(cls, cloud, n_neighbors, scales=None, /, local=True, **results):
-        """A cloud as it was read, with results, and measured by planes of these scales.
-
-        Not `local`: where no neighborhoods are taken.
-        """
+        """A cloud as it was read, with results; `local`: measured by planes of these scales."""
         facts = Facts.of(cloud.xyz, n_neighbors, scales)
         return cls(
             cloud=cloud.with_attributes(**results),
@@ -65,12 +68,10 @@ class Shown(NamedTuple):
 
     @classmethod
     def of_tiles(cls, catalog, outputs, run, names):
-        """A sample of outputs, with these attributes."""
         return cls.of_sample(_sample(outputs, step_of(run), names), catalog, outputs, run)
 
     @classmethod
     def of_sample(cls, cloud, catalog, outputs, run):
-        """A sample that is there already."""
         step, words = step_of(run), ""
         if step > 1:
             words = "Pictures, histograms and tables are of a sample: one point of "

@@ -369,17 +369,16 @@ def check_count(value, name):
 
 def _check_extent(clouds, names):
     """Refuse coordinates so far apart that float32 cannot hold their squares."""
-    ends = []
-    for (cloud, rows), name in zip(clouds, names, strict=True):
-        xyz = cloud.xyz[rows]
-        ends += [xyz.min(axis=0), xyz.max(axis=0)]
-        low, high = np.min(ends, axis=0), np.max(ends, axis=0)
-        if (high / 2 - low / 2 > LARGEST_EXTENT / 2).any():
-            axis = int(np.argmax(high / 2 - low / 2))
-            raise ValueError(
-                f"{name}: {'xyz'[axis]} reaches from {low[axis]:.3g} to {high[axis]:.3g}; "
-                f"a page holds extents up to {LARGEST_EXTENT:g}"
-            )
+    ends = [
+        end for cloud, rows in clouds for end in (cloud.xyz[rows].min(0), cloud.xyz[rows].max(0))
+    ]
+    low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+    axis = int(np.argmax(high / 2 - low / 2))
+    if high[axis] / 2 - low[axis] / 2 > LARGEST_EXTENT / 2:
+        raise ValueError(
+            f"{', '.join(map(str, names))}: {'xyz'[axis]} reaches from {low[axis]:.3g} to "
+            f"{high[axis]:.3g}; a page holds extents up to {LARGEST_EXTENT:g}"
+        )
 
 
 def _plain(value: Any) -> Any:

@@ -60,7 +60,7 @@ def test_the_defaults_that_are_printed_are_a_file_that_changes_nothing(settings,
     [
         ("[denoise]\ncutof = 3", "denoise has no setting cutof; mcmd config denoise lists all"),
         ("cutoff = 3", "cutoff must stand below a verb, such as [denoise]"),
-        ("[cutoff]", "[cutoff] is no verb with settings: denoise, normals"),
+        ("[cutoff]", "no settings are of [cutoff], but of denoise, normals"),
         ("[denoise]\ncutoff = three", "cannot be read: Invalid value (at line 2"),
         ("[denoise]\ncolumns = " + "[" * 3_000, "cannot be read: maximum recursion depth"),
         ("[denoise]\ncutoff = -3", "denoise.cutoff: -3.0 is not a number above 0"),
