@@ -239,11 +239,12 @@ class TypedCommand(TyperCommand):
             words = re.sub(r"Input should be a valid (\w+).*", r"not a valid \1", words)
             err.message = words.replace("Input should be", "must be")
             for option in self.params:
-                hint = str(err.param_hint).strip("'")
                 source = ctx.get_parameter_source(option.name)
-                if (err.param is option or hint in option.opts) and source.name == "DEFAULT_MAP":
+                is_wrong = err.param is option or err.param_hint in option.opts
+                if is_wrong and source.name == "DEFAULT_MAP":
                     place = f"{ctx.params['config']}: {ctx.info_name}.{option.name}"
                     err.message = f"{place}: {err.message}"
+            err.param_hint = err.param_hint and f"'{err.param_hint}'"  # as where Typer finds it
             raise
 
 
