@@ -98,6 +98,8 @@ class Normals(CloudVerb):
     one_of = (("sensor", "trajectory"),)
 
     def __post_init__(self):
+        from sklearn_mcmd.normals._features import feature_columns
+
         self.asked = _sensor.Asked(self.source, self.sensor, self.trajectory)
         given = self.sensor is not None or self.trajectory is not None
         if given != (self.orientation == "sensor"):
@@ -105,7 +107,8 @@ class Normals(CloudVerb):
                 "--orientation sensor needs --sensor X,Y,Z|auto or --trajectory FILE, and these "
                 "need --orientation sensor: give both or neither."
             )
-        self.n_features = len(_feature_columns(self.features))
+        self.feature_columns = feature_columns(self.features or (), "xyz")
+        self.n_features = len(self.feature_columns)
         work = "tree" if self.orientation == "mst" else "normals"
         self.work = f"{work}, auto" if self.n_neighbors == "auto" else work
 
@@ -181,13 +184,7 @@ class Normals(CloudVerb):
     def _columns(self):
         from sklearn_mcmd.tiling._result_files import NORMAL_COLUMNS
 
-        return [*NORMAL_COLUMNS, *_feature_columns(self.features)]
+        return [*NORMAL_COLUMNS, *self.feature_columns]
 
 
 normals = command_of(Normals, more=BY_TILES)
-
-
-def _feature_columns(features):
-    from sklearn_mcmd.normals._features import feature_columns
-
-    return feature_columns(features or (), "xyz")
