@@ -20,6 +20,7 @@ from sklearn_mcmd.runtime._progress import progress_part
 N_POINTS = 60_000  # of the street
 OUTLIER_SHARE = 0.1  # of its points
 DPI = 100  # of the picture
+COLORS = 160  # of its palette, which reduces the file to a third
 
 
 def demo(
@@ -137,6 +138,7 @@ def draw(street, cleaned, with_normals, path):
 
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
+    from PIL import Image
 
     from sklearn_mcmd.plotting import normal_colors, plot_cloud
     from sklearn_mcmd.plotting._still import draw_ball
@@ -158,6 +160,8 @@ def draw(street, cleaned, with_normals, path):
         ax.set(xlim=axes[0, 0].get_xlim(), ylim=axes[0, 0].get_ylim())
     with replacing(path) as temporary:
         fig.savefig(temporary, dpi=DPI)
+        picture = Image.open(temporary).convert("RGB")
+        picture.quantize(COLORS, dither=Image.Dither.NONE).save(temporary, optimize=True)
     plt.close(fig)
 
 

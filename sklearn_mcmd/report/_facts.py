@@ -125,8 +125,8 @@ def usual_rows(xyz):
     return ((xyz >= low - reach) & (xyz <= high + reach)).all(axis=1)
 
 
-def cloud_notes(facts, *, local=True):
-    """What is the matter with the cloud itself; not `local`: where no neighborhoods are taken."""
+def cloud_notes(facts):
+    """What is the matter with the cloud itself."""
     n_copies, n_far = facts.n_points - facts.n_distinct, int(np.count_nonzero(~facts.near))
     spans = " x ".join(f"{value:.4g}" for value in facts.high - facts.low)
     notes = note_if(
@@ -151,7 +151,7 @@ def cloud_notes(facts, *, local=True):
         f"is wide: the file spans {spans}. Maps leave them out.",
         "Check them, and cut them off if they are no part of the scan.",
     )
-    return notes + _neighborhood_notes(facts) if local else notes
+    return notes + _neighborhood_notes(facts) if facts.n_neighbors else notes
 
 
 def _neighborhood_notes(facts):

@@ -11,7 +11,6 @@ from sklearn_mcmd.report._maps import maps
 from sklearn_mcmd.report._rendering import join, paragraph, part, table
 from sklearn_mcmd.report._shown import Shown
 
-NEIGHBORS = 50  # of the radius that is compared with rounding; the test has no neighborhoods
 MANY = 0.25  # share of outliers that makes "one plane" doubtful: the robust start takes a half
 LEAST, LARGEST = "#440154", "#fde725"  # the ends of the palette of numbers
 RED, BLUE = "#b2182b", "#2166ac"  # the ends of the palette of residuals
@@ -27,7 +26,7 @@ def plane_contents(cloud, detector, figures, unit):
     results = {"residual": residuals, "test_statistic": detector.test_statistic_}
     results = {name: values.astype(np.float32) for name, values in results.items()}
     results["outlier"] = found.astype(np.uint8)
-    shown = Shown.of_memory(cloud, NEIGHBORS, np.array([detector.sigma0_]), local=False, **results)
+    shown = Shown.of_memory(cloud, 0, np.array([detector.sigma0_]), **results)
     statistics = histogram(
         np.abs(detector.test_statistic_),
         cutoff=float(detector.critical_value_),

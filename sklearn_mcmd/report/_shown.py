@@ -54,16 +54,16 @@ class Shown(NamedTuple):
         )
 
     @classmethod
-    def of_memory(cls, cloud, n_neighbors, scales=None, /, local=True, **results):
-        """A cloud as it was read, with results; `local`: measured by planes of these scales."""
+    def of_memory(cls, cloud, n_neighbors, scales=None, /, **results):
+        """A cloud as it was read, with results; 0 neighbors: without neighborhoods."""
         facts = Facts.of(cloud.xyz, n_neighbors, scales)
         return cls(
             cloud=cloud.with_attributes(**results),
             n_all=len(cloud),
             near=facts.near,
             rows=facts.rows(cloud),
-            notes=cloud_notes(facts, local=local),
-            checks=CHECKS if local else CHECKS_OF_ALL,
+            notes=cloud_notes(facts),
+            checks=CHECKS if n_neighbors else CHECKS_OF_ALL,
         )
 
     @classmethod

@@ -21,6 +21,7 @@ def test_demo_writes_its_files(demo):
     assert result.exit_code == 0, result.output
     names = "clean.laz", "clean_sensor.laz", "demo.png", "normals.laz", "street.laz"
     assert files_in(folder) == list(names)
+    assert (folder / "demo.png").stat().st_size < 400_000
 
 
 def test_demo_prints_the_accuracy_that_its_files_have_and_the_position_finds_most(demo):
