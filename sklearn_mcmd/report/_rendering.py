@@ -104,19 +104,16 @@ def write_report(folder, run, contents):
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as err:
         raise system_error(folder, "written", err) from err
+    name = source_name(run)
     if contents.shown is not None:
-        _write_view(folder / VIEW, run, contents)
+        from sklearn_mcmd.view._page import view
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the page itself says what it leaves out
+            title = f"{run.verb}: {name}"
+            looked = view(contents.shown, names=[name], title=title, max_points=MOST_SHOWN)
+        looked.save(folder / VIEW)
     page = make_page(run, contents, has_view=contents.shown is not None)
     with replacing(folder / PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="replace")
     return folder / PAGE
-
-
-def _write_view(path, run, contents):
-    from sklearn_mcmd.view._page import view
-
-    title = f"{run.verb}: {source_name(run)}"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the page itself says what it leaves out
-        page = view(contents.shown, names=[source_name(run)], title=title, max_points=MOST_SHOWN)
-    page.save(path)

@@ -61,8 +61,7 @@ def test_demo_replaces_files_if_told_to_and_gives_the_same_again(tmp_path, monke
 
 
 def test_the_demo_replaces_no_files(room_file, tmp_path):
-    name = "clean.laz"
-    room_file.rename(tmp_path / name)
+    room_file.rename(tmp_path / (name := "clean.laz"))
     before = (tmp_path / name).read_bytes()
     assert f"already holds {name}; name another" in error_line(run("demo", tmp_path))
     assert (tmp_path / name).read_bytes() == before
