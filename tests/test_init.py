@@ -36,11 +36,6 @@ def test_names_are_found_where_nothing_was_imported_before():
     assert set(sklearn_mcmd.__all__) <= set(names) & set(dir(sklearn_mcmd))
 
 
-def test_subpackages_are_found_without_importing_them_by_name():
-    for name in ("adjustment", "datasets", "io", "plotting"):  # as of a name that is not there yet
-        assert sklearn_mcmd.__getattr__(name).__name__ == f"sklearn_mcmd.{name}"
-
-
 def test_an_unknown_name_is_an_attribute_error_that_names_it():
     with pytest.raises(AttributeError, match="no attribute 'RobustPlane'"):
         sklearn_mcmd.RobustPlane  # noqa: B018
