@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 from sklearn_mcmd.plotting import PlaneResidualDisplay
 from sklearn_mcmd.plotting._displays import Picture, along_normal, those_of_plane
 from sklearn_mcmd.report._contents import note_if, share
@@ -109,7 +108,7 @@ def _figure_sections(figures):
 
 
 def _notes(detector, n, n_all, unit, rows):
-    is_exact = sigma0_is_rounding(detector)
+    is_exact = detector._fitted.is_rounding
     notes = note_if(
         n > MANY * n_all,
         "Many outliers.",
