@@ -47,16 +47,10 @@ class Fitted:
     def predict(self, X):
         return np.where(self.scores_ < self.offset_, -1, 1)
 
-    def score_samples(self, X):
-        return self.scores_
-
-
-def drawn_colors(display):
-    return display.ax_.collections[0].get_facecolors()[:, :3]
-
 
 def count(display, color):
-    return int(np.isclose(drawn_colors(display), to_rgb(color), atol=1e-6).all(axis=1).sum())
+    drawn = display.ax_.collections[0].get_facecolors()[:, :3]
+    return int(np.isclose(drawn, to_rgb(color), atol=1e-6).all(axis=1).sum())
 
 
 def test_outliers_and_edges_are_drawn_in_their_color_and_counted(xyz):
@@ -80,12 +74,6 @@ def test_with_the_truth_errors_have_colors_of_their_own(xyz):
     assert [count(display, c) for c in ("#d55e00", "#0072b2", "#e69f00")] == [10, 20, 5]
     texts = [text.get_text() for text in display.ax_.get_legend().get_texts()]
     assert texts == ["found: 10", "missed: 20", "wrongly flagged: 5"]
-
-
-def test_scores_color_up_to_a_clear_error(xyz):
-    fitted = Fitted(xyz)
-    display = OutlierDisplay.from_estimator(fitted, xyz, show="scores")
-    assert len(np.unique(drawn_colors(display), axis=0)) > 20
 
 
 def test_each_region_has_its_color_and_none_is_dark(xyz):
@@ -116,10 +104,9 @@ def test_rare_classes_stay_visible_when_a_cloud_is_thinned():
     labels = np.r_[np.zeros(100_000, int), np.ones(80, int), np.full(3000, 2)]
     rows = thinned(labels, 5000)
     sizes = np.bincount(labels[rows])
-    assert sizes.sum() <= 5000
-    assert sizes.sum() >= 4990
+    assert sizes.sum() == 5000
     assert sizes[1] == 80
-    assert sizes[2] > 1000
+    assert sizes[2] > 800
     assert (np.diff(rows) > 0).all()
     np.testing.assert_array_equal(thinned(labels, 10**6), np.arange(len(labels)))
     for most in (1, 2, 50):
@@ -206,13 +193,6 @@ def test_each_of_many_regions_has_a_color_of_its_own_and_none_is_gray():
     np.testing.assert_array_equal(plotting.region_colors([-1]), [[0.3, 0.3, 0.3]])
 
 
-def test_a_whole_number_is_a_size_of_markers_too():
-    rng = np.random.default_rng(0)
-    ax = plot_cloud(rng.uniform(size=(50, 3)), outliers=np.arange(50) < 5, size=3)
-    drawn = np.concatenate([c.get_sizes() for c in ax.collections])
-    np.testing.assert_allclose(np.unique(drawn), [9.0, 12.96])
-
-
 def test_colors_of_normals_depend_on_the_axis_and_not_on_the_sign_and_none_is_gray(xyz):
     np.testing.assert_array_equal(plotting.normal_colors(xyz), plotting.normal_colors(-xyz))
     x, y, z = plotting.normal_colors(np.eye(3))
@@ -226,8 +206,6 @@ ONES, BROKEN, FLAGS = np.ones(400), np.full((400, 3), np.nan), np.ones(400, bool
 @pytest.mark.parametrize(
     ("draw", "message"),
     [
-        (lambda x: OutlierDisplay.from_predictions(x, ONES, show="score"), "show='score' is unk"),
-        (lambda x: OutlierDisplay.from_predictions(x, ONES, show="scores"), "needs scores"),
         (lambda x: OutlierDisplay.from_predictions(x, ONES, max_points=0), "max_points must be a"),
         (lambda x: OutlierDisplay.from_predictions(x, ONES, max_points=2.5), "max_points must be"),
         (lambda x: OutlierDisplay.from_predictions(x, ONES, view=(1, 2, 3)), "view must be a name"),

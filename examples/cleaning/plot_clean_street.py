@@ -16,6 +16,8 @@ import argparse
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
@@ -62,7 +64,7 @@ plt.show()
 # The score says how sure the verdict is. 3 is the cutoff, 10 a clear error. Seen from the front,
 # the tree is not more suspect than the facade.
 figure, ax = plt.subplots(figsize=(11, 5), layout="constrained")
-OutlierDisplay.from_predictions(
-    xyz, labels, scores=-detector.scores_, show="scores", view="front", ax=ax
-)
+plot_cloud(xyz, color=np.clip(-detector.scores_, 0, 10), view="front", scale_bar=True, ax=ax)
+shades = ScalarMappable(Normalize(0, 10))
+figure.colorbar(shades, ax=ax, label="score", shrink=0.6, extend="max")
 plt.show()

@@ -124,7 +124,7 @@ def plot_report(
     suffix = f" [{unit}]" if unit else ""
     figure.suptitle(title, fontsize="x-large")
     figure.supxlabel(_key_figures(detector, X, unit), fontsize="medium")
-    _draw_map(panels["m"], view, names, residuals, outliers, suffix)
+    _draw_map(panels["m"], view, names, residuals, outliers, suffix, wide)
     _draw_histogram(panels["h"], residuals, outliers, suffix)
     if hasattr(detector, "membership_residual_"):
         _draw_memberships(panels["t"], detector)
@@ -146,7 +146,7 @@ def _thinned(rows):
     return rows[:: len(rows) // MAX_DRAWN + 1]
 
 
-def _draw_map(axes, view, names, residuals, outliers, suffix):
+def _draw_map(axes, view, names, residuals, outliers, suffix, wide):
     """A map of the residuals."""
     good, bad = (_thinned(np.flatnonzero(mask)) for mask in (~outliers, outliers))
     marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
@@ -159,7 +159,7 @@ def _draw_map(axes, view, names, residuals, outliers, suffix):
         )
         axes.scatter(*view[bad, :2].T, **marks, rasterized=True)
         axes.set_aspect("equal", adjustable="box")
-        place = {"location": "bottom", "shrink": 0.8, "aspect": 40, "pad": 0.02}
+        place = {"location": "bottom", "shrink": 0.4 if wide else 0.6, "aspect": 30, "pad": 0.02}
         label = f"residual of inliers{suffix}"
         bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
         bar.ax.locator_params(nbins=6)

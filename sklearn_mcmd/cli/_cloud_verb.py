@@ -3,16 +3,14 @@
 import time
 import warnings
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from errno import ENOENT
-from inspect import signature
 from types import SimpleNamespace
 
 import typer
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._options import option
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._formats import TILED, TILED_NAMES
@@ -47,12 +45,12 @@ class CloudVerb:
     docstring is its help. It has these methods, too:
 
     - ``estimator()``: the estimator, with its parameters as options tell them.
-    - ``find(cloud)``: what is found in a cloud in memory.
+    - ``find(cloud, estimator)``: what is found in a cloud in memory, by names; numbers have those
+      of `RunReport`.
     - ``written(cloud, found=None)``: the cloud to write, and the points to mark in it; a blank one
       if nothing is found yet.
-    - ``counts(cloud, found)``: numbers of what was found in memory, by the names of `RunReport`.
-    - ``rows(told)``: rows of the summary, of such counts or of what tiles came to.
-    - ``contents(cloud, found, told)``, ``tile_contents(catalog, told)``: `Contents` of a report.
+    - ``rows(found)``: rows of the summary, of memory or of a `RunReport`.
+    - ``contents(cloud, found)``, ``tile_contents(catalog, told)``: `Contents` of a report.
     """
 
     source: _options.InFiles
@@ -88,11 +86,10 @@ class CloudVerb:
     unit: _options.HiddenUnit = ""  # which options that are lengths look up
     no_clobber: _options.NoClobber = False
     allow_coarse: _options.AllowCoarse = False
-    config: Config = None
+    config: _options.Config = None
     quiet: _options.Quiet = False
 
-    # What it finds, and how many features: as of `plan_run`. And what formats may have no place
-    # for.
+    # The work and the number of features, as of `plan_run`, and what formats may have no place for.
     work, n_features, results = "", 0, ""
     writes_all = True  # whether no point is left out
 
@@ -100,39 +97,37 @@ class CloudVerb:
         """The files to write beside the cloud; an error if options do not go with tiles."""
         return []
 
-    def dry_estimator(self):
-        """The estimator whose time a dry run measures, which reads no positions of the sensor."""
-        return self.estimator()
+    def work_on(self, catalog):
+        """The name of the work on the files of a catalog."""
+        return self.work
+
+    def dry_parameters(self, work):
+        """Other parameters of an estimator whose time a dry run measures."""
+        return {}
 
     def tile_options(self):
         """What `process_files` takes beside the estimator."""
-        return {}
+        return {"colors": getattr(self, "colors", None)}
 
     def write(self, cloud, found):
         _files.write(self.target, *self.written(cloud, found))
-
-    def made(self, kind, **others):
-        """An estimator: its parameters are the options of the same names, and others."""
-        names = signature(kind).parameters.keys() & {field.name for field in fields(self)}
-        return kind(**{name: getattr(self, name) for name in names} | others)
 
     def colored(self, cloud):
         """Whether to write colors, for verbs with an option for that."""
         return not has_colors(cloud) if self.colors is None else self.colors
 
-    def in_memory(self):
+    def in_memory(self, estimator):
         cloud = _files.read(self.source, self.target, self.results, columns=self.columns)
         rehearse(self.target, *self.written(cloud), whole=self.writes_all)
         with _files.working(self.source):
-            found = self.find(cloud)
-            told = SimpleNamespace(n_points=len(cloud), n_tiles=0, **self.counts(cloud, found))
+            told = self.find(cloud, estimator)
+            found = SimpleNamespace(n_points=len(cloud), n_tiles=0, **told)
         self.write(cloud, found)
-        return told, lambda: self.contents(cloud, found, told)
+        return found, lambda: self.contents(cloud, found)
 
-    def by_tiles(self, catalog):
+    def by_tiles(self, catalog, estimator):
         from sklearn_mcmd.tiling import process_files
 
-        estimator = self.estimator()
         asked = {"memory": self.memory, "n_jobs": estimator.n_jobs, "restart": self.restart}
         told = process_files(catalog, self.target, estimator, **asked, **self.tile_options())
         return told, lambda: self.tile_contents(catalog, told)
@@ -147,23 +142,26 @@ class CloudVerb:
     def run(self):
         from sklearn_mcmd._sklearn import check_parameters
 
-        check_parameters(self.estimator())
-        seconds = _messages.stopwatch()
+        begin, estimator = time.perf_counter(), self.estimator()
+        check_parameters(estimator)
         with nullcontext() if self.scheduler is None else joblib_by(self.scheduler):
             catalog = self._large_catalog()
             others = self.other_files(catalog)
             if self.dry_run:
-                self._print_plan(catalog)
+                self._print_plan(catalog, estimator)
                 return
             if self.no_clobber:
                 _files.refuse_existing(self.target, *others, report=self.report, catalog=catalog)
             with _messages.progress(type(self).__name__.lower(), self.quiet):
-                told, contents = self.in_memory() if catalog is None else self.by_tiles(catalog)
-                _files.write_report_of(self, seconds, contents)
+                if catalog is None:
+                    told, contents = self.in_memory(estimator)
+                else:
+                    told, contents = self.by_tiles(catalog, estimator)
+                _files.write_report_of(self, begin, contents)
             if not self.quiet:
                 rows = {"points": f"{told.n_points:,}"} | self.rows(told)
                 title = f"{self.source} -> {self.target}"
-                _messages.print_table(title, **rows, seconds=f"{seconds():.1f}")
+                _messages.print_table(title, begin, **rows)
 
     def _large_catalog(self):
         """The catalog of what the verb reads, if it is to be divided into tiles, else None.
@@ -189,15 +187,11 @@ class CloudVerb:
             catalog = _files.catalog_of(source, self.columns)
         except PointFileError:
             return None
-        limit = usual_memory() if self.memory is None else self.memory
-        return (
-            catalog if bytes_in_memory(catalog, self.n_features, work=self.work) > limit else None
-        )
+        needed = bytes_in_memory(catalog, self.n_features, work=self.work_on(catalog))
+        return catalog if needed > (self.memory or usual_memory()) else None
 
-    def _print_plan(self, catalog):
+    def _print_plan(self, catalog, estimator):
         """Print tiles, memory and time; the time is measured with the first points."""
-        from sklearn.base import clone
-
         from sklearn_mcmd.tiling._memory import (
             bytes_in_memory,
             most_neighbors,
@@ -209,23 +203,13 @@ class CloudVerb:
         if catalog is None and self.source.suffix.lower() not in TILED:
             raise PointFileError(f"{self.source}: --dry-run is for {TILED_NAMES}")
         tiles, catalog = catalog is not None, catalog or _files.catalog_of(self.source)
-        size = {"work": self.work}
-        estimator = self.dry_estimator()
-        k = most_neighbors(catalog.n_points, estimator)
-        xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
-        n_jobs, estimator = estimator.n_jobs, clone(estimator)
-        estimator.set_params(
-            **{name: 1 for name in estimator.get_params() if name.endswith("n_jobs")}
-        )
-        warm_up(estimator)
-        begin = time.perf_counter()
-        clone(estimator).fit(xyz)
-        seconds = (time.perf_counter() - begin) / len(xyz) * catalog.n_points
         rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
+        n_jobs, n_features, work = estimator.n_jobs, self.n_features, self.work_on(catalog)
         if tiles:
-            limit = usual_memory() if self.memory is None else self.memory
-            plan = plan_run(catalog.n_points, limit, n_jobs, self.n_features, n_neighbors=k, **size)
-            seconds *= MORE / (plan.n_workers * plan.n_threads)
+            k = most_neighbors(catalog.n_points, estimator)
+            asked = {"n_neighbors": k, "work": work}
+            limit = self.memory or usual_memory()
+            plan = plan_run(catalog.n_points, limit, n_jobs, n_features, **asked)
             threads = f" with {plan.n_threads} threads" if plan.n_threads > 1 else ""
             rows |= {
                 "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
@@ -234,11 +218,18 @@ class CloudVerb:
                 "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {self.target}",
             }
         else:
-            needed = bytes_in_memory(catalog, self.n_features, **size)
+            needed = bytes_in_memory(catalog, n_features, work=work)
             rows["memory"] = f"about {needed / 1e9:.2g} GB, without tiles"
-        _messages.print_table(
-            f"{self.source} -> {self.target}", **rows, time=f"about {_in_words(seconds)}"
-        )
+        xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
+        threads = {name: 1 for name in estimator.get_params() if name.endswith("n_jobs")}
+        warm_up(estimator.set_params(**threads, **self.dry_parameters(work)))
+        begin = time.perf_counter()
+        estimator.fit(xyz)
+        seconds = (time.perf_counter() - begin) / len(xyz) * catalog.n_points
+        if tiles:
+            seconds *= MORE / (plan.n_workers * plan.n_threads)
+        title = f"{self.source} -> {self.target}"
+        _messages.print_table(title, **rows, time=f"about {_in_words(seconds)}")
 
 
 def tiles_row(told):

@@ -1,7 +1,6 @@
 """``mcmd demo``: a street with known truth, and the accuracy of the results."""
 
-import io
-import os
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -10,20 +9,18 @@ import typer
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli._denoise import denoise
-from sklearn_mcmd.cli._files import refuse_existing
-from sklearn_mcmd.cli._messages import clear_exits, print_table, progress, stopwatch
+from sklearn_mcmd.cli._messages import clear_exits, print_table, progress
 from sklearn_mcmd.cli._normals import normals
-from sklearn_mcmd.cli._options import NJobs, NoClobber, Quiet
-from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.io._files import replacing
-from sklearn_mcmd.io._rehearsal import naming
+from sklearn_mcmd.cli._options import NJobs, Quiet
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.io._files import replacing, system_error
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
 
 N_POINTS = 60_000  # of the street
 OUTLIER_SHARE = 0.1  # of its points
 DPI = 100  # of the picture
-COLORS = 160  # of the picture's palette, which reduces the file to a third
+COLORS = 160  # of its palette, which reduces the file to a third
 
 
 def demo(
@@ -33,31 +30,27 @@ def demo(
     force: Annotated[
         bool,
         typer.Option(
-            "--force", help="Replace files with these names even if no earlier demo wrote them."
+            "--force", help="Replace files with these names, such as those of an earlier demo."
         ),
     ] = False,
     n_jobs: NJobs = -1,
-    no_clobber: NoClobber = False,
     quiet: Quiet = False,
 ) -> None:
     """Clean a simulated street scan whose truth is known, and show how well that went.
 
     Twice: by coordinates alone, and with --sensor, the position of the scanner. Writes street.laz
     (with outliers, and the truth as attributes), clean.laz, clean_sensor.laz, normals.laz and
-    demo.png, and prints the accuracy. Files of an earlier demo in the same folder are replaced.
+    demo.png, and prints the accuracy.
     """
     with clear_exits():
-        seconds = stopwatch()
+        begin = time.perf_counter()
         import_extra("matplotlib", "plot", "the picture")
         names = "street.laz", "clean.laz", "clean_sensor.laz", "normals.laz", "demo.png"
         outputs = street, clean, clean_sensor, with_normals, picture = [folder / n for n in names]
-        if no_clobber:
-            refuse_existing(*outputs)
-        there = [path.name for path in outputs if os.path.exists(path)]
-        if there and not force and not made_by_demo(street):
+        there = [path.name for path in outputs if path.exists()]
+        if there and not force:
             raise FileExistsError(
-                f"{folder} already holds {', '.join(there)}, of no earlier demo; name another "
-                "folder, or --force"
+                f"{folder} already holds {', '.join(there)}; name another folder, or --force"
             )
         sensor = write_street(street)
         work = {"n_jobs": n_jobs, "quiet": quiet}
@@ -68,8 +61,7 @@ def demo(
             angles = normal_errors(street, n_jobs)
         cleaned = {"by coordinates alone": clean}
         cleaned[f"with --sensor {','.join(f'{x:g}' for x in sensor)}"] = clean_sensor
-        with naming(picture):
-            draw(street, cleaned, with_normals, picture)
+        draw(street, cleaned, with_normals, picture)
         ignore_interrupts()
         if not quiet:
             for how, path in cleaned.items():
@@ -85,15 +77,7 @@ def demo(
                     for method, (median, high) in angles.items()
                 },
             )
-            typer.echo(f"Picture: {picture}; {seconds():.1f} seconds in all.")
-
-
-def made_by_demo(path):
-    """Whether a file is the street of an earlier run: it then holds the truth."""
-    try:
-        return {"true_outlier", "true_normal_x"} <= read_points(path).attributes.keys()
-    except PointFileError:
-        return False
+            typer.echo(f"Picture: {picture}; {time.perf_counter() - begin:.1f} seconds in all.")
 
 
 def write_street(path):
@@ -101,8 +85,7 @@ def write_street(path):
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as err:
-        reason = (err.strerror or str(err)).lower()
-        raise PointFileError(f"{path.parent}: the folder cannot be made: {reason}") from err
+        raise system_error(path.parent, "made", err) from err
     from sklearn_mcmd.datasets import make_street
 
     street = make_street(N_POINTS, outlier_share=OUTLIER_SHARE, random_state=0)
@@ -175,13 +158,11 @@ def draw(street, cleaned, with_normals, path):
     draw_ball(last, VIEW)
     for ax in axes.flat[1:]:  # the same place and scale, so that the eye can compare
         ax.set(xlim=axes[0, 0].get_xlim(), ylim=axes[0, 0].get_ylim())
-    raw, small = io.BytesIO(), io.BytesIO()
-    fig.savefig(raw, format="png", dpi=DPI)
-    plt.close(fig)
-    palette = Image.open(raw).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
-    palette.save(small, format="png", optimize=True)
     with replacing(path) as temporary:
-        temporary.write_bytes(small.getvalue())
+        fig.savefig(temporary, dpi=DPI)
+        picture = Image.open(temporary).convert("RGB")
+        picture.quantize(COLORS, dither=Image.Dither.NONE).save(temporary, optimize=True)
+    plt.close(fig)
 
 
 def _stack(cloud, prefix):

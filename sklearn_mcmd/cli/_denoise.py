@@ -13,7 +13,7 @@ from sklearn_mcmd._choices import Mode, OutlierMethod, Strictness
 from sklearn_mcmd.cli import _options, _sensor
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.cli._options import command_of, length, option
+from sklearn_mcmd.cli._options import command_of, length, made, option
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, class_numbers, noise_classes
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import (
@@ -124,24 +124,32 @@ class Denoise(CloudVerb):
     )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
 
+    one_of = ("cutoff", "false_positive_rate", "contamination"), ("sensor", "trajectory")
+
     def __post_init__(self):
-        _at_most_one(self, "cutoff", "false_positive_rate", "contamination")
         unknown = self.sensor is None and self.trajectory is None
         sensor = None if self.sensor == _sensor.NONE else self.sensor
         recognize = unknown and self.strictness != PAPER
-        self.asked = _sensor.Asked(self.source, sensor, self.trajectory, recognize).check()
+        self.asked = _sensor.Asked(self.source, sensor, self.trajectory, recognize)
         self.marks = self.writes_all = self.mode == "mark"
         self.results = "marks of outliers" if self.marks else ""
         self.choice = Choice(self.ignore_class or (), self.only_class or ())
         limits = {"above": self.above, "below": self.below}
         self.heights = limits | {"low_groups": self.low_groups}
         by_height = self.low_groups or any(limit is not None for limit in limits.values())
-        self.work = self.asked.work("heights" if by_height else "outliers", rays=True)
+        self.work = "heights" if by_height else "outliers"
+
+    def work_on(self, catalog):
+        return self.asked.work(self.work, catalog, rays=True)
+
+    def dry_parameters(self, work):
+        return {"sensor_origin": "origin" if "rays" in work else None}
 
     def other_files(self, catalog):
-        from sklearn_mcmd.outliers._calibration import check_rate
+        if self.false_positive_rate is not None:
+            from sklearn_mcmd.outliers._calibration import check_rate
 
-        check_rate(self.false_positive_rate)  # before a file is read
+            check_rate(self.false_positive_rate)  # before a file is read
         if self.intensity and catalog is not None:
             raise ValueError(
                 f"{self.source}: tiles take no --intensity; a file within --memory does"
@@ -149,49 +157,57 @@ class Denoise(CloudVerb):
         return []
 
     def estimator(self):
+        typed = self.sensor if isinstance(self.sensor, tuple) else None
         auto = _sensor.AUTO if self.asked.recognize else None
-        return self.made(
+        return made(
+            self,
             sklearn_mcmd.MCMDOutlierDetector,
             strictness=None if self.strictness == PAPER else self.strictness,
-            sensor_origin=self.asked.one_position or auto,
+            sensor_origin=typed or auto,
         )
 
-    def dry_estimator(self):
-        origin = "origin" if "rays" in self.work else None
-        return self.estimator().set_params(sensor_origin=origin)
+    def find(self, cloud, detector):
+        from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
+        from sklearn_mcmd.report._volumes import losses_of
 
-    def find(self, cloud):
-        """What is `Found`."""
         if cloud.metadata.get("denoised"):
             warnings.warn(denoised_before(self.source), stacklevel=2)
         points = judged_points(self.source, cloud, self.choice, **self.heights)
         some = cloud if points.used.all() else cloud.subset(points.used)
-        detector, sensed = self._detect(cloud, some, points.used)
+        sensed = self._detect(detector, cloud, some, points.used)
         classes, score, under = _verdict(cloud, points, detector, self.low_groups)
-        return Found(
-            some=some,
-            points=points,
-            detector=detector,
-            classes=classes,
-            score=score,
-            under=under,
-            sensed=sensed,
-        )
+        is_outlier = classes != 0
+        _warn_if_without_scale(np.sum(score[is_outlier] > EXACT_PLANE_SCORE), len(cloud))
+        removed = (is_outlier & ~under)[points.used]
+        together = losses_of(detector, lambda: [(some.xyz, removed)], len(some))
+        if together:
+            warnings.warn(together, stacklevel=2)
+        return {
+            "some": some,
+            "points": points,
+            "detector": detector,
+            "classes": classes,
+            "score": score,
+            "n_judged": np.count_nonzero(points.judged),
+            "n_used": len(some),
+            "n_outliers": np.count_nonzero(is_outlier),
+            "together": together,
+            "sensor": sensed,
+        }
 
-    def _detect(self, cloud, some, used):
-        """The detector that judged some of the points, and rows on the sensor."""
+    def _detect(self, detector, cloud, some, used):
+        """Let the detector judge some of the points; rows on the sensor."""
         from sklearn_mcmd.outliers._detector import judged_cloud
 
         light = _sensor.intensity_of(self.source, cloud)[used] if self.intensity else None
         origins, where, refused = self.asked.of_rays(cloud, used)
-        doubted = origins is not None and (
-            self.asked.recognize or self.asked.sensor == _sensor.AUTO
-        )
-        detector = self.estimator().set_params(sensor_origin=_sensor.AUTO if doubted else None)
+        doubted = self.asked.recognize or self.asked.sensor == _sensor.AUTO
+        doubted = doubted and origins is not None
+        detector.set_params(sensor_origin=_sensor.AUTO if doubted else None)
         detector.fit(in_own_precision(some.xyz), sensor_origin=origins, intensity=light)
         judged = judged_cloud(detector)
         where = "" if judged.rays is None else where  # it is not used
-        return detector, rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
+        return rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
 
     def written(self, cloud, found=None):
         n = len(cloud)
@@ -200,24 +216,6 @@ class Denoise(CloudVerb):
         if self.marks:
             return with_results(cloud, {"outlier_score": score}), classes
         return without_outliers(cloud, classes == 0), None
-
-    def counts(self, cloud, found):
-        from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE
-        from sklearn_mcmd.report._volumes import losses_of
-
-        is_outlier, used = found.classes != 0, found.points.used
-        _warn_if_without_scale(np.sum(found.score[is_outlier] > EXACT_PLANE_SCORE), len(cloud))
-        removed = (is_outlier & ~found.under)[used]
-        together = losses_of(found.detector, lambda: [(found.some.xyz, removed)], len(found.some))
-        if together:
-            warnings.warn(together, stacklevel=2)
-        return {
-            "n_judged": np.count_nonzero(found.points.judged),
-            "n_used": len(found.some),
-            "n_outliers": np.count_nonzero(is_outlier),
-            "together": together,
-            "sensor": found.sensed,
-        }
 
     def rows(self, told):
         rows = {}
@@ -234,27 +232,27 @@ class Denoise(CloudVerb):
             "sensor_origin": self.asked.path(),
         }
 
-    def by_tiles(self, catalog):
-        told, contents = super().by_tiles(catalog)
+    def by_tiles(self, catalog, estimator):
+        told, contents = super().by_tiles(catalog, estimator)
         _warn_if_without_scale(told.n_exact, told.n_points)
         return told, contents
 
-    def contents(self, cloud, found, told):
+    def contents(self, cloud, found):
         from sklearn_mcmd.report._outliers_page import denoise_contents, plane_scales
         from sklearn_mcmd.report._shown import Shown
 
-        some, detector = found.some, found.detector
+        detector, is_outlier = found.detector, (found.classes != 0)[found.points.used]
         results = {
-            "outlier": (found.classes != 0)[found.points.used].astype(np.uint8),
+            "outlier": is_outlier.astype(np.uint8),
             "outlier_score": (-detector.scores_).astype(np.float32),
         }
-        shown = Shown.of_memory(some, detector.n_neighbors_, plane_scales(detector), **results)
-        if told.n_used < told.n_points:
-            used = ("used", f"{told.n_used:,}, as follows")
-            shown = shown._replace(rows=[("points", f"{told.n_points:,}"), used, *shown.rows[1:]])
-        n = np.count_nonzero(results["outlier"])
-        cutoff = -float(detector.offset_)
-        return denoise_contents(shown, told, n, cutoff, marked=self.marks, detector=detector)
+        scales = plane_scales(detector)
+        shown = Shown.of_memory(found.some, detector.n_neighbors_, scales, **results)
+        if found.n_used < found.n_points:
+            used = ("used", f"{found.n_used:,}, as follows")
+            shown = shown._replace(rows=[("points", f"{found.n_points:,}"), used, *shown.rows[1:]])
+        n, cutoff = np.count_nonzero(is_outlier), -float(detector.offset_)
+        return denoise_contents(shown, found, n, cutoff, marked=self.marks, detector=detector)
 
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.planes._explaining import ExplainLimits
@@ -297,28 +295,6 @@ def judged_points(source, cloud, choice, above=None, below=None, low_groups=Fals
         if not judged.any():
             raise PointFileError(NONE_JUDGED)
     return Judged(used, judged, ground)
-
-
-class Found(NamedTuple):
-    """What was found in a cloud in memory."""
-
-    some: object  # the points that were used, as a cloud
-    points: Judged
-    detector: object
-    classes: np.ndarray  # of each outlier as noise, 0 of others
-    score: np.ndarray  # NaN where none is judged
-    under: np.ndarray  # bool: in groups below the ground
-    sensed: dict  # rows on the sensor
-
-
-def _at_most_one(verb, *names):
-    """Wrong usage where more than one of some options has a value."""
-    values = {f"--{name.replace('_', '-')}": getattr(verb, name) for name in names}
-    given = [f"{name} {value:g}" for name, value in values.items() if value is not None]
-    if len(given) > 1:
-        raise typer.BadParameter(
-            f"{' and '.join(given)} exclude each other: leave all but one out."
-        )
 
 
 def _verdict(cloud, points, detector, low_groups):

@@ -9,7 +9,7 @@ from sklearn_mcmd._choices import Criterion
 from sklearn_mcmd.cli import _options
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.cli._options import command_of, option
+from sklearn_mcmd.cli._options import command_of, made, option
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
 
@@ -47,44 +47,42 @@ class Edges(CloudVerb):
 
     def estimator(self):
         detector = None if self.denoise else "passthrough"
-        return self.made(sklearn_mcmd.SharpFeatureDetector, outlier_detector=detector)
+        return made(self, sklearn_mcmd.SharpFeatureDetector, outlier_detector=detector)
 
-    def find(self, cloud):
-        """The fitted detector, whether each point belongs to an edge, and its score."""
-        detector = self.estimator().fit(in_own_precision(cloud.xyz))
-        scores = detector.scores_
-        score = scores if detector.criterion == "crease" else -scores
-        return detector, scores < detector.offset_, score
+    def find(self, cloud, detector):
+        scores = detector.fit(in_own_precision(cloud.xyz)).scores_
+        is_edge = scores < detector.offset_
+        return {
+            "detector": detector,
+            "is_edge": is_edge,
+            "score": scores if detector.criterion == "crease" else -scores,
+            "n_edges": np.count_nonzero(is_edge),
+        }
 
     def written(self, cloud, found=None):
         from sklearn_mcmd.plotting._still import edge_columns
 
         is_edge, score = np.zeros(len(cloud), bool), np.zeros(len(cloud), np.float32)
         if found is not None:
-            _, is_edge, score = found
+            is_edge, score = found.is_edge, found.score
         return with_results(cloud, edge_columns(is_edge, score, self.colored(cloud))), None
-
-    def counts(self, cloud, found):
-        return {"n_edges": np.count_nonzero(found[1])}
-
-    def tile_options(self):
-        return {"colors": self.colors}
 
     def rows(self, told):
         return tiles_row(told) | {"edges": number_and_share(told.n_edges, told.n_points)}
 
-    def contents(self, cloud, found, told):
+    def contents(self, cloud, found):
+        from sklearn_mcmd.plotting._still import edge_columns
         from sklearn_mcmd.report._edges_page import edges_contents
         from sklearn_mcmd.report._shown import Shown
 
-        detector, is_edge, score = found
+        detector = found.detector
         scales = getattr(detector.normal_estimator_, "plane_scale_", None)
-        results = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
+        results = edge_columns(found.is_edge, found.score, False)
         shown = Shown.of_memory(cloud, detector.n_neighbors, scales, **results)
         limit = float(detector.offset_ if detector.criterion == "crease" else -detector.offset_)
         n_outliers = np.count_nonzero(~detector.inlier_mask_)
         cards = [(f"{n_outliers:,}", "outliers that were left out")]
-        return edges_contents(shown, detector.criterion, told.n_edges, limit, cards)
+        return edges_contents(shown, detector.criterion, found.n_edges, limit, cards)
 
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.edges._detector import crease_width

@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import time
 import warnings
 from contextlib import contextmanager
 from pathlib import Path
@@ -166,15 +167,13 @@ ReportFolder = Annotated[
 ]
 
 
-def write_report_of(verb, seconds, contents):
+def write_report_of(verb, begin, contents):
     """Write a verb's report, if one is asked for. Then all outputs are there: Ctrl-C is too late.
 
-    ``seconds()`` is the time of the work so far. ``contents()`` makes the `Contents`, and takes
-    time.
+    The work began at `begin`. ``contents()`` makes the `Contents`, and takes time.
     """
     if verb.report is not None:
-        from sklearn_mcmd.report._contents import Run
-        from sklearn_mcmd.report._notes import with_warnings
+        from sklearn_mcmd.report._contents import Note, Run
         from sklearn_mcmd.report._rendering import write_report
 
         folder, context = verb.report
@@ -185,13 +184,14 @@ def write_report_of(verb, seconds, contents):
             parameters=list(_parameters(context)),
             source=verb.source,
             target=verb.target,
-            seconds=seconds(),
+            seconds=time.perf_counter() - begin,
         )
         with progress_part(1.0, 1.0, "report"):
             span, made = current_span(), contents()
             if span is not None:
                 span.report(DRAWN)
-            write_report(folder, run, with_warnings(made, warned()))
+            notes = [Note("Warned on the terminal.", words) for words in warned()]
+            write_report(folder, run, made._replace(notes=notes + made.notes))
     ignore_interrupts()
 
 
@@ -207,14 +207,11 @@ def _parameters(context):
 
 
 def _words(value):
-    if value is None:
-        return "none"
     if isinstance(value, Report):
         return str(value.folder)
     if isinstance(value, dict):
-        return ",".join(f"{axis}={name}" for axis, name in value.items())
-    if isinstance(value, bool):
-        return "yes" if value else "no"
+        value = tuple(f"{axis}={name}" for axis, name in value.items())
     if isinstance(value, tuple):
         return ",".join(map(_words, value))
-    return str(value).removesuffix(".0")
+    words = {"None": "none", "True": "yes", "False": "no"}
+    return words.get(str(value), str(value).removesuffix(".0"))

@@ -10,7 +10,6 @@ from sklearn_mcmd.cli._files import files_of, read
 from sklearn_mcmd.cli._messages import clear_exits, print_table
 from sklearn_mcmd.cli._options import Columns
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._las import coordinate_system
 from sklearn_mcmd.io._sensor import place_words, stated_positions
 
 TELLING = {"las_header", "pcd_viewpoint", "sensor_origins"}  # of formats that may tell the sensor
@@ -39,26 +38,17 @@ def info(
 
 def summarize(source, cloud):
     """Names and values of the table that `mcmd info` prints."""
-    from scipy.spatial import cKDTree
+    from sklearn_mcmd.report._facts import Facts
 
-    from sklearn_mcmd.report._facts import bounds_rows, distinct_points, median_spacing
-
-    xyz = cloud.xyz
-    low, high = xyz.min(axis=0), xyz.max(axis=0)
-    distinct = distinct_points(xyz)
-    rows = {"format": source.suffix[1:].upper(), "points": f"{len(xyz):,}"}
-    header = cloud.metadata.get("las_header")
+    rows, header = {"format": source.suffix[1:].upper()}, cloud.metadata.get("las_header")
     if header is not None:
         rows["format"] += f" {header.version}, point format {header.point_format.id}"
-        rows["CRS"] = coordinate_system(header) or "not stated"
-    rows |= bounds_rows(low, high)
-    if len(distinct) > 1:
-        spacing = median_spacing(cKDTree(distinct, balanced_tree=False))
-        rows["spacing"] = f"{spacing:.4g} (median distance to the nearest)"
+    rows |= Facts.of(cloud.xyz).rows(cloud)
+    del rows["attributes"]  # which follow
     if TELLING & cloud.metadata.keys():
-        rows["sensor"] = _sensor(cloud)
-    n_duplicates = len(xyz) - len(distinct)
-    rows["duplicates"] = f"{n_duplicates:,} ({100 * n_duplicates / len(xyz):.2f} %)"
+        positions, words, _ = stated_positions(cloud)
+        stated = positions is not None and f"stated: {place_words(positions, words)}"
+        rows["sensor"] = stated or f"not known: {words}"
     constant = []
     for name, values in cloud.attributes.items():
         if values.dtype.kind not in "biuf":
@@ -113,11 +103,3 @@ def _without_data(cloud, name):
         if extra.name == name and extra.no_data is not None:
             return cloud.metadata["las_points"][name] == np.squeeze(extra.no_data)
     return np.False_
-
-
-def _sensor(cloud):
-    """Where the sensor stood, as the file states, or why it is not known."""
-    positions, words, _ = stated_positions(cloud)
-    return (
-        f"not known: {words}" if positions is None else f"stated: {place_words(positions, words)}"
-    )

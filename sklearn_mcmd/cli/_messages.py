@@ -26,7 +26,7 @@ def clear_exits(*, allow_coarse=False):
     Coordinates that float32 rounds too coarsely are an error unless `allow_coarse`.
     """
     try:
-        with raise_interrupts(), _plain_warnings(allow_coarse):
+        with _plain_warnings(allow_coarse), raise_interrupts():
             yield
     except typer.Exit:  # from a verb within a verb, which has said why
         raise
@@ -141,8 +141,10 @@ def warned():
     return getattr(warnings.showwarning, "told", [])
 
 
-def print_table(title, **rows):
-    """A title and aligned lines of names and values."""
+def print_table(title, begin=None, **rows):
+    """A title and aligned lines of names and values; the last one, the seconds since the begin."""
+    if begin is not None:
+        rows["seconds"] = f"{time.perf_counter() - begin:.1f}"
     typer.echo(_printable(title))
     width = max(map(len, rows))
     for name, value in rows.items():
@@ -156,11 +158,6 @@ def _printable(words):
 
 def number_and_share(n, n_all):
     return f"{n:,} ({100 * n / n_all:.2f} %)"
-
-
-def stopwatch():
-    start = time.perf_counter()
-    return lambda: time.perf_counter() - start
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import sklearn_mcmd
 from sklearn_mcmd._choices import RuleMethod
 from sklearn_mcmd.cli import _options, _sensor
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
-from sklearn_mcmd.cli._options import command_of, length, option
+from sklearn_mcmd.cli._options import command_of, length, made, option
 from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
@@ -26,6 +26,17 @@ def _count_or_auto(value):
     if text != "auto" and not (text.isdecimal() and int(text) >= 4):
         raise typer.BadParameter(f"{text} is not auto or a whole number from 4 on")
     return text if text == "auto" else int(text)
+
+
+def _features(text):
+    """Names of features."""
+    from sklearn_mcmd.normals._features import check_features
+
+    names = [part.strip() for part in text.split(",") if part.strip()]
+    try:
+        return check_features("all" if names == ["all"] else names)
+    except ValueError as err:
+        raise typer.BadParameter(str(err).removeprefix("features=")) from err
 
 
 @dataclass
@@ -63,7 +74,7 @@ class Normals(CloudVerb):
         show_default="not known",
     )
     trajectory: Path | None = _sensor.trajectory_option()
-    features: str | None = option(
+    features: tuple | None = option(
         None,
         "Further attributes, or all of them: linearity, planarity, sphericity, omnivariance, "
         "anisotropy, eigenentropy, verticality, roughness, normal_error (in degrees; the true "
@@ -72,6 +83,7 @@ class Normals(CloudVerb):
         "min_curvature_error, max_curvature_direction, min_curvature_direction (three attributes "
         "each). Curvatures are in one over units of the file, and positive where the surface bends "
         "to the side of its normal.",
+        parser=_features,
         metavar="NAME,...",
     )
     cutoff: float | None = option(
@@ -83,57 +95,59 @@ class Normals(CloudVerb):
 
     results = "normals"
 
+    one_of = (("sensor", "trajectory"),)
+
     def __post_init__(self):
-        self.asked = _sensor.Asked(self.source, self.sensor, self.trajectory).check()
+        from sklearn_mcmd.normals._features import feature_columns
+
+        self.asked = _sensor.Asked(self.source, self.sensor, self.trajectory)
         given = self.sensor is not None or self.trajectory is not None
         if given != (self.orientation == "sensor"):
             raise typer.BadParameter(
                 "--orientation sensor needs --sensor X,Y,Z|auto or --trajectory FILE, and these "
                 "need --orientation sensor: give both or neither."
             )
-        self.features = _parse_features(self.features)
-        self.n_features = len(_feature_columns(self.features))
+        self.feature_columns = feature_columns(self.features or (), "xyz")
+        self.n_features = len(self.feature_columns)
         work = "tree" if self.orientation == "mst" else "normals"
-        work = f"{work}, auto" if self.n_neighbors == "auto" else work
-        self.work = self.asked.work(work, rays=False)
+        self.work = f"{work}, auto" if self.n_neighbors == "auto" else work
+
+    def work_on(self, catalog):
+        return self.asked.work(self.work, catalog, rays=False)
+
+    def dry_parameters(self, work):
+        given = self.orientation == "sensor"
+        return {"orientation": None, "sensor_origin": None} if given else {}
 
     def estimator(self):
-        return self.made(
+        return made(
+            self,
             sklearn_mcmd.RobustNormalEstimator,
             orientation=DIRECTIONS.get(self.orientation, self.orientation),
-            sensor_origin=self.asked.one_position,
+            sensor_origin=self.sensor if isinstance(self.sensor, tuple) else None,
         )
 
-    def dry_estimator(self):
-        estimator = self.estimator()
-        if self.orientation == "sensor":
-            estimator.set_params(orientation=None, sensor_origin=None)
-        return estimator
-
-    def find(self, cloud):
-        """The fitted estimator, its results, and a row of the summary on the sensor."""
-        origins, sensed = self.asked.of_normals(cloud)
-        fitted = self.estimator().fit(in_own_precision(cloud.xyz), sensor_origin=origins)
-        return fitted, _results(fitted), sensed
-
-    def written(self, cloud, found=None):
-        if found is None:
-            names = self._columns() + ["n_neighbors"] * (self.n_neighbors == "auto")
-            results = dict.fromkeys(names, np.zeros(len(cloud), np.float32))
-        else:
-            results = found[1]
-        return with_results(cloud, results), None
-
-    def counts(self, cloud, found):
+    def find(self, cloud, estimator):
         from sklearn_mcmd.planes._orientation import count_upright
+        from sklearn_mcmd.tiling._result_files import normal_columns
 
-        fitted, results, sensed = found
+        origins, sensed = self.asked.of_normals(cloud)
+        estimator.fit(in_own_precision(cloud.xyz), sensor_origin=origins)
+        names, columns = normal_columns(estimator)
+        results = dict(zip(names, columns.T.copy(), strict=True))
         return {
+            "estimator": estimator,
+            "results": results,
             "removed_fraction": results["removed_fraction"].mean(dtype=np.float64),
-            "n_upright": count_upright(fitted.normals_),
+            "n_upright": count_upright(estimator.normals_),
             "variation": np.median(results["surface_variation"]),
             "sensor": sensed,
         }
+
+    def written(self, cloud, found=None):
+        names = self._columns() + ["n_neighbors"] * (self.n_neighbors == "auto")
+        blank = dict.fromkeys(names, np.zeros(len(cloud), np.float32))
+        return with_results(cloud, blank if found is None else found.results), None
 
     def tile_options(self):
         return {"sensor_origin": self.asked.path()}
@@ -149,15 +163,15 @@ class Normals(CloudVerb):
             rows["sides"] = f"{share}, to either side by chance; see --orientation sensor and mst"
         return rows
 
-    def contents(self, cloud, found, told):
+    def contents(self, cloud, found):
         from sklearn_mcmd.report._normals_page import normals_contents
         from sklearn_mcmd.report._shown import Shown
 
-        fitted, results, sensed = found
+        fitted, results = found.estimator, found.results
         both = results | {"normal_error": fitted.normal_error_.astype(np.float32)}
         n_neighbors = int(np.median(fitted.n_neighbors_))
         shown = Shown.of_memory(cloud, n_neighbors, fitted.plane_scale_, **both)
-        shown = shown._replace(rows=[*shown.rows, *sensed.items()])
+        shown = shown._replace(rows=[*shown.rows, *found.sensor.items()])
         return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
 
     def tile_contents(self, catalog, told):
@@ -170,32 +184,7 @@ class Normals(CloudVerb):
     def _columns(self):
         from sklearn_mcmd.tiling._result_files import NORMAL_COLUMNS
 
-        return [*NORMAL_COLUMNS, *_feature_columns(self.features)]
+        return [*NORMAL_COLUMNS, *self.feature_columns]
 
 
 normals = command_of(Normals, more=BY_TILES)
-
-
-def _results(fitted):
-    """The columns of results by their names."""
-    from sklearn_mcmd.tiling._result_files import normal_columns
-
-    names, columns = normal_columns(fitted)
-    return dict(zip(names, columns.T.copy(), strict=True))
-
-
-def _feature_columns(features):
-    from sklearn_mcmd.normals._features import feature_columns
-
-    return feature_columns(features, "xyz")
-
-
-def _parse_features(text):
-    """Names of features; all errors are wrong usage."""
-    from sklearn_mcmd.normals._features import check_features
-
-    names = [part.strip() for part in (text or "").split(",") if part.strip()]
-    try:
-        return list(check_features("all" if names == ["all"] else names))
-    except ValueError as err:
-        raise typer.BadParameter(str(err), param_hint="--features") from err

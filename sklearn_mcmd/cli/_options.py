@@ -1,12 +1,16 @@
-"""Options of verbs: fields of records, and commands of them; what several verbs share."""
+"""Options: fields of records, and commands of them; settings in files; what verbs share."""
 
+import json
 import re
+import tomllib
+from contextlib import contextmanager
 from dataclasses import MISSING, field, fields
-from inspect import Parameter, Signature, getdoc
+from inspect import Parameter, Signature, getdoc, signature
 from math import isfinite
 from pathlib import Path
 from string import ascii_letters
-from typing import Annotated, Any
+from textwrap import indent, wrap
+from typing import Annotated, Any, get_args
 
 import typer
 from typer.core import TyperCommand
@@ -15,6 +19,11 @@ from sklearn_mcmd.cli._messages import clear_exits
 from sklearn_mcmd.io._formats import INDEX, TILED_NAMES
 
 TYPED = f"{__name__}.typed"
+WIDTH = 96  # of comments between settings
+# They are of one run, or of no verb.
+NO_SETTINGS = {"config", "help", "dry_run", "restart", "report", "output"}
+# What options take, in a word; flags take nothing.
+METAVARS = {bool: "", int: "NUMBER", float: "NUMBER", str: "WORD", Path: "FILE"}
 # Units of lengths, in meters.
 METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 
@@ -57,6 +66,13 @@ def length(default, help, *words, metavar="LENGTH", signed=False, **settings) ->
     return option(default, help, parser=str, callback=parse, metavar=metavar, **settings)
 
 
+def made(verb, kind, **others):
+    """An estimator; its parameters are options of the same names that have a value, and others."""
+    names = signature(kind).parameters.keys() & {one.name for one in fields(verb)}
+    given = {name: getattr(verb, name) for name in names if getattr(verb, name) is not None}
+    return kind(**given | others)
+
+
 def _not_zero(value):
     if value == 0:
         raise typer.BadParameter("0 threads cannot work; -1 is one a processor")
@@ -80,9 +96,7 @@ InFiles = Annotated[
 OutFiles = Annotated[
     Path, typer.Argument(metavar="OUT", help="Point file to write, or a folder; may be IN.")
 ]
-NNeighbors = Annotated[
-    int, typer.Option(min=4, metavar="NUMBER", help="Points in a neighborhood, itself included.")
-]
+NNeighbors = Annotated[int, typer.Option(min=4, help="Points in a neighborhood, itself included.")]
 MaxOutlierRate = Annotated[
     float,
     typer.Option(
@@ -121,24 +135,116 @@ AllowCoarse = Annotated[
         hidden=True,
     ),
 ]
-UNIT = {"is_eager": True, "help": "Unit of the file, such as m. Lengths may then have another."}
+UNIT = {
+    "is_eager": True,
+    "metavar": "UNIT",
+    "help": "Unit of the file, such as m. Lengths may then have another.",
+}
 Unit = Annotated[str, typer.Option(**UNIT)]
 HiddenUnit = Annotated[str, typer.Option(hidden=True, **UNIT)]
 NoClobber = Annotated[bool, typer.Option("--no-clobber", help="Replace no file: fail instead.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show warnings only.")]
 
 
+def _settings(context):
+    """The options that a file may hold, by verb and name."""
+    return {
+        verb: {
+            option.name: option
+            for option in command.params
+            if option.param_type_name == "option" and option.name not in NO_SETTINGS
+        }
+        for verb, command in context.find_root().command.commands.items()
+        if any(option.name == "config" for option in command.params)
+    }
+
+
+def _read(context: typer.Context, path: Path | None):
+    """Take the settings of the verb as its defaults; refuse what no verb knows."""
+    if path is None:
+        return None
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as err:
+        words = getattr(err, "strerror", None) or str(err)
+        raise typer.BadParameter(f"{path} cannot be read: {words}") from err
+    known = _settings(context)
+    for verb, table in tables.items():
+        if not isinstance(table, dict):
+            raise typer.BadParameter(f"{path}: {verb} must stand below a verb, such as [denoise]")
+        if verb not in known:
+            raise typer.BadParameter(
+                f"{path}: no settings are of [{verb}], but of {', '.join(known)}"
+            )
+        for name in table.keys() - known[verb].keys():
+            raise typer.BadParameter(
+                f"{path}: {verb} has no setting {name}; mcmd config {verb} lists all"
+            )
+    context.default_map = {
+        name: ",".join(map(str, value)) if isinstance(value, list) else str(value)
+        for name, value in tables.get(context.info_name or "", {}).items()
+    }
+    return path
+
+
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", callback=_read, is_eager=True, help="Settings (TOML); options count more."
+    ),
+]
+
+
+def config(
+    context: typer.Context,
+    verb: Annotated[
+        str | None, typer.Argument(metavar="VERB", help="The verb whose settings to print.")
+    ] = None,
+):
+    """Print all settings of a verb, or of all, with their defaults, as a file for --config."""
+    known = _settings(context)
+    if verb not in (None, *known):
+        raise typer.BadParameter(f"{verb} is no verb with settings: {', '.join(known)}")
+    for name in [verb] if verb else known:
+        typer.echo(f"[{name}]")
+        for option in known[name].values():
+            typer.echo(indent("\n".join(wrap(option.help or "", WIDTH)), "# "))
+            if option.default is None:
+                words = option.show_default
+                by_default = f"  # by default: {words}" if isinstance(words, str) else ""
+                typer.echo(f"# {option.name} = {by_default}".rstrip())
+            else:
+                typer.echo(f"{option.name} = {json.dumps(option.default)}")
+
+
 class TypedCommand(TyperCommand):
-    """A command that remembers what was typed after its name."""
+    """A command that remembers what was typed after its name, and says where a wrong value is."""
 
     def parse_args(self, ctx, args):
         ctx.meta[TYPED] = list(args)
-        try:
+        with self._clear_usage(ctx):
             return super().parse_args(ctx, args)
-        except typer.BadParameter as err:  # pydantic's words
-            err.message = err.message.removeprefix("Value error, ")
-            err.message = re.sub(r"Input should be a valid (\w+).*", r"not a valid \1", err.message)
-            err.message = err.message.replace("Input should be", "must be")
+
+    def invoke(self, ctx):
+        with self._clear_usage(ctx):
+            return super().invoke(ctx)
+
+    @contextmanager
+    def _clear_usage(self, ctx):
+        """Plain words for pydantic's; and the file and the setting, if the value is of one."""
+        try:
+            yield
+        except typer.BadParameter as err:
+            words = err.message.removeprefix("Value error, ")
+            words = re.sub(r"Input should be a valid (\w+).*", r"not a valid \1", words)
+            err.message = words.replace("Input should be", "must be")
+            for option in self.params:
+                source = ctx.get_parameter_source(option.name)
+                is_wrong = err.param is option or err.param_hint in option.opts
+                if is_wrong and source.name == "DEFAULT_MAP":
+                    place = f"{ctx.params['config']}: {ctx.info_name}.{option.name}"
+                    err.message = f"{place}: {err.message}"
+            err.param_hint = err.param_hint and f"'{err.param_hint}'"  # as where Typer finds it
             raise
 
 
@@ -146,7 +252,7 @@ def command_of(kind, *, without=(), more=""):
     """The function that Typer takes: its options are the fields of a record, some left out.
 
     Files come first, and what the record inherits comes last. Its docstring and `more` are the
-    help, and its `run` does the work.
+    help, and its `run` does the work. Of each tuple in its `one_of`, one option may have a value.
     """
     shared = {one.name for base in kind.__mro__[1:-1] for one in fields(base)}
     taken = [one for one in fields(kind) if one.name not in without]
@@ -155,27 +261,30 @@ def command_of(kind, *, without=(), more=""):
     for one in taken:
         hint = one.type
         if one.metadata:
-            option = one.metadata["option"]
-            option.metavar = option.metavar or _metavar(hint)
-            hint = Annotated[hint, option]
+            hint = Annotated[hint, one.metadata["option"]]
+        option = hint.__metadata__[0]
+        if option.metavar is None:
+            kinds = METAVARS.keys() & {hint.__origin__, *get_args(hint.__origin__)}
+            option.metavar = METAVARS[kinds.pop()] if kinds else "WORD"
         default = Parameter.empty if one.default is MISSING else one.default
         parameters.append(
             Parameter(one.name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=hint)
         )
-    signature = Signature(parameters)
+    call = Signature(parameters)
 
     def command(*args, **kwargs):
-        given = signature.bind(*args, **kwargs).arguments
+        given = call.bind(*args, **kwargs).arguments
+        for names in getattr(kind, "one_of", ()):
+            asked = [f"--{one.replace('_', '-')}" for one in names if given.get(one) is not None]
+            if len(asked) > 1:
+                raise typer.BadParameter(
+                    f"{' and '.join(asked)} exclude each other: leave all but one out."
+                )
         with clear_exits(allow_coarse=given.get("allow_coarse", False)):
             kind(**given).run()
 
     command.__name__ = kind.__name__.lower()
     command.__doc__ = f"{getdoc(kind)}\n{more}"
-    command.__signature__ = signature
+    command.__signature__ = call
     command.__annotations__ = {one.name: one.annotation for one in parameters}
     return command
-
-
-def _metavar(hint):
-    """A short word for what an option takes; None where Typer's own is short."""
-    return "WORD" if "Literal" in str(hint) else "NUMBER" if hint in (float, float | None) else None

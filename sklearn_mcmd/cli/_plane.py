@@ -1,6 +1,7 @@
-"""``mcmd plane``."""
+"""``mcmd plane``, and ``mcmd plan``, which simulates its tests."""
 
 import os
+import time
 import warnings
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -16,10 +17,9 @@ from sklearn_mcmd import __version__
 from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._files import ReportFolder, write_report_of
 from sklearn_mcmd.cli._messages import progress
-from sklearn_mcmd.cli._options import command_of, length, option
+from sklearn_mcmd.cli._options import command_of, length, made, option
 from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._las import writing_parts
@@ -33,21 +33,8 @@ FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 MAX_LOOKED_AT = 20_000
 N_WORST = 10  # points of the largest statistics that the reports list
 # Figures that the terminal shows, as far as there are such.
-SUMMARY = (
-    "outliers",
-    "normal",
-    "point",
-    "tilt",
-    "residuals",
-    "sigma0",
-    "global test",
-    "flatness",
-    "outside",
-    "zone",
-    "against",
-    "tilt between",
-    "offset",
-)
+SUMMARY = "outliers, normal, point, tilt, residuals, sigma0, global test, flatness, outside, zone, "
+SUMMARY += "against, tilt between, offset"
 
 
 @dataclass
@@ -111,7 +98,7 @@ class Plane:
         None,
         "For baarda only. Start from the plane of the most coplanar half of the points. "
         "--no-robust-start is the paper's least squares.",
-        show_default="robust-start",
+        show_default="true, for fuzzy false",
     )
     against: Path | None = option(
         None,
@@ -139,7 +126,7 @@ class Plane:
     columns: _options.Columns = None
     no_clobber: _options.NoClobber = False
     allow_coarse: _options.AllowCoarse = False
-    config: Config = None
+    config: _options.Config = None
     quiet: _options.Quiet = False
 
     def __post_init__(self):
@@ -161,50 +148,36 @@ class Plane:
         from sklearn_mcmd._sklearn import check_parameters
         from sklearn_mcmd.adjustment._plane_figures import plane_figures
 
+        begin = time.perf_counter()
         check_parameters(self.detector())
-        seconds = _messages.stopwatch()
-        sheets = () if self.target is None else self._choose_sheets()
         with progress("plane", self.quiet):
             catalog = None
             if _files.is_several(self.source):
                 catalog = _files.catalog_of(self.source, self.columns)
-            if self.target is not None:
-                if self.no_clobber:
-                    there = {"report": self.report, "catalog": catalog}
-                    _files.refuse_existing(self.target, *sheets, **there)
-                sheets = self._rehearse(catalog, *sheets)
+            outputs, sheets = ([], ()) if self.target is None else self._outputs(catalog)
             cloud = self._read(catalog)
             with _files.working(self.source, "plane"):
                 _files.warn_if_coarse(cloud)
                 detector = self.tested(cloud.xyz)
             more = self._further(detector, cloud)
-            is_written = self.target is not None
-            n_worst = N_WORST if is_written else None
-            figures = plane_figures(detector, cloud.xyz, self.unit, n_worst=n_worst, **more)
-            if is_written:
-                self._write(catalog, sheets, cloud, detector, figures)
+            more["n_worst"] = N_WORST if outputs else None
+            figures = plane_figures(detector, cloud.xyz, self.unit, **more)
+            if outputs:
                 from sklearn_mcmd.report._plane_page import plane_contents
 
+                self._write(catalog, outputs, sheets, cloud, detector, figures)
                 contents = partial(plane_contents, cloud, detector, figures, self.unit)
-                write_report_of(self, seconds, contents)
+                write_report_of(self, begin, contents)
         if not self.quiet:
-            self._print_summary(sheets, detector.labels_ == -1, figures.rows(), seconds())
+            self._print_summary(sheets, detector.labels_ == -1, figures.rows(), begin)
 
     def detector(self):
         """The detector, with its parameters as options tell them."""
         from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
-        params = {name: getattr(self, name) for name in ("alpha", "test", "sigma0", "surface")}
-        if self.correction is not None:
-            params["correction"] = self.correction
         if self.method == "fuzzy":
-            return FuzzyPlaneDetector(**params)
-        return BaardaPlaneDetector(
-            elimination=self.elimination or "single",
-            robust_start=self.robust_start is not False,
-            random_state=self.random_state,
-            **params,
-        )
+            return made(self, FuzzyPlaneDetector)
+        return made(self, BaardaPlaneDetector, robust_start=self.robust_start is not False)
 
     def tested(self, xyz):
         """The fitted detector."""
@@ -222,8 +195,11 @@ class Plane:
             )
         return fitted
 
-    def _choose_sheets(self):
-        """Paths of the text and the figure, which must not be those of the point files."""
+    def _outputs(self, catalog):
+        """Paths of the points, and of the text and the figure, after a trial of all.
+
+        The figure is None where it cannot be drawn and nobody asked for it.
+        """
         # Not OUT with .txt, which may be the name of a point file.
         text = self.text or self.target.with_name(f"{self.target.stem}_report.txt")
         plot = self.plot or self.target.with_name(f"{self.target.stem}_report.png")
@@ -236,14 +212,13 @@ class Plane:
             other = taken.setdefault(os.path.realpath(path), name)
             if other != name:
                 raise typer.BadParameter(f"{path} is {other} as well.", param_hint=name)
-        return text, plot
-
-    def _rehearse(self, catalog, text, plot):
-        """Text and figure after a trial of all outputs; None for a figure that cannot be drawn."""
+        points = [self.target]
         if catalog is not None:
             from sklearn_mcmd.tiling._outputs import targets_of
 
-            targets_of(catalog, self.target)
+            points = targets_of(catalog, self.target)
+        if self.no_clobber:
+            _files.refuse_existing(*points, text, plot, report=self.report)
         for path in (text,) if catalog is not None else (self.target, text):
             with standing_in(path):
                 pass
@@ -253,10 +228,10 @@ class Plane:
             if self.plot is not None:
                 raise
             warnings.warn(f"{err}; the text alone is written", stacklevel=2)
-            return text, None
+            return points, (text, None)
         with standing_in(plot):
             pass
-        return text, plot
+        return points, (text, plot)
 
     def _read(self, catalog):
         """The points to test; of several files that are written one by one, coordinates alone."""
@@ -284,7 +259,7 @@ class Plane:
             further["comparison"] = compare_planes(detector, fitted)
         return further
 
-    def _write(self, catalog, sheets, cloud, detector, figures):
+    def _write(self, catalog, outputs, sheets, cloud, detector, figures):
         """Write the points and both sheets; no file is replaced before all are on the disk."""
         from sklearn_mcmd.adjustment import plot_report
 
@@ -303,16 +278,16 @@ class Plane:
             if catalog is None:
                 _files.write(self.target, *_tested(cloud, *results))
             else:
-                _write_each(catalog, self.target, results)
+                _write_each(catalog, outputs, results)
 
-    def _print_summary(self, sheets, is_outlier, known, seconds):
+    def _print_summary(self, sheets, is_outlier, known, begin):
         rows = {"points": f"{len(is_outlier):,}"}
-        rows |= {name: known[name] for name in SUMMARY if name in known}
+        rows |= {name: known[name] for name in SUMMARY.split(", ") if name in known}
         rows["outliers"] = _messages.number_and_share(is_outlier.sum(), len(is_outlier))
         if sheets:
             rows["report"] = ", ".join(str(path) for path in sheets if path is not None)
         title = self.source if self.target is None else f"{self.source} -> {self.target}"
-        _messages.print_table(title, **rows, seconds=f"{seconds:.1f}")
+        _messages.print_table(title, begin, **rows)
 
 
 plane = command_of(Plane)
@@ -343,21 +318,18 @@ def _tested(cloud, is_outlier, statistic, residuals):
     return with_results(cloud, results), is_outlier
 
 
-def _write_each(catalog, target, results):
+def _write_each(catalog, outputs, results):
     """Write the points of each file with their results, or all into one file."""
-    from sklearn_mcmd.tiling._outputs import targets_of
-
-    paths = targets_of(catalog, target)
     ends = np.cumsum(catalog.counts)[:-1]
     parts = zip(*(np.split(values, ends) for values in results), strict=True)
     clouds = map(read_points, catalog.paths)
-    if len(paths) == len(catalog):
-        paths[0].parent.mkdir(exist_ok=True)
-        for path, cloud, part in zip(paths, clouds, parts, strict=True):
+    if len(outputs) == len(catalog):
+        outputs[0].parent.mkdir(exist_ok=True)
+        for path, cloud, part in zip(outputs, clouds, parts, strict=True):
             _files.write(path, *_tested(cloud, *part))
         return
     header = joined_header(catalog.paths)
-    with replacing(target) as temporary, writing_parts(temporary) as put:
+    with replacing(outputs[0]) as temporary, writing_parts(temporary) as put:
         for cloud, part in zip(clouds, parts, strict=True):
             put(*_tested(joined_cloud(cloud, header), *part))
 
@@ -374,3 +346,45 @@ def _text_of(title, figures, source, target, sheets):
         "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
     }
     return figures_as_text(title, figures) + "\n".join(with_heading("Record", rows)) + "\n"
+
+
+@dataclass
+class Plan:
+    """Say before a measurement which errors of a plane its tests will find.
+
+    Planes with outliers on one side are simulated, and tested as mcmd plane does with a given
+    sigma0. Rates come with their standard errors.
+    """
+
+    points: int = option(100, "Points on the plane.", min=5)
+    sigma0: float = length(1.0, "Standard deviation of a point.")
+    width: float = length(1.0, "Of the plane, in the unit of sigma0, for the normal.")
+    height: float = length(1.0, "The other side of the plane.")
+    alpha: float = option(0.05, "Level of the test of all points.")
+    outlier_rate: float = option(0.0, "Share of outliers; there is at least one.")
+    power: float = option(0.8, "Share of the outliers that shall be found.")
+    robust_start: bool = option(
+        True, "Start from the plane of the most coplanar half of the points."
+    )
+    repetitions: int = option(10_000, "Simulated planes of each size of bias.", min=100)
+    unit: _options.Unit = ""
+    random_state: _options.RandomState = 0
+    config: _options.Config = None
+
+    def run(self):
+        from sklearn_mcmd.adjustment import plan_plane
+        from sklearn_mcmd.adjustment._plane_figures import plan_rows
+
+        begin = time.perf_counter()
+        same = "sigma0", "alpha", "outlier_rate", "power", "robust_start", "random_state"
+        made = plan_plane(
+            self.points,
+            extent=(self.width, self.height),
+            n_repetitions=self.repetitions,
+            **{name: getattr(self, name) for name in same},
+        )
+        rows = plan_rows(made, self.unit)
+        _messages.print_table(f"{self.points} points", begin, **rows)
+
+
+plan = command_of(Plan)

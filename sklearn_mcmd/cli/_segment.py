@@ -14,7 +14,7 @@ import sklearn_mcmd
 from sklearn_mcmd.cli import _options
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.cli._options import command_of, length, option
+from sklearn_mcmd.cli._options import command_of, length, made, option
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.io._rehearsal import standing_in
@@ -74,33 +74,33 @@ class Segment(CloudVerb):
         return [self.regions]
 
     def estimator(self):
-        normals = self.made(sklearn_mcmd.RobustNormalEstimator)
+        normals = made(self, sklearn_mcmd.RobustNormalEstimator)
         own = {"n_neighbors": self.growth_neighbors, "normal_estimator": normals}
-        return self.made(sklearn_mcmd.RegionGrowing, **own)
+        return made(self, sklearn_mcmd.RegionGrowing, **own)
 
-    def find(self, cloud):
-        return self.estimator().fit(in_own_precision(cloud.xyz))
+    def find(self, cloud, growing):
+        labels = growing.fit(in_own_precision(cloud.xyz)).labels_
+        sizes = growing.region_sizes_
+        return {
+            "growing": growing,
+            "n_regions": len(sizes),
+            "n_inside": np.count_nonzero(labels >= 0),
+            "largest": sizes,
+        }
 
-    def written(self, cloud, fitted=None):
+    def written(self, cloud, found=None):
         from sklearn_mcmd.plotting._still import region_columns
 
-        labels = np.zeros(len(cloud), np.int64) if fitted is None else fitted.labels_
+        labels = np.zeros(len(cloud), np.int64) if found is None else found.growing.labels_
         return with_results(cloud, region_columns(labels, self.colored(cloud))), None
 
-    def write(self, cloud, fitted):
+    def write(self, cloud, found):
         if self.regions is None:
-            super().write(cloud, fitted)
+            super().write(cloud, found)
             return
         with replacing(self.regions) as temporary:  # no file is replaced before both are written
-            write_regions(temporary, fitted.regions_)
-            super().write(cloud, fitted)
-
-    def counts(self, cloud, fitted):
-        n_inside, sizes = np.count_nonzero(fitted.labels_ >= 0), fitted.region_sizes_
-        return {"n_regions": len(sizes), "n_inside": n_inside, "largest": sizes}
-
-    def tile_options(self):
-        return {"colors": self.colors}
+            write_regions(temporary, found.growing.regions_)
+            super().write(cloud, found)
 
     def rows(self, told):
         return tiles_row(told) | {
@@ -109,15 +109,16 @@ class Segment(CloudVerb):
             "largest": ", ".join(f"{size:,}" for size in told.largest[:LARGEST_SHOWN]) or "none",
         }
 
-    def contents(self, cloud, fitted, told):
+    def contents(self, cloud, found):
         from sklearn_mcmd.report._regions_page import Regions, segment_contents
         from sklearn_mcmd.report._shown import Shown
 
-        planes, labels = fitted.normal_estimator_, fitted.labels_.astype(np.int32)
+        growing, planes = found.growing, found.growing.normal_estimator_
         n_neighbors = int(np.median(planes.n_neighbors_))
-        shown = Shown.of_memory(cloud, n_neighbors, planes.plane_scale_, region=labels)
-        regions = Regions(**{name: getattr(fitted, f"region_{name}_") for name in Regions._fields})
-        return segment_contents(shown, regions, told.n_regions, told.n_inside)
+        region = growing.labels_.astype(np.int32)
+        shown = Shown.of_memory(cloud, n_neighbors, planes.plane_scale_, region=region)
+        regions = Regions(**{name: getattr(growing, f"region_{name}_") for name in Regions._fields})
+        return segment_contents(shown, regions, found.n_regions, found.n_inside)
 
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.report._regions_page import Regions, segment_contents

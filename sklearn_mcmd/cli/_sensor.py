@@ -10,8 +10,6 @@ import typer
 from sklearn_mcmd.cli._options import option
 from sklearn_mcmd.io import PointFileError, read_trajectory, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
-from sklearn_mcmd.io._formats import TILED
-from sklearn_mcmd.io._las import read_header
 from sklearn_mcmd.io._sensor import place_words, stated_positions
 
 AUTO, NONE = "auto", "none"
@@ -55,38 +53,22 @@ class Asked(NamedTuple):
     trajectory: Path | None
     recognize: bool = False  # whether the file may tell it with no option, or the points show it
 
-    def check(self):
-        """Wrong usage where a position is given twice."""
-        if self.sensor is not None and self.trajectory is not None:
-            raise typer.BadParameter("--sensor and --trajectory exclude each other: leave one out.")
-        return self
-
-    @property
-    def one_position(self):
-        """What is typed, as a parameter of an estimator."""
-        return self.sensor if isinstance(self.sensor, tuple) else None
-
-    def work(self, work, *, rays):
+    def work(self, work, catalog, *, rays):
         """The name of some work by tiles, as of `plan_run`, where the sensor may be known."""
-        if rays and (self.sensor is not None or self.trajectory is not None or self._may_be_seen()):
+        told = self.sensor is not None or self.trajectory is not None
+        if rays and (told or (self.recognize and self._may_be_seen(catalog))):
             work = f"{work}, rays"
         if self.trajectory is not None:
             return f"{work}, trajectory"
         return f"{work}, angles" if self.sensor == AUTO else work
 
-    def _may_be_seen(self):
-        """Whether a LAS may have been taken from the origin: its bounds do not tell that this is
+    def _may_be_seen(self, catalog):
+        """Whether a file may have been taken from the origin: its bounds do not tell that this is
         far away. What it shows is known when it is read."""
         from sklearn_mcmd.sensors._rays import one_far_position
 
-        is_tiled = self.source.is_file() and self.source.suffix.lower() in TILED
-        if not (self.recognize and is_tiled):
-            return False
-        try:
-            header = read_header(self.source)
-        except PointFileError:  # the reading tells
-            return False
-        return not one_far_position(np.array([header.mins, header.maxs]), np.zeros((1, 3)))
+        bounds = np.array([catalog.low, catalog.high])
+        return not catalog.is_many and not one_far_position(bounds, np.zeros((1, 3)))
 
     def path(self):
         """What `process_files` takes beside an estimator, which may have one position."""
@@ -122,14 +104,13 @@ class Asked(NamedTuple):
         return positions, "" if positions is None else place_words(positions, words), doubt
 
     def _positions(self, cloud, used):
-        """Positions for the used points, (3,) or (m, 3), or None if no option tells them; in words
-        what tells them; and what speaks against those that the file states, which are not given.
+        """Positions for the used points, (3,) or (m, 3), or None; in words what tells them; and
+        what speaks against those that the file states, which are not given then.
 
-        What is typed is taken as it is. What the file states is asked, and is taken with no option
-        as well if `recognize`, unless it is scan angles, which take long and tell of aircraft. A
-        sensor that moves has no even steps to be asked for.
+        What the file states is taken with no option if `recognize`, unless it is scan angles, which
+        take long and tell of aircraft. A sensor that moves has no even steps to be asked for.
         """
-        if self.one_position is not None:
+        if isinstance(self.sensor, tuple):
             return np.array(self.sensor), "given", ""
         if self.trajectory is not None:
             path = read_trajectory(self.trajectory)
@@ -156,7 +137,11 @@ def _doubt(xyz, positions, words, setups):
 
     seen = views_from_setups(xyz, positions, setups)
     if False in seen:
-        which = "" if setups is None else _scans(np.unique(setups)[[s is False for s in seen]] + 1)
+        which = ""
+        if setups is not None:
+            bad = np.unique(setups)[[view is False for view in seen]] + 1
+            more = f" and {len(bad) - MOST:,} more" if len(bad) > MOST else ""
+            which = f"of scan{'s' * (len(bad) > 1)} {', '.join(map(str, bad[:MOST]))}{more} "
         why = f"points {which}do not look as if measured from there; that may be a local origin"
     elif True in seen:  # setups that cannot be asked have no vote
         return ""
@@ -165,12 +150,6 @@ def _doubt(xyz, positions, words, setups):
     place = place_words(positions, words)
     at = "" if place.startswith("from") else "at "
     return f"the file says that the sensor was {at}{place}, but {why}"
-
-
-def _scans(numbers):
-    """Numbers of scans in words, the first ten of many."""
-    more = f" and {len(numbers) - MOST:,} more" if len(numbers) > MOST else ""
-    return f"of scan{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers[:MOST]))}{more} "
 
 
 def intensity_of(source, cloud):

@@ -1,5 +1,6 @@
 """``mcmd view``."""
 
+import time
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +9,6 @@ from typing import Annotated
 import typer
 
 from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._config import Config
 from sklearn_mcmd.cli._messages import progress
 from sklearn_mcmd.cli._options import command_of, option
 from sklearn_mcmd.io._rehearsal import standing_in
@@ -34,7 +34,7 @@ class View:
             help="Point files to show, of any format, or folders of them; two compare.",
         ),
     ]
-    page: Annotated[
+    output: Annotated[
         Path, typer.Option("--output", "-o", metavar="PAGE.html", help="The page to write.")
     ]
     color: str | None = option(
@@ -55,26 +55,27 @@ class View:
     title: str | None = option(None, "Title of the page.", show_default="names of the files")
     columns: _options.Columns = None
     no_clobber: _options.NoClobber = False
-    config: Config = None
+    config: _options.Config = None
     quiet: _options.Quiet = False
 
     def run(self):
-        seconds = _messages.stopwatch()
+        begin = time.perf_counter()
         if self.no_clobber:
-            _files.refuse_existing(self.page)
+            _files.refuse_existing(self.output)
         with progress("view", self.quiet):
             made = self._make()
             with progress_part(0.97, 1.0, "writing"):
-                made.save(self.page)
+                made.save(self.output)
                 ignore_interrupts()
         if not self.quiet:
-            self._report(made, seconds())
+            self._report(made, begin)
 
     def _make(self):
-        from sklearn_mcmd.view._page import check_suffix, cloud_page
+        from sklearn_mcmd.view._page import check_suffix
+        from sklearn_mcmd.view._page import view as make_page
 
-        check_suffix(self.page)
-        with standing_in(self.page) as stand_in:
+        check_suffix(self.output)
+        with standing_in(self.output) as stand_in:
             stand_in.touch()
         clouds, n = [], len(self.sources)
         for number, source in enumerate(self.sources):
@@ -84,17 +85,17 @@ class View:
         names = [source.name for source in self.sources]
         shown = {"color": self.color, "max_points": self.max_points, "title": self.title}
         with progress_part(0.4, 0.97, "packing"):
-            return cloud_page(clouds, names=names, only=only, **shown)
+            return make_page(*clouds, names=names, only=only, **shown)
 
-    def _report(self, made, seconds):
-        size = self.page.stat().st_size
+    def _report(self, made, begin):
+        size = self.output.stat().st_size
         exact = "as in the file" if made.error == 0 else f"within {made.error:.2g}"
         _messages.print_table(
-            f"{', '.join(map(str, self.sources))} -> {self.page}",
+            f"{', '.join(map(str, self.sources))} -> {self.output}",
+            begin,
             points=f"{made.n_shown:,}",
             coordinates=f"{exact} (spacing {made.spacing:.3g})",
             size=f"{size / 1e6:.1f} MB",
-            seconds=f"{seconds:.1f}",
         )
         if size > LARGE_PAGE:
             words = "--only or --max-points makes it smaller"

@@ -469,8 +469,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     def _stages(self):
         sizes = ("sizes of neighborhoods",) if self.n_neighbors == "auto" else ()
         edges = ("normals next to edges",) if mends_planes(self) else ()
-        curvatures = () if self.features is None else ("curvatures",)
-        return (*sizes, "normals", *edges, *curvatures)
+        asked = () if self.features is None else np.atleast_1d(self.features)
+        curved = "all" in asked or needs_curvatures(asked)
+        return (*sizes, "normals", *edges, *["curvatures"] * curved)
 
 
 def fitted_of(estimator, model, planes, X, orient, find_curvatures, n_jobs):

@@ -7,8 +7,8 @@ from sklearn_mcmd.plotting._displays import (
     PlaneResidualDisplay,
     SegmentationDisplay,
 )
-from sklearn_mcmd.plotting._pages import view
 from sklearn_mcmd.plotting._still import normal_colors, plot_cloud, region_colors
+from sklearn_mcmd.view._page import view
 
 __all__ = [
     "EdgeDisplay",

@@ -1,34 +1,110 @@
 """Results as pictures, in the manner of scikit-learn's displays."""
 
-from typing import TYPE_CHECKING, Any, Literal, Self
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from sklearn_mcmd.plotting._cloud_display import (
-    FOUND,
-    MOST_DRAWN,
-    REGULAR,
-    CloudDisplay,
-    Picture,
-    View,
-    add_legend,
-    choose_colors,
-    is_minus_one,
-    one_for_each,
-)
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.plotting._still import (
     check_points,
     color_modules,
     draw_ball,
     normal_colors,
+    plot_cloud,
     region_colors,
 )
+from sklearn_mcmd.plotting._views import thinned
+from sklearn_mcmd.view._page import check_count
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from collections.abc import Callable
 
-MISSED, WRONG = "#0072b2", "#e69f00"  # beside FOUND, of the same palette
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MOST_DRAWN = 200_000  # points; more take long and cover each other
+# Okabe and Ito's colors, which the common color blindnesses keep apart.
+REGULAR, FOUND = "#c3cad4", "#d55e00"
+MISSED, WRONG = "#0072b2", "#e69f00"
+
+View = str | tuple[float, float]
+
+
+class Picture(NamedTuple):
+    """What a display draws."""
+
+    colors: NDArray[np.floating]  # (n, 3)
+    labels: NDArray[Any]  # of clouds with too many points, rare labels keep more of theirs
+    title: str
+    complete: "Callable[[Axes], object] | None" = None  # adds a legend or the like to the axes
+
+
+class CloudDisplay(ABC):
+    """What all displays of clouds share: where they come from, how they are drawn, and on what."""
+
+    xyz: NDArray[np.float64]
+    _ax: "Axes"
+    from_predictions: ClassVar["Callable[..., Any]"]  # each display's own, by names of arguments
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> Self:
+        """Draw what an estimator found in X (n, 3 or more), to which it is fitted.
+
+        The first three columns are coordinates, and options are for :meth:`plot`.
+        """
+        found = cls._found_by(estimator, X)
+        return cls.from_predictions(np.asarray(X)[:, :3], *found, **options)
+
+    def plot(
+        self, *, view: View | None = None, max_points: int = MOST_DRAWN, ax: "Axes | None" = None
+    ) -> Self:
+        """Draw the cloud.
+
+        Parameters
+        ----------
+        view : {"top", "front", "side", "perspective"} or tuple of two floats, default=None
+            The camera, as in :func:`plot_cloud`. None is "perspective", or where residuals of a
+            plane are drawn, along its normal.
+        max_points : int, default=200_000
+            Points to draw. Of more, so many are chosen at random, rare classes more often.
+        ax : matplotlib.axes.Axes, default=None
+            Axes to draw on. None makes a figure.
+        """
+        check_count(max_points, "max_points")
+        view = self._usual_view() if view is None else view
+        picture = self._picture(view)
+        rows = thinned(picture.labels, max_points)
+        self._ax = plot_cloud(
+            self.xyz[rows], color=picture.colors[rows], view=view, scale_bar=True, ax=ax
+        )
+        self._ax.set_title(picture.title, fontsize=12, color="0.2")
+        if picture.complete is not None:
+            picture.complete(self._ax)
+        return self
+
+    @property
+    def ax_(self) -> "Axes":
+        """Axes of the last plot."""
+        return self._ax
+
+    @property
+    def figure_(self) -> "Figure":
+        """Figure of the last plot."""
+        return self._ax.figure  # type: ignore[return-value]
+
+    @staticmethod
+    @abstractmethod
+    def _found_by(estimator: Any, X: ArrayLike) -> tuple[Any, ...]:
+        """What `from_predictions` takes behind the points."""
+
+    @abstractmethod
+    def _picture(self, view: View) -> Picture:
+        """What is drawn, seen from there."""
+
+    def _usual_view(self) -> View:
+        return "perspective"
 
 
 class OutlierDisplay(CloudDisplay):
@@ -42,8 +118,6 @@ class OutlierDisplay(CloudDisplay):
         The cloud.
     is_outlier : array-like of bool of shape (n,)
         The verdict.
-    scores : array-like of shape (n,), default=None
-        Scores, larger for outliers.
     is_true_outlier : array-like of bool of shape (n,), default=None
         The truth.
 
@@ -66,16 +140,13 @@ class OutlierDisplay(CloudDisplay):
         xyz: ArrayLike,
         is_outlier: ArrayLike,
         *,
-        scores: ArrayLike | None = None,
         is_true_outlier: ArrayLike | None = None,
     ) -> None:
         self.xyz = check_points(xyz, finite=True)
-        self.is_outlier = one_for_each(is_outlier, self.xyz, "is_outlier", bool)
-        self.scores = self.is_true_outlier = None
-        if scores is not None:
-            self.scores = one_for_each(scores, self.xyz, "scores")
+        self.is_outlier = _one_for_each(is_outlier, self.xyz, "is_outlier", bool)
+        self.is_true_outlier = None
         if is_true_outlier is not None:
-            self.is_true_outlier = one_for_each(is_true_outlier, self.xyz, "is_true_outlier", bool)
+            self.is_true_outlier = _one_for_each(is_true_outlier, self.xyz, "is_true_outlier", bool)
 
     @classmethod
     def from_estimator(
@@ -83,8 +154,7 @@ class OutlierDisplay(CloudDisplay):
     ) -> Self:
         """Draw the verdict of a fitted detector on points X (n, 3); the truth `y`, if it is known,
         is -1 for outliers, and options are for :meth:`plot`."""
-        scores = -estimator.score_samples(X)
-        return super().from_estimator(estimator, X, scores=scores, y_true=y, **options)
+        return super().from_estimator(estimator, X, y_true=y, **options)
 
     @classmethod
     def from_predictions(
@@ -92,41 +162,14 @@ class OutlierDisplay(CloudDisplay):
         X: ArrayLike,
         y_pred: ArrayLike,
         *,
-        scores: ArrayLike | None = None,
         y_true: ArrayLike | None = None,
         **options: Any,
     ) -> Self:
         """Draw a verdict: X is the cloud, `y_pred` and the truth `y_true` are -1 for outliers, as
-        detectors of scikit-learn have it; `scores` as of the class, options are for :meth:`plot`.
-        """
-        true = None if y_true is None else is_minus_one(y_true, "y_true")
-        found = is_minus_one(y_pred, "y_pred")
-        return cls(X, found, scores=scores, is_true_outlier=true).plot(**options)
-
-    def plot(
-        self,
-        *,
-        show: Literal["verdict", "scores"] = "verdict",
-        view: View | None = None,
-        max_points: int = MOST_DRAWN,
-        ax: "Axes | None" = None,
-    ) -> Self:
-        """Draw the cloud.
-
-        Parameters
-        ----------
-        show : {"verdict", "scores"}, default="verdict"
-            Colors by the verdict, or by scores up to 10, a clear error.
-        view, max_points, ax
-            As for :meth:`EdgeDisplay.plot`.
-        """
-        if show not in ("verdict", "scores"):
-            raise ValueError(f"show={show!r} is unknown; known are 'verdict' and 'scores'.")
-        if show == "scores" and self.scores is None:
-            raise ValueError("show='scores' needs scores.")
-        view = self._usual_view() if view is None else view
-        picture = self._scores_picture() if show == "scores" else self._picture(view)
-        return self._draw(picture, view, max_points, ax)
+        detectors of scikit-learn have it; options are for :meth:`plot`."""
+        true = None if y_true is None else _is_minus_one(y_true, "y_true")
+        found = _is_minus_one(y_pred, "y_pred")
+        return cls(X, found, is_true_outlier=true).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):
@@ -134,33 +177,20 @@ class OutlierDisplay(CloudDisplay):
 
     def _picture(self, view):
         flagged, true = self.is_outlier, self.is_true_outlier
+        n, n_all = np.count_nonzero(flagged), len(flagged)
+        title = f"{n:,} of {n_all:,} points are outliers ({100 * n / n_all:.2f} %)"
         if true is None:
-            return Picture(choose_colors([flagged], [FOUND], REGULAR), flagged, self._title())
+            return Picture(_choose_colors([flagged], [FOUND], REGULAR), flagged, title)
         kinds = [flagged & true, ~flagged & true, flagged & ~true]
         names = ("found", "missed", "wrongly flagged")
         texts = [f"{name}: {np.count_nonzero(k):,}" for name, k in zip(names, kinds, strict=True)]
         shades = (FOUND, MISSED, WRONG)
         return Picture(
-            choose_colors(kinds, shades, REGULAR),
+            _choose_colors(kinds, shades, REGULAR),
             np.select(kinds, [1, 2, 3], 0),
-            self._title(),
-            lambda ax: add_legend(ax, zip(shades, texts, strict=True)),
+            title,
+            lambda ax: _add_legend(ax, zip(shades, texts, strict=True)),
         )
-
-    def _scores_picture(self):
-        cm, colors = color_modules()
-        norm = colors.Normalize(0, 10, clip=True)
-        shade = cm.ScalarMappable(norm, "viridis")
-        return Picture(
-            shade.to_rgba(self.scores)[:, :3],
-            self.is_outlier,
-            self._title(),
-            lambda ax: ax.figure.colorbar(shade, ax=ax, label="score", shrink=0.6, extend="max"),
-        )
-
-    def _title(self):
-        n, n_all = np.count_nonzero(self.is_outlier), len(self.is_outlier)
-        return f"{n:,} of {n_all:,} points are outliers ({100 * n / n_all:.2f} %)"
 
 
 class NormalsDisplay(CloudDisplay):
@@ -242,7 +272,7 @@ class SegmentationDisplay(CloudDisplay):
 
     def __init__(self, xyz: ArrayLike, labels: ArrayLike) -> None:
         self.xyz = check_points(xyz, finite=True)
-        self.labels = _whole(one_for_each(labels, self.xyz, "labels"), "labels")
+        self.labels = _whole(_one_for_each(labels, self.xyz, "labels"), "labels")
 
     @classmethod
     def from_predictions(cls, X: ArrayLike, labels: ArrayLike, **options: Any) -> Self:
@@ -288,13 +318,13 @@ class EdgeDisplay(CloudDisplay):
 
     def __init__(self, xyz: ArrayLike, is_edge: ArrayLike) -> None:
         self.xyz = check_points(xyz, finite=True)
-        self.is_edge = one_for_each(is_edge, self.xyz, "is_edge").astype(bool)
+        self.is_edge = _one_for_each(is_edge, self.xyz, "is_edge").astype(bool)
 
     @classmethod
     def from_predictions(cls, X: ArrayLike, y_pred: ArrayLike, **options: Any) -> Self:
         """Draw edges: X is the cloud, `y_pred` is -1 for points of edges; options are for
         :meth:`plot`."""
-        return cls(X, is_minus_one(y_pred, "y_pred")).plot(**options)
+        return cls(X, _is_minus_one(y_pred, "y_pred")).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):
@@ -303,7 +333,7 @@ class EdgeDisplay(CloudDisplay):
     def _picture(self, view):
         n, n_all = np.count_nonzero(self.is_edge), len(self.is_edge)
         title = f"{n:,} of {n_all:,} points are edges ({100 * n / n_all:.2f} %)"
-        return Picture(choose_colors([self.is_edge], [FOUND], REGULAR), self.is_edge, title)
+        return Picture(_choose_colors([self.is_edge], [FOUND], REGULAR), self.is_edge, title)
 
 
 class PlaneResidualDisplay(CloudDisplay):
@@ -337,8 +367,8 @@ class PlaneResidualDisplay(CloudDisplay):
 
     def __init__(self, xyz: ArrayLike, residuals: ArrayLike, is_outlier: ArrayLike) -> None:
         self.xyz = check_points(xyz, finite=True)
-        self.residuals = one_for_each(residuals, self.xyz, "residuals").astype(np.float64)
-        self.is_outlier = one_for_each(is_outlier, self.xyz, "is_outlier").astype(bool)
+        self.residuals = _one_for_each(residuals, self.xyz, "residuals").astype(np.float64)
+        self.is_outlier = _one_for_each(is_outlier, self.xyz, "is_outlier").astype(bool)
 
     @classmethod
     def from_predictions(
@@ -346,7 +376,7 @@ class PlaneResidualDisplay(CloudDisplay):
     ) -> Self:
         """Draw residuals: X has the points, `y_pred` is -1 for outliers; options are for
         :meth:`plot`."""
-        return cls(X, residuals, is_minus_one(y_pred, "y_pred")).plot(**options)
+        return cls(X, residuals, _is_minus_one(y_pred, "y_pred")).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):
@@ -395,3 +425,40 @@ def _whole(values, name):
     if not numbers or not np.array_equal(values, np.rint(values)):
         raise ValueError(f"{name} must be whole numbers without NaN.")
     return values.astype(np.int64)
+
+
+def _add_legend(ax, entries):
+    """A legend of colors and texts."""
+    lines = import_extra("matplotlib.lines", "plot", "Plotting")
+    marks = [
+        lines.Line2D([], [], ls="", marker="o", ms=6, mfc=color, mec="none", label=text)
+        for color, text in entries
+    ]
+    ax.legend(handles=marks, loc="upper right", frameon=False, fontsize=9)
+
+
+def _choose_colors(masks, chosen, otherwise):
+    """The color of the first mask that holds, for each point."""
+    to_rgb = import_extra("matplotlib.colors", "plot", "Plotting").to_rgb
+    colors = np.tile(to_rgb(otherwise), (len(masks[0]), 1))
+    for mask, color in zip(masks, chosen, strict=True):
+        colors[mask] = to_rgb(color)
+    return colors
+
+
+def _is_minus_one(labels, name):
+    """Where labels are -1; flags are refused, because none of them is."""
+    labels = np.asarray(labels)
+    if labels.dtype == bool:
+        raise ValueError(
+            f"{name} must be labels, -1 for what was found and 1 for the rest, but it is boolean: "
+            f"take np.where({name}, -1, 1)."
+        )
+    return labels == -1
+
+
+def _one_for_each(values, points, name, dtype=None):
+    values = np.asarray(values, dtype)
+    if values.shape != (len(points),):
+        raise ValueError(f"{name} must have shape ({len(points)},), got {values.shape}.")
+    return values

@@ -36,23 +36,17 @@ def camera(view):
     return right, np.cross(toward, right), toward
 
 
-def thinned(labels, most, seed=0):
+def thinned(labels, most):
     """Rows of at most `most` points, in order, that keep rare classes visible.
 
-    Half of the places go to the classes by their sizes, half in equal shares; a class that needs
-    less leaves its places to the others.
+    Half of the draws are of points, half of classes, which have equal chances.
     """
-    n_points = len(labels)
-    if n_points <= most:
-        return np.arange(n_points)
+    if len(labels) <= most:
+        return np.arange(len(labels))
     _, classes, sizes = np.unique(labels, return_inverse=True, return_counts=True)
-    kept = np.floor(0.5 * most * sizes / n_points)
-    kept = np.minimum(sizes, kept + _equal_shares(sizes - kept, most - kept.sum()))
-    order = np.random.default_rng(seed).permutation(n_points)
-    order = order[np.argsort(classes[order], kind="stable")]
-    starts = np.r_[0, np.cumsum(sizes)[:-1]]
-    place = np.arange(n_points) - np.repeat(starts, sizes)
-    return np.sort(order[place < np.repeat(kept, sizes)])
+    chance = 1 / len(labels) + 1 / (len(sizes) * sizes[classes])
+    waiting = np.random.default_rng(0).exponential(size=len(labels)) / chance
+    return np.sort(np.argpartition(waiting, most)[:most])
 
 
 def draw_scale_bar(ax, note=""):
@@ -88,15 +82,6 @@ def _angles(view):
             f"view={view!r} is unknown; known are {', '.join(VIEWS)}, or azimuth and elevation."
         )
     return VIEWS[view]
-
-
-def _equal_shares(wanted, places):
-    """How many of the wanted places each class gets: equal ones, as far as they are wanted."""
-    given = np.zeros(len(wanted))
-    for rank, number in enumerate(np.argsort(wanted, kind="stable")):
-        share = np.floor((places - given.sum()) / (len(wanted) - rank))
-        given[number] = min(wanted[number], share)
-    return given
 
 
 def round_length(longest):

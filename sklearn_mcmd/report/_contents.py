@@ -21,12 +21,11 @@ class Note(NamedTuple):
     title: str
     text: str
     remedy: str = ""
-    warned: str = ""  # words of a warning on the terminal that is on the same matter
 
 
-def note_if(holds, *words, warned=""):
+def note_if(holds, *words):
     """Notes on a measurement: the `Note` of these words if the matter `holds`, else none."""
-    return [Note(*words, warned=warned)] if holds else []
+    return [Note(*words)] if holds else []
 
 
 class Contents(NamedTuple):
@@ -40,6 +39,7 @@ class Contents(NamedTuple):
     cloud_rows: list[tuple[str, str]]  # what the input holds
     output: str  # what the output holds
     shown: Any = None  # a PointCloud for the page to look around in
+    sample: str = ""  # of which points all but the headline and the cards are, if not of all
 
 
 def percent(n, n_all):

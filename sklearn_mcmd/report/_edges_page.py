@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from sklearn_mcmd.report._contents import Contents, note_if, percent, share
+from sklearn_mcmd.report._contents import note_if, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._maps import found_maps
-from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._maps import found_maps, fullest_cells
 from sklearn_mcmd.report._rendering import paragraph
 
 MANY = 0.4  # share of edge points, of areas and not of lines; machined parts have a third
@@ -25,33 +24,20 @@ def edges_contents(shown, criterion, n, limit, cards):
     name = "distance to the nearest crease, in spacings" if is_crease else criterion
     limit_name = "limit, in spacings" if is_crease else f"limit of {criterion}"
     drawn = histogram(values, cutoff=limit, cutoff_name="limit", above=not is_crease, name=name)
-    return Contents(
-        headline=f"{share(n, n_all)} lie on edges.",
-        cards=[
-            (f"{n_all:,}", "points"),
-            (f"{n:,}", f"edge points, {percent(n, n_all)}"),
-            (f"{limit:.3g}", limit_name),
-            *cards,
-            *shown.cards,
-        ],
-        notes=[*_notes(n, n_all), *shown.notes],
-        checks=f"edges that are areas, no edges, {shown.checks}",
-        sections=[
-            ("Where the edges are", shown.words + found_maps(xyz, found, near, "edge points")),
-            ("Scores", shown.words + drawn + _score_words(is_crease)),
-            ("Places", shown.words + place_sections(xyz, found, near, "edge points")),
-        ],
-        cloud_rows=shown.rows,
-        output=f"{n_all:,} points{shown.files}, with edge and edge_score",
-        shown=shown.cloud,
-    )
-
-
-def _score_words(is_crease):
-    """What to know of scores and counts."""
     words = "Points farther than 20 spacings from all creases have the score 20. " * is_crease
     words += "Edges are counted in points and not in lengths, which sampling alone would change."
-    return paragraph(words, "soft")
+    return shown.contents(
+        headline=f"{share(n, n_all)} lie on edges.",
+        cards=[(f"{limit:.3g}", limit_name), *cards],
+        notes=_notes(n, n_all),
+        checks="edges that are areas, no edges",
+        sections=[
+            ("Where the edges are", found_maps(xyz, found, near, "edge points")),
+            ("Scores", drawn + paragraph(words, "soft")),
+            ("Places", fullest_cells(xyz, found, near, "edge points")),
+        ],
+        output=f"{n_all:,} points{shown.files}, with edge and edge_score",
+    )
 
 
 def _notes(n, n_all):

@@ -1,16 +1,26 @@
-"""What a cloud is like, measured: bounds, spacing, copies, steps of its coordinates."""
+"""What a cloud is like, measured: bounds, spacing, copies, steps; and what is wrong with it."""
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io._las import coordinate_system
-from sklearn_mcmd.planes._resolution import coordinate_step, in_own_precision, is_coarse
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits
+from sklearn_mcmd.planes._resolution import coordinate_step
+from sklearn_mcmd.report._contents import note_if, percent
 
 SPACING_SAMPLE = 200_000  # largest number of points that the median spacing is taken from
 RADIUS_SAMPLE = 20_000  # and radii of neighborhoods: their median is then known to 1 %
-SPARSE = 0.95  # quantile of radii that stands for the largest neighborhoods
+LARGE = 0.95  # quantile of radii that stands for the largest neighborhoods
+
+CHECKS_OF_ALL = "duplicates, coordinates that are rounded, and points far from all others"
+CHECKS = "too few points, sparse parts, noise that hides surfaces, " + CHECKS_OF_ALL
+FEW = 10  # neighborhoods; the detector judges clouds of fewer by other shares (`SurfaceLimits`)
+COPIES = 0.01  # share of copies, which count once, below which they change no picture
+STEP = 0.505  # steps of coordinates; half a step is the least scale, and sets the usual one then
+SPARSE = 5.0  # times the usual radius: there is a twenty-fifth of the usual density
 
 
 class Facts(NamedTuple):
@@ -26,23 +36,22 @@ class Facts(NamedTuple):
     radius: float  # of neighborhoods: the median,
     sparse_radius: float  # and what 5 % of the points exceed
     step: float  # to which coordinates are rounded; 0 if none was found
-    # Step of float32 at a typical coordinate, if float32 holds the coordinates and is too coarse
-    # for the neighborhoods; else 0.
-    rounding: float
     noise: float  # median standard deviation about the planes; NaN if these are not known
 
     @classmethod
-    def of(cls, xyz, n_neighbors, scales=None):
-        """Measure a cloud whose planes have these standard deviations."""
+    def of(cls, xyz, n_neighbors=0, scales=None):
+        """Measure a cloud whose planes have these standard deviations; 0: without neighborhoods."""
         distinct = distinct_points(xyz)
         n_members = min(n_neighbors, len(distinct))
         radius = sparse = spacing = np.nan
         if len(distinct) > 1:
             tree = cKDTree(distinct, balanced_tree=False)
-            spacing = median_spacing(tree)
-            sample = distinct[:: -(-len(distinct) // RADIUS_SAMPLE)]
-            radii = tree.query(sample, k=[n_members])[0][:, 0]
-            radius, sparse = (float(value) for value in np.quantile(radii, [0.5, SPARSE]))
+            some = tree.data[:: -(-tree.n // SPACING_SAMPLE)]
+            spacing = float(np.median(tree.query(some, k=[2])[0]))
+            if n_members:
+                sample = distinct[:: -(-len(distinct) // RADIUS_SAMPLE)]
+                radii = tree.query(sample, k=[n_members])[0][:, 0]
+                radius, sparse = np.quantile(radii, [0.5, LARGE]).tolist()
         noise = np.nan
         if scales is not None:
             known = scales[np.isfinite(scales)]
@@ -58,7 +67,6 @@ class Facts(NamedTuple):
             radius=radius,
             sparse_radius=sparse,
             step=float(coordinate_step(xyz)),
-            rounding=_coarse_rounding(xyz, radius),
             noise=noise,
         )
 
@@ -73,7 +81,8 @@ class Facts(NamedTuple):
             rows.append(("CRS", coordinate_system(header) or "not stated"))
         rows.append(("attributes", ", ".join(cloud.attributes) or "none"))
         if np.isfinite(self.spacing):
-            rows.append(("spacing", f"{self.spacing:.3g} (median distance to the nearest)"))
+            rows.append(("spacing", f"{self.spacing:.4g} (median distance to the nearest)"))
+        if np.isfinite(self.radius):
             sizes = f"radius {self.radius:.3g} (median); 5 % are larger than "
             sizes += f"{self.sparse_radius:.3g}"
             rows.append((f"neighborhoods of {self.n_neighbors}", sizes))
@@ -109,12 +118,6 @@ def distinct_points(xyz):
     return xyz[order[first]]
 
 
-def median_spacing(tree):
-    """Median distance of distinct points to the nearest other one."""
-    step = -(-tree.n // SPACING_SAMPLE)
-    return float(np.median(tree.query(tree.data[::step], k=[2])[0]))
-
-
 def usual_rows(xyz):
     """Points that are not farther from the middle 98 % than these reach, along each axis."""
     low, high = np.quantile(xyz, [0.01, 0.99], axis=0)
@@ -122,10 +125,57 @@ def usual_rows(xyz):
     return ((xyz >= low - reach) & (xyz <= high + reach)).all(axis=1)
 
 
-def _coarse_rounding(xyz, radius):
-    single = in_own_precision(xyz)
-    if not np.isfinite(radius) or single.dtype != np.float32:
-        return 0.0
-    largest = np.float32(np.median(np.abs(single).max(axis=1)))
-    rounding = float(np.spacing(largest))
-    return rounding if is_coarse(rounding, radius) else 0.0
+def cloud_notes(facts):
+    """What is the matter with the cloud itself."""
+    n_copies, n_far = facts.n_points - facts.n_distinct, int(np.count_nonzero(~facts.near))
+    spans = " x ".join(f"{value:.4g}" for value in facts.high - facts.low)
+    notes = note_if(
+        n_copies > COPIES * facts.n_points,
+        "Duplicates.",
+        f"{n_copies:,} points ({percent(n_copies, facts.n_points)}) lie exactly where another one "
+        "does. They count once in planes, and say nothing about noise.",
+        "Look for a strip that was merged twice, or thin the cloud to distinct points first.",
+    )
+    notes += note_if(
+        facts.step and facts.noise <= STEP * facts.step,
+        "Rounded coordinates.",
+        f"Coordinates are multiples of {facts.step:.3g}, which is coarser than the noise. "
+        "Distances from surfaces are known in steps and no longer in noise; what is off by less "
+        "than a step and a half is not seen.",
+        "Export the scan with more decimals, if it has them.",
+    )
+    notes += note_if(
+        n_far > 0,
+        "Points far from all others.",
+        f"{n_far:,} points ({percent(n_far, facts.n_points)}) lie farther from the rest than this "
+        f"is wide: the file spans {spans}. Maps leave them out.",
+        "Check them, and cut them off if they are no part of the scan.",
+    )
+    return notes + _neighborhood_notes(facts) if facts.n_neighbors else notes
+
+
+def _neighborhood_notes(facts):
+    notes = note_if(
+        facts.n_distinct < FEW * facts.n_neighbors or facts.n_distinct <= facts.n_neighbors,
+        "Few points.",
+        f"The cloud has {counted(facts.n_distinct, 'distinct point')}, and a neighborhood takes "
+        f"{facts.n_neighbors:,} of them. What is a surface and what is usual is then a guess.",
+        "Give a larger part of the scan, or a smaller --n-neighbors.",
+    )
+    notes += note_if(
+        facts.sparse_radius > SPARSE * facts.radius,
+        "Sparse parts.",
+        f"A neighborhood of {facts.n_neighbors} points usually has a radius of {facts.radius:.2g}. "
+        f"For 5 % of the points it is more than {facts.sparse_radius:.2g}: smaller things are not "
+        "seen there, and normals are averages over that width.",
+        "Trust these parts less, cut them off, or give a smaller --n-neighbors.",
+    )
+    flat = SurfaceLimits().flat  # which 50 neighbors have at noise of 0.6 spacings
+    return notes + note_if(
+        facts.noise > flat * facts.radius,
+        "Noise hides the surfaces.",
+        f"Points scatter by {facts.noise:.2g} about their planes, and neighborhoods have a radius "
+        f"of {facts.radius:.2g}. From {flat:g} of the radius on (0.6 spacings with 50 neighbors) "
+        "nothing counts as a surface. The cloud is noise, or foliage.",
+        "Give more neighbors, such as --n-neighbors 200, or a cloud of surfaces.",
+    )

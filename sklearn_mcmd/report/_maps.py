@@ -1,4 +1,4 @@
-"""Maps of a cloud from above, from the front and from the side, as pictures inside the page."""
+"""Maps of a cloud from above, the front and the side, and the cells where most was found."""
 
 import base64
 import io
@@ -7,10 +7,11 @@ import numpy as np
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.plotting import plot_cloud
-from sklearn_mcmd.plotting._cloud_display import FOUND, Picture, picture_of
+from sklearn_mcmd.plotting._displays import FOUND, Picture
 from sklearn_mcmd.plotting._still import ball_picture, distance_colors
 from sklearn_mcmd.plotting._views import look, round_length, thinned
-from sklearn_mcmd.report._rendering import join, part
+from sklearn_mcmd.report._contents import percent
+from sklearn_mcmd.report._rendering import join, paragraph, part, table
 
 # Points that were not found, from far to near: to be seen on white and on black.
 FAR, NEAR = (0.72, 0.76, 0.81), (0.46, 0.51, 0.58)
@@ -28,10 +29,12 @@ WIDTH = 10.0  # inches of a map
 DPI = 144  # its pixels an inch
 LEAST_SHAPE = 0.12  # height over width of a map; narrower clouds have margins
 LARGEST_SHAPE = 0.9  # the same; so have higher ones
+CELLS = 10  # along the longer side of the cloud, at least; twice as many at most
+LISTED = 8  # cells of the table
 PALETTE = 255  # colors of a picture; half of the bytes of true color
 
 
-def maps(shown, xyz, near, legend=(), views=tuple(VIEWS)):
+def maps(shown, xyz, near, legend=(), views=tuple(VIEWS), unit=""):
     """Figures of a cloud, of the points that are `near`, not far from all others.
 
     Colors are those of what is `shown`, a display or its `Picture`. The legend has pairs of a color
@@ -39,21 +42,21 @@ def maps(shown, xyz, near, legend=(), views=tuple(VIEWS)):
     """
 
     def draw(rows, view, ax):
-        picture = shown if isinstance(shown, Picture) else picture_of(shown, view)
+        picture = shown if isinstance(shown, Picture) else shown._picture(view)
         colors, labels, *_ = picture
         rows = rows[thinned(labels[rows], MOST_DRAWN)]
         plot_cloud(xyz[rows], color=colors[rows], view=view, ax=ax)
 
-    return _figures(draw, xyz, near, legend, views)
+    return _figures(draw, xyz, near, legend, views, unit)
 
 
-def _figures(draw, xyz, near, legend, views=tuple(VIEWS)):
+def _figures(draw, xyz, near, legend, views=tuple(VIEWS), unit=""):
     """The same by a function that draws some of the points from a view into axes."""
     rows = np.flatnonzero(near)
     named = [(view, VIEWS[view]) if isinstance(view, str) else view for view in views]
     figures = [_map(draw, xyz, rows, view, caption) for view, caption in named]
     outside = len(xyz) - len(rows)
-    words = "Lengths are in units of the file."
+    words = f"Lengths are in{unit or ' units of the file'}."
     words += f" {outside:,} points far from the others are not drawn." if outside else ""
     chips = [part("chips", legend)] if legend else []
     return join(*chips, part("maps", figures), part("paragraph", words, "soft"))
@@ -84,6 +87,38 @@ def ball():
 
     pixels = np.rint(255 * np.clip(np.flipud(ball_picture("top")), 0.0, 1.0)).astype(np.uint8)
     return part("ball", _encoded(Image.fromarray(pixels, "RGBA")))
+
+
+def fullest_cells(xyz, found, near, noun):
+    """A table of what was `found` among the points that are `near`: the fullest cells."""
+    xyz, found = xyz[near], found[near]
+    if not found.any():
+        return paragraph(f"There are no {noun}.")
+    extent = float(np.ptp(xyz[:, :2], axis=0).max())
+    side = round_length(extent / CELLS) if extent > 0 else 1.0
+    cells, inverse = np.unique(np.floor(xyz[:, :2] / side), axis=0, return_inverse=True)
+    n_all = np.bincount(inverse.ravel())
+    n_found = np.bincount(inverse.ravel(), found).astype(int)
+    rows = [
+        (
+            *(f"{_number(a)} to {_number(a + side)}" for a in (cells[i] * side).tolist()),
+            f"{n_found[i]:,}",
+            percent(n_found[i], n_all[i]),
+            percent(n_found[i], n_found.sum()),
+        )
+        for i in np.argsort(-n_found, kind="stable")[:LISTED]
+        if n_found[i]
+    ]
+    header = ("x", "y", noun, "of the cell's points", f"of all {noun}")
+    intro = paragraph(
+        f"The fullest cells of a grid of {side:g} in plan, seen from above; "
+        f"{len(cells):,} cells hold points."
+    )
+    return intro + table(header, rows, numbers=(2, 3, 4))
+
+
+def _number(value):
+    return f"{round(value, 9) + 0.0:.10g}"
 
 
 def _map(draw, xyz, rows, view, caption):

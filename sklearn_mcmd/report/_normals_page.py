@@ -1,14 +1,11 @@
 """What a report says about normals."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from sklearn_mcmd.plotting import NormalsDisplay
-from sklearn_mcmd.report._contents import Contents, note_if, percent, share
+from sklearn_mcmd.report._contents import note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._maps import ball, maps
-from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._maps import ball, fullest_cells, maps
 from sklearn_mcmd.report._rendering import paragraph, table
 
 # Degrees of standard error; the true normal is within 17 of it, and growing separates faces at 15.
@@ -27,60 +24,37 @@ def normals_contents(shown, names, removed):
     given, n_all, xyz, near = shown.cloud.attributes, shown.n_all, shown.xyz, shown.near
     normals = np.column_stack([given[f"normal_{axis}"] for axis in "xyz"]).astype(np.float64)
     errors, variation = given.get("normal_error"), float(np.median(given["surface_variation"]))
-    headline = f"{n_all:,} points have normals. The median of the surface variation is "
-    headline += f"{variation:.2g}."
-    cards = [(f"{n_all:,}", "points"), (f"{variation:.2g}", "surface variation (median)")]
-    drawn = ball() + maps(NormalsDisplay(xyz, normals), xyz, near)
-    sections = [("Normals", shown.words + drawn)]
+    headline = f"{n_all:,} points have normals."
+    cards = [(f"{variation:.2g}", "surface variation (median)")]
+    cards.append((percent(removed, 1.0), "of a neighborhood removed, on average"))
+    sections = [("Normals", ball() + maps(NormalsDisplay(xyz, normals), xyz, near))]
     if errors is not None:
         known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
-        n = int(np.count_nonzero(unreliable))
         median, most = np.quantile(known, [0.5, 0.95]) if known.size else (np.nan, np.nan)
-        headline = f"{n_all:,} points have normals. Half of these are exact to {median:.2g} "
-        headline += f"degrees, 95 % to {most:.2g} (standard errors)."
-        cards[1:] = [
-            (f"{median:.2g}°", "median standard error"),
-            (percent(n, len(errors)), "of the normals are unreliable"),
-        ]
-        sections += [
-            ("How exact they are", shown.words + _errors_drawn(errors)),
-            (
-                "Where they are unreliable",
-                shown.words + place_sections(xyz, unreliable, near, "unreliable normals"),
-            ),
-        ]
-    left = given["removed_fraction"]
+        headline += f" Half of these are exact to {median:.2g} degrees, 95 % to {most:.2g} "
+        headline += "(standard errors)."
+        n = int(np.count_nonzero(unreliable))
+        cards.insert(0, (percent(n, len(errors)), "of the normals are unreliable"))
+        places = fullest_cells(xyz, unreliable, near, "unreliable normals")
+        limit = {"cutoff": UNRELIABLE, "cutoff_name": "unreliable from", "least": 0.01}
+        drawn = histogram(errors, name="standard error of the normal in degrees", **limit)
+        drawn += paragraph(
+            "The true normal is within 1.73 standard errors with 95 % confidence, as far as noise "
+            "goes. Rims, corners and things smaller than a neighborhood are worse.",
+            "soft",
+        )
+        sections.append(("How exact they are", drawn))
+        sections.append(("Where they are unreliable", places))
     flatness = histogram(given["surface_variation"], name="surface variation")
-    sections += [
-        ("Flatness", flatness),
-        ("Directions and neighborhoods", _tilt_table(normals) + _removed_words(left)),
-    ]
-    return Contents(
+    sections += [("Flatness", flatness), ("Directions", _tilt_table(normals))]
+    return shown.contents(
         headline=headline,
-        cards=[
-            *cards,
-            (percent(removed, 1.0), "of a neighborhood removed, on average"),
-            *shown.cards[:1],
-        ],
-        notes=[*_notes(errors, left), *shown.notes],
-        checks=f"unreliable normals, neighborhoods of two things, {shown.checks}",
+        cards=cards,
+        notes=_notes(errors, given["removed_fraction"]),
+        checks="unreliable normals, neighborhoods of two things",
         sections=sections,
-        cloud_rows=shown.rows,
         output=f"{n_all:,} points{shown.files}, with {', '.join(names)}",
-        shown=shown.cloud,
     )
-
-
-def _errors_drawn(errors):
-    name = "standard error of the normal in degrees"
-    limit = {"cutoff": UNRELIABLE, "cutoff_name": "unreliable from"}
-    drawn = histogram(errors, name=name, least=0.01, **limit)
-    words = paragraph(
-        "The true normal is within 1.73 standard errors with 95 % confidence, as far as noise "
-        "goes. Rims, corners and things smaller than a neighborhood are worse.",
-        "soft",
-    )
-    return drawn + words + _error_table(errors)
 
 
 def _notes(errors, removed):
@@ -102,19 +76,6 @@ def _notes(errors, removed):
     )
 
 
-def _error_table(errors):
-    limits = [0, 1, 2, 5, UNRELIABLE, np.inf]
-    rows = []
-    for low, high in pairwise(limits):
-        n = np.count_nonzero((errors >= low) & (errors < high))
-        span = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} and more"
-        rows.append((span, f"{n:,}", percent(n, len(errors))))
-    n = np.count_nonzero(~np.isfinite(errors))
-    if n:
-        rows.append(("not known", f"{n:,}", percent(n, len(errors))))
-    return table(("standard error, degrees", "points", "share"), rows, numbers=(1, 2))
-
-
 def _tilt_table(normals):
     tilt = np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0)))
     rows = []
@@ -123,12 +84,3 @@ def _tilt_table(normals):
         rows.append((name, f"{low} to {min(high, 90):g}", f"{n:,}", percent(n, len(tilt))))
     header = ("surface", "tilt, degrees", "points", "share")
     return table(header, rows, numbers=(2, 3))
-
-
-def _removed_words(removed):
-    n = int(np.count_nonzero(removed > HALF))
-    return paragraph(
-        f"On average {100 * removed.mean(dtype=float):.1f} % of a neighborhood was removed before "
-        f"its plane was fitted; for {share(n, len(removed))} more than {100 * HALF:g} %.",
-        "soft",
-    )

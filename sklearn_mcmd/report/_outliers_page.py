@@ -3,11 +3,10 @@
 import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
-from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, EXACTLY, MANY_EXACT, judged_cloud
-from sklearn_mcmd.report._contents import Contents, note_if, percent, share
+from sklearn_mcmd.outliers._detector import judged_cloud
+from sklearn_mcmd.report._contents import note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._maps import found_maps
-from sklearn_mcmd.report._places import place_sections
+from sklearn_mcmd.report._maps import found_maps, fullest_cells
 from sklearn_mcmd.report._rendering import join, paragraph, part, table
 from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 
@@ -48,111 +47,61 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
     n_all, n_others = told.n_used, told.n_points - told.n_used
     given, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
     found, score = given.get("outlier"), given.get("outlier_score")
-    cards = [(f"{n_all:,}", "points that were used" if n_others else "points in the input")]
-    if n_others:
-        cards.append((f"{n_others:,}", "others, neither judged nor used"))
-    cards.append((f"{n:,}", f"outliers, {percent(n, n_all)}"))
-    notes = _run_notes(told, n, n_all)
+    cards = [(f"{n_others:,}", "points neither judged nor used")] if n_others else []
     if found is None:
-        words = "The outputs replaced the inputs, or have other coordinates. --mode mark keeps "
-        words += "outliers, and then they have maps."
-        sections = [("Where the outliers are", paragraph(words))]
+        drawn = paragraph(
+            "The outputs replaced the inputs, or have other coordinates. --mode mark keeps "
+            "outliers, and then they have maps."
+        )
     else:
         found = found > 0
         drawn = found_maps(xyz, found, near, "outliers")
-        sections = [("Where the outliers are", shown.words + drawn)]
+    sections = [("Where the outliers are", drawn)]
     if score is not None:
         score = score.astype(np.float64)
         if cutoff is None:  # the run found it: the largest score below it
             cutoff = float(score[~found].max(initial=0.0))
         drawn = histogram(score, cutoff=cutoff, name="score", least=LEAST_SCORE)
-        drawn += _grade_table(score, cutoff)
-        sections.append(("How clear they are", shown.words + drawn))
+        clear, gross = (np.count_nonzero(score > max(least, cutoff)) for least in (CLEAR, GROSS))
+        of = np.count_nonzero(score > cutoff)
+        drawn += paragraph(
+            f"A score up to 3 means that the point is on a surface or near other points. "
+            f"{share(clear, of, 'outliers')} are clear errors, with a score above {CLEAR}; "
+            f"{share(gross, of, 'outliers')} are gross ones, above {GROSS}."
+        )
+        sections.append(("How clear they are", drawn))
     if detector is not None:
         on_surface = int(np.count_nonzero(detector.on_surface_))
         cards.append((f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"))
         cards.append((f"{cutoff:.3g}", "cutoff of the score"))
-        notes += _surface_notes(detector, n_all)
         if plane_scales(detector) is not None:
             drawn = _kind_table(detector, found) + _worst_table(detector, xyz, found)
             sections.append(("What they are", drawn))
     if found is not None:
-        drawn = place_sections(xyz, found, near, "outliers")
-        sections.append(("Places", shown.words + drawn))
+        sections.append(("Places", fullest_cells(xyz, found, near, "outliers")))
     n_out = n_all + n_others - (0 if marked else n)
     done = "are marked" if marked else "were removed"
-    return Contents(
+    return shown.contents(
         headline=f"{share(n, n_all)} are outliers; they {done}.",
-        cards=[*cards, *shown.cards],
-        notes=[*notes, *shown.notes],
-        checks=f"many outliers, many that lie together, {shown.checks}",
+        cards=cards,
+        notes=_notes(detector, n, n_all),
+        checks="many outliers",
         sections=sections,
-        cloud_rows=[*shown.rows, *told.sensor.items()],
         output=f"{n_out:,} points{shown.files}" + ", with outlier_score and marks" * marked,
-        shown=shown.cloud,
+        rows=told.sensor.items(),
     )
 
 
-def _grade_table(score, cutoff):
-    """Outliers by how clear they are."""
-    grades = [
-        ("doubtful", cutoff, CLEAR),
-        ("clear", max(cutoff, CLEAR), GROSS),
-        ("gross", max(cutoff, GROSS), np.inf),
-    ]
-    n = np.count_nonzero(score > cutoff)
-    rows = []
-    for name, low, high in grades:
-        if low < high:
-            found = np.count_nonzero((score > low) & (score <= high))
-            span = f"{low:.3g} to {high:g}" if np.isfinite(high) else f"above {low:.3g}"
-            rows.append((name, span, f"{found:,}", percent(found, n)))
-    words = paragraph(
-        "A score up to 3 means that the point is on a surface or near other points; 10 is a clear "
-        "error, 100 a gross one."
-    )
-    return words + table(("outliers", "score", "points", "share"), rows, numbers=(2, 3))
-
-
-def _run_notes(told, n, n_all):
-    """Notes on the position of the sensor, on where outliers lie together, and on their share."""
-    doubt = told.sensor.get("doubt", "")
-    notes = note_if(
-        doubt,
-        "Where was the sensor?",
-        f"The position is {told.sensor.get('sensor')}: {doubt}.",
-        "Give --sensor X,Y,Z as it was, or --sensor none.",
-        warned=doubt,
-    )
-    notes += note_if(
-        told.together,
-        "Outliers lie together.",
-        f"{told.together}.",
-        "Look at the maps. A thing that is sparser than what is around it is kept if the dense "
-        "parts are thinned to its spacing first.",
-        warned=told.together,
-    )
-    return notes + note_if(
+def _notes(detector, n, n_all):
+    """Notes on the share of outliers, and if the detector is known, on that of surfaces."""
+    n_on = n_all if detector is None else int(np.count_nonzero(detector.on_surface_))
+    return note_if(
         n > MANY * n_all,
         "Many outliers.",
         f"{share(n, n_all)} are flagged. Planes withstand up to a half of outliers in a "
         "neighborhood, and some neighborhoods now have more.",
         "Look at the maps before points are dropped; --mode mark keeps them all.",
-    )
-
-
-def _surface_notes(detector, n_all):
-    n_exact = int(np.count_nonzero(detector.scores_ < -EXACT_PLANE_SCORE))
-    notes = note_if(
-        n_exact >= MANY_EXACT * n_all,
-        "Planes without noise.",
-        f"{share(n_exact, n_all)} {EXACTLY}, as where coordinates are rounded more coarsely than "
-        "the noise.",
-        "Check these before they are dropped (--mode mark).",
-        warned=EXACTLY,
-    )
-    n_on = int(np.count_nonzero(detector.on_surface_))
-    return notes + note_if(
+    ) + note_if(
         n_on < 0.5 * n_all and plane_scales(detector) is not None,
         "Few points on surfaces.",
         f"Only {share(n_on, n_all)} lie on a surface. The others are judged by the company that "
@@ -170,12 +119,7 @@ def plane_scales(detector):
 
 
 def kinds_of_outliers(detector):
-    """Why each fitted point is an outlier: its place in `KINDS`, and -1 of all others.
-
-    Isolated points are farther from their neighbors than the cutoff, in usual spacings. Those in
-    groups are not, but their group stands off by more than the cutoff. The others lie on no
-    surface, and ``strictness="surfaces"`` flags them for that alone, as does the paper's form.
-    """
+    """Why each fitted point is an outlier: its place in `KINDS`, and -1 of all others."""
     is_outlier, cutoff = detector.scores_ < detector.offset_, -detector.offset_
     if detector.isolation_ is None:
         return np.where(is_outlier, np.int8(2), np.int8(-1))

@@ -2,18 +2,14 @@
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.plotting import PlaneResidualDisplay
-from sklearn_mcmd.plotting._cloud_display import Picture
-from sklearn_mcmd.plotting._displays import along_normal, those_of_plane
-from sklearn_mcmd.report._contents import Contents, note_if, percent, share
-from sklearn_mcmd.report._facts import Facts
+from sklearn_mcmd.plotting._displays import Picture, along_normal, those_of_plane
+from sklearn_mcmd.report._contents import note_if, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import maps
-from sklearn_mcmd.report._notes import CHECKS_OF_ALL, cloud_notes
 from sklearn_mcmd.report._rendering import join, paragraph, part, table
+from sklearn_mcmd.report._shown import Shown
 
-NEIGHBORS = 50  # of the radius that is compared with rounding; the test has no neighborhoods
 MANY = 0.25  # share of outliers that makes "one plane" doubtful: the robust start takes a half
 LEAST, LARGEST = "#440154", "#fde725"  # the ends of the palette of numbers
 RED, BLUE = "#b2182b", "#2166ac"  # the ends of the palette of residuals
@@ -23,13 +19,13 @@ def plane_contents(cloud, detector, figures, unit):
     """The contents of a report of `mcmd plane`, whose detector is fitted to the cloud."""
     found, n_all = detector.labels_ == -1, len(cloud)
     n = int(np.count_nonzero(found))
-    facts = Facts.of(cloud.xyz, NEIGHBORS, np.array([detector.sigma0_]))
     unit, rows = f" {unit}" if unit else "", figures.rows()
     residuals, tilt, sigma0 = detector.residuals(cloud.xyz), rows["tilt"], rows["sigma0"]
     rms = float(np.sqrt(np.mean(residuals[those_of_plane(found)] ** 2)))
-    others, without = ("the others", "without outliers") if n < n_all else ("all", "of all")
     results = {"residual": residuals, "test_statistic": detector.test_statistic_}
     results = {name: values.astype(np.float32) for name, values in results.items()}
+    results["outlier"] = found.astype(np.uint8)
+    shown = Shown.of_memory(cloud, 0, np.array([detector.sigma0_]), **results)
     statistics = histogram(
         np.abs(detector.test_statistic_),
         cutoff=float(detector.critical_value_),
@@ -37,26 +33,31 @@ def plane_contents(cloud, detector, figures, unit):
         name="test statistic",
         least=0.01,
     )
-    return Contents(
-        headline=f"{share(n, n_all)} do not belong to the plane; {others} are within "
-        f"{rms:.3g}{unit} of it (rms).",
+    headline = (
+        f"{share(n, n_all)} do not belong to the plane; {'the others' if n < n_all else 'all'} "
+    )
+    headline += f"are within {rms:.3g}{unit} of it (rms)."
+    if "flatness" in rows:
+        headline += f" Flatness, {rows['tolerance']}: {rows['flatness']}; outside are "
+        headline += f"{rows['outside']}."
+    if "against" in rows:
+        offset = rows["offset"]._replace(note="")
+        headline += f" Against the other plane: {rows['against']}, offset {offset}."
+    return shown.contents(
+        headline=headline,
         cards=[
-            (f"{n:,}", f"outliers, {percent(n, n_all)}"),
-            (f"{rms:.3g}{unit}", f"rms {without}"),
             (f"{tilt.value}°", f"tilt from the horizontal, ± {tilt.error}°"),
             (f"{sigma0.value}{unit}", f"sigma0, {sigma0.note}"),
         ],
-        notes=_notes(detector, n, n_all, unit, rows) + cloud_notes(facts, local=False),
-        checks=f"many outliers, a rejected plane, {CHECKS_OF_ALL}",
+        notes=_notes(detector, n, n_all, unit, rows),
+        checks="many outliers, a rejected plane",
         sections=[
-            ("Residuals", _maps(cloud.xyz, residuals, found, facts.near, rms, unit)),
+            ("Residuals", _maps(cloud.xyz, residuals, found, shown.near, rms, unit)),
             ("How far off", statistics),
-            *_found_biases(cloud.xyz, figures.reliability, facts.near, unit),
+            *_found_biases(cloud.xyz, figures.reliability, shown.near, unit),
             _figure_sections(figures),
         ],
-        cloud_rows=facts.rows(cloud),
         output=f"{n_all:,} points, with residual, test_statistic and marks of outliers",
-        shown=with_results(cloud, {"outlier": found.astype(np.uint8), **results}),
     )
 
 
@@ -68,7 +69,7 @@ def _maps(xyz, residuals, found, near, rms, unit):
         (RED, f"{3 * rms:.2g}{unit} or more to the side of the normal"),
         (BLUE, f"{3 * rms:.2g}{unit} or more to the other side"),
     ]
-    return maps(PlaneResidualDisplay(xyz, residuals, found), xyz, near, ends, views)
+    return maps(PlaneResidualDisplay(xyz, residuals, found), xyz, near, ends, views, unit)
 
 
 def _found_biases(xyz, reliability, near, unit):
@@ -90,7 +91,7 @@ def _found_biases(xyz, reliability, near, unit):
         "redundancy number, so the map shows the redundancy as well."
     )
     views = [(along_normal(xyz[near]), "Along the normal")]
-    figures = maps(picture, xyz, near, ends, views)
+    figures = maps(picture, xyz, near, ends, views, unit)
     return [("Which errors are found", paragraph(words) + figures)]
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.plotting import SegmentationDisplay, region_colors
-from sklearn_mcmd.report._contents import Contents, note_if, percent, share
+from sklearn_mcmd.report._contents import note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
 from sklearn_mcmd.report._maps import maps
 from sklearn_mcmd.report._rendering import paragraph, table
@@ -49,35 +49,23 @@ def segment_contents(shown, regions, n_regions, inside):
     sizes, n_all, labels = regions.sizes, shown.n_all, shown.cloud.attributes["region"]
     largest = int(sizes[0]) if len(sizes) else 0
     all_known = 1 < len(sizes) == n_regions
-    listed = shown.words.replace(
-        "From a sample", "Sizes are exact; normals, rms and middle are from a sample"
-    )
     words = paragraph("Each region has a color; points of no region are dark gray.", "soft")
     drawn = words + maps(SegmentationDisplay(shown.xyz, labels), shown.xyz, shown.near)
-    sections = [
-        ("Regions", shown.words + drawn),
-        ("The largest regions", listed + _region_table(regions, n_all)),
-    ]
+    sections = [("Regions", drawn), ("The largest regions", _region_table(regions, n_all))]
+
     if all_known:
-        drawn = histogram(
-            sizes, name="points of a region", least=float(sizes.min()), what="regions"
-        )
-        sections.append(("Sizes", drawn + _size_words(sizes, n_all)))
-    return Contents(
+        what = {"name": "points of a region", "least": float(sizes.min()), "what": "regions"}
+        sections.append(("Sizes", histogram(sizes, **what)))
+    return shown.contents(
         headline=f"{n_regions:,} regions hold {share(inside, n_all)}.",
         cards=[
-            (f"{n_regions:,}", "regions"),
-            (f"{inside:,}", f"points inside, {percent(inside, n_all)}"),
             (f"{n_all - inside:,}", f"points of no region, {percent(n_all - inside, n_all)}"),
             (f"{largest:,}", f"points of the largest, {percent(largest, n_all)}"),
-            *shown.cards[:1],
         ],
-        notes=[*_notes(inside, n_all, sizes if all_known else sizes[:0]), *shown.notes],
-        checks=f"many points without a region, many small regions, {shown.checks}",
+        notes=_notes(inside, n_all, sizes if all_known else sizes[:0]),
+        checks="many points without a region, many small regions",
         sections=sections,
-        cloud_rows=shown.rows,
         output=f"{n_all:,} points{shown.files}, with region (0 is the largest, -1 is none)",
-        shown=shown.cloud,
     )
 
 
@@ -110,14 +98,6 @@ def _region_table(regions, n_all):
         "soft",
     )
     return table(header, rows, numbers=(1, 2, 4, 5), colors=colors) + words
-
-
-def _size_words(sizes, n_all):
-    small = sizes < SMALL
-    return paragraph(
-        f"{share(int(small.sum()), len(sizes), 'regions')} have fewer than {SMALL} points. They "
-        f"hold {percent(int(sizes[small].sum()), n_all)} of all points."
-    )
 
 
 def _notes(inside, n_all, sizes):

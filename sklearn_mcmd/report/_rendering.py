@@ -1,16 +1,14 @@
 """The page of a report, without scripts and links to any network, and the folder it is in."""
 
-import os
 import platform
 import tempfile
 import warnings
 from datetime import datetime
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.io._files import replacing, system_error
+from sklearn_mcmd.io._files import check_writable, replacing, system_error
 
 MOST_SHOWN = 1_000_000  # points of the page to look around in, which then has about 10 MB
 PAGE, VIEW = "index.html", "view.html"
@@ -83,19 +81,14 @@ def check_folder(folder):
     """Raise before the work if a report cannot be drawn or written; nothing is made yet."""
     for library in ("matplotlib", "jinja2"):
         import_extra(library, "plot", "--report")
-    folder = Path(folder)
-    for path in (folder, folder / PAGE, folder / VIEW):
-        if path.exists() and path.is_dir() != (path == folder):
-            kind = "no folder" if path == folder else "a folder"
-            raise ValueError(f"{path}: is {kind}; give --report another folder")
-        if path.is_file() and not os.access(path, os.W_OK):
-            raise ValueError(f"{path}: the file is write-protected")
     above = folder.absolute()
     while not above.exists():
         above = above.parent
+    if not above.is_dir():
+        raise ValueError(f"{above}: is no folder; give --report another folder")
+    for name in (PAGE, VIEW):
+        check_writable(folder / name, above)
     try:
-        if not above.is_dir():
-            raise ValueError(f"{folder}: {above} is no folder")
         with tempfile.TemporaryDirectory(prefix=".mcmd-", dir=above):
             pass
     except OSError as err:
@@ -107,26 +100,20 @@ def write_report(folder, run, contents):
 
     The folder is made if it is missing. Returns the path of the page.
     """
-    folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as err:
         raise system_error(folder, "written", err) from err
+    name = source_name(run)
     if contents.shown is not None:
-        _write_view(folder / VIEW, run, contents)
+        from sklearn_mcmd.view._page import view
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the page itself says what it leaves out
+            title = f"{run.verb}: {name}"
+            looked = view(contents.shown, names=[name], title=title, max_points=MOST_SHOWN)
+        looked.save(folder / VIEW)
     page = make_page(run, contents, has_view=contents.shown is not None)
     with replacing(folder / PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="replace")
     return folder / PAGE
-
-
-def _write_view(path, run, contents):
-    from sklearn_mcmd.view._page import cloud_page
-
-    title = f"{run.verb}: {source_name(run)}"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the page itself says what it leaves out
-        page = cloud_page(
-            [contents.shown], names=[source_name(run)], title=title, max_points=MOST_SHOWN
-        )
-    page.save(path)

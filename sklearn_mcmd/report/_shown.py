@@ -7,10 +7,15 @@ import numpy as np
 
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.report._contents import Note, share
-from sklearn_mcmd.report._facts import Facts, bounds_rows, usual_rows
-from sklearn_mcmd.report._notes import CHECKS, cloud_notes
-from sklearn_mcmd.report._rendering import paragraph
+from sklearn_mcmd.report._contents import Contents, Note, share
+from sklearn_mcmd.report._facts import (
+    CHECKS,
+    CHECKS_OF_ALL,
+    Facts,
+    bounds_rows,
+    cloud_notes,
+    usual_rows,
+)
 from sklearn_mcmd.report._volumes import place_numbers
 
 SAMPLE = 500_000  # points; maps show a quarter of them, and shares are known to 0.1 %
@@ -24,9 +29,9 @@ class Shown(NamedTuple):
     n_all: int  # points of the whole
     near: np.ndarray  # bool (n,), points that are not far from all others
     rows: list[tuple[str, str]]  # what the input holds
-    words: str = ""  # markup that states the sample, if not all points are shown
+    words: str = ""  # that state the sample, if not all points are shown
     notes: Sequence[Note] = ()  # what is the matter with the cloud itself
-    checks: str = CHECKS  # what was looked for in the cloud itself
+    checks: str = ""  # what was looked for in the cloud itself
     cards: Sequence[tuple[str, str]] = ()  # tiles and files
     files: str = ""  # words on the number of outputs, if there are several
 
@@ -34,9 +39,23 @@ class Shown(NamedTuple):
     def xyz(self):
         return self.cloud.xyz
 
+    def contents(self, *, headline, cards, notes, checks, sections, output, rows=()):
+        """The `Contents` of a report, with what is known of the cloud itself."""
+        return Contents(
+            headline=headline,
+            cards=[*cards, *self.cards],
+            notes=[*notes, *self.notes],
+            checks=f"{checks}, {self.checks}",
+            sections=sections,
+            cloud_rows=[*self.rows, *rows],
+            output=output,
+            shown=self.cloud,
+            sample=self.words,
+        )
+
     @classmethod
     def of_memory(cls, cloud, n_neighbors, scales=None, /, **results):
-        """A cloud as it was read, with results, and measured by planes of these scales."""
+        """A cloud as it was read, with results; 0 neighbors: without neighborhoods."""
         facts = Facts.of(cloud.xyz, n_neighbors, scales)
         return cls(
             cloud=cloud.with_attributes(**results),
@@ -44,20 +63,19 @@ class Shown(NamedTuple):
             near=facts.near,
             rows=facts.rows(cloud),
             notes=cloud_notes(facts),
+            checks=CHECKS if n_neighbors else CHECKS_OF_ALL,
         )
 
     @classmethod
     def of_tiles(cls, catalog, outputs, run, names):
-        """A sample of outputs, with these attributes."""
         return cls.of_sample(_sample(outputs, step_of(run), names), catalog, outputs, run)
 
     @classmethod
     def of_sample(cls, cloud, catalog, outputs, run):
-        """A sample that is there already."""
         step, words = step_of(run), ""
         if step > 1:
-            words = f"From a sample: one point of {step:,}, {share(len(cloud), run.n_points)}."
-            words = paragraph(words, "soft")
+            words = "Pictures, histograms and tables are of a sample: one point of "
+            words += f"{step:,}, {share(len(cloud), run.n_points)}."
         rows = [("points", f"{catalog.n_points:,}"), ("files", f"{len(catalog):,}")]
         rows += bounds_rows(catalog.low, catalog.high).items()
         rows.append(("CRS", catalog.crs or "not stated"))

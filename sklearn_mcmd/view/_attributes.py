@@ -91,11 +91,8 @@ class NumberCode(NamedTuple):
 
 
 def plan_attributes(clouds, only=None):
-    """The attributes of the clouds as `ColumnSource`s, and those with one value as a dictionary.
-
-    `clouds` has the attributes of each cloud, of its points in the page; `only` are names to keep,
-    as in the file or in the page. Returns the sources, the constants of each cloud, and the names
-    of attributes that hold no numbers.
+    """The attributes of clouds as `ColumnSource`s, values that all points of a cloud share, and
+    names of attributes that hold no numbers; `only` are names to keep, of the file or the page.
     """
     tables = [flat_columns(attributes) for attributes in clouds]
     columns = [{k: v for k, v in table.items() if v.dtype.kind in "biuf"} for table in tables]

@@ -1,8 +1,9 @@
 """Points as blocks of compressed bytes that a browser unpacks.
 
 Coordinates are whole steps from the low corner of all clouds. The points are shuffled and divided
-into chunks of growing size, so that each chunk is a thinned cloud. Within a chunk they are sorted,
-and each column is written as differences of neighbors, byte by byte.
+into chunks of growing size, so that each chunk is a thinned cloud. Within a chunk they are sorted
+by their rows: scanners write neighbors one after the other. Each column is written as differences
+of neighbors, byte by byte.
 """
 
 import zlib
@@ -95,12 +96,9 @@ def shuffled(n_points, most):
 def pack_points(steps, rows, columns, blocks):
     """Pack the points of a cloud, in random order: add blocks of text, and return chunks."""
     bounds = _chunk_bounds(len(rows))
-    largest = slice(bounds[-2], bounds[-1])
-    by_place = _is_smaller_by_place(steps[largest], rows[largest], columns, largest)
     chunks = []
     for start, stop in pairwise(bounds):
-        part = slice(start, stop)
-        order = start + _order(steps[part], rows[part], by_place)
+        order = start + np.argsort(rows[start:stop])
         described = []
         for values in (
             *steps[order].T,
@@ -114,7 +112,7 @@ def pack_points(steps, rows, columns, blocks):
     return chunks
 
 
-def pack_column(values, level=6):
+def pack_column(values):
     """Bytes of unsigned whole numbers: how many each has, whether they are differences, and all.
 
     Differences are signed, wrap around, and are written as 0, -1, 1, -2 ... The lowest bytes of
@@ -125,7 +123,7 @@ def pack_column(values, level=6):
     steps = _planes(_differences(values, width), width)
     sizes = (len(zlib.compress(some[:, : 1 << 16].tobytes(), 1)) for some in (plain, steps))
     delta = next(sizes) > next(sizes)
-    return width, delta, zlib.compress((steps if delta else plain).tobytes(), level)
+    return width, delta, zlib.compress((steps if delta else plain).tobytes(), 6)
 
 
 def _text(data):
@@ -158,44 +156,6 @@ def _chunk_bounds(n_points):
         bounds.append(min(bounds[-1] + size, n_points))
         size = min(2 * size, LARGEST_CHUNK)
     return bounds
-
-
-def _order(steps, rows, by_place):
-    return np.argsort(_morton(steps), kind="stable") if by_place else np.argsort(rows)
-
-
-def _is_smaller_by_place(steps, rows, columns, part):
-    """Whether a chunk is smaller if sorted along a curve through space than by its rows.
-
-    Scanners write neighbors one after the other: then the rows, which are kept, cost nothing.
-    """
-    sizes = []
-    for by_place in (False, True):
-        order = _order(steps, rows, by_place)[:FIRST_CHUNK]
-        tried = (*steps[order].T, rows[order], *(c[part][order] for c in columns))
-        sizes.append(sum(len(pack_column(values, 1)[2]) for values in tried))
-    return sizes[1] < sizes[0]
-
-
-def _morton(steps):
-    """Places along the Z-order curve, by the 21 highest bits of each coordinate."""
-    shift = max(int(steps.max()).bit_length() - 21, 0)
-    code = np.zeros(len(steps), dtype=np.uint64)
-    for axis in range(3):
-        code |= _spread_bits((steps[:, axis] >> shift).astype(np.uint64)) << np.uint64(axis)
-    return code
-
-
-def _spread_bits(x):
-    for by, mask in (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
-        x = (x | (x << np.uint64(by))) & np.uint64(mask)
-    return x
 
 
 def _decimal_step(clouds, low, finest, extent):

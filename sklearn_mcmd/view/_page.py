@@ -24,7 +24,6 @@ from sklearn_mcmd.io._units import length_unit
 from sklearn_mcmd.view._attributes import free_name, is_wanted, plan_attributes
 from sklearn_mcmd.view._encoding import Grid, pack_points, shuffled
 
-MAX_POINTS = 5_000_000  # of a page, unless its caller says otherwise
 # WebGL takes float32; the products of its matrices must be finite too.
 LARGEST_EXTENT = 1e18
 SUFFIXES = (".html", ".htm")  # of a page's name
@@ -129,17 +128,70 @@ class CloudPage:
         )
 
 
-def cloud_page(
-    clouds: Sequence[PointCloud | ArrayLike | str | os.PathLike[str]],
-    *,
+def view(
+    *clouds: PointCloud | ArrayLike | str | os.PathLike[str],
     names: Sequence[str] | None = None,
     title: str | None = None,
     color: str | None = None,
     only: Collection[str] | None = None,
-    max_points: int = MAX_POINTS,
+    max_points: int = 5_000_000,
     height: int = 640,
 ) -> CloudPage:
-    """Make a page of clouds; :func:`sklearn_mcmd.plotting.view` describes the parameters."""
+    """Make one HTML page that shows clouds in a browser, offline, and itself in Jupyter.
+
+    Parameters
+    ----------
+    *clouds : PointCloud, array-like of shape (n, 3), or path
+        Clouds or files to show. A `PointCloud` brings attributes to color by. Of two clouds, such
+        as before and after, a slider shows each on its side.
+    names : sequence of str, default=None
+        A name for each cloud. None takes the files' names.
+    title : str, default=None
+        Title of the page. None takes the names.
+    color : str, default=None
+        Attribute to color by at first, or ``"height"``, which is z unless the clouds have an
+        attribute of that name; then z is ``"height (2)"``. None chooses a result, such as
+        ``region``, else colors, class, intensity or height.
+    only : collection of str, default=None
+        Attributes to put into the page. None takes all.
+    max_points : int, default=5_000_000
+        Largest number of points in the page, at least one for each cloud. Of more, so many are
+        chosen at random.
+    height : int, default=640
+        Height in Jupyter, in pixels.
+
+    Returns
+    -------
+    CloudPage
+        The page, with ``save(path)``.
+
+    Warns
+    -----
+    UserWarning
+        If points are left out, because there are too many or a coordinate is not finite; if
+        attributes are left out, because they hold no numbers.
+
+    See Also
+    --------
+    plot_cloud : A still picture.
+
+    Notes
+    -----
+    Coordinates in the page are those of the cloud if these are multiples of a decimal step, such
+    as a millimeter, of at least 1/256 of the spacing. Else they are off by at most a sixteenth of
+    the spacing; ``CloudPage.error`` tells. Numbers have 16 bits, and normals are within 0.06
+    degrees.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn_mcmd.io import PointCloud
+    >>> from sklearn_mcmd.plotting import view
+    >>> xyz = np.random.default_rng(0).uniform(size=(1000, 3)).round(3)
+    >>> page = view(PointCloud(xyz, {"region": np.arange(1000) % 3}), title="A cube")
+    >>> page.n_shown, page.error
+    (1000, 0.0)
+    """
     if len(clouds) == 0:
         raise ValueError("A page needs at least one cloud, got none.")
     check_count(max_points, "max_points")
@@ -317,17 +369,16 @@ def check_count(value, name):
 
 def _check_extent(clouds, names):
     """Refuse coordinates so far apart that float32 cannot hold their squares."""
-    ends = []
-    for (cloud, rows), name in zip(clouds, names, strict=True):
-        xyz = cloud.xyz[rows]
-        ends += [xyz.min(axis=0), xyz.max(axis=0)]
-        low, high = np.min(ends, axis=0), np.max(ends, axis=0)
-        if (high / 2 - low / 2 > LARGEST_EXTENT / 2).any():
-            axis = int(np.argmax(high / 2 - low / 2))
-            raise ValueError(
-                f"{name}: {'xyz'[axis]} reaches from {low[axis]:.3g} to {high[axis]:.3g}; "
-                f"a page holds extents up to {LARGEST_EXTENT:g}"
-            )
+    ends = [
+        end for cloud, rows in clouds for end in (cloud.xyz[rows].min(0), cloud.xyz[rows].max(0))
+    ]
+    low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+    axis = int(np.argmax(high / 2 - low / 2))
+    if high[axis] / 2 - low[axis] / 2 > LARGEST_EXTENT / 2:
+        raise ValueError(
+            f"{', '.join(map(str, names))}: {'xyz'[axis]} reaches from {low[axis]:.3g} to "
+            f"{high[axis]:.3g}; a page holds extents up to {LARGEST_EXTENT:g}"
+        )
 
 
 def _plain(value: Any) -> Any:

@@ -108,17 +108,6 @@ def test_normals_look_along_a_trajectory_by_tiles_too(small_machine, source, tmp
     same_by_tiles("normals", tmp_path / "in.laz", *asked)
 
 
-def test_records_beyond_those_that_a_header_counts_are_told_once(small_machine, tmp_path):
-    write_points(tmp_path / "in.las", street(8_000).xyz)
-    raw = bytearray((tmp_path / "in.las").read_bytes())
-    raw[247:255] = (7_000).to_bytes(8, "little")
-    (tmp_path / "in.las").write_bytes(raw)
-    out = tmp_path / "out.las"
-    for verb, *options in (["info"], ["normals", out], ["normals", out, *TILES]):
-        result = done(verb, tmp_path / "in.las", *options)
-        assert result.stderr.count("in.las: holds 1,000 records more than its header counts") == 1
-
-
 @pytest.mark.parametrize("verb", RESULTS)
 def test_rays_without_a_return_are_left_out_by_tiles_too(small_machine, tmp_path, verb):
     xyz = street(8_000).xyz

@@ -177,31 +177,18 @@ def test_a_position_that_cannot_be_used_is_refused(turn, tmp_path, options, mess
 # ---- intensity ------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def asked_for(monkeypatch):
-    """What the detector is given beside coordinates."""
-    given, fit = [], MCMDOutlierDetector.fit
-
-    def remember(self, X, *, intensity, **others):
-        given.append(intensity)
-        return fit(self, X, intensity=intensity, **others)
-
-    monkeypatch.setattr(MCMDOutlierDetector, "fit", remember)
-    return given
-
-
-def test_the_intensity_of_the_points_that_are_used_reaches_the_detector(
-    room, room_file, tmp_path, asked_for
-):
+@pytest.mark.parametrize("rows", [slice(None), slice(900)])
+def test_the_intensity_of_the_points_that_are_used_reaches_the_detector(rows, room, tmp_path):
+    light = np.random.default_rng(0).integers(1, 9, len(room))
     classes = np.repeat([1, 2], [900, 30]).astype(np.uint8)
-    attributes = {**room.attributes, "classification": classes}
-    write_points(tmp_path / "in.laz", PointCloud(room.xyz, attributes))
-    for options in ((), ("--intensity",), ("--intensity", "--only-class", 1)):
-        done("denoise", tmp_path / "in.laz", tmp_path / "out.laz", *options)
-    none, every, some = asked_for
-    assert none is None
-    np.testing.assert_array_equal(every, room.attributes["intensity"])
-    np.testing.assert_array_equal(some, room.attributes["intensity"][:900])
+    cloud = PointCloud(room.xyz, {"intensity": light, "classification": classes})
+    write_points(tmp_path / "in.npz", cloud)
+    options = ("--intensity", "--mode", "mark", *(("--only-class", 1) if rows.stop else ()))
+    done("denoise", tmp_path / "in.npz", tmp_path / "out.npz", *options)
+    scores = read_points(tmp_path / "out.npz").attributes["outlier_score"][rows]
+    detector = MCMDOutlierDetector(random_state=0)
+    expected = -detector.fit(room.xyz[rows], intensity=light[rows]).scores_
+    np.testing.assert_array_equal(scores, expected.astype(np.float32))
 
 
 def test_intensity_that_is_not_there_or_has_no_use_is_refused(turn, room_file, tmp_path):

@@ -44,17 +44,6 @@ def test_segment_writes_the_estimators_labels(extension, room, room_file, tmp_pa
     assert rows["largest"].split(", ")[0] == str(sizes[0])
 
 
-def test_las_without_a_place_for_colors_gets_one(room_file, tmp_path):
-    laspy = pytest.importorskip("laspy")
-    assert laspy.read(room_file).point_format.id == 6
-    done("segment", room_file, tmp_path / "out.laz")
-    las = laspy.read(tmp_path / "out.laz")
-    assert las.point_format.id == 7
-    assert {*COLORS, "region"} <= set(las.point_format.dimension_names)
-    assert las.red.max() > 255
-    np.testing.assert_array_equal(las.X, laspy.read(room_file).X)
-
-
 def test_options_of_segment_reach_the_estimators(room, room_file, tmp_path):
     done(
         *("segment", room_file, tmp_path / "out.npy", "--max-angle", 7, "--max-distance", 0.003),

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sklearn_mcmd.io import PointCloud
-from sklearn_mcmd.report._facts import Facts, distinct_points
+from sklearn_mcmd.report._facts import Facts, cloud_notes
 
 
 def raster(n=40, step=0.5):
@@ -25,29 +24,37 @@ def test_spacing_copies_and_step_of_a_raster_are_those_it_was_made_with():
     assert Facts.of(np.array([[0.0, 0, 0], [3, 4, 0]]), 50).spacing == 5
 
 
-def test_distinct_points_are_each_place_once():
-    xyz = np.array([[1.0, 2, 3], [0, 0, 0], [1, 2, 3], [1, 2, 4]])
-    assert distinct_points(xyz).tolist() == [[0, 0, 0], [1, 2, 3], [1, 2, 4]]
-
-
 def test_only_points_farther_away_than_the_cloud_is_wide_are_far():
     xyz = np.vstack([raster(), [[500.0, 0, 0], [25, 0, 0]]])
     assert np.flatnonzero(~Facts.of(xyz, 9).near).tolist() == [1600]
 
 
-@pytest.mark.parametrize(("offset", "coarse"), [(0.0, False), (5e6, True)])
-def test_float32_is_coarse_far_from_the_origin_only(offset, coarse):
+def plane(noise=0.01, n=4000, side=10.0):
     rng = np.random.default_rng(0)
-    xyz = (rng.uniform(size=(2000, 3)) + offset).astype(np.float32).astype(np.float64)
-    assert (Facts.of(xyz, 50).rounding > 0) == coarse
+    xy = rng.uniform(0, side, (n, 2))
+    return np.column_stack([xy, 0.3 * xy[:, 0] + rng.normal(0, noise, n)])
 
 
-def test_rows_have_bounds_and_attributes():
-    cloud = PointCloud(
-        raster() + np.array([1000, 2000, 3]), {"intensity": np.arange(1600)}, n_dropped=2
-    )
-    rows = dict(Facts.of(cloud.xyz, 9).rows(cloud))
-    assert (rows["points"], rows["attributes"]) == ("1,600", "intensity")
-    assert rows["left out"].startswith("2 ")
-    assert rows["x"] == "1000.0000 to 1019.5000 (extent 19.5000)"
-    assert rows["duplicates"] == "0 (0.00 %)"
+RIM = np.random.default_rng(1).uniform((-80, 0, 0), (-2, 10, 0), (300, 3))
+
+
+@pytest.mark.parametrize(
+    ("xyz", "noise", "titles"),
+    [
+        (plane(), 0.01, []),
+        (np.round(plane(), 3), 0.01, []),
+        (plane(n=200), 0.01, ["Few points."]),
+        (np.vstack([plane(), plane()[:200]]), 0.01, ["Duplicates."]),
+        (np.round(plane(), 1), 0.05, ["Rounded coordinates."]),
+        (np.vstack([plane(), [[99, 99, 0]]]), 0.01, ["Points far from all others."]),
+        (np.vstack([plane(), RIM]), 0.01, ["Sparse parts."]),
+        (plane(0.5), 0.5, ["Noise hides the surfaces."]),
+    ],
+)
+def test_each_fault_has_its_warning_with_a_number_and_a_remedy(xyz, noise, titles):
+    notes = cloud_notes(Facts.of(xyz, 50, np.array([noise])))
+    assert {note.title for note in notes} >= set(titles)
+    assert bool(notes) == bool(titles)
+    for note in notes:
+        assert any(character.isdigit() for character in note.text)
+        assert note.remedy.endswith(".")

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from sklearn_mcmd.report._maps import ball, found_maps
+from sklearn_mcmd.report._maps import found_maps, fullest_cells
 
 Image = pytest.importorskip("PIL.Image")
 pytest.importorskip("matplotlib")
@@ -59,6 +59,28 @@ def test_clouds_without_extent_are_drawn(xyz):
         assert len(list(pictures(found_maps(xyz, found, np.ones(n, bool), "outliers")))) == 3
 
 
-def test_the_ball_is_a_picture_that_is_clear_at_its_corners():
-    (pixels,) = pictures(ball())
-    assert (pixels[0, 0, 3], pixels[60, 60, 3]) == (0, 255)
+XYZ = np.random.default_rng(0).uniform(0, 20, (5000, 3)) + np.array([1000, 2000, -5])
+ALL = np.ones(len(XYZ), bool)
+
+
+def test_cells_count_the_points_in_them_and_the_fullest_come_first():
+    found = (XYZ[:, 0] > 1016) & (XYZ[:, 1] > 2016)
+    counts = []
+    for row in fullest_cells(XYZ, found, ALL, "outliers").split("<tr>")[2:]:
+        x, y, n, of_cell, of_all = re.findall(r"<td[^>]*>([^<]+)<", row)
+        inside = np.ones(len(XYZ), bool)
+        for words, values in ((x, XYZ[:, 0]), (y, XYZ[:, 1])):
+            low, high = map(float, words.split(" to "))
+            inside &= (values >= low) & (values < high)
+        counts.append(int(n))
+        assert counts[-1] == (inside & found).sum() > 0
+        assert of_cell == f"{100 * counts[-1] / inside.sum():.1f} %"
+        assert of_all == f"{100 * counts[-1] / found.sum():.1f} %"
+    assert len(counts) == 8
+    assert (np.diff(counts) <= 0).all()
+
+
+def test_one_place_and_nothing_found_are_no_error():
+    xyz, near = np.zeros((10, 3)), np.ones(10, bool)
+    assert "100.0 %" in fullest_cells(xyz, near, near, "outliers")
+    assert "There are no outliers" in fullest_cells(xyz, ~near, near, "outliers")

@@ -25,7 +25,6 @@ def page(has_view=True, **changes):
         paragraph(EVIL, EVIL),
         part("heading", EVIL),
         table((EVIL, "b"), [(EVIL, 1)], numbers=(1,), colors=[EVIL], kind=EVIL),
-        part("bar_table", (EVIL, EVIL), [(EVIL, EVIL, 0.5)]),
         part("chips", [(EVIL, EVIL)]),
         part("maps", [EVIL, part("map", "data:,", EVIL, 0.4, 0.2, 1)]),
         part("histogram", "", EVIL, EVIL),

@@ -115,6 +115,10 @@ def test_every_task_that_begins_ends_and_nothing_is_left_or_changed(estimator, x
             RobustNormalEstimator("auto", features="all", random_state=0),
             ["sizes of neighborhoods", "normals", "normals next to edges", "curvatures"],
         ),
+        (
+            RobustNormalEstimator(features=["planarity"], random_state=0),
+            ["normals", "normals next to edges"],
+        ),
     ],
     ids=repr,
 )

@@ -87,20 +87,12 @@ def test_a_grid_that_makes_one_of_two_points_tells_its_error(gap):
     assert 0 < off <= grid.error
 
 
-@pytest.fixture
-def small_chunks(monkeypatch):
+def test_each_point_keeps_its_row_and_its_values(monkeypatch):
     monkeypatch.setattr(_encoding, "FIRST_CHUNK", 64)
     monkeypatch.setattr(_encoding, "LARGEST_CHUNK", 256)
-
-
-@pytest.mark.parametrize("order", ["scanner", "random"])
-@pytest.mark.usefixtures("small_chunks")
-def test_each_point_keeps_its_row_and_its_values(order):
     rng = np.random.default_rng(1)
     n = 1000
     steps = np.column_stack([np.arange(n) * 3, rng.integers(0, 50, n), rng.integers(0, 9, n)])
-    if order == "random":
-        steps = rng.permutation(rng.integers(0, 1000, (n, 3)))
     steps, values = steps.astype(np.uint32), rng.integers(0, 65536, n).astype(np.uint16)
     rows = shuffled(n, n)
     blocks = ["of another cloud"]
