@@ -28,12 +28,11 @@ STRAY = 0.05  # share of the points at each end that do not count for the length
 class CellWriter:
     """Scatters points to the files of cells in an empty folder.
 
-    No cell has more than `capacity` points, but that copies of one are never divided. Of a cell
-    that is cut, `share` is left of the cut; results do not depend on it.
+    No cell has more than `capacity` points, but that copies of one are never divided.
     """
 
-    def __init__(self, folder, capacity, share=0.5):
-        self.folder, self.capacity, self.share = Path(folder), capacity, share
+    def __init__(self, folder, capacity):
+        self.folder, self.capacity = Path(folder), capacity
         # Of each node, the axis, the place of the cut, and the first of two children; -1 of a leaf.
         self.nodes = [(-1, 0.0, -1)]
         self.counts, self.n_points = [0], 0
@@ -80,7 +79,7 @@ class CellWriter:
         """Make a leaf an inner node; returns its points, which are to be put below it."""
         path = _path(self.folder, node)
         records = np.fromfile(path, RECORD)
-        axis, cut = _best_cut(records["xyz"], self.share)
+        axis, cut = _best_cut(records["xyz"])
         if cut is None:
             return []
         path.unlink()
@@ -147,35 +146,24 @@ def _no_extent():
     return np.array([[np.inf] * 3, [-np.inf] * 3])
 
 
-def _best_cut(points, share):
+def _best_cut(points):
     """The axis whose cut has the fewest points near it, and the cut, None if there is none.
 
     Of axes with as many, the longest. Stray points have no say: the longest side of a road below
     a few of them is its height, and a cut through its noise would have half of it on each side.
     """
     some = points[:: -(-len(points) // COUNTED)]
-    low, high = np.quantile(some, (STRAY, 1 - STRAY), axis=0)
+    low, middle, high = np.quantile(some, (STRAY, 0.5, 1 - STRAY), axis=0)
     length = high - low
-    width = NEAR * length.max()
-    axes = []
-    for axis in range(3):
-        cut = np.quantile(some[:, axis], share)
-        near = np.count_nonzero(np.abs(some[:, axis] - cut) < width)
-        axes.append((near, -length[axis], axis))
-    for _, _, axis in sorted(axes):
-        cut = _cut(points[:, axis], share)
-        if cut is not None:
-            break
-    return axis, cut
-
-
-def _cut(values, share):
-    """A value between the least and the most; None if there is none."""
-    cut = np.partition(values, int(share * len(values)))[int(share * len(values))]
-    if cut > values.min():
-        return float(cut)
-    above = values[values > cut]
-    return float(above.min()) if len(above) else None
+    near = np.count_nonzero(np.abs(some - middle) < NEAR * length.max(), axis=0)
+    for axis in np.lexsort((-length, near)):
+        values = points[:, axis]
+        cut = np.partition(values, len(values) // 2)[len(values) // 2]
+        if cut == values.min():  # copies: the next value, which is inf if there is none
+            cut = values.min(where=values > cut, initial=np.inf)
+        if cut < np.inf:
+            return axis, float(cut)
+    return 0, None
 
 
 class Constants(NamedTuple):

@@ -13,8 +13,6 @@ NORMAL_COLUMNS = (
 )
 # Columns of `transform` before the features: coordinates, normals, variation, eigenvalues, plane.
 N_TRANSFORMED = 12
-# Points that may be fitted at once; only copies make a cloud of few places so large.
-MOST_COPIES = 1_000_000
 
 
 class Results:
@@ -81,16 +79,11 @@ def write_results_of_places(job, values):
         write_results(columns, cell, cells.read(cell)["row"], own[place_of])
 
 
-def fit_together(job, estimator, cells, values_of, words=" at {:,} places"):
+def fit_together(job, estimator, cells, values_of):
     """An estimator fitted to all points in the order of the inputs; writes ``values_of(fitted)``.
 
-    Clouds of so few places are worked on in one piece, by other code than tiles. `words` say where
-    the points are, for the error.
+    Clouds of so few places are worked on in one piece, by other code than tiles.
     """
-    n_points = int(cells.counts.sum())
-    if n_points > MOST_COPIES:
-        words = words.format(len(job.whole()))
-        raise ValueError(f"{n_points:,} points{words} are no cloud to be divided into tiles")
     records = [cells.read(cell) for cell in range(len(cells))]
     rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
     order = np.argsort(rows)

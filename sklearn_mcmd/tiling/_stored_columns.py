@@ -81,7 +81,7 @@ class StoredColumns:
             for cell in range(n_cells)
         ]
         self.starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        self._open, self._headers = [], {}
+        self._open = []
 
     def __len__(self):
         return int(self.starts[-1])
@@ -119,11 +119,10 @@ class StoredColumns:
 
     def write(self, name, start, values):
         """Fill rows of a column, from one on; no other bytes are written."""
-        dtype, shape, offset = self._header(name)
-        row = dtype.itemsize * int(np.prod(shape[1:]))
+        stored = np.load(self._path(name), mmap_mode="r")
         with open(self._path(name), "r+b") as file:
-            file.seek(offset + row * int(start))
-            file.write(np.ascontiguousarray(values, dtype).data)
+            file.seek(stored.offset + stored.strides[0] * int(start))
+            file.write(np.ascontiguousarray(values, stored.dtype).data)
 
     def remove(self, *names):
         """Free the disk of columns that no later sweep asks for."""
@@ -184,8 +183,7 @@ class StoredColumns:
 
     def rows_of(self, name, rows):
         """Some rows of a column, of which nothing else stays in memory."""
-        dtype, shape, offset = self._header(name)
-        return np.array(np.memmap(self._path(name), dtype, "r", offset, shape)[rows])
+        return np.array(np.load(self._path(name), mmap_mode="r")[rows])
 
     def planes(self, changing=False):
         """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
@@ -194,13 +192,6 @@ class StoredColumns:
         if self.columns.is_done(ALL, "radius"):
             known["radius"] = self.open("radius")
         return Planes.empty(0, 3)._replace(**known)
-
-    def _header(self, name):
-        """The dtype and the shape of a column, and where its file has the first row."""
-        if name not in self._headers:
-            stored = np.load(self._path(name), mmap_mode="r")
-            self._headers[name] = stored.dtype, stored.shape, stored.offset
-        return self._headers[name]
 
     def _path(self, name):
         return self.columns.path(ALL, name)

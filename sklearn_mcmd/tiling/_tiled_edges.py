@@ -77,9 +77,8 @@ class TiledEdges(TiledVerb):
         k, stored = (self.estimator.n_neighbors, FACES) if self.by_distance else (0, {})
         whole = find_planes(sweeps, job, k, self.estimator.n_neighbors, **stored)
         if whole is None:
-            words = ", of which {:,} places are no outliers,"
-            known = run.cells, lambda fitted: fitted.scores_, words
-            self.limit = fit_together(job, self.estimator, *known).offset_
+            scores_of_all = run.cells, lambda fitted: fitted.scores_
+            self.limit = fit_together(job, self.estimator, *scores_of_all).offset_
         elif self.by_distance:
             whole.remove(*OWN)
             if not columns.all_have(n_cells, "results"):

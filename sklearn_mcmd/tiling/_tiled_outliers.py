@@ -171,26 +171,17 @@ class OutlierJob(Job):
 
     n_points: int = 0  # of the whole cloud
 
-    @property
-    def own_planes_only(self):
-        """Whether each point is judged by its own plane alone, as in the paper."""
-        return self.estimator.strictness is None
-
-    @property
-    def settings(self):
-        """Those of `JudgedCloud`."""
-        return {name: getattr(self.estimator, name) for name in ("strictness", "noise_scale")}
-
     def judged(self, index, n_jobs=1, origins=None):
         """The places of an index, as the detector judges them; `origins` are of `JudgedCloud`."""
         known = {"origins": origins, "doubted": is_auto(self.estimator.sensor_origin)}
-        return JudgedCloud(self.model_on(index), **self.settings, n_jobs=n_jobs, **known)
+        settings = self.estimator._settings() | {"n_jobs": n_jobs}
+        return JudgedCloud(self.model_on(index), **settings, **known)
 
     def stored_columns(self):
         """What the sweeps fill: names, dtypes and shapes of a row."""
         number = np.float64, ()
         columns = {"near": (np.int32, (self.estimator.n_neighbors,))}
-        if self.own_planes_only:
+        if self.estimator._one_plane:
             return {**columns, "distances": number}
         planes = dict.fromkeys(("centroids", "normals"), (np.float64, (3,)))
         others = ("scale", "radius", "spacing", "other_spacing")
@@ -239,7 +230,7 @@ def _find_planes(cell, job):
     whole = job.whole()
     own = whole.rows(cell)
     judged = job.judged(StoredIndex(whole), job.n_threads)
-    if job.own_planes_only:
+    if judged.own_planes_only:
         model, distances = judged.model, []
         for rows in slices(own.stop, CHUNK, own.start):
             around = model.index.query_own(rows)
@@ -262,7 +253,7 @@ def _judge(job, cells, whole, n_threads):
     warn_if_coarse(job.constants, index)
     if job.estimator.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
         columns.finish(ALL, "cutoff", cutoff=_simulated_cutoff(job, judged.model, whole))
-    if job.own_planes_only:
+    if judged.own_planes_only:
         scores = whole.open("distances")
     else:
         spacings = whole.open("spacing"), whole.open("other_spacing")
@@ -303,8 +294,8 @@ def _simulated_cutoff(job, model, whole):
     """The cutoff of a false-positive rate, for planes as rough as those of the cloud."""
     rows = _evenly_along_x(whole.open("points"), sample_step(len(whole)))
     with listen_to_progress(None):
-        settings = {**job.settings, "n_jobs": 1}
-        return calibrated_cutoff(model, settings, job.estimator.false_positive_rate, rows)
+        estimator = job.estimator
+        return calibrated_cutoff(model, estimator._settings(), estimator.false_positive_rate, rows)
 
 
 def _evenly_along_x(points, step):
