@@ -2,5 +2,3 @@
 
 All rooms stand on it; nothing here is public.
 """
-
-__all__ = []

@@ -164,12 +164,9 @@ def _indexed(index):
 
 
 def _link_to_data(assets):
-    """The link of the points themselves; there may be overviews and the like."""
-    for key, asset in assets.items():
-        if key == "data" or "data" in asset.get("roles", ()):
-            return str(asset["href"])
-    first, *_ = assets.values()
-    return str(first["href"])
+    """The link of the points themselves, else the first; there may be overviews and the like."""
+    data = [a for key, a in assets.items() if key == "data" or "data" in a.get("roles", ())]
+    return str([*data, *assets.values()][0]["href"])
 
 
 def _place(index, link):

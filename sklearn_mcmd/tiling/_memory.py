@@ -19,7 +19,7 @@ UNKNOWN = 4e9  # bytes of a machine that does not say how many it has
 
 
 class Costs(NamedTuple):
-    """Bytes for each point that a work takes, measured, see docs/tiling.rst."""
+    """Bytes for each point that a work takes, measured; see docs/tiling.rst."""
 
     tile: int  # of a tile
     stored: int  # of temporary files
@@ -35,10 +35,7 @@ COSTS = {
     "edges": Costs(tile=750, stored=480, cloud=1100, whole=35, does="judges"),
     "tree": Costs(tile=650, stored=480, cloud=850, whole=200, does="holds the tree of"),
     "regions": Costs(tile=650, stored=550, cloud=720, whole=100, does="joins the regions of"),
-}
-# What more a work takes, at least but for what is stored: numbers of neighbors are found, rays
-# are followed, and there is a position for each point.
-MORE = {
+    # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=370, cloud=750, whole=80, does="finds neighbors of"),
     "rays": Costs(tile=0, stored=155, cloud=650, whole=200, does="follows the rays to"),
     "positions": Costs(tile=0, stored=50, cloud=500, whole=24, does="holds positions for"),
@@ -106,15 +103,11 @@ def work_of(base, normals=None, detector=None, sensor=None):
 
 
 def costs_of(work):
-    """The `Costs` of a work: a key of `COSTS` and, after commas, keys of `MORE`."""
-    base, *more = work.split(", ")
-    costs = COSTS[base]
-    for other in (MORE[name] for name in more):
-        tile, stored, cloud = max(costs.tile, other.tile), costs.stored + other.stored, costs.cloud
-        whole, does = max(costs[3:], other[3:])
-        cloud = max(cloud, other.cloud)
-        costs = Costs(tile=tile, stored=stored, cloud=cloud, whole=whole, does=does)
-    return costs
+    """The `Costs` of a work: keys of `COSTS` with commas between. The disk is that of all."""
+    parts = [COSTS[name] for name in work.split(", ")]
+    tile, stored, cloud, whole, _ = zip(*parts, strict=True)
+    does = max(parts, key=lambda part: part.whole).does
+    return Costs(tile=max(tile), stored=sum(stored), cloud=max(cloud), whole=max(whole), does=does)
 
 
 def check_tile_size(tile_size):

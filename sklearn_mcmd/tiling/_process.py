@@ -180,10 +180,16 @@ def process_files(
                 f"{name}={shorter(value)} has no meaning for {type(estimator).__name__}: leave it "
                 f"{idle!r}."
             )
+    if getattr(estimator, "normals", "estimate") != "estimate":
+        raise ValueError(
+            f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
+            "take normals='estimate'."
+        )
+    params = estimator.get_params()
+    own = {name: 1 for name in params if name.endswith("n_jobs")}  # tiles have threads
     # The folder of a run knows parameters by their repr, and that of NumPy's numbers is no literal.
-    items = estimator.get_params().items()
-    numbers = {name: value.item() for name, value in items if isinstance(value, np.generic)}
-    estimator = clone(estimator).set_params(**numbers)
+    own |= {name: value.item() for name, value in params.items() if isinstance(value, np.generic)}
+    estimator = clone(estimator).set_params(**own)
     verb = verb(estimator, **{name: given[name] for name in verb.options})
     report = run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart)
     if report.together:

@@ -6,6 +6,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.tiling._sensor_origins import stored_origins
+from sklearn_mcmd.tiling._stored_columns import mapped
 
 NORMAL_COLUMNS = (
     *("normal_x", "normal_y", "normal_z", "surface_variation"),
@@ -25,13 +26,13 @@ class Results:
 
     def take(self, first, n, n_expected=None):
         """Results (n, n_columns) of points from the row `first` on; 0 or NaN of those without."""
-        of_row, n_found = np.load(self.paths[0], mmap_mode="r").dtype["values"], 0
+        of_row, n_found = mapped(self.paths[0], "r").dtype["values"], 0
         none = np.nan if of_row.base.kind == "f" else 0
         values = np.full((n, *of_row.shape), none, of_row.base)
         for tile, path in enumerate(self.paths):
             if self.rows[tile] >= first + n:
                 continue
-            stored, start = np.load(path, mmap_mode="r"), self.starts[tile]
+            stored, start = mapped(path, "r"), self.starts[tile]
             stop = bisect_left(stored["row"], first + n, start)
             part = stored[start:stop]
             values[part["row"] - first] = part["values"]

@@ -119,7 +119,7 @@ class StoredColumns:
 
     def write(self, name, start, values):
         """Fill rows of a column, from one on; no other bytes are written."""
-        stored = np.load(self._path(name), mmap_mode="r")
+        stored = mapped(self._path(name), "r")
         with open(self._path(name), "r+b") as file:
             file.seek(stored.offset + stored.strides[0] * int(start))
             file.write(np.ascontiguousarray(values, stored.dtype).data)
@@ -139,7 +139,7 @@ class StoredColumns:
         path = self._path(name)
         if changing:
             path = shutil.copyfile(path, path.with_suffix(".changed"))
-        stored = np.load(path, mmap_mode="c" if private else "r+")
+        stored = mapped(path, "c" if private else "r+")
         if not private:  # to free it would undo what was written
             self._open.append(stored)
         return np.asarray(stored)
@@ -183,7 +183,7 @@ class StoredColumns:
 
     def rows_of(self, name, rows):
         """Some rows of a column, of which nothing else stays in memory."""
-        return np.array(np.load(self._path(name), mmap_mode="r")[rows])
+        return np.array(mapped(self._path(name), "r")[rows])
 
     def planes(self, changing=False):
         """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
@@ -195,6 +195,12 @@ class StoredColumns:
 
     def _path(self, name):
         return self.columns.path(ALL, name)
+
+
+def mapped(path, mode):
+    """The array of a file, mapped into memory."""
+    with one_clear_line(path, "read"):
+        return np.load(path, mmap_mode=mode)
 
 
 def made(path, dtype, shape):

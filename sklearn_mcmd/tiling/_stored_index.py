@@ -10,7 +10,6 @@ from sklearn_mcmd.planes._nearest import COMPILE_FROM, NearestPoints, SelfSearch
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded, within_radius
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
-from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
 STEP = 1.25  # ratio of numbers of neighbors that are searched at once
@@ -246,19 +245,33 @@ class StoredNearest(NearestPoints):
             far = far[spatial_order(queries[far])]
         n_parts = -(-len(far) * known.shape[1] // AT_ONCE)
         for some in np.array_split(far, n_parts) if len(far) else []:
-            nearest = _Nearest(queries[some], known.shape[1], self.n)
-            is_whole = np.isfinite(bounds[some])
-            own = self._load(cell)
-            nearest.take(*own, np.flatnonzero(is_whole), known[some[is_whole]])
-            nearest.see(*own, np.flatnonzero(~is_whole))
-            for other in by_distance(self._cells, nearest.queries, nearest.reach):
-                asked = within_reach(self._cells, other, nearest.queries, nearest.reach)
-                if len(asked) and other != cell:
-                    points, numbers = self._load(other)
-                    near = near_box(points, nearest.queries[asked], nearest.reach[asked])
-                    nearest.see(points[near], numbers[near], asked)
-            work(some, np.sqrt(nearest.squares), nearest.numbers)
+            work(some, *self._search_all(cell, queries[some], bounds[some], known[some]))
         return far
+
+    def _search_all(self, cell, queries, reach, known):
+        """Distances and numbers of the nearest places, of queries as of `visit_far`.
+
+        The nearest of each cell that may have some are put together, and searched once more.
+        """
+        k, reach = known.shape[1], SLACK * reach
+        parts = [
+            _chosen(*self._load(cell), known) if np.isfinite(reach).all() else self._load(cell)
+        ]
+        for other in by_distance(self._cells, queries, reach):
+            asked = within_reach(self._cells, other, queries, reach)
+            if len(asked) == 0 or other == cell:
+                continue
+            points, numbers = self._load(other)
+            near = near_box(points, queries[asked], reach[asked])
+            points, numbers = points[near], numbers[near]
+            if len(points) > k:
+                distances, near = NearestPoints(points).query(queries[asked], k, 1)
+                reach[asked] = np.minimum(reach[asked], SLACK * distances[:, -1])
+                points, numbers = _chosen(points, numbers, near)
+            parts.append((points, numbers))
+        points, numbers = map(np.concatenate, zip(*parts, strict=True))
+        distances, near = NearestPoints(points).query(queries, k, 1)
+        return distances, np.append(numbers, self.n)[near]
 
     def _load(self, cell):
         """The places of a cell, and their numbers among all that are chosen."""
@@ -273,34 +286,11 @@ class StoredNearest(NearestPoints):
         return np.minimum(queries - low, high - queries).min(axis=1)
 
 
-class _Nearest:
-    """The k nearest points of queries, as far as cells were seen.
-
-    Equally distant ones come in the order of their coordinates. Where there are no more points,
-    squares are inf, and numbers `nothing`.
-    """
-
-    def __init__(self, queries, k, nothing):
-        self.queries, self.reach = queries, np.full(len(queries), np.inf)
-        self.squares = np.full((len(queries), k), np.inf)
-        self.points = np.empty((*self.squares.shape, 3))
-        self.numbers = np.full(self.squares.shape, nothing)
-
-    def see(self, points, numbers, asked):
-        """Search points for some queries."""
-        if len(points) and len(asked):
-            k = min(self.squares.shape[1], len(points))
-            near = NearestPoints(points).query(self.queries[asked], k, 1)[1]
-            self.take(points, numbers, asked, near)
-
-    def take(self, points, numbers, asked, near):
-        """Take points, the nearest first, that are nearer than what is known."""
-        merge = compiled_function("tiling._search_numba", "merge_nearest")
-        known = self.squares, self.points, self.numbers
-        merged = tuple(np.empty(values.shape[1:], values.dtype) for values in known)
-        merge(known, self.queries, asked, near.astype(np.int32), points, numbers, merged)
-        last = SLACK * np.sqrt(self.squares[asked, -1])
-        self.reach[asked] = np.minimum(self.reach[asked], last)
+def _chosen(points, numbers, rows):
+    """Points and numbers of which some rows are named, each once."""
+    chosen = np.zeros(len(points), bool)
+    chosen[rows] = True
+    return points[chosen], numbers[chosen]
 
 
 def by_distance(cells, queries, reach):

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from sklearn.base import clone
 
 from sklearn_mcmd._validation import check_n_kept
 from sklearn_mcmd.edges import SharpFeatureDetector
@@ -16,7 +15,13 @@ from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.tiling._cells import Cells, WholeCloud
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
-from sklearn_mcmd.tiling._plane_sweeps import (
+from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of, write_results
+from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
+from sklearn_mcmd.tiling._sensor_origins import recognized
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
+from sklearn_mcmd.tiling._stored_index import StoredIndex
+from sklearn_mcmd.tiling._sweeps import Sweeps
+from sklearn_mcmd.tiling._tiled_normals import (
     FACES,
     OWN,
     PlaneJob,
@@ -24,14 +29,8 @@ from sklearn_mcmd.tiling._plane_sweeps import (
     fitted_to_new,
     plane_steps,
     stored_planes,
+    without_sides,
 )
-from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of, write_results
-from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
-from sklearn_mcmd.tiling._sensor_origins import recognized
-from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
-from sklearn_mcmd.tiling._stored_index import StoredIndex
-from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tiled_normals import without_sides
 from sklearn_mcmd.tiling._tiled_outliers import OUTLIER_STEPS, OutlierJob, cutoff_of, judge_cells
 
 
@@ -41,18 +40,12 @@ class TiledEdges(TiledVerb):
     options = ("colors",)
 
     def __init__(self, estimator, colors):
-        super().__init__(clone(estimator).set_params(n_jobs=1), f"colors={colors}")
-        if estimator.normals != "estimate":
-            raise ValueError(
-                f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
-                "take normals='estimate'."
-            )
+        super().__init__(estimator, f"colors={colors}")
         check_estimator(estimator, SharpFeatureDetector)
         self.detector, normals = steps_of(estimator)  # no detector if nothing is removed
         if self.detector is not None:
             check_estimator(self.detector, MCMDOutlierDetector)
-            self.detector.set_params(n_jobs=1)
-        self.normals, self.colors = without_sides(normals).set_params(n_jobs=1), colors
+        self.normals, self.colors = without_sides(normals), colors
         self.by_distance = estimator.criterion == "crease"
 
     def prepare(self, catalog):

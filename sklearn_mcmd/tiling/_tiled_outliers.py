@@ -15,7 +15,7 @@ from sklearn_mcmd.io._las import is_denoised, read_header
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers import MCMDOutlierDetector
-from sklearn_mcmd.outliers._calibration import calibrated_cutoff, check_rate, sample_step
+from sklearn_mcmd.outliers._calibration import calibrated_cutoff, check_rate
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, share_to_flag
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
@@ -59,7 +59,7 @@ class TiledOutliers(TiledVerb):
         choice = Choice(ignore_classes, only_classes)
         self.mode, self.limits = mode, HeightRange.of(**heights)
         content = f"{mode} {choice} {self.limits}"
-        super().__init__(clone(estimator).set_params(n_jobs=1), content, choice)
+        super().__init__(estimator, content, choice)
         self.needs_ground = self.limits is not None
         self.sensor = sensor_path(estimator, sensor_origin)
 
@@ -251,8 +251,11 @@ def _judge(job, cells, whole, n_threads):
     columns, index = whole.columns, StoredIndex(whole, cells)
     judged = job.judged(index, n_threads, _origins(job, cells, whole, index))
     warn_if_coarse(job.constants, index)
-    if job.estimator.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
-        columns.finish(ALL, "cutoff", cutoff=_simulated_cutoff(job, judged.model, whole))
+    rate = job.estimator.false_positive_rate
+    if rate is not None and not columns.is_done(ALL, "cutoff"):
+        with listen_to_progress(None):
+            cutoff = calibrated_cutoff(judged.model, job.estimator._settings(), rate)
+        columns.finish(ALL, "cutoff", cutoff=cutoff)
     if judged.own_planes_only:
         scores = whole.open("distances")
     else:
@@ -288,24 +291,3 @@ def _one_position(detector, points):
     """That of a detector, whose "auto" `recognized` has left where it is the origin."""
     origin = detector.sensor_origin
     return check_sensor_origin("origin" if is_auto(origin) else origin, points)
-
-
-def _simulated_cutoff(job, model, whole):
-    """The cutoff of a false-positive rate, for planes as rough as those of the cloud."""
-    rows = _evenly_along_x(whole.open("points"), sample_step(len(whole)))
-    with listen_to_progress(None):
-        estimator = job.estimator
-        return calibrated_cutoff(model, estimator._settings(), estimator.false_positive_rate, rows)
-
-
-def _evenly_along_x(points, step):
-    """Rows of every step-th of distinct points (n, 3) in the order of their coordinates."""
-    x, ranks = np.array(points[:, 0]), np.arange(0, len(points), step)
-    ordered = np.sort(x)
-    wanted = ordered[ranks]
-    before = np.searchsorted(ordered, wanted)
-    del ordered
-    # Only points with such an x are sorted by all coordinates.
-    rows = np.flatnonzero(wanted[np.searchsorted(wanted[:-1], x)] == x)
-    rows = rows[np.lexsort(points[rows].T[::-1])]
-    return rows[np.searchsorted(x[rows], wanted) + ranks - before]

@@ -3,7 +3,7 @@
 import pytest
 
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.tiling import _plane_sweeps, _run, process_files
+from sklearn_mcmd.tiling import _run, _tiled_normals, process_files
 from tiled import in_memory, street
 
 
@@ -45,10 +45,10 @@ def failing(monkeypatch):
     """Cells whose tiles fail."""
     cells = set()
 
-    def work(cell, job, fit=_plane_sweeps._fit_own):
+    def work(cell, job, fit=_tiled_normals._fit_own):
         if cell in cells:
             raise MemoryError("too much\nof it")
         return fit(cell, job)
 
-    monkeypatch.setattr(_plane_sweeps, "_fit_own", work)
+    monkeypatch.setattr(_tiled_normals, "_fit_own", work)
     return cells

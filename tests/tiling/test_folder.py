@@ -1,8 +1,10 @@
 """The folder in which a run keeps its work: left, in the way, damaged, too small, or locked."""
 
+import io
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
 from sklearn_mcmd.io import PointFileError
@@ -21,7 +23,9 @@ def test_what_a_run_left_that_died_while_it_was_removed_is_in_no_ones_way(small_
         assert not left.exists()
 
 
-def test_a_run_that_ended_while_its_folder_was_removed_has_only_to_remove_it(small_file, tmp_path, monkeypatch):
+def test_a_run_that_ended_while_its_folder_was_removed_has_only_to_remove_it(
+    small_file, tmp_path, monkeypatch
+):
     target = tmp_path / "out.las"
 
     def remove_part(path, **_):
@@ -72,6 +76,41 @@ def test_a_manifest_that_is_not_as_it_was_written_begins_anew(small_file, ended,
     manifest.write_bytes(damage(manifest.read_bytes()))
     assert process_files(small_file, ended, ESTIMATOR, tile_size=2_000).n_resumed == 0
     assert ended.read_bytes() == in_memory(small_file, tmp_path / "e.las").read_bytes()
+
+
+@pytest.mark.filterwarnings("ignore:tile . failed")
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("cells/cells.npz", lambda _: b"PK"),
+        ("results/all.near.npy", lambda stored: stored[:40]),
+        ("results/all.points.npy", lambda _: pickled()),
+    ],
+)
+def test_a_damaged_file_is_named_and_to_begin_anew_helps(small_file, ended, tmp_path, name, damage):
+    path = tmp_path / "out.las.tiles" / name
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(TilingError, match=f"{path}: cannot be read"):
+        process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
+    options = {"tile_size": 2_000, "restart": True}
+    assert process_files(small_file, ended, ESTIMATOR, **options).n_resumed == 0
+
+
+def test_a_cell_that_was_cut_off_is_named(small_file, tmp_path, monkeypatch):
+    def cut_off(folder, constants, finish=WorkFolder.finish_cells):
+        finish(folder, constants)
+        for path in folder.cells.glob("*.points"):
+            path.write_bytes(path.read_bytes()[:-3])
+
+    monkeypatch.setattr(WorkFolder, "finish_cells", cut_off)
+    with pytest.warns(match="points: is damaged; begin anew"), pytest.raises(TilingError):
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+
+
+def pickled():
+    """What NumPy would run as code, if one let it."""
+    np.save(stored := io.BytesIO(), np.array([print, None]), allow_pickle=True)
+    return stored.getvalue()
 
 
 def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, monkeypatch):
