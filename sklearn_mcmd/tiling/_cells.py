@@ -11,13 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
+from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.tiling._stored_columns import in_place_of
 
 # A point as it is stored, with its place in the order of all inputs.
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"
+GROUND = "ground"  # the folder of the cells of the ground, which are divided in plan
 LOCATED_AT_ONCE = 2**16  # points whose cells are found at once
 # How cells are cut; only the time depends on it.
 COUNTED = 20_000  # points of a cell that are counted to find the best cut
@@ -44,19 +47,7 @@ class CellWriter:
         records = np.empty(len(xyz), RECORD)
         records["xyz"], records["row"] = xyz, rows
         self.n_points += len(xyz)
-        self._put(0, records)
-
-    def close(self):
-        """Write what the cells are; returns these as `Cells`."""
-        leaves = np.flatnonzero(self.counts)
-        boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
-        known = {"names": leaves, "counts": np.array(self.counts)[leaves]}
-        with in_place_of(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
-            np.savez(file, boxes=boxes, extents=extents, **known)
-        return Cells(self.folder)
-
-    def _put(self, node, records):
-        waiting = [(node, records)]
+        waiting = [(0, records)]
         while waiting:
             node, records = waiting.pop()
             axis, cut, child = self.nodes[node]
@@ -74,6 +65,15 @@ class CellWriter:
             np.maximum(extent[1], xyz.max(axis=0), out=extent[1])
             if self.counts[node] > self.capacity:
                 waiting += self._divide(node)
+
+    def close(self):
+        """Write what the cells are; returns these as `Cells`."""
+        leaves = np.flatnonzero(self.counts)
+        boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
+        known = {"names": leaves, "counts": np.array(self.counts)[leaves]}
+        with in_place_of(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
+            np.savez(file, boxes=boxes, extents=extents, **known)
+        return Cells(self.folder)
 
     def _divide(self, node):
         """Make a leaf an inner node; returns its points, which are to be put below it."""
@@ -93,6 +93,21 @@ class CellWriter:
             self.boxes.append(box)
             self.extents.append(_no_extent())
         return [(node, records)]
+
+
+class GroundWriter(CellWriter):
+    """Scatters the points of the ground to cells in plan, with heights in the place of rows."""
+
+    def add(self, cloud):
+        """Take the ground of a part of the cloud."""
+        xyz = cloud.xyz[ground_in(cloud)]
+        if len(xyz):
+            super().add(flat(xyz), xyz[:, 2].copy().view(np.int64))
+
+
+def flat(xyz):
+    """Points in plan, which have 0 as their z."""
+    return xyz * [1.0, 1.0, 0.0]
 
 
 class Cells:
@@ -123,11 +138,8 @@ class Cells:
     def of(self, points):
         """The cell in whose box each point lies; 0 where there is none, since it would be empty."""
         of = np.zeros(len(points), np.int32)
-        for first in range(0, len(points), LOCATED_AT_ONCE):
-            part, cells = (
-                points[first : first + LOCATED_AT_ONCE],
-                of[first : first + LOCATED_AT_ONCE],
-            )
+        for rows in slices(len(points), LOCATED_AT_ONCE):
+            part, cells = points[rows], of[rows]
             low, high = part.min(axis=0), part.max(axis=0)
             for cell in np.flatnonzero(((self.low <= high) & (self.high > low)).all(axis=1)):
                 cells[((part >= self.low[cell]) & (part < self.high[cell])).all(axis=1)] = cell
@@ -213,8 +225,7 @@ class _Levels:
             self.parts.append(_joined([self.parts.pop(), self.parts.pop()]))
 
     def merged(self):
-        self.parts = [_joined(self.parts)]
-        return self.parts[0]
+        return _joined(self.parts)
 
 
 def _joined(parts):

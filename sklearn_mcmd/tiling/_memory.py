@@ -88,11 +88,11 @@ def parse_memory(memory):
 
 def most_neighbors(n_points, *estimators):
     """The largest number of neighbors of some estimators of so many points."""
-    numbers = []
-    for estimator in filter(None, estimators):
+    estimators = [estimator for estimator in estimators if estimator is not None]
+    for estimator in estimators:
         check_work(estimator, n_points)
-        numbers.append(estimator.n_neighbors)
-    return max((k for k in numbers if isinstance(k, Integral)), default=NEIGHBORS)
+    sizes = (estimator.n_neighbors for estimator in estimators)
+    return max((k for k in sizes if isinstance(k, Integral)), default=NEIGHBORS)
 
 
 def work_of(base, normals=None, detector=None, sensor=None):
@@ -148,12 +148,9 @@ def _memory_of_machine():
 
 def bytes_in_memory(catalog, n_features=0, *, work="normals"):
     """What a whole catalog takes in memory, about; `work` is as of `costs_of`."""
-    cloud_point = costs_of(work).cloud
-    points = sum(
-        n * (size + cloud_point + FEATURE * n_features)
-        for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
-    )
-    return PROCESS + points
+    more = costs_of(work).cloud + FEATURE * n_features
+    sizes = zip(catalog.counts, catalog.record_sizes, strict=True)
+    return PROCESS + sum(n * (size + more) for n, size in sizes)
 
 
 def bytes_to_join(n_points, n_rest):

@@ -20,7 +20,6 @@ from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.runtime._progress import report_share
 from sklearn_mcmd.tiling._catalog import parts_of, stamp_of
 from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
-from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._sweeps import TilingError
 
 LAS_OR_LAZ = listed(TILED, "or")
@@ -74,14 +73,8 @@ def write_outputs(run, verb):
     catalog, targets, results, first, total = run.catalog, run.targets, verb.results(run), 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
-    for i, place in enumerate(_places_of(verb, catalog, targets, run.folder)):
+    for i, place in enumerate(_places_of(targets, run.folder)):
         inputs = range(len(catalog)) if joined else [i]
-        if place.exists():  # an earlier run has written it
-            end = first + sum(catalog.counts[j] for j in inputs)
-            for start in range(first, end, PART):
-                total += verb.measure(results.take(start, min(PART, end - start)))
-            first = end
-            continue
         for j in inputs:
             with one_clear_line(catalog.paths[j], "read"):
                 if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
@@ -106,15 +99,14 @@ def write_outputs(run, verb):
     return total
 
 
-def _places_of(verb, catalog, targets, folder):
-    """Where outputs are written; the names tell of their content, which may change."""
-    key = _key(verb, catalog, targets)[:16]
-    return [folder.outputs / f"{key}-{i}{path.suffix.lower()}" for i, path in enumerate(targets)]
+def _places_of(targets, folder):
+    """Where outputs are written."""
+    return [folder.outputs / f"{i}{path.suffix.lower()}" for i, path in enumerate(targets)]
 
 
 def move_outputs(verb, catalog, targets, folder, report):
     """Move all outputs; a report is kept for a run that has only to move them."""
-    places = _places_of(verb, catalog, targets, folder)
+    places = _places_of(targets, folder)
     moves = [
         [str(place), os.path.realpath(target), list(stamp_of(place))]
         for place, target in zip(places, targets, strict=True)

@@ -3,7 +3,6 @@
 import shutil
 import time
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral
@@ -21,9 +20,8 @@ from sklearn_mcmd.io._las_parts import no_returns_of
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
 from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._catalog import Catalog, parts_of
-from sklearn_mcmd.tiling._cells import Cells, CellWriter, WholeCloud
+from sklearn_mcmd.tiling._cells import GROUND, Cells, CellWriter, GroundWriter, WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
-from sklearn_mcmd.tiling._heights import GROUND, GroundWriter
 from sklearn_mcmd.tiling._memory import Plan, check_tile_size, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._outputs import move_outputs, resume_moves, targets_of, write_outputs
 from sklearn_mcmd.tiling._result_files import Results
@@ -106,14 +104,24 @@ class TiledRun(NamedTuple):
         return self.plan.n_workers * self.plan.n_threads
 
     def sweeps(self, steps):
-        """The `Sweeps` of these steps over the cells."""
-        return Sweeps(self.folder.columns, self.plan.n_workers, steps)
+        """The `Sweeps` of these steps."""
+        return Sweeps(self.plan.n_workers, steps)
 
 
-class TiledVerb(ABC):
+class TiledVerb:
     """What one verb knows of its estimator, which has one job a tile; `run_by_tiles` does all else.
 
-    `content` distinguishes outputs of one estimator. With a choice, some points are used.
+    `content` distinguishes outputs of one estimator. With a choice, some points are used. A verb
+    has these methods, too:
+
+    - ``prepare(catalog)`` puts compiled code on disk for all processes, warns of what is known of
+      the inputs, and raises for parameters that are wrong. It returns the work, and the numbers of
+      features and neighbors that `plan_run` takes.
+    - ``find(run)`` writes the results of all tiles that an earlier run has not done.
+    - ``make(cloud, values, xyz)``: what to write of a cloud in the form of its output, and which
+      points to mark in it.
+    - ``report(run, total)``: all other fields of the `RunReport`; `total` is the sum of what is
+      measured.
     """
 
     options: tuple[str, ...] = ()  # those of `process_files` that mean something to it
@@ -124,33 +132,13 @@ class TiledVerb(ABC):
     def __init__(self, estimator, content="", choice=None):
         self.estimator, self.content, self.choice = estimator, content, choice
 
-    @abstractmethod
-    def prepare(self, catalog):
-        """Put compiled code on disk for all processes, and raise for parameters that are wrong.
-
-        Warn of what is known of the inputs. Returns the work, and the numbers of features and
-        neighbors that `plan_run` takes.
-        """
-
-    @abstractmethod
-    def find(self, run):
-        """Write the results of all tiles that an earlier run has not done."""
-
     def results(self, run):
         """The `Results` of all tiles."""
         return Results(run.folder.columns, len(run.cells))
 
-    @abstractmethod
-    def make(self, cloud, values, xyz):
-        """What to write of a cloud in the form of its output, and which points to mark in it."""
-
     def measure(self, values):
         """What is summed up of the results of points."""
         return 0
-
-    @abstractmethod
-    def report(self, run, total):
-        """A dict of all other fields of the `RunReport`; `total` is the sum of what is measured."""
 
 
 def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):

@@ -7,7 +7,7 @@ import numpy as np
 from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._indexed_cloud import distinct_rows
 from sklearn_mcmd.planes._nearest import COMPILE_FROM, NearestPoints, SelfSearch
-from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded, within_radius
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
 from sklearn_mcmd.runtime._progress import progress_part
@@ -20,7 +20,7 @@ AT_ONCE = 1_000_000  # distances that are kept at once, what bounds the memory
 FAR_AT_ONCE = 8_000_000  # neighbors that are known before other cells are seen
 
 
-class StoredIndex:
+class StoredIndex(NeighborIndex):
     """A `NeighborIndex` of all places, whose neighbors were searched for and stored.
 
     It has as many neighbors as the column near, by default. If it is sized, their number is the
@@ -30,27 +30,12 @@ class StoredIndex:
 
     chunk = CHUNK
 
-    def __init__(self, whole, cells=None, n_neighbors=None, radius=None, sized=False):
+    def __init__(self, whole, cells=None, n_neighbors=None, radius=None, sized=False, n_jobs=None):
         self._whole, self._cells, self.points = whole, cells, whole.open("points")
         self._stored = whole.open("near").shape[1]
         self.n_neighbors = n_neighbors or self._stored
         self.radius, self.sizes = radius, whole.open("sizes") if sized else None
-
-    def query_own(self, rows, k=None, keep=True):
-        """As of `NeighborIndex`, of a slice or an array of rows."""
-        if k is None and self.sizes is not None:
-            sizes = np.array(self.sizes[rows])
-            near = padded(self._sized(rows, sizes), sizes)
-        else:
-            k = self.n_neighbors if k is None else k
-            if k > self._stored:
-                raise ValueError(f"k={k} is more than the {self._stored} neighbors that are stored")
-            near = np.ascontiguousarray(self._whole.rows_of("near", rows)[:, :k])
-            sizes = np.full(len(near), k)
-        if self.radius is None:
-            return Neighborhoods(near, sizes)
-        distances = np.linalg.norm(self.points[near] - self.points[rows][:, None], axis=2)
-        return within_radius(near, distances, sizes, self.radius, 3)
+        self.cloud = _StoredCloud(whole, cells, n_jobs)
 
     def all_own(self):
         """The neighborhoods of all places, on disk."""
@@ -61,9 +46,8 @@ class StoredIndex:
                 near[rows] = self._whole.rows_of("near", rows)[:, : self.n_neighbors]
         return Neighborhoods(near, np.full(len(near), self.n_neighbors))
 
-    def _sized(self, rows, sizes):
-        """Neighbors as many as the largest of the sizes."""
-        stored = self._whole.rows_of("near", rows)
+    def _query_sized(self, rows, keep):
+        sizes, stored = np.array(self.sizes[rows]), self._whole.rows_of("near", rows)
         near = np.empty((len(sizes), int(sizes.max(initial=1))), np.int32)
         width = min(near.shape[1], stored.shape[1])
         near[:, :width] = stored[:, :width]
@@ -71,12 +55,12 @@ class StoredIndex:
         starts = self._whole.rows_of("starts", rows)[large, None]
         last = np.minimum(np.arange(near.shape[1]), sizes[large, None] - 1)
         near[large] = self._whole.rows_of("larger", starts + last)
-        return near
+        return padded(near, sizes), sizes
 
     def visit_own(self, wanted, k, work, n_jobs=None):
         """As of `NeighborIndex`."""
         if k <= self._stored:
-            return NeighborIndex.visit_own(self, wanted, k, work, n_jobs)
+            return super().visit_own(wanted, k, work, n_jobs)
         rows = np.flatnonzero(wanted)
 
         def found(some, _, near):
@@ -88,16 +72,6 @@ class StoredIndex:
         """As of `NeighborIndex`; of all places with None."""
         return StoredNearest(self._whole, self._cells, chosen)
 
-    def query(self, queries, n_jobs=None):
-        """As of `NeighborIndex`; it is fastest of all queries at once."""
-        sizes = np.full(len(queries), self.n_neighbors)
-        if self.sizes is not None:
-            sizes = self.sizes[self.nearest(queries, n_jobs)]
-        distances, near = self.among(None).query(queries, int(sizes.max(initial=1)), n_jobs)
-        if self.radius is None:
-            return Neighborhoods(padded(near, sizes), sizes)
-        return within_radius(near, distances, sizes, self.radius, 3)
-
     def nearest(self, queries, n_jobs=None):
         """As of `NeighborIndex`."""
         return self.among(None).query(queries, 1, n_jobs)[1][:, 0]
@@ -105,6 +79,19 @@ class StoredIndex:
     def empty(self, shape, dtype=np.float64):
         """As of `NeighborIndex`, on disk."""
         return self._whole.scratch(shape, dtype)
+
+
+class _StoredCloud:
+    """What a `NeighborIndex` asks an `IndexedCloud` for."""
+
+    def __init__(self, whole, cells, n_jobs):
+        self._whole, self._cells, self._n_jobs = whole, cells, n_jobs
+
+    def neighbors(self, rows, k, _):
+        return np.ascontiguousarray(self._whole.rows_of("near", rows)[:, :k])
+
+    def nearest(self, queries, k):
+        return StoredNearest(self._whole, self._cells).query(queries, k, self._n_jobs)
 
 
 def find_places(cell, job):

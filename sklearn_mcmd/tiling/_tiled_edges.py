@@ -20,7 +20,6 @@ from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex
-from sklearn_mcmd.tiling._sweeps import Sweeps
 from sklearn_mcmd.tiling._tiled_normals import (
     FACES,
     OWN,
@@ -95,14 +94,9 @@ class TiledEdges(TiledVerb):
         return np.count_nonzero(values < self.limit)
 
     def report(self, run, total):
-        n_points = run.catalog.n_points
-        n_removed = n_points - self.n_kept
-        removed_fraction = n_removed / n_points
-        return {
-            "n_edges": int(total),
-            "n_outliers": n_removed,
-            "removed_fraction": removed_fraction,
-        }
+        n_removed = run.catalog.n_points - self.n_kept
+        share = n_removed / run.catalog.n_points
+        return {"n_edges": int(total), "n_outliers": n_removed, "removed_fraction": share}
 
     def _clean(self, run, sweeps):
         """Find which points the detector leaves."""
@@ -110,9 +104,9 @@ class TiledEdges(TiledVerb):
         columns, n_points = run.folder.columns, run.catalog.n_points
         if not columns.is_done(ALL, "kept"):
             scored.folder.mkdir(exist_ok=True)
-            job = replace(OutlierJob.of(run, self.detector, n_points=n_points), found=scored.folder)
+            job = replace(OutlierJob.of(run, self.detector), found=scored.folder)
             with sweeps.part("outliers", "outliers"):
-                inner = Sweeps(scored, run.plan.n_workers, OUTLIER_STEPS)
+                inner = run.sweeps(OUTLIER_STEPS)
                 cutoff = judge_cells(job, inner, cutoff_of(self.detector))
             parts = scores_of(scored, run.cells)
             n_kept = sum(np.count_nonzero(scores <= cutoff) for scores in parts)
@@ -169,7 +163,6 @@ def _find_kept(cell, scored, columns, cutoff):
 def _constants_of(kept, dtype):
     """The `Constants` of the kept points, in the precision of the whole cloud."""
     whole = WholeCloud()
-    whole.single = False  # the precision is known
     for cell in np.flatnonzero(kept.counts):
         whole.add(kept.read(cell)["xyz"])
     return whole.constants(dtype)
@@ -182,7 +175,7 @@ def _keep_faces(cell, job, fitted):
 
 def _find_distances(whole, job, detector, n_threads):
     """Write the scores of all points, by the planes of the kept places: `whole`."""
-    index = StoredIndex(whole, job.cells, detector.n_neighbors)
+    index = StoredIndex(whole, job.cells, detector.n_neighbors, n_jobs=n_threads)
     planes = whole.planes(changing=True)
     kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))
     kept[:] = 1.0
@@ -191,7 +184,7 @@ def _find_distances(whole, job, detector, n_threads):
     creases, distance = find_creases(index, planes, detector.min_angle, n_threads, around)
 
     def of_removed(queries):
-        return creases.distance(queries, index.query(queries, n_threads))
+        return creases.distance(queries, index.query(queries))
 
     for cell in range(len(job.cells)):
         own, place_of = distance[whole.rows(cell)], partial(job.columns.read, cell, "place_of")

@@ -99,16 +99,6 @@ def test_a_dry_run_reads_no_positions(verb, options, source, tmp_path):
     done(verb, source, tmp_path / "b.laz", "--memory", "4GB", *options, "--dry-run")
 
 
-def test_normals_look_along_a_trajectory_by_tiles_too(small_machine, source, tmp_path):
-    cloud = read_points(source)
-    times = np.linspace(10, 20, len(cloud))
-    write_points(tmp_path / "in.laz", cloud.with_attributes(gps_time=times))
-    path = "time,x,y,z\n10,362000,5157002,101\n20,362009,5157002,101\n"
-    (tmp_path / "path.csv").write_text(path)
-    asked = ("--orientation", "sensor", "--trajectory", tmp_path / "path.csv")
-    same_by_tiles("normals", tmp_path / "in.laz", *asked)
-
-
 def test_records_beyond_those_that_a_header_counts_are_told_once(small_machine, tmp_path):
     write_points(tmp_path / "in.las", street(8_000).xyz)
     raw = bytearray((tmp_path / "in.las").read_bytes())

@@ -11,7 +11,7 @@ from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.cli._denoise import Denoise, _verdict, judged_points
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import Choice
-from sklearn_mcmd.tiling import TilingError, _heights, _memory, process_files
+from sklearn_mcmd.tiling import TilingError, _memory, _tiled_outliers, process_files
 from tiled import fit_in_memory, names_in
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -157,7 +157,7 @@ def test_other_heights_need_no_new_scores(files, monkeypatch):
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(_heights.Heights, "find_verdicts", fail)
+        patch.setattr(_tiled_outliers.Heights, "find_verdicts", fail)
         with pytest.raises(TilingError, match="MemoryError; what was done is kept"):
             process_files(a, c, DETECTOR, mode="mark", tile_size=900, **ALL)
     in_memory(a, b, **NEAR)

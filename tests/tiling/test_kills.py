@@ -29,7 +29,7 @@ FAST = [
     (ESTIMATOR, {}, "_tiled_normals._fit_own", 2, 2),
     (AUTO, {}, "_tiled_normals.find_larger", 2, 0),
     (OUTLIERS, MARK, "_tiled_outliers._find_planes", 2, 2),
-    (OUTLIERS, HEIGHTS, "_heights._find_verdicts", 2, 4),
+    (OUTLIERS, HEIGHTS, "_tiled_outliers._find_verdicts", 2, 4),
     (REGIONS, {}, "_tiled_regions._keep_planes", 2, 2),
     (EDGES, {}, "_tiled_normals._keep_fitted", 2, 2),
 ]
@@ -39,7 +39,7 @@ SLOW = [
     (AUTO, {}, "_tiled_normals._bend", 2, 4),
     (OUTLIERS, MARK, "_tiled_outliers.find_places", 2, 0),
     (OUTLIERS, MARK, "_result_files.write_results", 2, 4),
-    (OUTLIERS, HEIGHTS, "_heights._find_heights", 2, 0),
+    (OUTLIERS, HEIGHTS, "_tiled_outliers._find_heights", 2, 0),
     (REGIONS, {}, "_tiled_regions.finish_regions", 0, 4),
     (EDGES, {}, "_tiled_edges._find_kept", 2, 0),
     (EDGES, {}, "_tiled_edges._constants_of", 0, 0),

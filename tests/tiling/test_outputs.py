@@ -97,15 +97,6 @@ def test_an_output_with_a_hidden_name_is_kept(drive):
     assert ".mcmd-mine.las" in contents(source)
 
 
-def test_outputs_of_an_earlier_mode_are_written_again(drive, monkeypatch):
-    source, target, other = drive("in"), drive("out"), drive("other")
-    end_at_second_output(monkeypatch, source, target, mode="mark")
-    end_at_second_output(monkeypatch, source, target)
-    for folder in (target, other):
-        process_files(source, folder, DETECTOR, **SIZE)
-    assert contents(target) == contents(other)
-
-
 def test_an_output_may_be_a_link_to_another_disk(drive, tmp_path, monkeypatch):
     source, rename = drive("in"), os.replace
     (tmp_path / "disk").mkdir()
