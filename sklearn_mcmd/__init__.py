@@ -31,7 +31,7 @@ _ROOMS = {
 }
 _HOMES = {name: room for room, names in _ROOMS.items() for name in names}
 
-__all__ = ["__version__", *_HOMES]
+__all__ = [*_HOMES, "__version__"]
 
 
 def __getattr__(name):
