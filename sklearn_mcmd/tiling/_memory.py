@@ -214,9 +214,9 @@ def _least(n_points, work, bytes_a_point, n_neighbors, memory):
     own, least = PROCESS + PART * PART_POINT, PROCESS + LEAST_TILE * bytes_a_point
     why = f" with $n_neighbors={n_neighbors}" if n_neighbors else ""
     if costs.whole:
-        joins = work.startswith("regions")
-        at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if joins else 0
-        whole = PROCESS + costs.whole * n_points + at_once
+        whole = PROCESS + costs.whole * n_points
+        if work.startswith("regions"):
+            whole += JOINED_POINT * min(n_points, JOINED_AT_ONCE)
         if whole > max(own, least):
             why = f", because one process {costs.does} all {n_points:,} points"
         own = max(own, whole)

@@ -69,8 +69,7 @@ class TiledEdges(TiledVerb):
         k, stored = (self.estimator.n_neighbors, FACES) if self.by_distance else (0, {})
         whole = find_planes(sweeps, job, k, self.estimator.n_neighbors, **stored)
         if whole is None:
-            scores_of_all = run.cells, lambda fitted: fitted.scores_
-            self.limit = fit_together(job, self.estimator, *scores_of_all).offset_
+            self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
             whole.remove(*OWN)
             if not columns.all_have(n_cells, "results"):

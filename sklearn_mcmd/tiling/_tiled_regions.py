@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd._errors import ParameterWarning, warn_caller
+from sklearn_mcmd._errors import warn
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._resolution import least_scales
@@ -111,9 +111,7 @@ def _warn_if_much(labels, n_neighbors, memory):
     n_rest = len(labels) - int(sizes[sizes > n_neighbors].sum())
     needed = bytes_to_join(len(labels), n_rest)
     if needed > memory:
-        warn_caller(
-            ParameterWarning(
-                f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining "
-                f"regions may take {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB"
-            )
+        warn(
+            f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining regions "
+            f"may take {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB"
         )

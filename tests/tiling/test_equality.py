@@ -16,12 +16,7 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.datasets import (
-    make_box,
-    make_crown_roof,
-    make_lidar_turn,
-    make_street,
-)
+from sklearn_mcmd.datasets import make_box, make_crown_roof, make_lidar_turn, make_street
 from sklearn_mcmd.io import read_points
 from sklearn_mcmd.tiling import process_files
 from tiled import columns_of, fit_in_memory, written

@@ -17,13 +17,7 @@ from sklearn_mcmd.io import PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.io._point_cloud import without_outliers
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
-from sklearn_mcmd.tiling import (
-    TilingError,
-    _memory,
-    _run,
-    _sweeps,
-    process_files,
-)
+from sklearn_mcmd.tiling import TilingError, _memory, _run, _sweeps, process_files
 from tiled import ESTIMATOR, columns_of, fit_in_memory, in_memory, names_in, street, two_files
 
 TILE = 5_000
