@@ -11,8 +11,7 @@ def import_extra(module, extra, purpose):
     try:
         return importlib.import_module(module)
     except ImportError as err:
-        library = (err.name or module).partition(".")[0]  # maybe one that the module needs
+        name = (err.name or module).partition(".")[0]  # maybe one that the module needs
         raise ImportError(
-            f"{purpose} needs {library}, which is not installed: "
-            f'pip install "sklearn-mcmd[{extra}]"'
+            f'{purpose} needs {name}, which is not installed: pip install "sklearn-mcmd[{extra}]"'
         ) from err

@@ -2,3 +2,5 @@
 
 All rooms stand on it; nothing here is public.
 """
+
+__all__ = []

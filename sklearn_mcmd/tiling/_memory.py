@@ -112,9 +112,8 @@ def costs_of(work):
 
 def check_tile_size(tile_size):
     """Raise if a cloud cannot be divided like this."""
-    if tile_size is not None and not (
-        isinstance(tile_size, Integral) and not isinstance(tile_size, bool) and tile_size >= 1
-    ):
+    is_int = isinstance(tile_size, Integral) and not isinstance(tile_size, bool)
+    if tile_size is not None and not (is_int and tile_size >= 1):
         raise ValueError(f"tile_size={tile_size!r} must be an int of 1 or more, or None.")
 
 
