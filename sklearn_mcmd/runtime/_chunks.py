@@ -1,5 +1,6 @@
 """Work on rows in chunks and threads; listeners hear of the progress."""
 
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 
@@ -52,10 +53,25 @@ def run(tasks, work, n_jobs):
     """
     backend, n_usual = get_active_backend(require="sharedmem")
     n_threads = backend.effective_n_jobs(n_usual if n_jobs is None else n_jobs)
-    if min(n_threads, len(tasks)) <= 1:
-        for task in tasks:
-            work(*task)
+    n_threads, todo = min(n_threads, len(tasks)), deque(tasks)
+
+    def work_off():
+        try:
+            while todo:
+                try:
+                    task = todo.popleft()
+                except IndexError:  # another thread was faster
+                    return
+                work(*task)
+        finally:  # where one fails, the others end after their tasks
+            todo.clear()
+
+    if n_threads <= 1:
+        work_off()
         return
-    with ThreadPoolExecutor(min(n_threads, len(tasks))) as pool:
-        for _ in pool.map(lambda task: work(*task), tasks):  # where one fails, it begins no others
-            pass
+    with ThreadPoolExecutor(n_threads) as pool:
+        try:
+            for thread in [pool.submit(work_off) for _ in range(n_threads)]:
+                thread.result()
+        finally:  # this thread may be interrupted
+            todo.clear()
