@@ -54,10 +54,6 @@ class Span:
         span = replace(self, low=low, high=high)
         return span if stage is None else replace(span, stage=stage, begin=low, end=high, note="")
 
-    def in_stage(self, stage):
-        """The same part under the name of a stage, if it has one."""
-        return self if not stage else replace(self, stage=stage)
-
 
 @contextmanager
 def listen_to_progress(listener):

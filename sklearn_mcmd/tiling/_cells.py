@@ -179,12 +179,10 @@ def _best_cut(points):
 
 
 class Constants(NamedTuple):
-    """What every tile must know of the whole cloud: the precision of the coordinates, float32 if it
-    rounded them, and the step to which they were rounded, 0 where there is none.
-    """
+    """What every tile must know of the whole cloud."""
 
-    dtype: str
-    step: float
+    dtype: str  # of the coordinates: float32 if it rounded them
+    step: float  # to which they were rounded, 0 where there is none
 
 
 class WholeCloud:

@@ -99,26 +99,22 @@ def _locked(path):
     """A file that is open and locked, until it is closed or the process ends."""
     with suppress(BlockingIOError, FileNotFoundError), ExitStack() as opened:
         file = opened.enter_context(open(path, "w"))
-        _lock(file)
+        try:
+            if sys.platform == "win32":
+                import msvcrt
+
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as err:
+            if err.errno in (EACCES, EAGAIN):  # else the disk knows no locks
+                raise BlockingIOError from err
         if os.path.samestat(os.fstat(file.fileno()), path.stat()):  # else it was just removed
             opened.pop_all()
             return file
     raise TilingError(f"{path}: another run works on this output; wait for it")
-
-
-def _lock(file):
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as err:
-        if err.errno in (EACCES, EAGAIN):  # else the disk knows no locks
-            raise BlockingIOError from err
 
 
 def read_json(path):

@@ -60,16 +60,14 @@ FILL = 0.7  # how full cells are that are halved when they are full
 
 
 class Plan(NamedTuple):
-    """How a catalog is to be divided: how many tiles are computed at once, with so many threads
-    each, how large they are, about how many, and about how many bytes of memory and disk they take.
-    """
+    """How a catalog is to be divided."""
 
-    n_workers: int
-    n_threads: int
-    tile_size: int
-    n_tiles: int
-    memory: float
-    disk: float
+    n_workers: int  # tiles that are computed at once
+    n_threads: int  # of each of these
+    tile_size: int  # points of a tile, at most
+    n_tiles: int  # about
+    memory: float  # bytes, about
+    disk: float  # bytes, about
 
 
 def parse_memory(memory):
