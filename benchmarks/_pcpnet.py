@@ -13,8 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["KINDS", "BenchmarkCloud", "benchmark_clouds"]
-
 CLEAN = "none"
 KINDS = (CLEAN, "0.12 %", "0.6 %", "1.2 %", "stripes", "gradient")
 BY_SUFFIX = {

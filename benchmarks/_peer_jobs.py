@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-__all__ = ["JOBS", "KINDS", "Case", "Job", "is_installed"]
-
 KINDS = ("normals", "outliers", "regions")
 
 

@@ -36,7 +36,6 @@ class RealCloud(NamedTuple):
     classes : str (n,), the publishers' classes, or None
     noise : bool (n,), points that the publishers call noise, or None
     from_origin : whether all points were taken from the origin
-    intensity : float64 (n,), in the publishers' unit, or None
     """
 
     name: str
@@ -44,7 +43,6 @@ class RealCloud(NamedTuple):
     classes: np.ndarray | None
     noise: np.ndarray | None
     from_origin: bool = False
-    intensity: np.ndarray | None = None
 
 
 def load_clouds(data, names=None, limit=None, seed=0):
@@ -81,7 +79,6 @@ def read_cloud(name, path):
     """The cloud of a file, with its classes and noise under common names."""
     with np.load(path) as arrays:
         points = arrays["xyz"].astype(np.float64)
-        intensity = arrays["intensity"].astype(np.float64) if "intensity" in arrays else None
         classes = noise = None
         if "classification" in arrays:
             codes = arrays["classification"]
@@ -97,7 +94,7 @@ def read_cloud(name, path):
             classes = np.full(len(points), "surface")
     if noise is not None and not noise.any():
         noise = None
-    return RealCloud(name, points, classes, noise, name.startswith(FROM_ORIGIN), intensity)
+    return RealCloud(name, points, classes, noise, name.startswith(FROM_ORIGIN))
 
 
 def cropped(cloud, limit, seed):

@@ -1,8 +1,7 @@
-"""The outlier detectors that ``bench_real.py`` and ``bench_quantity.py`` compare.
+"""The outlier detectors that ``bench_real.py`` compares.
 
-A method takes points and the share of outliers, or None, and those of `WITH_INTENSITY` intensity
-also. It returns labels and outlyingness, or None if it needs the share. Those of `FROM_ORIGIN` hold
-for clouds that were taken from their origin alone.
+A method takes points and the share of outliers, or None. It returns labels and outlyingness, or
+None if it needs the share. "position" holds for clouds that were taken from their origin alone.
 
 - "isolated voxels": points go that have at most 5 others in the 27 voxels around them, the default
   of LAStools' lasnoise (``-isolated 5``, ``-step 4``) and of lidR's ``ivf(res = 5, n = 6)``, which
@@ -12,17 +11,7 @@ for clouds that were taken from their origin alone.
   dialog's relative error of 1 and "remove isolated points". A point goes if it is farther from the
   plane of its neighbors than their standard deviation, or has fewer than 3 neighbors. Its radius
   must be chosen: 3 times the cloud's median spacing, as for "radius".
-- "DROR": Charron, Phillips and Waslander, "De-noising of lidar point clouds corrupted by snowfall",
-  CRV 2018. A point goes that has fewer than 3 others within 3 times its range times the angle
-  between beams, and at least 4 cm. The angle is measured, for it differs from sensor to sensor.
-- "DSOR": Kurup and Bos, "DSOR: a scalable statistical filter for removing falling snow from lidar
-  point clouds in severe winter weather", 2021. A point goes if the mean distance to 5 others is
-  more than .05 times its range times T, where T is .01 standard deviations above the mean of all.
-- "10 over range": the mean distance to 10 others over the range. Untold, it takes what is more than
-  2 standard deviations above the mean. The same over 1 + intensity.
 """
-
-import inspect
 
 import numpy as np
 from _real_clouds import N_SPACING
@@ -32,15 +21,13 @@ from sklearn_mcmd import MCMDOutlierDetector
 
 N_JOBS = 2
 N_ROWS = 250  # at a time: 5,000 beams without an echo are neighbors of each other
-SAME_BEAM = 1e-4  # radians; echoes of one beam share their direction to 2e-5
 
 
 def detector(**parameters):
     """A setting of the detector as a method."""
 
-    def method(points, share, intensity=None):
-        own = MCMDOutlierDetector(random_state=0, n_jobs=N_JOBS, **parameters)
-        own.fit(points, **({} if intensity is None else {"intensity": intensity}))
+    def method(points, share):
+        own = MCMDOutlierDetector(random_state=0, n_jobs=N_JOBS, **parameters).fit(points)
         return np.where(own.scores_ < own.offset_, -1, 1), -own.scores_
 
     return method
@@ -132,40 +119,6 @@ def cloudcompare(points, share):
     return judged(errors, 1)
 
 
-def ranges(points):
-    """From the origin; those of points at the sensor itself are tiny."""
-    return np.maximum(np.linalg.norm(points, axis=1), np.finfo(float).tiny)
-
-
-def beam_angle(points):
-    """Median angle to the next beam, in radians: of a spinning lidar, its step of azimuth."""
-    rays = points / ranges(points)[:, None]
-    _, rows = np.unique(np.round(rays / SAME_BEAM), axis=0, return_index=True)
-    return np.median(neighbor_distances(rays[rows], 1))
-
-
-def dror(points, share):
-    reach = np.maximum(3 * beam_angle(points) * ranges(points), 0.04)
-    return judged(neighbor_distances(points, 3)[:, 2] / reach, 1)
-
-
-def dsor(points, share):
-    distance = neighbor_distances(points, 5).mean(axis=1)
-    return judged(distance / ranges(points), 0.05 * (distance.mean() + 0.01 * distance.std()))
-
-
-def over_range(points, share):
-    ratio = neighbor_distances(points, 10).mean(axis=1) / ranges(points)
-    return judged(ratio, ratio.mean() + 2 * ratio.std())
-
-
-def over_range_told(points, share, intensity=0.0):
-    if share is None:
-        return None
-    ratio = neighbor_distances(points, 10).mean(axis=1) / ranges(points)
-    return judged(ratio / (1 + intensity), None, share)
-
-
 METHODS = {
     "default": detector(),
     "isolated": detector(strictness="isolated"),
@@ -180,25 +133,11 @@ METHODS = {
     "mean distance, told": mean_distance,
     "IsolationForest, told": isolation_forest,
     "position": detector(sensor_origin="origin"),
-    "position, intensity": detector(sensor_origin="origin"),
-    "DROR": dror,
-    "DSOR": dsor,
-    "10 over range": over_range,
-    "10 over range, told": over_range_told,
-    "10 over range and intensity, told": over_range_told,
 }
-WITH_INTENSITY = {"position, intensity", "10 over range and intensity, told"}
-FROM_ORIGIN = {"position", "DROR", "DSOR", "10 over range", "10 over range, told"} | WITH_INTENSITY
-if "intensity" not in inspect.signature(MCMDOutlierDetector.fit).parameters:
-    del METHODS["position, intensity"]
 
 
 def judgment(name, cloud, share):
     """Labels and outlyingness by a method, or None where it cannot be used on the cloud."""
-    if name in FROM_ORIGIN and not cloud.from_origin:
+    if name == "position" and not cloud.from_origin:
         return None
-    if name not in WITH_INTENSITY:
-        return METHODS[name](cloud.points, share)
-    if cloud.intensity is None:
-        return None
-    return METHODS[name](cloud.points, share, cloud.intensity)
+    return METHODS[name](cloud.points, share)

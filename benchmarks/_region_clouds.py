@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Cloud", "agreement", "loaders", "purity", "scores"]
-
 CAMERA = 1.425e-3  # noise of a depth camera at 1 m; it grows with the square of the range
 # Noise of clouds in their units. Roofs: their planes' deviations are .03 to .11. Fragment: a third
 # of the distance of Open3D's tutorial, which segments planes of such fragments. Facade: median

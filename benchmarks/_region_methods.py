@@ -21,8 +21,6 @@ import numpy as np
 from _ablation_changes import without_steps
 from scipy.spatial import cKDTree
 
-__all__ = ["METHODS", "OURS", "PEERS", "SETTINGS", "Case", "Clock", "version_of"]
-
 OURS = "sklearn_mcmd"
 PCL = "pcl_segmentation"
 LEAST = 50  # points of a plane: of PCL's tutorial and of CGAL's example

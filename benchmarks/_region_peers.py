@@ -21,8 +21,6 @@ from _region_clouds import loaders, scores
 from _region_methods import METHODS, OURS, PEERS, SETTINGS, Case, Clock, version_of
 from _tables import print_table, write_csv
 
-__all__ = ["run", "tables"]
-
 N_WARM = 2000  # points on which a process compiles and loads what it needs, before the clock
 
 

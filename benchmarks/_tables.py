@@ -2,8 +2,6 @@
 
 import csv
 
-__all__ = ["print_table", "write_csv"]
-
 
 def texts(rows, digits):
     return [

@@ -33,7 +33,7 @@ def measured(cloud, methods, seed):
     real = np.ones(len(cloud.points), dtype=bool) if cloud.noise is None else ~cloud.noise
     clean = np.where(real, "real", "noise")
     points, kind = inject(cloud.points[real], np.random.default_rng(seed))
-    injected = cloud._replace(points=points, classes=None, intensity=None)
+    injected = cloud._replace(points=points, classes=None)
     for name in methods:
         if result := judgment(name, cloud, (~real).mean() or None):
             for (measure, part), value in evaluate(*result, clean, cloud.classes).items():

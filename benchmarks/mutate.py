@@ -36,16 +36,15 @@ ROOT = Path(__file__).resolve().parents[1]
 PYTHON = os.environ.get("NUMBA_DISABLE_JIT") == "1"
 BUDGET, LONGEST = 12, 7 if PYTHON else 600  # seconds of a mutant's tests, and of one test
 FIELDS = ("room", "file", "line", "at", "was", "now", "outcome", "by")
-SWAPS = {"not": [""], "~": [""], "is": ["is not"], "in": ["not in"]} | {
-    old: new
-    for old, *new in map(str.split, (
-        "< <= >=", "<= < >", "> >= <=", ">= > <", "== !=", "!= ==", "+ -", "- +", "* /", "/ *",
-        "& |", "| &", "<< >>", ">> <<", "** *", "// *", "% *", "+= -=", "-= +=", "*= /=", "/= *=",
-        "&= |=", "|= &=", "and or", "or and", "True False", "False True", "min max", "max min",
-        "minimum maximum", "maximum minimum", "argmin argmax", "argmax argmin", "any all",
-        "all any", "floor ceil", "ceil floor",
-    ))
-}  # fmt: skip
+BOTH_WAYS = """
++ - * / & | << >> == != += -= *= /= &= |= and or True False min max minimum maximum
+argmin argmax any all floor ceil
+"""
+SWAPS = {"not": [""], "~": [""], "is": ["is not"], "in": ["not in"]}
+SWAPS |= {"<": ["<=", ">="], "<=": ["<", ">"], ">": [">=", "<="], ">=": [">", "<"]}
+SWAPS |= {"**": ["*"], "//": ["*"], "%": ["*"]}
+for one, other in zip(BOTH_WAYS.split()[::2], BOTH_WAYS.split()[1::2], strict=True):
+    SWAPS |= {one: [other], other: [one]}
 
 
 def changes(source):
@@ -111,8 +110,10 @@ def patch(file, source):
     made = {(f.__code__.co_qualname, f.__code__.co_firstlineno): f for f in functions[True]}
     for old in functions[False]:
         now = made.get((old.__code__.co_qualname, old.__code__.co_firstlineno), old)
+        changed |= old.__code__ != now.__code__
+        changed |= repr(old.__defaults__) != repr(now.__defaults__)  # some are arrays
+        changed |= repr(old.__kwdefaults__) != repr(now.__kwdefaults__)
         for part in ("__code__", "__defaults__", "__kwdefaults__"):
-            changed |= getattr(old, part) != getattr(now, part)
             setattr(old, part, getattr(now, part))
     for key, was in list(vars(module).items()):
         if key.endswith("Limits") and was.__module__ == name:
@@ -145,12 +146,13 @@ class Session:
 
     def outcome(self, file, source, order, seconds, note):
         """What a child of this process finds: the fate of a mutant, and the test that kills it."""
-        note.write_text("killed\ntoo long")
+        note.write_text("killed\nits import")
         if child := os.fork():
             os.waitpid(child, 0)
             return note.read_text().partition("\n")[::2]
         signal.alarm(int(seconds))
         found = "survived" if patch(file, source) else "not applied"
+        note.write_text("killed\ntoo long")
         for test, following in pairwise([*order, None] if found == "survived" else ()):
             item, after = self.items[test], self.items.get(following)
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)

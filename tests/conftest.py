@@ -1,5 +1,6 @@
 """Settings and fixtures that several test modules share."""
 
+import gc
 import os
 import signal
 import sys
@@ -56,6 +57,7 @@ def pytest_configure(config):
     Programs that tests start inherit ignored signals. A run in the background (`&`, nohup) ignores
     some, which are tests' subject: they are put back.
     """
+    gc.disable()  # until all tests are collected: else it takes a third of that time
     if threading.current_thread() is threading.main_thread():
         for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
             number = getattr(signal, name, None)  # Windows has no SIGHUP
@@ -66,6 +68,12 @@ def pytest_configure(config):
         providers._get_local_constants = lambda: providers._local_constants  # none
     if getattr(config.option, "dist", None) == "load":  # what -n asks for by itself
         config.option.dist = "worksteal"
+
+
+def pytest_collection_finish(session):
+    """What is collected stays to the end: it is not looked through again and again."""
+    gc.enable()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -3,6 +3,7 @@
 One point at a time, one pair of faces at a time, from the description in docs/edges.rst.
 """
 
+from itertools import product
 from math import gamma
 
 import numpy as np
@@ -110,10 +111,8 @@ class LiteralCreases:
         best = None
         for j in others:
             heights = self._heights(j, near)
-            for joined in (
-                np.maximum(surface, heights), np.minimum(surface, heights),
-                np.maximum(surface, -heights), np.minimum(surface, -heights),
-            ):  # fmt: skip
+            for sign, limit in product((1, -1), (np.maximum, np.minimum)):
+                joined = limit(surface, sign * heights)
                 if best is None or squares(joined) < best[0] * (1 - 1e-12):
                     best = squares(joined), joined, j
         return best[1:]

@@ -25,11 +25,13 @@ PAGES = {path.stem: path for path in sorted((ROOT / "docs").glob("*.rst"))}
 SLOW = {
     "command_line",
     "datasets",
+    "edges",
     "first_scan",
     "install",
     "outliers",
     "pipelines",
     "planes",
+    "reports",
     "tiling",
 }
 # Pages that show the numbers of the street of `mcmd demo`.

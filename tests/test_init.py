@@ -38,11 +38,6 @@ def test_names_are_found_where_nothing_was_imported_before():
     assert set(sklearn_mcmd.__all__) <= set(names) & set(dir(sklearn_mcmd))
 
 
-def test_subpackages_are_found_without_importing_them_by_name():
-    for name in ("adjustment", "datasets", "io", "plotting"):  # as of a name that is not there yet
-        assert sklearn_mcmd.__getattr__(name).__name__ == f"sklearn_mcmd.{name}"
-
-
 def test_type_checkers_see_the_names_that_users_see():
     tree = ast.parse(Path(sklearn_mcmd.__file__).read_text(encoding="utf-8"))
     imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]

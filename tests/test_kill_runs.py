@@ -18,6 +18,7 @@ pytestmark = [
 def ended(n_kills, n_interrupts, *kinds):
     """The kinds of which some processes were ended, and none lost anything."""
     command = [sys.executable, SCRIPT, "--kills", n_kills, "--interrupts", n_interrupts]
+    command += ["--points", 30_000]
     command += [word for kind in kinds for word in ("--kind", kind)]
     done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr

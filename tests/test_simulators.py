@@ -49,7 +49,7 @@ def test_points_are_the_first_that_beams_meet_and_outliers_are_off_everything(na
     kinds, far_share = tuple(ALL), {"far_share": 0.05}
     if name == "make_lidar_turn":
         kinds, far_share = tuple(SENSOR_OUTLIERS), {}
-    scan, world = scanned(name, outlier_share=0.1, outlier_kinds=kinds, **far_share)
+    scan, world = scanned(name, 8_000, outlier_share=0.1, outlier_kinds=kinds, **far_share)
     assert scan.surface_names == [part.name for part in world.parts]
     regular = scan.target == 1
     origins, points = scan.sensor_origins[regular], scan.true_points[regular]
@@ -68,12 +68,12 @@ def test_points_are_the_first_that_beams_meet_and_outliers_are_off_everything(na
     far = np.char.startswith(found, "far")
     near = ~regular & ~far
     counts = [np.sum(found == kind) for kind in kinds]
-    assert near.sum() == sum(counts) == 2000
+    assert near.sum() == sum(counts) == 800
     assert np.ptp(counts) <= 1
     assert (world.distance(scan.data[near]) > 3.99 * scan.noise_scale[near]).all()
     if not far_share:
         return
-    assert far.sum() == 1000
+    assert far.sum() == 400
     away = cKDTree(scan.data[regular]).query(scan.data[far])[0]
     # Noise moves the regular points somewhat.
     assert away.min() > 0.095 * np.linalg.norm(np.ptp(scan.data[regular], axis=0))
@@ -81,69 +81,10 @@ def test_points_are_the_first_that_beams_meet_and_outliers_are_off_everything(na
 
 @pytest.mark.parametrize("name", ["make_mobile_scan", "make_airborne_scan"])
 def test_times_and_trajectory_say_where_the_sensor_was(name):
-    scan, _ = scanned(name)
+    scan, _ = scanned(name, 5_000)
     cloud = PointCloud(scan.data, {"gps_time": scan.gps_time})
     positions = sensor_origins(cloud, scan.trajectory)
     assert np.abs(positions - scan.sensor_origins).max() < 1e-9
-
-
-def density(scan, x, y):
-    """Echoes on the ground of a window, a square metre."""
-    inside = (scan.data[:, :2] > [x[0], y[0]]) & (scan.data[:, :2] < [x[1], y[1]])
-    ground = scan.classification == scan.class_names.index("ground")
-    return (inside.all(axis=1) & ground).sum() / ((x[1] - x[0]) * (y[1] - y[0]))
-
-
-RATIO, MISFIT = 6.0, 0.05
-
-
-@pytest.fixture(scope="module")
-def flights():
-    """Two swaths, at neither of the defaults."""
-    return simulators.make_airborne_scan(60_000, density_ratio=RATIO, misfit=MISFIT, random_state=0)
-
-
-def test_densities_of_swaths_and_of_their_overlap(flights):
-    dense = density(flights, (0, 80), (0.2, 2.3))
-    # Beams from 250 m beside and 800 m up land farther apart on the slope of .2, which falls
-    # away from them.
-    sparse = density(flights, (53, 79), (53, 59.5)) / (1 - 0.2 * (250 - 56) / 800)
-    both = density(flights, (53, 78), (26.6, 28.5))  # no wire throws its shadow there
-    assert dense / sparse == pytest.approx(RATIO, rel=0.08)
-    assert both / sparse == pytest.approx(RATIO + 1, rel=0.08)
-
-
-def test_the_second_swath_is_too_high_by_the_misfit(flights):
-    scan = flights
-    regular = scan.target == 1
-    ray = (scan.true_points - scan.sensor_origins)[regular]
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    error = (scan.data - scan.true_points)[regular]
-    for swath, misfit in ((0, 0.0), (1, MISFIT)):
-        mine = scan.stretch[regular] == swath
-        rest = error[mine] - [0, 0, misfit]
-        along = np.einsum("ij,ij->i", rest, ray[mine])
-        assert np.allclose(rest, along[:, None] * ray[mine], atol=1e-9)
-        assert along.std() == pytest.approx(0.014, rel=0.04)
-        assert abs(along.mean()) < 4 * 0.014 / np.sqrt(mine.sum())
-
-
-def test_lines_lie_as_many_times_as_dense_where_the_vehicle_stood():
-    scan = simulators.make_mobile_scan(60_000, density_ratio=4.0, random_state=0)
-    road = scan.data[scan.classification == 0]
-    road = road[(road[:, 1] > -0.5) & (road[:, 1] < 0.5)]
-    # The beam turns in a plane 25 degrees off the cross-section: where was the vehicle?
-    x = road[:, 0] - np.tan(np.radians(25)) * (road[:, 1] + 1.5)
-    dense = np.sum((x > 8.05) & (x < 8.75)) / 0.7
-    usual = np.sum((x > 4) & (x < 7.5)) / 3.5
-    assert dense / usual == pytest.approx(4.0, rel=0.1)
-
-
-def test_points_lie_on_lines_across_the_street():
-    scan, _ = scanned("make_mobile_scan")
-    offset = (scan.true_points - scan.sensor_origins)[scan.target == 1]
-    assert np.allclose(offset[:, 0], np.tan(np.radians(25)) * offset[:, 1], atol=1e-9)
-    assert len(np.unique(scan.sensor_origins[:, 0])) < 300
 
 
 AXIS = np.array([0.0, np.cos(np.radians(8)), -np.sin(np.radians(8))])
@@ -160,22 +101,6 @@ def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth():
     near = np.diff(levels) < 1.5 * step * middle**2
     assert near.sum() > 20
     assert_allclose(np.diff(levels)[near] / middle[near] ** 2, step, rtol=2e-2)
-
-
-def test_errors_have_the_stated_scale_and_are_alike_in_neighboring_pixels():
-    scan, _ = scanned("make_depth_frame", 60_000, outlier_share=0.0)
-    ray = scan.true_points - scan.sensor_origins
-    ranges = np.linalg.norm(ray, axis=1)
-    error = np.einsum("ij,ij->i", scan.data - scan.true_points, ray) / ranges / scan.noise_scale
-    assert error.std() == pytest.approx(1, rel=0.06)
-    assert abs(error.mean()) < 0.1
-    # Pixels of one row, from left to right.
-    depth = ray @ AXIS
-    row = np.round(ray @ [0, AXIS[2], -AXIS[1]] / depth, 9)
-    order = np.lexsort([ray[:, 0] / depth, row])
-    same = np.diff(row[order]) == 0
-    left, right = error[order][:-1][same], error[order][1:][same]
-    assert 0.3 < np.corrcoef(left, right)[0, 1] < 0.7
 
 
 def test_the_furniture_has_the_ten_flat_and_eleven_round_surfaces_of_the_paper():

@@ -9,8 +9,6 @@ from benchmarks.paper._printed import ANGLES, OUTLIERS, STATISTICS
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, affordable, bias_angles, bootstrap_error, stream
 
-__all__ = ["figure4", "table1"]
-
 N_POINTS = 50
 SCENES = {  # panels of Fig. 4: distribution of the outliers and their percentage
     "20 % clustered": ("clustered", 20),

@@ -9,8 +9,6 @@ from benchmarks.paper._printed import CLASSIFICATION, RATES, SHARES
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, affordable, flag_counts, stream
 
-__all__ = ["table4"]
-
 N_POINTS = 100
 
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from sklearn_mcmd.datasets import make_contaminated_plane
 
-__all__ = ["Clouds", "contaminated_planes"]
-
 
 @dataclass(frozen=True)
 class Clouds:

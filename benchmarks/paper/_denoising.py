@@ -13,8 +13,6 @@ from benchmarks.paper._scene_methods import SCENE_METHODS, quietly, runs_of, sum
 from benchmarks.simulators import make_traffic_furniture
 from sklearn_mcmd.metrics import outlier_scores
 
-__all__ = ["table5"]
-
 N_REGULAR, N_NOISE = 13_664, 1366
 NOISE_DEVIATION = 0.2
 N_NEIGHBORS = 50

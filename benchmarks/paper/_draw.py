@@ -2,8 +2,6 @@
 
 import numpy as np
 
-__all__ = ["bars", "boxes", "lines", "printed_means"]
-
 # Okabe and Ito's colors, which color-blind people can distinguish, two grays, and three of Tol's.
 COLORS = {
     "PCA": "#555555",

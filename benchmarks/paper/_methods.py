@@ -25,8 +25,6 @@ from sklearn_mcmd.planes._principal_planes import fit_planes
 from sklearn_mcmd.planes._rules import METHODS as RULES
 from sklearn_mcmd.planes._rules import robust_distances
 
-__all__ = ["METHODS", "PEERS", "Method", "mcmd"]
-
 SUCCESS_PROBABILITY = 0.9999  # P_r throughout the paper
 ROUNDING = 8 * np.finfo(float).eps
 

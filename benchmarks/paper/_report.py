@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Report", "Table", "paired_rows"]
-
 
 @dataclass(frozen=True)
 class Table:

@@ -7,15 +7,6 @@ import numpy as np
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.runtime._progress import current_span
 
-__all__ = [
-    "Steps",
-    "affordable",
-    "bias_angles",
-    "bootstrap_error",
-    "flag_counts",
-    "stream",
-]
-
 # Number of clouds that a method gets at once. Their arrays stay in the processor's cache. Each
 # chunk draws its own table of trials.
 CHUNK = 50

@@ -10,8 +10,6 @@ from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.runtime._progress import listen_to_progress
 
-__all__ = ["SCENE_METHODS", "SceneMethod", "quietly", "runs_of", "summary"]
-
 # Share of each neighborhood that uLSIF and qSp remove for normals. They have no cut-off, and the
 # paper does not state its share.
 REMOVED_SHARE = 0.1

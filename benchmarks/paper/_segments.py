@@ -15,8 +15,6 @@ from benchmarks.simulators import make_bus_stop, make_traffic_furniture
 from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.segmentation._estimator import RegionGrowing
 
-__all__ = ["table6"]
-
 N_NEIGHBORS, MIN_REGION_SIZE = 50, 10
 SLOW_POINTS = 34_000  # points of a scene for RPCA and uLSIF, which take minutes each
 GROWTH_ALONE = {"refine": False}

@@ -9,8 +9,6 @@ from sklearn_mcmd.datasets import make_box, make_crown_roof
 from sklearn_mcmd.edges._detector import SharpFeatureDetector
 from sklearn_mcmd.metrics import bias_angle
 
-__all__ = ["figure10", "figure11", "figure12", "figure13"]
-
 NORMAL_NEIGHBORS, EDGE_NEIGHBORS = 20, 30
 NEAR, FAR = 2.0, 6.0  # spacings from an edge: inside the neighborhoods' reach, and outside
 ON, AROUND = 1.0, 2.0  # spacings within which points must be flagged, and may be flagged
@@ -219,9 +217,8 @@ def _edges(name, scene, make, view, said, runs, seed):
         "count as wrong. Recall is the percentage of the points within 1 spacing that are flagged.",
         "If a fit keeps to one face, its eigenvalue does not show the edge. So MCMD's edges by "
         "Eq. 25 are thin, precise and incomplete, more so with h = .5 k.",
-        *(f"{method.name}: {method.reading}." for method in SCENE_METHODS.values()
-          if method.name != "default"),
-    ]  # fmt: skip
+        *(f"{m.name}: {m.reading}." for m in SCENE_METHODS.values() if m.name != "default"),
+    ]
 
     def draw(figure):
         from sklearn_mcmd.plotting import plot_cloud

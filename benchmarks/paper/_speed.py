@@ -14,8 +14,6 @@ from benchmarks.paper._printed import SECONDS, SIZES, TIMED_SHARES
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, bootstrap_error, stream
 
-__all__ = ["table3"]
-
 # Seconds after which the timing of a method in a column ends, after at least three clouds.
 BUDGET = 1.0
 
@@ -86,8 +84,8 @@ def table3(runs=1000, *, seed=0, sizes=SIZES, shares=TIMED_SHARES):
             ax.grid(alpha=0.3)
         figure.axes[0].set(xscale="log", xlabel="points", title="20 % of outliers")
         figure.axes[1].set(xlabel="outliers, %", title="50 points")
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside right center",
-                      title="full: ours\ndotted: paper")  # fmt: skip
+        handles = ax.get_legend_handles_labels()
+        figure.legend(*handles, loc="outside right center", title="full: ours\ndotted: paper")
 
     title = f"Table 3: time of one plane, up to {runs} runs"
     return Report("table3", title, tables, notes, seconds, draw, (13.0, 5.0))

@@ -11,8 +11,6 @@ from benchmarks.paper._printed import BREAKDOWN, VARIANCES, Z_VARIANCES
 from benchmarks.paper._report import Report, Table
 from benchmarks.paper._runs import Steps, affordable, bias_angles, stream
 
-__all__ = ["figure5", "figure6", "figure7"]
-
 # A run has failed if its plane is off by more than FAILURE degrees. A method has broken down if
 # BREAKDOWN_SHARE of its runs have failed.
 FAILURE, BREAKDOWN_SHARE = 5.0, 0.05

@@ -22,6 +22,8 @@ _ASPECT, _SHAKE = 2.0, 0.15
 #: A beam is so wide at the ground that it meets a wire of this thickness.
 _WIRE = 0.16
 _PASSING = 0.45
+#: Standard deviation of ranges, how much denser the first swath is, and the second too high.
+_NOISE, _RATIO, _MISFIT = 0.014, 4.0, 0.03
 #: Speed of the aircraft, and seconds from the begin of one flight to that of the next.
 _SPEED, _NEXT = 60.0, 600.0
 
@@ -29,9 +31,6 @@ _SPEED, _NEXT = 60.0, 600.0
 def make_airborne_scan(
     n_samples=60_000,
     *,
-    noise=0.014,
-    density_ratio=4.0,
-    misfit=0.03,
     outlier_share=0.02,
     outlier_kinds=("range_error", "ghost", "low", "high"),
     far_share=0.002,
@@ -41,7 +40,7 @@ def make_airborne_scan(
     on a slope.
 
     Two flights 800 m up look at it from both sides, 11 to 20 degrees off the vertical. Their swaths
-    overlap by 10 m; the first is `density_ratio` times as dense, the second too high by `misfit`.
+    overlap by 10 m; the first is four times as dense, the second 3 cm too high.
     Beams may go on behind leaves and wires. Numbers follow two scans, of Amsterdam (AHN3) and of a
     village (IGN LiDAR HD): 15 and 23 points a square meter, here 15 in the first swath, 4 in the
     second; residuals of planes on the ground of 14 and 12 mm; points of vegetation 27 and 17 cm
@@ -50,7 +49,7 @@ def make_airborne_scan(
     """
 
     def record(origins, directions, ranges, stretch):
-        shift = np.outer(stretch == 1, [0.0, 0.0, float(misfit)])
+        shift = np.outer(stretch == 1, [0.0, 0.0, _MISFIT])
         return origins + ranges[:, None] * directions + shift
 
     def extra(scan, beams, beam):
@@ -61,10 +60,10 @@ def make_airborne_scan(
         }
 
     sensor = Sensor(
-        noise_at=lambda ranges: np.full(len(ranges), float(noise)),
+        noise_at=lambda ranges: np.full(len(ranges), _NOISE),
         reach=2 * _ALTITUDE,
         passing=_PASSING,
-        make_beams=lambda n, rng: _beams(n, density_ratio, rng),
+        make_beams=_beams,
         record=record,
         extra=extra,
     )
@@ -73,10 +72,10 @@ def make_airborne_scan(
     )
 
 
-def _beams(n, density_ratio, rng):
-    """Lines across the flight; the second swath is sparser by `density_ratio`."""
+def _beams(n, rng):
+    """Lines across the flight; the second swath is sparser."""
     areas = np.array([_SIZE[0] * (high - low) for low, high in _SWATHS])
-    density = n / (areas @ [1.0, 1.0 / density_ratio]) / np.array([1.0, density_ratio])
+    density = n / (areas @ [1.0, 1.0 / _RATIO]) / np.array([1.0, _RATIO])
     swaths = []
     for (low, high), per_area in zip(_SWATHS, density, strict=True):
         step = np.array([_ASPECT, 1.0]) / np.sqrt(_ASPECT * per_area)

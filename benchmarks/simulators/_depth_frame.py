@@ -21,13 +21,13 @@ _REACH = 6.0
 #: Half the width and height of the image at depth 1; pixels over which errors are alike.
 _HALF = np.array([0.61, 0.4575])
 _ALIKE = 1.3
+_NOISE = 0.37  # in steps
 
 
 def make_depth_frame(
     n_samples=100_000,
     *,
     step=0.0029,
-    noise=0.37,
     outlier_share=0.02,
     outlier_kinds=("mixed_pixel", "range_error"),
     far_share=0.0,
@@ -38,12 +38,12 @@ def make_depth_frame(
 
     There is one beam a pixel. The inverse of a depth, the distance along the camera's axis, is
     rounded to whole multiples of `step` (in 1/m), so steps of depth grow with its square: 12 mm at
-    2 m, 46 mm at 4 m. `noise` is in steps, alike in neighboring pixels; ``noise_scale`` holds
+    2 m, 46 mm at 4 m. Noise is .37 steps, alike in neighboring pixels; ``noise_scale`` holds
     rounding as well. The step, the field of view, the range of depths and the noise are those of a
     frame of an office (``office1.pcd`` of the Point Cloud Library). Arrays are those of
     `make_lidar_turn`, but for rings.
     """
-    total = np.hypot(noise, np.sqrt(1 / 12))  # rounding adds a twelfth of a step squared
+    total = np.hypot(_NOISE, np.sqrt(1 / 12))  # rounding adds a twelfth of a step squared
     sensor = Sensor(
         noise_at=lambda ranges: total * step * ranges**2,
         reach=_REACH,
@@ -51,7 +51,7 @@ def make_depth_frame(
         record=lambda origins, directions, ranges, _: _round_depth(
             origins, directions, ranges, step
         ),
-        deviate=lambda beams, beam, rng: noise / total * _alike(beams, beam, rng),
+        deviate=lambda beams, beam, rng: _NOISE / total * _alike(beams, beam, rng),
     )
     return sense_with(
         _world, sensor, n_samples, outlier_share, outlier_kinds, far_share, random_state

@@ -33,6 +33,9 @@ _TILT = np.radians(25)
 #: The beam leaves the vehicle only above this elevation.
 _LOWEST = -np.radians(60)
 _REACH = 60.0
+#: Standard deviation of near ranges, how many times it grows over the reach, and how many times
+#: denser lines are where the vehicle stands.
+_NOISE, _GROWTH, _RATIO = 0.005, 3.0, 10.0
 #: Distance of lines over that of points on a line, at this range.
 _ASPECT, _AT_RANGE = 5.0, 6.0
 _PASSING = 0.25
@@ -43,9 +46,6 @@ _RATE, _BLIND = 100.0, 0.9
 def make_mobile_scan(
     n_samples=100_000,
     *,
-    noise=0.005,
-    noise_growth=3.0,
-    density_ratio=10.0,
     outlier_share=0.02,
     outlier_kinds=("mixed_pixel", "range_error", "ghost"),
     far_share=0.002,
@@ -55,10 +55,10 @@ def make_mobile_scan(
     on the other side grass, a fence, bushes and trees.
 
     A beam turns 100 times a second in a plane 25 degrees off the street's cross-section, so points
-    lie on lines. Over 0.8 m the vehicle all but stands still: there lines lie `density_ratio` times
+    lie on lines. Over 0.8 m the vehicle all but stands still: there lines lie ten times
     as dense, in a stripe across everything. Lines are five times as far apart as points 6 m off: a
     raw scan of a street (Jakarto, 10,310 points) has lines 3.7 cm apart with points every 4 to
-    8 mm. Noise grows `noise_growth` times over 60 m. Besides the arrays of `make_lidar_turn`, but
+    8 mm. Noise of 5 mm grows three times over 60 m. Besides the arrays of `make_lidar_turn`, but
     for rings, there are ``stretch`` (1 where the vehicle stood), ``gps_time`` and ``trajectory``:
     times and positions.
     """
@@ -71,10 +71,10 @@ def make_mobile_scan(
         }
 
     sensor = Sensor(
-        noise_at=lambda ranges: noise * (1 + (noise_growth - 1) * ranges / _REACH),
+        noise_at=lambda ranges: _NOISE * (1 + (_GROWTH - 1) * ranges / _REACH),
         reach=_REACH,
         passing=_PASSING,
-        make_beams=lambda n, rng: _beams(n, density_ratio, rng),
+        make_beams=_beams,
         extra=extra,
     )
     return sense_with(
@@ -82,11 +82,11 @@ def make_mobile_scan(
     )
 
 
-def _beams(n, density_ratio, rng):
-    """Turns of one beam; where the vehicle stands, `density_ratio` times as many a meter."""
+def _beams(n, rng):
+    """Turns of one beam; where the vehicle stands, there are more a meter."""
     begin, end = _STOP
     knots = np.array([0.0, begin, end, _LENGTH])
-    ways = np.cumsum([0.0, begin, density_ratio * (end - begin), _LENGTH - end])
+    ways = np.cumsum([0.0, begin, _RATIO * (end - begin), _LENGTH - end])
     span = np.pi - 2 * _LOWEST
     step = np.sqrt(ways[-1] * span / (n * _ASPECT * _AT_RANGE))
     way = np.arange(rng.random(), ways[-1] / (_ASPECT * _AT_RANGE * step)) * (

@@ -63,8 +63,10 @@ figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 for shade, (snowfall, turn) in zip((0.35, 0.55, 0.75, 0.95), turns.items(), strict=True):
     snow = is_snow(turn)
     far = np.linalg.norm(turn.data[snow], axis=1)
-    ax.hist(far, np.arange(0, 21), histtype="step", lw=2, color=plt.get_cmap("Blues")(shade),
-            label=f"{snowfall:g} mm/h: {snow.mean():.1%} of the points")  # fmt: skip
+    style = {"histtype": "step", "lw": 2, "color": plt.get_cmap("Blues")(shade)}
+    ax.hist(
+        far, np.arange(21), label=f"{snowfall:g} mm/h: {snow.mean():.1%} of the points", **style
+    )
 ax.set(xlabel="range of flakes (m)", ylabel="flakes", xlim=(0, 20))
 ax.legend()
 plt.show()

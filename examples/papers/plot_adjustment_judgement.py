@@ -103,10 +103,10 @@ rates = {name: np.zeros((len(cells), 2)) for name in METHODS}
 for i, (place, share, size) in enumerate(cells):
     placement, two_sided = PLACEMENTS[place]
     for seed in range(runs):
+        outliers = {"placement": placement, "size": size, "two_sided": two_sided}
         X, truth = simulate_cloud(
-            round(share * N), shape=SHAPE, noise=1.0, placement=placement, size=size,
-            two_sided=two_sided, random_state=seed,
-        )  # fmt: skip
+            round(share * N), shape=SHAPE, noise=1.0, random_state=seed, **outliers
+        )
         for name, find in METHODS.items():
             found = find(X)
             rates[name][i] += (~found[truth]).mean() / runs, found[~truth].mean() / runs
@@ -170,6 +170,7 @@ for ax, robust in zip(axes, (False, True), strict=True):
     ax.set(
         title=f"robust_start={robust}: {found[truth].sum()} of 60 found, "
         f"{found[~truth].sum()} good points flagged",
-        xlabel="x", ylabel="height above the true plane [sigma]",
-    )  # fmt: skip
+        xlabel="x",
+        ylabel="height above the true plane [sigma]",
+    )
 plt.show()

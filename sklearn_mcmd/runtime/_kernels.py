@@ -32,7 +32,7 @@ def kernel(function=None, **options):
     options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": not options.get("cache")}
     options |= {"forceinline": "fastmath" in options, "cache": is_kept and "cache" in options}
     compiled = njit(nogil=True, error_model="numpy", **options)(function)
-    kept = compiled._cache
+    kept = getattr(compiled, "_cache", None)  # a plain function with NUMBA_DISABLE_JIT=1
     if hasattr(kept, "_cache_file"):  # not where nothing is kept
         kept._cache_file._source_stamp = (kept._cache_file._source_stamp, _stamp())
         kept.load_overload = partial(_load_unless_damaged, kept, kept.load_overload)

@@ -29,6 +29,18 @@ def test_every_round_removes_what_a_full_adjustment_removes(
         assert_array_equal(detector.fit(X, weights=p).elimination_step_, expected)
 
 
+@pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
+def test_removals_between_full_adjustments_are_theirs_too():
+    """So few points are all candidates, and the first six are far off, in short units."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        X = np.column_stack([rng.uniform(0, 1, 20), rng.normal(0, 0.02, 20)])
+        X[:6, 1] += rng.uniform(0.2, 1, 6)
+        expected = reference.snoop(X, alpha=0.05, sigma0=0.02, surface="orthogonal")
+        detector = BaardaPlaneDetector(sigma0=0.02, surface="orthogonal").fit(X)
+        assert_array_equal(detector.elimination_step_, expected)
+
+
 @pytest.mark.parametrize("correction", ["none", "sidak", "bonferroni"])
 def test_the_local_level_counts_the_points_that_are_left(correction):
     X = plane_with_outliers(60, 12, 4.0)
@@ -76,11 +88,13 @@ def test_the_statistic_of_a_removed_point_is_its_own_after_joining_the_support(t
     assert_allclose(detector.redundancy_[0], r[-1], rtol=1e-9)
 
 
-def test_precisions_scale_with_the_square_of_sigma0():
-    X, p = plane_with_outliers(), np.random.default_rng(1).uniform(0.2, 5, 400)
+@pytest.mark.parametrize("p", [np.random.default_rng(1).uniform(0.2, 5, 400), np.full(400, 2.0)])
+def test_precisions_scale_with_the_square_of_sigma0(p):
+    X = plane_with_outliers()
     one = BaardaPlaneDetector().fit(X, weights=p)
     other = BaardaPlaneDetector(sigma0=3).fit(X, weights=9 * p)
     assert_array_equal(one.labels_, other.labels_)
+    assert_allclose(one.test_statistic_, other.test_statistic_)
 
 
 @pytest.mark.parametrize("loss", ["huber", "tukey"])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import reference_adjustment as reference
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, critical_value, local_level, plan_plane
 from sklearn_mcmd.adjustment._planning_numba import snoop_planes
 from sklearn_mcmd.adjustment._start import StartLimits, half_of
@@ -17,12 +18,16 @@ def simulated(n, k, bias, m, seed=0):
     return X
 
 
-def snooped(X, n_trials=0, alpha=0.05):
+def limits_of(n, alpha=0.05):
+    return np.array([critical_value("w", local_level(alpha, i), 1) for i in range(n + 2)])
+
+
+def snooped(X, n_trials=0, corners=None):
     m, n, _ = X.shape
-    limits = [critical_value("w", local_level(alpha, i), 1) for i in range(n + 2)]
-    corners = np.random.default_rng(1).integers(n, size=(m, n_trials, 3))
+    if corners is None:
+        corners = np.random.default_rng(1).integers(n, size=(m, n_trials, 3))
     found, start = np.empty((m, n), dtype=bool), (half_of(n, 3), StartLimits().cut, 20)
-    snoop_planes(X, corners, start, np.array(limits), UNCONTROLLED, found)
+    snoop_planes(X, corners, start, limits_of(n), UNCONTROLLED, found)
     return found
 
 
@@ -42,6 +47,34 @@ def test_with_a_robust_start_they_are_nearly_always():
     same = (snooped(X, n_trials=69) == expected).all(axis=1)
     assert np.mean(same) >= 0.95
     assert np.mean(expected, axis=(0))[:21].mean() > 0.99
+
+
+def deviations(A, z, member, of_new=True):
+    """Of all points from the plane of members, by default in standard deviations of a new point."""
+    inverse = np.linalg.inv(A[member].T @ A[member])
+    sizes = np.abs(z - A @ (inverse @ A[member].T @ z[member]))
+    return sizes / np.sqrt(1 + of_new * np.einsum("ij,jk,ik->i", A, inverse, A))
+
+
+def test_robust_starts_from_the_same_corners_are_those_of_general_least_squares():
+    n, half, limits, rng = 13, half_of(13, 3), limits_of(13), np.random.default_rng(0)
+    for X in simulated(n, 5, 6, 60):
+        A, z, best = np.column_stack([X[:, :2], np.ones(n)]), X[:, 2], np.inf
+        corners = np.stack([rng.choice(n, 3, replace=False) for _ in range(3)])
+        for rows in corners:
+            sizes = np.abs(z - A @ np.linalg.solve(A[rows], z[rows]))
+            nearest = sizes <= np.sort(sizes)[half - 1]
+            if (sizes[nearest] ** 2).sum() < best:
+                best, member = (sizes[nearest] ** 2).sum(), nearest
+        for _ in range(20):  # concentration
+            sizes = deviations(A, z, member, of_new=False)
+            member = sizes <= np.sort(sizes)[half - 1]
+        for most in [StartLimits().cut] * 20 + [limits[n]]:  # reweighting
+            inside = deviations(A, z, member) <= most
+            member = inside if inside.sum() > 3 else member
+        member &= reference.snoop(X, member.astype(float), alpha=0.05) == 0
+        expected = deviations(A, z, member) > limits[member.sum() + 1]
+        np.testing.assert_array_equal(snooped(X[None], corners=corners[None])[0], expected)
 
 
 def test_outcomes_are_all_that_can_happen_and_the_level_is_kept():

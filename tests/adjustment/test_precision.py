@@ -61,7 +61,7 @@ def simulated_planes(surface, n, n_planes, normal, noise=0.01, seed=0):
     [("vertical", (-0.3, 0.2, 1)), ("orthogonal", (-0.3, 0.2, 1)), ("orthogonal", (1, 2, 0.01))],
 )
 @pytest.mark.parametrize(
-    "n_planes", [3_000, pytest.param(100_000, marks=pytest.mark.slow)], ids=["3k", "100k"]
+    "n_planes", [1_000, pytest.param(30_000, marks=pytest.mark.slow)], ids=["1k", "30k"]
 )
 def test_errors_over_standard_errors_of_simulated_planes_have_variance_one(
     surface, normal, n_planes
@@ -93,13 +93,13 @@ def test_errors_over_standard_errors_of_simulated_planes_have_variance_one(
 @pytest.mark.parametrize("variance", ["posterior", "prior"])
 def test_ellipses_of_95_percent_hold_95_percent_of_the_normals_of_ten_points(surface, variance):
     inside = []
-    for truth, _, plane in simulated_planes(surface, 10, 4_000, (-0.3, 0.2, 1)):
+    for truth, _, plane in simulated_planes(surface, 10, 1_500, (-0.3, 0.2, 1)):
         scale, dof = (0.01, np.inf) if variance == "prior" else (plane.variance_factor**0.5, 7)
         precision = precision_of(plane, scale, dof)
         error = np.degrees(precision.ellipse_axes.T @ (plane.normal - truth))
         radius = np.linalg.norm(error / precision.ellipse)
         inside.append(radius <= precision.confidence_factor(0.95))
-    assert 0.94 < np.mean(inside) < 0.96  # 0.95 is known to 0.0034
+    assert 0.935 < np.mean(inside) < 0.965  # 0.95 is known to 0.0056
 
 
 @pytest.mark.parametrize("weighted", [False, True])

@@ -75,8 +75,10 @@ def panels(figure):
     return {axes.get_title(): axes for axes in figure.axes}
 
 
-@pytest.mark.parametrize("columns", [[0, 1, 2], [0, 2]])
-@pytest.mark.parametrize("detector", DETECTORS)
+@pytest.mark.parametrize(
+    ("detector", "columns"),
+    [*((detector, [0, 1, 2]) for detector in DETECTORS), (DETECTORS[0], [0, 2])],
+)
 def test_the_picture_has_three_panels_and_can_be_saved(detector, columns, tmp_path):
     pytest.importorskip("matplotlib")
     X = plane_with_outliers(200, 10, 12.0)[:, columns]
@@ -122,11 +124,11 @@ def test_the_curves_are_those_of_the_normal_and_of_the_test(test):
 
 @pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
 @pytest.mark.parametrize("detector", DETECTORS)
-def test_a_point_more_than_three_has_a_report_too(detector, tmp_path):
+def test_a_point_more_than_three_has_a_report_too(detector):
     pytest.importorskip("matplotlib")
     X = plane_with_outliers(4, 0)
     assert "outliers" in text_report(detector.fit(X), X)
-    plot_report(detector, X).savefig(tmp_path / "report.png", dpi=40)
+    plot_report(detector, X)
 
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])

@@ -45,9 +45,8 @@ def same_by_tiles(verb, source, *options):
         ("denoise", ("--mode", "mark")),
         ("denoise", ("--contamination", 0.05, "--strictness", "surfaces")),
         ("normals", ("--features", "roughness,mean_curvature", "--orientation", "up")),
-        ("normals", ("--n-neighbors", "auto")),
-        ("segment", ()),
-        ("edges", ("--n-neighbors", 16, "--criterion", "surface_variation", "--no-denoise")),
+        ("segment", ("--no-colors", "--growth-neighbors", 20, "--max-angle", 8)),
+        ("edges", ("--n-neighbors", 16, "--no-colors")),
     ],
 )
 def test_a_file_larger_than_memory_gets_the_output_that_it_has_in_memory(

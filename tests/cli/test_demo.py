@@ -48,6 +48,7 @@ def test_demo_normals_are_nearer_to_the_truth_than_principal_components(demo):
     assert high["mcmd_z"] < 0.5 * high["pca"]
 
 
+@pytest.mark.slow
 def test_demo_in_the_same_folder_replaces_its_files_and_gives_the_same_again(tmp_path, monkeypatch):
     monkeypatch.setattr(_demo, "N_POINTS", 4_000)
     accuracy, files = [], []

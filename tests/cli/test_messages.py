@@ -10,6 +10,7 @@ from commands import done, error_line, files_in, run
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io import PointCloud, write_points
+from sklearn_mcmd.planes import _base
 from sklearn_mcmd.tiling import TilingError
 
 # Words of the estimators that mean nothing to users of the command line.
@@ -56,7 +57,10 @@ def test_work_that_ends_in_an_error_keeps_the_old_file(error, code, line, failin
         ("denoise", ("--false-positive-rate", 1e-5), "--false-positive-rate 1e-05 is less than"),
     ],
 )
-def test_values_out_of_reach_are_told_in_words_of_options(verb, option, words, room_file, tmp_path):
+def test_values_out_of_reach_are_told_in_words_of_options(
+    verb, option, words, room_file, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(_base, "MAX_TRIALS", 100)  # to draw more takes seconds
     told = run(verb, room_file, tmp_path / "out.laz", *option).stderr
     assert words in told
     assert not any(word in told for word in PYTHON)

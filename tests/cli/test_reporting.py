@@ -187,6 +187,8 @@ def test_what_a_run_warned_of_stands_on_its_page(verb, room_file, tmp_path):
     assert f"mcmd: warning: {warned}" in result.stderr.splitlines()
     assert "x and y seem to be degrees" in warned
     assert "Nothing to warn of" not in words_of(tmp_path / "r" / "index.html")
+    if verb != "denoise":  # one is enough for what follows
+        return
     result = run(verb, room_file, tmp_path / "o.laz", "--report", tmp_path / "r")
     assert "warning" not in result.stderr
     assert warnings_on(tmp_path / "r" / "index.html") == []  # of another run

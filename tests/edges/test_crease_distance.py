@@ -63,7 +63,13 @@ def fitted(points, noise, k):
     return columns, creases, distances[index.places]
 
 
-@pytest.mark.parametrize("name", CLOUDS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in ("half pole", "corner") else [])
+        for name in CLOUDS
+    ],
+)
 def test_distances_and_evidence_are_those_of_the_oracle(name):
     cloud, k = CLOUDS[name]
     columns, creases, distances = fitted(*cloud, k)

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 from sklearn.base import clone
 
 from sklearn_mcmd import RobustNormalEstimator
@@ -16,7 +17,6 @@ from sklearn_mcmd.normals._adaptive_k import (
     ScaleFinder,
     SizeLimits,
     are_turned,
-    wanted_by,
 )
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._principal_planes import normal_errors
@@ -82,7 +82,8 @@ def test_sizes_are_those_of_the_literal_steps_on_a_cloud_of_three_noises():
     k, wanted = LEAST, np.full(450, np.inf)
     while np.isinf(wanted).any() and k <= MOST // 2:
         (errors, normals), (_, larger) = planes_by_numpy(X, k), planes_by_numpy(X, 2 * k)
-        error, found = wanted_by(quiet(errors), k, 3, SizeLimits())
+        error = quiet(errors) / np.sqrt(chi2.ppf(QUIET, k - 6) / (k - 6))
+        found = k * error / TILT
         cosine = np.minimum(np.abs(np.einsum("ij,ij->i", normals, larger)), 1)
         bent = (found > 2 * k) & are_turned(quiet(np.degrees(np.arccos(cosine))), error)
         found = np.maximum(np.where(bent, k, np.where(found > 2 * k, np.inf, found)), LEAST)
@@ -170,6 +171,7 @@ def waves(noise, n=4000):
     return surface + rng.normal(0, noise, n)[:, None] * normals, normals
 
 
+@pytest.mark.slow
 def test_one_setting_does_for_clouds_for_which_no_fixed_number_does():
     ratios = {"auto": [], 16: [], 32: [], 64: [], 128: []}
     for noise in (0.0, 0.2, 0.4, 0.8):

@@ -137,6 +137,15 @@ def test_normals_point_up_or_to_the_side_of_a_direction(street, direction):
     assert (normals @ (direction or [0, 0, 1]) >= 0).all()
 
 
+def test_level_normals_point_to_where_the_coordinate_before_the_last_is_positive():
+    across, up = np.mgrid[:20.0, :20.0].reshape(2, -1)
+    wall = np.stack([across, across, up], axis=1)
+    normals = RobustNormalEstimator(20, random_state=0).fit(wall).normals_
+    level = normals[normals[:, 2] == 0]
+    assert level.size
+    assert (level[:, 1] > 0).all()
+
+
 def test_normals_point_to_the_sensor():
     X, directions = sphere(2000)
     inside = RobustNormalEstimator(

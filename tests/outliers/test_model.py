@@ -131,6 +131,7 @@ def clean_plane(n, d, seed):
     return np.column_stack([rng.uniform(0, 1, (n, d - 1)), noise])
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:n_neighbors=50 is more than")
 @pytest.mark.parametrize("d", [2, 3])
 def test_clean_planes_of_few_points_are_flagged_no_more_than_the_cutoff_says(d, monkeypatch):

@@ -106,6 +106,11 @@ def test_flat_groups_nearer_to_each_other_than_to_anything_real_are_one(n, gap, 
     assert_allclose(found.separation[400:412], 30 / size)
 
 
+def test_pieces_are_one_thing_even_if_each_has_nearly_the_least_size_of_a_thing():
+    found = company(with_rest(line_at(5, 5, 30), line_at(5, 13, 30)), 400, least=12.5)
+    assert_array_equal(found.groups, 0)
+
+
 @pytest.mark.parametrize("n", [3, 4])
 def test_what_a_plane_needs_is_no_piece(n):
     X = with_rest(line_at(5, 5, 30, n), line_at(5, 9, 30), line_at(5, 13, 30))

@@ -52,9 +52,8 @@ AXIS = np.array([np.cos(0.185), np.sin(0.185), 0])  # of the sheet
 
 def sheet_at_an_edge(rng):
     """Mixed pixels between a wall and the one behind it, and four flakes."""
-    rays = np.vstack([
-        beams(60, rng, (0.18, 0.19), (-0.4, 0.4)), beams(230, rng, (-0.5, 0.5), (-0.4, 0.4))
-    ])  # fmt: skip
+    parts = (60, (0.18, 0.19)), (230, (-0.5, 0.5))
+    rays = np.vstack([beams(n, rng, across, (-0.4, 0.4)) for n, across in parts])
     ranges = np.where(rays[:, 1] > np.tan(0.185) * rays[:, 0], 4, 7) / rays[:, 0]
     ranges[:60] = rng.uniform(4.2, 6.8, 60)
     ranges[60:64] = 2.0, 2.5, 3.0, 5.0

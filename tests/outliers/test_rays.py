@@ -10,6 +10,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from benchmarks.simulators import make_mobile_scan
+from outliers.test_ray_evidence import FORM, sheet_at_an_edge
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.report._outliers_page import reasons_of
@@ -18,15 +19,14 @@ from sklearn_mcmd.sensors._rays import one_far_position
 HEIGHT = 2.0  # of the sensor above the ground of the simulated room
 
 
-def room(n_rings=40, n_steps=300, rng=None, noise=0.003):
+def room(n_rings=32, n_steps=240, rng=None, noise=0.003):
     """A turn of a sensor at the origin in a room of 20 m by 20 m, its ground 2 m below."""
     rng = rng or np.random.default_rng(0)
     elevation = np.repeat(np.radians(np.linspace(-40, 12, n_rings)), n_steps)
     azimuth = np.tile(np.linspace(-np.pi, np.pi, n_steps, endpoint=False), n_rings)
     azimuth += 0.3 * (azimuth[1] - azimuth[0]) * rng.random(len(azimuth))
-    rays = np.column_stack([
-        np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation),
-    ])  # fmt: skip
+    around = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    rays = np.column_stack([np.cos(elevation)[:, None] * around, np.sin(elevation)])
     wall = 10 / np.abs(rays[:, :2]).max(axis=1)
     with np.errstate(divide="ignore"):
         ground = np.where(rays[:, 2] < 0, HEIGHT / -rays[:, 2], np.inf)
@@ -62,10 +62,8 @@ def test_flakes_are_found_and_rings_are_kept(snowed):
 
 @pytest.fixture(scope="module")
 def street():
-    return make_street(
-        20_000, sampling="scan_lines", outlier_share=0.1, outlier_kinds=["mixed_pixel"],
-        tree=True, random_state=0,
-    )  # fmt: skip
+    errors = {"outlier_share": 0.1, "outlier_kinds": ["mixed_pixel"]}
+    return make_street(12_000, sampling="scan_lines", tree=True, random_state=0, **errors)
 
 
 def test_sheets_of_mixed_pixels_are_found_and_the_rest_of_the_street_stays(street):
@@ -125,6 +123,13 @@ def test_outliers_by_rays_alone_are_those_that_coordinates_keep(street):
     assert (plain.n_by_rays_, detector(strictness=None).fit(street.data).n_by_rays_) == (0, 0)
     gross = detector(sensor_origin=street.sensor_origins[0], cutoff=6.0).fit(street.data)
     assert 0 < gross.n_by_rays_ < told.n_by_rays_
+
+
+@pytest.mark.parametrize("cutoff", [0.5, 3.0])
+def test_points_on_sheets_are_outliers_by_rays_alone_at_any_cutoff(cutoff):
+    X, sensor = sheet_at_an_edge(np.random.default_rng(0))
+    found = MCMDOutlierDetector(**FORM, cutoff=cutoff).fit(X, sensor_origin=sensor)
+    assert found.n_by_rays_ == reasons_of(found, np.arange(60)).count("on a sheet of rays") > 40
 
 
 def test_one_position_for_each_point_says_the_same_as_one_for_all(snowed):

@@ -76,6 +76,7 @@ def test_the_noise_is_added_as_displaced_copies():
     assert not np.array_equal(noisy_sign(stream(1, "a")).points, cloud.points)
 
 
+@pytest.mark.slow
 def test_table_5_runs_slow_methods_once_and_all_others_every_time(denoised):
     for name, found in denoised.results.items():
         assert found.shape == (1 if name in SLOW else 2, 7)
@@ -84,6 +85,7 @@ def test_table_5_runs_slow_methods_once_and_all_others_every_time(denoised):
         assert_allclose(found[:, 4], 100 * (found[:, 5] + found[:, 6]) / 330)
 
 
+@pytest.mark.slow
 def test_table_5_is_what_the_estimators_give(denoised):
     cloud = noisy_sign(stream(1, "table5", 1), 300)
     detector = MCMDOutlierDetector(50, reweight=False, strictness=None, random_state=1)
@@ -95,6 +97,7 @@ def test_table_5_is_what_the_estimators_give(denoised):
     assert denoised.results["default"][1, 6] == np.sum(labels[cloud.target == 1] == 1)
 
 
+@pytest.mark.slow
 def test_table_6_is_what_the_estimators_give(segmented):
     cloud = make_bus_stop(900, random_state=stream(1, "bus stop", 900, 1))
     columns = RobustNormalEstimator(50, method="pca", random_state=1).fit_transform(cloud.data)
@@ -106,6 +109,7 @@ def test_table_6_is_what_the_estimators_give(segmented):
     assert found[8] == pytest.approx(scores.adjusted_rand)
 
 
+@pytest.mark.slow
 def test_the_outcomes_of_table_6_add_up_to_the_surfaces(segmented):
     for (scene, _, _), found in segmented.results.items():
         totals = found[:, 1:5].sum(axis=1)

@@ -65,6 +65,13 @@ def test_a_few_points_that_were_not_rounded_do_not_matter():
     assert_allclose(coordinate_step(X), 0.01, rtol=1e-3)
 
 
+@pytest.mark.parametrize(("n_between", "step"), [(3, 1), (6, 0)])
+def test_at_most_two_percent_of_gaps_may_be_shorter_than_the_step(n_between, step):
+    """Each point between two whole numbers makes two short gaps of a long one, of 400."""
+    axis = np.append(np.arange(400.0), 50 * np.arange(1, n_between + 1) + 0.3)
+    assert coordinate_step(np.stack([axis] * 3, axis=1)) == step
+
+
 @pytest.mark.parametrize("method", ["mcmd_z", "mcmd_md"])
 def test_a_plane_rounded_to_centimeters_is_not_full_of_outliers(method):
     """Without a least scale a quarter of the points would be, most of them infinitely far."""

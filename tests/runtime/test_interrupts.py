@@ -127,6 +127,7 @@ def test_ctrl_c_ends_in_one_line_while_code_is_compiled(tmp_path):
         (FITTING, 130),
         (WRITING.format(name="SIGINT"), 130),
         (WRITING.format(name="SIGTERM"), 143),
+        pytest.param(WRITING.format(name="SIGHUP"), 129, marks=pytest.mark.slow),
     ],
 )
 def test_a_signal_during_the_work_leaves_no_file(moment, expected, room_file, tmp_path):

@@ -25,6 +25,12 @@ def n_compiled(name):
     return sum(module.double.stats.cache_misses.values())
 
 
+def test_where_numba_is_told_not_to_compile_python_runs():
+    command = [sys.executable, "-c", SOURCE + "print(double(3))"]
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    assert subprocess.check_output(command, env=environment, text=True) == "6\n"
+
+
 def test_an_edit_of_any_kernel_lets_all_be_compiled_again(tmp_path, monkeypatch):
     (tmp_path / "kept_kernel.py").write_text(SOURCE)
     monkeypatch.syspath_prepend(tmp_path)
@@ -91,12 +97,16 @@ def copied(tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="HOME does not say where users keep caches")
 @pytest.mark.parametrize(
     ("home", "temporary", "compilations"),
-    [("no/h", "t", 1), ("no/h", "no/t", 2)],
+    [
+        pytest.param("home", "no/t", 1, marks=pytest.mark.slow),
+        pytest.param("no/h", "t", 1, marks=pytest.mark.slow),
+        ("no/h", "no/t", 2),
+    ],
 )
 def test_a_package_that_cannot_be_written_keeps_its_code_elsewhere_or_compiles_each_time(
     home, temporary, compilations, copied, tmp_path
 ):
-    """In a temporary folder where there is no home."""
+    """In the user's folder of caches, or in a temporary folder where there is no home."""
     for name in ("home", "t"):
         (tmp_path / name).mkdir()
     environment = {k: v for k, v in os.environ.items() if k[:5] not in ("NUMBA", "XDG_C")}

@@ -130,6 +130,7 @@ def test_regions_do_not_depend_on_pose_unit_order_or_threads():
     assert_array_equal(grown(moved), labels)
 
 
+@pytest.mark.slow
 def test_posts_of_scenes_are_found():
     names = ("shelter_post_1", "shelter_post_2", "light_pole", "bin", "trunk")
     found = {True: 0, False: 0}

@@ -55,6 +55,7 @@ def test_curved_surfaces_stay_whole(noise):
     assert adjusted_rand_score(np.repeat([0, 1], 4000), labels) == 1.0
 
 
+@pytest.mark.slow
 def test_division_mends_what_planes_across_a_sparse_kerb_lead_over_it():
     # A kerb of 2.3 spacings: some planes that its points are given run across its edges.
     scores = {False: [], True: []}

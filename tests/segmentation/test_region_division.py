@@ -242,12 +242,14 @@ def test_small_patches_join_no_groups_that_large_ones_part():
     assert not mixed.any()
 
 
-def test_strips_are_the_same_by_pairs_and_by_trees(monkeypatch):
-    X, _ = roof(1000, 25, 0.2)
-    by_pairs = RegionGrowing(random_state=0).fit_predict(X)
-    monkeypatch.setattr("sklearn_mcmd.segmentation._region_division.FEW", 0)
-    assert_array_equal(RegionGrowing(random_state=0).fit_predict(X), by_pairs)
-    assert by_pairs.max() == 1
+@pytest.mark.parametrize(("name", "value"), [("FEW", 0), ("CHUNK", 2)])
+def test_strips_are_the_same_by_pairs_and_by_trees_and_in_parts(name, value, monkeypatch):
+    """There are three of them."""
+    X, _ = roof(3000, 30, 0.1)
+    expected = RegionGrowing(random_state=0).fit_predict(X)
+    monkeypatch.setattr(f"sklearn_mcmd.segmentation._region_division.{name}", value)
+    assert_array_equal(RegionGrowing(random_state=0).fit_predict(X), expected)
+    assert expected.max() == 1
 
 
 def test_points_beside_a_crease_are_on_its_sides():
