@@ -77,7 +77,8 @@ def _scores(comparator):
 def _ulsif(points, regular, n_outliers, n_flagged, random_state):
     """uLSIF, trained on the regular points of the same cloud."""
     training = points[regular].reshape(len(points), -1, points.shape[2])
-    scores = TrainedUlsif(clean=training).fit(points, random_state=random_state).scores
+    method = TrainedUlsif(clean=training - points[:, :1])  # methods begin at the first point
+    scores = method.fit(points, random_state=random_state).scores
     return _without_highest(points, scores, n_flagged)
 
 
@@ -87,8 +88,8 @@ class TrainedUlsif(Ulsif):
 
     clean: object = None
 
-    def _training(self, group, shuffled):
-        return self.clean - group.origin[:, None]
+    def _training(self, points, table, floor):
+        return self.clean
 
 
 def _peer(make, score):

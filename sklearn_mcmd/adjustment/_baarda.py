@@ -1,15 +1,13 @@
 """Baarda's data snooping of a least-squares plane."""
 
-from numbers import Integral
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.exceptions import ConvergenceWarning
 
 from sklearn_mcmd._choices import Correction, EliminationRule, Loss, Surface, Test, choices_of
-from sklearn_mcmd._errors import warn, warn_caller
-from sklearn_mcmd._sklearn import Interval, StrOptions
+from sklearn_mcmd._errors import warn
+from sklearn_mcmd._sklearn import StrOptions
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
 from sklearn_mcmd.adjustment._elimination import (
@@ -18,7 +16,7 @@ from sklearn_mcmd.adjustment._elimination import (
     eliminate_one_by_one,
     own_redundancy,
 )
-from sklearn_mcmd.adjustment._least_squares import adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weighed
 from sklearn_mcmd.adjustment._start import StartLimits, robust_start
 from sklearn_mcmd.adjustment._tests import (
     chance_outside,
@@ -26,7 +24,6 @@ from sklearn_mcmd.adjustment._tests import (
     local_level,
     residual_limit,
     standardized_residuals,
-    statistic,
     t_to_tau,
 )
 
@@ -72,10 +69,6 @@ class BaardaPlaneDetector(PlaneDetector):
         "single" removes the worst point of each round, "all" every rejected point. "all"
         reproduces the paper's tables. It removes many good points with the outliers; they come
         back in `labels_`.
-    max_iter : int, default=None
-        Largest number of rounds of removal. None means no limit.
-    contamination : "auto" or float in (0, 0.5], default="auto"
-        Share of training points to call outliers; by the critical value when "auto".
     surface : {"vertical", "orthogonal"}, default="vertical"
         "vertical" takes residuals along the last axis, "orthogonal" along the normal (total
         least squares). Take "orthogonal" for walls: of a plane tilted by 80 degrees with equal
@@ -197,7 +190,6 @@ class BaardaPlaneDetector(PlaneDetector):
     _parameter_constraints: ClassVar[dict] = {
         **PlaneDetector._parameter_constraints,
         "elimination": [StrOptions(choices_of(EliminationRule))],
-        "max_iter": [Interval(Integral, 1, None, closed="left"), None],
         "robust_start": ["boolean"],
         "random_state": ["random_state"],
     }
@@ -210,8 +202,6 @@ class BaardaPlaneDetector(PlaneDetector):
         sigma0: float | Literal["auto"] = 1.0,
         correction: Correction = "sidak",
         elimination: EliminationRule = "single",
-        max_iter: int | None = None,
-        contamination: float | Literal["auto"] = "auto",
         surface: Surface = "vertical",
         loss: Loss = "squared_error",
         robust_start: bool = False,
@@ -222,8 +212,6 @@ class BaardaPlaneDetector(PlaneDetector):
         self.sigma0 = sigma0
         self.correction = correction
         self.elimination = elimination
-        self.max_iter = max_iter
-        self.contamination = contamination
         self.surface = surface
         self.loss = loss
         self.robust_start = robust_start
@@ -238,8 +226,9 @@ class BaardaPlaneDetector(PlaneDetector):
         self.test_ = "tau" if self.test == "w" and estimated else self.test
         start = None
         if self.robust_start:
+            sigma0 = self._known_sigma()
             start, sigma = robust_start(
-                X, weights, used, initial.rank, self.surface, self._known_sigma(), self.random_state
+                training, initial.rank, self.surface, sigma0, self.random_state
             )
             if start is None:
                 warn(
@@ -265,9 +254,10 @@ class BaardaPlaneDetector(PlaneDetector):
         # A point that joins others has a t, for tau too, as their scale lacks it.
         level = local_level(self.alpha, found.plane.n_observations + 1, self.correction)
         limit = critical_value("w" if self.test_ == "w" else "t", level, self.dof_ + 1)
-        self.offset_ = self._choose_offset(scores, used, -limit)
+        self.offset_ = -limit
         self.labels_ = np.where(scores - self.offset_ < 0, -1, 1)
-        self._warn_of(found)
+        if found.ran_out_of_points:
+            self._warn_of_too_few(found.step > 0)
         self._warn_if_steep(training, initial)
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
@@ -292,12 +282,12 @@ class BaardaPlaneDetector(PlaneDetector):
 
         single = self.elimination == "single"
         if self.loss == "squared_error" and single:
-            return eliminate_one_by_one(X, weights, self.surface, limit, first, self.max_iter)
+            return eliminate_one_by_one(X, weights, self.surface, limit, first)
 
         def adjust(retained):
             return self._adjust(X, retained)[:2]
 
-        return eliminate(X, weights, adjust, limit, first, single, self.max_iter)
+        return eliminate(X, weights, adjust, limit, first, single)
 
     def _left_by_start(self, training, start, sigma):
         """The points that a robust plane leaves in the support, to begin the snooping with."""
@@ -322,7 +312,7 @@ class BaardaPlaneDetector(PlaneDetector):
         limits, support = JoiningLimits(), support.copy()
         n, size = int(np.count_nonzero(used)), np.count_nonzero(support)
         while size < n:
-            plane = adjust_plane(X, weights_of(support, weights), surface=self.surface)
+            plane = adjust_plane(X, weighed(support, weights), surface=self.surface)
             residuals, _, spread = plane.evaluate(X)
             values = -_added_scores(residuals, spread, weights, training.deviation_of(plane))
             outside = np.flatnonzero(used & ~support)
@@ -353,22 +343,11 @@ class BaardaPlaneDetector(PlaneDetector):
         redundancy = own_redundancy(cofactors, spread, weights, robust_weights)
         redundancy[~support] = 1 / (1 + spread * (1 if weights is None else weights))[~support]
         standardized = standardized_residuals(residuals, weights, redundancy)
-        tests = statistic(standardized, self.test_, self.sigma0_, self._fitted.scale, self.dof_)
-        self.test_statistic_ = np.where(support, tests, outside)
+        self.test_statistic_ = np.where(support, self._statistic(standardized), outside)
         self.redundancy_, self.leverage_ = redundancy, 1 - redundancy
         if robust_weights is not None:
             self.robust_weights_ = np.where(support, robust_weights, 0.0)
         return scores
-
-    def _warn_of(self, state):
-        if state.ran_out_of_points:
-            self._warn_of_too_few(state.step > 0)
-        if state.ran_out_of_rounds:
-            warn_caller(
-                f"max_iter={self.max_iter} rounds of removal left points that the test still "
-                "rejects; raise max_iter.",
-                ConvergenceWarning,
-            )
 
 
 def _added_scores(residuals, spread, weights, scale):

@@ -27,15 +27,15 @@ from sklearn_mcmd.adjustment._determinacy import (
 )
 from sklearn_mcmd.adjustment._least_squares import (
     PlaneAdjustment,
+    Training,
     adjust_plane,
-    residual_rounding,
     rounding_errors,
 )
 from sklearn_mcmd.adjustment._power import POWER, coupled_level
 from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import m_estimate
-from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level
+from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level, statistic
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
@@ -48,23 +48,6 @@ class SteepLimits(NamedTuple):
     share: float = 0.05  # of good points of a steep plane that the tests reject
     thickness: float = 0.1  # of a sheet of points over its width, at most
     nearness: float = 2.0  # by which the sheet is nearer to its points than the vertical plane
-
-
-class Training(NamedTuple):
-    """Points to test, and their weights, None where all are 1."""
-
-    X: NDArray[np.float64]
-    weights: NDArray[np.float64] | None
-    used: NDArray[np.bool_]  # points of positive weight
-    rounding_errors: NDArray[np.float64]  # of float64 in each coordinate
-
-    def rounding_of(self, direction):
-        """Largest rounding error of float64 in a residual of this direction."""
-        return residual_rounding(self.rounding_errors, direction)
-
-    def deviation_of(self, plane):
-        """Estimated standard deviation of unit weight, no less than rounding."""
-        return max(np.sqrt(plane.variance_factor), self.rounding_of(plane.direction))
 
 
 class FittedPlane(NamedTuple):
@@ -86,7 +69,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         "sigma0": [Interval(Real, 0, None, closed="neither"), StrOptions({"auto"})],
         "correction": [StrOptions(choices_of(Correction))],
         "loss": [StrOptions(choices_of(Loss))],
-        "contamination": [StrOptions({"auto"}), Interval(Real, 0, 0.5, closed="right")],
         "surface": [StrOptions(choices_of(Surface))],
     }
 
@@ -121,8 +103,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             residuals reject points of a steep plane; if the points of an orthogonal surface are
             as thick as they are wide; if half of the points are on one line, which is no robust
             start; or if `sigma0` is less than the rounding of float64.
-        ConvergenceWarning
-            If `max_iter` rounds were not enough.
         """
         self._fit(self._check_training(X, weights))
         return self
@@ -207,6 +187,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 "squares: take loss='squared_error'."
             )
         return reliability_of(self, X, power, n_worst)
+
+    def _statistic(self, standardized):
+        return statistic(standardized, self.test_, self.sigma0_, self._fitted.scale, self.dof_)
 
     def _level_of_one(self):
         """Level of the last tests of single points."""
@@ -356,12 +339,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 "$surface='orthogonal'.",
             )
 
-    def _choose_offset(self, scores, used, auto):
-        """Limit of the scores: by the test, or the percentile that the user wants."""
-        if self.contamination == "auto":
-            return auto
-        return float(np.percentile(scores[used], 100.0 * self.contamination))
-
 
 def check_points(detector: PlaneDetector, X: ArrayLike) -> NDArray[np.float64]:
     check_is_fitted(detector)
@@ -372,8 +349,3 @@ def check_points(detector: PlaneDetector, X: ArrayLike) -> NDArray[np.float64]:
             f"{(len(detector.labels_), detector.n_features_in_)}; pass the training points."
         )
     return points
-
-
-def sigma0_is_rounding(detector):
-    """Whether the standard deviation of a fitted detector is no more than rounding."""
-    return detector._fitted.is_rounding

@@ -23,7 +23,7 @@ class Difference(NamedTuple):
         The difference and its standard error; of tilts, into their own direction, and of a tilt of
         exactly 0 into the direction that is known worst.
     smallest : float
-        Smallest difference that the test detects with the wanted power; of tilts, into the
+        Smallest difference that the test detects with a power of 0.8; of tilts, into the
         direction that is known worst.
     pvalue : float
         Of the test by chi-squared, or by F if the scales are estimated.
@@ -65,7 +65,6 @@ def compare_planes(
     b: PlaneDetector,
     *,
     alpha: float = 0.05,
-    power: float = POWER,
     variance: Literal["posterior", "prior"] = "posterior",
 ) -> PlaneComparison:
     """Test whether two fitted planes are the same, parallel, moved or tilted.
@@ -80,8 +79,6 @@ def compare_planes(
         Fitted to clouds with as many columns; if not, a ValueError is raised.
     alpha : float in (0, 1), default=0.05
         Level of both tests together.
-    power : float in (0, 1), default=0.8
-        Of the smallest detectable differences.
     variance : {"posterior", "prior"}, default="posterior"
         See `BaardaPlaneDetector.precision`. Two estimated scales have Welch's degrees of freedom.
 
@@ -118,7 +115,7 @@ def compare_planes(
         roots = np.vstack([basis @ derivatives[:-1], derivatives[-1]])
         covariances.append(roots @ roots.T)
         dofs.append(dof)
-    levels = dofs, local_level(alpha, 2), power
+    levels = dofs, local_level(alpha, 2)
     angle = np.arctan2(np.linalg.norm(values), abs(a.normal_ @ b.normal_))  # values are its sine
     degree = np.degrees(1.0)
     tilt = _difference(angle * degree, values, [c[:-1, :-1] for c in covariances], *levels, degree)
@@ -127,7 +124,7 @@ def compare_planes(
     return PlaneComparison(" and ".join(found) or "same", tilt, moved)
 
 
-def _difference(value, values, covariances, dofs, level, power, unit=1.0):
+def _difference(value, values, covariances, dofs, level, unit=1.0):
     """A `Difference` of this value, from its parts along all directions in radians or units."""
     values, k, together = np.asarray(values), len(values), sum(covariances)
     traces = np.array([np.trace(c) for c in covariances])
@@ -139,7 +136,7 @@ def _difference(value, values, covariances, dofs, level, power, unit=1.0):
     return Difference(
         value=float(value),
         error=float(unit * np.sqrt(along @ together @ along if length else worst)),
-        smallest=float(unit * np.sqrt(worst * noncentrality(level, power, k, dof))),
+        smallest=float(unit * np.sqrt(worst * noncentrality(level, POWER, k, dof))),
         pvalue=float(chdtrc(k, squared) if np.isinf(dof) else fdtrc(k, dof, squared / k)),
         significant=bool(squared > quantile(1 - level, dof, k) ** 2),
     )

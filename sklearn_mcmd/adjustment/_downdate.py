@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weighed
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, first_of_largest, standardized_residuals
 
 # Share of its first value below which a sum is formed anew; twelve digits are left there.
@@ -43,12 +43,10 @@ class Change(NamedTuple):
 class DowndatedPlane:
     """The plane of the retained points, and the largest of their standardized residuals.
 
-    When a point leaves, only the few sums of the normal equations change (down-dating), and the
-    residuals and redundancy numbers of all points change a little. Only the *candidates*, the
-    points with the largest statistics at the last full adjustment, are computed again each time. A
-    bound limits the statistics of all other points. If the largest candidate does not exceed the
-    bound, the whole cloud has to be adjusted anew. So the point found is always the one that a full
-    computation finds. `sum_of_squares` is v'Pv of the retained points.
+    When a point leaves, only the few sums of the normal equations change (down-dating). Only the
+    *candidates*, the points with the largest statistics at the last full adjustment, are computed
+    again each time. A bound limits the statistics of all others: if the largest candidate does not
+    exceed it, the whole cloud is adjusted anew. So the point found is that of a full computation.
 
     With whitened regressors g (``|g|^2`` is a cofactor) and the residual e at the last adjustment,
     Cauchy's inequality and the triangle inequality give, with the names of `Change`::
@@ -131,10 +129,10 @@ class DowndatedPlane:
 
 def downdated_plane(X, weights, support, surface):
     """Adjust all points of the support and choose candidates."""
-    retained = weights_of(support, weights)
+    retained = weighed(support, weights)
     plane = adjust_plane(X, retained, surface=surface)
     residuals, cofactors, _ = plane.evaluate(X)
-    leverage = cofactors if weights is None else cofactors * weights
+    leverage = weighed(cofactors, weights)
     standardized = standardized_residuals(residuals, weights, 1 - leverage)
     standardized[~support] = -1.0
     leverage[~support] = 0.0

@@ -55,7 +55,7 @@ def effects_of(plane, X, rows, vertices, weights, alone):
     few = np.flatnonzero(alone[rows])
     same = rows[few, None] == vertices
     effect[few] = largest_effects(plane, X[rows[few]], X[vertices], same)
-    return effect if weights is None else effect * weights[rows]
+    return effect * (1.0 if weights is None else weights[rows])
 
 
 def largest_effects(plane, X, vertices, same=None):

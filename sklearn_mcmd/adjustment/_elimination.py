@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sklearn_mcmd.adjustment._downdate import downdated_plane
-from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weights_of
+from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weighed
 from sklearn_mcmd.adjustment._tests import first_of_largest, standardized_residuals
 
 
@@ -22,11 +22,10 @@ class Elimination(NamedTuple):
     n_rounds: int  # that removed points
     plane: PlaneAdjustment | None = None  # of the support
     robust_weights: NDArray[np.float64] | None = None  # W of the last M-estimate
-    ran_out_of_rounds: bool = False  # with rejected points left
     ran_out_of_points: bool = False
 
 
-def eliminate(X, weights, adjust, limit, start, single, max_rounds=None):
+def eliminate(X, weights, adjust, limit, start, single):
     """Remove every rejected point, or the worst one, and adjust again (section 1.1).
 
     ``adjust(retained)`` gives a plane and robust weights; ``limit(n_retained, dof,
@@ -34,7 +33,7 @@ def eliminate(X, weights, adjust, limit, start, single, max_rounds=None):
     """
     now, before = start, start.support
     while True:
-        plane, robust_weights = adjust(weights_of(now.support, weights))
+        plane, robust_weights = adjust(weighed(now.support, weights))
         if now.plane is not None and plane.rank < now.plane.rank:
             return now._replace(support=before, ran_out_of_points=True)
         now = now._replace(plane=plane, robust_weights=robust_weights)
@@ -49,8 +48,8 @@ def eliminate(X, weights, adjust, limit, start, single, max_rounds=None):
             rejected[:] = False
             rejected[first_of_largest(standardized)] = True
         n_rejected = np.count_nonzero(rejected)
-        if not n_rejected or now.n_rounds == max_rounds:
-            return now._replace(ran_out_of_rounds=n_rejected > 0)
+        if not n_rejected:
+            return now
         step = np.where(rejected, now.n_rounds + 1, now.step)
         now = now._replace(step=step, n_rounds=now.n_rounds + 1)
         if n_retained - n_rejected <= plane.rank:
@@ -58,10 +57,10 @@ def eliminate(X, weights, adjust, limit, start, single, max_rounds=None):
         before, now = now.support, now._replace(support=now.support & ~rejected)
 
 
-def eliminate_one_by_one(X, weights, surface, limit, start, max_rounds=None):
+def eliminate_one_by_one(X, weights, surface, limit, start):
     """Same as `eliminate` with ``single=True`` for least squares, by down-dating."""
     step, support, n_rounds = start.step.copy(), start.support.copy(), start.n_rounds
-    ends, plane = {}, downdated_plane(X, weights, support, surface)
+    plane, ran_out = downdated_plane(X, weights, support, surface), False
     while True:
         at = plane.largest()
         if at is None:
@@ -70,19 +69,18 @@ def eliminate_one_by_one(X, weights, surface, limit, start, max_rounds=None):
         most = limit(plane.n_retained, plane.dof, plane.variance_factor, plane.last.direction)
         if plane.standardized[at] <= most:
             break
-        if n_rounds == max_rounds:
-            ends["ran_out_of_rounds"] = True
-            break
         n_rounds += 1
         worst = plane.candidates.rows[at]
         step[worst] = n_rounds
         if plane.n_retained - 1 <= plane.last.rank:
-            ends["ran_out_of_points"] = True
+            ran_out = True
             break
         support[worst] = False
         plane = plane.without(at) or downdated_plane(X, weights, support, surface)
-    last = adjust_plane(X, weights_of(support, weights), surface=surface)
-    return Elimination(step=step, support=support, n_rounds=n_rounds, plane=last, **ends)
+    last = adjust_plane(X, weighed(support, weights), surface=surface)
+    return start._replace(
+        step=step, support=support, n_rounds=n_rounds, plane=last, ran_out_of_points=ran_out
+    )
 
 
 def own_redundancy(cofactors, spread, weights, robust_weights=None):
@@ -92,6 +90,5 @@ def own_redundancy(cofactors, spread, weights, robust_weights=None):
     taken as fixed: ``r = 1 - 2 w h + p g'Cg``, which is 1 - h for W = 1.
     """
     if robust_weights is None:
-        return 1 - (cofactors if weights is None else cofactors * weights)
-    loss = 2 * robust_weights * cofactors - spread
-    return 1 - (loss if weights is None else loss * weights)
+        return 1 - weighed(cofactors, weights)
+    return 1 - weighed(2 * robust_weights * cofactors - spread, weights)

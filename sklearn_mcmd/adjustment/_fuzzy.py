@@ -12,6 +12,7 @@ from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
 from sklearn_mcmd.adjustment._effects import bounding_points, effects_of, largest_effects
 from sklearn_mcmd.adjustment._elimination import own_redundancy
+from sklearn_mcmd.adjustment._least_squares import weighed
 from sklearn_mcmd.adjustment._memberships import (
     abnormal_residual_membership,
     defuzzification_complement,
@@ -22,7 +23,6 @@ from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS
 from sklearn_mcmd.adjustment._tests import (
     critical_value,
     standardized_residuals,
-    statistic,
     t_to_tau,
 )
 
@@ -66,8 +66,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         Weights of the limit. "ratio" is the paper's Eq. 20, ``1 / m_N - r~n``. "cut" is
         ``1 - r~n``. "ratio" has no bound: one huge outlier can take the limit for itself and mask
         the others. Take "cut" if sizes differ by more than a factor of 5.
-    contamination : "auto" or float in (0, 0.5], default="auto"
-        Share of training points to call outliers; by Eq. 21 when "auto".
     surface : {"vertical", "orthogonal"}, default="vertical"
         "vertical" takes residuals along the last axis, "orthogonal" along the normal (for walls).
     loss : {"squared_error", "huber", "tukey"}, default="squared_error"
@@ -165,7 +163,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         correction: Correction = "none",
         width: float = 1.0,
         weighting: Literal["ratio", "cut"] = "ratio",
-        contamination: float | Literal["auto"] = "auto",
         surface: Surface = "vertical",
         loss: Loss = "squared_error",
     ) -> None:
@@ -175,7 +172,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.correction = correction
         self.width = width
         self.weighting = weighting
-        self.contamination = contamination
         self.surface = surface
         self.loss = loss
 
@@ -204,9 +200,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.membership_residual_ = abnormal_residual_membership(*residual)
         normal = normal_residual_membership(*residual)
         abnormal = self.membership_residual_ >= 0.5
-        equivalent = weights
-        if robust_weights is not None:
-            equivalent = robust_weights if weights is None else robust_weights * weights
+        equivalent = weights if robust_weights is None else weighed(robust_weights, weights)
         effect, self._effects = self._find_effects(
             training._replace(weights=equivalent), cofactors, abnormal, loss_scale
         )
@@ -219,12 +213,11 @@ class FuzzyPlaneDetector(PlaneDetector):
             )
         self.defuzzification_limit_ = 1 - self.defuzzification_complement_
         # `decision_function` is negative for outliers, and a tie is one (Eq. 21).
-        limit = float(np.nextafter(self.defuzzification_complement_, np.inf))
+        self.offset_ = float(np.nextafter(self.defuzzification_complement_, np.inf))
         if not abnormal.any():
             # The largest effect times G is at least (1 - h) / 2 for a normal point, and at most
             # h / 2 for an abnormal one.
-            limit = float(min(0.25 / self._effects.largest, complement[used].min()))
-        self.offset_ = self._choose_offset(complement, used, limit)
+            self.offset_ = float(min(0.25 / self._effects.largest, complement[used].min()))
         self.labels_ = np.where(complement - self.offset_ < 0, -1, 1)
         self.labels_[~used] = 1
         self._set_variance_after(X, weights)
@@ -266,9 +259,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         effect[among_normal] = np.maximum(effect, diagonal)[among_normal]
         return normal_error_complement(effect / effects.largest, normal)
 
-    def _statistic(self, standardized):
-        return statistic(standardized, self.test, self.sigma0_, self._fitted.scale, self.dof_)
-
     def _robust_weights_at(self, residuals, loss_scale, weights=None):
         """W of given residuals, by the same rule for training points and new ones."""
         standardized = residuals / max(loss_scale, self._fitted.rounding)
@@ -286,7 +276,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         """
         X, weights, used, _ = training
         plane, n = self._fitted.plane, len(X)
-        leverage = cofactors if weights is None else cofactors * weights
+        leverage = weighed(cofactors, weights)
         diagonal = np.maximum(1 - leverage, 0.0)
         alone = leverage > 0.5  # at most 2u points: leverages sum to u
 
@@ -320,7 +310,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         if np.count_nonzero(left) <= plane.rank:
             self._warn_of_too_few(self.labels_ == -1)
         elif not left.all():
-            retained = left.astype(float) if weights is None else left * weights
-            plane, *_ = self._adjust(X, retained)
+            plane, *_ = self._adjust(X, weighed(left, weights))
             self.variance_factor_ = plane.variance_factor
             self.global_test_pvalue_ = self._global_test(plane)

@@ -1,10 +1,11 @@
 """Weighted least-squares planes: coefficients, cofactors and redundancy numbers."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import eigh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.linalg import lstsq, orth
 
 from sklearn_mcmd._choices import Surface
@@ -14,6 +15,23 @@ CHUNK = 1 << 15  # rows that are processed together, whose copy stays in the pro
 
 # Spread of a direction over the largest, squared and of columns scaled alike, of collinear columns.
 RANK_TOLERANCE = 1e-13
+
+
+class Training(NamedTuple):
+    """Points to test, and their weights, None where all are 1."""
+
+    X: NDArray[np.float64]
+    weights: NDArray[np.float64] | None
+    used: NDArray[np.bool_]  # points of positive weight
+    rounding_errors: NDArray[np.float64]  # of float64 in each coordinate
+
+    def rounding_of(self, direction):
+        """Largest rounding error of float64 in a residual of this direction."""
+        return residual_rounding(self.rounding_errors, direction)
+
+    def deviation_of(self, plane):
+        """Estimated standard deviation of unit weight, no less than rounding."""
+        return max(np.sqrt(plane.variance_factor), self.rounding_of(plane.direction))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,16 +133,13 @@ class PlaneAdjustment:
         return replace(self, kernel=kernel)
 
 
-def adjust_plane(
-    X: ArrayLike, weights: ArrayLike | None = None, *, surface: Surface = "vertical"
-) -> PlaneAdjustment:
+def adjust_plane(X, weights=None, *, surface="vertical"):
     """Weighted least-squares plane, its cofactors and variance factor (Eqs 2-4, 9).
 
     The last column of X (n, d) is the dependent variable of a vertical surface; residuals are along
     it (the paper), or along the normal of an orthogonal one (total least squares, for walls).
     Weights are precisions ``p_i = sigma0^2 / sigma_i^2``; points of weight 0 take no part. Raise if
-    X has fewer than two columns, is not finite, or its squares overflow; or if all weights are
-    zero.
+    squares of X overflow.
 
     Rank-deficient designs (collinear or constant regressors, one location) get the slopes of
     minimum norm. Residuals and redundancy numbers do not depend on that choice.
@@ -132,22 +147,15 @@ def adjust_plane(
     The whitening is done twice, like a second Gram-Schmidt step. The first pass squares the
     condition number, and the second restores the accuracy lost by that.
     """
-    X = np.asarray(X, dtype=np.float64)
-    if X.ndim != 2 or X.shape[1] < 2:
-        raise ValueError(f"X has shape {X.shape}; a plane needs points of 2 columns or more.")
-    if weights is not None:
-        weights = np.asarray(weights, dtype=np.float64)
     used = np.arange(X.shape[0]) if weights is None else np.flatnonzero(weights)
-    if len(used) == 0:
-        raise ValueError("X has no point of positive weight: there is nothing to adjust.")
     # Any point inside the cloud can be the first origin: take the mean of a thinned cloud.
     origin = X[used[:: len(used) // 1024 + 1]].mean(axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
         total, first, second = _moments(X, origin, None, weights)
     if not np.all(np.isfinite(second)):
         raise ValueError(
-            "X has missing or infinite coordinates, or some whose squares overflow float64; "
-            "remove those points or rescale X to smaller units."
+            "X has coordinates whose squares overflow float64; remove those points or rescale X to "
+            "smaller units."
         )
     mean = first / total
     scatter = second - np.outer(mean, first)
@@ -182,9 +190,9 @@ def adjust_plane(
     )
 
 
-def weights_of(members, weights):
-    """Weights of an adjustment of some points; 0 for the others."""
-    return members.astype(float) if weights is None else members * weights
+def weighed(values, weights):
+    """Values times weights, None where all are 1; of a mask the weights of its points, else 0."""
+    return values * (1.0 if weights is None else weights)
 
 
 def rounding_errors(X):

@@ -4,14 +4,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtri, stdtrit
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd._sklearn import validate_params
 from sklearn_mcmd.adjustment._base import N_WORST, PlaneDetector, check_points
 from sklearn_mcmd.adjustment._comparison import PlaneComparison
 from sklearn_mcmd.adjustment._plane_figures import plane_figures
-from sklearn_mcmd.adjustment._tests import t_to_tau
+from sklearn_mcmd.adjustment._tests import critical_value
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness
 
 if TYPE_CHECKING:
@@ -243,29 +242,17 @@ def _draw_statistics(axes, detector, outliers):
     rank = np.arange(1, len(order) + 1)
     _scatter_both(axes, rank, statistic, outliers[order])
     n = np.count_nonzero(~outliers)
-    if n:
+    if n and detector.dof_ > 1:
         ranks = np.unique(np.linspace(1, n, 500).astype(int))
-        expected = _expected(detector, (ranks - 0.5) / n)
+        levels = 1 - (ranks - 0.5) / n
+        expected = [critical_value(detector.test_, level, detector.dof_) for level in levels]
         axes.plot(ranks, expected, color="k", lw=1, label="expected without outliers")
     limit = detector.critical_value_
     if np.isfinite(limit):
         axes.axhline(limit, color="k", linestyle="--", label="critical value")
         # Linear up to the critical value, logarithmic above it.
-        axes.set_yscale("symlog", linthresh=limit, linscale=2.5, subs=range(2, 10))
-        ticks = np.arange(0, np.floor(limit) + 1, max(np.floor(limit / 4), 1))
-        tens = 10.0 ** np.arange(np.ceil(np.log10(limit)), 20)
-        axes.set_yticks([*ticks, *tens[tens <= 2 * statistic.max()]])
-        axes.yaxis.set_major_formatter("{x:g}")
+        axes.set_yscale("symlog", linthresh=limit, linscale=2.5)
     highest = max(statistic.max(), limit if np.isfinite(limit) else 1)
     axes.set(title="Test statistics", ylim=(0, 1.3 * highest))
     axes.set(xlabel="points, in ascending order", ylabel=f"test statistic {detector.test_}")
     axes.legend(loc="center left")
-
-
-def _expected(detector, probability):
-    """Quantiles of the statistic in clean data."""
-    level = 1 - probability
-    if detector.test_ == "w" or detector.dof_ < 2:
-        return -ndtri(level / 2)
-    t = -stdtrit(detector.dof_ - 1, level / 2)
-    return t if detector.test_ == "t" else t_to_tau(t, detector.dof_)

@@ -10,6 +10,7 @@ from sklearn_mcmd.adjustment._least_squares import (
     adjust_plane,
     residual_rounding,
     rounding_errors,
+    weighed,
 )
 
 MAX_ITERATIONS = 200  # adjustments of an M-estimate, after which it warns
@@ -52,7 +53,7 @@ def m_estimate(X, weights=None, *, loss="huber", sigma0=None, surface="vertical"
         if weights is not None:
             standardized *= np.sqrt(weights)
         robust_weights = weigh(standardized)
-        equivalent = robust_weights if weights is None else robust_weights * weights
+        equivalent = weighed(robust_weights, weights)
         if np.count_nonzero(equivalent) <= plane.rank:
             break  # too few observations left for a plane: keep the last plane
         plane = adjust_plane(X, equivalent, surface=surface)

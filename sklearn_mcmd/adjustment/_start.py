@@ -5,12 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd.adjustment._least_squares import (
-    adjust_plane,
-    residual_rounding,
-    rounding_errors,
-    weights_of,
-)
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weighed
 from sklearn_mcmd.adjustment._robust import robust_scale
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED
 from sklearn_mcmd.planes._consistent_set import (
@@ -35,25 +30,25 @@ class StartLimits(NamedTuple):
 MAX_ROUNDS = 20  # both iterations converge within a few, or alternate between nearly equal sets
 
 
-def robust_start(X, weights, used, rank, surface, sigma0, random_state):
+def robust_start(training, rank, surface, sigma0, random_state):
     """The plane of the most coplanar half of the points, and its scale.
 
-    `used` are the points of positive weight, `rank` is that of the plane of all points. The plane
-    is that of all points within 2.5 deviations of it. It is None if these points, or all but one of
-    them, are on one line: then many planes fit half of the points or more. The scale is sigma0, or
-    the standard deviation of these points, which separate outliers do not enlarge as they would
-    enlarge a median.
+    `rank` is that of the plane of all points. The plane is that of all points within 2.5 deviations
+    of it. It is None if these points, or all but one of them, are on one line: then many planes fit
+    half of the points or more. The scale is sigma0, or the standard deviation of these points,
+    which separate outliers do not enlarge as they would a median.
 
     Two well-known iterations start from the consistent set: concentration on the half of the points
     with the least residuals (least trimmed squares), then reweighting.
     """
+    X, weights, used, _ = training
     limits, members = StartLimits(), np.zeros(len(X), dtype=bool)
     points = X[used] if surface == "orthogonal" else _stretched(X[used])
     members[used] = _robust_start_plane(points, random_state)
     size = np.count_nonzero(members)
-    root = np.sqrt(used if weights is None else weights)
+    root = np.sqrt(weighed(used, weights))
     for _ in range(MAX_ROUNDS):
-        plane = adjust_plane(X, weights_of(members, weights), surface=surface)
+        plane = adjust_plane(X, weighed(members, weights), surface=surface)
         residuals = plane.evaluate(X)[0]
         distances = np.where(used, np.abs(residuals) * root, np.inf)
         nearest = np.zeros(len(X), dtype=bool)
@@ -62,22 +57,21 @@ def robust_start(X, weights, used, rank, surface, sigma0, random_state):
             break
         members = nearest
 
-    errors = rounding_errors(X[used])
-    floor = residual_rounding(errors, plane.direction)
     made_of = members
-    sigma = sigma0 or max(robust_scale(residuals, weights, plane.rank), floor)
+    rounding = training.rounding_of(plane.direction)
+    sigma = sigma0 or max(robust_scale(residuals, weights, plane.rank), rounding)
     members = None
     for _ in range(MAX_ROUNDS):
         residuals, _, spread = plane.evaluate(X)
-        deviation = sigma * np.sqrt(1 + (spread if weights is None else spread * root**2))
+        deviation = sigma * np.sqrt(1 + spread * (1 if weights is None else root**2))
         near = used & (np.abs(residuals) * root <= limits.cut * deviation)
         if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):
             break
         made_of = members = near
-        plane = adjust_plane(X, weights_of(members, weights), surface=surface)
+        plane = adjust_plane(X, weighed(members, weights), surface=surface)
         if sigma0 is None:
-            floor = residual_rounding(errors, plane.direction)
-            sigma = max(np.sqrt(plane.variance_factor) / limits.cut_deviation, floor)
+            rounding = training.rounding_of(plane.direction)
+            sigma = max(np.sqrt(plane.variance_factor) / limits.cut_deviation, rounding)
     leverage = plane.evaluate(X[made_of])[1] * (1 if weights is None else weights[made_of])
     # If there are only as many points as parameters, all have leverage 1, wherever they are.
     one_apart = len(leverage) > rank and leverage.max() > 1 - UNCONTROLLED

@@ -2,7 +2,6 @@
 
 from sklearn_mcmd.baselines._detector import PlaneOutlierDetector
 from sklearn_mcmd.baselines._fits import NeighborhoodFit
-from sklearn_mcmd.baselines._methods import fit_neighborhoods
 from sklearn_mcmd.baselines._pca import Pca
 from sklearn_mcmd.baselines._qsp import Qsp
 from sklearn_mcmd.baselines._ransac import Msac, Ransac
@@ -18,5 +17,4 @@ __all__ = [
     "Ransac",
     "Robpca",
     "Ulsif",
-    "fit_neighborhoods",
 ]

@@ -1,7 +1,8 @@
 """The interface of all methods: they take neighborhoods and return `NeighborhoodFit`."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import lru_cache
 from numbers import Real
 from typing import Any, ClassVar, NamedTuple
 
@@ -46,9 +47,9 @@ class NeighborhoodFit:
         Standard deviation of the noise along the normal, in units of the points. It is negative
         where no plane was found; there no member is judged.
     origin : ndarray of shape (B, d)
-        Origin of the coordinates that `model` takes.
-    model : object
-        Its ``score(points)`` gives the scores of any points (B, m, d), with the origin subtracted.
+        Origin of the coordinates that `models` take.
+    models : list of (ndarray of int, object)
+        Rows of neighborhoods of one size, and what scores any points of theirs (m, d).
     """
 
     scores: np.ndarray
@@ -59,22 +60,15 @@ class NeighborhoodFit:
     normals: np.ndarray
     scale: np.ndarray
     origin: np.ndarray
-    model: Any
+    models: list[tuple[NDArray[np.intp], Any]]
 
     def score(self, queries: NDArray[np.float64]) -> NDArray[np.float64]:
         """Abnormality (B, m) of queries (B, m, d) to each of the neighborhoods."""
+        local, scores = queries - self.origin[:, None], np.empty(queries.shape[:2])
         with np.errstate(over="ignore"):  # off copies of the origin, which have no scale
-            return self.model.score(queries - self.origin[:, None])
-
-
-class Group(NamedTuple):
-    """Neighborhoods of one size, as `Method._fit` takes them."""
-
-    points: np.ndarray  # (B, n, d), with the origin subtracted
-    table: np.ndarray  # random positions
-    floor: np.ndarray  # (B,), the least scale
-    origin: np.ndarray  # (B, d)
-    compiled: bool | None
+            for rows, model in self.models:
+                scores[rows] = model.score(local[rows])
+        return scores
 
 
 class Found(NamedTuple):
@@ -116,7 +110,33 @@ class Method(ABC):
     def fit(
         self, points: ArrayLike, *, random_state: int | np.random.RandomState | None = None
     ) -> NeighborhoodFit:
-        """Judge the members of neighborhoods, as `fit_neighborhoods` does."""
+        """Judge the members of many neighborhoods.
+
+        Parameters
+        ----------
+        points : array-like of shape (B, n, d)
+            Neighborhoods, in any unit; one cloud X is ``X[None]``. They are centered at each
+            neighborhood's first member before any arithmetic.
+        random_state : int, RandomState instance or None, default=None
+            Seed of the one table of random positions that all neighborhoods use.
+
+        Examples
+        --------
+        Two walls, one with a car in front of it:
+
+        >>> import numpy as np
+        >>> from sklearn_mcmd.baselines import Pca, Ransac, Robpca
+        >>> rng = np.random.default_rng(0)
+        >>> walls = rng.uniform(0, 2, (2, 50, 3)) * [1, 0, 1] + rng.normal(0, 0.004, (2, 50, 3))
+        >>> walls[1, :15] += [0, -0.8, 0]
+        >>> for method in (Pca(), Ransac(), Robpca()):
+        ...     found = method.fit(walls, random_state=0)
+        ...     tilts = np.degrees(np.arccos(np.abs(found.normals[:, 1])))
+        ...     print((~found.inliers).sum(axis=1), "removed, tilts", tilts.round(1), "degrees")
+        [1 0] removed, tilts [0.1 4.7] degrees
+        [ 1 15] removed, tilts [0.  0.1] degrees
+        [ 2 15] removed, tilts [0.1 0.1] degrees
+        """
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 3:
             raise ValueError(
@@ -128,22 +148,20 @@ class Method(ABC):
             raise ValueError(
                 f"{n} members are too few for planes in {d}D: at least {d + 1} are needed."
             )
-        return self.fit_sizes(points, np.full(n_sets, n), self.tables(random_state))
+        return self.fit_sizes(points, np.full(n_sets, n), self.seed(random_state))
 
     def fit_sizes(
         self,
         points: NDArray[np.float64],
         sizes: NDArray[np.integer],
-        tables: "Tables",
+        seed: int,
         rounding: float = 8 * 2.0**-52,
         least_scale: float = 0.0,
-        compiled: bool | None = None,
     ) -> NeighborhoodFit:
         """As `fit`, for neighborhoods whose first `sizes` members are in use.
 
         `rounding` is the relative rounding error of the coordinates, and `least_scale` the error
-        from their step. No scale is smaller than these. `compiled` chooses between the two forms
-        of the arithmetic where there are two; with None the method chooses.
+        from their step. No scale is smaller than these.
         """
         n_sets, n, d = points.shape
         origin = points[:, 0].copy()
@@ -159,16 +177,7 @@ class Method(ABC):
         models = []
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
-            table = tables.of(int(size), d)
-            found = self._fit(
-                Group(
-                    points=local[rows, :size],
-                    table=table,
-                    floor=floor[rows],
-                    origin=origin[rows],
-                    compiled=compiled,
-                )
-            )
+            found = self._fit(local[rows, :size], self.table(int(size), d, seed), floor[rows])
             scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
             support[rows, :size] = found.inliers if found.support is None else found.support
             cutoff[rows], scale[rows] = found.cutoff, found.scale
@@ -179,7 +188,6 @@ class Method(ABC):
         if unknown.any():
             scales = plane_scale(local, support, centers, axes[..., 0])
             scale = np.where(unknown, np.maximum(scales, floor), scale)
-        model = models[0][1] if len(models) == 1 else _merge(models, n_sets)
         return NeighborhoodFit(
             scores=scores,
             cutoff=cutoff,
@@ -189,12 +197,17 @@ class Method(ABC):
             normals=axes[..., 0],
             scale=scale,
             origin=origin,
-            model=model,
+            models=models,
         )
 
-    def tables(self, random_state: int | np.random.RandomState | None = None) -> "Tables":
-        """The tables of random positions, by the size of the neighborhoods."""
-        return Tables(self, check_random_state(random_state).randint(LARGEST_SEED))
+    def seed(self, random_state: int | np.random.RandomState | None = None) -> int:
+        """The seed of all tables of random positions."""
+        return check_random_state(random_state).randint(LARGEST_SEED)
+
+    def table(self, size: int, d: int, seed: int) -> NDArray[np.intp]:
+        """The one table of random positions of all neighborhoods of a size."""
+        n_rows, n_columns = self.table_shape(size, d)
+        return _draw_positions(n_rows, min(n_columns, size), size, seed)
 
     def usual_cutoff(self, n: int, d: int) -> float | None:
         """Score above which one of n members is an outlier; None for a method without a cut-off."""
@@ -205,23 +218,12 @@ class Method(ABC):
         """Rows and columns of the table for neighborhoods of a size."""
 
     @abstractmethod
-    def _fit(self, group):
-        """The verdicts on neighborhoods of one size, as `Found`."""
+    def _fit(self, points, table, floor):
+        """The verdicts on neighborhoods of one size, as `Found`.
 
-
-class Tables:
-    """One table of random positions for all neighborhoods of a size, drawn on first use."""
-
-    def __init__(self, method, seed):
-        self.method = method
-        self.seed = seed
-        self.drawn = {}
-
-    def of(self, size, d):
-        if size not in self.drawn:
-            n_rows, n_columns = self.method.table_shape(size, d)
-            self.drawn[size] = _draw_positions(n_rows, min(n_columns, size), size, self.seed)
-        return self.drawn[size]
+        Points (B, n, d) are without the origin; `table` has random positions, `floor` (B,) the
+        least scale.
+        """
 
 
 def flag_share(scores, contamination):
@@ -247,6 +249,7 @@ def plane_scale(points, members, centers, normals):
     return np.sqrt(np.square(distances).sum(axis=1) / freedom)
 
 
+@lru_cache  # which is asked for by each chunk
 def _draw_positions(n_rows, n_columns, size, seed):
     rng = np.random.RandomState(seed)
     if size <= SHUFFLE_AT_ONCE:
@@ -255,17 +258,3 @@ def _draw_positions(n_rows, n_columns, size, seed):
     for row in table:
         row[:] = sample_without_replacement(size, n_columns, random_state=rng)
     return table
-
-
-def _merge(models, n_sets):
-    """One model of all neighborhoods from the models of each size; missing entries are zero."""
-    first = models[0][1]
-    arrays = []
-    for field in fields(first):
-        parts = [np.asarray(getattr(model, field.name)) for _, model in models]
-        shape = np.max([part.shape[1:] for part in parts], axis=0).astype(int)
-        array = np.zeros((n_sets, *shape))
-        for (rows, _), part in zip(models, parts, strict=True):
-            array[(rows, *(slice(0, m) for m in part.shape[1:]))] = part
-        arrays.append(array)
-    return type(first)(*arrays)

@@ -95,17 +95,17 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
         for start in range(0, n_sets, at_once):
             rows = slice(start, start + at_once)
             support[rows] = _best_support(local[rows], table, h, ridge[rows])
-    locations, covariances = _moments(local, support, 0)
-    covariances *= _consistency(h / n, d)
+    locations, scatter, size = moments(local, support)
+    covariances = scatter / size * _consistency(h / n, d)
     if small_sample:
         covariances *= _small_sample("raw", n, d, support_fraction)
     raw = _squared_distances(local, locations, covariances, ridge)
     kept = raw <= chdtri(d, 1.0 - limits.kept_quantile)
     # At least the subset itself is kept.
     kept = np.where((kept.sum(axis=1) >= h)[:, None], kept, kept | support)
-    locations, covariances = _moments(local, kept, 1)
+    locations, scatter, size = moments(local, kept)
     share = kept.mean(axis=1) if consistency == "kept" else np.full(n_sets, limits.kept_quantile)
-    covariances *= _consistency(share, d)[:, None, None]
+    covariances = scatter / (size - 1) * _consistency(share, d)[:, None, None]
     if small_sample:
         covariances *= _small_sample("reweighted", n, d, support_fraction)
     scale = extent[:, None, None]
@@ -206,14 +206,13 @@ def _feature_moments(features, support, ridge):
     return mean, covariance
 
 
-def _moments(local, members, freedom):
-    """Mean and covariance (divisor: size less freedom) of members (B, n)."""
+def moments(points, members):
+    """Mean (B, d), sum of products of deviations (B, d, d) and number (B, 1, 1) of members."""
     weight = members[..., None].astype(float)
-    size = np.maximum(weight.sum(axis=1), freedom + 1)
-    mean = (local * weight).sum(axis=1) / size
-    deviations = (local - mean[:, None]) * weight
-    covariance = np.swapaxes(deviations, 1, 2) @ deviations / (size - freedom)[..., None]
-    return mean, covariance
+    size = weight.sum(axis=1)
+    mean = (points * weight).sum(axis=1) / size
+    deviations = (points - mean[:, None]) * weight
+    return mean, np.swapaxes(deviations, 1, 2) @ deviations, size[..., None]
 
 
 def _squared_distances(local, locations, covariances, ridge):

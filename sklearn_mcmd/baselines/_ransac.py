@@ -1,28 +1,22 @@
 """RANSAC and MSAC: the plane of the minimal subset that most members agree with."""
 
 from dataclasses import dataclass
-from functools import partial
 from numbers import Integral, Real
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import chdtri
 
 from sklearn_mcmd._sklearn import Interval
 from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method, WhitenedModel
-from sklearn_mcmd.planes._consistent_set import n_trials_needed
+from sklearn_mcmd.planes._consistent_set import (
+    n_trials_needed,
+    planes_through,
+)
 from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
-from sklearn_mcmd.runtime._compiling import compiled_function
 
 TRIALS_AT_ONCE = 16  # at first; more where few neighborhoods still seek
-COMPILE_FROM = 50_000  # for fewer members loading compiled code would take longer than the work
-
-
-class TrialLimits(NamedTuple):
-    """What a minimal subset must be to give a plane."""
-
-    rank: float = 1e-6  # no plane where three points are closer to a line, in their spread
 
 
 @dataclass(frozen=True)
@@ -89,26 +83,20 @@ class Ransac(Method):
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return self.max_trials, d
 
-    def _fit(self, group):
-        points, table, floor = group.points, group.table, group.floor
+    def _fit(self, points, table, floor):
         n_sets, n, d = points.shape
-        select, scales = best_planes, least_median_scales
-        compiled = group.compiled
-        if compiled is None:
-            compiled = n_sets * n >= COMPILE_FROM
-        if compiled and d == 3:
-            names, module = ("best_planes_3d", "least_median_scales_3d"), "baselines._ransac_numba"
-            forms = (compiled_function(module, name) for name in names)
-            select, scales = (partial(form, rank_tolerance=TrialLimits().rank) for form in forms)
         if self.noise_scale is None:
             enough = min(len(table), n_trials_needed(0.5, self.stop_probability, d))
-            scale = scales(points, table[:enough])
+            # With the small-sample factor of Rousseeuw and Leroy.
+            scale = MAD_TO_SD * (1.0 + 5.0 / max(n - d, 1)) * least_medians(points, table[:enough])
         else:
             scale = np.full(n_sets, float(self.noise_scale))
         found = np.isfinite(scale)
         scale = np.maximum(np.where(found, scale, 0.0), floor)
         stops = trials_to_stop(n, d, self.stop_probability)
-        centers, normals = select(points, table, self.cutoff * scale, stops, self.truncated_loss)
+        centers, normals = best_planes(
+            points, table, self.cutoff * scale, stops, self.truncated_loss
+        )
         found &= np.isfinite(normals[:, 0])
         for _ in range(self.n_refits):
             distances = np.abs(orthogonal_distances(points, centers, normals))
@@ -164,8 +152,8 @@ def best_planes(points, table, threshold, stops, truncated_loss):
     while rows.size and start < len(table):
         at_once = max(1, min(TRIALS_AT_ONCE * (1 + start // 64), CHUNK_ENTRIES // (len(rows) * n)))
         part = table[start : start + at_once]
-        anchors, axes, spans = _trial_planes(points[rows], part)
-        ratio = np.abs(_trial_distances(points[rows], anchors, axes)) / threshold[rows, None, None]
+        anchors, axes, spans, distances = _trial_planes(points[rows], part)
+        ratio = distances / threshold[rows, None, None]
         inside = ratio < 1.0
         counts = inside.sum(axis=-1)
         loss = n - counts
@@ -184,48 +172,21 @@ def best_planes(points, table, threshold, stops, truncated_loss):
     return centers, normals
 
 
-def least_median_scales(points, table):
-    """Least median of absolute distances to trial planes, as a standard deviation (B,).
-
-    It has the small-sample factor of Rousseeuw and Leroy. It is infinite where no trial spans a
-    plane.
-    """
-    n_sets, n, d = points.shape
+def least_medians(points, table):
+    """Least median of distances to trial planes (B,); infinite where no trial spans a plane."""
+    n_sets, n, _ = points.shape
     least = np.full(n_sets, np.inf)
     at_once = max(1, CHUNK_ENTRIES // max(n_sets * n, 1))
     for start in range(0, len(table), at_once):
-        anchors, axes, spans = _trial_planes(points, table[start : start + at_once])
-        medians = np.median(np.abs(_trial_distances(points, anchors, axes)), axis=-1)
+        _, _, spans, distances = _trial_planes(points, table[start : start + at_once])
+        medians = np.median(distances, axis=-1)
         least = np.minimum(least, np.where(spans, medians, np.inf).min(axis=1))
-    return scale_factor(n, d) * least
-
-
-def scale_factor(n, d):
-    return MAD_TO_SD * (1.0 + 5.0 / max(n - d, 1))
+    return least
 
 
 def _trial_planes(points, table):
-    """Anchors and unit normals (B, T, d) of minimal subsets, and whether they span a plane."""
-    subsets, rank = points[:, table], TrialLimits().rank
-    anchors = subsets[..., 0, :]
-    if points.shape[-1] == 3:
-        first, second = subsets[..., 1, :] - anchors, subsets[..., 2, :] - anchors
-        normals = np.cross(first, second)
-        third = second - first
-        area2 = np.einsum("...i,...i", normals, normals)
-        spread = sum(np.einsum("...i,...i", side, side) for side in (first, second, third)) / 3
-        spans = area2 / 3 > (rank * spread) ** 2
-        normals = normals / np.sqrt(np.where(spans, area2, 1.0))[..., None]
-        return anchors, normals, spans
-    # The last column of Q, at right angles to all sides; this is much faster than singular values.
-    sides = np.swapaxes(subsets[..., 1:, :] - anchors[..., None, :], -1, -2)
-    basis, triangle = np.linalg.qr(sides, mode="complete")
-    lengths = np.abs(np.diagonal(triangle, axis1=-2, axis2=-1))
-    spans = lengths.min(axis=-1) > rank * lengths.max(axis=-1)
-    return anchors, basis[..., -1], spans
-
-
-def _trial_distances(points, anchors, normals):
-    """Signed distances (B, T, n) of the members to the trial planes."""
-    offsets = np.einsum("bti,bti->bt", anchors, normals)
-    return normals @ np.swapaxes(points, 1, 2) - offsets[..., None]
+    """Anchors and unit normals (B, T, d) of minimal subsets, whether they span a plane, and
+    distances (B, T, n) of all members."""
+    normals, offsets, degenerate = planes_through(points[:, table])
+    distances = np.abs(normals @ np.swapaxes(points, 1, 2) + offsets[..., None])
+    return points[:, table[:, 0]], normals, ~degenerate, distances

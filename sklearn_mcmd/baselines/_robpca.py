@@ -1,6 +1,6 @@
 """ROBPCA: robust principal components by projection pursuit and the MCD."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import ClassVar, NamedTuple
 
@@ -9,7 +9,7 @@ from scipy.special import chdtri, ndtri
 
 from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method
-from sklearn_mcmd.baselines._mcd import fit_mcd, mcd_support_size, univariate_mcd
+from sklearn_mcmd.baselines._mcd import fit_mcd, mcd_support_size, moments, univariate_mcd
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
 
@@ -99,8 +99,7 @@ class Robpca(Method):
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return self.n_trials + PursuitLimits().directions, d + 1
 
-    def _fit(self, group):
-        points, table, floor = group.points, group.table, group.floor
+    def _fit(self, points, table, floor):
         n_sets, n, d = points.shape
         projection, k = self._components(n, d)
         starts, pairs = table[: self.n_trials], table[self.n_trials :, :2]
@@ -126,16 +125,16 @@ class Robpca(Method):
         centers = location + np.matmul(subspace, found.locations[..., None])[..., 0]
         loadings = subspace @ axes[:, :, :k]
         cutoff = np.full(n_sets, self.usual_cutoff(n, d))
+        limit = np.zeros(n_sets)
+        if k < d:
+            limit = self._orthogonal_cutoff(_orthogonal_distances(points, centers, loadings), floor)
         model = ComponentModel(
             centers=centers,
             loadings=loadings,
             precisions=1.0 / deviations,
             score_cutoff=cutoff,
-            orthogonal_cutoff=np.zeros(n_sets),
+            orthogonal_cutoff=limit,
         )
-        if k < d:
-            limit = self._orthogonal_cutoff(model.orthogonal_distances(points), floor)
-            model = replace(model, orthogonal_cutoff=limit)
         # With all components the least deviation is the consistent one along the normal.
         scale = deviations[:, -1] if k == d else 0.0
         scores = model.score(points)
@@ -203,23 +202,16 @@ class ComponentModel:
     score_cutoff: np.ndarray
     orthogonal_cutoff: np.ndarray
 
-    def score_distances(self, points):
-        """Mahalanobis distances (B, m) within the subspace."""
-        scores = (points - self.centers[:, None]) @ self.loadings
-        return np.sqrt(np.square(scores * self.precisions[:, None]).sum(axis=-1))
-
-    def orthogonal_distances(self, points):
-        """Distances (B, m) to the subspace."""
-        return _orthogonal_distances(points, self.centers, self.loadings)
-
     def score(self, points):
-        distances = self.score_distances(points)
+        scores = (points - self.centers[:, None]) @ self.loadings
+        distances = np.sqrt(np.square(scores * self.precisions[:, None]).sum(axis=-1))
         limit = self.orthogonal_cutoff
         if not limit.any():
             return distances
         counts = limit > 0
         factor = np.where(counts, self.score_cutoff / np.where(counts, limit, 1.0), 0.0)
-        return np.maximum(distances, factor[:, None] * self.orthogonal_distances(points))
+        across = _orthogonal_distances(points, self.centers, self.loadings)
+        return np.maximum(distances, factor[:, None] * across)
 
 
 def _orthogonal_distances(points, centers, loadings):
@@ -253,9 +245,5 @@ def stahel_donoho(points, pairs, h, floor):
 
 def _leading(points, members, k):
     """Mean (B, d) of members and the k axes (B, d, k) of their largest variances."""
-    weight = members[..., None].astype(float)
-    size = np.maximum(weight.sum(axis=1), 1.0)
-    mean = (points * weight).sum(axis=1) / size
-    deviations = (points - mean[:, None]) * weight
-    _, axes = np.linalg.eigh(np.swapaxes(deviations, 1, 2) @ deviations)
-    return mean, axes[:, :, ::-1][:, :, :k]
+    mean, scatter, _ = moments(points, members)
+    return mean, np.linalg.eigh(scatter)[1][:, :, ::-1][:, :, :k]

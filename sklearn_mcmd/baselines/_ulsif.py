@@ -1,6 +1,6 @@
 """uLSIF: outliers by the ratio of the densities of regular and of all points."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ class RatioLimits(NamedTuple):
     regularizations: tuple = tuple(10.0 ** np.linspace(-3, 1, 9))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Ulsif(Method):
     """Density ratio of training and test points by least squares (Eqs 6-8).
 
@@ -30,17 +30,14 @@ class Ulsif(Method):
     and regularization have the best leave-one-out score, also in closed form. The ratio is small
     at points that the training points do not explain. The score is minus the ratio.
 
-    The test points are the members of a neighborhood. The training points must be regular. If
-    none are given, the central members by the minimum covariance determinant are taken.
+    The test points are the members of a neighborhood. The training points must be regular: the
+    half of the members that is central by the minimum covariance determinant is taken.
 
     Parameters
     ----------
     contamination : float in [0, 0.5], default=None
         Share of each neighborhood that is removed: the members with the highest scores. The
         method has no cut-off of its own. None removes nothing.
-    training : array-like of shape (m, d), default=None
-        Regular points, for one neighborhood of all points. None takes the half of the members with
-        the least robust distances.
 
     References
     ----------
@@ -54,31 +51,18 @@ class Ulsif(Method):
     has_cutoff: ClassVar[bool] = False
     _parameter_constraints: ClassVar[dict] = SHARE
     contamination: float | None = None
-    training: object = field(default=None, repr=False)
-
-    def __post_init__(self):
-        super().__post_init__()
-        if self.training is not None:
-            training = np.asarray(self.training, dtype=float)
-            if training.ndim != 2 or len(training) < 2 or not np.isfinite(training).all():
-                raise ValueError(
-                    "training of method 'ulsif' must be two or more points of finite "
-                    f"coordinates, got an array of shape {training.shape}."
-                )
 
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
         # The last row is the random order of the members; the other rows are the MCD's starts.
         return (1 if size >= McdLimits().nested_from else RatioLimits().n_starts + 1), size
 
-    def _fit(self, group):
-        points = group.points
-        n_sets = len(points)
-        shuffled = group.table[-1]
-        training = self._training(group, shuffled)
+    def _fit(self, points, table, floor):
+        n_sets, shuffled = len(points), table[-1]
+        training = self._training(points, table, floor)
         basis = training[:, : RatioLimits().max_basis]
         gaps = training - np.median(training, axis=1, keepdims=True)
         usual = np.median(np.sqrt(np.square(gaps).sum(axis=-1)), axis=1)
-        candidates = np.maximum(usual, group.floor)[:, None] * RatioLimits().widths
+        candidates = np.maximum(usual, floor)[:, None] * RatioLimits().widths
         best = np.full(n_sets, np.inf)
         width, weights = np.ones(n_sets), np.zeros((n_sets, basis.shape[1]))
         for widths in candidates.T:
@@ -97,28 +81,14 @@ class Ulsif(Method):
         inliers, cutoff = flag_share(scores, self.contamination)
         return Found(model, scores, inliers, cutoff)
 
-    def _training(self, group, shuffled):
-        """Training points (B, m, d), with the origin subtracted, in random order."""
-        n_sets, n, d = group.points.shape
-        if self.training is None:
-            starts = group.table[:-1, : d + 1]
-            found = fit_mcd(group.points, starts, 0.5, group.floor)
-            m = max(d + 1, int(np.ceil(round(RatioLimits().training_fraction * n, 9))))
-            squares = found.raw_squares[:, shuffled]
-            central = np.sort(np.argsort(squares, axis=1, kind="stable")[:, :m], axis=1)
-            return np.take_along_axis(group.points[:, shuffled], central[..., None], 1)
-        training = np.asarray(self.training, dtype=float)
-        if n_sets != 1:
-            raise ValueError(
-                "training of method 'ulsif' has a meaning for one neighborhood of all points "
-                f"only (n_neighbors=None), not for {n_sets} neighborhoods."
-            )
-        if training.shape[1] != d:
-            raise ValueError(
-                f"training of method 'ulsif' has {training.shape[1]} columns and the points {d}."
-            )
-        order = np.random.RandomState(shuffled[0]).permutation(len(training))
-        return training[order][None] - group.origin[:, None]
+    def _training(self, points, table, floor):
+        """The central members (B, m, d), in random order."""
+        (_, n, d), shuffled = points.shape, table[-1]
+        found = fit_mcd(points, table[:-1, : d + 1], 0.5, floor)
+        m = max(d + 1, int(np.ceil(round(RatioLimits().training_fraction * n, 9))))
+        squares = found.raw_squares[:, shuffled]
+        central = np.sort(np.argsort(squares, axis=1, kind="stable")[:, :m], axis=1)
+        return np.take_along_axis(points[:, shuffled], central[..., None], 1)
 
 
 @dataclass(frozen=True)

@@ -42,9 +42,8 @@ def ratio(numerator, denominator):
 def most_noise_around(noise, around, sizes, quiet, bend=0.0):
     """The largest standard deviation of planes (m,) that are as flat as those around them.
 
-    `noise` (n,) are standard deviations from planes, or from smooth surfaces, and `around` has rows
-    of it. `sizes`, a number or (m,), are the members that a standard deviation is from. `bend`, a
-    number or (m,), is what curvature adds to noise.
+    `noise` (n,) are standard deviations, and `around` has rows of it. `sizes` are the members that
+    each is from, and `bend` is what curvature adds to noise, each a number or (m,).
 
     `quiet` is the share of the neighbors whose noise is usual at most. Next to an edge less than
     half of them have planes of their own face; among many outliers fewer have planes without any.

@@ -160,17 +160,15 @@ class BasePlaneOutliers(FittedScoresMixin, BaseLocalPlanes):
 def model_of(estimator, index, shape, precision, step, cutoff=None, comparator=None):
     """The planes of an index of points of this shape, by the parameters of an estimator.
 
-    `precision` is the relative rounding error of the coordinates, `step` that of a lattice. The
-    estimator gets `n_trials_`, and says whether a comparator judges in place of a rule if none is
-    given.
+    `precision` and `step` are as of `PlaneSettings`. The estimator gets `n_trials_`.
     """
     n, d = shape
     k, comparator = index.n_neighbors or n, comparator or estimator._comparator()
     settings = PlaneSettings(estimator.method, precision, step)
     if comparator is not None:
         estimator.n_trials_, _ = comparator.table_shape(k, d)
-        tables = comparator.tables(estimator.random_state)
-        return LocalPlaneModel(index, tables, settings._replace(comparator=comparator))
+        seed = comparator.seed(estimator.random_state)
+        return LocalPlaneModel(index, seed, settings._replace(comparator=comparator))
     estimator.n_trials_ = estimator._count_trials(d)
     rule = METHODS[estimator.method]
     n_trials = estimator.n_trials_ if rule.needs_consistent_set else 0

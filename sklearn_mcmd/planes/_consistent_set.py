@@ -55,10 +55,7 @@ def draw_trials(n_trials, n_neighbors, random_state=None, *, length=None):
     Each row is a random order of the positions 0..k-1. A minimal subset is the start of a row.
     Where it spans no plane, more of the row is read, by half as many points again each time
     ("randomly add more points", Algorithm 1, step 1). Positions beyond a smaller neighborhood are
-    skipped.
-
-    With a `length`, only so many positions of each row are kept. This limits the memory for one
-    neighborhood of a million points; the first thousands of a row are enough.
+    skipped. A `length` limits the memory of a row for one neighborhood of a million points.
     """
     rng = check_random_state(random_state)
     length = n_neighbors if length is None else min(length, n_neighbors)
@@ -160,7 +157,7 @@ def _trial_planes(local, trials, sizes):
         # Positions beyond the neighborhood go to the end of the row; the others keep their order.
         behind = np.argsort(order >= sizes[:, None, None], axis=-1, kind="stable")
         order = np.take_along_axis(order, behind, axis=-1)
-    normals, offsets, degenerate = _planes_through(local[rows, order[..., :d]])
+    normals, offsets, degenerate = planes_through(local[rows, order[..., :d]])
     rows, trial = np.nonzero(degenerate)
     # Where all points together span no plane, no subset does.
     members = np.arange(k) < sizes[:, None]
@@ -178,13 +175,13 @@ def _trial_planes(local, trials, sizes):
             group = np.minimum(n_used, sizes[rows]) == size
             at = rows[group], trial[group]
             points = local[at[0][:, None], order[at[0], at[1], :size]]
-            normals[at], offsets[at], degenerate[at] = _planes_through(points)
+            normals[at], offsets[at], degenerate[at] = planes_through(points)
         inside = degenerate[rows, trial] & (sizes[rows] > n_used)
         rows, trial = rows[inside], trial[inside]
     return normals, offsets, degenerate
 
 
-def _planes_through(points):
+def planes_through(points):
     """Unit normals, offsets and rank deficiency of the planes of subsets (..., m, d)."""
     m, d = points.shape[-2:]
     if m == d == 3:

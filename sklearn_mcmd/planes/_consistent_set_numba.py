@@ -67,6 +67,9 @@ class WorkArrays(NamedTuple):
     keys: np.ndarray  # int64 (k,)
     key_numbers: np.ndarray  # the same as float64
     member: np.ndarray  # float64 (k,)
+    numbers: np.ndarray  # float64 (k,), to sort
+    bits: np.ndarray  # the same as int64
+    query: np.ndarray  # float64 (3,)
 
     @classmethod
     def of(cls, n_trials, k):
@@ -78,7 +81,7 @@ class WorkArrays(NamedTuple):
         buffer = np.zeros(size + LINE, dtype=np.float32)
         start = -buffer.ctypes.data % (4 * LINE) // 4
         lanes32 = buffer[start : start + size].reshape(21 + n_rows, n_lanes)
-        keys = np.zeros(k, dtype=np.int64)
+        keys, numbers = np.zeros(k, dtype=np.int64), np.zeros(k)
         return cls(
             local=np.zeros((3, k)),
             rotated=np.zeros((3, k)),
@@ -91,6 +94,9 @@ class WorkArrays(NamedTuple):
             keys=keys,
             key_numbers=keys.view(np.float64),
             member=np.zeros(k),
+            numbers=numbers,
+            bits=numbers.view(np.int64),
+            query=np.zeros(3),
         )
 
 
@@ -98,12 +104,14 @@ class WorkArrays(NamedTuple):
 def consistent_set_3d(size, trials, arrays):
     """Maximum consistent set of one neighborhood (Algorithm 1).
 
-    The first of the `WorkArrays` has the coordinates, by `localize`, of the `size` members in use;
+    The `WorkArrays` have the coordinates, by `localize`, of the `size` members in use as `local`;
     their `member` receives 1 for members of the set and 0 for the others. Returns the least
     eigenvalue of the set, in squared radii, and its mean, eigenvalues and axes. Where no set spans
     a plane, the eigenvalue is negative and the others have no meaning.
     """
-    local, rotated, local32, lanes, lanes32, bits, levels, least, keys, key_numbers, member = arrays
+    local, member, least, lanes32 = arrays.local, arrays.member, arrays.least, arrays.lanes32
+    rotated, local32, lanes, bits = arrays.rotated, arrays.local32, arrays.lanes, arrays.lane_bits
+    levels, keys, key_numbers = arrays.levels, arrays.keys, arrays.key_numbers
     n_trials = trials.positions.shape[0]
     n_support = trials.n_support[size]
     farthest = 0.0

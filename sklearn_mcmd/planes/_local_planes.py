@@ -51,7 +51,7 @@ class PlaneSettings(NamedTuple):
     support_fraction: float = 0.5
     cutoff: float | None = None
     reweight: bool = False
-    # A `baselines.Method` that judges in the place of a rule; trials are then its tables.
+    # A `baselines.Method` that judges in the place of a rule; trials are then a seed.
     comparator: object = None
 
 
@@ -227,7 +227,6 @@ class LocalPlaneModel:
                 self.trials,
                 rounding=rounding,
                 least_scale=self.least_scale,
-                compiled=self.compiled if self.index.n_neighbors is not None else None,
             )
         _, k, d = neighborhoods.shape
         rule = METHODS[self.settings.method]

@@ -1,7 +1,5 @@
 """The rules of ``_rules`` and Algorithm 4 around them in three dimensions, compiled."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from sklearn_mcmd.planes._consistent_set_numba import NO_FIT, WorkArrays, consistent_set_3d
@@ -21,33 +19,14 @@ MAGNITUDE = np.int64(2**63 - 1)  # all bits but the sign
 FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 
 
-class Room(NamedTuple):
-    """Memory for numbers of one neighborhood of k members, and to sort them."""
-
-    numbers: np.ndarray  # float64 (k,)
-    bits: np.ndarray  # the same as int64
-    keys: np.ndarray  # int64 (k,)
-    key_numbers: np.ndarray  # the same as float64
-    query: np.ndarray  # float64 (3,)
-
-
 def fit_neighborhoods_3d(points, around, queries, trials, method, rule, out):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
-    Points and queries (m, 3) are float64, and `rule` is a `RuleArguments`. What is filled, `out`,
-    are planes, except for extents and errors, directions (m, 3), the axes of the largest
-    eigenvalues, and robust distances (m,) of the queries.
+    What is filled, `out`, are planes, except for extents and errors, directions (m, 3), the axes of
+    the largest eigenvalues, and robust distances (m,) of the queries.
     """
-    k = around.indices.shape[1]
-    arrays, numbers = WorkArrays.of(len(trials.positions), k), np.zeros(k)
-    room = Room(
-        numbers=numbers,
-        bits=numbers.view(np.int64),
-        keys=arrays.keys,
-        key_numbers=arrays.key_numbers,
-        query=np.zeros(3),
-    )
-    _fit_neighborhoods(points, around, queries, trials, rule, *FORMS[method], arrays, room, *out)
+    arrays = WorkArrays.of(len(trials.positions), around.indices.shape[1])
+    _fit_neighborhoods(points, around, queries, trials, rule, *FORMS[method], arrays, *out)
 
 
 @kernel(cache=True)
@@ -60,15 +39,14 @@ def _fit_neighborhoods(
     robust,
     within,
     arrays,
-    room,
     planes,
     directions,
     distance,
 ):
-    local, member, query = arrays.local, arrays.member, room.query
+    local, member, query = arrays.local, arrays.member, arrays.query
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
-        radius = _localize(points, row, size, local, room)
+        radius = _localize(points, row, size, local, arrays)
         magnitude = 0.0
         for axis in range(3):
             first = points[row[0], axis]
@@ -87,9 +65,9 @@ def _fit_neighborhoods(
             if degenerate:
                 distance[i], scale = 0.0, -1.0  # the caller decides
         elif within is None:
-            distance[i], scale = _mcmd_z(local, size, member, fit, query, rule, floor, room)
+            distance[i], scale = _mcmd_z(local, size, member, fit, query, rule, floor, arrays)
         else:
-            distance[i], scale = _mcmd_md(local, size, member, fit, query, rule, floor, room)
+            distance[i], scale = _mcmd_md(local, size, member, fit, query, rule, floor, arrays)
         planes.scale[i] = scale * radius
 
         n_kept = 0.0
@@ -106,9 +84,9 @@ def _fit_neighborhoods(
 
 
 @kernel
-def _localize(points, row, size, local, room):
+def _localize(points, row, size, local, arrays):
     """Shift a neighborhood to its first point and scale its median radius to one."""
-    work, keys = room.numbers, room.keys
+    work, keys = arrays.numbers, arrays.keys
     extent = 0.0
     first = row[0]
     for j in range(size):
@@ -124,11 +102,11 @@ def _localize(points, row, size, local, room):
             value = local[axis, j] / extent
             norm += value * value
         work[j] = np.sqrt(norm)
-    _order_keys(size, room)
+    _order_keys(size, arrays)
     middle = kth_smallest(keys, size, size // 2 + 1)
     if middle == 0:
         middle = kth_smallest(keys, size, size)
-    radius = _decode(middle, room) * extent
+    radius = _decode(middle, arrays) * extent
     for axis in range(3):
         for j in range(size):
             local[axis, j] /= radius
@@ -145,19 +123,19 @@ def _pca(local, size, member, query, floor):
 
 
 @kernel
-def _mcmd_z(local, size, member, fit, query, rule, floor, room):
-    work = room.numbers
+def _mcmd_z(local, size, member, fit, query, rule, floor, arrays):
+    work = arrays.numbers
     center = 0.0
     if rule.reweight:
-        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, fit, rule, floor, room)
+        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, fit, rule, floor, arrays)
         _signed_distances(local, size, mean, axes[0], work)
     else:
         mean, _, axes = fit
         _signed_distances(local, size, mean, axes[0], work)
-        center = _median(size, room)
+        center = _median(size, arrays)
         for j in range(size):
             work[j] = abs(work[j] - center)
-        scale = max(rule.mad_to_sd * _median(size, room), floor)
+        scale = max(rule.mad_to_sd * _median(size, arrays), floor)
         _signed_distances(local, size, mean, axes[0], work)
     limit = rule.cutoff * scale
     for j in range(size):
@@ -166,11 +144,11 @@ def _mcmd_z(local, size, member, fit, query, rule, floor, room):
 
 
 @kernel
-def _mcmd_md(local, size, member, fit, query, rule, floor, room):
-    work = room.numbers
+def _mcmd_md(local, size, member, fit, query, rule, floor, arrays):
+    work = arrays.numbers
     if rule.reweight:
         mean, values, axes, scale, n_used = _reweighted_plane(
-            local, size, member, fit, rule, floor, room
+            local, size, member, fit, rule, floor, arrays
         )
     else:
         mean, values, axes = fit
@@ -205,15 +183,15 @@ def _add_squared(local, size, mean, axis, deviation, out):
 
 
 @kernel
-def _reweighted_plane(local, size, member, fit, rule, floor, room):
+def _reweighted_plane(local, size, member, fit, rule, floor, arrays):
     """As in ``_rules``; `member` then holds the members that were kept."""
-    work = room.numbers
+    work = arrays.numbers
     mean, values, axes = fit
     _signed_distances(local, size, mean, axes[0], work)
     for j in range(size):
         work[j] = abs(work[j])
     factor = rule.mad_to_sd * (1.0 + 5.0 / max(size - 3, 1))
-    scale = max(factor * _median(size, room), floor)
+    scale = max(factor * _median(size, arrays), floor)
     n_kept = 0.0
     for step in range(rule.reweight_steps):
         if step > 0:
@@ -249,10 +227,10 @@ def _signed_distances(local, size, mean, normal, out):
 
 
 @kernel
-def _median(size, room):
+def _median(size, arrays):
     """The median of the first `size` numbers."""
-    _order_keys(size, room)
-    keys = room.keys
+    _order_keys(size, arrays)
+    keys = arrays.keys
     lower = upper = kth_smallest(keys, size, (size + 1) // 2)
     if size % 2 == 0:
         upper, n_lower = MAGNITUDE, 0  # the smallest key above, and the keys up to it
@@ -261,20 +239,20 @@ def _median(size, room):
             n_lower += 1 if inside else 0
             upper = upper if inside else min(upper, keys[j])
         upper = lower if n_lower > size // 2 else upper
-    return 0.5 * (_decode(lower, room) + _decode(upper, room))
+    return 0.5 * (_decode(lower, arrays) + _decode(upper, arrays))
 
 
 @kernel
-def _order_keys(size, room):
+def _order_keys(size, arrays):
     """Integers that sort like the numbers: their bits, negated below zero."""
-    bits, keys = room.bits, room.keys
+    bits, keys = arrays.bits, arrays.keys
     for j in range(size):
         keys[j] = bits[j] if bits[j] >= 0 else -(bits[j] & MAGNITUDE)
 
 
 @kernel
-def _decode(key, room):
+def _decode(key, arrays):
     """The number of a key; overwrites the first of the keys."""
-    room.keys[0] = abs(key)
-    value = room.key_numbers[0]
+    arrays.keys[0] = abs(key)
+    value = arrays.key_numbers[0]
     return value if key >= 0 else -value

@@ -172,7 +172,11 @@ def quantile_of_neighbors(all_values, neighborhoods, q, values, keys, out):
     """Fill `out` with the q-quantile of the neighbors' values; `keys` are the bits of `values`."""
     indices, sizes = neighborhoods.indices, neighborhoods.sizes
     for i in range(len(out)):
-        out[i] = _quantile(all_values, indices[i], sizes[i], q, values, keys)
+        for j in range(sizes[i]):
+            values[j] = all_values[indices[i, j]]
+        # The rank int(q * size), from 0, of numbers that sort like their bits.
+        keys[0] = kth_smallest(keys, sizes[i], np.int64(q * sizes[i]) + 1)
+        out[i] = values[0]
 
 
 @kernel(cache=True)
@@ -189,12 +193,3 @@ def extents_of_neighborhoods(points, queries, neighborhoods, spacing, radius):
             total += np.sqrt(square)
             last = max(last, square)
         spacing[i], radius[i] = total / sizes[i], np.sqrt(last)
-
-
-@kernel
-def _quantile(all_values, neighbors, size, q, values, keys):
-    """The value at the rank int(q * size), from 0, of numbers that sort like their bits."""
-    for j in range(size):
-        values[j] = all_values[neighbors[j]]
-    keys[0] = kth_smallest(keys, size, np.int64(q * size) + 1)
-    return values[0]

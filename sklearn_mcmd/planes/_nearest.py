@@ -35,19 +35,14 @@ class Tree(NamedTuple):
 class SelfSearch:
     """The k nearest of fixed points to each of these points.
 
-    A tree that answers any query starts from its root each time. Here all queries are the
-    points themselves, so the 16 points of a leaf share one list of candidates. How far the list
-    must reach is guessed from the leaf before, and the k-th distance of a query from the query
-    before. A list that reaches as far as the k-th of its nearest is proven to be complete. Points
-    for which it is not, such as outliers, search the tree one by one, and the k-th distances of
-    others bound theirs: it is at most longer by the distance between the two.
+    The 16 points of a leaf share one list of candidates. How far it must reach is guessed from the
+    leaf before. A list that reaches as far as the k-th of its nearest is complete. Points for which
+    it is not, such as outliers, search the tree one by one, bounded by the distances of others.
 
-    Equally distant neighbors come in the order of their coordinates, so the answer does not
-    depend on the order of the points.
+    Equally distant neighbors come in the order of their coordinates, whatever that of the points.
 
-    X, float64 (n, 3), has distinct points. With `overwrite` it may become `points`, which are
-    ``X[order]``; its rows must then be contiguous. `order` (n,) is that of the leaves: near points
-    are near in memory.
+    X, float64 (n, 3), has distinct points, and `points` are ``X[order]``, leaf by leaf: near points
+    are near in memory. With `overwrite` they take the place of X.
     """
 
     def __init__(self, X, overwrite=False):
@@ -60,7 +55,7 @@ class SelfSearch:
         """Neighbors of a slice of the points, the nearest first: int32 (m, k).
 
         They are rows of `points`, each its own first neighbor, or of those of `among`, another
-        search. There must be k points to be found.
+        search, of k points or more.
         """
         begin, end, _ = rows.indices(len(self.points))
         search = compiled_function("planes._nearest_numba", "search_rows")
@@ -81,9 +76,8 @@ class SelfSearch:
 class NearestPoints:
     """Fixed points (m, d) that answer which of them are nearest to others.
 
-    Equally distant ones come in the order of their coordinates, so answers do not depend on the
-    order of the points. If `among`, bool (m,), is given, only these are meant. A search has its own
-    copy of the points, and no other is kept.
+    Equally distant ones come in the order of their coordinates. If `among`, bool (m,), is given,
+    only these are meant. A search has its own copy of the points, and no other is kept.
     """
 
     def __init__(self, points, among=None):

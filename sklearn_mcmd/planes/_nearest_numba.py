@@ -139,7 +139,8 @@ def _search(asking, tree, begin, end, first_leaf, near, stack, radii, failed, in
                 if j != i:
                     bound = min(bound, radii[j - first] + _distance(points[j], points[i]))
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            bound = _wider_square(bound)
+            # What rounding can't have made too small, nor underflow.
+            bound = (bound * (1.0 + 1e-14)) ** 2 + 1e-300
             square = _search_one(tree, x, y, z, k, bound, near, stack, indices[i - begin])
             radii[i - first] = np.sqrt(square)
             if widest == 0.0:
@@ -158,9 +159,10 @@ def _search_one(tree, x, y, z, k, bound, near, stack, found):
     """
     # With a plain 0, `_screen` and `_sort` are compiled twice.
     points, n, n_waiting = tree.points, np.int64(0), 1
+    many = 2 * k + 32  # that are worth sorting; half or twice as many cost the same
     stack[0] = 0
     while True:
-        while n_waiting > 0 and n < _many(k):
+        while n_waiting > 0 and n < many:
             n_waiting -= 1
             node = stack[n_waiting]
             if _square_to_box(tree.boxes, node, x, y, z) > bound:
@@ -192,12 +194,6 @@ def _search_one(tree, x, y, z, k, bound, near, stack, found):
             n = k
         if n_waiting == 0:
             return bound
-
-
-@kernel
-def _many(k):
-    """Candidates of one point that are worth sorting; half or twice as many cost the same."""
-    return 2 * k + 32
 
 
 @kernel
@@ -363,10 +359,3 @@ def _square_to_box(boxes, node, x, y, z):
 def _distance(one, other):
     dx, dy, dz = one[0] - other[0], one[1] - other[1], one[2] - other[2]
     return np.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@kernel
-def _wider_square(distance):
-    """The square of a bound that rounding before it can't make too small, nor underflow."""
-    wider = distance * (1.0 + 1e-14)
-    return wider * wider + 1e-300

@@ -19,9 +19,8 @@ class NeighborTable:
     in succession. Rows near each other share a list of these groups. A neighbor is then two
     bytes: the place of its group in the list, and its own place in the group.
 
-    ``search(rows, k)`` returns the neighbors, int32 (m, k), of a slice of rows, itself the first of
-    each. If `sizes` (n,) says how many each needs, parts hold as many as any of their rows
-    needs.
+    ``search(rows, k)`` returns the neighbors, int32 (m, k), of a slice of rows. If `sizes` (n,)
+    says how many each needs, parts hold as many as any of their rows does.
     """
 
     def __init__(self, search, n, k, sizes=None):
@@ -45,7 +44,7 @@ class NeighborTable:
                 begin = i * self.part_size
                 some = slice(max(first, begin), min(last, begin + self.part_size))
                 if keep or self.parts[i] is not None:
-                    near = self._part(i).take(np.arange(some.start, some.stop) - begin, k)
+                    near = self._take(i, np.arange(some.start, some.stop) - begin, k)
                 else:
                     near = self.search(some, k)
                 found[some.start - first : some.stop - first] = near
@@ -56,7 +55,7 @@ class NeighborTable:
         ends = np.cumsum(np.bincount(part_of))
         for i in np.unique(part_of):
             places = order[ends[i - 1] if i else 0 : ends[i]]
-            found[places] = self._part(i).take(rows[places] - i * self.part_size, k)
+            found[places] = self._take(i, rows[places] - i * self.part_size, k)
         return found
 
     def _part(self, i):
@@ -65,20 +64,16 @@ class NeighborTable:
         if part is None:
             rows = slice(i * self.part_size, min((i + 1) * self.part_size, self.n))
             k = self.k if self.sizes is None else int(self.sizes[rows].max())
-            part = Plain(self.search(rows, k))
-            if self.packs:
-                part = _packed(part.indices, self.block)
-            self.parts[i] = part
+            part = self.search(rows, k)
+            self.parts[i] = part = _packed(part, self.block) if self.packs else part
         return part
 
-
-class Plain(NamedTuple):
-    """Neighbors as they are."""
-
-    indices: np.ndarray
-
-    def take(self, rows, k):
-        return _widened(self.indices[rows, :k], k)
+    def _take(self, i, rows, k):
+        """The first k neighbors of some rows of a part; those it does not hold repeat the first."""
+        part = self._part(i)
+        near = part.take(rows, k) if self.packs else part[rows, :k]
+        missing = k - near.shape[1]
+        return np.hstack([near, np.repeat(near[:, :1], missing, axis=1)]) if missing else near
 
 
 class Packed(NamedTuple):
@@ -94,20 +89,12 @@ class Packed(NamedTuple):
         found = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)
         rows = np.array(rows, np.int64)  # of one kind, for which alone `unpack` is compiled
         _compiled("unpack")(self.codes, self.groups, self.starts, self.block, BITS, rows, found)
-        return _widened(found, k)
+        return found
 
 
 def part_size(k):
     """Rows of a part: a power of two."""
     return min(LONGEST_PART, 1 << (max(AT_ONCE // k, 1).bit_length() - 1))
-
-
-def _widened(indices, k):
-    """Neighbors with k columns; those that the part does not hold repeat the first."""
-    m, width = indices.shape
-    if width == k:
-        return indices
-    return np.hstack([indices, np.broadcast_to(indices[:, :1], (m, k - width))])
 
 
 def _packed(indices, block):

@@ -213,25 +213,16 @@ METHODS = {
     "mcmd_md": Rule(mcmd_md, lambda d: sqrt(chdtri(d, 0.025)), True, _inflation_md, compiled=True),
     "pca": Rule(pca, lambda d: 2.5, False, lambda *_: 1.0, compiled=True),
 }
-# Registered methods, which judge neighborhoods in place of a rule, by name.
-_COMPARATORS: dict[str, type] = {}
-
-
-def register_comparator(name, kind):
-    """Register a method under a name that estimators accept.
-
-    `kind` is a dataclass whose fields are the method's parameters. It has ``fit_sizes``,
-    ``tables``, ``table_shape`` and ``usual_cutoff`` as ``sklearn_mcmd.baselines`` defines them. Its
-    ``has_cutoff`` says whether it decides by itself which points are outliers.
-    """
-    _COMPARATORS[name] = kind
+# What judges neighborhoods in place of a rule, by name: dataclasses of parameters with the methods
+# of `Method` in ``sklearn_mcmd.baselines``, which puts them here.
+COMPARATORS: dict[str, type] = {}
 
 
 def comparator_of(method, method_params=None):
     """The method with this name and its parameters; errors name what is unknown or wrong."""
-    if method not in _COMPARATORS:
-        raise ValueError(f"method={method!r} is none of {', '.join(sorted(_COMPARATORS))}.")
-    kind, params = _COMPARATORS[method], dict(method_params or {})
+    if method not in COMPARATORS:
+        raise ValueError(f"method={method!r} is none of {', '.join(sorted(COMPARATORS))}.")
+    kind, params = COMPARATORS[method], dict(method_params or {})
     known = sorted(field.name for field in fields(kind))
     unknown = sorted(str(name) for name in params if name not in known)
     if unknown:

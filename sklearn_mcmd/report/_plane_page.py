@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from sklearn_mcmd.adjustment._base import sigma0_is_rounding
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.plotting import PlaneResidualDisplay
 from sklearn_mcmd.plotting._cloud_display import Picture
@@ -108,7 +107,7 @@ def _figure_sections(figures):
 
 
 def _notes(detector, n, n_all, unit, rows):
-    is_exact = sigma0_is_rounding(detector)
+    is_exact = detector._fitted.is_rounding
     notes = note_if(
         n > MANY * n_all,
         "Many outliers.",

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from sklearn.exceptions import ConvergenceWarning
 
 import reference_adjustment as reference
 from adjustment_clouds import plane_with_outliers, random_case, tilted_plane
@@ -107,27 +106,12 @@ def test_m_estimation_with_tests_finds_the_outliers_and_shows_its_weights(loss, 
     assert detector.robust_weights_[30:].mean() > 0.85
 
 
-@pytest.mark.parametrize("tilt", [0, 60, 80, 90])
-def test_an_orthogonal_surface_flags_no_good_point_at_any_tilt(tilt):
-    X = tilted_plane(tilt, 0.01, 500)
-    assert (BaardaPlaneDetector(sigma0=0.01, surface="orthogonal").fit_predict(X) == -1).sum() <= 1
-
-
 @pytest.mark.filterwarnings("ignore")
 def test_a_vertical_surface_rejects_half_of_a_steep_plane():
     X = tilted_plane(80, 0.01, 500, size=(10, 10))
-    batch = BaardaPlaneDetector(sigma0=0.01, elimination="all", max_iter=1).fit(X)
-    assert 0.4 < (batch.elimination_step_ > 0).mean() < 0.6
+    batch = BaardaPlaneDetector(sigma0=0.01, elimination="all").fit(X)
+    assert 0.4 < (batch.elimination_step_ == 1).mean() < 0.6
     assert (batch.set_params(surface="orthogonal").fit(X).elimination_step_ > 0).mean() < 0.01
-
-
-# Rounds and their limits.
-
-
-def test_max_iter_stops_the_removal_and_says_so():
-    with pytest.warns(ConvergenceWarning, match="raise max_iter"):
-        detector = BaardaPlaneDetector(max_iter=5).fit(plane_with_outliers())
-    assert np.count_nonzero(detector.elimination_step_) == detector.n_iter_ == 5
 
 
 @pytest.mark.parametrize("elimination", ["single", "all"])

@@ -60,39 +60,6 @@ def test_one_point_more_than_parameters_can_t_be_tested_without_sigma(test, elim
     assert (detector.labels_ == 1).all()
 
 
-def exact_plane(n=50, seed=0):
-    xy = np.random.default_rng(seed).uniform(0, 10, (n, 2))
-    return np.column_stack([xy, xy @ [0.1, 0.3] + 7])
-
-
-@parametrized
-def test_an_exact_plane_has_no_outlier(detector):
-    detector.fit(exact_plane())
-    assert (detector.labels_ == 1).all()
-    assert_allclose(detector.variance_factor_, 0, atol=1e-25)
-
-
-@pytest.mark.parametrize(
-    "detector",
-    [
-        BaardaPlaneDetector(),
-        BaardaPlaneDetector(test="tau"),
-        BaardaPlaneDetector(test="t"),
-        BaardaPlaneDetector(sigma0="auto"),
-        BaardaPlaneDetector(surface="orthogonal"),
-        BaardaPlaneDetector(robust_start=True, sigma0="auto", random_state=0),
-        FuzzyPlaneDetector(),
-        FuzzyPlaneDetector(test="tau"),
-        FuzzyPlaneDetector(test="t"),
-        FuzzyPlaneDetector(loss="tukey", sigma0="auto"),
-    ],
-)
-def test_the_one_point_off_an_exact_plane_is_found(detector):
-    X = exact_plane()
-    X[17, 2] += 10
-    assert_array_equal(np.flatnonzero(detector.fit_predict(X) == -1), [17])
-
-
 @pytest.mark.filterwarnings("ignore:The points lie along a plane tilted by")
 @parametrized
 def test_a_column_that_is_the_sum_of_others_changes_no_statistic(detector):

@@ -72,20 +72,6 @@ def test_utm_coordinates_lose_no_accuracy():
     assert_allclose(far.evaluate(X + shift)[0], near.evaluate(X)[0], atol=1e-8)
 
 
-def test_collinear_regressors_lower_the_rank_and_change_no_residual():
-    rng = np.random.default_rng(3)
-    x = rng.uniform(0, 10, 50)
-    z = 2 * x + rng.normal(size=50)
-    line = adjust_plane(np.column_stack([x, z]))
-    plane = adjust_plane(np.column_stack([x, 3 * x + 1, z]))
-    assert plane.rank == line.rank == 2
-    assert_allclose(
-        plane.evaluate(np.column_stack([x, 3 * x + 1, z]))[0],
-        line.evaluate(np.column_stack([x, z]))[0],
-        atol=1e-11,
-    )
-
-
 def test_collinear_regressors_get_the_slopes_of_least_norm():
     x = np.arange(10.0)
     X = np.column_stack([x, 2 * x, 5 * x + 1])
@@ -100,22 +86,6 @@ def test_a_constant_column_counts_for_nothing(value):
     plane = adjust_plane(X)
     assert plane.rank == 2
     assert abs(plane.coef[1]) < 1e-20  # a slope of any size would fit
-
-
-def test_points_of_one_location_have_their_mean_as_plane():
-    X = np.column_stack([np.full((10, 2), 3.3), np.arange(10.0)])
-    plane = adjust_plane(X)
-    assert plane.rank == 1
-    assert_allclose(plane.evaluate(X)[0], np.arange(10) - 4.5, atol=1e-12)
-    assert_allclose(plane.evaluate(X)[1], 0.1, rtol=1e-12)
-
-
-def test_a_point_of_huge_weight_lies_on_the_plane():
-    X, p = random_cloud(5, n=60, d=3)
-    p[7] = 1e13
-    residuals, cofactors, _ = adjust_plane(X, p).evaluate(X)
-    assert abs(residuals[7]) < 1e-9
-    assert_allclose(p[7] * cofactors[7], 1, rtol=1e-9)
 
 
 def test_chunks_don_t_change_the_plane(monkeypatch):
@@ -137,15 +107,7 @@ def test_an_orthogonal_plane_doesn_t_depend_on_the_frame():
     assert_allclose(far[1], near[1], rtol=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("X", "weights", "message"),
-    [
-        ([[0.0], [1.0]], None, "2 columns or more"),
-        ([[0.0, 1], [1, np.nan]], None, "missing or infinite"),
-        ([[0.0, 1e300], [1e300, 0], [3e300, 1]], None, "rescale X"),
-        ([[0.0, 1], [1, 2]], [0, 0], "no point of positive weight"),
-    ],
-)
-def test_bad_input_is_refused_with_a_remedy(X, weights, message):
-    with pytest.raises(ValueError, match=message):
-        adjust_plane(X, weights)
+def test_squares_that_overflow_are_refused_with_a_remedy():
+    X = np.random.default_rng(0).normal(size=(20, 3)) * 1e300
+    with pytest.raises(ValueError, match="rescale X"):
+        BaardaPlaneDetector().fit(X)

@@ -149,5 +149,7 @@ def test_what_cannot_be_is_refused():
         detector.reliability(X[1:])
     with pytest.raises(ValueError, match="is not above the level"):
         detector.reliability(X, 1e-9)
+    with pytest.raises(ValueError, match="'n_worst' parameter"):
+        detector.reliability(X, n_worst=-1)
     with pytest.raises(ValueError, match="loss='huber' has no minimal detectable biases"):
         BaardaPlaneDetector(sigma0=SIGMA, loss="huber").fit(X).reliability(X)

@@ -72,7 +72,9 @@ def test_noise_of_twenty_steps_of_float64_is_measured(offset, surface, robust_st
         BaardaPlaneDetector(test="tau"),
         BaardaPlaneDetector(test="t", elimination="all", surface="orthogonal"),
         BaardaPlaneDetector(sigma0="auto", loss="tukey"),
+        BaardaPlaneDetector(sigma0="auto", robust_start=True, loss="huber", elimination="all"),
         FuzzyPlaneDetector(sigma0="auto"),
+        FuzzyPlaneDetector(sigma0="auto", loss="tukey", weighting="cut"),
         FuzzyPlaneDetector(test="tau", surface="orthogonal"),
     ],
     ids=lambda d: repr(d),
@@ -80,6 +82,7 @@ def test_noise_of_twenty_steps_of_float64_is_measured(offset, surface, robust_st
 def test_a_point_a_thousand_steps_off_an_exact_plane_is_its_only_outlier(offset, detector):
     X = exact_plane(offset)
     assert (detector.fit(X).labels_ == 1).all()
+    assert detector.variance_factor_ <= detector.sigma0_**2
     # As 9.3e-7 at 5e6, where the scale was once held at 5e-7 or more.
     X[17, 2] += 1000 * np.spacing(offset + 10)
     assert_array_equal(np.flatnonzero(detector.fit(X).labels_ == -1), [17])

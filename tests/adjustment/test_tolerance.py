@@ -59,7 +59,7 @@ def test_points_within_the_tolerance_are_significant_with_probability_alpha_at_m
     significant = []
     for _ in range(200):
         X = np.column_stack([xy, side + rng.normal(0, 0.001, 100)])
-        detector = FuzzyPlaneDetector(0.05, sigma0=0.001, contamination=0.01).fit(X)
+        detector = FuzzyPlaneDetector(0.05, sigma0=0.001, width=1e6).fit(X)
         significant.append(flatness(detector, X, 0.1).n_significant > 0)
     # Each point can leave to one side only: half of the two-sided level, known to 0.011.
     assert 0.005 < np.mean(significant) <= 0.05

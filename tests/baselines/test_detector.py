@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.baselines import PlaneOutlierDetector, fit_neighborhoods
+from sklearn_mcmd.baselines import Pca, PlaneOutlierDetector
 from sklearn_mcmd.baselines._methods import COMPARATORS
 
 METHODS = ["msac", "pca", "qsp", "ransac", "robpca", "ulsif"]
@@ -74,8 +74,7 @@ def test_a_whole_cloud_is_judged_as_the_array_form_does(method):
     X = wall(80, 8)
     order = np.argsort(np.linalg.norm(X - X.mean(axis=0), axis=1), kind="stable")
     model = detector(method, None).fit(X)
-    params = QUICK.get(method, {})
-    found = fit_neighborhoods(method, X[order][None], random_state=0, **params)
+    found = COMPARATORS[method](**QUICK.get(method, {})).fit(X[order][None], random_state=0)
     assert_allclose(-model.score_samples(X)[order], found.scores[0], rtol=1e-6, atol=1e-9)
 
 
@@ -101,12 +100,11 @@ def test_neighborhoods_of_different_sizes_are_judged_one_by_one(method):
     sizes = [30, 12, 30, 25]
     valid = np.arange(30) < np.array(sizes)[:, None]
     points[~valid] = np.nan
-    params = {**QUICK.get(method, {}), "random_state": 0}
     comparator = COMPARATORS[method](**QUICK.get(method, {}))
-    together = comparator.fit_sizes(points, np.array(sizes), comparator.tables(0))
+    together = comparator.fit_sizes(points, np.array(sizes), comparator.seed(0))
     queries = np.random.default_rng(1).normal(size=(4, 5, 3))
     for b, size in enumerate(sizes):
-        alone = fit_neighborhoods(method, points[b : b + 1, :size], **params)
+        alone = comparator.fit(points[b : b + 1, :size], random_state=0)
         assert_allclose(together.scores[b, :size], alone.scores[0], rtol=1e-9, atol=1e-12)
         scores = together.score(queries)[b]
         assert_allclose(scores, alone.score(queries[b : b + 1])[0], rtol=1e-9, atol=1e-12)
@@ -120,7 +118,7 @@ def test_neighborhoods_of_different_sizes_are_judged_one_by_one(method):
 def test_the_scale_is_the_deviation_of_the_plane_s_members(method):
     points = np.random.default_rng(0).normal(size=(4, 50, 3)) * [1, 1, 0.05]
     share = {"contamination": 0.1} if method in NEED_SHARE else {}
-    found = fit_neighborhoods(method, points, random_state=0, **share, **QUICK.get(method, {}))
+    found = COMPARATORS[method](**share).fit(points, random_state=0)
     for b in range(4):
         members = points[b, found.support[b]]
         assert len(members) == (45 if share else 50)
@@ -172,8 +170,6 @@ def test_parameters_of_other_methods_are_refused():
 
 def test_neighborhoods_too_small_are_refused():
     with pytest.raises(ValueError, match="3 members are too few for planes in 3D"):
-        fit_neighborhoods("pca", np.zeros((2, 3, 3)))
+        Pca().fit(np.zeros((2, 3, 3)))
     with pytest.raises(ValueError, match="points must have shape"):
-        fit_neighborhoods("pca", np.zeros((20, 3)))
-    with pytest.raises(ValueError, match="method='lof' is none of"):
-        fit_neighborhoods("lof", np.zeros((2, 9, 3)))
+        Pca().fit(np.zeros((20, 3)))

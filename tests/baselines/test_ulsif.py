@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sklearn_mcmd.baselines import Ulsif, fit_neighborhoods
+from sklearn_mcmd.baselines import Ulsif
 from sklearn_mcmd.baselines._ulsif import (
     RatioLimits,
     gaussian_kernels,
@@ -58,9 +58,10 @@ def test_weights_minimize_the_regularized_loss():
 
 def test_width_and_regularization_are_those_of_the_best_score():
     points = np.random.default_rng(0).normal(size=(3, 40, 2))
-    found = fit_neighborhoods("ulsif", points, random_state=0)
-    shuffled = Ulsif().tables(0).of(40, 2)[-1]
-    basis, test = found.model.basis, (points - found.origin[:, None])[:, shuffled]
+    found = Ulsif().fit(points, random_state=0)
+    ((_, model),) = found.models
+    shuffled = Ulsif().table(40, 2, Ulsif().seed(0))[-1]
+    basis, test = model.basis, (points - found.origin[:, None])[:, shuffled]
     # All training points are in the basis.
     gaps = np.linalg.norm(basis - np.median(basis, axis=1, keepdims=True), axis=2)
     best, kept = np.full(3, np.inf), [None] * 3
@@ -75,46 +76,25 @@ def test_width_and_regularization_are_those_of_the_best_score():
             for b, score in enumerate(leave_one_out_score(*parts)):
                 if score < best[b]:
                     best[b], kept[b] = score, (widths[b], weights[b])
-    assert_allclose(found.model.width, [width for width, _ in kept])
-    assert_allclose(found.model.weights, [weights for _, weights in kept])
+    assert_allclose(model.width, [width for width, _ in kept])
+    assert_allclose(model.weights, [weights for _, weights in kept])
 
 
-@pytest.mark.parametrize(("trained", "least"), [(True, 0.93), (False, 0.9)])
-def test_most_outliers_are_found_with_a_clean_training_set_and_by_the_central_part(trained, least):
-    """Table 4, 20 %: the replication's 99.0 % with the regular points for training."""
+def test_most_outliers_are_found_by_the_central_part():
     found = []
     for run in range(20):
         X, y = make_contaminated_plane(100, outlier_share=0.2, random_state=run)
-        clean, _ = make_contaminated_plane(80, outlier_share=0, random_state=1000 + run)
-        params = {"training": clean} if trained else {}
-        fit = fit_neighborhoods("ulsif", X[None], random_state=run, contamination=0.23, **params)
+        fit = Ulsif(contamination=0.23).fit(X[None], random_state=run)
         found.append(np.mean(~fit.inliers[0, y == -1]))
-    assert np.mean(found) > least
+    assert np.mean(found) > 0.9
 
 
 def test_scores_do_not_depend_on_the_unit():
     points = np.random.default_rng(0).normal(size=(5, 40, 3))
-    here, there = (
-        fit_neighborhoods("ulsif", p, random_state=0).scores for p in (points, 1000 * points + 7)
-    )
+    here, there = (Ulsif().fit(p, random_state=0).scores for p in (points, 1000 * points + 7))
     assert_allclose(here, there, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("params", "message"),
-    [
-        ({"training": [[1.0, 2.0]]}, "two or more points"),
-        ({"training": np.ones((5, 2))}, "has 2 columns and the points 3"),
-        ({"contamination": 0.7}, "'contamination' parameter of Ulsif"),
-    ],
-)
-def test_wrong_parameters_are_named(params, message):
-    points = np.random.default_rng(0).normal(size=(1, 20, 3))
-    with pytest.raises(ValueError, match=message):
-        fit_neighborhoods("ulsif", points, **params)
-
-
-def test_a_training_set_is_for_one_neighborhood():
-    points = np.random.default_rng(0).normal(size=(2, 20, 3))
-    with pytest.raises(ValueError, match="one neighborhood of all points"):
-        fit_neighborhoods("ulsif", points, training=points[0])
+def test_a_share_of_more_than_half_is_refused():
+    with pytest.raises(ValueError, match="'contamination' parameter of Ulsif"):
+        Ulsif(contamination=0.7)

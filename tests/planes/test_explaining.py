@@ -63,16 +63,7 @@ def test_the_owner_is_the_one_that_a_literal_loop_finds(d, kind, likely):
     owners, distances = literally(*scene(kind, d), likely)
     assert_array_equal(found[0], owners)
     assert_allclose(found[1], distances, rtol=1e-9, atol=1e-12)
-
-
-def test_the_scenes_hold_what_they_are_made_for():
-    """Queries without an owner, near to its plane, and far from it."""
-    owners, distances = explain(*scene("unusable", 3), True)
-    assert (owners == -1).sum() > 5
-    assert_array_equal(np.isinf(distances), owners == -1)
-    assert (distances <= 3).sum() > 50
-    assert ((distances > 3) & (owners >= 0)).sum() > 5
-    assert (explain(*scene("far away", 3))[0] == -1).all()
+    assert (owners == -1).all() if kind == "far away" else (owners >= 0).sum() > 20
 
 
 def links_of(cloud, limits, chunk=1000):

@@ -61,12 +61,3 @@ def test_neighborhoods_of_different_sizes_agree():
     assert_allclose(ours.spacing, theirs.spacing, rtol=1e-12)
     assert_allclose(ours.radius, theirs.radius, rtol=1e-12)
     assert len(np.unique(NeighborIndex(X, 30, 0.4).query(X).sizes)) > 1
-
-
-def test_a_neighborhood_has_no_copies_of_a_location():
-    rng = np.random.default_rng(0)
-    X = np.vstack([np.ones((20_000, 3)), rng.uniform(2, 3, (500, 3))])
-    index = NeighborIndex(rng.permutation(X), 30)
-    assert len(index.points) == 501
-    indices, _ = index.query(np.ones((1, 3)))
-    assert len(np.unique(index.points[indices[0]], axis=0)) == 30

@@ -46,8 +46,9 @@ KINDS = ["street", "grid", "line", "clusters", "far", "sphere", "nested", "near 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("k", [1, 4, 50])
-def test_neighbors_are_those_of_brute_force(kind, k):
+@pytest.mark.parametrize(("k", "capacity"), [(1, 4096), (4, 4096), (50, 4096), (30, 16)])
+def test_neighbors_are_those_of_brute_force(kind, k, capacity, monkeypatch):
+    monkeypatch.setattr(_nearest, "CAPACITY", capacity)  # more are searched one by one
     X = cloud(kind, 700, np.random.default_rng(0))
     search = SelfSearch(X)
     assert_array_equal(search.query(slice(None), k), brute_force(search.points, k))
@@ -67,13 +68,6 @@ def test_parts_are_those_of_the_whole():
     whole = search.query(slice(None), 30)
     for rows in (slice(0, 1), slice(17, 18), slice(5, 1003), slice(4990, None), slice(40, 40)):
         assert_array_equal(search.query(rows, 30), whole[rows])
-
-
-def test_too_many_candidates_are_searched_one_by_one(monkeypatch):
-    X = cloud("street", 5000, np.random.default_rng(3))
-    expected = SelfSearch(X).query(slice(None), 30)
-    monkeypatch.setattr(_nearest, "CAPACITY", 16)
-    assert_array_equal(SelfSearch(X).query(slice(None), 30), expected)
 
 
 @pytest.mark.parametrize("radius", [None, 0.2])

@@ -25,7 +25,7 @@ from public import (
     row_order,
 )
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, compare_planes, flatness
-from sklearn_mcmd.baselines import fit_neighborhoods
+from sklearn_mcmd.baselines._methods import COMPARATORS
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.model_selection import SpatialBlockSplit, spatial_blocks
 
@@ -153,7 +153,7 @@ def test_neighborhoods_follow_their_points(method, parts):
     points = rng.normal(size=(5, 30, 3)) * [1, 1, NOISE]
     motion = motion_of(parts, 30)
     moved = motion.scale * (points @ motion.rotation.T + motion.shift)
-    fit, after = (fit_neighborhoods(method, p, random_state=0) for p in (points, moved))
+    fit, after = (COMPARATORS[method]().fit(p, random_state=0) for p in (points, moved))
     tolerance = tolerance_of(motion, points.reshape(-1, 3)[:30])
     np.testing.assert_allclose(after.scores, fit.scores, rtol=tolerance, atol=10 * tolerance)
     tilt = bias_angle(after.normals, fit.normals @ motion.rotation.T)
