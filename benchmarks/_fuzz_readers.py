@@ -15,7 +15,7 @@ from sklearn_mcmd.tiling._folder import WorkFolder
 from sklearn_mcmd.tiling._outputs import resume_moves
 from sklearn_mcmd.tiling._stored_columns import CellColumns
 
-STORED = "manifest.json moves.json lock 0.written cells.npz 0.a.npy 0.a.json"
+STORED = "manifest.json moves.json cells.npz 0.a.npy 0.a.json"
 
 
 def reader_of(name, folder):
@@ -76,16 +76,14 @@ def _stores(folder):
             place.mkdir()
             shutil.copyfile(path, place / name)
             try:
-                opened = WorkFolder(target, "k")
-            except (TilingError, FileExistsError):
+                opened = WorkFolder(target)
+            except FileExistsError:
                 continue
             _ = opened.constants
             columns = CellColumns(place)
             for read, args in ((Cells, [place]), (columns.read, "0a"), (columns.report, "0a")):
                 with suppress(PointFileError):
                     read(*args)
-            WorkFolder.written(target)
-            opened.is_written(0, target, "")
             with suppress(TilingError):
                 resume_moves(verb, catalog, [target], opened)
             opened.remove()

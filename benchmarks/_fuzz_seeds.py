@@ -35,7 +35,6 @@ SETTINGS = [
 INDEX = {"features": [{"assets": {"data": {"href": "./a.las", "roles": ["data"]}}}]}
 STORES = [
     {"key": "k", "constants": {"dtype": "<f8", "step": 0.0}},
-    {"host": "localhost", "pid": 1},
     {"key": "m", "inputs": [[1, 2]], "moves": [["a", "b", [1, 2]]], "report": {"n": 1}},
 ]
 
@@ -164,11 +163,10 @@ def _stores(folder):
 
     for number, store in enumerate(STORES):
         write_json(folder / f"{number}.json", store)
-    (folder / "3.json").write_text(json.dumps(STORES[1]))  # a lock, which has no digest
     writer = CellWriter(folder, 10)
     writer.add(np.zeros((1, 3)), np.zeros(1, int))
     writer.close()
-    jsons = [(folder / f"{number}.json").read_bytes() for number in range(4)]
+    jsons = [(folder / f"{number}.json").read_bytes() for number in range(len(STORES))]
     return [*jsons, DEEP, (folder / "cells.npz").read_bytes(), _npy(np.zeros((2, 3)))]
 
 

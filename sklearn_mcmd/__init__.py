@@ -2,63 +2,47 @@
 
 TYPE_CHECKING = False  # True for type checkers, like typing's, whose import takes time
 if TYPE_CHECKING:
-    from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
-    from sklearn_mcmd.edges import SharpFeatureDetector
-    from sklearn_mcmd.normals import RobustNormalEstimator
-    from sklearn_mcmd.outliers import MCMDOutlierDetector
-    from sklearn_mcmd.segmentation import RegionGrowing
+    from sklearn_mcmd.adjustment import BaardaPlaneDetector as BaardaPlaneDetector
+    from sklearn_mcmd.adjustment import FuzzyPlaneDetector as FuzzyPlaneDetector
+    from sklearn_mcmd.edges import SharpFeatureDetector as SharpFeatureDetector
+    from sklearn_mcmd.normals import RobustNormalEstimator as RobustNormalEstimator
+    from sklearn_mcmd.outliers import MCMDOutlierDetector as MCMDOutlierDetector
+    from sklearn_mcmd.segmentation import RegionGrowing as RegionGrowing
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "BaardaPlaneDetector",
-    "FuzzyPlaneDetector",
-    "MCMDOutlierDetector",
-    "RegionGrowing",
-    "RobustNormalEstimator",
-    "SharpFeatureDetector",
-    "__version__",
-]
+# Public rooms, and which of their names are here, too. Imported on first use (PEP 562): estimators
+# need scikit-learn, whose import takes two seconds, and `mcmd --help` needs no estimator.
+_ROOMS = {
+    "adjustment": ["BaardaPlaneDetector", "FuzzyPlaneDetector"],
+    "baselines": [],
+    "datasets": [],
+    "edges": ["SharpFeatureDetector"],
+    "io": [],
+    "metrics": [],
+    "model_selection": [],
+    "normals": ["RobustNormalEstimator"],
+    "outliers": ["MCMDOutlierDetector"],
+    "plotting": [],
+    "resampling": [],
+    "segmentation": ["RegionGrowing"],
+    "tiling": [],
+    "view": [],
+}
+_HOMES = {name: room for room, names in _ROOMS.items() for name in names}
 
-# Imported on first use (PEP 562): estimators need scikit-learn, whose import takes two seconds, and
-# `mcmd --help` needs no estimator.
-_HOMES = {
-    "BaardaPlaneDetector": "adjustment",
-    "FuzzyPlaneDetector": "adjustment",
-    "MCMDOutlierDetector": "outliers",
-    "RegionGrowing": "segmentation",
-    "RobustNormalEstimator": "normals",
-    "SharpFeatureDetector": "edges",
-}
-_SUBPACKAGES = {
-    "adjustment",
-    "baselines",
-    "datasets",
-    "edges",
-    "io",
-    "metrics",
-    "model_selection",
-    "normals",
-    "outliers",
-    "plotting",
-    "resampling",
-    "segmentation",
-    "tiling",
-    "view",
-}
+__all__ = [*_HOMES, "__version__"]
 
 
 def __getattr__(name):
     from importlib import import_module
 
-    if name in _HOMES:
-        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-        globals()[name] = value
-        return value
-    if name in _SUBPACKAGES:
+    if name in _ROOMS:
         return import_module(f"{__name__}.{name}")
+    if name in _HOMES:
+        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__():
-    return sorted({*globals(), *__all__, *_SUBPACKAGES})
+    return sorted([*__all__, *_ROOMS])

@@ -1,7 +1,5 @@
 """The entry of ``mcmd`` and ``python -m sklearn_mcmd``."""
 
-__all__ = ["main"]
-
 
 def main():
     """Run the command line; without its libraries, say in one line how to get them.

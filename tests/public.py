@@ -38,7 +38,7 @@ LEFT_OUT = {"group_index_", "coef_", "distance_", "intercept_", "features_", "re
 def public_names():
     """Dotted names of all that the package and its subpackages list as public."""
     found = {}
-    for room in sorted(sklearn_mcmd._SUBPACKAGES):
+    for room in sorted(sklearn_mcmd._ROOMS):
         module = import_module(f"sklearn_mcmd.{room}")
         for name in getattr(module, "__all__", ()):
             found[f"{room}.{name}"] = getattr(module, name)

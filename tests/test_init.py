@@ -1,8 +1,10 @@
 """The public names: there as if imported, and imported when first asked for."""
 
+import ast
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -34,6 +36,16 @@ def test_names_are_found_where_nothing_was_imported_before():
     )
     assert (neighbors, subpackage, loaded) == ("33", "sklearn_mcmd.tiling", "False")
     assert set(sklearn_mcmd.__all__) <= set(names) & set(dir(sklearn_mcmd))
+
+
+def test_type_checkers_see_the_names_that_users_see():
+    tree = ast.parse(Path(sklearn_mcmd.__file__).read_text(encoding="utf-8"))
+    imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    homes = {alias.asname: node.module for node in imported for alias in node.names}
+    assert {name: f"sklearn_mcmd.{room}" for name, room in sklearn_mcmd._HOMES.items()} == {
+        name: home for name, home in homes.items() if name
+    }
+    assert set(dir(sklearn_mcmd)) == {*sklearn_mcmd.__all__, *sklearn_mcmd._ROOMS}
 
 
 def test_an_unknown_name_is_an_attribute_error_that_names_it():

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from functools import cache
-from unittest.mock import patch
 
 import numpy as np
 from sklearn.base import clone
@@ -13,7 +12,6 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.tiling import _run, process_files
 from sklearn_mcmd.tiling._result_files import normal_columns
 
 # Few neighbors, so that little lies around small tiles.
@@ -71,12 +69,6 @@ def columns_of(fitted):
     """Names and values of normals."""
     names, columns = normal_columns(fitted)
     return names, columns.T.copy()
-
-
-def divide(source, target, estimator, *, cut=0.5, **options):
-    """`process_files` with tiles that begin elsewhere: `cut` is the share left of a division."""
-    with patch.object(_run, "CUT", cut):
-        return process_files(source, target, estimator, **options)
 
 
 # A run that kills itself when a function of a module of tiling is called once too often.

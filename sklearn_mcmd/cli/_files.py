@@ -100,23 +100,17 @@ def read(source, target=None, results=None, *, columns=None):
 
 
 def refuse_existing(*targets, report=None, catalog=None):
-    """Raise if an output is there that --no-clobber keeps.
-
-    Of a `catalog`, those that an earlier run of the same target wrote before it ended may be there.
-    """
-    known = set()
+    """Raise if an output is there that --no-clobber keeps; a `catalog` may have several."""
     if catalog is not None:
-        from sklearn_mcmd.tiling._folder import WorkFolder
         from sklearn_mcmd.tiling._outputs import targets_of
 
-        known = WorkFolder.written(targets[0])
         targets = (*targets_of(catalog, targets[0]), *targets[1:])
     if report is not None:
         from sklearn_mcmd.report._rendering import PAGE, VIEW
 
         targets = (*targets, report.folder / PAGE, report.folder / VIEW)
     for path in targets:
-        if os.path.lexists(path) and os.path.realpath(path) not in known:
+        if os.path.lexists(path):
             raise FileExistsError(f"{path}: is there already, and --no-clobber keeps it")
 
 

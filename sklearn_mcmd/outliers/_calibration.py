@@ -37,13 +37,12 @@ class CalibrationLimits(NamedTuple):
     most_noise: float = 2.0  # in spacings
 
 
-def calibrated_cutoff(model, settings, rate, rows=None):
+def calibrated_cutoff(model, settings, rate):
     """Cutoff beyond which a stated share of a clean plane's points is flagged.
 
     The model is of the whole cloud. Its planes also tell how large the noise is against the
-    spacing, which matters where it reaches the size of a neighborhood; `rows` are the points whose
-    planes tell that, by default every `sample_step`-th in the order of coordinates. The settings
-    are of `JudgedCloud`. Raise if the rate is less than the simulation resolves.
+    spacing, which matters where it reaches the size of a neighborhood. The settings are of
+    `JudgedCloud`. Raise if the rate is less than the simulation resolves.
     """
     d = model.index.points.shape[1]
     compiled = d == 3 and model.index.n_neighbors is not None
@@ -51,7 +50,7 @@ def calibrated_cutoff(model, settings, rate, rows=None):
     n_counted = int(np.clip(EXPECTED / rate, FEWEST[compiled], MOST[compiled]))
     if model.index.n_neighbors is None:
         return float(np.quantile(_one_plane(model, settings, n_counted), 1 - rate))
-    noise = _matching_noise(model, rows)
+    noise = _matching_noise(model)
     X, counted = _clean_plane(n_counted, model.index.n_neighbors, d, noise)
     if settings["noise_scale"] is not None:
         settings = {**settings, "noise_scale": noise}
@@ -98,12 +97,7 @@ def _radius(n_neighbors, d):
     return (n_neighbors / unit_ball) ** (1 / (d - 1))
 
 
-def sample_step(n):
-    """Of n points in the order of their coordinates, each of so many tells how rough planes are."""
-    return max(1, n // MATCHED)
-
-
-def _matching_noise(model, rows):
+def _matching_noise(model):
     """Noise of a clean plane, in spacings, whose planes are as rough for their size as the cloud's.
 
     Where noise reaches the size of the neighborhoods these turn from disks into balls, and
@@ -111,9 +105,8 @@ def _matching_noise(model, rows):
     """
     n, d = model.index.points.shape
     k = model.index.n_neighbors
-    if rows is None:
-        # Evenly along the first axis, so that neither the order of rows nor the unit matters.
-        rows = np.lexsort(model.index.points.T[::-1])[:: sample_step(n)]
+    # Evenly along the first axis, so that neither the order of rows nor the unit matters.
+    rows = np.lexsort(model.index.points.T[::-1])[:: max(1, n // MATCHED)]
     wanted, (_, least, most) = _roughness(model, rows), CalibrationLimits()
     noise = wanted * _radius(k, d)
     for _ in range(MATCHING_STEPS):

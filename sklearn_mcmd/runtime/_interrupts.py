@@ -67,19 +67,14 @@ def raise_interrupts():
 
 
 def _raise_again(hook, unraisable):
-    if unraisable.exc_type is not KeyboardInterrupt:
+    """Send an interrupt again, which ends waiting and sleeping, too."""
+    if unraisable.exc_type is not KeyboardInterrupt or os.name == "nt":
         hook(unraisable)
         return
-    again = threading.Timer(AGAIN_AFTER, _interrupt_main_thread)
+    main = threading.main_thread().ident
+    again = threading.Timer(AGAIN_AFTER, signal.pthread_kill, (main, signal.SIGINT))
     again.daemon = True
     again.start()
-
-
-def _interrupt_main_thread():
-    if hasattr(signal, "pthread_kill"):  # ends waiting and sleeping, too
-        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
-    else:  # Windows
-        signal.raise_signal(signal.SIGINT)
 
 
 def ignore_interrupts():

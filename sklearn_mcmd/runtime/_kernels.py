@@ -5,7 +5,7 @@ code also holds functions and constants of other files. If these change, or an u
 Numba would still take the old code, or fail to load it.
 """
 
-from functools import cache
+from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -35,23 +35,18 @@ def kernel(function=None, **options):
     kept = getattr(compiled, "_cache", None)  # a plain function with NUMBA_DISABLE_JIT=1
     if hasattr(kept, "_cache_file"):  # not where nothing is kept
         kept._cache_file._source_stamp = (kept._cache_file._source_stamp, _stamp())
-        kept.load_overload = _load_unless_damaged(kept, kept.load_overload)
+        kept.load_overload = partial(_load_unless_damaged, kept, kept.load_overload)
     return compiled
 
 
-def _load_unless_damaged(kept, load):
+def _load_unless_damaged(kept, load, *arguments):
     """Load what is kept; where a file was cut off, forget all, so that Numba compiles anew."""
-
-    def load_or_forget(*arguments):
-        try:
-            return load(*arguments)
-        except OSError:
-            raise  # Numba knows these
-        except Exception:  # unpickling wrong bytes may raise anything
-            kept.flush()
-            return None
-
-    return load_or_forget
+    try:
+        return load(*arguments)
+    except OSError:
+        raise  # Numba knows these
+    except Exception:  # unpickling wrong bytes may raise anything
+        return kept.flush()
 
 
 @cache

@@ -6,7 +6,6 @@ Estimators have no parameter for it: fitting does not depend on what is shown.
 import logging
 import multiprocessing
 import sys
-import time
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -14,7 +13,6 @@ from functools import cache
 from typing import NamedTuple
 
 COMPILING = "compiling for this computer (once; then kept on disk)"  # or as `_compiling` says
-PATIENCE = 1.0  # seconds of compiling that pass without a word where nobody listens
 
 _span = ContextVar("sklearn_mcmd_progress", default=None)
 _listeners: list = []  # those in force; any thread may compile and report
@@ -55,10 +53,6 @@ class Span:
         low, high = self.low + low * length, self.low + high * length
         span = replace(self, low=low, high=high)
         return span if stage is None else replace(span, stage=stage, begin=low, end=high, note="")
-
-    def in_stage(self, stage):
-        """The same part under the name of a stage, if it has one."""
-        return self if not stage else replace(self, stage=stage)
 
 
 @contextmanager
@@ -120,23 +114,18 @@ def watch_compilation():
     from numba.core import event
 
     class Compilation(event.Listener):
-        depth = 0  # compiling a function compiles those that it calls
-        since, own, spent, said = 0.0, False, 0.0, False
+        depth, said = 0, False  # compiling a function compiles those that it calls
 
         def on_start(self, event):
-            if self.depth == 0:
-                self.since, self.own = time.monotonic(), _is_own(event)
             self.depth += 1
             _report_to_all(COMPILING)
-            lasted = self.spent + time.monotonic() - self.since
-            if self.own and lasted >= PATIENCE and not self.said and not _listeners:
+            if not (_listeners or self.said) and _is_own(event):
                 self.said = True
                 _print_or_log(f"sklearn_mcmd: {COMPILING}")
 
         def on_end(self, event):
             self.depth -= 1
             if self.depth == 0:
-                self.spent += time.monotonic() - self.since if self.own else 0.0
                 _report_to_all(None)
 
     event.register("numba:compile", Compilation())

@@ -5,6 +5,7 @@ Without callbacks, and with scikit-learn before 1.9, none of this does anything.
 
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import replace
 from functools import wraps
 
 from sklearn_mcmd.runtime._progress import current_span, heard_by, progress_part
@@ -23,7 +24,7 @@ def fit_in_tasks(fit):
 
     @wraps(fit)
     def fit_and_report(self, X, y=None, *args, **params):
-        if not _is_watched(self):
+        if not (getattr(self, "_skl_callbacks", ()) or hasattr(self, "_parent_callback_ctx")):
             token = _tasks.set(None)
             try:
                 return fit(self, X, y, *args, **params)
@@ -101,10 +102,4 @@ class _FitTasks:
 
     def report_outer(self, progress):
         if self.outer is not None:
-            self.outer.in_stage(progress.stage).report(progress.share)
-
-
-def _is_watched(estimator):
-    return bool(getattr(estimator, "_skl_callbacks", ())) or hasattr(
-        estimator, "_parent_callback_ctx"
-    )
+            replace(self.outer, stage=progress.stage or self.outer.stage).report(progress.share)

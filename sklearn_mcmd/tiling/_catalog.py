@@ -74,14 +74,13 @@ class Catalog:
 
     def __init__(self, source: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> None:
         self.paths = paths_of(source)
-        one = isinstance(source, str | os.PathLike) and self.paths == [Path(source)]
-        self.is_many = len(self.paths) > 1 or (isinstance(source, str | os.PathLike) and not one)
+        one = [Path(source)] if isinstance(source, str | os.PathLike) else self.paths[:1]
+        self.is_many = self.paths != one
         headers, self.stamps = [], []
         for path in self.paths:
             with one_clear_line(path, "read"):
                 if path.suffix.lower() not in TILED:
-                    words = "clouds of several files, or beyond memory, must be LAS or LAZ"
-                    raise PointFileError(words)
+                    raise PointFileError("several files, or one beyond memory, must be LAS or LAZ")
                 check_file(path)
                 headers.append(read_header(path))
                 if headers[-1].point_count == 0:
@@ -164,12 +163,9 @@ def _indexed(index):
 
 
 def _link_to_data(assets):
-    """The link of the points themselves; there may be overviews and the like."""
-    for key, asset in assets.items():
-        if key == "data" or "data" in asset.get("roles", ()):
-            return str(asset["href"])
-    first, *_ = assets.values()
-    return str(first["href"])
+    """The link of the points themselves, else the first; there may be overviews and the like."""
+    data = [a for key, a in assets.items() if key == "data" or "data" in a.get("roles", ())]
+    return str([*data, *assets.values()][0]["href"])
 
 
 def _place(index, link):
@@ -179,10 +175,8 @@ def _place(index, link):
         return Path(url2pathname(parts.path))
     if parts.netloc:
         raise PointFileError(f"its file {link} is not on this machine; download it")
-    for path in (index.parent / link, index.parent / unquote(link)):
-        if path.exists():
-            return path
-    return index.parent / link
+    paths = [index.parent / link, index.parent / unquote(link)]
+    return next((path for path in paths if path.exists()), paths[0])
 
 
 def _projection(header):

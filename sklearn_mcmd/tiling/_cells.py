@@ -11,13 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
+from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.tiling._stored_columns import in_place_of
 
 # A point as it is stored, with its place in the order of all inputs.
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"
+GROUND = "ground"  # the folder of the cells of the ground, which are divided in plan
 LOCATED_AT_ONCE = 2**16  # points whose cells are found at once
 # How cells are cut; only the time depends on it.
 COUNTED = 20_000  # points of a cell that are counted to find the best cut
@@ -28,12 +31,11 @@ STRAY = 0.05  # share of the points at each end that do not count for the length
 class CellWriter:
     """Scatters points to the files of cells in an empty folder.
 
-    No cell has more than `capacity` points, but that copies of one are never divided. Of a cell
-    that is cut, `share` is left of the cut; results do not depend on it.
+    No cell has more than `capacity` points, but that copies of one are never divided.
     """
 
-    def __init__(self, folder, capacity, share=0.5):
-        self.folder, self.capacity, self.share = Path(folder), capacity, share
+    def __init__(self, folder, capacity):
+        self.folder, self.capacity = Path(folder), capacity
         # Of each node, the axis, the place of the cut, and the first of two children; -1 of a leaf.
         self.nodes = [(-1, 0.0, -1)]
         self.counts, self.n_points = [0], 0
@@ -45,19 +47,7 @@ class CellWriter:
         records = np.empty(len(xyz), RECORD)
         records["xyz"], records["row"] = xyz, rows
         self.n_points += len(xyz)
-        self._put(0, records)
-
-    def close(self):
-        """Write what the cells are; returns these as `Cells`."""
-        leaves = np.flatnonzero(self.counts)
-        boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
-        known = {"names": leaves, "counts": np.array(self.counts)[leaves]}
-        with in_place_of(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
-            np.savez(file, boxes=boxes, extents=extents, **known)
-        return Cells(self.folder)
-
-    def _put(self, node, records):
-        waiting = [(node, records)]
+        waiting = [(0, records)]
         while waiting:
             node, records = waiting.pop()
             axis, cut, child = self.nodes[node]
@@ -76,11 +66,20 @@ class CellWriter:
             if self.counts[node] > self.capacity:
                 waiting += self._divide(node)
 
+    def close(self):
+        """Write what the cells are; returns these as `Cells`."""
+        leaves = np.flatnonzero(self.counts)
+        boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
+        known = {"names": leaves, "counts": np.array(self.counts)[leaves]}
+        with in_place_of(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
+            np.savez(file, boxes=boxes, extents=extents, **known)
+        return Cells(self.folder)
+
     def _divide(self, node):
         """Make a leaf an inner node; returns its points, which are to be put below it."""
         path = _path(self.folder, node)
         records = np.fromfile(path, RECORD)
-        axis, cut = _best_cut(records["xyz"], self.share)
+        axis, cut = _best_cut(records["xyz"])
         if cut is None:
             return []
         path.unlink()
@@ -94,6 +93,21 @@ class CellWriter:
             self.boxes.append(box)
             self.extents.append(_no_extent())
         return [(node, records)]
+
+
+class GroundWriter(CellWriter):
+    """Scatters the points of the ground to cells in plan, with heights in the place of rows."""
+
+    def add(self, cloud):
+        """Take the ground of a part of the cloud."""
+        xyz = cloud.xyz[ground_in(cloud)]
+        if len(xyz):
+            super().add(flat(xyz), xyz[:, 2].copy().view(np.int64))
+
+
+def flat(xyz):
+    """Points in plan, which have 0 as their z."""
+    return xyz * [1.0, 1.0, 0.0]
 
 
 class Cells:
@@ -124,11 +138,8 @@ class Cells:
     def of(self, points):
         """The cell in whose box each point lies; 0 where there is none, since it would be empty."""
         of = np.zeros(len(points), np.int32)
-        for first in range(0, len(points), LOCATED_AT_ONCE):
-            part, cells = (
-                points[first : first + LOCATED_AT_ONCE],
-                of[first : first + LOCATED_AT_ONCE],
-            )
+        for rows in slices(len(points), LOCATED_AT_ONCE):
+            part, cells = points[rows], of[rows]
             low, high = part.min(axis=0), part.max(axis=0)
             for cell in np.flatnonzero(((self.low <= high) & (self.high > low)).all(axis=1)):
                 cells[((part >= self.low[cell]) & (part < self.high[cell])).all(axis=1)] = cell
@@ -147,44 +158,31 @@ def _no_extent():
     return np.array([[np.inf] * 3, [-np.inf] * 3])
 
 
-def _best_cut(points, share):
+def _best_cut(points):
     """The axis whose cut has the fewest points near it, and the cut, None if there is none.
 
     Of axes with as many, the longest. Stray points have no say: the longest side of a road below
     a few of them is its height, and a cut through its noise would have half of it on each side.
     """
     some = points[:: -(-len(points) // COUNTED)]
-    low, high = np.quantile(some, (STRAY, 1 - STRAY), axis=0)
+    low, middle, high = np.quantile(some, (STRAY, 0.5, 1 - STRAY), axis=0)
     length = high - low
-    width = NEAR * length.max()
-    axes = []
-    for axis in range(3):
-        cut = np.quantile(some[:, axis], share)
-        near = np.count_nonzero(np.abs(some[:, axis] - cut) < width)
-        axes.append((near, -length[axis], axis))
-    for _, _, axis in sorted(axes):
-        cut = _cut(points[:, axis], share)
-        if cut is not None:
-            break
-    return axis, cut
-
-
-def _cut(values, share):
-    """A value between the least and the most; None if there is none."""
-    cut = np.partition(values, int(share * len(values)))[int(share * len(values))]
-    if cut > values.min():
-        return float(cut)
-    above = values[values > cut]
-    return float(above.min()) if len(above) else None
+    near = np.count_nonzero(np.abs(some - middle) < NEAR * length.max(), axis=0)
+    for axis in np.lexsort((-length, near)):
+        values = points[:, axis]
+        cut = np.partition(values, len(values) // 2)[len(values) // 2]
+        if cut == values.min():  # copies: the next value, which is inf if there is none
+            cut = values.min(where=values > cut, initial=np.inf)
+        if cut < np.inf:
+            return axis, float(cut)
+    return 0, None
 
 
 class Constants(NamedTuple):
-    """What every tile must know of the whole cloud: the precision of the coordinates, float32 if it
-    rounded them, and the step to which they were rounded, 0 where there is none.
-    """
+    """What every tile must know of the whole cloud."""
 
-    dtype: str
-    step: float
+    dtype: str  # of the coordinates: float32 if it rounded them
+    step: float  # to which they were rounded, 0 where there is none
 
 
 class WholeCloud:
@@ -225,8 +223,7 @@ class _Levels:
             self.parts.append(_joined([self.parts.pop(), self.parts.pop()]))
 
     def merged(self):
-        self.parts = [_joined(self.parts)]
-        return self.parts[0]
+        return _joined(self.parts)
 
 
 def _joined(parts):

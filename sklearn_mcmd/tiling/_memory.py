@@ -19,7 +19,7 @@ UNKNOWN = 4e9  # bytes of a machine that does not say how many it has
 
 
 class Costs(NamedTuple):
-    """Bytes for each point that a work takes, measured, see docs/tiling.rst."""
+    """Bytes for each point that a work takes, measured; see docs/tiling.rst."""
 
     tile: int  # of a tile
     stored: int  # of temporary files
@@ -35,10 +35,7 @@ COSTS = {
     "edges": Costs(tile=750, stored=480, cloud=1100, whole=35, does="judges"),
     "tree": Costs(tile=650, stored=480, cloud=850, whole=200, does="holds the tree of"),
     "regions": Costs(tile=650, stored=550, cloud=720, whole=100, does="joins the regions of"),
-}
-# What more a work takes, at least but for what is stored: numbers of neighbors are found, rays
-# are followed, and there is a position for each point.
-MORE = {
+    # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=370, cloud=750, whole=80, does="finds neighbors of"),
     "rays": Costs(tile=0, stored=155, cloud=650, whole=200, does="follows the rays to"),
     "positions": Costs(tile=0, stored=50, cloud=500, whole=24, does="holds positions for"),
@@ -63,16 +60,14 @@ FILL = 0.7  # how full cells are that are halved when they are full
 
 
 class Plan(NamedTuple):
-    """How a catalog is to be divided: how many tiles are computed at once, with so many threads
-    each, how large they are, about how many, and about how many bytes of memory and disk they take.
-    """
+    """How a catalog is to be divided."""
 
-    n_workers: int
-    n_threads: int
-    tile_size: int
-    n_tiles: int
-    memory: float
-    disk: float
+    n_workers: int  # tiles that are computed at once
+    n_threads: int  # of each of these
+    tile_size: int  # points of a tile, at most
+    n_tiles: int  # about
+    memory: float  # bytes, about
+    disk: float  # bytes, about
 
 
 def parse_memory(memory):
@@ -91,11 +86,11 @@ def parse_memory(memory):
 
 def most_neighbors(n_points, *estimators):
     """The largest number of neighbors of some estimators of so many points."""
-    numbers = []
-    for estimator in filter(None, estimators):
+    estimators = [estimator for estimator in estimators if estimator is not None]
+    for estimator in estimators:
         check_work(estimator, n_points)
-        numbers.append(estimator.n_neighbors)
-    return max((k for k in numbers if isinstance(k, Integral)), default=NEIGHBORS)
+    sizes = (estimator.n_neighbors for estimator in estimators)
+    return max((k for k in sizes if isinstance(k, Integral)), default=NEIGHBORS)
 
 
 def work_of(base, normals=None, detector=None, sensor=None):
@@ -106,22 +101,17 @@ def work_of(base, normals=None, detector=None, sensor=None):
 
 
 def costs_of(work):
-    """The `Costs` of a work: a key of `COSTS` and, after commas, keys of `MORE`."""
-    base, *more = work.split(", ")
-    costs = COSTS[base]
-    for other in (MORE[name] for name in more):
-        tile, stored, cloud = max(costs.tile, other.tile), costs.stored + other.stored, costs.cloud
-        whole, does = max(costs[3:], other[3:])
-        cloud = max(cloud, other.cloud)
-        costs = Costs(tile=tile, stored=stored, cloud=cloud, whole=whole, does=does)
-    return costs
+    """The `Costs` of a work: keys of `COSTS` with commas between. The disk is that of all."""
+    parts = [COSTS[name] for name in work.split(", ")]
+    tile, stored, cloud, whole, _ = zip(*parts, strict=True)
+    does = max(parts, key=lambda part: part.whole).does
+    return Costs(tile=max(tile), stored=sum(stored), cloud=max(cloud), whole=max(whole), does=does)
 
 
 def check_tile_size(tile_size):
     """Raise if a cloud cannot be divided like this."""
-    if tile_size is not None and not (
-        isinstance(tile_size, Integral) and not isinstance(tile_size, bool) and tile_size >= 1
-    ):
+    is_int = isinstance(tile_size, Integral) and not isinstance(tile_size, bool)
+    if tile_size is not None and not (is_int and tile_size >= 1):
         raise ValueError(f"tile_size={tile_size!r} must be an int of 1 or more, or None.")
 
 
@@ -155,12 +145,9 @@ def _memory_of_machine():
 
 def bytes_in_memory(catalog, n_features=0, *, work="normals"):
     """What a whole catalog takes in memory, about; `work` is as of `costs_of`."""
-    cloud_point = costs_of(work).cloud
-    points = sum(
-        n * (size + cloud_point + FEATURE * n_features)
-        for n, size in zip(catalog.counts, catalog.record_sizes, strict=True)
-    )
-    return PROCESS + points
+    more = costs_of(work).cloud + FEATURE * n_features
+    sizes = zip(catalog.counts, catalog.record_sizes, strict=True)
+    return PROCESS + sum(n * (size + more) for n, size in sizes)
 
 
 def bytes_to_join(n_points, n_rest):
@@ -224,9 +211,9 @@ def _least(n_points, work, bytes_a_point, n_neighbors, memory):
     own, least = PROCESS + PART * PART_POINT, PROCESS + LEAST_TILE * bytes_a_point
     why = f" with $n_neighbors={n_neighbors}" if n_neighbors else ""
     if costs.whole:
-        joins = work.startswith("regions")
-        at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE) if joins else 0
-        whole = PROCESS + costs.whole * n_points + at_once
+        whole = PROCESS + costs.whole * n_points
+        if work.startswith("regions"):
+            whole += JOINED_POINT * min(n_points, JOINED_AT_ONCE)
         if whole > max(own, least):
             why = f", because one process {costs.does} all {n_points:,} points"
         own = max(own, whole)

@@ -1,8 +1,8 @@
 """Outputs of a run: where they go, their writing in the order of the inputs, and their moves.
 
-Outputs that replace their inputs are all written first, then moved, and a run may end between. The
-inputs are one cloud. If one was replaced and another not, nobody could judge them again. So a run
-that ended while outputs were moved has only to move the others.
+Outputs are all written in the folder of the run, then moved, and a run may end between. They may
+replace the inputs, which are one cloud: if one was replaced and another not, nobody could judge
+them again. So a run that ended while outputs were moved has only to move the others.
 """
 
 import os
@@ -20,7 +20,6 @@ from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.runtime._progress import report_share
 from sklearn_mcmd.tiling._catalog import parts_of, stamp_of
 from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
-from sklearn_mcmd.tiling._memory import PART
 from sklearn_mcmd.tiling._sweeps import TilingError
 
 LAS_OR_LAZ = listed(TILED, "or")
@@ -74,14 +73,8 @@ def write_outputs(run, verb):
     catalog, targets, results, first, total = run.catalog, run.targets, verb.results(run), 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
-    for i, place in enumerate(_places_of(catalog, targets, run.folder)):
+    for i, place in enumerate(_places_of(targets, run.folder)):
         inputs = range(len(catalog)) if joined else [i]
-        if run.folder.is_written(i, place, verb.content):
-            end = first + sum(catalog.counts[j] for j in inputs)
-            for start in range(first, end, PART):
-                total += verb.measure(results.take(start, min(PART, end - start)))
-            first = end
-            continue
         for j in inputs:
             with one_clear_line(catalog.paths[j], "read"):
                 if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
@@ -101,25 +94,19 @@ def write_outputs(run, verb):
                 write(made, marked)
                 n_written += len(made)
                 report_share(first / catalog.n_points)
-        run.folder.mark_written(i, place, verb.content)
         if n_written == 0:
             warn_caller(f"{targets[i]}: all points are outliers, so the file has none")
     return total
 
 
-def _places_of(catalog, targets, folder):
-    """Where outputs are written: to their targets, or beside them if they replace inputs."""
-    inputs = set(map(os.path.realpath, catalog.paths))
-    if not any(os.path.realpath(target) in inputs for target in targets):
-        return targets
-    return [folder.staged(i, target) for i, target in enumerate(targets)]
+def _places_of(targets, folder):
+    """Where outputs are written."""
+    return [folder.outputs / f"{i}{path.suffix.lower()}" for i, path in enumerate(targets)]
 
 
 def move_outputs(verb, catalog, targets, folder, report):
-    """Move all outputs that wait; a report is kept for a run that has only to move them."""
-    places = _places_of(catalog, targets, folder)
-    if places is targets:
-        return
+    """Move all outputs; a report is kept for a run that has only to move them."""
+    places = _places_of(targets, folder)
     moves = [
         [str(place), os.path.realpath(target), list(stamp_of(place))]
         for place, target in zip(places, targets, strict=True)
@@ -145,7 +132,8 @@ def resume_moves(verb, catalog, targets, folder):
     if stored["key"] == _key(verb, catalog, targets) and _fits(stored, catalog):
         _move(stored["moves"])
         return stored["report"]
-    if any(_is_there(target, stamp) for _, target, stamp in stored["moves"]):
+    own = set(map(os.path.realpath, catalog.paths))
+    if any(target in own and _is_there(target, stamp) for _, target, stamp in stored["moves"]):
         raise TilingError(
             f"{folder.moves}: an earlier run ended when it had replaced some of its inputs; give "
             "its command again, or begin anew with files as they are (restart)"
@@ -175,10 +163,17 @@ def _fits(stored, catalog):
 
 def _move(moves):
     for place, target, _ in moves:
-        if Path(place).exists():
-            if Path(target).exists():
-                shutil.copymode(target, place)
+        if not Path(place).exists():
+            continue
+        Path(target).parent.mkdir(exist_ok=True)
+        if Path(target).exists():
+            shutil.copymode(target, place)
+        try:
             os.replace(place, target)
+        except OSError:  # a link leads to another disk
+            with replacing(target) as temporary:
+                shutil.copy2(place, temporary)  # with the times, which tell that it is this one
+            os.unlink(place)
 
 
 def _is_there(path, stamp):

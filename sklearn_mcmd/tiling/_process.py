@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterable
 from inspect import signature
 from reprlib import repr as shorter
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,7 @@ from sklearn_mcmd.tiling._tiled_outliers import TiledOutliers
 from sklearn_mcmd.tiling._tiled_regions import TiledRegions
 
 # What an estimator of each class does to files; the first that fits counts.
-VERBS = {
+VERBS: dict[Any, Any] = {
     MCMDOutlierDetector: TiledOutliers,
     RegionGrowing: TiledRegions,
     SharpFeatureDetector: TiledEdges,
@@ -147,20 +147,17 @@ def process_files(
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+    >>> from sklearn_mcmd import MCMDOutlierDetector
     >>> from sklearn_mcmd.datasets import make_street
     >>> from sklearn_mcmd.io import read_points, write_points
     >>> from sklearn_mcmd.tiling import process_files
     >>> street = make_street(8_000, outlier_share=0.01, random_state=0).data
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     a, b, c = (Path(folder) / name for name in ("a.las", "b.las", "c.las"))
+    ...     a, b = Path(folder) / "a.las", Path(folder) / "b.las"
     ...     write_points(a, street)
     ...     report = process_files(a, b, MCMDOutlierDetector(random_state=0), tile_size=3_000)
     ...     print(report.n_tiles, "tiles;", len(read_points(b)) + report.n_outliers, "points")
-    ...     report = process_files(b, c, RobustNormalEstimator(random_state=0), tile_size=3_000)
-    ...     print(*list(read_points(c).attributes)[-8:-4])
     4 tiles; 8000 points
-    normal_x normal_y normal_z surface_variation
     """
     given = {
         "mode": mode,
@@ -172,7 +169,13 @@ def process_files(
         "colors": colors,
         "sensor_origin": sensor_origin,
     }
-    verb, parameters = _verb_of(estimator), signature(process_files).parameters
+    verb = next((verb for kind, verb in VERBS.items() if isinstance(estimator, kind)), None)
+    if verb is None:
+        raise ValueError(
+            f"{type(estimator).__name__} cannot work by tiles: give an MCMDOutlierDetector, a "
+            "RobustNormalEstimator, a RegionGrowing or a SharpFeatureDetector."
+        )
+    parameters = signature(process_files).parameters
     for name, value in given.items():
         idle = parameters[name].default
         if name not in verb.options and repr(value) != repr(idle):
@@ -180,10 +183,16 @@ def process_files(
                 f"{name}={shorter(value)} has no meaning for {type(estimator).__name__}: leave it "
                 f"{idle!r}."
             )
+    if getattr(estimator, "normals", "estimate") != "estimate":
+        raise ValueError(
+            f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
+            "take normals='estimate'."
+        )
+    params = estimator.get_params()
     # The folder of a run knows parameters by their repr, and that of NumPy's numbers is no literal.
-    items = estimator.get_params().items()
-    numbers = {name: value.item() for name, value in items if isinstance(value, np.generic)}
-    estimator = clone(estimator).set_params(**numbers)
+    own = {name: value.item() for name, value in params.items() if isinstance(value, np.generic)}
+    own |= {name: 1 for name in params if name.endswith("n_jobs")}  # tiles have processes
+    estimator = clone(estimator).set_params(**own)
     verb = verb(estimator, **{name: given[name] for name in verb.options})
     report = run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart)
     if report.together:
@@ -196,13 +205,3 @@ def _classes(name, given):
         return class_numbers(given)
     except ValueError as err:
         raise ValueError(f"{name}={shorter(given)} {err}, such as [6, 9].") from err
-
-
-def _verb_of(estimator):
-    for kind, verb in VERBS.items():
-        if isinstance(estimator, kind):
-            return verb
-    raise ValueError(
-        f"{type(estimator).__name__} cannot work by tiles: give an MCMDOutlierDetector, a "
-        "RobustNormalEstimator, a RegionGrowing or a SharpFeatureDetector."
-    )

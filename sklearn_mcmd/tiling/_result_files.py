@@ -6,6 +6,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.tiling._sensor_origins import stored_origins
+from sklearn_mcmd.tiling._stored_columns import mapped
 
 NORMAL_COLUMNS = (
     *("normal_x", "normal_y", "normal_z", "surface_variation"),
@@ -13,8 +14,6 @@ NORMAL_COLUMNS = (
 )
 # Columns of `transform` before the features: coordinates, normals, variation, eigenvalues, plane.
 N_TRANSFORMED = 12
-# Points that may be fitted at once; only copies make a cloud of few places so large.
-MOST_COPIES = 1_000_000
 
 
 class Results:
@@ -27,13 +26,13 @@ class Results:
 
     def take(self, first, n, n_expected=None):
         """Results (n, n_columns) of points from the row `first` on; 0 or NaN of those without."""
-        of_row, n_found = np.load(self.paths[0], mmap_mode="r").dtype["values"], 0
+        of_row, n_found = mapped(self.paths[0], "r").dtype["values"], 0
         none = np.nan if of_row.base.kind == "f" else 0
         values = np.full((n, *of_row.shape), none, of_row.base)
         for tile, path in enumerate(self.paths):
             if self.rows[tile] >= first + n:
                 continue
-            stored, start = np.load(path, mmap_mode="r"), self.starts[tile]
+            stored, start = mapped(path, "r"), self.starts[tile]
             stop = bisect_left(stored["row"], first + n, start)
             part = stored[start:stop]
             values[part["row"] - first] = part["values"]
@@ -81,16 +80,11 @@ def write_results_of_places(job, values):
         write_results(columns, cell, cells.read(cell)["row"], own[place_of])
 
 
-def fit_together(job, estimator, cells, values_of, words=" at {:,} places"):
+def fit_together(job, estimator, cells, values_of):
     """An estimator fitted to all points in the order of the inputs; writes ``values_of(fitted)``.
 
-    Clouds of so few places are worked on in one piece, by other code than tiles. `words` say where
-    the points are, for the error.
+    Clouds of so few places are worked on in one piece, by other code than tiles.
     """
-    n_points = int(cells.counts.sum())
-    if n_points > MOST_COPIES:
-        words = words.format(len(job.whole()))
-        raise ValueError(f"{n_points:,} points{words} are no cloud to be divided into tiles")
     records = [cells.read(cell) for cell in range(len(cells))]
     rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
     order = np.argsort(rows)

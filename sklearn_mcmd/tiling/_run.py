@@ -3,7 +3,6 @@
 import shutil
 import time
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral
@@ -21,9 +20,8 @@ from sklearn_mcmd.io._las_parts import no_returns_of
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
 from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._catalog import Catalog, parts_of
-from sklearn_mcmd.tiling._cells import Cells, CellWriter, WholeCloud
+from sklearn_mcmd.tiling._cells import GROUND, Cells, CellWriter, GroundWriter, WholeCloud
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
-from sklearn_mcmd.tiling._heights import GROUND, GroundWriter
 from sklearn_mcmd.tiling._memory import Plan, check_tile_size, parse_memory, plan_run, usual_memory
 from sklearn_mcmd.tiling._outputs import move_outputs, resume_moves, targets_of, write_outputs
 from sklearn_mcmd.tiling._result_files import Results
@@ -33,8 +31,6 @@ from sklearn_mcmd.tiling._sweeps import Sweeps, TilingError
 SCATTERED = 0.07  # the share of the time after which all points are in cells, for the progress
 FOUND = 0.93  # the same of the results of all tiles
 WARM_UP = 100  # neighbors at most that load or compile the code
-# Share of a tile that comes to the left when it is divided. Results do not depend on it.
-CUT = 0.5
 
 
 class RunReport(NamedTuple):
@@ -108,14 +104,24 @@ class TiledRun(NamedTuple):
         return self.plan.n_workers * self.plan.n_threads
 
     def sweeps(self, steps):
-        """The `Sweeps` of these steps over the cells."""
-        return Sweeps(self.folder.columns, self.plan.n_workers, steps)
+        """The `Sweeps` of these steps."""
+        return Sweeps(self.plan.n_workers, steps)
 
 
-class TiledVerb(ABC):
+class TiledVerb:
     """What one verb knows of its estimator, which has one job a tile; `run_by_tiles` does all else.
 
-    `content` distinguishes outputs of one estimator. With a choice, some points are used.
+    `content` distinguishes outputs of one estimator. With a choice, some points are used. A verb
+    has these methods, too:
+
+    - ``prepare(catalog)`` puts compiled code on disk for all processes, warns of what is known of
+      the inputs, and raises for parameters that are wrong. It returns the work, and the numbers of
+      features and neighbors that `plan_run` takes.
+    - ``find(run)`` writes the results of all tiles that an earlier run has not done.
+    - ``make(cloud, values, xyz)``: what to write of a cloud in the form of its output, and which
+      points to mark in it.
+    - ``report(run, total)``: all other fields of the `RunReport`; `total` is the sum of what is
+      measured.
     """
 
     options: tuple[str, ...] = ()  # those of `process_files` that mean something to it
@@ -126,33 +132,13 @@ class TiledVerb(ABC):
     def __init__(self, estimator, content="", choice=None):
         self.estimator, self.content, self.choice = estimator, content, choice
 
-    @abstractmethod
-    def prepare(self, catalog):
-        """Put compiled code on disk for all processes, and raise for parameters that are wrong.
-
-        Warn of what is known of the inputs. Returns the work, and the numbers of features and
-        neighbors that `plan_run` takes.
-        """
-
-    @abstractmethod
-    def find(self, run):
-        """Write the results of all tiles that an earlier run has not done."""
-
     def results(self, run):
         """The `Results` of all tiles."""
         return Results(run.folder.columns, len(run.cells))
 
-    @abstractmethod
-    def make(self, cloud, values, xyz):
-        """What to write of a cloud in the form of its output, and which points to mark in it."""
-
     def measure(self, values):
         """What is summed up of the results of points."""
         return 0
-
-    @abstractmethod
-    def report(self, run, total):
-        """A dict of all other fields of the `RunReport`; `total` is the sum of what is measured."""
 
 
 def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
@@ -162,18 +148,16 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target))
-    if not restart and (report := _finished_before(verb, catalog, target, targets)):
-        return report
-    if verb.sensor is not None:
-        verb.sensor.check(catalog.n_points)
-    work, n_features, k = verb.prepare(catalog)
-    plan = plan_run(
-        catalog.n_points, memory, n_jobs, n_features, tile_size, work=work, n_neighbors=k
-    )
-    folder = _scattered(verb, catalog, target, plan, restart)
-    with _kept(folder):
-        for path in targets:
-            path.parent.mkdir(exist_ok=True)
+    with _work_folder(target) as folder:
+        if not restart and (report := resume_moves(verb, catalog, targets, folder)):
+            return RunReport(**report)._replace(n_resumed=report["n_tiles"])
+        if verb.sensor is not None:
+            verb.sensor.check(catalog.n_points)
+        work, n_features, k = verb.prepare(catalog)
+        plan = plan_run(
+            catalog.n_points, memory, n_jobs, n_features, tile_size, work=work, n_neighbors=k
+        )
+        _put_in_cells(verb, catalog, folder, plan, restart)
         cells, columns = Cells(folder.cells), folder.columns
         run = TiledRun(catalog, targets, folder, cells, plan, memory)
         n_resumed = sum(columns.is_done(cell, verb.last_sweep) for cell in range(len(cells)))
@@ -190,15 +174,35 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
             **found,
         )
         move_outputs(verb, catalog, targets, folder, report._asdict())
+    return report
+
+
+@contextmanager
+def _work_folder(target):
+    """The folder of a run, removed at its end; kept where it ends early with points in cells."""
+    folder = WorkFolder(target)
+    try:
+        yield folder
         with ignoring_interrupts():
             folder.remove()
-    return report
+    except (Exception, KeyboardInterrupt, SystemExit) as err:
+        if folder.constants is None and not folder.moves.exists():
+            folder.remove()
+        if folder.constants is None or folder.key is None:
+            raise
+        kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
+        if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
+            raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
+        warn_caller(kept)
+        raise
+    finally:
+        folder.release()
 
 
 def warm_up(estimator, n_points=3_000):
     """An estimator fitted to so many points; compiled code is then on disk for all processes."""
-    asked = {name: k for name, k in estimator.get_params().items() if name.endswith("n_neighbors")}
-    fewer = {name: min(k, WARM_UP) for name, k in asked.items() if isinstance(k, Integral)}
+    sizes = {n: k for n, k in estimator.get_params().items() if n.endswith("n_neighbors")}
+    fewer = {name: min(k, WARM_UP) for name, k in sizes.items() if isinstance(k, Integral)}
     points = np.random.default_rng(0).uniform(size=(n_points, 3)) * [1, 1, 0.01]
     points[: n_points // 2, 2] *= 100
     with warnings.catch_warnings(), progress_part(0.0, 0.0):
@@ -228,71 +232,30 @@ def check_estimator(estimator, kind):
         )
 
 
-def _scattered(verb, catalog, target, plan, restart):
-    """The folder of a run, with all points in cells: of an earlier run, if that was the same."""
+def _put_in_cells(verb, catalog, folder, plan, restart):
+    """Read all points once, unless an earlier run has, if that was the same."""
     used = verb.choice, verb.needs_ground, verb.sensor and verb.sensor.key
     paths = [str(path.resolve()) for path in catalog.paths]
-    key = key_of(verb.estimator, paths, catalog.stamps, plan.tile_size, CUT, used)
-    folder = WorkFolder(target, key)
-    try:
-        if restart:
-            folder.clear()
-        if folder.constants is None:
-            _check_disk(folder.path.parent, plan.disk)
-            with progress_part(0.0, SCATTERED, "reading"):
-                _scatter(verb, catalog, folder, plan.tile_size)
-    except BaseException:
-        if folder.constants is None:
-            folder.remove()
-        folder.release()
-        raise
-    return folder
-
-
-def _finished_before(verb, catalog, target, targets):
-    """The report of an earlier run that had only to move its outputs, which is done; or None."""
-    if not WorkFolder.path_of(target).exists():
-        return None
-    folder = WorkFolder(target, None)
-    with _kept(folder):
-        report = resume_moves(verb, catalog, targets, folder)
-        if report is None:
-            return None
-        folder.remove()
-    return RunReport(**report)._replace(n_resumed=report["n_tiles"])
-
-
-@contextmanager
-def _kept(folder):
-    """Name the folder where a run ends early."""
-    try:
-        yield
-    except (Exception, KeyboardInterrupt, SystemExit) as err:
-        kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
-        if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
-            raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
-        warn_caller(kept)
-        raise
-    finally:
-        folder.release()
-
-
-def _check_disk(folder, wanted):
-    free = shutil.disk_usage(folder).free
-    if free < wanted:
+    folder.begin(key_of(verb.estimator, paths, catalog.stamps, plan.tile_size, used), restart)
+    if folder.constants is not None:
+        return
+    free = shutil.disk_usage(folder.path).free
+    if free < plan.disk:
         raise PointFileError(
-            f"{folder}: temporary files need about {wanted / 1e9:.3g} GB, and {free / 1e9:.3g} GB "
-            "are free"
+            f"{folder.path.parent}: temporary files need about {plan.disk / 1e9:.3g} GB, and "
+            f"{free / 1e9:.3g} GB are free"
         )
+    with progress_part(0.0, SCATTERED, "reading"):
+        _scatter(verb, catalog, folder, plan.tile_size)
 
 
 def _scatter(verb, catalog, folder, capacity):
-    """Read all points once: into cells, and for the constants of the whole cloud."""
-    writer, whole, row = CellWriter(folder.cells, capacity, CUT), WholeCloud(), 0
+    """Put all points in cells, and find the constants of the whole cloud."""
+    writer, whole, row = CellWriter(folder.cells, capacity), WholeCloud(), 0
     ground = None
     if verb.needs_ground:
         (folder.cells / GROUND).mkdir()
-        ground = GroundWriter(folder.cells / GROUND, capacity, CUT)
+        ground = GroundWriter(folder.cells / GROUND, capacity)
     for path, cloud, chosen in parts_of(catalog.paths, verb.choice):
         xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
         rows = np.arange(row, row + len(cloud))

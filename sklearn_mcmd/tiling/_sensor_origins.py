@@ -23,7 +23,7 @@ from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.sensors._recognition import view_from_origin
 from sklearn_mcmd.tiling._catalog import parts_of
 from sklearn_mcmd.tiling._memory import PART
-from sklearn_mcmd.tiling._stored_columns import made
+from sklearn_mcmd.tiling._stored_columns import made, mapped
 
 ORIGINS = "origins.npy"
 # Attributes that scan angles need.
@@ -143,4 +143,4 @@ def stored_origins(folder):
     """The positions for all points in the order of the inputs, (n, 3) on disk; None if there are
     none beside the cells of a folder."""
     path = folder / ORIGINS
-    return np.load(path, mmap_mode="r") if path.exists() else None
+    return mapped(path, "r") if path.exists() else None

@@ -81,7 +81,7 @@ class StoredColumns:
             for cell in range(n_cells)
         ]
         self.starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        self._open, self._headers = [], {}
+        self._open = []
 
     def __len__(self):
         return int(self.starts[-1])
@@ -119,11 +119,10 @@ class StoredColumns:
 
     def write(self, name, start, values):
         """Fill rows of a column, from one on; no other bytes are written."""
-        dtype, shape, offset = self._header(name)
-        row = dtype.itemsize * int(np.prod(shape[1:]))
+        stored = mapped(self._path(name), "r")
         with open(self._path(name), "r+b") as file:
-            file.seek(offset + row * int(start))
-            file.write(np.ascontiguousarray(values, dtype).data)
+            file.seek(stored.offset + stored.strides[0] * int(start))
+            file.write(np.ascontiguousarray(values, stored.dtype).data)
 
     def remove(self, *names):
         """Free the disk of columns that no later sweep asks for."""
@@ -140,7 +139,7 @@ class StoredColumns:
         path = self._path(name)
         if changing:
             path = shutil.copyfile(path, path.with_suffix(".changed"))
-        stored = np.load(path, mmap_mode="c" if private else "r+")
+        stored = mapped(path, "c" if private else "r+")
         if not private:  # to free it would undo what was written
             self._open.append(stored)
         return np.asarray(stored)
@@ -184,8 +183,7 @@ class StoredColumns:
 
     def rows_of(self, name, rows):
         """Some rows of a column, of which nothing else stays in memory."""
-        dtype, shape, offset = self._header(name)
-        return np.array(np.memmap(self._path(name), dtype, "r", offset, shape)[rows])
+        return np.array(mapped(self._path(name), "r")[rows])
 
     def planes(self, changing=False):
         """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
@@ -195,15 +193,14 @@ class StoredColumns:
             known["radius"] = self.open("radius")
         return Planes.empty(0, 3)._replace(**known)
 
-    def _header(self, name):
-        """The dtype and the shape of a column, and where its file has the first row."""
-        if name not in self._headers:
-            stored = np.load(self._path(name), mmap_mode="r")
-            self._headers[name] = stored.dtype, stored.shape, stored.offset
-        return self._headers[name]
-
     def _path(self, name):
         return self.columns.path(ALL, name)
+
+
+def mapped(path, mode):
+    """The array of a file, mapped into memory."""
+    with one_clear_line(path, "read"):
+        return np.load(path, mmap_mode=mode)
 
 
 def made(path, dtype, shape):

@@ -7,10 +7,9 @@ import numpy as np
 from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._indexed_cloud import distinct_rows
 from sklearn_mcmd.planes._nearest import COMPILE_FROM, NearestPoints, SelfSearch
-from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded, within_radius
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
-from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
 STEP = 1.25  # ratio of numbers of neighbors that are searched at once
@@ -21,7 +20,7 @@ AT_ONCE = 1_000_000  # distances that are kept at once, what bounds the memory
 FAR_AT_ONCE = 8_000_000  # neighbors that are known before other cells are seen
 
 
-class StoredIndex:
+class StoredIndex(NeighborIndex):
     """A `NeighborIndex` of all places, whose neighbors were searched for and stored.
 
     It has as many neighbors as the column near, by default. If it is sized, their number is the
@@ -31,27 +30,12 @@ class StoredIndex:
 
     chunk = CHUNK
 
-    def __init__(self, whole, cells=None, n_neighbors=None, radius=None, sized=False):
+    def __init__(self, whole, cells=None, n_neighbors=None, radius=None, sized=False, n_jobs=None):
         self._whole, self._cells, self.points = whole, cells, whole.open("points")
         self._stored = whole.open("near").shape[1]
         self.n_neighbors = n_neighbors or self._stored
         self.radius, self.sizes = radius, whole.open("sizes") if sized else None
-
-    def query_own(self, rows, k=None, keep=True):
-        """As of `NeighborIndex`, of a slice or an array of rows."""
-        if k is None and self.sizes is not None:
-            sizes = np.array(self.sizes[rows])
-            near = padded(self._sized(rows, sizes), sizes)
-        else:
-            k = self.n_neighbors if k is None else k
-            if k > self._stored:
-                raise ValueError(f"k={k} is more than the {self._stored} neighbors that are stored")
-            near = np.ascontiguousarray(self._whole.rows_of("near", rows)[:, :k])
-            sizes = np.full(len(near), k)
-        if self.radius is None:
-            return Neighborhoods(near, sizes)
-        distances = np.linalg.norm(self.points[near] - self.points[rows][:, None], axis=2)
-        return within_radius(near, distances, sizes, self.radius, 3)
+        self.cloud = _StoredCloud(whole, cells, n_jobs)
 
     def all_own(self):
         """The neighborhoods of all places, on disk."""
@@ -62,9 +46,8 @@ class StoredIndex:
                 near[rows] = self._whole.rows_of("near", rows)[:, : self.n_neighbors]
         return Neighborhoods(near, np.full(len(near), self.n_neighbors))
 
-    def _sized(self, rows, sizes):
-        """Neighbors as many as the largest of the sizes."""
-        stored = self._whole.rows_of("near", rows)
+    def _query_sized(self, rows, keep):
+        sizes, stored = np.array(self.sizes[rows]), self._whole.rows_of("near", rows)
         near = np.empty((len(sizes), int(sizes.max(initial=1))), np.int32)
         width = min(near.shape[1], stored.shape[1])
         near[:, :width] = stored[:, :width]
@@ -72,12 +55,12 @@ class StoredIndex:
         starts = self._whole.rows_of("starts", rows)[large, None]
         last = np.minimum(np.arange(near.shape[1]), sizes[large, None] - 1)
         near[large] = self._whole.rows_of("larger", starts + last)
-        return near
+        return padded(near, sizes), sizes
 
     def visit_own(self, wanted, k, work, n_jobs=None):
         """As of `NeighborIndex`."""
         if k <= self._stored:
-            return NeighborIndex.visit_own(self, wanted, k, work, n_jobs)
+            return super().visit_own(wanted, k, work, n_jobs)
         rows = np.flatnonzero(wanted)
 
         def found(some, _, near):
@@ -89,16 +72,6 @@ class StoredIndex:
         """As of `NeighborIndex`; of all places with None."""
         return StoredNearest(self._whole, self._cells, chosen)
 
-    def query(self, queries, n_jobs=None):
-        """As of `NeighborIndex`; it is fastest of all queries at once."""
-        sizes = np.full(len(queries), self.n_neighbors)
-        if self.sizes is not None:
-            sizes = self.sizes[self.nearest(queries, n_jobs)]
-        distances, near = self.among(None).query(queries, int(sizes.max(initial=1)), n_jobs)
-        if self.radius is None:
-            return Neighborhoods(padded(near, sizes), sizes)
-        return within_radius(near, distances, sizes, self.radius, 3)
-
     def nearest(self, queries, n_jobs=None):
         """As of `NeighborIndex`."""
         return self.among(None).query(queries, 1, n_jobs)[1][:, 0]
@@ -106,6 +79,19 @@ class StoredIndex:
     def empty(self, shape, dtype=np.float64):
         """As of `NeighborIndex`, on disk."""
         return self._whole.scratch(shape, dtype)
+
+
+class _StoredCloud:
+    """What a `NeighborIndex` asks an `IndexedCloud` for."""
+
+    def __init__(self, whole, cells, n_jobs):
+        self._whole, self._cells, self._n_jobs = whole, cells, n_jobs
+
+    def neighbors(self, rows, k, _):
+        return np.ascontiguousarray(self._whole.rows_of("near", rows)[:, :k])
+
+    def nearest(self, queries, k):
+        return StoredNearest(self._whole, self._cells).query(queries, k, self._n_jobs)
 
 
 def find_places(cell, job):
@@ -246,19 +232,33 @@ class StoredNearest(NearestPoints):
             far = far[spatial_order(queries[far])]
         n_parts = -(-len(far) * known.shape[1] // AT_ONCE)
         for some in np.array_split(far, n_parts) if len(far) else []:
-            nearest = _Nearest(queries[some], known.shape[1], self.n)
-            is_whole = np.isfinite(bounds[some])
-            own = self._load(cell)
-            nearest.take(*own, np.flatnonzero(is_whole), known[some[is_whole]])
-            nearest.see(*own, np.flatnonzero(~is_whole))
-            for other in by_distance(self._cells, nearest.queries, nearest.reach):
-                asked = within_reach(self._cells, other, nearest.queries, nearest.reach)
-                if len(asked) and other != cell:
-                    points, numbers = self._load(other)
-                    near = near_box(points, nearest.queries[asked], nearest.reach[asked])
-                    nearest.see(points[near], numbers[near], asked)
-            work(some, np.sqrt(nearest.squares), nearest.numbers)
+            work(some, *self._search_all(cell, queries[some], bounds[some], known[some]))
         return far
+
+    def _search_all(self, cell, queries, reach, known):
+        """Distances and numbers of the nearest places, of queries as of `visit_far`.
+
+        The nearest of each cell that may have some are put together, and searched once more.
+        """
+        k, reach = known.shape[1], SLACK * reach
+        parts = [
+            _chosen(*self._load(cell), known) if np.isfinite(reach).all() else self._load(cell)
+        ]
+        for other in by_distance(self._cells, queries, reach):
+            asked = within_reach(self._cells, other, queries, reach)
+            if len(asked) == 0 or other == cell:
+                continue
+            points, numbers = self._load(other)
+            near = near_box(points, queries[asked], reach[asked])
+            points, numbers = points[near], numbers[near]
+            if len(points) > k:
+                distances, near = NearestPoints(points).query(queries[asked], k, 1)
+                reach[asked] = np.minimum(reach[asked], SLACK * distances[:, -1])
+                points, numbers = _chosen(points, numbers, near)
+            parts.append((points, numbers))
+        points, numbers = map(np.concatenate, zip(*parts, strict=True))
+        distances, near = NearestPoints(points).query(queries, k, 1)
+        return distances, np.append(numbers, self.n)[near]
 
     def _load(self, cell):
         """The places of a cell, and their numbers among all that are chosen."""
@@ -273,34 +273,11 @@ class StoredNearest(NearestPoints):
         return np.minimum(queries - low, high - queries).min(axis=1)
 
 
-class _Nearest:
-    """The k nearest points of queries, as far as cells were seen.
-
-    Equally distant ones come in the order of their coordinates. Where there are no more points,
-    squares are inf, and numbers `nothing`.
-    """
-
-    def __init__(self, queries, k, nothing):
-        self.queries, self.reach = queries, np.full(len(queries), np.inf)
-        self.squares = np.full((len(queries), k), np.inf)
-        self.points = np.empty((*self.squares.shape, 3))
-        self.numbers = np.full(self.squares.shape, nothing)
-
-    def see(self, points, numbers, asked):
-        """Search points for some queries."""
-        if len(points) and len(asked):
-            k = min(self.squares.shape[1], len(points))
-            near = NearestPoints(points).query(self.queries[asked], k, 1)[1]
-            self.take(points, numbers, asked, near)
-
-    def take(self, points, numbers, asked, near):
-        """Take points, the nearest first, that are nearer than what is known."""
-        merge = compiled_function("tiling._search_numba", "merge_nearest")
-        known = self.squares, self.points, self.numbers
-        merged = tuple(np.empty(values.shape[1:], values.dtype) for values in known)
-        merge(known, self.queries, asked, near.astype(np.int32), points, numbers, merged)
-        last = SLACK * np.sqrt(self.squares[asked, -1])
-        self.reach[asked] = np.minimum(self.reach[asked], last)
+def _chosen(points, numbers, rows):
+    """Points and numbers of which some rows are named, each once."""
+    chosen = np.zeros(len(points), bool)
+    chosen[rows] = True
+    return points[chosen], numbers[chosen]
 
 
 def by_distance(cells, queries, reach):

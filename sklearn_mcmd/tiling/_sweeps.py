@@ -71,8 +71,8 @@ class Job:
 class Sweeps:
     """Call it with one sweep after the other, by the `steps`; each is finished before the next."""
 
-    def __init__(self, columns, n_workers, steps):
-        self.columns, self.n_workers = columns, n_workers
+    def __init__(self, n_workers, steps):
+        self.n_workers = n_workers
         ends = np.cumsum([0.0, *(WEIGHTS[name] for name in steps)])
         self._spans = dict(zip(steps, np.stack([ends[:-1], ends[1:]], 1) / ends[-1], strict=True))
 
@@ -80,13 +80,14 @@ class Sweeps:
         """The part of the progress that a step makes; `stage` is as of `progress_part`."""
         return progress_part(*map(float, self._spans[name]), stage)
 
-    def __call__(self, name, work, cells, is_done=None, **known):
+    def __call__(self, name, work, cells, **known):
         """Do some work, which takes a cell and what is `known`, on all cells with points.
 
-        `is_done` knows whether an earlier run has done a cell; None asks the reports of the sweep.
+        The columns of the work, or of its job, know which cells an earlier run has done.
         """
-        is_done = is_done or partial(self.columns.is_done, sweep=name)
-        todo = [cell for cell in range(len(cells)) if cells.counts[cell] and not is_done(cell)]
+        columns = known["job"].columns if "job" in known else known["columns"]
+        todo = np.flatnonzero(cells.counts).tolist()
+        todo = [cell for cell in todo if not columns.is_done(cell, name)]
         with self.part(name, name):
             compute_cells(partial(work, **known), cells, todo, self.n_workers)
 

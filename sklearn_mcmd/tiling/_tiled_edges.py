@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from sklearn.base import clone
 
 from sklearn_mcmd._validation import check_n_kept
 from sklearn_mcmd.edges import SharpFeatureDetector
@@ -20,7 +19,12 @@ from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.tiling._cells import Cells, WholeCloud
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
-from sklearn_mcmd.tiling._plane_sweeps import (
+from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of, write_results
+from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
+from sklearn_mcmd.tiling._sensor_origins import recognized
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
+from sklearn_mcmd.tiling._stored_index import StoredIndex
+from sklearn_mcmd.tiling._tiled_normals import (
     FACES,
     OWN,
     PlaneJob,
@@ -28,14 +32,8 @@ from sklearn_mcmd.tiling._plane_sweeps import (
     fitted_to_new,
     plane_steps,
     stored_planes,
+    without_sides,
 )
-from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of, write_results
-from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
-from sklearn_mcmd.tiling._sensor_origins import recognized
-from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
-from sklearn_mcmd.tiling._stored_index import StoredIndex
-from sklearn_mcmd.tiling._sweeps import Sweeps
-from sklearn_mcmd.tiling._tiled_normals import without_sides
 from sklearn_mcmd.tiling._tiled_outliers import OUTLIER_STEPS, OutlierJob, cutoff_of, judge_cells
 
 
@@ -45,18 +43,12 @@ class TiledEdges(TiledVerb):
     options = ("colors",)
 
     def __init__(self, estimator, colors):
-        super().__init__(clone(estimator).set_params(n_jobs=1), f"colors={colors}")
-        if estimator.normals != "estimate":
-            raise ValueError(
-                f"normals={estimator.normals!r} cannot work by tiles, which hold coordinates only: "
-                "take normals='estimate'."
-            )
+        super().__init__(estimator, f"colors={colors}")
         check_estimator(estimator, SharpFeatureDetector)
         self.detector, normals = steps_of(estimator)  # no detector if nothing is removed
         if self.detector is not None:
             check_estimator(self.detector, MCMDOutlierDetector)
-            self.detector.set_params(n_jobs=1)
-        self.normals, self.colors = without_sides(normals).set_params(n_jobs=1), colors
+        self.normals, self.colors = without_sides(normals), colors
         self.by_distance = estimator.criterion == "crease"
 
     def prepare(self, catalog):
@@ -81,9 +73,7 @@ class TiledEdges(TiledVerb):
         k, stored = (self.estimator.n_neighbors, FACES) if self.by_distance else (0, {})
         whole = find_planes(sweeps, job, k, self.estimator.n_neighbors, **stored)
         if whole is None:
-            words = ", of which {:,} places are no outliers,"
-            known = run.cells, lambda fitted: fitted.scores_, words
-            self.limit = fit_together(job, self.estimator, *known).offset_
+            self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
             whole.remove(*OWN)
             if not columns.all_have(n_cells, "results"):
@@ -107,14 +97,9 @@ class TiledEdges(TiledVerb):
         return np.count_nonzero(values < self.limit)
 
     def report(self, run, total):
-        n_points = run.catalog.n_points
-        n_removed = n_points - self.n_kept
-        removed_fraction = n_removed / n_points
-        return {
-            "n_edges": int(total),
-            "n_outliers": n_removed,
-            "removed_fraction": removed_fraction,
-        }
+        n_removed = run.catalog.n_points - self.n_kept
+        share = n_removed / run.catalog.n_points
+        return {"n_edges": int(total), "n_outliers": n_removed, "removed_fraction": share}
 
     def _clean(self, run, sweeps):
         """Find which points the detector leaves."""
@@ -122,9 +107,9 @@ class TiledEdges(TiledVerb):
         columns, n_points = run.folder.columns, run.catalog.n_points
         if not columns.is_done(ALL, "kept"):
             scored.folder.mkdir(exist_ok=True)
-            job = replace(OutlierJob.of(run, self.detector, n_points=n_points), found=scored.folder)
+            job = replace(OutlierJob.of(run, self.detector), found=scored.folder)
             with sweeps.part("outliers", "outliers"):
-                inner = Sweeps(scored, run.plan.n_workers, OUTLIER_STEPS)
+                inner = run.sweeps(OUTLIER_STEPS)
                 cutoff = judge_cells(job, inner, cutoff_of(self.detector))
             parts = scores_of(scored, run.cells)
             n_kept = sum(np.count_nonzero(scores <= cutoff) for scores in parts)
@@ -181,7 +166,6 @@ def _find_kept(cell, scored, columns, cutoff):
 def _constants_of(kept, dtype):
     """The `Constants` of the kept points, in the precision of the whole cloud."""
     whole = WholeCloud()
-    whole.single = False  # the precision is known
     for cell in np.flatnonzero(kept.counts):
         whole.add(kept.read(cell)["xyz"])
     return whole.constants(dtype)
@@ -194,7 +178,7 @@ def _keep_faces(cell, job, fitted):
 
 def _find_distances(whole, job, detector, n_threads):
     """Write the scores of all points, by the planes of the kept places: `whole`."""
-    index = StoredIndex(whole, job.cells, detector.n_neighbors)
+    index = StoredIndex(whole, job.cells, detector.n_neighbors, n_jobs=n_threads)
     planes = whole.planes(changing=True)
     kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))
     kept[:] = 1.0
@@ -203,7 +187,7 @@ def _find_distances(whole, job, detector, n_threads):
     creases, distance = find_creases(index, planes, detector.min_angle, n_threads, around)
 
     def of_removed(queries):
-        return creases.distance(queries, index.query(queries, n_threads))
+        return creases.distance(queries, index.query(queries))
 
     for cell in range(len(job.cells)):
         own, place_of = distance[whole.rows(cell)], partial(job.columns.read, cell, "place_of")

@@ -1,15 +1,33 @@
-"""Normals of clouds larger than memory."""
+"""Normals of clouds larger than memory, and the planes of all places on which other verbs stand.
+
+The stages of `RobustNormalEstimator` ask only for neighbors, and for what the stage before has
+found of these. So each stage is one sweep over the cells, whose results lie on disk.
+"""
+
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.normals._sides import Sides
-from sklearn_mcmd.normals._surface_planes import mends_planes
+from sklearn_mcmd.normals._adaptive_k import ScaleFinder, SizeLimits
+from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
+from sklearn_mcmd.normals._estimator import fitted_of
+from sklearn_mcmd.normals._sides import Sides, TreeLimits
+from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces, mends_planes
 from sklearn_mcmd.planes._base import BaseLocalPlanes
-from sklearn_mcmd.planes._orientation import count_upright
+from sklearn_mcmd.planes._columns import joined_columns, split_columns
+from sklearn_mcmd.planes._nearest import COMPILE_FROM
+from sklearn_mcmd.planes._orientation import (
+    count_upright,
+    orient_toward,
+    signs_along,
+    spanning_forest,
+)
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
-from sklearn_mcmd.tiling._plane_sweeps import OWN, PlaneJob, find_planes, has_tree, plane_steps
 from sklearn_mcmd.tiling._result_files import (
     NORMAL_COLUMNS,
     fit_together,
@@ -17,7 +35,20 @@ from sklearn_mcmd.tiling._result_files import (
     write_results,
 )
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
-from sklearn_mcmd.tiling._sensor_origins import sensor_path
+from sklearn_mcmd.tiling._sensor_origins import sensor_path, stored_origins
+from sklearn_mcmd.tiling._stored_columns import ALL
+from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
+from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
+
+NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
+# Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps.
+FIELDS = {
+    **dict.fromkeys(("centroids", "normals", "eigenvalues"), VECTOR),
+    **dict.fromkeys(("scale", "kept", "radius", "normal_error"), NUMBER),
+}
+FACES = {"centroids": VECTOR, "normals": VECTOR, "scale": NUMBER}
+OTHERS = {"forms": (np.int8, ()), "noise": NUMBER, "left": NUMBER}
+OWN = {f"own_{name}": kind for name, kind in {**FIELDS, **OTHERS}.items()}
 
 
 class TiledNormals(TiledVerb):
@@ -27,7 +58,7 @@ class TiledNormals(TiledVerb):
 
     def __init__(self, estimator, sensor_origin):
         check_estimator(estimator, BaseLocalPlanes)
-        super().__init__(clone(estimator).set_params(n_jobs=1))
+        super().__init__(estimator)
         self.sensor = sensor_path(estimator, sensor_origin)
         if self.sensor is not None and getattr(estimator, "orientation", None) != "sensor":
             raise ValueError('sensor_origin is given but orientation is not "sensor".')
@@ -79,3 +110,272 @@ def _write(cell, job, fitted):
     if job.origins() is None:  # else they are of points, not of places
         values = values[job.columns.read(cell, "place_of")]
     write_results(job.columns, cell, job.cells.read(cell)["row"], values)
+
+
+@dataclass(frozen=True)
+class PlaneJob(Job):
+    """A job whose estimator is a `RobustNormalEstimator`.
+
+    ``keep(cell, job, fitted)`` is called with an estimator that has what is public of the places
+    of a cell.
+    """
+
+    keep: object = None
+
+    @property
+    def is_sized(self):
+        """Whether each place has its own number of neighbors."""
+        return self.estimator.n_neighbors == "auto"
+
+    def origins(self):
+        """Where the sensor was for each point of the inputs, if it matters; else None."""
+        return stored_origins(self.points) if _has_sides(self.estimator, "sensor") else None
+
+    def index(self):
+        """The `StoredIndex` of the estimator's neighborhoods."""
+        whole, k = self.whole(), self.estimator.n_neighbors
+        if self.is_sized:
+            k = whole.columns.report(ALL, "numbers")["largest"]
+        return StoredIndex(whole, self.cells, k, self.estimator.radius, self.is_sized)
+
+    def model(self):
+        """The `LocalPlaneModel` of all places."""
+        return self.model_on(self.index(), self.estimator.cutoff)
+
+    def surfaces(self, model):
+        """The `SurfacePlanes` of a model; None where the estimator corrects no planes."""
+        if not mends_planes(self.estimator):
+            return None
+        whole = self.whole()
+        own = {name: whole.open(f"own_{name}", private=True) for name in (*FIELDS, *OTHERS)}
+        planes = Planes(**{name: own[name] for name in FIELDS}, spacing=np.empty(0))
+        members = Surfaces(planes, *(own[name] for name in OTHERS))
+        return SurfacePlanes(self.estimator, model, members)
+
+
+def plane_steps(estimator):
+    """The steps of `find_planes` in their order, as of `Sweeps`."""
+    sizes = ("sizes", "larger") if estimator.n_neighbors == "auto" else ()
+    bends = ("planes", "bends") if mends_planes(estimator) else ()
+    tree = ("forest", "sides") if has_tree(estimator) else ()
+    return "places", "neighbors", *sizes, *bends, "normals", *tree
+
+
+def has_tree(estimator):
+    """Whether a tree of all places decides the sides of normals."""
+    return _has_sides(estimator, "mst")
+
+
+def _has_sides(estimator, orientation):
+    return isinstance(estimator.orientation, str) and estimator.orientation == orientation
+
+
+def find_planes(sweeps, job, k=0, least=0, **stored):
+    """Find the planes of all places, and call ``job.keep`` for each cell with points.
+
+    Returns the `StoredColumns`; None, and nothing is found, if there are so few places that other
+    code works on them than on tiles.
+
+    The column near stores k neighbors or more. Later steps need the `least` places. ``job.keep``
+    fills the columns `stored`, given as (dtype, shape of a row).
+    """
+    cells = job.cells
+    sweep = partial(sweeps, cells=cells, job=job)
+    sweep("places", find_places)
+    whole = job.whole()
+    if len(whole) < max(COMPILE_FROM, 0 if job.is_sized else job.estimator.n_neighbors + 1, least):
+        return None
+    whole.join("points")
+    whole.make(**stored)
+    asked = SizeLimits().around if job.is_sized else job.estimator.n_neighbors
+    along = TreeLimits().n_neighbors if has_tree(job.estimator) else 0
+    whole.make(near=(np.int32, (max(asked, k, along),)))
+    sweep("neighbors", find_neighbors)
+    if job.is_sized:
+        with sweeps.part("sizes", "sizes of neighborhoods"):
+            _find_sizes(whole, cells, sweeps.n_workers * job.n_threads)
+        sweep("larger", find_larger)
+    warn_if_coarse(job.constants, job.index())
+    if mends_planes(job.estimator):
+        whole.make(**OWN)
+        sweep("planes", _fit_own)
+        sweep("bends", _bend)
+    if not has_tree(job.estimator):
+        sweep("normals", _keep_fitted)
+        return whole
+    whole.make(normals=(job.constants.dtype, (3,)))
+    sweep("normals", _keep_fitted, job=replace(job, keep=_keep_normals))
+    sweep("forest", _find_forest)
+    if not whole.columns.is_done(ALL, "tree"):  # along which the signs of all normals agree
+        points, normals = whole.open("points"), whole.open("normals")
+        forests = [whole.columns.read(cell, "forest") for cell in np.flatnonzero(cells.counts)]
+        tree = spanning_forest(normals, points, *np.concatenate(forests).T)
+        whole.make(signs=(np.float64, ()))
+        whole.open("signs")[:] = signs_along(normals, points, *tree)
+        whole.columns.finish(ALL, "tree")
+    sweep("sides", partial(_keep_fitted, name="sides"))
+    return whole
+
+
+def stored_planes(cell, job, fitted):
+    """The points of a cell, their `Columns` by a fitted estimator, and the planes' `FACES`."""
+    whole, dtype = job.whole(), np.dtype(job.constants.dtype)
+    points = np.array(whole.open("points")[whole.rows(cell)])
+    planes = fitted.plane_offset_[:, None], fitted.plane_scale_[:, None]
+    joined = joined_columns(points.astype(dtype), fitted.normals_, fitted.eigenvalues_, *planes)
+    columns = split_columns(joined, 3)
+    planes = columns.planes(np.arange(len(points)))
+    return points, columns, {name: getattr(planes, name) for name in FACES}
+
+
+def fitted_to_new(job, queries):
+    """An estimator that has what is public of new points (m, 3), once planes are found."""
+    model, X = job.model(), queries.astype(job.constants.dtype)
+    surfaces = job.surfaces(model)
+    around = model.index.query(queries)
+    planes = Planes.empty(*X.shape)
+
+    def task(rows):
+        near = around.take(rows)
+        if surfaces is not None:
+            found = surfaces.evaluate_neighborhoods(X[rows], near, surfaces.members.planes)
+        else:
+            found, _ = model.evaluate_neighborhoods(queries[rows], near)
+        planes.put(rows, found)
+
+    each_slice(len(X), model.chunk(), task, None)
+    return _fitted(job, model, planes, X, around.take, None)
+
+
+def _find_sizes(whole, cells, n_threads):
+    """Fill sizes, the number of neighbors of each place, and starts, where larger has them."""
+    if whole.columns.is_done(ALL, "numbers"):
+        return
+    index = StoredIndex(whole, cells)
+    with whole.releasing():
+        sizes = ScaleFinder(index, n_threads).sizes()
+    many = np.where(sizes > index.n_neighbors, sizes, 0)
+    whole.make(sizes=(np.int64, ()), starts=(np.int64, ()))
+    whole.open("sizes")[:], whole.open("starts")[:] = sizes, np.cumsum(many) - many
+    whole.make(max(1, int(many.sum())), larger=(np.int32, ()))
+    whole.columns.finish(ALL, "numbers", largest=int(sizes.max()))
+
+
+def _fit_own(cell, job):
+    """Fill the planes of the places of a cell, each of its own neighborhood."""
+    model, whole = job.model(), job.whole()
+    surfaces = job.surfaces(model)
+    _each_part(whole.rows(cell), model, surfaces.fit_own, job.n_threads)
+    _put(whole, cell, surfaces.members)
+    whole.columns.finish(cell, "planes")
+
+
+def _bend(cell, job):
+    """Decide the forms of the planes of a cell, and change the planes as these ask.
+
+    What an earlier run has changed in part is filled anew before.
+    """
+    model, whole = job.model(), job.whole()
+    own, surfaces = whole.rows(cell), job.surfaces(model)
+    if whole.columns.is_done(cell, "begun"):
+        _each_part(own, model, surfaces.fit_own, job.n_threads)
+    _each_part(own, model, surfaces.bend, job.n_threads)
+    whole.columns.finish(cell, "begun")
+    _put(whole, cell, surfaces.members)
+    whole.columns.finish(cell, "bends")
+
+
+def _put(whole, cell, members):
+    """Fill what a cell has of the columns `OWN`."""
+    found = {**members.planes._asdict(), **members._asdict()}
+    own = whole.rows(cell)
+    whole.put(cell, **{f"own_{name}": found[name][own] for name in (*FIELDS, *OTHERS)})
+
+
+def _keep_fitted(cell, job, name="normals"):
+    """Find what is public of the places of a cell, and let the job keep it."""
+    model, whole = job.model(), job.whole()
+    surfaces, own, index = job.surfaces(model), whole.rows(cell), model.index
+    planes = Planes.empty(own.stop - own.start, 3).without("spacing")
+
+    def find(rows):
+        part = slice(rows.start - own.start, rows.stop - own.start)
+        if surfaces is None:
+            found, _ = model.evaluate_neighborhoods(index.points[rows], index.query_own(rows))
+            return planes.put(part, found)
+        planes.put(part, surfaces.last(rows)[1])
+
+    _each_part(own, model, find, job.n_threads)
+    X, columns = index.points[own].astype(job.constants.dtype), job.columns
+    sizes = index.n_neighbors if index.sizes is None else np.array(index.sizes[own])
+    origins = job.origins()
+    if origins is not None:  # copies of a point may have been measured from elsewhere
+        place_of, origins = columns.read(cell, "place_of"), origins[job.cells.read(cell)["row"]]
+        planes, X = planes.take(place_of), X[place_of]
+        sizes = sizes if index.sizes is None else sizes[place_of]
+
+    def around(rows):
+        if origins is None:
+            return index.query_own(slice(own.start + rows.start, own.start + rows.stop))
+        return index.query_own(own.start + place_of[rows])
+
+    def orient(normals):
+        if origins is not None:
+            orient_toward(normals, origins - X)
+        elif columns.is_done(ALL, "tree"):
+            normals *= whole.open("signs")[own, None]
+
+    is_alone = origins is None and not has_tree(job.estimator)
+    fitted = _fitted(job, model, planes, X, around, job.n_threads, None if is_alone else orient)
+    fitted.n_neighbors_ = sizes
+    job.keep(cell, job, fitted)
+    columns.finish(cell, name)
+
+
+def _keep_normals(cell, job, fitted):
+    job.whole().put(cell, normals=fitted.normals_)
+
+
+def _find_forest(cell, job):
+    """Write the edges of the forest of the places of a cell and their neighbors, by rows."""
+    whole, columns, index = job.whole(), job.columns, job.index()
+    near = index.query_own(whole.rows(cell), min(TreeLimits().n_neighbors, len(whole))).indices
+    known, local = np.unique(near, return_inverse=True)
+    local = local.reshape(near.shape).astype(np.int32)
+    first = np.repeat(local[:, 0], local.shape[1])
+    normals = whole.open("normals")[known]
+    edges = spanning_forest(normals, index.points[known], first, local.ravel())
+    columns.write(cell, forest=known[np.column_stack(edges)])
+    columns.finish(cell, "forest")
+
+
+def _fitted(job, model, planes, X, around, n_jobs, orient=None):
+    """An estimator with what is public of points X (n, 3) and their planes.
+
+    `around` returns the neighborhoods of a slice of these. `orient` flips normals that point up, in
+    place, where more than the points decides their sides: a tree, or positions of the sensor.
+    """
+    if orient is None:
+        sides = Sides(job.estimator.orientation, job.estimator.sensor_origin, X)
+        orient = partial(sides.orient, None, X=X, n_jobs=n_jobs)
+
+    def curvatures(model, planes, X, n_jobs):
+        found = Curvatures.empty(len(X))
+
+        def task(rows):
+            queries = X[rows].astype(np.float64)
+            found.put(rows, curvatures_of_each(model, planes.take(rows), queries, around(rows)))
+
+        each_slice(len(X), model.chunk(), task, n_jobs)
+        return found
+
+    return fitted_of(job.estimator, model, planes, X, orient, curvatures, n_jobs)
+
+
+def _each_part(rows, model, work, n_threads):
+    """Call ``work(part)`` with the parts of a slice, as long as a model fits at once."""
+
+    def task(part):
+        work(slice(rows.start + part.start, rows.start + part.stop))
+
+    each_slice(rows.stop - rows.start, model.chunk(), task, n_threads)

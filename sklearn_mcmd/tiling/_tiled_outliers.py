@@ -1,22 +1,23 @@
 """Outliers of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd._choices import Mode, choices_of
-from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._validation import check_sensor_origin, is_auto
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise, ground_in
-from sklearn_mcmd.io._ground import HeightRange
+from sklearn_mcmd.io._ground import NONE_JUDGED, Ground, GroundLimits, HeightRange
 from sklearn_mcmd.io._las import is_denoised, read_header
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers import MCMDOutlierDetector
-from sklearn_mcmd.outliers._calibration import calibrated_cutoff, check_rate, sample_step
+from sklearn_mcmd.outliers._calibration import calibrated_cutoff, check_rate
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, share_to_flag
+from sklearn_mcmd.outliers._groups import group_depths
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
@@ -24,18 +25,28 @@ from sklearn_mcmd.report._volumes import losses_of
 from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.runtime._progress import listen_to_progress
 from sklearn_mcmd.tiling._catalog import parts_of
-from sklearn_mcmd.tiling._heights import Heights
-from sklearn_mcmd.tiling._memory import most_neighbors, work_of
+from sklearn_mcmd.tiling._cells import GROUND, Cells, flat
+from sklearn_mcmd.tiling._memory import bytes_of_groups, most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import (
     Results,
     fit_together,
     scores_of,
+    write_results,
     write_results_of_places,
 )
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized, sensor_path, stored_origins
-from sklearn_mcmd.tiling._stored_columns import ALL
-from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex, find_neighbors, find_places
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
+from sklearn_mcmd.tiling._stored_index import (
+    CHUNK,
+    SLACK,
+    StoredIndex,
+    by_distance,
+    find_neighbors,
+    find_places,
+    near_box,
+    within_reach,
+)
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 
 OUTLIER_STEPS = ("places", "neighbors", "planes", "scores")  # of `judge_cells`, as of `Sweeps`
@@ -59,7 +70,7 @@ class TiledOutliers(TiledVerb):
         choice = Choice(ignore_classes, only_classes)
         self.mode, self.limits = mode, HeightRange.of(**heights)
         content = f"{mode} {choice} {self.limits}"
-        super().__init__(clone(estimator).set_params(n_jobs=1), content, choice)
+        super().__init__(estimator, content, choice)
         self.needs_ground = self.limits is not None
         self.sensor = sensor_path(estimator, sensor_origin)
 
@@ -79,7 +90,7 @@ class TiledOutliers(TiledVerb):
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
         self.scored = run.folder.columns
-        job = OutlierJob.of(run, self.detector, n_points=self.n_used)
+        job = OutlierJob.of(run, self.detector)
         if self.limits is None:
             self.cutoff = judge_cells(job, run.sweeps(OUTLIER_STEPS), self.cutoff)
             return
@@ -165,32 +176,20 @@ def _judged(values):
     return np.where(np.isnan(depths), np.nan, scores), depths
 
 
-@dataclass(frozen=True)
 class OutlierJob(Job):
     """A job whose estimator is an `MCMDOutlierDetector`."""
-
-    n_points: int = 0  # of the whole cloud
-
-    @property
-    def own_planes_only(self):
-        """Whether each point is judged by its own plane alone, as in the paper."""
-        return self.estimator.strictness is None
-
-    @property
-    def settings(self):
-        """Those of `JudgedCloud`."""
-        return {name: getattr(self.estimator, name) for name in ("strictness", "noise_scale")}
 
     def judged(self, index, n_jobs=1, origins=None):
         """The places of an index, as the detector judges them; `origins` are of `JudgedCloud`."""
         known = {"origins": origins, "doubted": is_auto(self.estimator.sensor_origin)}
-        return JudgedCloud(self.model_on(index), **self.settings, n_jobs=n_jobs, **known)
+        settings = self.estimator._settings() | {"n_jobs": n_jobs}
+        return JudgedCloud(self.model_on(index), **settings, **known)
 
     def stored_columns(self):
         """What the sweeps fill: names, dtypes and shapes of a row."""
         number = np.float64, ()
         columns = {"near": (np.int32, (self.estimator.n_neighbors,))}
-        if self.own_planes_only:
+        if self.estimator._one_plane:
             return {**columns, "distances": number}
         planes = dict.fromkeys(("centroids", "normals"), (np.float64, (3,)))
         others = ("scale", "radius", "spacing", "other_spacing")
@@ -239,7 +238,7 @@ def _find_planes(cell, job):
     whole = job.whole()
     own = whole.rows(cell)
     judged = job.judged(StoredIndex(whole), job.n_threads)
-    if job.own_planes_only:
+    if judged.own_planes_only:
         model, distances = judged.model, []
         for rows in slices(own.stop, CHUNK, own.start):
             around = model.index.query_own(rows)
@@ -260,13 +259,17 @@ def _judge(job, cells, whole, n_threads):
     columns, index = whole.columns, StoredIndex(whole, cells)
     judged = job.judged(index, n_threads, _origins(job, cells, whole, index))
     warn_if_coarse(job.constants, index)
-    if job.estimator.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
-        columns.finish(ALL, "cutoff", cutoff=_simulated_cutoff(job, judged.model, whole))
-    if job.own_planes_only:
+    rate = job.estimator.false_positive_rate
+    if rate is not None and not columns.is_done(ALL, "cutoff"):
+        with listen_to_progress(None):
+            cutoff = calibrated_cutoff(judged.model, job.estimator._settings(), rate)
+        columns.finish(ALL, "cutoff", cutoff=cutoff)
+    if judged.own_planes_only:
         scores = whole.open("distances")
     else:
         spacings = whole.open("spacing"), whole.open("other_spacing")
-        judged.judge(whole.open("counts"), job.n_points, lambda: (whole.planes(), *spacings))
+        counts = whole.open("counts")
+        judged.judge(counts, int(counts.sum()), lambda: (whole.planes(), *spacings))
         scores = judged.point_scores
         _keep_rays(columns, judged)
     write_results_of_places(job, scores)
@@ -299,22 +302,102 @@ def _one_position(detector, points):
     return check_sensor_origin("origin" if is_auto(origin) else origin, points)
 
 
-def _simulated_cutoff(job, model, whole):
-    """The cutoff of a false-positive rate, for planes as rough as those of the cloud."""
-    rows = _evenly_along_x(whole.open("points"), sample_step(len(whole)))
-    with listen_to_progress(None):
-        settings = {**job.settings, "n_jobs": 1}
-        return calibrated_cutoff(model, settings, job.estimator.false_positive_rate, rows)
+class Heights:
+    """What heights over the ground tell in a run, beside the scores, which depend on none."""
+
+    def __init__(self, run, limits, sweeps):
+        self.run, self.limits = run, limits
+        # Other limits have another folder.
+        self.columns = CellColumns(run.folder.results / "heights {} {} {}".format(*limits))
+        self.columns.folder.mkdir(exist_ok=True)
+        self._sweep = partial(sweeps, cells=run.cells, columns=self.columns, limits=limits)
+
+    def find(self):
+        """Find which points are judged, and groups below the ground; returns how many are."""
+        self._sweep("heights", _find_heights, points=self.run.folder.cells)
+        reports = [self.columns.report(cell, "heights") for cell in range(len(self.run.cells))]
+        n_judged, n_below = (sum(r[name] for r in reports) for name in ("n_judged", "n_below"))
+        if not n_judged:
+            raise PointFileError(f"{self.run.catalog.paths[0]}: {NONE_JUDGED}")
+        if self.limits.low_groups and not self.columns.is_done(ALL, "groups"):
+            self._find_groups(n_below)
+            self.columns.finish(ALL, "groups")
+        return n_judged
+
+    def find_verdicts(self):
+        """Write what heights say of each score, as results of their own."""
+        self._sweep("verdicts", _find_verdicts, scored=self.run.folder.columns)
+
+    def _find_groups(self, n_below):
+        """Write how deep the groups of points below the ground lie; all are in memory at once."""
+        needed = bytes_of_groups(n_below)
+        if needed > self.run.memory:
+            raise ParameterError(
+                f"{n_below:,} points lie below the ground, whose groups take about "
+                f"{needed / 1e6:.0f}MB, more than $memory={self.run.memory / 1e6:.0f}MB; give more "
+                "memory, check the ground (class 2), or leave groups below it out (low_groups)"
+            )
+        parts = [self.columns.read(cell, "below") for cell in range(len(self.run.cells))]
+        below = np.concatenate(parts)
+        depths = group_depths(below[:, :3], below[:, 3], below[:, 4])
+        ends = np.cumsum([len(part) for part in parts])[:-1]
+        for cell, part in enumerate(np.split(depths, ends)):
+            self.columns.write(cell, depths=part)
 
 
-def _evenly_along_x(points, step):
-    """Rows of every step-th of distinct points (n, 3) in the order of their coordinates."""
-    x, ranks = np.array(points[:, 0]), np.arange(0, len(points), step)
-    ordered = np.sort(x)
-    wanted = ordered[ranks]
-    before = np.searchsorted(ordered, wanted)
-    del ordered
-    # Only points with such an x are sorted by all coordinates.
-    rows = np.flatnonzero(wanted[np.searchsorted(wanted[:-1], x)] == x)
-    rows = rows[np.lexsort(points[rows].T[::-1])]
-    return rows[np.searchsorted(x[rows], wanted) + ranks - before]
+def _find_heights(cell, points, columns, limits):
+    """Write which points of a cell are judged, and those that lie below the ground.
+
+    Columns: judged, of all points; below_rows, and below: coordinates, how deep, and the distance
+    in plan of the third nearest ground point.
+    """
+    xyz = np.ascontiguousarray(Cells(points).read(cell)["xyz"])
+    away, near = _nearest_ground(Cells(points / GROUND), xyz)
+    judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
+    columns.write(cell, judged=judged)
+    n_below = 0
+    if limits.low_groups:
+        depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]
+        rows = np.flatnonzero(judged & (depth > away))
+        below = np.column_stack([xyz[rows], depth[rows], away[rows]])
+        columns.write(cell, below_rows=rows, below=below)
+        n_below = len(rows)
+    columns.finish(cell, "heights", n_judged=int(np.count_nonzero(judged)), n_below=n_below)
+
+
+def _find_verdicts(cell, scored, columns, limits):
+    """Write the scores of a cell's points, or depths below the ground if these are more."""
+    results = scored.read(cell, "results")
+    scores, depths = results["values"][:, 0], np.zeros(len(results))
+    if limits.low_groups:
+        depths[columns.read(cell, "below_rows")] = columns.read(cell, "depths")
+        scores = np.maximum(scores, depths)
+    depths[~columns.read(cell, "judged")] = np.nan
+    write_results(columns, cell, results["row"], np.column_stack([scores, depths]))
+    columns.finish(cell, "verdicts")
+
+
+def _nearest_ground(cells, xyz):
+    """What `Ground.nearest` returns, of all points of the ground."""
+    plan, n_nearest = flat(xyz), GroundLimits().n_nearest
+    found = np.full((2, len(xyz), n_nearest), np.inf)
+    own = cells.of(plan)
+
+    def nearest_in(cell, asked):
+        records, reach = cells.read(cell), SLACK * found[0, asked, -1]
+        if np.isfinite(reach).all():
+            records = records[near_box(records["xyz"], plan[asked], reach)]
+        flat, heights = records["xyz"], records["row"].view(np.float64)
+        return np.array(Ground(np.column_stack([flat[:, :2], heights])).nearest(xyz[asked]))
+
+    for cell in np.unique(own):
+        asked = np.flatnonzero(own == cell)
+        found[:, asked] = nearest_in(cell, asked)
+    for cell in by_distance(cells, plan, SLACK * found[0, :, -1]):
+        asked = within_reach(cells, cell, plan, SLACK * found[0, :, -1])
+        asked = asked[own[asked] != cell]
+        if len(asked):
+            both = np.concatenate([found[:, asked], nearest_in(cell, asked)], axis=2)
+            nearest = np.lexsort(both[::-1])[:, :n_nearest]  # of equally distant ones the lowest
+            found[:, asked] = np.take_along_axis(both, nearest[None], axis=2)
+    return found

@@ -1,9 +1,8 @@
 """Regions of clouds larger than memory: planes and links by tiles, growth along links on disk."""
 
 import numpy as np
-from sklearn.base import clone
 
-from sklearn_mcmd._errors import ParameterWarning, warn_caller
+from sklearn_mcmd._errors import warn
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._resolution import least_scales
@@ -11,7 +10,11 @@ from sklearn_mcmd.segmentation._estimator import finish_regions, rules_of
 from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, work_of
-from sklearn_mcmd.tiling._plane_sweeps import (
+from sklearn_mcmd.tiling._result_files import fit_together, write_results_of_places
+from sklearn_mcmd.tiling._run import TiledVerb, warm_up
+from sklearn_mcmd.tiling._stored_columns import ALL
+from sklearn_mcmd.tiling._stored_index import StoredIndex
+from sklearn_mcmd.tiling._tiled_normals import (
     FACES,
     NUMBER,
     OWN,
@@ -19,12 +22,8 @@ from sklearn_mcmd.tiling._plane_sweeps import (
     find_planes,
     plane_steps,
     stored_planes,
+    without_sides,
 )
-from sklearn_mcmd.tiling._result_files import fit_together, write_results_of_places
-from sklearn_mcmd.tiling._run import TiledVerb, warm_up
-from sklearn_mcmd.tiling._stored_columns import ALL
-from sklearn_mcmd.tiling._stored_index import StoredIndex
-from sklearn_mcmd.tiling._tiled_normals import without_sides
 
 STORED = {**FACES, "floor": NUMBER}
 LARGEST = 20  # regions whose points are counted in the report
@@ -36,7 +35,12 @@ class TiledRegions(TiledVerb):
     options = ("colors",)
 
     def __init__(self, estimator, colors):
-        super().__init__(_checked(estimator), f"colors={colors}")
+        estimator._validate_params()
+        if estimator.normal_estimator is None:
+            normals = RobustNormalEstimator(random_state=estimator.random_state, n_jobs=1)
+            estimator.set_params(normal_estimator=normals)
+        without_sides(estimator.normal_estimator)
+        super().__init__(estimator, f"colors={colors}")
         self.colors = colors
 
     def prepare(self, catalog):
@@ -59,22 +63,6 @@ class TiledRegions(TiledVerb):
 
     def report(self, run, total):
         return {"removed_fraction": 0.0, **run.folder.columns.report(ALL, "regions")}
-
-
-def _checked(estimator):
-    """The estimator as tiles take it; raise if it cannot work by them."""
-    estimator = clone(estimator)
-    estimator._validate_params()
-    if estimator.normals != "estimate":
-        raise ValueError(
-            f"normals={estimator.normals!r} cannot work by tiles: files have no columns of planes; "
-            'normals="estimate" finds them.'
-        )
-    if estimator.normal_estimator is None:
-        normals = RobustNormalEstimator(random_state=estimator.random_state)
-        estimator.set_params(normal_estimator=normals)
-    without_sides(estimator.normal_estimator)
-    return estimator.set_params(n_jobs=1, normal_estimator__n_jobs=1)
 
 
 def _segment(growing, run):
@@ -123,9 +111,7 @@ def _warn_if_much(labels, n_neighbors, memory):
     n_rest = len(labels) - int(sizes[sizes > n_neighbors].sum())
     needed = bytes_to_join(len(labels), n_rest)
     if needed > memory:
-        warn_caller(
-            ParameterWarning(
-                f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining "
-                f"regions may take {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB"
-            )
+        warn(
+            f"{n_rest:,} of {len(labels):,} different points lie on no surface; joining regions "
+            f"may take {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB"
         )

@@ -9,7 +9,7 @@ import pytest
 
 from commands import done, error_line, files_in, run
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.tiling import _plane_sweeps
+from sklearn_mcmd.tiling import _tiled_normals
 from tiled import street
 
 ONE = ("--n-jobs", 1)
@@ -98,16 +98,6 @@ def test_a_dry_run_reads_no_positions(verb, options, source, tmp_path):
     done(verb, source, tmp_path / "b.laz", "--memory", "4GB", *options, "--dry-run")
 
 
-def test_normals_look_along_a_trajectory_by_tiles_too(small_machine, source, tmp_path):
-    cloud = read_points(source)
-    times = np.linspace(10, 20, len(cloud))
-    write_points(tmp_path / "in.laz", cloud.with_attributes(gps_time=times))
-    path = "time,x,y,z\n10,362000,5157002,101\n20,362009,5157002,101\n"
-    (tmp_path / "path.csv").write_text(path)
-    asked = ("--orientation", "sensor", "--trajectory", tmp_path / "path.csv")
-    same_by_tiles("normals", tmp_path / "in.laz", *asked)
-
-
 @pytest.mark.parametrize("verb", RESULTS)
 def test_rays_without_a_return_are_left_out_by_tiles_too(small_machine, tmp_path, verb):
     xyz = street(8_000).xyz
@@ -157,7 +147,7 @@ def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(
 
     args = ("normals", source, tmp_path / "b.laz", *TILES)
     with monkeypatch.context() as patch:
-        patch.setattr(_plane_sweeps, "_fit_own", fail)
+        patch.setattr(_tiled_normals, "_fit_own", fail)
         result = run(*args)
     assert result.exit_code == 1
     *tiles, error = result.stderr.splitlines()
@@ -209,18 +199,13 @@ def test_a_sparse_ball_that_is_lost_before_a_dense_wall_is_told_in_memory_and_by
     assert re.match(r"\d{3} outliers lie together, of \d{3} points at x 0.\d", told[0])
 
 
-@pytest.mark.parametrize("extension", ["laz", "ply", "folder"])
-def test_denoising_again_warns_and_denoising_once_does_not(extension, tmp_path):
-    if extension == "ply":
-        pytest.importorskip("plyfile")
-    source, first, again = (tmp_path / name for name in ("in", "first", "again"))
-    source.mkdir()
-    suffix = ".las" if extension == "folder" else f".{extension}"
-    write_points(source / f"a{suffix}", street(1500))
-    if extension != "folder":
-        source = source / f"a{suffix}"
-        first, again = first.with_suffix(suffix), again.with_suffix(suffix)
-    assert "before" not in run("denoise", source, first, *ONE).stderr
-    named = first / "a.las" if extension == "folder" else first
-    assert f"{named}: outliers were removed" in run("denoise", first, again, *ONE).stderr
-    done("denoise", source, again, "--mode", "mark", *ONE)
+@pytest.mark.parametrize("name", ["", "a.las"], ids=["folder", "file"])
+def test_denoising_again_warns_and_denoising_once_does_not(name, tmp_path):
+    source, first, again = (tmp_path / folder for folder in ("in", "first", "again"))
+    for folder in (source, first, again):
+        folder.mkdir()
+    write_points(source / "a.las", street(1_500))
+    assert "before" not in run("denoise", source / name, first / name, *ONE).stderr
+    warned = run("denoise", first / name, again / name, *ONE).stderr
+    assert f"{first / 'a.las'}: outliers were removed" in warned
+    done("denoise", source / name, again / name, "--mode", "mark", *ONE)

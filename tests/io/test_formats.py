@@ -175,8 +175,7 @@ def test_a_missing_library_is_named_with_its_command_and_others_need_none(
     if one.extra is None:
         assert len(read_points(written(tmp_path, one))) == 3
         return
-    library = {"LAS and LAZ": "laspy[lazrs]", "PLY": "plyfile", "PCD": "pypcd4", "E57": "pye57"}
-    message = rf"which is not installed: pip install \"{re.escape(library[one.name])}>="
+    message = rf'which is not installed: pip install "sklearn-mcmd\[{one.extra}\]"'
     with pytest.raises(PointFileError, match=message):
         read_points(path)
     with pytest.raises(PointFileError, match=message):

@@ -11,7 +11,6 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.runtime import _progress
 from sklearn_mcmd.runtime._progress import (
     COMPILING,
     current_span,
@@ -23,14 +22,10 @@ from sklearn_mcmd.runtime._progress import (
 
 def heard(work):
     """Stages and shares that a listener hears."""
-    return [(told.stage, told.share) for told in all_told(work)]
-
-
-def all_told(work):
     told = []
     with listen_to_progress(told.append):
         work()
-    return told
+    return [(one.stage, one.share) for one in told]
 
 
 def test_parts_of_parts_are_shares_of_the_whole():
@@ -44,19 +39,6 @@ def test_parts_of_parts_are_shares_of_the_whole():
         *[("first", share) for share in (0.0, 0.25, 0.5)],
         *[("second", share) for share in (0.5, 0.5, 0.6, 1.0)],
     ]
-
-
-def test_a_stage_is_told_from_its_begin_to_its_end_whatever_its_share_of_the_whole():
-    def work():
-        with progress_part(0.5, 0.75, "stage"):
-            with progress_part(0.0, 0.5):
-                current_span().report(0.5)
-            with progress_part(0.5, 1.0):
-                current_span().report(0.5)
-
-    told = all_told(work)
-    assert [t.part for t in told] == [0, 0, 0.25, 0.5, 0.5, 0.75, 1, 1]
-    assert {t.stage for t in told} == {"stage"}
 
 
 @pytest.mark.parametrize(
@@ -92,12 +74,11 @@ def test_compilation_is_told_and_its_end():
 
 
 @pytest.fixture
-def own_compilation(monkeypatch):
+def own_compilation():
     """A watcher of its own, and what compiles a function as if it were one of the package."""
     registered = event._registered["numba:compile"]
     others = list(registered)
     registered.clear()
-    monkeypatch.setattr(_progress, "PATIENCE", 0.0)
     watch_compilation.__wrapped__()
 
     def compile_one(module):

@@ -169,20 +169,6 @@ def test_a_callback_that_raises_ends_the_fit_and_leaves_nothing(fail_at, error, 
     detector.fit(xyz)  # and again as if nothing had been
 
 
-def test_pipelines_hold_the_tasks_of_their_steps(xyz):
-    recorder = Recorder()
-    pipeline = make_pipeline(
-        RobustNormalEstimator(random_state=0), RegionGrowing(normals="precomputed")
-    )
-    labels = pipeline.fit_predict(xyz)
-    np.testing.assert_array_equal(pipeline.set_callbacks(recorder).fit_predict(xyz), labels)
-    assert [who for who, what in recorder.named() if what == "fit"] == [
-        "RobustNormalEstimator",
-        "RegionGrowing",
-    ]
-    assert ("RegionGrowing", "growing regions") in recorder.named()
-
-
 @pytest.mark.filterwarnings("ignore:The estimator RandomForestClassifier does not support callback")
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_a_grid_search_with_a_progress_bar_finds_what_it_finds_without(n_jobs, xyz, capsys):

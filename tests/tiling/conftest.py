@@ -3,8 +3,8 @@
 import pytest
 
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.tiling import _plane_sweeps, _run
-from tiled import divide, in_memory, street
+from sklearn_mcmd.tiling import _run, _tiled_normals, process_files
+from tiled import in_memory, street
 
 
 @pytest.fixture(scope="session")
@@ -34,7 +34,7 @@ def by_tiles(monkeypatch, tmp_path):
     monkeypatch.setattr(_run, "write_outputs", keep_results)
 
     def run(source, estimator, **options):
-        report = divide(source, tmp_path / "out.las", estimator, **options)
+        report = process_files(source, tmp_path / "out.las", estimator, **options)
         return *found.pop(), report
 
     return run
@@ -45,10 +45,10 @@ def failing(monkeypatch):
     """Cells whose tiles fail."""
     cells = set()
 
-    def work(cell, job, fit=_plane_sweeps._fit_own):
+    def work(cell, job, fit=_tiled_normals._fit_own):
         if cell in cells:
             raise MemoryError("too much\nof it")
         return fit(cell, job)
 
-    monkeypatch.setattr(_plane_sweeps, "_fit_own", work)
+    monkeypatch.setattr(_tiled_normals, "_fit_own", work)
     return cells

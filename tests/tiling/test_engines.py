@@ -10,7 +10,7 @@ import joblib
 import pytest
 
 from sklearn_mcmd import RobustNormalEstimator, SharpFeatureDetector
-from sklearn_mcmd.tiling import TilingError, _plane_sweeps, process_files
+from sklearn_mcmd.tiling import TilingError, _tiled_normals, process_files
 from sklearn_mcmd.tiling._memory import plan_run, usual_memory
 from tiled import ESTIMATOR, in_memory
 
@@ -94,7 +94,7 @@ def test_a_tile_that_kills_its_process_ends_the_run_with_one_line(
         os.kill(os.getpid(), signal.SIGKILL)
 
     target = tmp_path / "out.las"
-    monkeypatch.setattr(_plane_sweeps, "_fit_own", die)
+    monkeypatch.setattr(_tiled_normals, "_fit_own", die)
     with pytest.raises(TilingError, match=r"(?s)terminated.*SIGKILL.*; what was done is kept in"):
         process_files(small_file, target, ESTIMATOR, tile_size=2_000, n_jobs=2)
     assert not target.exists()

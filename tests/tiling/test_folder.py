@@ -1,32 +1,31 @@
 """The folder in which a run keeps its work: left, in the way, damaged, too small, or locked."""
 
-import json
-import os
+import io
 import shutil
-import socket
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.tiling import TilingError, _sweeps, process_files
-from sklearn_mcmd.tiling._folder import Lock
+from sklearn_mcmd.tiling._folder import WorkFolder
 from tiled import ESTIMATOR, in_memory, is_killed, names_in
 
 
 def test_what_a_run_left_that_died_while_it_was_removed_is_in_no_ones_way(small_file, tmp_path):
     """Killed amid the removal of cells, or between the writing and the renaming of a manifest."""
     left = tmp_path / "out.las.tiles"
-    for name in ("manifest.json.0123abcd.part", "0.written"):
+    for name in ("manifest.json.0123abcd.part", "lock"):
         (left / "cells").mkdir(parents=True)
         (left / name).write_text("{}")
         process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
         assert not left.exists()
 
 
-def test_cells_that_are_removed_in_part_are_read_again(small_file, tmp_path, monkeypatch):
+def test_a_run_that_ended_while_its_folder_was_removed_has_only_to_remove_it(
+    small_file, tmp_path, monkeypatch
+):
     target = tmp_path / "out.las"
 
     def remove_part(path, **_):
@@ -36,9 +35,9 @@ def test_cells_that_are_removed_in_part_are_read_again(small_file, tmp_path, mon
 
     with monkeypatch.context() as patch:
         patch.setattr("shutil.rmtree", remove_part)
-        with pytest.raises(TilingError, match="too much"):
+        with pytest.raises(MemoryError, match="too much"):
             process_files(small_file, target, ESTIMATOR, tile_size=2_000)
-    assert process_files(small_file, target, ESTIMATOR, tile_size=2_000).n_resumed == 0
+    assert process_files(small_file, target, ESTIMATOR, tile_size=2_000).n_resumed == 4
     assert names_in(tmp_path) == ["out.las", "small.las"]
 
 
@@ -79,11 +78,46 @@ def test_a_manifest_that_is_not_as_it_was_written_begins_anew(small_file, ended,
     assert ended.read_bytes() == in_memory(small_file, tmp_path / "e.las").read_bytes()
 
 
+@pytest.mark.filterwarnings("ignore:tile . failed")
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("cells/cells.npz", lambda _: b"PK"),
+        ("results/all.near.npy", lambda stored: stored[:40]),
+        ("results/all.points.npy", lambda _: pickled()),
+    ],
+)
+def test_a_damaged_file_is_named_and_to_begin_anew_helps(small_file, ended, tmp_path, name, damage):
+    path = tmp_path / "out.las.tiles" / name
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(TilingError, match=f"{path}: cannot be read"):
+        process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
+    options = {"tile_size": 2_000, "restart": True}
+    assert process_files(small_file, ended, ESTIMATOR, **options).n_resumed == 0
+
+
+def test_a_cell_that_was_cut_off_is_named(small_file, tmp_path, monkeypatch):
+    def cut_off(folder, constants, finish=WorkFolder.finish_cells):
+        finish(folder, constants)
+        for path in folder.cells.glob("*.points"):
+            path.write_bytes(path.read_bytes()[:-3])
+
+    monkeypatch.setattr(WorkFolder, "finish_cells", cut_off)
+    with pytest.warns(match="points: is damaged; begin anew"), pytest.raises(TilingError):
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+
+
+def pickled():
+    """What NumPy would run as code, if one let it."""
+    np.save(stored := io.BytesIO(), np.array([print, None]), allow_pickle=True)
+    return stored.getvalue()
+
+
 def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, monkeypatch):
     target, compute = tmp_path / "out.las", _sweeps.compute_cells
 
     def second(*args):
-        with pytest.raises(TilingError, match=rf"lock: another run .*process {os.getpid()} on"):
+        with pytest.raises(TilingError, match="lock: another run works on this output"):
             process_files(small_file, target, ESTIMATOR, tile_size=4_000)
         compute(*args)
 
@@ -92,63 +126,28 @@ def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, mon
     assert names_in(tmp_path) == ["out.las", "small.las"]
 
 
-def test_a_lock_whose_process_is_no_more_is_taken_over(tmp_path):
-    if os.name == "nt":
-        pytest.skip("one cannot ask there")
-    code = "import os; print(os.getpid())"
-    gone = subprocess.run([sys.executable, "-c", code], capture_output=True)
-    path = tmp_path / "lock"
-    path.write_text(json.dumps({"host": socket.gethostname(), "pid": int(gone.stdout)}))
-    lock = Lock(path)
-    lock.acquire()
-    assert json.loads(path.read_text())["pid"] == os.getpid()
-    with pytest.raises(TilingError, match="another run"):
-        Lock(path).acquire()
-    lock.release()
-    assert not path.exists()
+def test_one_of_many_that_ask_at_once_gets_the_lock(tmp_path):
+    def ask(_):
+        try:
+            return WorkFolder(tmp_path / "out.las")
+        except TilingError:
+            return None
 
-
-HERE = f'{{"host": "{socket.gethostname()}", "pid": %s}}'
-NO_PROCESS = ["null", "-1", "1e400", "NaN", '"x"', "[]", str(10**30)]
-NO_OWNER = ["", "[]", "1", '"x"', "{}", "\xff", "[" * 100_000]
-
-
-@pytest.mark.parametrize(
-    "content",
-    ['{"host": "elsewhere", "pid": 1}', *NO_OWNER, *(HERE % pid for pid in NO_PROCESS)],
-    ids=lambda content: content[:20],
-)
-def test_a_lock_of_another_machine_or_a_damaged_one_keeps_others_out(content, tmp_path):
-    (tmp_path / "lock").write_text(content, encoding="latin-1")
-    with pytest.raises(TilingError, match="remove this file if it is no more"):
-        Lock(tmp_path / "lock").acquire()
-
-
-@pytest.mark.parametrize("has_links", [True, False])
-def test_one_of_many_that_ask_at_once_gets_the_lock(tmp_path, monkeypatch, has_links):
-    def no_links(*args):
-        raise PermissionError(1, "Operation not permitted")
-
-    if not has_links:
-        monkeypatch.setattr(os, "link", no_links)
-    locks = [Lock(tmp_path / "lock") for _ in range(20)]
     with ThreadPoolExecutor(20) as pool:
-        errors = [asked.exception() for asked in [pool.submit(lock.acquire) for lock in locks]]
-    assert sum(lock.is_held for lock in locks) == errors.count(None) == 1
-    assert {type(error) for error in errors} == {TilingError, type(None)}
-    assert json.loads((tmp_path / "lock").read_text())["pid"] == os.getpid()
-    assert os.listdir(tmp_path) == ["lock"]
+        (folder,) = filter(None, pool.map(ask, range(20)))
+    folder.remove()
+    assert names_in(tmp_path) == []
 
 
 KILLED = """
 import os, sys
 from sklearn_mcmd.tiling._folder import WorkFolder
-os.link = lambda *args: os.kill(os.getpid(), 9)
-WorkFolder(sys.argv[1], "key")
+folder = WorkFolder(sys.argv[1])
+os.kill(os.getpid(), 9)
 """
 
 
-def test_a_kill_while_a_lock_is_taken_keeps_nobody_out(small_file, tmp_path):
+def test_the_lock_of_a_process_that_was_killed_keeps_nobody_out(small_file, tmp_path):
     assert is_killed(KILLED, tmp_path / "out.las")
     process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=3_000)
     assert names_in(tmp_path) == ["out.las", "small.las"]

@@ -11,8 +11,8 @@ from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.cli._denoise import Denoise, _verdict, judged_points
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import Choice
-from sklearn_mcmd.tiling import TilingError, _heights, _memory, process_files
-from tiled import divide, fit_in_memory, names_in
+from sklearn_mcmd.tiling import TilingError, _memory, _tiled_outliers, process_files
+from tiled import fit_in_memory, names_in
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
 NEAR = {"above": -0.5, "below": 6.0}
@@ -92,8 +92,8 @@ def test_verdicts_are_those_of_memory_wherever_tiles_begin(scene, heights, files
     a, b, c = files
     write_points(a, SCENES.get(scene, site)())
     points, classes = in_memory(a, b, **heights)
-    for tile_size, cut in ((500, 0.3), *[(10_000, 0.5)] * (scene == "lattice")):
-        report = divide(a, c, DETECTOR, mode="mark", tile_size=tile_size, cut=cut, **heights)
+    for tile_size in (500, *[10_000] * (scene == "lattice")):
+        report = process_files(a, c, DETECTOR, mode="mark", tile_size=tile_size, **heights)
         assert c.read_bytes() == b.read_bytes()
         assert report.n_outliers == np.count_nonzero(classes)
         assert (report.n_judged, report.n_used) == (points.judged.sum(), points.used.sum())
@@ -157,7 +157,7 @@ def test_other_heights_need_no_new_scores(files, monkeypatch):
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(_heights.Heights, "find_verdicts", fail)
+        patch.setattr(_tiled_outliers.Heights, "find_verdicts", fail)
         with pytest.raises(TilingError, match="MemoryError; what was done is kept"):
             process_files(a, c, DETECTOR, mode="mark", tile_size=900, **ALL)
     in_memory(a, b, **NEAR)

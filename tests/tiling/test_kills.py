@@ -15,7 +15,7 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.runtime import _interrupts
-from sklearn_mcmd.tiling import TilingError, _plane_sweeps, _run, process_files
+from sklearn_mcmd.tiling import TilingError, _run, _tiled_normals, process_files
 from tiled import ESTIMATOR, in_memory, names_in, run_is_killed, street
 
 OUTLIERS = MCMDOutlierDetector(16, random_state=0)
@@ -26,20 +26,20 @@ MARK = {"mode": "mark"}
 HEIGHTS = {"mode": "mark", "above": -30.0, "below": 40.0, "low_groups": True}
 # The place at which a run is killed, after so many calls, and how many tiles are resumed then.
 FAST = [
-    (ESTIMATOR, {}, "_plane_sweeps._fit_own", 2, 2),
-    (AUTO, {}, "_plane_sweeps.find_larger", 2, 0),
+    (ESTIMATOR, {}, "_tiled_normals._fit_own", 2, 2),
+    (AUTO, {}, "_tiled_normals.find_larger", 2, 0),
     (OUTLIERS, MARK, "_tiled_outliers._find_planes", 2, 2),
-    (OUTLIERS, HEIGHTS, "_heights._find_verdicts", 2, 4),
+    (OUTLIERS, HEIGHTS, "_tiled_outliers._find_verdicts", 2, 4),
     (REGIONS, {}, "_tiled_regions._keep_planes", 2, 2),
-    (EDGES, {}, "_plane_sweeps._keep_fitted", 2, 2),
+    (EDGES, {}, "_tiled_normals._keep_fitted", 2, 2),
 ]
 SLOW = [
     (ESTIMATOR, {}, "_run.WorkFolder.finish_cells", 0, 0),
     (ESTIMATOR, {}, "_result_files.Results.take", 0, 4),
-    (AUTO, {}, "_plane_sweeps._bend", 2, 4),
+    (AUTO, {}, "_tiled_normals._bend", 2, 4),
     (OUTLIERS, MARK, "_tiled_outliers.find_places", 2, 0),
     (OUTLIERS, MARK, "_result_files.write_results", 2, 4),
-    (OUTLIERS, HEIGHTS, "_heights._find_heights", 2, 0),
+    (OUTLIERS, HEIGHTS, "_tiled_outliers._find_heights", 2, 0),
     (REGIONS, {}, "_tiled_regions.finish_regions", 0, 4),
     (EDGES, {}, "_tiled_edges._find_kept", 2, 0),
     (EDGES, {}, "_tiled_edges._constants_of", 0, 0),
@@ -86,7 +86,7 @@ def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatc
     estimator = RobustNormalEstimator(16, orientation="mst", random_state=0)
     expected = in_memory(small_file, tmp_path / "expected.las", estimator).read_bytes()
     with monkeypatch.context() as patch:
-        patch.setattr(_plane_sweeps, "signs_along", lambda *_: 1 / 0)
+        patch.setattr(_tiled_normals, "signs_along", lambda *_: 1 / 0)
         with pytest.raises(TilingError, match="goes on from there"):
             process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
     report = process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
@@ -97,7 +97,7 @@ def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatc
 def test_planes_that_were_bent_in_part_are_found_anew(small_file, tmp_path, monkeypatch):
     """Planes are changed in place, and a run may end amid that."""
     expected = in_memory(small_file, tmp_path / "expected.las").read_bytes()
-    bend, bent = _plane_sweeps._bend, []
+    bend, bent = _tiled_normals._bend, []
 
     def normals_of(job):
         return job.surfaces(job.model()).members.planes.normals
@@ -108,7 +108,7 @@ def test_planes_that_were_bent_in_part_are_found_anew(small_file, tmp_path, monk
         bend(cell, job)
         assert_array_equal(normals_of(job), bent[-1])
 
-    monkeypatch.setattr(_plane_sweeps, "_bend", bend_twice)
+    monkeypatch.setattr(_tiled_normals, "_bend", bend_twice)
     process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert len(bent) == 4
     assert (tmp_path / "out.las").read_bytes() == expected

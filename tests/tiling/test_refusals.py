@@ -10,7 +10,7 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.io import PointFileError, write_points
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.tiling import process_files
 from tiled import ESTIMATOR, names_in, street, written
 
@@ -72,43 +72,27 @@ def test_what_cannot_work_is_refused_before_the_work(tmp_path, estimator, option
 
 
 @pytest.mark.parametrize(
-    ("target", "message"),
+    ("names", "target", "message"),
     [
-        ("nowhere/out.las", "does not exist"),
-        ("out.ply", r"\.las or \.laz only"),
-        ("out.copc.laz", "COPC can be read"),
-        (".", "is a folder"),
+        ("a.las", "nowhere/out.las", "does not exist"),
+        ("a.las", "out.ply", r"\.las or \.laz only"),
+        ("a.las", "out.copc.laz", "COPC can be read"),
+        ("a.las", ".", "is a folder"),
+        (".", "out.TXT", r"become a folder, or one \.las or \.laz"),
+        ("a.las x/a.las", "other.ply", "several outputs need a folder"),
+        ("a.las x/a.las", "out", "several files have this name"),
+        ("a.las x/a.las", "a.las", "is one of the inputs"),
     ],
 )
-def test_a_target_that_cannot_be_is_refused_before_the_work(tmp_path, target, message):
-    path = written(tmp_path, street(50))
-    with pytest.raises(PointFileError, match=message):
-        process_files(path, tmp_path / target, ESTIMATOR)
-    assert names_in(tmp_path) == ["a.las"]
-
-
-@pytest.mark.parametrize("name", ["out.ply", "out.TXT"])
-def test_a_folder_is_not_named_as_a_file_of_another_format(tmp_path, name):
-    written(tmp_path, street(50))
-    with pytest.raises(PointFileError, match=r"become a folder, or one \.las or \.laz"):
-        process_files(tmp_path, tmp_path / name, ESTIMATOR)
-    assert names_in(tmp_path) == ["a.las"]
-
-
-def test_what_files_cannot_become_is_refused_before_the_work(tmp_path):
+def test_a_target_that_cannot_be_is_refused_before_the_work(tmp_path, names, target, message):
     (tmp_path / "x").mkdir()
-    paths = [tmp_path / "a.las", tmp_path / "x" / "a.las"]
-    for path in paths:
-        write_points(path, street(50))
-    (tmp_path / "out.ply").touch()
-    for target, message in (
-        ("out.ply", "several outputs need a folder"),
-        ("out", "several files have this name"),
-        ("a.las", "is one of the inputs"),
-    ):
-        with pytest.raises(PointFileError, match=message):
-            process_files(paths, tmp_path / target, ESTIMATOR)
-    assert names_in(tmp_path) == ["a.las", "out.ply", "x"]
+    for folder in (tmp_path, tmp_path / "x"):
+        written(folder, street(50))
+    (tmp_path / "other.ply").touch()
+    paths = [tmp_path / name for name in names.split()]
+    with pytest.raises(PointFileError, match=message):
+        process_files(paths if len(paths) > 1 else paths[0], tmp_path / target, ESTIMATOR)
+    assert names_in(tmp_path) == ["a.las", "other.ply", "x"]
 
 
 @pytest.mark.parametrize("size", [400, 5_000])

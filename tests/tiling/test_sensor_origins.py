@@ -1,7 +1,5 @@
 """A sensor with one position or many: scores and normals by tiles equal those in memory."""
 
-import shutil
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -194,27 +192,3 @@ def test_positions_at_the_points_themselves_have_no_rays(turn, tmp_path):
     with pytest.raises(ValueError, match="where all points are"):
         process_files(turn, tmp_path / "b.las", NORMALS, sensor_origin=read_points(turn).xyz)
     assert not list(tmp_path.iterdir())
-
-
-def test_outputs_that_wait_for_their_inputs_are_of_one_sensor(drive, tmp_path, monkeypatch):
-    """A run ended between the moves of two outputs; another sensor may not move the others."""
-    (tmp_path / "in").mkdir()
-    cloud = read_points(drive[0])
-    for name, rows in {"a": slice(0, 2_000), "b": slice(2_000, None)}.items():
-        write_points(tmp_path / f"in/{name}.las", cloud.subset(rows))
-
-    def once(moves):
-        first = moves.pop(0)
-        shutil.move(first[0], first[1])
-        raise MemoryError("enough")
-
-    options = {"tile_size": 900, "sensor_origin": drive[1]}
-    with monkeypatch.context() as patch:
-        patch.setattr("sklearn_mcmd.tiling._outputs._move", once)
-        with pytest.raises(TilingError, match="enough"):
-            process_files(tmp_path / "in", tmp_path / "in", NORMALS, **options)
-    moved = Trajectory(drive[1].times, drive[1].positions + np.array([0.0, 50.0, 0.0]))
-    with pytest.raises(TilingError, match="replaced some of its inputs"):
-        process_files(tmp_path / "in", tmp_path / "in", NORMALS, tile_size=900, sensor_origin=moved)
-    report = process_files(tmp_path / "in", tmp_path / "in", NORMALS, **options)
-    assert report.n_resumed == report.n_tiles
