@@ -82,8 +82,8 @@ class PlaneOutlierDetector(BasePlaneOutliers):
     New points are scored against the fitted cloud, by their own neighborhoods in it, so
     ``fit_predict(X)`` equals ``fit(X).predict(X)``.
 
-    "ransac" and "msac" take some seven times as long as MCMD, and "robpca" and "ulsif" about a
-    hundred times.
+    "ransac" and "msac" take about as long as MCMD, and "robpca" and "ulsif" about a hundred times
+    as long.
 
     Examples
     --------

@@ -238,6 +238,13 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         Returns
         -------
         self : object
+
+        Raises
+        ------
+        ValueError
+            If X has NaN, infinite or too few values or columns, `n_neighbors` is too small,
+            `threshold` or `normals` does not fit `criterion`, or `outlier_detector` gives other
+            labels than +1 and -1 or leaves too few points for a plane.
         """
         table = validate_points(self, X, ensure_min_features=2)
         if self.normals == "precomputed" and self.criterion == "removed_fraction":

@@ -319,6 +319,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Returns
         -------
         self : object
+
+        Raises
+        ------
+        ValueError
+            If X has NaN, infinite or too few values, or if parameters do not fit it or each other.
         """
         if self.n_neighbors is None and self.radius is not None:
             raise ValueError(

@@ -321,6 +321,14 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Returns
         -------
         self : object
+
+        Raises
+        ------
+        ValueError
+            If X has NaN, infinite or too few values, or `n_neighbors` is too small; if more
+            than one of `cutoff`, `false_positive_rate` and `contamination` is given, or the
+            rate is out of reach; if `sensor_origin` or `intensity` has another shape or NaN, or
+            there is no strictness to use it; or if the sensor stood where all points are.
         """
         self._check_choices(sensor_origin, intensity)
         xyz = self._fit_planes(X)

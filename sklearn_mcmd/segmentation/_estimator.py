@@ -276,6 +276,12 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         Returns
         -------
         self : object
+
+        Raises
+        ------
+        ValueError
+            If X has NaN, infinite or too few values, or ``normals="precomputed"`` and X are not
+            the columns of a :class:`RobustNormalEstimator`.
         """
         columns = self._columns(X)
         xyz = columns.coordinates
