@@ -14,7 +14,7 @@ from benchmarks.paper._clouds import contaminated_planes
 from benchmarks.paper._methods import METHODS
 from benchmarks.paper._runs import bootstrap_error, stream
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
-from sklearn_mcmd.baselines import fit_neighborhoods
+from sklearn_mcmd.baselines import Ransac
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.runtime._progress import listen_to_progress
@@ -95,8 +95,8 @@ def test_ransac_with_the_right_noise_keeps_its_inliers(percentage):
     """96 to 98 % by the plane of three points, and the quantile's 99 % once it is refitted."""
     clouds = contaminated_planes(RUNS, 100, percentage, stream(1))
     for n_refits, least, most in ((0, 95.5, 98.5), (1, 98.7, 99.5)):
-        ransac = {"noise_scale": 0.1, "n_refits": n_refits, "random_state": 0}
-        inliers = fit_neighborhoods("ransac", clouds.points, **ransac).inliers
+        ransac = Ransac(noise_scale=0.1, n_refits=n_refits)
+        inliers = ransac.fit(clouds.points, random_state=0).inliers
         assert (~inliers[~clouds.regular]).mean() > 0.9995
         assert least < 100 * inliers[clouds.regular].mean() < most
 
