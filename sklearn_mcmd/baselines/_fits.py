@@ -16,7 +16,7 @@ from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distanc
 from sklearn_mcmd.planes._rules import robust_distances
 
 CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
-COMPILE_FROM = 50_000  # for fewer members loading compiled code would take longer than the work
+COMPILED_MEMBERS = 50_000  # for fewer members loading compiled code would take longer than the work
 SHUFFLE_AT_ONCE = 1024  # up to this size all rows are shuffled at once, above it one by one
 LARGEST_SEED = 2**31 - 1  # that NumPy's generator takes
 LEAST_SCALE = 1e-150  # of copies of the origin; its square is a number
@@ -178,7 +178,7 @@ class Method(ABC):
         inliers, support = np.zeros((2, n_sets, n), dtype=bool)
         cutoff, scale = np.full(n_sets, np.nan), np.zeros(n_sets)
         models = []
-        compiled = n_sets * n >= COMPILE_FROM if compiled is None else compiled
+        compiled = n_sets * n >= COMPILED_MEMBERS if compiled is None else compiled
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
             table = self.table(int(size), d, seed)
@@ -258,8 +258,10 @@ def plane_scale(points, members, centers, normals):
 def _draw_positions(n_rows, n_columns, size, seed):
     rng = np.random.RandomState(seed)
     if size <= SHUFFLE_AT_ONCE:
-        return rng.random_sample((n_rows, size)).argsort(axis=1)[:, :n_columns]
-    table = np.empty((n_rows, n_columns), dtype=np.intp)
-    for row in table:
-        row[:] = sample_without_replacement(size, n_columns, random_state=rng)
+        table = rng.random_sample((n_rows, size)).argsort(axis=1)[:, :n_columns]
+    else:
+        table = np.empty((n_rows, n_columns), dtype=np.intp)
+        for row in table:
+            row[:] = sample_without_replacement(size, n_columns, random_state=rng)
+    table.flags.writeable = False  # all who ask share it
     return table

@@ -12,7 +12,7 @@ from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._messages import clear_exits, print_table, progress
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._options import NJobs, Quiet
-from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._files import replacing, system_error
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
@@ -30,7 +30,7 @@ def demo(
     force: Annotated[
         bool,
         typer.Option(
-            "--force", help="Replace files with these names, such as those of an earlier demo."
+            "--force", help="Replace files with these names even if no earlier demo wrote them."
         ),
     ] = False,
     n_jobs: NJobs = -1,
@@ -40,7 +40,7 @@ def demo(
 
     Twice: by coordinates alone, and with --sensor, the position of the scanner. Writes street.laz
     (with outliers, and the truth as attributes), clean.laz, clean_sensor.laz, normals.laz and
-    demo.png, and prints the accuracy.
+    demo.png, and prints the accuracy. Files of an earlier demo in the same folder are replaced.
     """
     with clear_exits():
         begin = time.perf_counter()
@@ -48,9 +48,10 @@ def demo(
         names = "street.laz", "clean.laz", "clean_sensor.laz", "normals.laz", "demo.png"
         outputs = street, clean, clean_sensor, with_normals, picture = [folder / n for n in names]
         there = [path.name for path in outputs if path.exists()]
-        if there and not force:
+        if there and not force and not made_by_demo(street):
             raise FileExistsError(
-                f"{folder} already holds {', '.join(there)}; name another folder, or --force"
+                f"{folder} already holds {', '.join(there)}, of no earlier demo; name another "
+                "folder, or --force"
             )
         sensor = write_street(street)
         work = {"n_jobs": n_jobs, "quiet": quiet}
@@ -78,6 +79,14 @@ def demo(
                 },
             )
             typer.echo(f"Picture: {picture}; {time.perf_counter() - begin:.1f} seconds in all.")
+
+
+def made_by_demo(path):
+    """Whether a file is the street of an earlier run: it then holds the truth."""
+    try:
+        return {"true_outlier", "true_normal_x"} <= read_points(path).attributes.keys()
+    except PointFileError:
+        return False
 
 
 def write_street(path):

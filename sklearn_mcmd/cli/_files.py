@@ -207,5 +207,6 @@ def _words(value):
         value = tuple(f"{axis}={name}" for axis, name in value.items())
     if isinstance(value, tuple):
         return ",".join(map(_words, value))
-    words = {"None": "none", "True": "yes", "False": "no"}
-    return words.get(str(value), str(value).removesuffix(".0"))
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "yes", False: "no"}[value]
+    return str(value).removesuffix(".0")

@@ -33,8 +33,10 @@ FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 MAX_LOOKED_AT = 20_000
 N_WORST = 10  # points of the largest statistics that the reports list
 # Figures that the terminal shows, as far as there are such.
-SUMMARY = "outliers, normal, point, tilt, residuals, sigma0, global test, flatness, outside, zone, "
-SUMMARY += "against, tilt between, offset"
+SUMMARY = (
+    *("outliers", "normal", "point", "tilt", "residuals", "sigma0", "global test", "flatness"),
+    *("outside", "zone", "against", "tilt between", "offset"),
+)
 
 
 @dataclass
@@ -282,7 +284,7 @@ class Plane:
 
     def _print_summary(self, sheets, is_outlier, known, begin):
         rows = {"points": f"{len(is_outlier):,}"}
-        rows |= {name: known[name] for name in SUMMARY.split(", ") if name in known}
+        rows |= {name: known[name] for name in SUMMARY if name in known}
         rows["outliers"] = _messages.number_and_share(is_outlier.sum(), len(is_outlier))
         if sheets:
             rows["report"] = ", ".join(str(path) for path in sheets if path is not None)
@@ -377,13 +379,13 @@ class Plan:
 
         begin = time.perf_counter()
         same = "sigma0", "alpha", "outlier_rate", "power", "robust_start", "random_state"
-        made = plan_plane(
+        planned = plan_plane(
             self.points,
             extent=(self.width, self.height),
             n_repetitions=self.repetitions,
             **{name: getattr(self, name) for name in same},
         )
-        rows = plan_rows(made, self.unit)
+        rows = plan_rows(planned, self.unit)
         _messages.print_table(f"{self.points} points", begin, **rows)
 
 

@@ -29,6 +29,7 @@ def scan(
     noise,
     outlier_share,
     random_state,
+    *,
     outlier_kinds=tuple(SCENE_OUTLIERS),
     noise_growth=1.0,
     divergence=None,
@@ -61,10 +62,6 @@ def scan(
         places, kind = points, np.full(n, REGULAR)
         deviations = noise_rng.standard_normal((n, 3))
         area = scene.seen_area
-    edge_distance = np.empty(n)
-    for number, part in enumerate(scene.parts):
-        mine = np.flatnonzero(surface == number)
-        edge_distance[mine] = part.edge_distance(places[mine])
     scale = scale_at(scene.ranges(points))
     outliers = [SCENE_OUTLIERS[name](scene, m, is_clear, outlier_rng) for name, m in sizes.items()]
     outliers = np.concatenate(outliers)
@@ -83,11 +80,19 @@ def scan(
             "true_points": (places, np.nan),
             "normals": (facing_normals(scene.parts, places, surface, scene.scanner), np.nan),
             "surface": (surface, -1),
-            "edge_distance": (edge_distance, np.nan),
+            "edge_distance": (_edge_distances(scene, places, surface), np.nan),
         },
     )
     cloud.spacing = float(np.sqrt(area / n))
     return cloud
+
+
+def _edge_distances(scene, places, surface):
+    distances = np.empty(len(places))
+    for number, part in enumerate(scene.parts):
+        mine = np.flatnonzero(surface == number)
+        distances[mine] = part.edge_distance(places[mine])
+    return distances
 
 
 def scan_lines(scene, n, rng, noise_at, divergence):

@@ -66,7 +66,7 @@ def make_box(
     ((3339, 3), ['front', 'side', 'top'])
     """
     scene = box_scene(outlier_scale)
-    return scan(scene, n_samples, noise, outlier_share, random_state, ("gaussian",))
+    return scan(scene, n_samples, noise, outlier_share, random_state, outlier_kinds=("gaussian",))
 
 
 @validate_params(SHARED_PARAMETERS, prefer_skip_nested_validation=True)
@@ -119,7 +119,7 @@ def make_crown_roof(
     ((3017, 3), 4)
     """
     scene = crown_roof_scene()
-    return scan(scene, n_samples, noise, outlier_share, random_state, ("gaussian",))
+    return scan(scene, n_samples, noise, outlier_share, random_state, outlier_kinds=("gaussian",))
 
 
 def box_scene(displacement):

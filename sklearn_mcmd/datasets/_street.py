@@ -172,9 +172,9 @@ def make_street(
         noise,
         outlier_share,
         random_state,
-        outlier_kinds,
-        noise_growth,
-        beam_divergence if sampling == "scan_lines" else None,
+        outlier_kinds=outlier_kinds,
+        noise_growth=noise_growth,
+        divergence=beam_divergence if sampling == "scan_lines" else None,
     )
 
 

@@ -86,7 +86,7 @@ def writing_parts(path):
             nonlocal writer, header
             las = las_of_cloud(laspy, cloud, noise)
             if compressed and las.header.point_format.id in WAVES_OF_CHANNELS:
-                channels.update(np.asarray(las.scanner_channel))
+                channels.update(np.unique(las.scanner_channel))
                 if len(channels) > 1:
                     raise PointFileError("LAZ changes waves of several channels; write .las")
             with sink.own_errors():

@@ -347,7 +347,7 @@ def find_lenders(points, queries, around, planes, most):
     """
     lenders, limits = np.empty(len(queries), dtype=np.int64), PatchLimits(ExplainLimits().explained)
     patches = np.empty((queries.shape[1] + 1, around.indices.shape[1]))
-    find = compiled_function("normals._neighbor_planes_numba", "find_lenders")
+    find = compiled_function("normals._surface_planes_numba", "find_lenders")
     find(points, queries, around, planes, most, limits, patches, lenders)
     return lenders
 
@@ -365,7 +365,7 @@ def doubted_errors(points, queries, around, planes, members, bends):
     lent, whose scale is noise: of those that bend, what the quadric leaves.
     """
     errors, width = np.empty(len(queries)), around.indices.shape[1]
-    find = compiled_function("normals._neighbor_planes_numba", "doubted_errors")
+    find = compiled_function("normals._surface_planes_numba", "doubted_errors")
     limits, tangents = PatchLimits(ExplainLimits().explained), tangents_of(planes.normals)
     arrays = np.empty((queries.shape[1] + 1, width)), np.empty((6, width))
     find(points, queries, around, planes, tangents, members, bends, limits, *arrays, errors)

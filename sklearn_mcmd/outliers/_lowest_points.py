@@ -2,9 +2,9 @@
 
 import numpy as np
 
-LEVELS = 31  # bits of a place along an axis
-HALF = 2 ** (LEVELS - 1)  # places are from -HALF to HALF - 1
-SIDE = 2 ** (LEVELS + 1)  # the factor of a place along x in the number of a square
+N_BITS = 31  # bits of a place along an axis
+HALF = 2 ** (N_BITS - 1)  # places are from -HALF to HALF - 1
+SIDE = 2 ** (N_BITS + 1)  # the factor of a place along x in the number of a square
 
 
 class LowestPoints:
@@ -27,7 +27,7 @@ class LowestPoints:
             return
         # Places along an axis are integers of 31 bits, about 0.
         largest = max(np.abs(xyz[:, :2]).max(), np.finfo(float).tiny)
-        self._coarsen(max(self.exponent, int(np.frexp(largest)[1]) - (LEVELS - 1)))
+        self._coarsen(max(self.exponent, int(np.frexp(largest)[1]) - (N_BITS - 1)))
         codes = _codes(xyz, self.exponent)
         parts = (codes, np.ones(len(xyz), np.int64), xyz[:, 2])
         both = zip((self.codes, self.counts, self.lowest), parts, strict=True)
@@ -44,7 +44,7 @@ class LowestPoints:
         self._limit(self.n_points)
         codes, counts, lowest = self.codes, self.counts, self.lowest
         asked, rows = _codes(xyz, self.exponent), np.arange(len(xyz))
-        for _ in range(LEVELS):
+        for _ in range(N_BITS):
             places = np.minimum(np.searchsorted(codes, asked), len(codes) - 1)
             known = (codes[places] == asked) & (counts[places] >= self.n_usual)
             low[rows[known]] = xyz[rows[known], 2] < lowest[places[known]]

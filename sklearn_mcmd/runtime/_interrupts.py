@@ -68,11 +68,13 @@ def raise_interrupts():
 
 def _raise_again(hook, unraisable):
     """Send an interrupt again, which ends waiting and sleeping, too."""
-    if unraisable.exc_type is not KeyboardInterrupt or os.name == "nt":
+    if unraisable.exc_type is not KeyboardInterrupt:
         hook(unraisable)
         return
-    main = threading.main_thread().ident
-    again = threading.Timer(AGAIN_AFTER, signal.pthread_kill, (main, signal.SIGINT))
+    send = signal.raise_signal
+    if hasattr(signal, "pthread_kill"):  # not on Windows
+        send = partial(signal.pthread_kill, threading.main_thread().ident)
+    again = threading.Timer(AGAIN_AFTER, send, (signal.SIGINT,))
     again.daemon = True
     again.start()
 

@@ -10,6 +10,7 @@ from contextlib import ExitStack, suppress
 from errno import EACCES, EAGAIN
 from pathlib import Path
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.tiling._cells import Constants
 from sklearn_mcmd.tiling._stored_columns import CellColumns, in_place_of
 from sklearn_mcmd.tiling._sweeps import TilingError
@@ -109,8 +110,9 @@ def _locked(path):
 
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as err:
-            if err.errno in (EACCES, EAGAIN):  # else the disk knows no locks
+            if err.errno in (EACCES, EAGAIN):
                 raise BlockingIOError from err
+            warn_caller(f"{path}: this disk has no locks; begin no other run with this output")
         if os.path.samestat(os.fstat(file.fileno()), path.stat()):  # else it was just removed
             opened.pop_all()
             return file

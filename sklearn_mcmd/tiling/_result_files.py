@@ -14,6 +14,8 @@ NORMAL_COLUMNS = (
 )
 # Columns of `transform` before the features: coordinates, normals, variation, eigenvalues, plane.
 N_TRANSFORMED = 12
+# Points that may be fitted at once; only copies make a cloud of few places so large.
+MOST_COPIES = 1_000_000
 
 
 class Results:
@@ -85,6 +87,12 @@ def fit_together(job, estimator, cells, values_of):
 
     Clouds of so few places are worked on in one piece, by other code than tiles.
     """
+    n_points = int(cells.counts.sum())
+    if n_points > MOST_COPIES:
+        raise ValueError(
+            f"{n_points:,} points at {len(job.whole()):,} places are no cloud to be divided into "
+            "tiles; leave copies out"
+        )
     records = [cells.read(cell) for cell in range(len(cells))]
     rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
     order = np.argsort(rows)

@@ -3,6 +3,7 @@
 import shutil
 import time
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral
@@ -108,20 +109,10 @@ class TiledRun(NamedTuple):
         return Sweeps(self.plan.n_workers, steps)
 
 
-class TiledVerb:
+class TiledVerb(ABC):
     """What one verb knows of its estimator, which has one job a tile; `run_by_tiles` does all else.
 
-    `content` distinguishes outputs of one estimator. With a choice, some points are used. A verb
-    has these methods, too:
-
-    - ``prepare(catalog)`` puts compiled code on disk for all processes, warns of what is known of
-      the inputs, and raises for parameters that are wrong. It returns the work, and the numbers of
-      features and neighbors that `plan_run` takes.
-    - ``find(run)`` writes the results of all tiles that an earlier run has not done.
-    - ``make(cloud, values, xyz)``: what to write of a cloud in the form of its output, and which
-      points to mark in it.
-    - ``report(run, total)``: all other fields of the `RunReport`; `total` is the sum of what is
-      measured.
+    `content` distinguishes outputs of one estimator. With a choice, some points are used.
     """
 
     options: tuple[str, ...] = ()  # those of `process_files` that mean something to it
@@ -131,6 +122,24 @@ class TiledVerb:
 
     def __init__(self, estimator, content="", choice=None):
         self.estimator, self.content, self.choice = estimator, content, choice
+
+    @abstractmethod
+    def prepare(self, catalog):
+        """Put compiled code on disk for all processes, warn of what is known of the inputs, and
+        raise for parameters that are wrong. Returns the work, and the numbers of features and
+        neighbors that `plan_run` takes."""
+
+    @abstractmethod
+    def find(self, run):
+        """Write the results of all tiles that an earlier run has not done."""
+
+    @abstractmethod
+    def make(self, cloud, values, xyz):
+        """What to write of a cloud in the form of its output, and which points to mark in it."""
+
+    @abstractmethod
+    def report(self, run, total):
+        """All other fields of the `RunReport`; `total` is the sum of what is measured."""
 
     def results(self, run):
         """The `Results` of all tiles."""

@@ -88,7 +88,10 @@ class _StoredCloud:
         self._whole, self._cells, self._n_jobs = whole, cells, n_jobs
 
     def neighbors(self, rows, k, _):
-        return np.ascontiguousarray(self._whole.rows_of("near", rows)[:, :k])
+        near = self._whole.rows_of("near", rows)
+        if k > near.shape[1]:
+            raise ValueError(f"{k} neighbors are wanted, and {near.shape[1]} are stored")
+        return np.ascontiguousarray(near[:, :k])
 
     def nearest(self, queries, k):
         return StoredNearest(self._whole, self._cells).query(queries, k, self._n_jobs)

@@ -63,7 +63,7 @@ def panels(figure):
 
 
 @pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
-@pytest.mark.parametrize(("n", "columns"), [(200, [0, 1, 2]), (4, [0, 1, 2])])
+@pytest.mark.parametrize(("n", "columns"), [(200, [0, 1, 2]), (200, [0, 2]), (4, [0, 1, 2])])
 @pytest.mark.parametrize("detector", DETECTORS)
 def test_the_picture_has_three_panels_and_can_be_saved(detector, n, columns, tmp_path):
     pytest.importorskip("matplotlib")

@@ -49,11 +49,11 @@ def test_demo_normals_are_nearer_to_the_truth_than_principal_components(demo):
 
 
 @pytest.mark.slow
-def test_demo_replaces_files_if_told_to_and_gives_the_same_again(tmp_path, monkeypatch):
+def test_demo_in_the_same_folder_replaces_its_files_and_gives_the_same_again(tmp_path, monkeypatch):
     monkeypatch.setattr(_demo, "N_POINTS", 4_000)
     accuracy, files = [], []
     for _ in range(2):
-        result = done("demo", tmp_path, "--force")
+        result = done("demo", tmp_path)
         accuracy.append(result.stdout.split("Outliers by")[1].split("Normals of")[0])
         files.append({path.name: path.read_bytes() for path in tmp_path.iterdir()})
         (tmp_path / "demo.png").write_bytes(b"")
@@ -61,10 +61,11 @@ def test_demo_replaces_files_if_told_to_and_gives_the_same_again(tmp_path, monke
     assert (accuracy[0], files[0]) == (accuracy[1], files[1])
 
 
-def test_the_demo_replaces_no_files(room_file, tmp_path):
-    room_file.rename(tmp_path / (name := "clean.laz"))
+@pytest.mark.parametrize("name", ["clean.laz", "street.laz"])
+def test_the_demo_replaces_no_files_of_others(name, room_file, tmp_path):
+    room_file.rename(tmp_path / name)
     before = (tmp_path / name).read_bytes()
-    assert f"already holds {name}; name another" in error_line(run("demo", tmp_path))
+    assert f"already holds {name}, of no earlier demo" in error_line(run("demo", tmp_path))
     assert (tmp_path / name).read_bytes() == before
     assert files_in(tmp_path) == [name]
     assert "cannot be made" in error_line(run("demo", tmp_path / name))

@@ -221,6 +221,7 @@ def clouds(draw):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* outliers lie together")
 @pytest.mark.parametrize("verb", VERBS)
 @given(X=clouds(), tile_size=st.integers(200, 1_200))
 @settings(max_examples=4)
