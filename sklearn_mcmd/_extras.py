@@ -12,6 +12,8 @@ def import_extra(module, extra, purpose):
         return importlib.import_module(module)
     except ImportError as err:
         name = (err.name or module).partition(".")[0]  # maybe one that the module needs
+        library = module.partition(".")[0]  # whose installation brings what it needs
         raise ImportError(
-            f'{purpose} needs {name}, which is not installed: pip install "sklearn-mcmd[{extra}]"'
+            f"{purpose} needs {name}, which is not installed: pip install {library}, or this "
+            f"package with its extra [{extra}]"
         ) from err

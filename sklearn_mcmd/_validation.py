@@ -45,7 +45,7 @@ class OffsetOutlierMixin(OutlierMixin):
         Returns
         -------
         labels : ndarray of int of shape (n_samples,)
-            1 for inliers (points of a surface) and -1 for outliers (or edges).
+            1 for inliers and -1 for outliers, or edges.
         """
         return np.where(self.decision_function(X) >= 0, 1, -1)
 
@@ -68,12 +68,12 @@ class FittedScoresMixin(OffsetOutlierMixin):
         X : array-like of shape (n_samples, n_features)
         y : Ignored
         **fit_params : array-like
-            What else `fit` takes, such as positions of the sensor.
+            As in `fit`.
 
         Returns
         -------
         labels : ndarray of int of shape (n_samples,)
-            1 for inliers (points of a surface) and -1 for outliers (or edges). They equal
+            1 for inliers and -1 for outliers, or edges. They equal
             ``fit(X).predict(X)``, but points are judged only once.
         """
         return self.fit(X, **fit_params).labels_

@@ -28,5 +28,6 @@ def test_the_error_names_what_is_missing_even_if_another_library_needs_it(
     with pytest.raises(ImportError) as error:
         import_extra(module, extra, "This")
     assert str(error.value) == (
-        f'This needs {absent}, which is not installed: pip install "sklearn-mcmd[{extra}]"'
+        f"This needs {absent}, which is not installed: pip install {package.name}, or this "
+        f"package with its extra [{extra}]"
     )

@@ -275,7 +275,12 @@ def command_of(kind, *, without=(), more=""):
     def command(*args, **kwargs):
         given = call.bind(*args, **kwargs).arguments
         for names in getattr(kind, "one_of", ()):
-            asked = [f"--{one.replace('_', '-')}" for one in names if given.get(one) is not None]
+            values = {one: given.get(one) for one in names}
+            asked = [
+                f"--{one.replace('_', '-')} {value}"
+                for one, value in values.items()
+                if value not in (None, "none")
+            ]
             if len(asked) > 1:
                 raise typer.BadParameter(
                     f"{' and '.join(asked)} exclude each other: leave all but one out."

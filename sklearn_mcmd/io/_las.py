@@ -97,7 +97,9 @@ def writing_parts(path):
                         sink, "w", header=header, laz_backend=backend, closefd=False
                     )
                 if las.point_format != writer.header.point_format:
-                    raise PointFileError("an attribute fits its dimension only in a part")
+                    raise PointFileError(
+                        "an attribute fits its dimension in a part of the file only"
+                    )
                 for start in range(0, len(las.points), WRITTEN_AT_ONCE):  # Ctrl-C ends between
                     writer.write_points(las.points[start : start + WRITTEN_AT_ONCE])
                 if (las.header.scales < 0).any():
@@ -360,7 +362,10 @@ def _store_attributes(laspy, las, attributes):
     for name, values in others.items():
         for column, part in flat_columns({name: values}).items():
             if column in standard:
-                warn_caller(f"{column!r} does not fit: stored as {column + '_value'!r}")
+                warn_caller(
+                    f"{column!r} does not fit the LAS dimension of that name; it is stored as the "
+                    f"extra dimension {column + '_value'!r}"
+                )
                 column += "_value"
             if column in new or (column != name and column in attributes):
                 raise PointFileError(f"two attributes would both be written as {column!r}")

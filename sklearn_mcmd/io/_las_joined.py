@@ -103,7 +103,9 @@ def _offsets(offsets, scales, low, high):
     for some in (offsets, np.round((low + high) / 2)):
         if (np.maximum(np.abs(low - some), np.abs(high - some)) <= LARGEST * scales).all():
             return some
-    raise PointFileError(f"steps of {scales.min():g} cannot span all files; write a folder")
+    raise PointFileError(
+        f"the files span too much for one file with steps of {scales.min():g}; write a folder"
+    )
 
 
 def _kind(dimension):

@@ -97,9 +97,13 @@ class _Layout:
                 )
                 needed += sum(layers)
                 if n_stored < n_points:
-                    raise PointFileError(f"damaged: chunk {number} holds {n_stored} points")
+                    raise PointFileError(
+                        f"damaged: chunk {number} holds {n_stored} points, not {n_points}"
+                    )
             if needed > n_bytes:
-                raise PointFileError(f"damaged: chunk {number} would need {needed} bytes")
+                raise PointFileError(
+                    f"damaged: chunk {number} would need {needed} bytes, and has {n_bytes}"
+                )
             start += n_bytes
 
 

@@ -165,4 +165,7 @@ def warn_if_far(low, high, positions):
     between = np.maximum(low - positions.max(axis=0), positions.min(axis=0) - high)
     away = float(np.linalg.norm(np.maximum(between, 0.0)))
     if away > FAR * extent:
-        warn_caller(f"the trajectory, {away:,.0f} away, seems to be in another coordinate system")
+        warn_caller(
+            f"the trajectory is {away:,.0f} away from the points, which extend over {extent:,.0f}: "
+            "it seems to be in another coordinate system"
+        )

@@ -4,7 +4,7 @@ from numbers import Real
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._choices import OutlierMethod, Strictness, choices_of
 from sklearn_mcmd._errors import ParameterError, warn_caller
@@ -417,6 +417,25 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         if self.cutoff is not None:
             return self.cutoff, 0.0
         return self._model.settings.cutoff if self._one_plane else ExplainLimits().explained, 0.0
+
+    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
+        """Opposite of how far each point is off the surfaces and stands off from all else.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Each new point counts as measured from where the nearest of the fitted points was.
+
+        Returns
+        -------
+        scores : ndarray of shape (n_samples,)
+            At most 0; the lower, the more abnormal. Down to -3 the point is on a surface, or
+            keeps company. -10 means ten standard deviations off the surfaces and ten usual
+            spacings, or sizes of its group, away from what is real; -100 is a gross error.
+            With ``strictness=None`` the robust z-score (Eq. 17) or Mahalanobis distance
+            (Eq. 18), negative.
+        """
+        return super().score_samples(X)
 
     def _stages(self):
         if self.false_positive_rate is None:

@@ -89,7 +89,7 @@ class Facts(NamedTuple):
         if np.isfinite(self.noise):
             rows.append(("noise about planes", f"{self.noise:.2g} (median standard deviation)"))
         if self.step:
-            rows.append(("coordinates", f"rounded to steps of {self.step:.3g}"))
+            rows.append(("coordinates", f"rounded to steps of {self.step:.2g}"))
         n_copies = self.n_points - self.n_distinct
         rows.append(("duplicates", f"{n_copies:,} ({100 * n_copies / self.n_points:.2f} %)"))
         return rows

@@ -152,7 +152,7 @@ def _sums(visit, n_regions, columns, extents, bits):
 
 
 def median_by_region(values, labels, n_regions):
-    """Median of the values of each region, which has a point; for an even number the upper one."""
+    """Median of the values of each region, for an even number the upper one."""
     sizes = region_sizes(labels, n_regions).astype(np.int64)
     medians, first = np.empty(n_regions), 0
     before = np.concatenate([[0], np.cumsum(sizes)])
@@ -175,15 +175,16 @@ def _medians(values, labels, number, n_regions):
         own.append(values[rows][inside])
         if n_regions > 1:
             numbers.append(some[inside].astype(np.int32))
-    own = np.concatenate(own)
+    own, regions, medians = np.concatenate(own), [0], np.full(n_regions, np.nan)
     if n_regions > 1:
         groups = _grouped(np.concatenate(numbers))
-        own = np.split(own[groups.rows], groups.starts[1:])
+        regions, own = groups.regions, np.split(own[groups.rows], groups.starts[1:])
     else:
         own = [own]
-    for some in own:
+    for region, some in zip(regions, own, strict=True):
         some.partition(len(some) // 2)
-    return [some[len(some) // 2] for some in own]
+        medians[region] = some[len(some) // 2]
+    return medians
 
 
 class _Groups(NamedTuple):

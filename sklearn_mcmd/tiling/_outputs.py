@@ -113,9 +113,14 @@ def move_outputs(verb, catalog, targets, folder, report):
     ]
     # Files without points, which no run can read again, come last.
     moves.sort(key=lambda move: -move[2][0])
-    inputs, key = [list(stamp) for stamp in catalog.stamps], _key(verb, catalog, targets)
-    # A run that ends after this has only to move them.
-    write_json(folder.moves, {"key": key, "inputs": inputs, "moves": moves, "report": report})
+    stored = {
+        "key": _key(verb, catalog, targets),
+        "paths": _real(catalog.paths),
+        "stamps": [list(stamp) for stamp in catalog.stamps],
+        "moves": moves,
+        "report": report,
+    }
+    write_json(folder.moves, stored)  # a run that ends after this has only to move them
     _move(moves)
 
 
@@ -132,8 +137,8 @@ def resume_moves(verb, catalog, targets, folder):
     if stored["key"] == _key(verb, catalog, targets) and _fits(stored, catalog):
         _move(stored["moves"])
         return stored["report"]
-    own = set(map(os.path.realpath, catalog.paths))
-    if any(target in own and _is_there(target, stamp) for _, target, stamp in stored["moves"]):
+    replaced = (move for move in stored["moves"] if move[1] in stored["paths"])
+    if any(_is_there(target, stamp) for _, target, stamp in replaced):
         raise TilingError(
             f"{folder.moves}: an earlier run ended when it had replaced some of its inputs; give "
             "its command again, or begin anew with files as they are (restart)"
@@ -144,17 +149,20 @@ def resume_moves(verb, catalog, targets, folder):
 
 def _key(verb, catalog, targets):
     """A hash of what outputs depend on, besides the inputs' stamps."""
-    paths = [os.path.realpath(path) for path in (*catalog.paths, *targets)]
+    paths = _real((*catalog.paths, *targets))
     return key_of(verb.estimator, paths, verb.content, verb.sensor and verb.sensor.key)
+
+
+def _real(paths):
+    return [os.path.realpath(path) for path in paths]
 
 
 def _fits(stored, catalog):
     """Whether inputs are as they were, or replaced, and all outputs are there."""
     moved = {target: stamp for _, target, stamp in stored["moves"]}
-    paths = zip(catalog.paths, stored["inputs"], strict=True)
+    paths = zip(stored["paths"], stored["stamps"], strict=True)
     return all(
-        _is_there(path, stamp) or _is_there(path, moved.get(os.path.realpath(path)))
-        for path, stamp in paths
+        _is_there(path, stamp) or _is_there(path, moved.get(path)) for path, stamp in paths
     ) and all(
         _is_there(place, stamp) or _is_there(target, stamp)
         for place, target, stamp in stored["moves"]

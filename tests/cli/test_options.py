@@ -119,7 +119,7 @@ def test_cutoff_rate_and_contamination_exclude_each_other(left_out):
     given = {name: value for name, value in RULERS.items() if name != left_out}
     options = [f"{name}={value}" for name, value in given.items()]
     error = usage_error(run("denoise", "in.las", "out.las", *options))
-    named = " and ".join(given)
+    named = " and ".join(f"{name} {value}" for name, value in given.items())
     assert f"{named} exclude each other: leave all but one out." in error
 
 

@@ -58,4 +58,4 @@ def test_without_the_library_its_installation_is_said(source, tmp_path, monkeypa
     monkeypatch.setitem(sys.modules, "distributed", None)
     options = ("--scheduler", "tcp://127.0.0.1:1")
     line = error_line(run("normals", source, tmp_path / "b.laz", *options))
-    assert 'pip install "sklearn-mcmd[dask]"' in line
+    assert "pip install distributed, or this package with its extra [dask]" in line

@@ -139,7 +139,7 @@ def test_attributes_that_a_file_has_not_are_0(tmp_path):
     ("other", "message"),
     [
         ({"extra": [("beam", "f4")]}, r"b\.las: its attribute 'beam'"),
-        ({"scales": 1e-7, "offsets": 9e5}, "cannot span all files"),
+        ({"scales": 1e-7, "offsets": 9e5}, "span too much for one file"),
         ({"point_format": 9}, r"b\.las: wave packets"),
         ({}, r"b\.las: its GPS times"),
         ({"scales": 1e-6, "offsets": 1e5}, "outside the bounds"),

@@ -76,8 +76,9 @@ def test_a_run_that_ended_between_two_moves_has_only_to_move(drive, replaced, mo
         with pytest.raises(TilingError, match="kept in"):
             process_files(folder, folder, DETECTOR, **SIZE)
     assert sum(contents(folder)[name] != before[name] for name in NAMES) == 1
-    with pytest.raises(TilingError, match="had replaced some of its inputs"):
-        process_files(folder, folder, DETECTOR, mode="mark", **SIZE)
+    for source, mode in ((folder, "mark"), (drive("others"), "drop")):
+        with pytest.raises(TilingError, match="had replaced some of its inputs"):
+            process_files(source, folder, DETECTOR, mode=mode, **SIZE)
     report = process_files(folder, folder, DETECTOR, **SIZE)
     assert (contents(folder), report.n_outliers) == replaced
     assert report.n_resumed == report.n_tiles
