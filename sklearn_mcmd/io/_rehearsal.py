@@ -1,9 +1,9 @@
 """Trial writing, so that its errors appear before long work."""
 
-import tempfile
+import secrets
+import shutil
 import warnings
 from contextlib import contextmanager
-from pathlib import Path
 
 from sklearn_mcmd.io._files import check_writable, one_clear_line, system_error, write_points
 from sklearn_mcmd.io._formats import TILED
@@ -23,18 +23,22 @@ def rehearse(target, cloud, noise=None, *, whole=True):
 @contextmanager
 def standing_in(target):
     """A path beside `target` for trial writing; errors name `target` itself."""
-    real = check_writable(target)
-    with (
-        naming(target),
-        tempfile.TemporaryDirectory(prefix=".mcmd-", dir=real.parent) as folder,
-        warnings.catch_warnings(),
-    ):
-        warnings.simplefilter("ignore")  # the real writing will give them
-        stand_in = Path(folder) / target.name
-        try:
+    # The name comes first: Ctrl-C may come while the folder is made.
+    folder = check_writable(target).parent / f".mcmd-{secrets.token_hex(8)}"
+    stand_in = folder / target.name
+    try:
+        with naming(target), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the real writing will give them
+            folder.mkdir(mode=0o700)
             yield stand_in
-        except ValueError as err:
-            raise ValueError(str(err).replace(str(stand_in), str(target))) from err
+    except ValueError as err:
+        raise ValueError(str(err).replace(str(stand_in), str(target))) from err
+    finally:
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+        except KeyboardInterrupt:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
 
 @contextmanager
