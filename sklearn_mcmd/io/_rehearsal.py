@@ -23,16 +23,23 @@ def rehearse(target, cloud, noise=None, *, whole=True):
 @contextmanager
 def standing_in(target):
     """A path beside `target` for trial writing; errors name `target` itself."""
-    # The name comes first: Ctrl-C may come while the folder is made.
-    folder = check_writable(target).parent / f".mcmd-{secrets.token_hex(8)}"
-    stand_in = folder / target.name
-    try:
-        with naming(target), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the real writing will give them
-            folder.mkdir(mode=0o700)
+    real = check_writable(target)
+    with naming(target), trial_folder(real.parent) as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the real writing will give them
+        stand_in = folder / target.name
+        try:
             yield stand_in
-    except ValueError as err:
-        raise ValueError(str(err).replace(str(stand_in), str(target))) from err
+        except ValueError as err:
+            raise ValueError(str(err).replace(str(stand_in), str(target))) from err
+
+
+@contextmanager
+def trial_folder(above):
+    """A folder that is removed, even if Ctrl-C comes while it is made or removed."""
+    folder = above / f".mcmd-{secrets.token_hex(8)}"
+    try:
+        folder.mkdir(mode=0o700)
+        yield folder
     finally:
         try:
             shutil.rmtree(folder, ignore_errors=True)

@@ -1,7 +1,6 @@
 """The page of a report, without scripts and links to any network, and the folder it is in."""
 
 import platform
-import tempfile
 import warnings
 from datetime import datetime
 from functools import cache, partial
@@ -9,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._files import check_writable, replacing, system_error
+from sklearn_mcmd.io._rehearsal import naming, trial_folder
 
 MOST_SHOWN = 1_000_000  # points of the page to look around in, which then has about 10 MB
 PAGE, VIEW = "index.html", "view.html"
@@ -88,11 +88,8 @@ def check_folder(folder):
         raise ValueError(f"{above}: is no folder; give --report another folder")
     for name in (PAGE, VIEW):
         check_writable(folder / name, above)
-    try:
-        with tempfile.TemporaryDirectory(prefix=".mcmd-", dir=above):
-            pass
-    except OSError as err:
-        raise system_error(folder, "written", err) from err
+    with naming(folder), trial_folder(above):
+        pass
 
 
 def write_report(folder, run, contents):
