@@ -38,10 +38,19 @@ def test_without_its_libraries_the_command_says_how_to_get_them(library):
     assert "its extra [cli]" in done.stderr
 
 
-def test_help_loads_no_library_that_it_does_not_need():
-    done = program(
-        code="import sys, sklearn_mcmd.cli\n"
-        "heavy = 'matplotlib', 'numba', 'laspy', 'scipy', 'sklearn'\n"
-        "print([m for m in heavy if m in sys.modules])"
-    )
+@pytest.mark.parametrize(
+    ("work", "heavy"),
+    [
+        ("import sklearn_mcmd.cli", ["matplotlib", "numba", "laspy", "scipy", "sklearn"]),
+        (
+            "import numpy, sklearn_mcmd.cli._info as cli\n"
+            "from sklearn_mcmd.io import PointCloud\n"
+            "cli.summarize(cli.Path('a.npy'), PointCloud(numpy.eye(3)))",
+            ["matplotlib", "numba", "laspy", "sklearn"],
+        ),
+    ],
+    ids=["help", "info"],
+)
+def test_no_library_is_loaded_that_is_not_needed(work, heavy):
+    done = program(code=f"import sys\n{work}\nprint([m for m in {heavy} if m in sys.modules])")
     assert done.stdout == "[]\n", done.stderr

@@ -7,7 +7,6 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io._las import coordinate_system
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.report._contents import note_if, percent
 
@@ -155,6 +154,9 @@ def cloud_notes(facts):
 
 
 def _neighborhood_notes(facts):
+    # It imports scikit-learn, which takes longer than all that `mcmd info` needs.
+    from sklearn_mcmd.outliers._surfaces import SurfaceLimits
+
     notes = note_if(
         facts.n_distinct < FEW * facts.n_neighbors or facts.n_distinct <= facts.n_neighbors,
         "Few points.",
