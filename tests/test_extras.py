@@ -1,10 +1,19 @@
 """Libraries that are not installed with the package, and the words about them."""
 
 import sys
+from pathlib import Path
 
 import pytest
 
 from sklearn_mcmd._extras import import_extra
+
+
+def test_the_page_of_errors_has_these_words(monkeypatch):
+    monkeypatch.setitem(sys.modules, "laspy", None)
+    with pytest.raises(ImportError) as error:
+        import_extra("laspy", "las", "...")
+    page = Path(__file__).resolve().parents[1] / "docs" / "install.rst"
+    assert f"``{error.value}``" in page.read_text("utf-8")
 
 
 @pytest.mark.parametrize(

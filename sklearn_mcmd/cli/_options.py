@@ -279,7 +279,7 @@ def command_of(kind, *, without=(), more=""):
             asked = [
                 f"--{one.replace('_', '-')} {value}"
                 for one, value in values.items()
-                if value not in (None, "none")
+                if value not in (None, "none")  # as --sensor none, which gives none
             ]
             if len(asked) > 1:
                 raise typer.BadParameter(

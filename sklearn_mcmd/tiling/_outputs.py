@@ -134,7 +134,7 @@ def resume_moves(verb, catalog, targets, folder):
                 "files as they are (restart)"
             )
         return None
-    if stored["key"] == _key(verb, catalog, targets) and _fits(stored, catalog):
+    if stored["key"] == _key(verb, catalog, targets) and _fits(stored):
         _move(stored["moves"])
         return stored["report"]
     replaced = (move for move in stored["moves"] if move[1] in stored["paths"])
@@ -157,7 +157,7 @@ def _real(paths):
     return [os.path.realpath(path) for path in paths]
 
 
-def _fits(stored, catalog):
+def _fits(stored):
     """Whether inputs are as they were, or replaced, and all outputs are there."""
     moved = {target: stamp for _, target, stamp in stored["moves"]}
     paths = zip(stored["paths"], stored["stamps"], strict=True)
