@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from sklearn_mcmd.normals._quadrics import QuadricLimits, noise_quantiles, whole_planes
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._principal_planes import normal_errors
+from sklearn_mcmd.planes._quadrics import QuadricLimits, noise_quantiles, whole_planes
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._progress import progress_part
 

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from sklearn_mcmd.normals._quadrics import QuadricLimits, n_terms, tangents_of, work_arrays
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import CONFIDENCE
+from sklearn_mcmd.planes._quadrics import QuadricLimits, n_terms, tangents_of, work_arrays
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import truncated_normal
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
@@ -153,7 +153,7 @@ def _fit_jets(model, planes, queries, around, tangents):
         n_used=np.zeros(m, np.int64),
     )
     room = arrays[:3], arrays[3:6], arrays[6], arrays[7], np.empty(k, bool), *equations
-    fit = compiled_function("normals._quadrics_numba", "fit_jets")
+    fit = compiled_function("planes._quadrics_numba", "fit_jets")
     fit(points, around, queries, tangents, planes, floor, limits, room, jets)
     return jets
 

@@ -22,8 +22,8 @@ from sklearn_mcmd.normals._features import (
     needs_curvatures,
 )
 from sklearn_mcmd.normals._sides import Sides
-from sklearn_mcmd.normals._surface_planes import SurfacePlanes, check_mending, mends_planes
-from sklearn_mcmd.planes._base import BaseLocalPlanes
+from sklearn_mcmd.normals._surface_planes import SurfacePlanes, check_mending
+from sklearn_mcmd.planes._base import BaseLocalPlanes, mends_planes
 from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import surface_variation

@@ -15,19 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.normals._quadrics import (
+from sklearn_mcmd.planes._around import most_noise_around
+from sklearn_mcmd.planes._base import mends_planes
+from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._quadrics import (
     QuadricLimits,
     are_folded,
     is_smooth,
     quadric_normals,
     tangents_of,
-    whole_planes,
 )
-from sklearn_mcmd.planes._around import extents, most_noise_around
-from sklearn_mcmd.planes._explaining import ExplainLimits
-from sklearn_mcmd.planes._principal_planes import flat_normals, normal_errors
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.planes._rules import METHODS
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
@@ -99,7 +97,10 @@ class SurfacePlanes:
             errors[rows] = planes.normal_error
 
         with progress_part(0.0, 0.8, "normals"):
-            each_slice(m, chunk, self.fit_own, n_jobs)
+            with progress_part(0.0, 0.7):
+                self.model.agree(n_jobs)
+            with progress_part(0.7, 1.0):
+                each_slice(m, chunk, self.fit_own, n_jobs)
         with progress_part(0.8, 1.0, "normals next to edges"):
             with progress_part(0.0, 0.5):
                 each_slice(m, chunk, self.bend, n_jobs)
@@ -119,8 +120,7 @@ class SurfacePlanes:
     def fit_own(self, rows):
         """Fill the planes of some rows, each of its own neighborhood, and their forms."""
         index, members = self.model.index, self.members
-        own = Planes.empty(rows.stop - rows.start, index.points.shape[1])
-        found = self._own(index.points[rows], own, index.query_own(rows))
+        own, *found = self._own(index.points[rows], index.query_own(rows))
         members.forms[rows], members.noise[rows], members.left[rows] = found
         members.planes.put(rows, own)
 
@@ -141,8 +141,8 @@ class SurfacePlanes:
 
     def evaluate_neighborhoods(self, points, around, all_planes):
         """Planes of queries (m, d) whose neighborhoods are given; `all_planes` are the members'."""
-        own, members = Planes.empty(*points.shape), self.members
-        forms, _, left = self._own(points, own, around)
+        members = self.members
+        own, forms, _, left = self._own(points, around)
         self._bend(points, own, forms, left, around, members.noise)
         self._finish(points, own, forms, around, all_planes)
         return own
@@ -167,13 +167,13 @@ class SurfacePlanes:
         points = np.ascontiguousarray(points, dtype=np.float64)
         return self.model.evaluate_neighborhoods(points, around, precision)[0]
 
-    def _own(self, points, planes, around):
-        """Fill the planes of neighborhoods; smooth ones get the plane of all members.
+    def _own(self, points, around):
+        """The planes of neighborhoods; smooth ones have the plane of all members.
 
-        Returns the forms (m,), of which `_bend` corrects ROUGH and BENT, the noise (m,) of the
+        And the forms (m,), of which `_bend` corrects ROUGH and BENT, the noise (m,) of the
         surface, flat or curved, and what is left (m,) of all members if it is smooth.
         """
-        deviation, left, ordinary = self._fit_whole(points, planes, around)
+        planes, deviation, left, ordinary = self.model.whole_planes(points, around)
         forms = np.where(ordinary, FLAT, BENT).astype(np.int8)
         rest = np.flatnonzero(~ordinary)
         if len(rest):
@@ -184,20 +184,7 @@ class SurfacePlanes:
             planes.put(rest[rough], robust.take(rough))
         left = np.maximum(np.minimum(deviation, left), self.model.least_scales(planes.centroids))
         noise = np.where(forms == ROUGH, planes.scale, left)
-        return forms, noise, left
-
-    def _fit_whole(self, points, planes, around):
-        """Fill planes of all members; return what `whole_planes` returns."""
-        members, directions = self.model.index.points, np.empty_like(planes.normals)
-        found = whole_planes(members, around, planes, directions)
-        flat_normals(planes.normals, planes.eigenvalues, directions)
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        planes.spacing[:], planes.radius[:] = extents(members, points, around)
-        deviation = np.where(np.isfinite(found[0]), found[0], 0.0)
-        planes.scale[:] = np.maximum(deviation, self.model.least_scales(planes.centroids))
-        planes.kept[:] = 1.0
-        planes.normal_error[:] = normal_errors(planes.scale, planes.eigenvalues, around.sizes)
-        return found
+        return planes, forms, noise, left
 
     def _bend(self, points, planes, forms, left, around, noise):
         """Correct the forms of neighborhoods by what is usual around, and give those that bend the
@@ -223,8 +210,8 @@ class SurfacePlanes:
     def _smooth(self, points, planes, forms, rows, around):
         """Give rough neighborhoods whose quadrics leave no more than usual all members back."""
         if len(rows):
-            whole = Planes.empty(len(rows), points.shape[1])
-            deviation, left, _ = self._fit_whole(points[rows], whole, around.take(rows))
+            near = around.take(rows)
+            whole, deviation, left, _ = self.model.whole_planes(points[rows], near)
             smooth = ~_bends_too_much(deviation, left, whole)
             planes.put(rows[smooth], whole.take(smooth))
             forms[rows[smooth]] = BENT
@@ -296,13 +283,6 @@ def lend(planes, rows, members, lenders):
     error = np.maximum(own.normal_error, lent.normal_error)
     lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
     planes.put(rows, lent._replace(normal_error=error))
-
-
-def mends_planes(estimator):
-    """Whether `SurfacePlanes` correct what a `RobustNormalEstimator` finds in 2D and 3D."""
-    rule = METHODS.get(estimator.method)
-    robust = rule is not None and rule.needs_consistent_set
-    return robust and estimator.reweight and estimator.n_neighbors is not None
 
 
 def check_mending(estimator):

@@ -124,7 +124,7 @@ def _roughness(model, rows):
     for first in range(0, len(rows), model.chunk()):
         some = rows[first : first + model.chunk()]
         around = model.index.query_own(some)
-        planes, _ = model.evaluate_neighborhoods(model.index.points[some], around)
+        planes, _ = model.first_planes(model.index.points[some], around)
         found.append(ratio(planes.scale, planes.radius))
     return float(np.median(np.concatenate(found)))
 

@@ -126,7 +126,14 @@ class JudgedCloud:
         self.counts, index = counts, self.model.index
         begin = FITTING if measured is None else 0.0
         with progress_part(0.0, begin, "planes"):
-            planes, *spacings = self.measure_planes() if measured is None else measured()
+            if measured is None:
+                with progress_part(0.0, 0.8):
+                    self.model.agree(self.n_jobs)
+                with progress_part(0.8, 1.0):
+                    planes, *spacings = self.measure_planes()
+            else:
+                planes, *spacings = measured()
+            self.model.offers = None  # nobody asks any more
         with progress_part(begin, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
                 owners, distances = self._find_surfaces(planes)
@@ -221,7 +228,7 @@ class JudgedCloud:
         def task(rows):
             asked = slice(begin + rows.start, begin + rows.stop)
             part, around = index.points[asked], index.query_own(asked)
-            planes.put(rows, self.model.evaluate_neighborhoods(part, around)[0])
+            planes.put(rows, self.model.own_planes(asked, around))
             spacing[rows], other_spacing[rows] = self._spacings(part, around.indices)
 
         each_slice(n, self.model.chunk(), task, self.n_jobs)

@@ -157,6 +157,18 @@ class BasePlaneOutliers(FittedScoresMixin, BaseLocalPlanes):
         return -self._score(self._check_queries(X))
 
 
+def mends_planes(estimator):
+    """Whether planes of 2D and 3D are more than Algorithm 4 of each neighborhood finds by itself.
+
+    Neighbors agree on them, and `RobustNormalEstimator` looks for bends and edges. Not so for the
+    papers' forms.
+    """
+    rule = METHODS.get(estimator.method)
+    robust = rule is not None and rule.needs_consistent_set
+    alone = estimator.n_neighbors is None or getattr(estimator, "strictness", "") is None
+    return robust and estimator.reweight and not alone
+
+
 def model_of(estimator, index, shape, precision, step, cutoff=None, comparator=None):
     """The planes of an index of points of this shape, by the parameters of an estimator.
 
@@ -178,5 +190,6 @@ def model_of(estimator, index, shape, precision, step, cutoff=None, comparator=N
         support_fraction=estimator.support_fraction,
         cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
         reweight=estimator.reweight,
+        agrees=d <= 3 and mends_planes(estimator),
     )
     return LocalPlaneModel(index, trials, settings)

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.planes._agreement import agreed_offers
 from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._consistent_set import (
     Trials,
@@ -18,6 +19,7 @@ from sklearn_mcmd.planes._principal_planes import (
     flat_normals,
     normal_errors,
 )
+from sklearn_mcmd.planes._quadrics import whole_planes
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._resolution import RoundingLimits, least_scales
 from sklearn_mcmd.planes._rules import METHODS, RuleArguments, robust_distances
@@ -51,6 +53,7 @@ class PlaneSettings(NamedTuple):
     support_fraction: float = 0.5
     cutoff: float | None = None
     reweight: bool = False
+    agrees: bool = False  # whether neighbors agree on planes, see ``_agreement``
     # A `baselines.Method` that judges in the place of a rule; trials are then a seed.
     comparator: object = None
 
@@ -69,6 +72,7 @@ class LocalPlaneModel:
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
         self.whole = self._fit_whole() if index.n_neighbors is None else None
+        self.offers = None  # `Offers` of the index's points, once neighbors agree
 
     def evaluate(self, queries, n_jobs=None):
         """Planes of the neighborhoods of queries (m, d), and robust distances (m,) to them."""
@@ -108,20 +112,81 @@ class LocalPlaneModel:
             return planes.take(index.places), distance[index.places]
         return planes, distance
 
+    def agree(self, n_jobs=None):
+        """Let the index's points find planes together, if this is how planes are found."""
+        if self.settings.agrees:
+            self.offers = agreed_offers(self, n_jobs)
+
+    def own_planes(self, rows, neighborhoods):
+        """Planes of a slice of the index's points, ordinary ones without eigenvalues and errors."""
+        points = self.index.points[rows]
+        if self.offers is None:
+            return self.evaluate_neighborhoods(points, neighborhoods)[0]
+        planes, asking = Planes.unknown(*points.shape), np.flatnonzero(self.offers.asks[rows])
+        for name in ("centroids", "normals", "scale"):
+            getattr(planes, name)[:] = getattr(self.offers.planes, name)[rows]
+        planes.spacing[:], planes.radius[:] = extents(self.index.points, points, neighborhoods)
+        planes.kept[:] = 1.0
+        if len(asking):
+            near = neighborhoods.take(asking)
+            planes.put(asking, self.evaluate_neighborhoods(points[asking], near)[0])
+        return planes
+
+    def first_planes(self, queries, neighborhoods):
+        """Planes before anyone is asked, and which are not those of all members: bool (m,)."""
+        if not self.settings.agrees:
+            planes, _ = self.evaluate_neighborhoods(queries, neighborhoods)
+            return planes, np.ones(len(queries), dtype=bool)
+        planes, _, _, ordinary = self.whole_planes(queries, neighborhoods)
+        rest = np.flatnonzero(~ordinary)
+        if len(rest):
+            near = neighborhoods.take(rest)
+            planes.put(rest, self._robust(queries[rest], near, self.rounding)[0])
+        return planes, ~ordinary
+
+    def asked_planes(self, queries, neighborhoods, offers):
+        """Planes from those that others offer, without what only the last ones need."""
+        return self._robust(queries, neighborhoods, self.rounding, offers)[0]
+
     def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0):
         """The same of given neighborhoods, rows of the index's points.
 
         `precision` is the relative rounding error of the queries, where that is greater.
         """
         rounding = max(self.rounding, _rounding(precision))
-        planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
-        directions = np.empty_like(planes.normals)
-        fit = self._fit_compiled if self.ready() else self._fit_numpy
-        fit(queries, neighborhoods, rounding, planes, directions, distance)
+        offers = None if self.offers is None else self.offers.planes
+        planes, distance, directions = self._robust(queries, neighborhoods, rounding, offers)
         self._measure_flat(queries, neighborhoods, rounding, planes, distance)
         planes.spacing[:], planes.radius[:] = extents(self.index.points, queries, neighborhoods)
         self._finish(planes, directions, neighborhoods.sizes)
         return planes, distance
+
+    def whole_planes(self, queries, neighborhoods):
+        """Planes of all members of neighborhoods, in 2D or 3D, and what `whole_planes` returns."""
+        members, planes = self.index.points, Planes.empty(*queries.shape)
+        directions = np.empty_like(planes.normals)
+        found = whole_planes(members, neighborhoods, planes, directions)
+        flat_normals(planes.normals, planes.eigenvalues, directions)
+        queries = np.ascontiguousarray(queries, dtype=np.float64)
+        planes.spacing[:], planes.radius[:] = extents(members, queries, neighborhoods)
+        deviation = np.where(np.isfinite(found[0]), found[0], 0.0)
+        planes.scale[:] = np.maximum(deviation, self.least_scales(planes.centroids))
+        planes.kept[:] = 1.0
+        errors = normal_errors(planes.scale, planes.eigenvalues, neighborhoods.sizes)
+        planes.normal_error[:] = errors
+        return planes, *found
+
+    def _robust(self, queries, neighborhoods, rounding, offers=None):
+        """Planes of neighborhoods, the best of offers or else of trials, distances, directions."""
+        planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
+        directions = np.empty_like(planes.normals)
+        out = planes, directions, distance
+        if offers is not None:
+            self._ask(queries, neighborhoods, rounding, offers, *out)
+        else:
+            fit = self._fit_compiled if self.ready() else self._fit_numpy
+            fit(queries, neighborhoods, rounding, *out)
+        return planes, distance, directions
 
     def least_scales(self, points):
         """As `least_scales` of points, by the rounding of the fitted ones."""
@@ -151,16 +216,39 @@ class LocalPlaneModel:
         sizes = np.arange(neighborhoods.indices.shape[1] + 1)
         n_support = n_support_points(self.settings.support_fraction, sizes, 3)
         trials = Trials(positions=self.trials, n_support=n_support)
+        fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")
+        rule, out = self._rule(rounding), (planes, directions, distance)
+        fit(self.index.points, neighborhoods, queries, trials, self.settings.method, rule, out)
+
+    def _ask(self, queries, neighborhoods, rounding, offers, planes, directions, distance):
+        given = self.index.points, queries, offers.centroids, offers.normals
+        out = planes, directions
+        if in_plane := queries.shape[1] == 2:  # then a third coordinate is zero, of those needed
+            known, near = np.unique(neighborhoods.indices, return_inverse=True)
+            near = near.reshape(neighborhoods.indices.shape).astype(np.int32)
+            neighborhoods, offers = neighborhoods._replace(indices=near), offers.take(known)
+            given = given[0][known], queries, given[2][known], given[3][known]
+            given = [np.column_stack([values, np.zeros(len(values))]) for values in given]
+            out = Planes.empty(len(queries), 3), np.empty((len(queries), 3))
+        points, queries, centroids, normals = given
+        offers = offers._replace(centroids=centroids, normals=normals)
+        ask = compiled_function("planes._local_planes_numba", "ask_neighbors")
+        rule, method = self._rule(rounding), self.settings.method
+        ask(points, neighborhoods, queries, offers, method, rule, (*out, distance))
+        if in_plane:
+            directions[:] = out[1][:, :2]
+            planes.put(slice(None), [v[:, :2] if v.ndim == 2 else v for v in out[0]])
+
+    def _rule(self, rounding):
         own = self.settings
-        rule = RuleArguments.of(
+        return RuleArguments.of(
+            d=self.index.points.shape[1],
             cutoff=own.cutoff,
             reweight=own.reweight,
             rounding=rounding,
             least_scale=self.least_scale,
+            outliers=1.0 - own.support_fraction,
         )
-        fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")
-        out = planes, directions, distance
-        fit(self.index.points, neighborhoods, queries, trials, own.method, rule, out)
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
         points = self.index.points[neighborhoods.indices]

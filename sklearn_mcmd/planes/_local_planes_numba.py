@@ -2,16 +2,22 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._consistent_set_numba import NO_FIT, WorkArrays, consistent_set_3d
+from sklearn_mcmd.planes._consistent_set_numba import (
+    NO_FIT,
+    ZEROS,
+    WorkArrays,
+    consistent_set_3d,
+)
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
-    eigh_3d,
     kth_smallest,
+    principal_axes,
     variance_along,
     weighted_covariance,
 )
 from sklearn_mcmd.runtime._kernels import kernel
 
+TIED = 1e-9  # share by which robust scales may differ by rounding
 MAGNITUDE = np.int64(2**63 - 1)  # all bits but the sign
 # Of each rule of `METHODS`: whether it needs the consistent set, and True if distances within the
 # plane count too, else None. Numba drops the branches of arguments that are None, but not of
@@ -29,6 +35,15 @@ def fit_neighborhoods_3d(points, around, queries, trials, method, rule, out):
     _fit_neighborhoods(points, around, queries, trials, rule, *FORMS[method], arrays, *out)
 
 
+def ask_neighbors(points, around, queries, offers, method, rule, out):
+    """Apply a rule to each neighborhood, from the best of the planes that its members offer.
+
+    Points in 2D have a third coordinate of zero. Else as `fit_neighborhoods_3d`.
+    """
+    arrays = WorkArrays.of(1, around.indices.shape[1])
+    _ask_neighbors(points, around, queries, offers, rule, FORMS[method][1], arrays, *out)
+
+
 @kernel(cache=True)
 def _fit_neighborhoods(
     points,
@@ -43,91 +58,209 @@ def _fit_neighborhoods(
     directions,
     distance,
 ):
-    local, member, query = arrays.local, arrays.member, arrays.query
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
-        radius = _localize(points, row, size, local, arrays)
-        magnitude = 0.0
-        for axis in range(3):
-            first = points[row[0], axis]
-            query[axis] = (queries[i, axis] - first) / radius
-            magnitude = max(magnitude, abs(first))
-        floor = max(rule.rounding * (magnitude / radius + 1.0), rule.least_scale / radius)
-
+        radius, floor = _localize(points, row, size, queries[i], rule, arrays, True)
         degenerate, fit = False, NO_FIT
         if robust:
             least, fit = consistent_set_3d(size, trials, arrays)
             degenerate = least < 0.0
         if degenerate or not robust:
-            for j in range(size):
-                member[j] = 1.0
-            distance[i], scale = _pca(local, size, member, query, floor)
+            distance[i], scale = _pca(size, rule, floor, arrays)
             if degenerate:
                 distance[i], scale = 0.0, -1.0  # the caller decides
-        elif within is None:
-            distance[i], scale = _mcmd_z(local, size, member, fit, query, rule, floor, arrays)
         else:
-            distance[i], scale = _mcmd_md(local, size, member, fit, query, rule, floor, arrays)
+            distance[i], scale = _judge(size, fit, 0.0, rule, within, floor, arrays)
         planes.scale[i] = scale * radius
+        _store(points[row[0]], radius, size, rule, arrays, planes, directions, i)
 
-        n_kept = 0.0
-        for j in range(size):
-            n_kept += member[j]
-        planes.kept[i] = n_kept / size
-        mean, covariance = weighted_covariance(local, size, member)
-        values, axes = eigh_3d(covariance)
-        for axis in range(3):
-            planes.centroids[i, axis] = points[row[0], axis] + radius * mean[axis]
-            planes.eigenvalues[i, axis] = values[axis] * radius * radius
-            planes.normals[i, axis] = axes[0][axis]
-            directions[i, axis] = axes[2][axis]
+
+@kernel(cache=True)
+def _ask_neighbors(
+    points, around, queries, offers, rule, within, arrays, planes, directions, distance
+):
+    values = planes.eigenvalues
+    for i in range(len(queries)):
+        size, row = around.sizes[i], around.indices[i]
+        radius, floor = _localize(points, row, size, queries[i], rule, arrays, False)
+        fit, usual = _best_offer(points, row, size, radius, floor, offers, rule, arrays)
+        flat = usual < 0.0
+        if not flat:
+            distance[i], scale = _judge(size, fit, usual, rule, within, floor, arrays)
+            planes.scale[i] = scale * radius
+            _store(points[row[0]], radius, size, rule, arrays, planes, directions, i)
+            flat = values[i, 1] <= rule.rank_tolerance * values[i, rule.d - 1]
+        if flat:
+            distance[i], planes.scale[i] = 0.0, -1.0  # the caller decides
+            arrays.member[:] = 1.0
+            _store(points[row[0]], radius, size, rule, arrays, planes, directions, i)
 
 
 @kernel
-def _localize(points, row, size, local, arrays):
-    """Shift a neighborhood to its first point and scale its median radius to one."""
-    work, keys = arrays.numbers, arrays.keys
-    extent = 0.0
-    first = row[0]
+def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
+    """The offered plane about which the members have the least robust scale, an S-estimate.
+
+    It is where squared distances in its units, each at most one, have the weighted mean that as
+    many outliers as may be would reach alone. The nearest members weigh most. Returns the plane,
+    and the usual scale of the planes that are offered, negative if none is.
+    """
+    local, work, weights = arrays.local, arrays.numbers, arrays.key_numbers
+    own, n_offers, total = points[row[0]], 0, 0.0
+    for j in range(size):
+        if offers.scale[row[j]] >= 0.0:  # else there is no plane
+            work[n_offers] = offers.scale[row[j]]
+            n_offers += 1
+    if n_offers == 0:
+        return NO_FIT, -1.0
+    arrays.keys[0] = kth_smallest(arrays.bits, n_offers, (n_offers + 1) // 2)
+    usual = weights[0]
+    for j in range(size):
+        weights[j] = size - j
+        total += size - j
+    wanted = max(rule.outliers, 1.0 / size) * total
+    most, reached, fit = np.inf, wanted, NO_FIT
+    for j in range(size):
+        neighbor = row[j]
+        if offers.scale[neighbor] < 0.0:
+            continue
+        normal, height = offers.normals[neighbor], 0.0
+        for axis in range(3):
+            height += normal[axis] * (own[axis] - offers.centroids[neighbor, axis])
+        height /= radius
+        axes = normal[0], normal[1], normal[2]
+        # Of planes that are equal but for rounding, the nearest point's is taken.
+        if _limited(local, size, axes, height, 1.0 / most, weights) < reached * (1.0 - TIED):
+            mean = -height * axes[0], -height * axes[1], -height * axes[2]
+            fit = mean, ZEROS, (axes, ZEROS, ZEROS)
+            _signed_distances(local, size, mean, axes, work)
+            most, reached = _robust_square(work, size, weights, wanted, most, floor * floor)
+    return fit, usual / radius
+
+
+@kernel(fastmath=FASTMATH)
+def _limited(local, size, normal, height, scale, weights):
+    """Weighted sum of the members' squared distances from a plane, scaled, each at most one."""
+    x, y, z = local[0], local[1], local[2]
+    nx, ny, nz = normal
+    total = 0.0
+    for j in range(size):
+        distance = nx * x[j] + ny * y[j] + nz * z[j] + height
+        square = distance * distance * scale
+        total += weights[j] * (square if square < 1.0 else 1.0)
+    return total
+
+
+@kernel
+def _robust_square(distances, size, weights, wanted, most, least):
+    """The square of the robust scale of distances, `least` at least, and the sum there.
+
+    Newton's method falls from `most` to the root, since the sum is concave in the scale's inverse.
+    """
+    for _ in range(size):
+        inside, off = _sums_within(distances, size, weights, most)
+        square = max(inside / (wanted - off), least)
+        if not square < most * (1.0 - TIED) or square == least:
+            most = square
+            break
+        most = square
+    inside, off = _sums_within(distances, size, weights, most)
+    return most, inside / most + off
+
+
+@kernel(fastmath=FASTMATH)
+def _sums_within(distances, size, weights, most):
+    """Weighted sum of the squares that are no larger than `most`, and the weight of the others."""
+    total = off = 0.0
+    for j in range(size):
+        square = distances[j] * distances[j]
+        inside = weights[j] if square < most else 0.0
+        total += inside * square
+        off += weights[j] - inside
+    return total, off
+
+
+@kernel
+def _judge(size, fit, usual, rule, within, floor, arrays):
+    """Apply a rule from a first plane: distance of the query, scale, and members that are kept.
+
+    `usual` is the scale that planes around have, 0 if that is not known.
+    """
+    if within is None:
+        return _mcmd_z(size, fit, usual, rule, floor, arrays)
+    return _mcmd_md(size, fit, usual, rule, floor, arrays)
+
+
+@kernel
+def _store(origin, radius, size, rule, arrays, planes, directions, i):
+    """Fill the plane of the members that are kept."""
+    member, n_kept = arrays.member, 0.0
+    for j in range(size):
+        n_kept += member[j]
+    planes.kept[i] = n_kept / size
+    mean, covariance = weighted_covariance(arrays.local, size, member)
+    values, axes = principal_axes(covariance, rule.d)
+    for axis in range(3):
+        planes.centroids[i, axis] = origin[axis] + radius * mean[axis]
+        planes.eigenvalues[i, axis] = values[axis] * radius * radius
+        planes.normals[i, axis] = axes[0][axis]
+        directions[i, axis] = axes[rule.d - 1][axis]
+
+
+@kernel
+def _localize(points, row, size, query, rule, arrays, by_median):
+    """Shift a neighborhood to its first point and scale its median radius, or its extent, to one.
+
+    Fills the coordinates of members and query, and takes all members. Returns the radius and the
+    least scale, in radii.
+    """
+    local, work, keys = arrays.local, arrays.numbers, arrays.keys
+    extent = magnitude = 0.0
+    radius, first = 1.0, row[0]
     for j in range(size):
         for axis in range(3):
             value = points[row[j], axis] - points[first, axis]
             local[axis, j] = value
             extent = max(extent, abs(value))
-    if extent == 0.0:
-        return 1.0
-    for j in range(size):
-        norm = 0.0
+    if extent > 0.0:
+        radius = extent
+        if by_median:
+            for j in range(size):
+                norm = 0.0
+                for axis in range(3):
+                    value = local[axis, j] / extent
+                    norm += value * value
+                work[j] = np.sqrt(norm)
+            _order_keys(size, arrays)
+            middle = kth_smallest(keys, size, size // 2 + 1)
+            if middle == 0:
+                middle = kth_smallest(keys, size, size)
+            radius = _decode(middle, arrays) * extent
         for axis in range(3):
-            value = local[axis, j] / extent
-            norm += value * value
-        work[j] = np.sqrt(norm)
-    _order_keys(size, arrays)
-    middle = kth_smallest(keys, size, size // 2 + 1)
-    if middle == 0:
-        middle = kth_smallest(keys, size, size)
-    radius = _decode(middle, arrays) * extent
+            for j in range(size):
+                local[axis, j] /= radius
     for axis in range(3):
-        for j in range(size):
-            local[axis, j] /= radius
-    return radius
+        arrays.query[axis] = (query[axis] - points[first, axis]) / radius
+        magnitude = max(magnitude, abs(points[first, axis]))
+    arrays.member[:] = 1.0
+    return radius, max(rule.rounding * (magnitude / radius + 1.0), rule.least_scale / radius)
 
 
 @kernel
-def _pca(local, size, member, query, floor):
+def _pca(size, rule, floor, arrays):
+    local, member, query = arrays.local, arrays.member, arrays.query
     mean, covariance = weighted_covariance(local, size, member)
-    _, axes = eigh_3d(covariance)
+    _, axes = principal_axes(covariance, rule.d)
     variance = variance_along(local, size, member, mean, axes[0])
-    scale = max(np.sqrt(variance * size / max(size - 3, 1)), floor)
+    scale = max(np.sqrt(variance * size / max(size - rule.d, 1)), floor)
     return abs(_project(query, mean, axes[0])) / scale, scale
 
 
 @kernel
-def _mcmd_z(local, size, member, fit, query, rule, floor, arrays):
-    work = arrays.numbers
+def _mcmd_z(size, fit, usual, rule, floor, arrays):
+    local, member, query, work = arrays.local, arrays.member, arrays.query, arrays.numbers
     center = 0.0
     if rule.reweight:
-        mean, _, axes, scale, _ = _reweighted_plane(local, size, member, fit, rule, floor, arrays)
+        mean, _, axes, scale, _ = _reweighted_plane(size, fit, usual, rule, floor, arrays)
         _signed_distances(local, size, mean, axes[0], work)
     else:
         mean, _, axes = fit
@@ -144,12 +277,10 @@ def _mcmd_z(local, size, member, fit, query, rule, floor, arrays):
 
 
 @kernel
-def _mcmd_md(local, size, member, fit, query, rule, floor, arrays):
-    work = arrays.numbers
+def _mcmd_md(size, fit, usual, rule, floor, arrays):
+    local, member, query, work = arrays.local, arrays.member, arrays.query, arrays.numbers
     if rule.reweight:
-        mean, values, axes, scale, n_used = _reweighted_plane(
-            local, size, member, fit, rule, floor, arrays
-        )
+        mean, values, axes, scale, n_used = _reweighted_plane(size, fit, usual, rule, floor, arrays)
     else:
         mean, values, axes = fit
         n_used = 0.0
@@ -183,27 +314,31 @@ def _add_squared(local, size, mean, axis, deviation, out):
 
 
 @kernel
-def _reweighted_plane(local, size, member, fit, rule, floor, arrays):
-    """As in ``_rules``; `member` then holds the members that were kept."""
-    work = arrays.numbers
+def _reweighted_plane(size, fit, usual, rule, floor, arrays):
+    """As in ``_rules``, but for the first scale if it is known; takes the members that are kept."""
+    local, member, work = arrays.local, arrays.member, arrays.numbers
     mean, values, axes = fit
     _signed_distances(local, size, mean, axes[0], work)
     for j in range(size):
         work[j] = abs(work[j])
-    factor = rule.mad_to_sd * (1.0 + 5.0 / max(size - 3, 1))
-    scale = max(factor * _median(size, arrays), floor)
+    factor = rule.mad_to_sd * (1.0 + 5.0 / max(size - rule.d, 1))
+    scale = max(usual if usual > 0.0 else factor * _median(size, arrays), floor)
     n_kept = 0.0
     for step in range(rule.reweight_steps):
         if step > 0:
             _signed_distances(local, size, mean, axes[0], work)
-        n_kept = 0.0
+        n_kept = n_changed = 0.0
         for j in range(size):
-            member[j] = 1.0 if abs(work[j]) < rule.reweight_cutoff * scale else 0.0
-            n_kept += member[j]
+            kept = 1.0 if abs(work[j]) < rule.reweight_cutoff * scale else 0.0
+            n_changed += abs(kept - member[j])
+            n_kept += kept
+            member[j] = kept
+        if step > 0 and n_changed == 0.0:
+            break
         mean, covariance = weighted_covariance(local, size, member)
-        values, axes = eigh_3d(covariance)
+        values, axes = principal_axes(covariance, rule.d)
         variance = variance_along(local, size, member, mean, axes[0])
-        variance *= n_kept / max(n_kept - 3.0, 1.0) / rule.truncated_variance
+        variance *= n_kept / max(n_kept - rule.d, 1.0) / rule.truncated_variance
         scale = max(np.sqrt(variance), floor)
     return mean, values, axes, scale, n_kept
 

@@ -14,7 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
+from sklearn_mcmd.planes._principal_planes import (
+    RANK_TOLERANCE,
+    fit_planes,
+    orthogonal_distances,
+)
 
 MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent for the normal distribution
 
@@ -45,18 +49,21 @@ class Rule(NamedTuple):
 class RuleArguments(NamedTuple):
     """What the compiled forms of rules know: they would not notice a constant that changes."""
 
+    d: int  # number of features
     cutoff: float
     reweight: bool
     rounding: float  # relative rounding error of the coordinates
     least_scale: float  # error from the step of rounded coordinates, in units of the points
+    outliers: float  # share of the members that may be off the plane
     mad_to_sd: float
     reweight_cutoff: float
     reweight_steps: int
     truncated_variance: float
+    rank_tolerance: float = RANK_TOLERANCE
 
     @classmethod
     def of(cls, **own):
-        """The first four, with the limits as they are now."""
+        """The first six, with the limits as they are now."""
         limits = ReweightLimits()
         return cls(
             **own,

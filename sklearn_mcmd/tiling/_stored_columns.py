@@ -124,6 +124,10 @@ class StoredColumns:
             file.seek(stored.offset + stored.strides[0] * int(start))
             file.write(np.ascontiguousarray(values, stored.dtype).data)
 
+    def has(self, name):
+        """Whether the file of a column is there."""
+        return self._path(name).exists()
+
     def remove(self, *names):
         """Free the disk of columns that no later sweep asks for."""
         for name in names:

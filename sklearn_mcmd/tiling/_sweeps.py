@@ -5,6 +5,7 @@ import warnings
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from string import digits
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -16,10 +17,11 @@ from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, report_share
 from sklearn_mcmd.tiling._cells import Cells, Constants
 from sklearn_mcmd.tiling._stored_columns import CellColumns, StoredColumns
+from sklearn_mcmd.tiling._stored_offers import offer_steps, stored_offers
 
 # How long each step of a run takes, for the display of progress: percents of what normals take.
 WEIGHTS = {
-    **{"places": 2, "neighbors": 20, "planes": 55, "bends": 10, "normals": 15},
+    **{"places": 2, "neighbors": 20, "offers": 25, "planes": 30, "bends": 10, "normals": 15},
     **{"sizes": 48, "larger": 8},  # of n_neighbors="auto"
     **{"forest": 6, "sides": 12},  # of orientation="mst"
     **{"heights": 18, "scores": 25, "verdicts": 1},
@@ -65,7 +67,10 @@ class Job:
         """The `LocalPlaneModel` of the places of an index."""
         precision, shape = np.finfo(self.constants.dtype).eps, index.points.shape
         estimator = clone(self.estimator)  # which gets the number of trials
-        return model_of(estimator, index, shape, precision, self.constants.step, *more)
+        model = model_of(estimator, index, shape, precision, self.constants.step, *more)
+        if steps := offer_steps(estimator):
+            model.offers = stored_offers(self.whole(), steps[-1])
+        return model
 
 
 class Sweeps:
@@ -73,7 +78,7 @@ class Sweeps:
 
     def __init__(self, n_workers, steps):
         self.n_workers = n_workers
-        ends = np.cumsum([0.0, *(WEIGHTS[name] for name in steps)])
+        ends = np.cumsum([0.0, *(WEIGHTS[name.rstrip(digits)] for name in steps)])
         self._spans = dict(zip(steps, np.stack([ends[:-1], ends[1:]], 1) / ends[-1], strict=True))
 
     def part(self, name, stage=None):

@@ -26,15 +26,15 @@ from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._tiled_normals import (
     FACES,
-    OWN,
     PlaneJob,
     find_planes,
     fitted_to_new,
     plane_steps,
+    remove_own,
     stored_planes,
     without_sides,
 )
-from sklearn_mcmd.tiling._tiled_outliers import OUTLIER_STEPS, OutlierJob, cutoff_of, judge_cells
+from sklearn_mcmd.tiling._tiled_outliers import OutlierJob, cutoff_of, judge_cells, outlier_steps
 
 
 class TiledEdges(TiledVerb):
@@ -75,7 +75,7 @@ class TiledEdges(TiledVerb):
         if whole is None:
             self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
-            whole.remove(*OWN)
+            remove_own(whole, self.normals)
             if not columns.all_have(n_cells, "results"):
                 with sweeps.part("edges"), whole.releasing():
                     _find_distances(whole, job, self.estimator, run.n_threads)
@@ -109,7 +109,7 @@ class TiledEdges(TiledVerb):
             scored.folder.mkdir(exist_ok=True)
             job = replace(OutlierJob.of(run, self.detector), found=scored.folder)
             with sweeps.part("outliers", "outliers"):
-                inner = run.sweeps(OUTLIER_STEPS)
+                inner = run.sweeps(outlier_steps(self.detector))
                 cutoff = judge_cells(job, inner, cutoff_of(self.detector))
             parts = scores_of(scored, run.cells)
             n_kept = sum(np.count_nonzero(scores <= cutoff) for scores in parts)

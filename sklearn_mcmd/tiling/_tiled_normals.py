@@ -15,8 +15,8 @@ from sklearn_mcmd.normals._adaptive_k import ScaleFinder, SizeLimits
 from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
 from sklearn_mcmd.normals._estimator import fitted_of
 from sklearn_mcmd.normals._sides import Sides, TreeLimits
-from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces, mends_planes
-from sklearn_mcmd.planes._base import BaseLocalPlanes
+from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces
+from sklearn_mcmd.planes._base import BaseLocalPlanes, mends_planes
 from sklearn_mcmd.planes._columns import joined_columns, split_columns
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import (
@@ -38,6 +38,7 @@ from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import sensor_path, stored_origins
 from sklearn_mcmd.tiling._stored_columns import ALL
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
+from sklearn_mcmd.tiling._stored_offers import each_part, find_offers, offer_steps, remove_offers
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 
 NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
@@ -82,7 +83,8 @@ class TiledNormals(TiledVerb):
         if whole is None:
             fit_together(job, self.estimator, run.cells, lambda fitted: normal_columns(fitted)[1])
         else:
-            whole.remove("near", "larger", *OWN)
+            whole.remove("near", "larger")
+            remove_own(whole, self.estimator)
 
     def make(self, cloud, values, xyz):
         columns = dict(zip(self.names, values.T.copy(), strict=True))
@@ -102,6 +104,12 @@ def without_sides(estimator):
     check_estimator(estimator, BaseLocalPlanes)
     Sides(estimator.orientation, estimator.sensor_origin, np.zeros((1, 3)))
     return estimator.set_params(orientation=None, sensor_origin=None)
+
+
+def remove_own(whole, estimator):
+    """Free the disk of what later sweeps and new points do not ask for."""
+    whole.remove(*OWN)
+    remove_offers(whole, *offer_steps(estimator))
 
 
 def _write(cell, job, fitted):
@@ -158,7 +166,7 @@ def plane_steps(estimator):
     sizes = ("sizes", "larger") if estimator.n_neighbors == "auto" else ()
     bends = ("planes", "bends") if mends_planes(estimator) else ()
     tree = ("forest", "sides") if has_tree(estimator) else ()
-    return "places", "neighbors", *sizes, *bends, "normals", *tree
+    return "places", "neighbors", *sizes, *offer_steps(estimator), *bends, "normals", *tree
 
 
 def has_tree(estimator):
@@ -197,6 +205,7 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
         sweep("larger", find_larger)
     warn_if_coarse(job.constants, job.index())
     if mends_planes(job.estimator):
+        find_offers(sweep, job)
         whole.make(**OWN)
         sweep("planes", _fit_own)
         sweep("bends", _bend)
@@ -265,7 +274,7 @@ def _fit_own(cell, job):
     """Fill the planes of the places of a cell, each of its own neighborhood."""
     model, whole = job.model(), job.whole()
     surfaces = job.surfaces(model)
-    _each_part(whole.rows(cell), model, surfaces.fit_own, job.n_threads)
+    each_part(whole.rows(cell), model, surfaces.fit_own, job.n_threads)
     _put(whole, cell, surfaces.members)
     whole.columns.finish(cell, "planes")
 
@@ -278,8 +287,8 @@ def _bend(cell, job):
     model, whole = job.model(), job.whole()
     own, surfaces = whole.rows(cell), job.surfaces(model)
     if whole.columns.is_done(cell, "begun"):
-        _each_part(own, model, surfaces.fit_own, job.n_threads)
-    _each_part(own, model, surfaces.bend, job.n_threads)
+        each_part(own, model, surfaces.fit_own, job.n_threads)
+    each_part(own, model, surfaces.bend, job.n_threads)
     whole.columns.finish(cell, "begun")
     _put(whole, cell, surfaces.members)
     whole.columns.finish(cell, "bends")
@@ -305,7 +314,7 @@ def _keep_fitted(cell, job, name="normals"):
             return planes.put(part, found)
         planes.put(part, surfaces.last(rows)[1])
 
-    _each_part(own, model, find, job.n_threads)
+    each_part(own, model, find, job.n_threads)
     X, columns = index.points[own].astype(job.constants.dtype), job.columns
     sizes = index.n_neighbors if index.sizes is None else np.array(index.sizes[own])
     origins = job.origins()
@@ -370,12 +379,3 @@ def _fitted(job, model, planes, X, around, n_jobs, orient=None):
         return found
 
     return fitted_of(job.estimator, model, planes, X, orient, curvatures, n_jobs)
-
-
-def _each_part(rows, model, work, n_threads):
-    """Call ``work(part)`` with the parts of a slice, as long as a model fits at once."""
-
-    def task(part):
-        work(slice(rows.start + part.start, rows.start + part.stop))
-
-    each_slice(rows.stop - rows.start, model.chunk(), task, n_threads)

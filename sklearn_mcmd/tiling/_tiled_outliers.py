@@ -47,9 +47,9 @@ from sklearn_mcmd.tiling._stored_index import (
     near_box,
     within_reach,
 )
+from sklearn_mcmd.tiling._stored_offers import find_offers, offer_steps, remove_offers
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 
-OUTLIER_STEPS = ("places", "neighbors", "planes", "scores")  # of `judge_cells`, as of `Sweeps`
 RAYS = "by_rays"  # the name of what rays say of a cloud
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
 
@@ -92,9 +92,9 @@ class TiledOutliers(TiledVerb):
         self.scored = run.folder.columns
         job = OutlierJob.of(run, self.detector)
         if self.limits is None:
-            self.cutoff = judge_cells(job, run.sweeps(OUTLIER_STEPS), self.cutoff)
+            self.cutoff = judge_cells(job, run.sweeps(outlier_steps(self.detector)), self.cutoff)
             return
-        sweeps = run.sweeps(["heights", *OUTLIER_STEPS, "verdicts"])
+        sweeps = run.sweeps(["heights", *outlier_steps(self.detector), "verdicts"])
         heights = Heights(run, self.limits, sweeps)
         self.n_judged = heights.find()
         self.cutoff = judge_cells(job, sweeps, self.cutoff)
@@ -179,6 +179,10 @@ def _judged(values):
 class OutlierJob(Job):
     """A job whose estimator is an `MCMDOutlierDetector`."""
 
+    def model(self):
+        """The `LocalPlaneModel` of all places."""
+        return self.model_on(StoredIndex(self.whole()))
+
     def judged(self, index, n_jobs=1, origins=None):
         """The places of an index, as the detector judges them; `origins` are of `JudgedCloud`."""
         known = {"origins": origins, "doubted": is_auto(self.estimator.sensor_origin)}
@@ -207,6 +211,11 @@ def cutoff_of(estimator):
     return -warm_up(detector).offset_
 
 
+def outlier_steps(detector):
+    """The steps of `judge_cells` in their order, as of `Sweeps`."""
+    return "places", "neighbors", *offer_steps(detector), "planes", "scores"
+
+
 def judge_cells(job, sweeps, cutoff):
     """Write the scores of all points; returns the score beyond which points are outliers."""
     cells, columns, sweep = job.cells, job.columns, partial(sweeps, cells=job.cells, job=job)
@@ -220,7 +229,9 @@ def judge_cells(job, sweeps, cutoff):
         whole.join("points", "counts")
         whole.make(**job.stored_columns())
         sweep("neighbors", find_neighbors)
+        find_offers(sweep, job)
         sweep("planes", _find_planes)
+        remove_offers(whole, *offer_steps(job.estimator))
         with sweeps.part("scores"), whole.releasing():
             _judge(job, cells, whole, sweeps.n_workers * job.n_threads)
     if job.estimator.false_positive_rate is not None:

@@ -17,10 +17,10 @@ from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._tiled_normals import (
     FACES,
     NUMBER,
-    OWN,
     PlaneJob,
     find_planes,
     plane_steps,
+    remove_own,
     stored_planes,
     without_sides,
 )
@@ -75,7 +75,7 @@ def _segment(growing, run):
         fitted = fit_together(job, growing, run.cells, lambda fitted: fitted.labels_)
         return fitted.region_sizes_
     whole.join("counts")
-    whole.remove(*OWN)
+    remove_own(whole, job.estimator)
     with whole.releasing():
         labels = _find_regions(growing, run, whole, sweeps)
     write_results_of_places(job, labels)

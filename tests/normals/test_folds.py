@@ -7,8 +7,8 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._quadrics import are_folded, quadric_normals, whole_planes
 from sklearn_mcmd.planes._principal_planes import fit_planes, student_factors
+from sklearn_mcmd.planes._quadrics import are_folded, quadric_normals, whole_planes
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 K = 50

@@ -10,8 +10,8 @@ from scenes import corner, cylinder, sphere, torus
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.normals._quadrics import is_smooth, whole_planes
 from sklearn_mcmd.planes._consistent_set import draw_trials
+from sklearn_mcmd.planes._quadrics import is_smooth, whole_planes
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 

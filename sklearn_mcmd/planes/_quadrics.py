@@ -142,7 +142,7 @@ def whole_planes(points, around, planes, directions):
     limits, (arrays, equations) = NormalSample.of(k, points.shape[1]), work_arrays(4, k)
     room = arrays[:3], arrays[3], np.ones(k), *equations
     found = np.empty(m), np.empty(m), np.empty(m, dtype=bool)
-    fit = compiled_function("normals._quadrics_numba", "fit_whole_planes")
+    fit = compiled_function("planes._quadrics_numba", "fit_whole_planes")
     fit(points, around, limits, room, planes, directions, *found)
     return found
 
@@ -156,7 +156,7 @@ def are_folded(points, around, planes, faces):
     folded = np.empty(len(around.sizes), dtype=bool)
     arrays, equations = work_arrays(7, around.indices.shape[1])
     room = arrays[:3], *arrays[3:], arrays.view(np.int64)[3], *equations
-    find = compiled_function("normals._quadrics_numba", "find_folded")
+    find = compiled_function("planes._quadrics_numba", "find_folded")
     find(points, around, planes, tangents_of(planes.normals), faces, FoldLimits(), room, folded)
     return folded
 
@@ -174,7 +174,7 @@ def quadric_normals(points, queries, around, planes, left):
     normals, centroids, tilt = out = np.empty((m, d)), np.empty((m, d)), np.empty(m)
     arrays, equations = work_arrays(4, around.indices.shape[1])
     room = arrays[:3], arrays[3], *equations, *np.empty((2, n_terms(3)))
-    find = compiled_function("normals._quadrics_numba", "find_quadric_normals")
+    find = compiled_function("planes._quadrics_numba", "find_quadric_normals")
     tangents, pivot = tangents_of(planes.normals), QuadricLimits().pivot
     find(points, queries, around, planes, tangents, pivot, room, *out)
     freedom = around.sizes - n_terms(d)

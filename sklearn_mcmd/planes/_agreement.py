@@ -1,0 +1,66 @@
+"""Planes on which neighbors agree, in place of the best that each of them drew by chance.
+
+The plane of the best of 69 trials is one of many that are nearly as good, so that another seed
+finds another one. But the points around drew their own. So each point asks its neighbors for the
+planes that they have found. It keeps the one to which its neighborhood lies closest, refits it to
+the members near it, and offers the result in turn. Those near the point weigh most, and all that
+lie off a plane count alike. What is near a plane is told by the noise that is usual around, since
+at an edge the own neighborhood does not tell it. Each pass reads only what the pass before has
+found, so that neither order nor threads change anything. A neighborhood that deviates from the
+plane of all its members by noise alone leaves nothing to chance: it offers that plane, and does
+not ask.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import each_slice
+
+# Fields of planes that are not offered.
+UNUSED = "eigenvalues", "kept", "radius", "spacing", "normal_error"
+
+
+class AgreementLimits(NamedTuple):
+    """How long points ask their neighbors."""
+
+    passes: int = 2  # times that each point asks, the last time for the plane that it keeps
+
+
+class Offers(NamedTuple):
+    """What the points of a cloud offer to those around them."""
+
+    planes: Planes  # without fields that are not offered
+    asks: np.ndarray  # bool (n,): whether a point asks others for planes
+
+    @classmethod
+    def empty(cls, n, d):
+        """A record to be filled."""
+        return cls(Planes.empty(n, d).without(*UNUSED), np.empty(n, dtype=bool))
+
+
+def agreed_offers(model, n_jobs):
+    """The `Offers` of all points of a model's index before they ask for the last time."""
+    (n, d), before = model.index.points.shape, None
+    for _ in range(AgreementLimits().passes):
+        offers = Offers.empty(n, d)
+        each_slice(n, model.chunk(), partial(offer, model, offers, before), n_jobs)
+        before = offers
+    return before
+
+
+def offer(model, offers, before, rows):
+    """Fill what a slice of points offers, from what all offered in the pass before, if any."""
+    points, around = model.index.points[rows], model.index.query_own(rows)
+    if before is None:
+        planes, offers.asks[rows] = model.first_planes(points, around)
+        offers.planes.put(rows, planes)
+        return
+    offers.asks[rows] = before.asks[rows]
+    offers.planes.put(rows, before.planes.take(rows))
+    asking = np.flatnonzero(before.asks[rows])
+    if len(asking):
+        planes = model.asked_planes(points[asking], around.take(asking), before.planes)
+        offers.planes.put(rows.start + asking, planes)
