@@ -6,7 +6,8 @@ the paper is what it leaves open: ties go to the first member and the first tria
 """
 
 import numpy as np
-from scipy.stats import truncnorm
+from scipy.optimize import brentq
+from scipy.stats import f, norm, skew, truncnorm
 
 from reference_rays import LiteralRays
 from sklearn_mcmd.planes._record import Neighborhoods
@@ -128,22 +129,82 @@ def saliency(X, query, k, trials, h, method, cutoff):
 def reweighted_plane(points, trials, h):
     """Centroid, normal, scale and share kept of a neighborhood: Algorithm 1, refitted twice.
 
-    The first scale is that of least median of squares, the others are standard deviations of
-    what is left of a normal law that is cut at 2.5.
+    The first scale is that of least median of squares.
     """
     k, d = points.shape
     members, _ = consistent_set(points, trials, h)
     center, _, axes = plane(points[members])
     off = np.abs((points - center) @ axes[:, 0])
-    scale = 1.4826 * (1 + 5 / (k - d)) * np.median(off)
+    return refitted_plane(points, center, axes[:, 0], 1.4826 * (1 + 5 / (k - d)) * np.median(off))
+
+
+def refitted_plane(points, center, normal, scale):
+    """A plane refitted twice: scales are standard deviations of what is left of a normal law that
+    is cut at 2.5."""
+    off = np.abs((points - center) @ normal)
     for _ in range(2):
         kept = off < 2.5 * scale
         center, _, axes = plane(points[kept])
         off = np.abs((points - center) @ axes[:, 0])
-        scale = np.sqrt(np.sum(off[kept] ** 2) / (kept.sum() - d) / VARIANCE_LEFT)
+        freedom = kept.sum() - points.shape[1]
+        scale = np.sqrt(np.sum(off[kept] ** 2) / freedom / VARIANCE_LEFT)
     kept = off < 2.5 * scale
     center, _, axes = plane(points[kept])
     return center, axes[:, 0], scale, kept.mean()
+
+
+def whole_plane(points):
+    """The `plane` of all members; their variance about it and about a quadric over it; whether
+    they deviate by noise alone, by four tests, of which each allows 1.5 standard errors."""
+    k, d = points.shape
+    center, _, axes = found = plane(points)
+    z, *flat = ((points - center) @ axes).T
+    products = [u * v for j, u in enumerate(flat) for v in flat[j:]]
+    design = np.column_stack([np.ones(k), *flat, *products])
+    terms = design.shape[1]
+    rest = z - design @ np.linalg.lstsq(design, z)[0]
+    by_plane, by_quadric = (z @ z) / (k - d), (rest @ rest) / (k - terms)
+    chance = norm.sf(1.5)
+    gained = by_plane * (k - d) - by_quadric * (k - terms)
+    noise = gained <= f.isf(chance, terms - d, k - terms) * (terms - d) * by_quadric
+    noise &= np.abs(z).max() <= norm.isf(chance / (2 * k)) * z.std()
+    noise &= abs(skew(z)) <= 1.5 * np.sqrt(6 * (k - 2) / ((k + 1) * (k + 3)))
+    geary = np.abs(z).mean() - np.sqrt(2 / np.pi) * z.std()
+    noise &= abs(geary) <= 1.5 * np.sqrt((1 - 3 / np.pi) / k) * z.std()
+    return found, by_plane, by_quadric, noise
+
+
+def robust_scale(distances):
+    """The S-estimate: in units of it, squares that are one at most have a mean of one half."""
+
+    def left(scale):
+        return np.minimum((distances / scale) ** 2, 1).mean() - 0.5
+
+    return brentq(left, distances[distances > 0].min() / 2, 2 * distances.max(), xtol=1e-15)
+
+
+def agreed_planes(X, near, trials, h):
+    """What `reweighted_plane` returns, of planes on which neighbors agree in two passes.
+
+    `near` (n, k) are the neighbors of each of the points X, itself first. A neighborhood that
+    deviates by noise alone has the plane of all its members, and asks nobody.
+    """
+    planes, asks = [], []
+    for members in near:
+        (center, _, axes), variance, _, noise = whole_plane(X[members])
+        asks.append(not noise)
+        whole = center, axes[:, 0], np.sqrt(variance), 1.0
+        planes.append(whole if noise else reweighted_plane(X[members], trials, h))
+    for _ in range(2):
+        before, planes = planes, list(planes)
+        for i in np.flatnonzero(asks):
+            points = X[near[i]]
+            off = [np.abs((points - before[j][0]) @ before[j][1]) for j in near[i]]
+            scales = [robust_scale(one) for one in off]
+            center, normal, *_ = before[near[i][np.argmin(scales)]]
+            usual = sorted(before[j][2] for j in near[i])[(len(points) - 1) // 2]
+            planes[i] = refitted_plane(points, center, normal, min(usual, min(scales)))
+    return planes
 
 
 def judged(X, k, trials, h, noise=None, sensor=None):
@@ -158,7 +219,7 @@ def judged(X, k, trials, h, noise=None, sensor=None):
     n = len(points)
     gaps = np.array([np.linalg.norm(points - point, axis=1) for point in points])
     near = np.argsort(gaps, axis=1, kind="stable")[:, :k]
-    planes = [reweighted_plane(points[near[i]], trials, h) for i in range(n)]
+    planes = agreed_planes(points, near, trials, h)
     radius = [gaps[i, near[i, -1]] for i in range(n)]
 
     def off(i, j, sd):

@@ -3,12 +3,11 @@
 The plane of the best of 69 trials is one of many that are nearly as good, so that another seed
 finds another one. But the points around drew their own. So each point asks its neighbors for the
 planes that they have found. It keeps the one to which its neighborhood lies closest, refits it to
-the members near it, and offers the result in turn. Those near the point weigh most, and all that
-lie off a plane count alike. What is near a plane is told by the noise that is usual around, since
-at an edge the own neighborhood does not tell it. Each pass reads only what the pass before has
-found, so that neither order nor threads change anything. A neighborhood that deviates from the
-plane of all its members by noise alone leaves nothing to chance: it offers that plane, and does
-not ask.
+the members near it, and offers the result in turn. All members far off a plane count alike. What
+is near a plane is told by the noise that is usual around, since at an edge the own neighborhood
+does not tell it. Each pass reads only what the pass before has found, so that neither order nor
+threads change anything. A neighborhood that deviates from the plane of all its members by noise
+alone leaves nothing to chance: it offers that plane, and does not ask.
 """
 
 from functools import partial

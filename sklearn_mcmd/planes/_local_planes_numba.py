@@ -100,24 +100,20 @@ def _ask_neighbors(
 def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
     """The offered plane about which the members have the least robust scale, an S-estimate.
 
-    It is where squared distances in its units, each at most one, have the weighted mean that as
-    many outliers as may be would reach alone. The nearest members weigh most. Returns the plane,
-    and the usual scale of the planes that are offered, negative if none is.
+    It is where squared distances in its units, each at most one, have the mean that as many
+    outliers as may be would reach alone. Returns the plane, and that scale or the usual one of the
+    planes offered, whichever is less; it is negative if no plane is offered.
     """
-    local, work, weights = arrays.local, arrays.numbers, arrays.key_numbers
-    own, n_offers, total = points[row[0]], 0, 0.0
+    local, distances, own, n_offers = arrays.local, arrays.numbers, points[row[0]], 0
     for j in range(size):
         if offers.scale[row[j]] >= 0.0:  # else there is no plane
-            work[n_offers] = offers.scale[row[j]]
+            distances[n_offers] = offers.scale[row[j]]
             n_offers += 1
     if n_offers == 0:
         return NO_FIT, -1.0
     arrays.keys[0] = kth_smallest(arrays.bits, n_offers, (n_offers + 1) // 2)
-    usual = weights[0]
-    for j in range(size):
-        weights[j] = size - j
-        total += size - j
-    wanted = max(rule.outliers, 1.0 / size) * total
+    usual = arrays.key_numbers[0] / radius
+    wanted = max(rule.outliers * size, 1.0)
     most, reached, fit = np.inf, wanted, NO_FIT
     for j in range(size):
         neighbor = row[j]
@@ -129,54 +125,52 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
         height /= radius
         axes = normal[0], normal[1], normal[2]
         # Of planes that are equal but for rounding, the nearest point's is taken.
-        if _limited(local, size, axes, height, 1.0 / most, weights) < reached * (1.0 - TIED):
+        if _limited(local, size, axes, height, 1.0 / most) < reached * (1.0 - TIED):
             mean = -height * axes[0], -height * axes[1], -height * axes[2]
             fit = mean, ZEROS, (axes, ZEROS, ZEROS)
-            _signed_distances(local, size, mean, axes, work)
-            most, reached = _robust_square(work, size, weights, wanted, most, floor * floor)
-    return fit, usual / radius
+            _signed_distances(local, size, mean, axes, distances)
+            most, reached = _robust_square(distances, size, wanted, most, floor * floor)
+    return fit, min(usual, np.sqrt(most))
 
 
 @kernel(fastmath=FASTMATH)
-def _limited(local, size, normal, height, scale, weights):
-    """Weighted sum of the members' squared distances from a plane, scaled, each at most one."""
+def _limited(local, size, normal, height, scale):
+    """Sum of the members' squared distances from a plane, times a scale, each at most one."""
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal
     total = 0.0
     for j in range(size):
         distance = nx * x[j] + ny * y[j] + nz * z[j] + height
         square = distance * distance * scale
-        total += weights[j] * (square if square < 1.0 else 1.0)
+        total += square if square < 1.0 else 1.0
     return total
 
 
 @kernel
-def _robust_square(distances, size, weights, wanted, most, least):
+def _robust_square(distances, size, wanted, most, least):
     """The square of the robust scale of distances, `least` at least, and the sum there.
 
     Newton's method falls from `most` to the root, since the sum is concave in the scale's inverse.
     """
     for _ in range(size):
-        inside, off = _sums_within(distances, size, weights, most)
-        square = max(inside / (wanted - off), least)
-        if not square < most * (1.0 - TIED) or square == least:
-            most = square
+        inside, off = _sums_within(distances, size, most)
+        before, most = most, max(inside / (wanted - off), least)
+        if not most < before * (1.0 - TIED) or most == least:
             break
-        most = square
-    inside, off = _sums_within(distances, size, weights, most)
+    inside, off = _sums_within(distances, size, most)
     return most, inside / most + off
 
 
 @kernel(fastmath=FASTMATH)
-def _sums_within(distances, size, weights, most):
-    """Weighted sum of the squares that are no larger than `most`, and the weight of the others."""
-    total = off = 0.0
+def _sums_within(distances, size, most):
+    """Sum of the squares that are no larger than `most`, and number of the others."""
+    total = n_inside = 0.0
     for j in range(size):
         square = distances[j] * distances[j]
-        inside = weights[j] if square < most else 0.0
+        inside = 1.0 if square < most else 0.0
         total += inside * square
-        off += weights[j] - inside
-    return total, off
+        n_inside += inside
+    return total, size - n_inside
 
 
 @kernel
