@@ -181,8 +181,9 @@ def _trial_planes(local, size, trials, lanes, rotated, member):
         for corner in range(3):  # the first three positions inside the neighborhood
             while row[p] >= size:
                 p += 1
+            place = np.uintp(row[p])  # which is not asked whether it counts from the end
             for axis in range(3):
-                lanes[4 + 3 * corner + axis, t] = local[axis, row[p]]
+                lanes[4 + 3 * corner + axis, t] = local[axis, place]
             p += 1
     _corner_planes(lanes, n_trials, trials.rank_tolerance)
     first_plane, n_failures = -1, 0
