@@ -117,22 +117,17 @@ def doubted_errors(
 
 @kernel(inline="always")
 def _may_lean(row, n_planes, members, own, normal):
-    """Whether a squared angle can be larger than twice what is chance, from the cosines alone."""
+    """Whether a squared angle can be larger than twice what is chance, from the cosines alone: an
+    angle is at most its sine s and (pi / 2 - 1) s^3."""
     most = 0.0
     for j in range(n_planes):
         cosine, error = 0.0, members.normal_error[row[j]]
         for axis in range(len(normal)):
             cosine += normal[axis] * members.normals[row[j], axis]
         square = max(1.0 - cosine * cosine, 0.0) + 1e-14  # and what rounding may hide
-        most = max(most, _most_square(square) - 2.0 * error * error)
+        square *= ((1.0 + 0.571 * square) * 180.0 / np.pi) ** 2
+        most = max(most, square - 2.0 * error * error)
     return most > 2.0 * own
-
-
-@kernel(inline="always")
-def _most_square(square):
-    """What no squared angle, in square degrees, exceeds, from its squared sine s: an angle is at
-    most s + (pi / 2 - 1) s^3."""
-    return (180.0 / np.pi) ** 2 * square * (1.0 + 0.571 * square) ** 2
 
 
 @kernel(inline="always")
@@ -196,7 +191,7 @@ def _beyond_chance(row, n_planes, members, own, found):
         found[1, j], error = 0.0, members.normal_error[row[j]]
         chance = 2.0 * (own + error * error)
         square = found[4, j] * found[4, j] + found[5, j] * found[5, j]
-        if _most_square(square) > chance:
+        if 90.0 * 90.0 * square > chance:  # an angle is no larger than 90 degrees times its sine
             angle = np.degrees(np.arcsin(min(np.sqrt(square), 1.0)))
             found[1, j] = max(angle * angle - chance, 0.0)
             doubted |= found[1, j] > 0.0

@@ -19,14 +19,7 @@ from sklearn_mcmd.planes._moments_numba import (
     variance_along,
     weighted_covariance,
 )
-from sklearn_mcmd.planes._vectors_numba import (
-    add,
-    load,
-    multiply_add,
-    spread,
-    store,
-    where_below,
-)
+from sklearn_mcmd.planes._vectors_numba import add, load, multiply_add, spread, store, where_below
 from sklearn_mcmd.runtime._kernels import kernel
 
 LINE = 16  # float32 lanes of a vector, which fill a cache line; twice as many of int16

@@ -37,51 +37,51 @@ def _compiled(plain):
     return lambda typed: plain if config.DISABLE_JIT else intrinsic(typed)
 
 
-def _instruction(plain):
-    """Decorate what writes a function of vectors and numbers of one type with LLVM's builder."""
+def _instruction(write):
+    """What a function of vectors and numbers of one type is, from what writes it for LLVM."""
 
-    def decorate(write):
-        @_compiled(plain)
-        @wraps(write)  # for the number of its arguments
-        def typed(typingctx, *kinds):
-            vectors = [kind for kind in kinds if isinstance(kind, Vector)] or [Vector(kinds[0])]
+    @wraps(write)  # for the number of its arguments
+    def typed(typingctx, *kinds):
+        vectors = [kind for kind in kinds if isinstance(kind, Vector)] or [Vector(kinds[0])]
 
-            def generate(context, builder, signature, args):
-                empty = ir.Constant(context.get_value_type(vectors[0]), ir.Undefined)
-                first = ir.Constant(ir.VectorType(ir.IntType(32), empty.type.count), None)
+        def generate(context, builder, signature, args):
+            empty = ir.Constant(context.get_value_type(vectors[0]), ir.Undefined)
+            first = ir.Constant(ir.VectorType(ir.IntType(32), empty.type.count), None)
 
-                def spread(value):
-                    one = builder.insert_element(empty, value, ir.IntType(32)(0))
-                    return builder.shuffle_vector(one, empty, first)
+            def spread(value):
+                one = builder.insert_element(empty, value, ir.IntType(32)(0))
+                return builder.shuffle_vector(one, empty, first)
 
-                return write(builder, *(a if a.type == empty.type else spread(a) for a in args))
+            return write(builder, *(a if a.type == empty.type else spread(a) for a in args))
 
-            return vectors[0](*kinds), generate
+        return vectors[0](*kinds), generate
 
-        return typed
-
-    return decorate
+    return typed
 
 
-@_instruction(lambda number: number)
+@_compiled(lambda number: number)
+@_instruction
 def spread(_, number):
     """The vector that has the number everywhere."""
     return number
 
 
-@_instruction(lambda a, b, c: a * b + c)
+@_compiled(lambda a, b, c: a * b + c)
+@_instruction
 def multiply_add(builder, a, b, c):
     return builder.fadd(builder.fmul(a, b, flags=FREE), c, flags=FREE)
 
 
-@_instruction(lambda a, b: a + b)
+@_compiled(lambda a, b: a + b)
+@_instruction
 def add(builder, a, b):
     if isinstance(a.type.element, ir.IntType):
         return builder.add(a, b)
     return builder.fadd(a, b, flags=FREE)
 
 
-@_instruction(lambda a, b, c, d: np.where(a < b, c, d))
+@_compiled(lambda a, b, c, d: np.where(a < b, c, d))
+@_instruction
 def where_below(builder, a, b, c, d):
     """c where a < b, else d."""
     if isinstance(a.type.element, ir.IntType):
