@@ -100,19 +100,34 @@ def doubted_errors(
     patch, heights = patches[:d], patches[d]
     for i in range(len(queries)):
         row, size = around.indices[i], around.sizes[i]
-        n = _localize(points, queries[i], row, size, limits.patch, patch)
-        n_planes = min(n + 1, size)
-        reached = _lean_of_planes(
-            points, queries[i], row, n_planes, planes.normals[i], tangents[i], members, found
-        )
-        if bends[i]:
-            _take_trend(found, n_planes, d)
+        n_planes = min(max(1, int(limits.patch * size)) + 1, size)
         own = planes.normal_error[i] * planes.normal_error[i]
-        doubted = _beyond_chance(row, n_planes, members, own, found)
         between = 0.0
-        if reached and doubted:
-            between = _between(row, n_planes, members, limits, patch, n, heights, found)
+        if bends[i] or _may_lean(row, n_planes, members, own, planes.normals[i]):
+            reached = _lean_of_planes(
+                points, queries[i], row, n_planes, planes.normals[i], tangents[i], members, found
+            )
+            if bends[i]:
+                _take_trend(found, n_planes, d)
+            if _beyond_chance(row, n_planes, members, own, found) and reached:
+                n = _localize(points, queries[i], row, size, limits.patch, patch)
+                between = _between(row, n_planes, members, limits, patch, n, heights, found)
         errors[i] = min(90.0, np.sqrt(own + between))
+
+
+@kernel(inline="always")
+def _may_lean(row, n_planes, members, own, normal):
+    """Whether a squared angle can be larger than twice what is chance, from the cosines alone: an
+    angle is at most its sine s and (pi / 2 - 1) s^3."""
+    most = 0.0
+    for j in range(n_planes):
+        cosine, error = 0.0, members.normal_error[row[j]]
+        for axis in range(len(normal)):
+            cosine += normal[axis] * members.normals[row[j], axis]
+        square = max(1.0 - cosine * cosine, 0.0) + 1e-14  # and what rounding may hide
+        square *= ((1.0 + 0.571 * square) * 180.0 / np.pi) ** 2
+        most = max(most, square - 2.0 * error * error)
+    return most > 2.0 * own
 
 
 @kernel(inline="always")

@@ -5,10 +5,7 @@ float32 gives each trial a lower bound of its least eigenvalue. Float64 then dec
 the few trials whose bound does not exceed the best value found, in ascending order. So the
 set is the one that float64 alone would find, in the time of float32.
 
-Lanes are the columns of C-contiguous arrays. The compiler makes vectors of each loop over lanes,
-and enters it by comparing the addresses of all arrays. Several rows at once share these
-comparisons. So the number of rows is even, that of levels a multiple of `ROWS`, and rows that pad
-change no result.
+Lanes are the columns of C-contiguous arrays. Their number is a multiple of those of a vector.
 """
 
 from typing import NamedTuple
@@ -22,17 +19,16 @@ from sklearn_mcmd.planes._moments_numba import (
     variance_along,
     weighted_covariance,
 )
+from sklearn_mcmd.planes._vectors_numba import add, load, multiply_add, spread, store, where_below
 from sklearn_mcmd.runtime._kernels import kernel
 
-VECTOR = 8  # float32 lanes of a vector; twice as many of int16
-LINE = 16  # float32 numbers of a cache line
-ROWS = 8  # members that share the comparisons of addresses when lanes are looped over
+LINE = 16  # float32 lanes of a vector, which fill a cache line; twice as many of int16
 FEATURES = 9  # x, y, z, xx, xy, xz, yy, yz, zz
 # A level is a float32 number without its last bits: 512 levels to each power of two.
 SHIFT = 14
 STEPS = 13  # of the bisection of levels
 MOST_LEVEL = 2**STEPS - 1  # the largest level
-F0, F1, F2, I0 = np.float32(0), np.float32(1), np.float32(2), np.int16(0)
+F0, F1, F2, I0, I1 = np.float32(0), np.float32(1), np.float32(2), np.int16(0), np.int16(1)
 TINY = np.float32(1e-30)  # least divisor
 ZEROS = 0.0, 0.0, 0.0  # of the types of a mean, of eigenvalues and of an axis
 NO_FIT = ZEROS, ZEROS, (ZEROS, ZEROS, ZEROS)
@@ -58,11 +54,11 @@ class WorkArrays(NamedTuple):
 
     local: np.ndarray  # float64 (3, k), coordinates
     rotated: np.ndarray  # float64 (3, k), coordinates in other axes
-    local32: np.ndarray  # float32 (rows, FEATURES), members and their products, and rows that pad
+    local32: np.ndarray  # float32 (k, FEATURES), members and their products
     lanes: np.ndarray  # float64 (13, lanes), planes, and the corners of minimal subsets
-    lanes32: np.ndarray  # float32 (21 + rows, lanes)
+    lanes32: np.ndarray  # float32 (21 + k, lanes)
     lane_bits: np.ndarray  # the same as int32
-    levels: np.ndarray  # int16 (rows + 2, wide lanes), and the counts and the limits
+    levels: np.ndarray  # int16 (k + 2, wide lanes), and a row that pads and the limits
     least: np.ndarray  # float64 (n_trials,)
     keys: np.ndarray  # int64 (k,)
     key_numbers: np.ndarray  # the same as float64
@@ -74,22 +70,21 @@ class WorkArrays(NamedTuple):
     @classmethod
     def of(cls, n_trials, k):
         """float32 arrays begin on a cache line: vector loads across two take twice as long."""
-        n_lanes = -(-n_trials // VECTOR) * VECTOR
-        n_wide = -(-n_lanes // (2 * VECTOR)) * 2 * VECTOR
-        n_rows = -(-k // ROWS) * ROWS
-        size = (21 + n_rows) * n_lanes
+        n_lanes = -(-n_trials // LINE) * LINE
+        n_wide = -(-n_trials // (2 * LINE)) * 2 * LINE
+        size = (21 + k) * n_lanes
         buffer = np.zeros(size + LINE, dtype=np.float32)
         start = -buffer.ctypes.data % (4 * LINE) // 4
-        lanes32 = buffer[start : start + size].reshape(21 + n_rows, n_lanes)
+        lanes32 = buffer[start : start + size].reshape(21 + k, n_lanes)
         keys, numbers = np.zeros(k, dtype=np.int64), np.zeros(k)
         return cls(
             local=np.zeros((3, k)),
             rotated=np.zeros((3, k)),
-            local32=np.zeros((n_rows, FEATURES), dtype=np.float32),
+            local32=np.zeros((k, FEATURES), dtype=np.float32),
             lanes=np.zeros((4 + 9, n_lanes)),
             lanes32=lanes32,
             lane_bits=lanes32.view(np.int32),
-            levels=np.zeros((n_rows + 2, n_wide), dtype=np.int16),
+            levels=np.zeros((k + 2, n_wide), dtype=np.int16),
             least=np.zeros(n_trials),
             keys=keys,
             key_numbers=keys.view(np.float64),
@@ -179,8 +174,9 @@ def _trial_planes(local, size, trials, lanes, rotated, member):
         for corner in range(3):  # the first three positions inside the neighborhood
             while row[p] >= size:
                 p += 1
+            place = np.uintp(row[p])  # which is not asked whether it counts from the end
             for axis in range(3):
-                lanes[4 + 3 * corner + axis, t] = local[axis, row[p]]
+                lanes[4 + 3 * corner + axis, t] = local[axis, place]
             p += 1
     _corner_planes(lanes, n_trials, trials.rank_tolerance)
     first_plane, n_failures = -1, 0
@@ -280,11 +276,7 @@ def _screen(local32, size, n_support, lanes, work, bits, levels, rounding):
         x, y, z = local32[j, 0], local32[j, 1], local32[j, 2]
         local32[j, 3], local32[j, 4], local32[j, 5] = x * x, x * y, x * z
         local32[j, 6], local32[j, 7], local32[j, 8] = y * y, y * z, z * z
-    # Rows that pad can only raise the sum of distances. Then they are far from all planes.
-    n_rows = size + size % 2
-    local32[size:n_rows] = F0
-    _lane_distances(work, local32, n_rows, distances, total)
-    distances[size:n_rows] = np.inf
+    _lane_distances(work, local32, size, distances, total)
     # The h-th distance is not larger than the mean of those that are as large.
     share = SLACK / np.float32(size - n_support + 1)
     for t in range(n_lanes):
@@ -292,18 +284,16 @@ def _screen(local32, size, n_support, lanes, work, bits, levels, rounding):
     for t in range(n_lanes):
         base[t] = np.int32((limit_bits[t] >> SHIFT) - (MOST_LEVEL - 1))
     _lane_levels(bits[21:], base, size, levels)
-    counts, low = levels[levels.shape[0] - 2], levels[levels.shape[0] - 1]
-    n_levels = -(-size // ROWS) * ROWS
-    levels[size:n_levels] = MOST_LEVEL
-    _lane_limits(levels, n_levels, n_support, counts, low)
+    low = levels[levels.shape[0] - 1]
+    levels[size] = MOST_LEVEL  # pads an odd number of rows, and is never counted
+    _lane_limits(levels, (size + 1) // 2, n_support, low)
     # The limit as a distance; at level 0 it is 0, because members below the levels are there.
     margin = F2 * np.float32(rounding)
     for t in range(n_lanes):
         limit_bits[t] = np.int32((low[t] + base[t]) << SHIFT) if low[t] > 0 else np.int32(0)
     for t in range(n_lanes):
         limit[t] -= margin
-    _lane_moments(distances, limit, local32, n_rows, moments)
-
+    _lane_moments(distances, limit, local32, size, moments)
     _lower_bounds(moments, n_support, work[20])
 
 
@@ -383,18 +373,17 @@ def _least_eigenvalue(local, size, member, rank_tolerance):
 @kernel(fastmath=FASTMATH)
 def _lane_distances(planes, features, n_rows, distances, total):
     """Absolute distances (rows, lanes) of members from planes (4, lanes), and their sums."""
-    nx, ny, nz, offset = planes[0], planes[1], planes[2], planes[3]
-    total[:] = F0
-    for j in range(0, n_rows, 2):
-        x0, y0, z0 = features[j, 0], features[j, 1], features[j, 2]
-        x1, y1, z1 = features[j + 1, 0], features[j + 1, 1], features[j + 1, 2]
-        row0, row1 = distances[j], distances[j + 1]
-        for t in range(len(total)):
-            a, b, c, d = nx[t], ny[t], nz[t], offset[t]
-            value0 = abs(a * x0 + b * y0 + c * z0 + d)
-            value1 = abs(a * x1 + b * y1 + c * z1 + d)
-            row0[t], row1[t] = value0, value1
-            total[t] += value0 + value1
+    for t in range(0, len(total), LINE):
+        nx, ny, nz = load(planes[0], t), load(planes[1], t), load(planes[2], t)
+        offset, sums = load(planes[3], t), spread(F0)
+        for j in range(n_rows):
+            signed = multiply_add(nz, features[j, 2], offset)
+            signed = multiply_add(ny, features[j, 1], signed)
+            signed = multiply_add(nx, features[j, 0], signed)
+            distance = where_below(signed, F0, multiply_add(signed, -F1, F0), signed)
+            store(distance, distances[j], t)
+            sums = add(sums, distance)
+        store(sums, total, t)
 
 
 @kernel
@@ -407,53 +396,44 @@ def _lane_levels(bits, base, n_rows, levels):
             out[t] = np.int16(min(value, np.int32(MOST_LEVEL)))
 
 
-@kernel
-def _lane_limits(levels, n_rows, wanted, counts, limits):
-    """The largest level, of each lane, that no more than `wanted` rows are below, by bisection."""
-    limits[:] = I0
-    most = np.int16(wanted)
-    for power in range(STEPS - 1, -1, -1):
-        step = np.int16(1 << power)
-        counts[:] = I0
-        for j in range(0, n_rows, ROWS):
-            row0, row1, row2, row3 = levels[j], levels[j + 1], levels[j + 2], levels[j + 3]
-            row4, row5, row6, row7 = levels[j + 4], levels[j + 5], levels[j + 6], levels[j + 7]
-            for t in range(len(limits)):
-                guess = np.int16(limits[t] + step)
-                below = np.int16(row0[t] < guess) + np.int16(row1[t] < guess)
-                below += np.int16(row2[t] < guess) + np.int16(row3[t] < guess)
-                below += np.int16(row4[t] < guess) + np.int16(row5[t] < guess)
-                below += np.int16(row6[t] < guess) + np.int16(row7[t] < guess)
-                counts[t] = np.int16(counts[t] + below)
-        for t in range(len(limits)):
-            guess = np.int16(limits[t] + step)
-            limits[t] = guess if counts[t] <= most else limits[t]
+@kernel(fastmath=FASTMATH)
+def _lane_limits(levels, n_pairs, wanted, limits):
+    """The largest level, of each lane, that no more than `wanted` rows are below, by bisection.
+
+    Rows are counted in pairs, because each sum waits for the one before.
+    """
+    zero, one = spread(I0), spread(I1)
+    for t in range(0, len(limits), 2 * LINE):
+        limit = zero
+        for power in range(STEPS - 1, -1, -1):
+            guess = add(limit, np.int16(1 << power))
+            even = odd = zero
+            for j in range(n_pairs):
+                even = add(even, where_below(load(levels[2 * j], t), guess, one, zero))
+                odd = add(odd, where_below(load(levels[2 * j + 1], t), guess, one, zero))
+            limit = where_below(add(even, odd), np.int16(wanted + 1), guess, limit)
+        store(limit, limits, t)
 
 
 @kernel(fastmath=FASTMATH)
 def _lane_moments(distances, limits, features, n_rows, moments):
     """Number of rows nearer than each lane's limit, and sums of their features, (10, lanes)."""
-    s, sx, sy, sz, sxx = moments[0], moments[1], moments[2], moments[3], moments[4]
-    sxy, sxz, syy, syz, szz = moments[5], moments[6], moments[7], moments[8], moments[9]
-    moments[:] = F0
-    for j in range(0, n_rows, 2):
-        row0, row1 = distances[j], distances[j + 1]
-        x0, y0, z0 = features[j, 0], features[j, 1], features[j, 2]
-        xx0, xy0, xz0 = features[j, 3], features[j, 4], features[j, 5]
-        yy0, yz0, zz0 = features[j, 6], features[j, 7], features[j, 8]
-        x1, y1, z1 = features[j + 1, 0], features[j + 1, 1], features[j + 1, 2]
-        xx1, xy1, xz1 = features[j + 1, 3], features[j + 1, 4], features[j + 1, 5]
-        yy1, yz1, zz1 = features[j + 1, 6], features[j + 1, 7], features[j + 1, 8]
-        for t in range(len(limits)):
-            member0 = F1 if row0[t] < limits[t] else F0
-            member1 = F1 if row1[t] < limits[t] else F0
-            s[t] += member0 + member1
-            sx[t] += member0 * x0 + member1 * x1
-            sy[t] += member0 * y0 + member1 * y1
-            sz[t] += member0 * z0 + member1 * z1
-            sxx[t] += member0 * xx0 + member1 * xx1
-            sxy[t] += member0 * xy0 + member1 * xy1
-            sxz[t] += member0 * xz0 + member1 * xz1
-            syy[t] += member0 * yy0 + member1 * yy1
-            syz[t] += member0 * yz0 + member1 * yz1
-            szz[t] += member0 * zz0 + member1 * zz1
+    zero, one = spread(F0), spread(F1)
+    for t in range(0, len(limits), LINE):
+        limit = load(limits, t)
+        n = sx = sy = sz = sxx = sxy = sxz = syy = syz = szz = zero
+        for j in range(n_rows):
+            member = where_below(load(distances[j], t), limit, one, zero)
+            n = add(n, member)
+            sx = multiply_add(member, features[j, 0], sx)
+            sy = multiply_add(member, features[j, 1], sy)
+            sz = multiply_add(member, features[j, 2], sz)
+            sxx = multiply_add(member, features[j, 3], sxx)
+            sxy = multiply_add(member, features[j, 4], sxy)
+            sxz = multiply_add(member, features[j, 5], sxz)
+            syy = multiply_add(member, features[j, 6], syy)
+            syz = multiply_add(member, features[j, 7], syz)
+            szz = multiply_add(member, features[j, 8], szz)
+        sums = n, sx, sy, sz, sxx, sxy, sxz, syy, syz, szz
+        for i in range(len(sums)):
+            store(sums[i], moments[i], t)

@@ -44,8 +44,8 @@ def unpack(codes, groups, starts, block, bits, rows, found):
     m, k = found.shape
     last = (1 << bits) - 1
     for i in range(m):
-        first = starts[rows[i] // block]
+        near, row = codes[rows[i]], found[i]
+        names = groups[starts[rows[i] // block] :]
         for j in range(k):
-            code = np.int64(codes[rows[i], j])
-            group = np.int64(groups[first + (code >> bits)])
-            found[i, j] = (group << bits) + (code & last)
+            code = near[j]
+            row[j] = (names[np.uintp(code >> bits)] << bits) + (code & last)  # of no sign: a vector

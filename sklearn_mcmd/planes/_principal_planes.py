@@ -1,5 +1,7 @@
 """Planes by principal components: arithmetic that all methods share."""
 
+from functools import cache, reduce
+
 import numpy as np
 from scipy.special import chdtri, fdtri
 
@@ -78,7 +80,8 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     known = (freedom > 0) & (gap[:, 0] > RANK_TOLERANCE * eigenvalues[:, -1])
     gap[~known] = np.inf
     # Quotients of squares only: fourth powers would overflow or vanish in some units.
-    variance = (in_plane / gap * (scale**2)[:, None] / gap).sum(axis=1) / np.maximum(n_points, 1)
+    variance = reduce(np.add, (in_plane / gap * (scale**2)[:, None] / gap).T)
+    variance /= np.maximum(n_points, 1)
     errors = inflation * student_factors(freedom, d) * np.degrees(np.sqrt(variance))
     return np.where(known, np.minimum(errors, 90.0), 90.0)
 
@@ -90,12 +93,16 @@ def student_factors(freedom, d):
     where f are the degrees of freedom (n,) of the scale. For planes in 3D, where f = m - 3, this is
     1.09 for 20 points and 1.02 for 100.
     """
-    # A table by the degrees of freedom, because quantiles of F take long.
     row = np.maximum(freedom, 1).astype(np.intp)
     counts = np.flatnonzero(np.bincount(row))
     ratios = np.ones(row.max(initial=0) + 1)
-    ratios[counts] = fdtri(d - 1, counts, CONFIDENCE) * (d - 1) / chdtri(d - 1, 1.0 - CONFIDENCE)
+    ratios[counts] = [_student_ratio(count, d) for count in counts.tolist()]
     return np.sqrt(ratios[row])
+
+
+@cache  # quantiles of F take long
+def _student_ratio(freedom, d):
+    return fdtri(d - 1, freedom, CONFIDENCE) * (d - 1) / chdtri(d - 1, 1.0 - CONFIDENCE)
 
 
 def flat_normals(normals, eigenvalues, directions):

@@ -1,5 +1,6 @@
 """The step to which a file rounded its coordinates, and the least scales that rounding allows."""
 
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +50,7 @@ def least_scales(points, precision, step):
     `precision` is the relative rounding error of the coordinates, eps of their dtype, and `step`
     the one to which they were rounded before.
     """
-    largest, limits = np.abs(points).max(axis=1), RoundingLimits()
+    largest, limits = reduce(np.maximum, np.abs(points).T), RoundingLimits()
     return np.maximum(limits.errors * float(precision) * largest, limits.least_steps * step)
 
 
