@@ -21,7 +21,7 @@ UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in
 WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
 CHUNK = 64  # borders whose points are parted at once; it limits the memory
 FEW = 2**16  # pairs of cells from which on trees are faster
-ROWS = 2**18  # whose neighbors are looked at at once; it limits the memory
+ROWS = 2**14  # whose neighbors are looked at at once; it limits the memory
 
 
 class VoteLimits(NamedTuple):
@@ -75,6 +75,7 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     order = np.lexsort((*index.points.T, flatness))
     cells = _Cells.gather(order[labels[order] >= 0], near, labels)
     edges = _edges(cells, near, labels)
+    del order, flatness, near  # the largest arrays of all
     found = region_moments(index.points, cells.of, len(cells.starts) - 1, n_jobs=n_jobs)
     weights = found.sizes / np.square(median_by_region(noise, cells.of, len(found.sizes)))
     means = (found.centroids - found.centroids[0]) / unit
