@@ -74,8 +74,9 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     flatness = np.rint(np.ldexp(ratio(planes.scale / unit, noise), HEIGHT_BITS))
     order = np.lexsort((*index.points.T, flatness))
     cells = _Cells.gather(order[labels[order] >= 0], near, labels)
+    del order, flatness
     edges = _edges(cells, near, labels)
-    del order, flatness, near  # the largest arrays of all
+    del near
     found = region_moments(index.points, cells.of, len(cells.starts) - 1, n_jobs=n_jobs)
     weights = found.sizes / np.square(median_by_region(noise, cells.of, len(found.sizes)))
     means = (found.centroids - found.centroids[0]) / unit
