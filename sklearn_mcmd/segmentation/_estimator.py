@@ -297,7 +297,9 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
             seeds = seed_order(columns.surface_variation[rows], points, planes)
             labels = grow_regions(links, seeds)
             del links, seeds
-        copies = None if index.n_distinct == len(xyz) else np.bincount(index.places)
+        copies = None  # each point is at a place of its own
+        if index.n_distinct < len(xyz):
+            copies = np.bincount(index.places, minlength=len(points))
         with progress_part(0.55, 1.0):
             labels = finish_regions(labels, index, planes, floor, copies, self, self.n_jobs)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
