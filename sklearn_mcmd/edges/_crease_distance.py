@@ -20,7 +20,7 @@ from sklearn_mcmd.planes._record import Neighborhoods, Planes
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
-CHUNK = 1_500_000  # entries of the largest array a task holds
+CHUNK = 500_000  # entries of the largest array a task holds
 # Ends of the steps, as shares of the time, for the display of progress.
 SEARCHED, MEASURED, GIVEN, MET = 0.1, 0.15, 0.3, 0.9
 CERTAIN = -np.log(np.finfo(float).eps)  # logarithm of the inverse of the rounding of a likelihood
@@ -68,31 +68,27 @@ class Faces(NamedTuple):
     put, take = Planes.put, Planes.take  # type: ignore[misc]
 
 
-def find_creases(index, planes, min_angle, n_jobs=None, around=None):
+def find_creases(index, planes, min_angle, n_jobs=None):
     """The `Creases` of the points of an index, and their distances.
 
     Of the planes centroids, normals and scale are known, and are changed. Those of two faces meet
-    at `min_angle` degrees at least. `around` are the `Neighborhoods`, where they are known.
+    at `min_angle` degrees at least.
     """
     # Of heights, which are differences of coordinates that may be large. One point may be far.
     origin = np.array([np.median(coordinate) for coordinate in index.points.T])
-    points = np.subtract(index.points, origin, out=index.empty(index.points.shape))
     planes.centroids[:] -= origin
-    with progress_part(0.0, SEARCHED):
-        around = _search(index, index.points, n_jobs) if around is None else around
-    with progress_part(SEARCHED, MEASURED):
-        _measure_spacing(index, points, planes, around, n_jobs)
+    with progress_part(0.0, MEASURED):
+        _measure_spacing(index, origin, planes, n_jobs)
     cosine = np.cos(np.radians(min_angle))
     creases = Creases(
         index=index,
-        points=points,
         origin=origin,
         planes=planes,
         flat=are_faces(planes),
         cosine=cosine,
         n_jobs=n_jobs,
     )
-    faces, evidence, distance = creases.measure(points, around)
+    faces, evidence, distance = creases.measure(index.points, index.query_own)
     return replace(creases, faces=faces, evidence=evidence), distance
 
 
@@ -101,7 +97,6 @@ class Creases:
     """A cloud whose creases are known, once its faces are."""
 
     index: NeighborIndex
-    points: np.ndarray  # from the origin
     origin: np.ndarray
     planes: Planes
     flat: np.ndarray  # bool: which planes are those of faces
@@ -115,10 +110,11 @@ class Creases:
         between `far` and twice as much, the less, the less flat the neighborhood."""
         with progress_part(0.0, SEARCHED):
             around = _search(self.index, queries, self.n_jobs) if around is None else around
-        return self.measure(queries - self.origin, around)[2]
+        return self.measure(queries, around.take)[2]
 
     def measure(self, queries, around):
-        """Faces of queries, evidence for creases, and distances from these."""
+        """Faces of queries, evidence for creases, and distances from these; ``around(part)`` are
+        the `Neighborhoods` of a slice of them."""
         with progress_part(MEASURED, GIVEN):
             own = self._give_planes(queries, around)
         with progress_part(GIVEN, MET):
@@ -130,12 +126,13 @@ class Creases:
     def _give_planes(self, queries, around):
         """Of the planes of its neighbors, the one that explains each query best."""
         faces = Faces.empty(*queries.shape, self.index.empty)
-        usable = np.ones(len(self.points), dtype=bool)
+        usable = np.ones(len(self.flat), dtype=bool)
 
         def give(part, around):
-            faces.put(part, give_faces(queries[part], around, self.planes, self.flat, usable))
+            asked = queries[part] - self.origin
+            faces.put(part, give_faces(asked, around, self.planes, self.flat, usable))
 
-        _in_chunks(around, give, self.points.shape[1], self.n_jobs)
+        _in_chunks(self.index, len(queries), around, give, queries.shape[1], self.n_jobs)
         return faces
 
     def _meet(self, queries, own, around):
@@ -156,11 +153,13 @@ class Creases:
             if busy.size:
                 some, near = part.start + busy, near[busy]
                 given = faces.normals[near], faces.levels[near], cosines[busy], other[busy]
+                asked, near = (x - self.origin for x in (queries[some], self.index.points[near]))
                 distance[some], evidence[some] = _faces_or_smooth(
-                    queries[some], mine.take(busy), self.points[near], *given, self.cosine
+                    asked, mine.take(busy), near, *given, self.cosine
                 )
 
-        _in_chunks(around, meet, min(self.index.n_neighbors, 1_000), self.n_jobs)
+        width = min(self.index.n_neighbors, 1_000)
+        _in_chunks(self.index, len(queries), around, meet, width, self.n_jobs)
         return distance, evidence
 
     def _judge(self, faces, distance, evidence, around):
@@ -169,7 +168,8 @@ class Creases:
         evidence = evidence if self.evidence is None else self.evidence
 
         def judge(part, around):
-            pooled, neighbors = _median(evidence[around.indices]), self.points[around.indices]
+            pooled = _median(evidence[around.indices])
+            neighbors = self.index.points[around.indices] - self.origin
             d, centered = neighbors.shape[2], neighbors - neighbors.mean(axis=1, keepdims=True)
             values = np.linalg.eigvalsh(np.matmul(centered.swapaxes(1, 2), centered))
             total = np.maximum(values.sum(axis=1), np.finfo(float).tiny)
@@ -183,42 +183,38 @@ class Creases:
             found = np.where(known, distance[part] * smooth * off, np.inf)
             distance[part] = np.minimum(found, most)
 
-        _in_chunks(around, judge, self.points.shape[1], self.n_jobs)
+        _in_chunks(self.index, len(distance), around, judge, len(self.origin), self.n_jobs)
 
 
-def _in_chunks(around, work, width, n_jobs):
-    """Call `work` with rows of queries and their neighborhoods."""
-    n, k = around.indices.shape
-    step = max(1, CHUNK // (k * width))
-    each_slice(n, step, lambda part: work(part, around.take(part)), n_jobs)
+def _in_chunks(index, n, around, work, width, n_jobs):
+    """Call `work` with slices of n queries and their neighborhoods."""
+    step = max(1, CHUNK // (index.n_neighbors * width))
+    each_slice(n, step, lambda part: work(part, around(part)), n_jobs)
 
 
 def _search(index, queries, n_jobs):
-    """The neighborhoods of queries, or of all points: one search for all that follows."""
+    """The neighborhoods of queries: one search for all that follows."""
     m, k = len(queries), index.n_neighbors
     indices = np.empty((m, k), dtype=np.int32)
 
-    def search(rows, around=None):
-        around = index.query(queries[rows]) if around is None else around
-        indices[rows] = around.indices
+    def search(rows):
+        indices[rows] = index.query(queries[rows]).indices
 
-    if queries is index.points:
-        index.visit_own(np.ones(m, bool), k, search, n_jobs)
-    else:
-        each_chunk(queries, index.chunk, search, n_jobs)
+    each_chunk(queries, index.chunk, search, n_jobs)
     return Neighborhoods(indices, np.full(m, k))
 
 
-def _measure_spacing(index, points, planes, around, n_jobs):
+def _measure_spacing(index, origin, planes, n_jobs):
     """Fill radius, spacing (the side of the cell that one point of a surface takes), and noise of
     the planes, which is not known better."""
-    even, d, limits = index.empty(len(points)), points.shape[1], FaceLimits()
-    n = min(limits.n_spacing, around.indices.shape[1] - 1)
+    m, d = index.points.shape
+    even, limits = index.empty(m), FaceLimits()
+    n = min(limits.n_spacing, index.n_neighbors - 1)
     ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
     side = (ball / n) ** (1.0 / (d - 1))
 
     def measure(part, around):
-        gaps = points[around.indices] - points[part, None]
+        gaps = (index.points[around.indices] - origin) - (index.points[part, None] - origin)
         distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
         planes.spacing[part] = spacing = np.partition(distances, n, axis=1)[:, n] * side
         planes.radius[part] = distances.max(axis=1)
@@ -230,7 +226,7 @@ def _measure_spacing(index, points, planes, around, n_jobs):
     works = [measure, *[smooth] * CreaseLimits().evening_steps]
     for step, work in enumerate(works):
         with progress_part(step / len(works), (step + 1) / len(works)):
-            _in_chunks(around, work, points.shape[1], n_jobs)
+            _in_chunks(index, m, index.query_own, work, d, n_jobs)
         if step:
             planes.spacing[:] = even
 

@@ -33,6 +33,7 @@ from sklearn_mcmd.edges._crease_distance import CreaseLimits, find_creases
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._columns import Columns, split_columns
+from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._progress import progress_part
@@ -259,27 +260,31 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         self._check_parameters(xyz)
         detector, normal_estimator = steps_of(self)
         self.inlier_mask_ = self._clean(xyz, detector)
-        kept = self.inlier_mask_
+        kept, creases = self.inlier_mask_, self.criterion == "crease"
+        members = found = table[kept]
         if self.normals == "estimate":
             self.normal_estimator_ = normal_estimator
-            with sub_fit(0.6, 0.8, "normals", self.normal_estimator_):
-                members = np.asarray(self.normal_estimator_.fit_transform(xyz[kept]))
-        else:
-            members = table[kept]
-        if self.criterion == "crease":
+            fit = normal_estimator.fit if creases else normal_estimator.fit_transform
+            with sub_fit(0.6, 0.8, "normals", normal_estimator):
+                found = fit(members)
+        if creases:
             self.offset_, self.scores_ = crease_width(self), np.empty(len(xyz))
             with progress_part(0.8, 1.0, "creases"):
                 with progress_part(0.0, 0.9):
-                    given = split_columns(members, self._n_dimensions)
+                    if self.normals == "estimate":
+                        given = Columns.of(found, members)
+                    else:
+                        given = split_columns(members, self._n_dimensions)
                     index = NeighborIndex(given.coordinates.astype(np.float64), self.n_neighbors)
-                    self._model, distances = find_creases(
-                        index, given.planes(index.rows), self.min_angle, self.n_jobs
-                    )
+                    planes = given.planes(index.rows)
+                    del given, members, found  # index and planes have what is needed
+                    known = find_creases(index, planes, self.min_angle, self.n_jobs)
+                    self._model, distances = known
                 self.scores_[kept] = distances[index.places]
                 with progress_part(0.9, 1.0):
                     self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
         else:
-            values = self._values(columns, members)
+            values = self._values(columns, np.asarray(found))
             self.offset_ = -least_of_edge(lambda: [values[kept]], self.threshold, self.n_std)
             self.scores_ = -values
         return self
@@ -344,7 +349,10 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             if self.outlier_detector is None:  # nobody gave the n_neighbors of the default
                 warnings.filterwarnings("ignore", "n_neighbors=.* is more than the number")
             labels = detector.fit_predict(xyz)
-        return check_inliers("outlier_detector", detector, labels, least=xyz.shape[1] + 1)
+        kept = check_inliers("outlier_detector", detector, labels, least=xyz.shape[1] + 1)
+        if not kept.all():
+            IndexedCloud.release(xyz.astype(np.float64, copy=False))
+        return kept
 
     def _values(self, columns, members=None):
         """The value of the criterion at points, if it is not "crease".

@@ -24,6 +24,13 @@ class Columns(NamedTuple):
     offset: np.ndarray  # signed distance of each point's plane from the point, along its normal
     scale: np.ndarray  # standard deviation of the plane's noise
 
+    @classmethod
+    def of(cls, fitted, X):
+        """Those that a `RobustNormalEstimator` fitted to X has found, in the dtype of X, without
+        the copies that `transform` makes."""
+        names = "normals_", "surface_variation_", "eigenvalues_", "plane_offset_", "plane_scale_"
+        return cls(X, *(getattr(fitted, name).astype(X.dtype, copy=False) for name in names))
+
     def planes(self, rows, n_jobs=None):
         """The planes of some of the points, float64; what columns lack is no number or left out."""
         planes = Planes.empty(len(rows), self.coordinates.shape[1])

@@ -52,7 +52,7 @@ class IndexedCloud:
     def of(cls, X):
         """The index of a cloud, shared by all stages that see it while one of them keeps it."""
         X = np.ascontiguousarray(X)
-        key = X.shape, blake2b(X, digest_size=16).digest()
+        key = _key(X)
         with _lock:
             cloud = _known.get(key)
         if cloud is None:
@@ -60,6 +60,13 @@ class IndexedCloud:
             with _lock:
                 cloud = _known.setdefault(key, made)
         return cloud
+
+    @classmethod
+    def release(cls, X):
+        """Free the neighbors of a cloud that the stages to come do not see."""
+        cloud = _known.get(_key(np.ascontiguousarray(X)))
+        if cloud is not None:
+            cloud.table = None
 
     def __getstate__(self):
         """Without the table: a pickle is read where the search is as near as the file."""
@@ -115,6 +122,10 @@ class IndexedCloud:
 
 _known: WeakValueDictionary = WeakValueDictionary()
 _lock = Lock()
+
+
+def _key(X):
+    return X.shape, blake2b(X, digest_size=16).digest()
 
 
 def distinct_rows(X):

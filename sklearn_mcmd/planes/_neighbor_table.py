@@ -102,7 +102,9 @@ def _packed(indices, block):
     m, k = indices.shape
     codes = np.empty((m, k), np.uint16)
     groups, starts = np.empty(m * k, np.int32), np.empty(-(-m // block) + 1, np.int64)
-    _compiled("pack")(indices, block, BITS, codes, groups, starts)
+    size, slots = 1 << (2 * block * k - 1).bit_length(), np.empty(block * k, np.int64)
+    names, places = np.full(size, -1, np.int32), np.empty(size, np.int32)
+    _compiled("pack")(indices, block, BITS, codes, groups, starts, names, places, slots)
     return Packed(codes, groups[: starts[-1]].copy(), starts, block)
 
 

@@ -6,19 +6,15 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 
 @kernel(cache=True)
-def pack(indices, block, bits, codes, groups, starts):
+def pack(indices, block, bits, codes, groups, starts, names, places, slots):
     """Fill the codes of neighbors, and the lists of groups that they refer to.
 
     A group has ``2 ** bits`` rows; a block, which has a list, has `block` rows of the table.
+    Places in the list by group are a table with open addresses, `names`, all -1, and `places`.
+    It is twice as long as any list, and its length a power of two. `slots` have those in use.
     """
     m, k = indices.shape
-    # Places in the list by group: a table with open addresses, twice as long as any list.
-    size = 1
-    while size < 2 * block * k:
-        size *= 2
-    names, places = np.full(size, -1, np.int32), np.empty(size, np.int32)
-    slots = np.empty(block * k, np.int64)
-    n_groups = 0
+    size, n_groups = len(names), 0
     for b in range(len(starts) - 1):
         starts[b] = first = n_groups
         for i in range(b * block, min((b + 1) * block, m)):

@@ -76,7 +76,7 @@ def fit_cylinder(points, normals):
     limits = FitLimits()
     starts = np.stack(starts if across[1] > limits.ridge * len(points) else starts[:2])
     fit = compiled_function("segmentation._regions_numba", "fit_cylinder")
-    equations, model = np.empty((N_PARAMETERS, N_PARAMETERS + 1)), np.zeros(7)
+    equations, model = np.empty((N_PARAMETERS + 1, N_PARAMETERS + 1)), np.zeros(7)
     total = fit(local, starts, limits, equations, model)
     return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])
 

@@ -16,7 +16,7 @@ from sklearn_mcmd._sklearn import (
 )
 from sklearn_mcmd._validation import check_work, validate_points
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
-from sklearn_mcmd.planes._columns import split_columns
+from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._resolution import coordinate_step, least_scales
@@ -288,7 +288,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
         points, rows = index.points, index.rows
         floor = least_scales(points, np.finfo(xyz.dtype).eps, coordinate_step(xyz))
-        planes = columns.planes(rows, self.n_jobs)
+        planes = columns.planes(rows, self.n_jobs).without("kept", "spacing")
         planes.scale[:] = np.maximum(planes.scale, floor)
         rules = rules_of(self)
         with progress_part(0.35, 0.5, "links of neighbors"):
@@ -297,8 +297,9 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
             seeds = seed_order(columns.surface_variation[rows], points, planes)
             labels = grow_regions(links, seeds)
             del links, seeds
-        owners = index.places
-        copies = np.bincount(owners, minlength=len(points))
+        copies = None  # each point is at a place of its own
+        if index.n_distinct < len(xyz):
+            copies = np.bincount(index.places, minlength=len(points))
         with progress_part(0.55, 1.0):
             labels = finish_regions(labels, index, planes, floor, copies, self, self.n_jobs)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
@@ -312,7 +313,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         self.regions_ = None
         if points.shape[1] == 3:
             self.regions_ = region_table(points, labels, planes, moments)
-        self.labels_ = labels[owners].astype(np.int64)
+        self.labels_ = labels[index.places].astype(np.int64)
         return self
 
     def _stages(self):
@@ -332,8 +333,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
             estimator = RobustNormalEstimator(random_state=self.random_state, n_jobs=self.n_jobs)
         self.normal_estimator_ = clone(estimator)
         with sub_fit(0.0, 0.35, "normals", self.normal_estimator_):
-            columns = np.asarray(self.normal_estimator_.fit_transform(X))
-        return split_columns(columns, X.shape[1], self.n_jobs)
+            return Columns.of(self.normal_estimator_.fit(X), X)
 
 
 def _steps_of(growing):
@@ -351,7 +351,8 @@ def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
     """The regions of a `RegionGrowing` from those that have grown; the largest is 0, -1 is none.
 
     The planes are of ``index.points``; what tells of their faces may be changed. `floor` is as by
-    `least_scales`, `copies` (n,) are the points at each place, and `growing` has the parameters.
+    `least_scales`, `copies` (n,) are the points at each place, None for one, and `growing` has the
+    parameters.
     """
     rules, steps = rules_of(growing), _steps_of(growing)
     in_space = index.points.shape[1] == 3

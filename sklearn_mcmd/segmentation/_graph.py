@@ -82,7 +82,10 @@ def grow_regions(links, seeds):
     Which points these are does not depend on the order in which links are followed. Seeds are all
     rows, that of least curvature first. Labels, int32, count from 0 in their order.
     """
-    return compiled_function("segmentation._regions_numba", "grow")(links, seeds)
+    labels = np.full(len(links), -1, np.int32)
+    waiting = np.empty_like(labels)
+    compiled_function("segmentation._regions_numba", "grow")(links, seeds, waiting, labels)
+    return labels
 
 
 def seed_order(variation, points, planes):

@@ -21,7 +21,7 @@ UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in
 WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
 CHUNK = 64  # borders whose points are parted at once; it limits the memory
 FEW = 2**16  # pairs of cells from which on trees are faster
-ROWS = 2**18  # whose neighbors are looked at at once; it limits the memory
+ROWS = 2**14  # whose neighbors are looked at at once; it limits the memory
 
 
 class VoteLimits(NamedTuple):
@@ -39,6 +39,14 @@ class _Cells(NamedTuple):
     members: np.ndarray  # int32, rows of the points, cell after cell
     starts: np.ndarray  # int (n_cells + 1,), where each begins
     of: np.ndarray  # int32 (n,), cell of each point, -1 for none
+
+    @classmethod
+    def gather(cls, order, near, labels):
+        """The cells that begin at points in an order; see `gather_cells`."""
+        members, starts = np.empty(len(order), np.int32), np.empty(len(order) + 1, np.int64)
+        of = np.full(len(labels), -1, np.int32)
+        n_cells = _compiled("gather_cells")(order, near, labels, members, starts, of)
+        return cls(members, starts[: n_cells + 1].copy(), of)
 
     def rows(self, cells):
         """Rows of the points of some cells, and the cell of each."""
@@ -65,13 +73,15 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     # The flattest begin. Their order depends on no rounding error, and on no order of rows.
     flatness = np.rint(np.ldexp(ratio(planes.scale / unit, noise), HEIGHT_BITS))
     order = np.lexsort((*index.points.T, flatness))
-    cells = _Cells(*_compiled("gather_cells")(order[labels[order] >= 0], near, labels))
+    cells = _Cells.gather(order[labels[order] >= 0], near, labels)
+    del order, flatness
     edges = _edges(cells, near, labels)
+    del near
     found = region_moments(index.points, cells.of, len(cells.starts) - 1, n_jobs=n_jobs)
     weights = found.sizes / np.square(median_by_region(noise, cells.of, len(found.sizes)))
     means = (found.centroids - found.centroids[0]) / unit
     scatters = found.covariances.reshape(-1, 9)[:, UPPER] * (weights / unit**2)[:, None]
-    patch = _compiled("join_cells")(found.sizes, weights, means, scatters, edges)
+    patch = _joined_cells(found.sizes, weights, means, scatters, edges)
     first, patch = np.unique(patch, return_inverse=True)
     if len(first) == len(np.unique(labels[labels >= 0])):
         return labels
@@ -106,6 +116,14 @@ def _noise_and_neighbors(index, planes, rules, n_jobs):
 
     each_slice(n, index.chunk, measure, n_jobs)
     return noise, near
+
+
+def _joined_cells(sizes, weights, means, scatters, edges):
+    """The first cell of the patch of each cell; see `join_cells`."""
+    m = len(sizes)
+    left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
+    _compiled("join_cells")(sizes, weights, means, scatters, edges, left, turn, root)
+    return root
 
 
 def _edges(cells, near, labels):
@@ -174,12 +192,13 @@ class _Strips:
         local = (self.points[rows] - centers[small[0]]) / self.unit
         n_first = (self.cells.starts[small + 1] - self.cells.starts[small]).sum()
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
-        sides, weights = first.copy(), 1.0 / self.noise[rows]
+        sides, weights = np.stack([first, first]), 1.0 / self.noise[rows]
         value = fit.ridge  # too few to tell
         if len(rows) >= VoteLimits().least_points:
             normals, most_noise = self.normals[names], JoinLimits().most_noise
-            value = _compiled("vote")(local, weights, cell, first, normals, fit, most_noise, sides)
-        return value, names, rows, sides
+            known = local, weights, cell, first, normals, fit, most_noise
+            value = _compiled("vote")(*known, np.empty((5, len(rows))), np.empty((7, 7)), sides)
+        return value, names, rows, sides[1]
 
 
 def _strip(small, large):

@@ -16,7 +16,8 @@ from scipy.sparse import coo_array
 from sklearn_mcmd.runtime._chunks import run, slices
 
 PART = 2**18  # points at once; it limits the memory
-AT_ONCE = 2_000_000  # values whose medians are sought at once, or of one region with more
+AT_ONCE = 2_000_000  # values whose medians are sought at once, or of one region with more,
+PASSES = 4  # and in so many passes at least
 BITS = 52  # of a number of double precision
 
 
@@ -154,10 +155,10 @@ def _sums(visit, n_regions, columns, extents, bits):
 def median_by_region(values, labels, n_regions):
     """Median of the values of each region, for an even number the upper one."""
     sizes = region_sizes(labels, n_regions).astype(np.int64)
-    medians, first = np.empty(n_regions), 0
+    medians, first, most = np.empty(n_regions), 0, min(AT_ONCE, len(labels) // PASSES)
     before = np.concatenate([[0], np.cumsum(sizes)])
     while first < n_regions:  # as many regions as have few enough points, or one with more
-        last = int(np.searchsorted(before, before[first] + AT_ONCE, side="right")) - 1
+        last = int(np.searchsorted(before, before[first] + most, side="right")) - 1
         last = max(last, first + 1)
         number = np.full(n_regions + 1, -1, np.int64)
         number[first:last] = np.arange(last - first)

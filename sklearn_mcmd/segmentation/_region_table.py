@@ -47,10 +47,11 @@ def region_table(points, labels, around, moments):
     flat, thin = (values[:, i] <= RANK_TOLERANCE * values[:, 2] for i in (0, 1))
     flat |= table["rms"] <= most_noise * usual
     flat |= own_noise(covariances, median_by_region(around.radius, labels, len(sizes))) > 0
-    rows = by_place(points, rows_of(labels, np.append(np.ones(len(sizes), bool), False)))
+    rows = rows_of(labels, np.append(np.ones(len(sizes), bool), False))
     rows = rows[np.argsort(labels[rows], kind="stable")]
     groups = np.split(rows, np.flatnonzero(np.diff(labels[rows])) + 1)
     for region, (own, group) in enumerate(zip(table, groups, strict=True)):
+        group = by_place(points, group)
         own["kind"] = "plane" if flat[region] else "curved"
         local = points[group] - own["centroid"]
         places, heights = local @ _frame(own["normal"]).T, local @ own["normal"]

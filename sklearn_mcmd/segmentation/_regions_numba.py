@@ -1,10 +1,11 @@
 """Growth, division and cylinders of regions, compiled.
 
 Loops are in the place of linear algebra: Numba takes ten times as long to compile calls of BLAS and
-LAPACK.
+LAPACK. Python makes the arrays, as what makes them takes long to compile, and what copies one to
+another takes seconds.
 """
 
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 
 import numpy as np
 
@@ -12,19 +13,19 @@ from sklearn_mcmd.planes._explaining_numba import _root
 from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.runtime._kernels import kernel
 
-N_PLANE = 3  # parameters of a plane
-N_CYLINDER = 5  # and of a cylinder
-# The points that a surface is fitted to; with plain numbers, `_fitted` is compiled for each.
+# Parameters of a plane and of a cylinder, and points that a surface is fitted to; with plain
+# numbers, what takes them is compiled for each.
+N_PLANE, N_CYLINDER = np.int64(3), np.int64(5)
 OTHER, FIRST, BOTH = np.int64(0), np.int64(1), np.int64(2)
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
 
 
 @kernel(cache=True)
-def grow(links, seeds):
-    """Labels of regions, as of `grow_regions`."""
-    n, width = links.shape
-    labels = np.full(n, -1, np.int32)
-    waiting = np.empty(n, np.int32)  # the current seed list, S_c
+def grow(links, seeds, waiting, labels):
+    """Fill the labels of regions, -1 at first, as of `grow_regions`.
+
+    `waiting` (n,) has room for the current seed list, S_c.
+    """
     region = 0
     for seed in seeds:
         if labels[seed] >= 0:
@@ -35,7 +36,7 @@ def grow(links, seeds):
         while n_waiting > 0:
             n_waiting -= 1
             i = waiting[n_waiting]
-            for a in range(width):
+            for a in range(links.shape[1]):
                 j = links[i, a]
                 if j < 0:
                     break
@@ -44,14 +45,13 @@ def grow(links, seeds):
                     waiting[n_waiting] = j
                     n_waiting += 1
         region += 1
-    return labels
 
 
 @kernel(cache=True)
 def fit_cylinder(points, starts, limits, equations, model):
     """Fill the model (point, axis, radius) of centered points, and return the sum of squares.
 
-    `equations` hold the normal equations and, last, their right side.
+    `equations` hold the normal equations, last their right side, and below them one to be added.
     """
     n = len(points)
     best = np.inf
@@ -76,7 +76,7 @@ def fit_cylinder(points, starts, limits, equations, model):
             if not total < (1.0 - limits.least_gain) * last:
                 break
             last = total
-            _solve(equations, ridge)
+            _solve(equations, N_CYLINDER, ridge)
             point = _moved(point, equations[0, N_CYLINDER], u, equations[1, N_CYLINDER], v)
             axis = _moved(axis, equations[2, N_CYLINDER], u, equations[3, N_CYLINDER], v)
             axis = _scaled(axis, 1.0 / np.sqrt(_dot(axis, axis)))
@@ -128,17 +128,22 @@ def _circle(points, u, v, ridge, equations):
     x^2 + y^2 is linear in the center's coordinates and a constant.
     """
     equations[:] = 0.0
+    new = equations[N_CYLINDER]
+    new[2] = 1.0
     for i in range(len(points)):
         point = (points[i, 0], points[i, 1], points[i, 2])
         x, y = _dot(point, u), _dot(point, v)
-        _add(equations, (2.0 * x, 2.0 * y, 1.0, 0.0, 0.0), x * x + y * y)
-    _solve(equations, ridge)
+        new[0], new[1], new[N_CYLINDER] = 2.0 * x, 2.0 * y, x * x + y * y
+        _add(equations, N_CYLINDER)
+    _solve(equations, N_CYLINDER, ridge)
 
 
 @kernel
 def _linearize(points, point, axis, u, v, radius, least, equations):
     """Sum of squared distances from a cylinder, and the normal equations of the next step."""
     equations[:] = 0.0
+    new = equations[N_CYLINDER]
+    new[4] = 1.0
     total = 0.0
     for i in range(len(points)):
         gap = (points[i, 0] - point[0], points[i, 1] - point[1], points[i, 2] - point[2])
@@ -147,25 +152,24 @@ def _linearize(points, point, axis, u, v, radius, least, equations):
         away = reach - radius
         total += away * away
         reach = max(reach, least)
-        x, y = x / reach, y / reach
-        _add(equations, (x, y, along * x, along * y, 1.0), away)
+        new[0], new[1], new[N_CYLINDER] = x / reach, y / reach, away
+        new[2], new[3] = along * new[0], along * new[1]
+        _add(equations, N_CYLINDER)
     return total
 
 
 @kernel
-def _add(equations, row, right):
-    """Add one equation, the first terms of a row, to the lower triangle of the normal ones."""
-    n = len(equations)
+def _add(equations, n):
+    """Add the equation in row n to the lower triangle of the normal ones."""
     for i in range(n):
         for j in range(i + 1):
-            equations[i, j] += row[i] * row[j]
-        equations[i, n] += row[i] * right
+            equations[i, j] += equations[n, i] * equations[n, j]
+        equations[i, n] += equations[n, i] * equations[n, n]
 
 
 @kernel
-def _solve(equations, ridge):
-    """Solve the normal equations by Cholesky's method, into the last column."""
-    n = len(equations)
+def _solve(equations, n, ridge):
+    """Solve the normal equations by Cholesky's method, into column n."""
     for i in range(n):
         equations[i, i] += ridge
         for j in range(i):
@@ -187,14 +191,14 @@ def _solve(equations, ridge):
 
 
 @kernel(cache=True)
-def gather_cells(order, near, labels):
-    """Cells of the nearest points of the same region that no cell has, around points in order.
+def gather_cells(order, near, labels, members, starts, cell):
+    """Fill cells of the nearest points of the same region that no cell has, around points in order.
 
-    Returns the members, cell after cell; where each cell starts; and the cell of each point.
+    That is the members, cell after cell; where each cell starts; and the cell of each point, -1 at
+    first. Returns the number of cells.
     """
-    cell = np.full(len(labels), -1, np.int32)
-    members, starts = np.empty(len(order), np.int32), np.zeros(len(order) + 1, np.int64)
     n_cells = n_members = 0
+    starts[0] = 0
     for i in order:
         if cell[i] >= 0:
             continue
@@ -206,28 +210,26 @@ def gather_cells(order, near, labels):
                 n_members += 1
         n_cells += 1
         starts[n_cells] = n_members
-    return members, starts[: n_cells + 1].copy(), cell
+    return n_cells
 
 
 @kernel(cache=True)
-def join_cells(sizes, weights, means, scatters, edges):
-    """Join cells to patches, the most alike first: the first cell of each one's patch.
+def join_cells(sizes, weights, means, scatters, edges, left, turn, root):
+    """Join cells to patches, the most alike first: `root` becomes the first cell of each's patch.
 
     Points, weights, means and scatter (m, 6), in units of noise, become those of the patches. The
     loss is the growth of the sum of squares about planes, when one takes the place of two, over the
     variance factor of the two if that is above 1. The BIC charges the numbers of a plane.
+
+    `left` has room for sums of squares. `turn` has 0 of each cell at first, and `root` its number.
     """
     m = len(sizes)
-    left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
     for c in range(m):
         left[c] = eigh_3d(_scatter(scatters, c, NOTHING))[0][0]
     heap = [(0.0, 0, 0, 0) for _ in range(0)]
     for e in range(len(edges)):
         a, b = edges[e]
-        loss, charge = _loss(a, b, sizes, weights, means, scatters, left)
-        if loss <= charge:
-            heap.append((loss, a, b, np.int64(0)))
-    heapify(heap)
+        _push(heap, a, b, sizes, weights, means, scatters, left, turn)
     while len(heap) > 0:
         _, a, b, stamp = heappop(heap)
         a, b = _root(root, a), _root(root, b)
@@ -235,9 +237,7 @@ def join_cells(sizes, weights, means, scatters, edges):
         if a == b:
             continue
         if turn[a] + turn[b] != stamp:  # one has grown since
-            loss, charge = _loss(a, b, sizes, weights, means, scatters, left)
-            if loss <= charge:
-                heappush(heap, (loss, a, b, turn[a] + turn[b]))
+            _push(heap, a, b, sizes, weights, means, scatters, left, turn)
             continue
         total, moved = _pooled(a, b, weights, means, scatters)
         share = weights[b] / total
@@ -252,16 +252,18 @@ def join_cells(sizes, weights, means, scatters, edges):
         turn[a] += turn[b] + 1
     for c in range(m):
         root[c] = _root(root, c)
-    return root
 
 
 @kernel
-def _loss(a, b, sizes, weights, means, scatters, left):
-    """What is lost if one plane explains two patches, and the BIC's charge for a plane."""
+def _push(heap, a, b, sizes, weights, means, scatters, left, turn):
+    """Let two patches wait for each other if the BIC's charge for a plane is not less than what is
+    lost if one plane explains both."""
     apart, n = left[a] + left[b], sizes[a] + sizes[b]
     _, pooled = _pooled(a, b, weights, means, scatters)
     factor = max(1.0, apart / max(n - 2 * N_PLANE, 1.0))
-    return (eigh_3d(pooled)[0][0] - apart) / factor, N_PLANE * np.log(n)
+    loss = (eigh_3d(pooled)[0][0] - apart) / factor
+    if loss <= N_PLANE * np.log(n):
+        heappush(heap, (loss, a, b, turn[a] + turn[b]))
 
 
 @kernel
@@ -282,7 +284,7 @@ def _scatter(scatters, c, more):
 
 
 @kernel(cache=True)
-def vote(points, weights, cells, first, normals, limits, most_noise, sides):
+def vote(points, weights, cells, first, normals, limits, most_noise, room, equations, sides):
     """Is a border no crease? Half the difference of BIC, above 0 for one smooth surface.
 
     One surface is a quadric over the mean of both planes, with six numbers. The other model are two
@@ -293,65 +295,62 @@ def vote(points, weights, cells, first, normals, limits, most_noise, sides):
 
     Points (n, 3) are near the origin, weights (n,) inverse standard deviations, cells ascend on
     each side, `first` (n,) are the points of one side by labels, normals (2, 3) of both patches.
-    `sides` (n,) becomes those points as the better model of two surfaces tells them.
+    Points, `room` (5, n) and `equations` (7, 7) are overwritten. Of `sides` (2, n), both `first`,
+    the second becomes those points as the better model of two surfaces tells them.
     """
-    local = _over_mean_plane(points, normals)
-    one = _fitted(local, weights, first, BOTH, limits.ridge)
-    smooth = _rest(local, weights, first, one, one)
-    side, left, crease, sign = first, np.inf, smooth, 0.0
-    step = smooth
+    n, side, ridge, one, other = len(points), sides[0], limits.ridge, room[0], room[1]
+    smooth = crease = 2  # rows of the room with what the models leave
+    _over_mean_plane(points, normals)
+    _fit(points, weights, first, BOTH, ridge, equations, one)
+    smooth_left = _squares(points, weights, first, one, one, room[smooth])
+    left, step, sign = np.inf, np.inf, 0.0
     for turn in range(limits.n_steps + 1):
         n_first = 0
-        for inside in side:
-            n_first += inside
-        if min(n_first, len(side) - n_first) <= N_PLANE:
+        for i in range(n):
+            n_first += side[i]
+        if min(n_first, n - n_first) <= N_PLANE:
             break
-        one = _fitted(local, weights, side, FIRST, limits.ridge)
-        other = _fitted(local, weights, side, OTHER, limits.ridge)
+        _fit(points, weights, side, FIRST, ridge, equations, one)
+        _fit(points, weights, side, OTHER, ridge, equations, other)
         if turn == 0:  # is it a ridge or a valley?
-            step = _rest(local, weights, side, one, other)
+            step = _squares(points, weights, side, one, other, room[3])
             below = 0
-            for i in range(len(side)):
+            for i in range(n):
                 below += side[i] == (one[i] < other[i])
-            sign = 1.0 if 2 * below > len(side) else -1.0
-        found, same = np.empty_like(side), True
-        for i in range(len(side)):
-            found[i] = sign * (one[i] - other[i]) < 0
-            same &= found[i] == side[i]
-        rest = _rest(local, weights, found, one, other)
-        if turn > 0 and _squares(rest) < left:
-            left, crease = _squares(rest), rest
-            sides[:] = found
+            sign = 1.0 if 2 * below > n else -1.0
+        same = True
+        for i in range(n):
+            found = sign * (one[i] - other[i]) < 0
+            same &= found == side[i]
+            side[i] = found
+        rest = 3 if crease != 3 else 4
+        squares = _squares(points, weights, side, one, other, room[rest])
+        if turn > 0 and squares < left:
+            left, crease = squares, rest
+            for i in range(n):
+                sides[1, i] = side[i]
         if turn > 0 and same:
             break
-        side = found
     if sign == 0.0:
-        return limits.ridge  # too few to tell
-    smooth_left = _squares(smooth)
-    step_left = most_noise**2 * _squares(step)
-    if step_left < left:
-        left = step_left
-        sides[:] = first
-    size = len(first) / _design_effect(smooth if smooth_left <= left else crease, cells)
-    least, size = limits.ridge * len(first), max(size, 2.0)
+        return ridge  # too few to tell
+    if most_noise**2 * step < left:
+        left = most_noise**2 * step
+        for i in range(n):
+            sides[1, i] = first[i]
+    size = n / _design_effect(room[smooth if smooth_left <= left else crease], cells)
+    least, size = ridge * n, max(size, 2.0)
     gain = np.log(left + least) - np.log(smooth_left + least)
     return 0.5 * (size * gain + N_PLANE * np.log(size))
 
 
 @kernel
-def _rest(local, weights, first, one, other):
-    """Weighted heights of points above one surface, or for those that are not first the other."""
-    rest = np.empty(len(local))
+def _squares(local, weights, first, one, other, rest):
+    """Fill the weighted heights of points above one surface, or for those that are not first the
+    other; the sum of their squares."""
+    total = 0.0
     for i in range(len(local)):
         rest[i] = (local[i, 2] - (one[i] if first[i] else other[i])) * weights[i]
-    return rest
-
-
-@kernel
-def _squares(rest):
-    total = 0.0
-    for value in rest:
-        total += value * value
+        total += rest[i] * rest[i]
     return total
 
 
@@ -371,47 +370,47 @@ def _design_effect(rest, cells):
 
 @kernel
 def _over_mean_plane(points, normals):
-    """Coordinates (n, 3) in and over the mean of two planes; those in it are near 1."""
+    """Turn points to coordinates in and over the mean of two planes; those in it are near 1."""
     a = (normals[0, 0], normals[0, 1], normals[0, 2])
     b = (normals[1, 0], normals[1, 1], normals[1, 2])
     up = _moved(a, 1.0 if _dot(a, b) >= 0.0 else -1.0, b, 0.0, b)
     up = _scaled(up, 1.0 / np.sqrt(_dot(up, up)))
     u, v = _across(up)
-    local = np.empty_like(points)
     for i in range(len(points)):
         point = (points[i, 0], points[i, 1], points[i, 2])
-        local[i, 0], local[i, 1], local[i, 2] = _dot(point, u), _dot(point, v), _dot(point, up)
+        points[i, 0], points[i, 1], points[i, 2] = _dot(point, u), _dot(point, v), _dot(point, up)
     for axis in range(3):
         total = 0.0
         for i in range(len(points)):
-            total += local[i, axis]
+            total += points[i, axis]
         for i in range(len(points)):
-            local[i, axis] -= total / len(points)
+            points[i, axis] -= total / len(points)
     square = 0.0
     for i in range(len(points)):
-        square += local[i, 0] * local[i, 0] + local[i, 1] * local[i, 1]
+        square += points[i, 0] * points[i, 0] + points[i, 1] * points[i, 1]
     size = np.sqrt(square / len(points))
     for i in range(len(points) if size > 0.0 else 0):
-        local[i, 0], local[i, 1] = local[i, 0] / size, local[i, 1] / size
-    return local
+        points[i, 0], points[i, 1] = points[i, 0] / size, points[i, 1] / size
 
 
 @kernel
-def _fitted(local, weights, side, wanted, ridge):
-    """Heights (n,) of the plane that fits one side best, or of the quadric that fits both."""
-    order = 6 if wanted == BOTH else N_PLANE
-    equations, heights, total = np.zeros((order, order + 1)), np.empty(len(local)), 0.0
+def _fit(local, weights, side, wanted, ridge, equations, heights):
+    """Fill the heights of the plane that fits one side best, or of the quadric that fits both."""
+    order, total = 6 if wanted == BOTH else N_PLANE, 0.0
+    equations[:] = 0.0
+    c = equations[order]
     for i in range(len(local)):
         if wanted == BOTH or side[i] == wanted:
             x, y, w = local[i, 0], local[i, 1], weights[i]
-            terms = (w, w * x, w * y, w * x * x, w * x * y, w * y * y)
-            _add(equations, terms, w * local[i, 2])
+            c[3], c[4], c[5] = w * x * x, w * x * y, w * y * y
+            c[0], c[1], c[2], c[order] = w, w * x, w * y, w * local[i, 2]
+            _add(equations, order)
             total += w * w
-    _solve(equations, ridge * total)
-    c = equations[:, order]
+    _solve(equations, order, ridge * total)
+    for i in range(order):
+        c[i] = equations[i, order]
     for i in range(len(local)):
         x, y = local[i, 0], local[i, 1]
         heights[i] = c[0] + c[1] * x + c[2] * y
         if order > N_PLANE:
             heights[i] += c[3] * x * x + c[4] * x * y + c[5] * y * y
-    return heights

@@ -37,15 +37,6 @@ class StoredIndex(NeighborIndex):
         self.radius, self.sizes = radius, whole.open("sizes") if sized else None
         self.cloud = _StoredCloud(whole, cells, n_jobs)
 
-    def all_own(self):
-        """The neighborhoods of all places, on disk."""
-        near = self._whole.open("near")
-        if near.shape[1] > self.n_neighbors:
-            near = self.empty((len(near), self.n_neighbors), np.int32)
-            for rows in slices(len(near), CHUNK):
-                near[rows] = self._whole.rows_of("near", rows)[:, : self.n_neighbors]
-        return Neighborhoods(near, np.full(len(near), self.n_neighbors))
-
     def _query_sized(self, rows, keep):
         sizes, stored = np.array(self.sizes[rows]), self._whole.rows_of("near", rows)
         near = np.empty((len(sizes), int(sizes.max(initial=1))), np.int32)

@@ -183,8 +183,7 @@ def _find_distances(whole, job, detector, n_threads):
     kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))
     kept[:] = 1.0
     planes = planes._replace(kept=kept, radius=radius, spacing=spacing)
-    around = index.all_own()
-    creases, distance = find_creases(index, planes, detector.min_angle, n_threads, around)
+    creases, distance = find_creases(index, planes, detector.min_angle, n_threads)
 
     def of_removed(queries):
         return creases.distance(queries, index.query(queries))

@@ -117,6 +117,13 @@ def test_terraces_four_steps_of_rounding_apart_are_two_regions():
     assert adjusted_rand_score(upper, labels) == 1.0
 
 
+def test_three_places_measured_twice_are_one_region():
+    X = np.vstack([np.eye(3), np.eye(3)])  # fewer places than a plane in 3D has points
+    normals = RobustNormalEstimator(5, random_state=0)
+    growing = RegionGrowing(5, min_region_size=1, normal_estimator=normals).fit(X)
+    assert growing.labels_.tolist() == [0] * 6
+
+
 def test_copies_of_a_point_share_its_label_and_count(street):
     _, columns = street
     alone = RegionGrowing(normals="precomputed").fit(columns)

@@ -10,8 +10,8 @@ from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._region_division import _groups, _joined
-from sklearn_mcmd.segmentation._regions_numba import gather_cells, join_cells, vote
+from sklearn_mcmd.segmentation._region_division import _Cells, _groups, _joined, _joined_cells
+from sklearn_mcmd.segmentation._regions_numba import vote
 
 FIT, MOST_NOISE = FitLimits(), JoinLimits().most_noise
 
@@ -84,7 +84,7 @@ def test_cells_hold_each_point_once_and_no_points_of_two_regions():
     gaps = np.linalg.norm(points[:, None] - points, axis=2)
     near = np.argsort(gaps, axis=1)[:, :7].astype(np.int32)
     order = rng.permutation(np.flatnonzero(labels >= 0))
-    members, starts, cell = gather_cells(order, near, labels)
+    members, starts, cell = _Cells.gather(order, near, labels)
     expected, n_cells = np.full(200, -1), 0
     for i in order:
         if expected[i] < 0:
@@ -95,7 +95,7 @@ def test_cells_hold_each_point_once_and_no_points_of_two_regions():
     assert_array_equal(cell[members], np.repeat(np.arange(n_cells), np.diff(starts)))
     assert len(members) == len(order)
     # A cell of each point alone.
-    members, starts, cell = gather_cells(order, near[:, :1], labels)
+    members, starts, cell = _Cells.gather(order, near[:, :1], labels)
     assert_array_equal(members, order)
     assert_array_equal(starts, np.arange(len(order) + 1))
 
@@ -142,7 +142,7 @@ def test_cells_are_joined_as_literally_from_their_points(seed):
     a, b = np.triu_indices(36, 1)
     beside = np.abs(corner[a, 0] - corner[b, 0]).sum(axis=1) == 1
     edges = np.column_stack([a, b])[beside]
-    patch = join_cells(np.full(36, 8.0), np.full(36, 8.0), means, scatters, edges)
+    patch = _joined_cells(np.full(36, 8.0), np.full(36, 8.0), means, scatters, edges)
     expected = join_by_numpy(points, edges.tolist())
     assert 2 < len(np.unique(expected)) < 20
     assert_array_equal(patch, expected)
@@ -179,23 +179,23 @@ def vote_by_numpy(points, weights, cells, first):
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("make", ["gable", "barrel", "step", "plane"])
+@pytest.mark.parametrize("make", ["gable", "barrel", "step", "ledge", "plane"])
 def test_votes_are_those_of_general_least_squares(make, seed):
-    X, first = roof(300, 25 if make == "gable" else 0, 0.2, seed)
+    X, first = roof(300, 25 if make in ("gable", "ledge") else 0, 0.2, seed)
     if make == "barrel":
         X = barrel(300, 0.2, seed)
         first = X[:, 0] > 0
-    X[:, 2] += (make == "step") * 0.3 * first
+    X[:, 2] += (make in ("step", "ledge")) * 0.3 * first
     order = np.lexsort((np.floor(4 * X[:, 1]), np.floor(4 * X[:, 0])))
     X, first = X[order] - X.mean(axis=0), X[order, 0] > 0
     cells, weights = np.arange(300) // 15, np.random.default_rng(seed).uniform(20, 60, 300)
     normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    sides = np.zeros(300, dtype=bool)
-    found = vote(X, weights, cells, first, normals, FIT, MOST_NOISE, sides)
     # The ridge of the normal equations is a millionth of a millionth.
     expected, expected_sides = vote_by_numpy(X, weights, cells, first)
+    sides, room, equations = np.stack([first, first]), np.empty((5, 300)), np.empty((7, 7))
+    found = vote(X, weights, cells, first, normals, FIT, MOST_NOISE, room, equations, sides)
     assert_allclose(found, expected, rtol=1e-6)
-    assert_array_equal(sides, expected_sides)
+    assert_array_equal(sides[1], expected_sides)
     assert (found > 0) == (make in ("barrel", "plane"))
 
 
