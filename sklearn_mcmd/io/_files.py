@@ -118,7 +118,7 @@ def read_points(
             raise PointFileError(f"columns={columns} must tell of x, y or z")
         check_file(path)
         cloud = known.read(path) if columns is None else known.read(path, columns)
-        no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz).all(axis=1)
+        no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz, order="F").all(axis=1)
         if no_returns.n_left_out:
             kept &= cloud.xyz.any(axis=1)
         if not kept.all():
