@@ -2,7 +2,6 @@
 
 import errno
 import os
-import secrets
 import shutil
 import warnings
 from collections.abc import Mapping
@@ -281,7 +280,7 @@ def _mask(noise, n_points):
 def replacing(path):
     """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds."""
     target = check_writable(path)  # a link stays a link: the file behind it is replaced
-    temporary = target.with_name(f".mcmd-{secrets.token_hex(8)}{target.suffix.lower()}")
+    temporary = target.with_name(f".mcmd-{os.urandom(8).hex()}{target.suffix.lower()}")
     try:
         with one_clear_line(path, "written"):
             temporary.touch(exist_ok=False)

@@ -30,7 +30,6 @@ class Facts(NamedTuple):
     n_distinct: int
     low: np.ndarray
     high: np.ndarray
-    near: np.ndarray  # bool (n,), points that are not far from all others
     n_neighbors: int  # of a neighborhood, as far as there are so many points
     spacing: float  # median distance of a point to the nearest other place
     radius: float  # of neighborhoods: the median,
@@ -60,7 +59,6 @@ class Facts(NamedTuple):
             n_distinct=len(distinct),
             low=xyz.min(axis=0),
             high=xyz.max(axis=0),
-            near=usual_rows(xyz),
             n_neighbors=n_members,
             spacing=spacing,
             radius=radius,
@@ -123,9 +121,9 @@ def usual_rows(xyz):
     return ((xyz >= low - reach) & (xyz <= high + reach)).all(axis=1)
 
 
-def cloud_notes(facts):
-    """What is the matter with the cloud itself."""
-    n_copies, n_far = facts.n_points - facts.n_distinct, int(np.count_nonzero(~facts.near))
+def cloud_notes(facts, n_far):
+    """What is the matter with the cloud itself, of which so many points are far from the rest."""
+    n_copies = facts.n_points - facts.n_distinct
     spans = " x ".join(f"{value:.4g}" for value in facts.high - facts.low)
     notes = note_if(
         n_copies > COPIES * facts.n_points,
