@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sklearn_mcmd.report import _facts
 from sklearn_mcmd.report._facts import Facts, cloud_notes, usual_rows
 
 
@@ -33,6 +34,17 @@ def plane(noise=0.01, n=4000, side=10.0):
     rng = np.random.default_rng(0)
     xy = rng.uniform(0, side, (n, 2))
     return np.column_stack([xy, 0.3 * xy[:, 0] + rng.normal(0, noise, n)])
+
+
+@pytest.mark.parametrize("most", [1_000, 3_000])
+def test_the_spacing_of_a_sample_is_nearly_that_of_all_in_any_order_of_rows(most, monkeypatch):
+    xyz = plane(n=20_000)
+    spacing = Facts.of(xyz).spacing
+    monkeypatch.setattr(_facts, "SPACING_SAMPLE", most)
+    sampled = Facts.of(xyz).spacing
+    assert sampled != spacing
+    assert sampled == pytest.approx(spacing, rel=0.06)  # three standard errors of such a median
+    assert Facts.of(np.random.default_rng(0).permutation(xyz)).spacing == sampled
 
 
 RIM = np.random.default_rng(1).uniform((-80, 0, 0), (-2, 10, 0), (300, 3))
