@@ -9,7 +9,7 @@ from inspect import getdoc, signature
 from typing import Annotated
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
 from sklearn_mcmd import __version__
 
@@ -56,17 +56,8 @@ class Verb(TyperCommand):
         return self.loaded.make_context(*args, **kwargs)
 
 
-class Verbs(TyperGroup):
-    """All verbs, which `mcmd --help` lists without loading them."""
-
-    def __init__(self, **settings):
-        verbs = {name: Verb(name, help=line) for name, line in VERBS.items()}
-        super().__init__(**settings | {"commands": verbs})
-
-
 app = typer.Typer(
     name="mcmd",
-    cls=Verbs,
     help="Find outliers, normals, surfaces and edges of point clouds. The extension of a file "
     "chooses its format; mcmd info --help lists them.",
     epilog="Exit codes: 0 done, 1 failed (one line on stderr says why), 2 wrong usage, "
@@ -92,3 +83,7 @@ def _root(
     ] = False,
 ):
     pass
+
+
+for verb, line in VERBS.items():
+    app.command(verb, cls=Verb, help=line)(lambda: None)
