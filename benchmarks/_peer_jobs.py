@@ -1,4 +1,4 @@
-"""What `bench_peers.py` measures: normals, outliers and regions, ours and of peers.
+"""What `bench_peers.py` measures: normals, outliers, regions and edges, ours and of peers.
 
 A job takes a `Case` and returns an array with a row for each point. Imports are inside the jobs, so
 a process loads the one library that it measures.
@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-KINDS = ("normals", "outliers", "regions")
+KINDS = ("normals", "outliers", "regions", "edges")
+OURS = "normals: sklearn_mcmd, default"  # to which others are compared
 
 
 class Case(NamedTuple):
@@ -28,7 +29,6 @@ class Job(NamedTuple):
 
     run: Callable[[Case], Any]
     package: str  # the module that has to be there
-    max_points: float = np.inf
 
 
 def is_installed(job):
@@ -121,6 +121,26 @@ def our_regions(case):
     return RegionGrowing(normals="precomputed", n_jobs=case.threads).fit(case.columns).labels_
 
 
+def our_growing(case):
+    from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
+
+    normals = RobustNormalEstimator(case.k)
+    growing = RegionGrowing(normal_estimator=normals, random_state=0, n_jobs=case.threads)
+    return growing.fit(case.X).labels_
+
+
+def our_edges(case):
+    from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
+
+    detector = SharpFeatureDetector(
+        outlier_detector=MCMDOutlierDetector(case.k),
+        normal_estimator=RobustNormalEstimator(case.k),
+        random_state=0,
+        n_jobs=case.threads,
+    )
+    return detector.fit_predict(case.X)
+
+
 def open3d_patches(case):
     import open3d
 
@@ -131,7 +151,7 @@ def open3d_patches(case):
 
 
 JOBS = {
-    "normals: sklearn_mcmd, default": Job(our_normals(), "sklearn_mcmd"),
+    OURS: Job(our_normals(), "sklearn_mcmd"),
     "normals: sklearn_mcmd, literal": Job(our_normals(reweight=False), "sklearn_mcmd"),
     "normals: sklearn_mcmd, pca": Job(our_normals(method="pca"), "sklearn_mcmd"),
     "normals: Open3D": Job(open3d_normals, "open3d"),
@@ -141,7 +161,9 @@ JOBS = {
     "normals: small_gicp": Job(small_gicp_normals, "small_gicp"),
     "outliers: sklearn_mcmd": Job(our_detector, "sklearn_mcmd"),
     "outliers: Open3D statistical": Job(open3d_statistical, "open3d"),
-    "outliers: scikit-learn LOF": Job(local_outlier_factor, "sklearn", 100_000),
-    "regions: sklearn_mcmd growing": Job(our_regions, "sklearn_mcmd"),
-    "regions: Open3D planar patches": Job(open3d_patches, "open3d"),
+    "outliers: scikit-learn LOF": Job(local_outlier_factor, "sklearn"),
+    "regions: sklearn_mcmd, with normals": Job(our_growing, "sklearn_mcmd"),
+    "regions: sklearn_mcmd, normals given": Job(our_regions, "sklearn_mcmd"),
+    "regions: Open3D planar patches, normals given": Job(open3d_patches, "open3d"),
+    "edges: sklearn_mcmd, with normals and detector": Job(our_edges, "sklearn_mcmd"),
 }

@@ -94,12 +94,12 @@ def test_each_script_runs_here_or_is_named_by_figures(load):
 def test_peers_are_measured_stored_and_shown(tmp_path):
     output = tmp_path / "peers.json"
     wanted = ["normals: sklearn_mcmd, default", "outliers: sklearn_mcmd"]
-    wanted += ["regions: sklearn_mcmd growing"]
+    wanted += ["regions: sklearn_mcmd, normals given"]
     arguments = ["--sizes", "2000", "--rounds", "1", "--threads", "1", "--output", output]
     command = [sys.executable, BENCHMARKS / "bench_peers.py", *arguments, "--jobs", *wanted]
     subprocess.run(command, check=True)
     assert not [run for run in json.loads(output.read_text())["runs"] if "left_out" in run]
-    assert {"accuracy.csv", "normals.csv"} <= {path.name for path in tmp_path.iterdir()}
+    assert {"accuracy.csv", "costs.csv"} <= {path.name for path in tmp_path.iterdir()}
 
 
 @pytest.mark.parametrize("name", ["peers", "segmentation"])

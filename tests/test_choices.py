@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal, get_args, get_origin, get_type_hints
 
 import pytest
+from typer.main import get_command
 
 from public import ESTIMATORS
 from sklearn_mcmd._choices import Loss, RuleMethod, Strictness, choices_of
@@ -26,12 +27,12 @@ def words_in(hint):
 
 def options_of_verbs():
     """Each option of a verb that is one of some words: its words and its help."""
-    for command in app.registered_commands:
-        hints = get_type_hints(command.callback, include_extras=True)
-        for name, hint in hints.items():
+    for name, verb in get_command(app).commands.items():
+        hints = get_type_hints(verb.loaded.callback, include_extras=True)
+        for option, hint in hints.items():
             if words := words_in(hint):
                 help = next(part.help for part in get_args(hint) if hasattr(part, "help"))
-                yield pytest.param(words, help, id=f"{command.callback.__name__} {name}")
+                yield pytest.param(words, help, id=f"{name} {option}")
 
 
 @pytest.mark.parametrize("name", CLASSES)

@@ -91,7 +91,7 @@ def test_a_grid_search_may_ask_for_nearly_all_points():
 
 def test_parameters_in_messages_are_options_of_a_verb():
     verbs = typer.main.get_command(app).commands.values()
-    options = {option for verb in verbs for param in verb.params for option in param.opts}
+    options = {option for verb in verbs for param in verb.loaded.params for option in param.opts}
     package = Path(sklearn_mcmd.__file__).parent
     sources = [path.read_text(encoding="utf-8") for path in package.rglob("*.py")]
     named = {

@@ -3,32 +3,63 @@
 Exit codes: 0 done; 1 failed, with one line on stderr; 2 wrong usage; 130 interrupted.
 """
 
-import time
+from functools import cached_property
+from importlib import import_module
+from inspect import getdoc, signature
 from typing import Annotated
 
 import typer
+from typer.core import TyperCommand
 
 from sklearn_mcmd import __version__
-from sklearn_mcmd.cli._demo import demo
-from sklearn_mcmd.cli._denoise import denoise
-from sklearn_mcmd.cli._edges import edges
-from sklearn_mcmd.cli._info import info
-from sklearn_mcmd.cli._messages import clear_exits, print_table, progress
-from sklearn_mcmd.cli._normals import normals
-from sklearn_mcmd.cli._options import Quiet, TypedCommand, config
-from sklearn_mcmd.cli._plane import plan, plane
-from sklearn_mcmd.cli._segment import segment
-from sklearn_mcmd.cli._view import view
-from sklearn_mcmd.io._formats import supported_extensions
-
-# Libraries that take long to import, or are extras, are imported by the verb that needs them.
 
 __all__ = ["app"]
+
+# What a verb does, in the first line of its help. Its module goes on.
+VERBS = {
+    "denoise": "Remove or mark the points that lie on no surface and stand apart from all else.",
+    "normals": "Add normals, surface variation and eigenvalues, robust to outliers and edges.",
+    "edges": "Mark edges and corners: points next to a line where two faces meet.",
+    "segment": "Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.",
+    "plane": "Test one plane, such as a wall or a floor: mark its outliers and write a report.",
+    "plan": "Say before a measurement which errors of a plane its tests will find.",
+    "view": "Make one HTML page that shows point clouds in any browser, offline.",
+    "config": "Print all settings of a verb, or of all, with their defaults, as a file for "
+    "--config.",
+    "info": "Show what a file holds: points, bounds, spacing, duplicates, attributes.",
+    "demo": "Clean a simulated street scan whose truth is known, and show how well that went.",
+    "warm-up": "Compile for this computer what denoise, normals, segment and edges need.",
+}
+MODULES = {"plan": "_plane", "config": "_options", "warm-up": "_demo"}  # others are as the verb
+
+
+class Verb(TyperCommand):
+    """A verb, whose module is loaded when more than its first line is needed."""
+
+    @cached_property
+    def loaded(self):
+        """The command that does the work."""
+        from sklearn_mcmd.cli._options import TypedCommand
+
+        module = import_module(f"{__name__}.{MODULES.get(self.name, f'_{self.name}')}")
+        work = getattr(module, self.name.replace("-", "_"))
+        settings = {"help": f"{self.help}\n\n{getdoc(work) or ''}"}
+        if "config" in signature(work).parameters:
+            # Options that few need are not in the help of a verb; `mcmd config` has them all.
+            settings["epilog"] = f"All settings and their defaults: mcmd config {self.name}."
+            settings["cls"] = TypedCommand
+        alone = typer.Typer(add_completion=False)
+        alone.command(self.name, **settings)(work)
+        return typer.main.get_command(alone)
+
+    def make_context(self, *args, **kwargs):
+        return self.loaded.make_context(*args, **kwargs)
+
 
 app = typer.Typer(
     name="mcmd",
     help="Find outliers, normals, surfaces and edges of point clouds. The extension of a file "
-    f"chooses its format: {' '.join(supported_extensions())}.",
+    "chooses its format; mcmd info --help lists them.",
     epilog="Exit codes: 0 done, 1 failed (one line on stderr says why), 2 wrong usage, "
     "130 interrupted. An output file appears only when it is complete. It may be the input file.",
     add_completion=False,
@@ -54,34 +85,5 @@ def _root(
     pass
 
 
-def warm_up(quiet: Quiet = False) -> None:
-    """Compile for this computer what denoise, normals, segment and edges need.
-
-    Their first run then does not wait. The code is kept on disk until the package or Numba changes.
-    """
-    with clear_exits():
-        import sklearn_mcmd
-        from sklearn_mcmd.datasets import make_street
-
-        begin = time.perf_counter()
-        X = make_street(20_000, outlier_share=0.1, random_state=0).data
-        estimators = (
-            sklearn_mcmd.MCMDOutlierDetector,
-            sklearn_mcmd.RobustNormalEstimator,
-            sklearn_mcmd.RegionGrowing,
-            sklearn_mcmd.SharpFeatureDetector,
-        )
-        with progress("warm-up", quiet) as part:
-            for i, estimator in enumerate(estimators):
-                with part(i / 4, (i + 1) / 4, estimator.__name__):
-                    estimator(random_state=0).fit(X)
-        if not quiet:
-            print_table("Compiled", begin)
-
-
-# Options that few need are not in the help of a verb; `mcmd config` has them all.
-for verb in (denoise, normals, edges, segment, plane, plan, view):
-    epilog = f"All settings and their defaults: mcmd config {verb.__name__}."
-    app.command(cls=TypedCommand, epilog=epilog)(verb)
-for other in (config, info, demo, warm_up):
-    app.command()(other)
+for verb, line in VERBS.items():
+    app.command(verb, cls=Verb, help=line)(lambda: None)

@@ -1,4 +1,4 @@
-"""``mcmd demo``: a street with known truth, and the accuracy of the results."""
+"""``mcmd demo``: a street with known truth, and the accuracy of the results; ``mcmd warm-up``."""
 
 import time
 from pathlib import Path
@@ -36,11 +36,10 @@ def demo(
     n_jobs: NJobs = -1,
     quiet: Quiet = False,
 ) -> None:
-    """Clean a simulated street scan whose truth is known, and show how well that went.
-
-    Twice: by coordinates alone, and with --sensor, the position of the scanner. Writes street.laz
-    (with outliers, and the truth as attributes), clean.laz, clean_sensor.laz, normals.laz and
-    demo.png, and prints the accuracy. Files of an earlier demo in the same folder are replaced.
+    """Twice: by coordinates alone, and with --sensor, the position of the scanner. Writes
+    street.laz (with outliers, and the truth as attributes), clean.laz, clean_sensor.laz,
+    normals.laz and demo.png, and prints the accuracy. Files of an earlier demo in the same
+    folder are replaced.
     """
     with clear_exits():
         begin = time.perf_counter()
@@ -172,6 +171,29 @@ def draw(street, cleaned, with_normals, path):
         picture = Image.open(temporary).convert("RGB")
         picture.quantize(COLORS, dither=Image.Dither.NONE).save(temporary, optimize=True)
     plt.close(fig)
+
+
+def warm_up(quiet: Quiet = False) -> None:
+    """Their first run then does not wait. The code is kept on disk until the package or Numba
+    changes."""
+    with clear_exits():
+        import sklearn_mcmd
+        from sklearn_mcmd.datasets import make_street
+
+        begin = time.perf_counter()
+        X = make_street(20_000, outlier_share=0.1, random_state=0).data
+        estimators = (
+            sklearn_mcmd.MCMDOutlierDetector,
+            sklearn_mcmd.RobustNormalEstimator,
+            sklearn_mcmd.RegionGrowing,
+            sklearn_mcmd.SharpFeatureDetector,
+        )
+        with progress("warm-up", quiet) as part:
+            for i, estimator in enumerate(estimators):
+                with part(i / 4, (i + 1) / 4, estimator.__name__):
+                    estimator(random_state=0).fit(X)
+        if not quiet:
+            print_table("Compiled", begin)
 
 
 def _stack(cloud, prefix):

@@ -46,10 +46,8 @@ CLASSES = {"parser": _classes, "metavar": "CLASSES"}
 
 @dataclass
 class Denoise(CloudVerb):
-    """Remove or mark the points that lie on no surface and stand apart from all else.
-
-    The default keeps everything real, of any cloud. A score up to 3 is on a surface or near others,
-    10 is a clear error, 100 a gross one. Points that are not judged stay as they are.
+    """The default keeps everything real, of any cloud. A score up to 3 is on a surface or near
+    others, 10 is a clear error, 100 a gross one. Points that are not judged stay as they are.
     """
 
     mode: Mode = option(

@@ -16,9 +16,7 @@ from sklearn_mcmd.planes._resolution import in_own_precision
 
 @dataclass
 class Edges(CloudVerb):
-    """Mark edges and corners: points next to a line where two faces meet.
-
-    All points are kept. New attributes are edge (1 or 0, 8 bits) and edge_score (float32: the
+    """All points are kept. New attributes are edge (1 or 0, 8 bits) and edge_score (float32: the
     distance to the nearest crease in spacings, at most 20, or the criterion's value). If the input
     has no colors, or with --colors, also red, green and blue.
     """

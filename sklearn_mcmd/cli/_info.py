@@ -10,6 +10,7 @@ from sklearn_mcmd.cli._files import files_of, read
 from sklearn_mcmd.cli._messages import clear_exits, print_table
 from sklearn_mcmd.cli._options import Columns
 from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._formats import supported_extensions
 from sklearn_mcmd.io._sensor import place_words, stated_positions
 
 TELLING = {"las_header", "pcd_viewpoint", "sensor_origins"}  # of formats that may tell the sensor
@@ -17,14 +18,15 @@ TELLING = {"las_header", "pcd_viewpoint", "sensor_origins"}  # of formats that m
 
 def info(
     source: Annotated[
-        Path, typer.Argument(metavar="IN", help="Point file, or a folder or .vpc index of files.")
+        Path,
+        typer.Argument(
+            metavar="IN",
+            help=f"Point file ({' '.join(supported_extensions())}), or a folder or .vpc index.",
+        ),
     ],
     columns: Columns = None,
 ) -> None:
-    """Show what a file holds: points, bounds, spacing, duplicates, attributes.
-
-    Of a folder or an index, each file has one line, and a line tells of all together.
-    """
+    """Of a folder or an index, each file has one line, and a line tells of all together."""
     with clear_exits():
         paths = files_of(source)
         if paths == [source]:

@@ -41,9 +41,7 @@ def _features(text):
 
 @dataclass
 class Normals(CloudVerb):
-    """Add normals, surface variation and eigenvalues, robust to outliers and edges.
-
-    All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
+    """All points are kept. New attributes, float32, are normal_x, normal_y, normal_z,
     surface_variation (0 on a plane, at most 1/3), eigenvalue_0 to eigenvalue_2
     (ascending), removed_fraction (the share of the neighborhood that was removed), the
     --features, and n_neighbors with --n-neighbors auto.

@@ -2,7 +2,6 @@
 
 import json
 import re
-import tomllib
 from contextlib import contextmanager
 from dataclasses import MISSING, field, fields
 from inspect import Parameter, Signature, getdoc, signature
@@ -151,11 +150,11 @@ def _settings(context):
     return {
         verb: {
             option.name: option
-            for option in command.params
+            for option in command.loaded.params
             if option.param_type_name == "option" and option.name not in NO_SETTINGS
         }
         for verb, command in context.find_root().command.commands.items()
-        if any(option.name == "config" for option in command.params)
+        if any(option.name == "config" for option in command.loaded.params)
     }
 
 
@@ -163,6 +162,8 @@ def _read(context: typer.Context, path: Path | None):
     """Take the settings of the verb as its defaults; refuse what no verb knows."""
     if path is None:
         return None
+    import tomllib
+
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as err:
@@ -201,7 +202,6 @@ def config(
         str | None, typer.Argument(metavar="VERB", help="The verb whose settings to print.")
     ] = None,
 ):
-    """Print all settings of a verb, or of all, with their defaults, as a file for --config."""
     known = _settings(context)
     if verb not in (None, *known):
         raise typer.BadParameter(f"{verb} is no verb with settings: {', '.join(known)}")

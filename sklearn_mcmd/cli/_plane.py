@@ -41,9 +41,7 @@ SUMMARY = (
 
 @dataclass
 class Plane:
-    """Test one plane, such as a wall or a floor: mark its outliers and write a report.
-
-    All points are kept. Outliers get class 7 (noise) in LAS and LAZ, elsewhere an attribute
+    """All points are kept. Outliers get class 7 (noise) in LAS and LAZ, elsewhere an attribute
     'outlier'. All points get a 'residual' (in units of the file) and a 'test_statistic', float32.
     The report, as text and as figure, shows the plane, its quality and the residuals. Points that
     determine no plane are refused: fewer than four distinct points, or points along a line.
@@ -352,9 +350,7 @@ def _text_of(title, figures, source, target, sheets):
 
 @dataclass
 class Plan:
-    """Say before a measurement which errors of a plane its tests will find.
-
-    Planes with outliers on one side are simulated, and tested as mcmd plane does with a given
+    """Planes with outliers on one side are simulated, and tested as mcmd plane does with a given
     sigma0. Rates come with their standard errors.
     """
 

@@ -26,9 +26,7 @@ LARGEST_SHOWN = 3  # regions in the summary
 
 @dataclass
 class Segment(CloudVerb):
-    """Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.
-
-    All points are kept. New attributes are region (int32; 0 is the largest, -1 is none) and red,
+    """All points are kept. New attributes are region (int32; 0 is the largest, -1 is none) and red,
     green and blue (8 bits, one color for each region). Denoise a cloud with outliers first.
     """
 

@@ -20,11 +20,9 @@ LARGE_PAGE = 50_000_000  # bytes; browsers on phones take no larger ones
 
 @dataclass
 class View:
-    """Make one HTML page that shows point clouds in any browser, offline.
-
-    Colors, classes, a threshold of scores, sections, distances, and all that is known of a point.
-    Give two files, such as before and after, for a slider between them. The files of a folder, or
-    of an index .vpc, are one cloud.
+    """Colors, classes, a threshold of scores, sections, distances, and all that is known of a
+    point. Give two files, such as before and after, for a slider between them. The files of a
+    folder, or of an index .vpc, are one cloud.
     """
 
     sources: Annotated[

@@ -5,7 +5,6 @@ import re
 import struct
 from types import FunctionType, SimpleNamespace
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -82,6 +81,8 @@ def read_e57(path):
 
 def _checked_scans(path):
     """The scans in the XML, and no XML by which libe57 would end the process, or read wrongly."""
+    from xml.etree import ElementTree
+
     with open(path, "rb") as file:
         if (start := file.read(48))[:8] != b"ASTM-E57" or len(start) < 48:
             raise PointFileError("damaged or is of another format: it does not begin as E57 does")

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import secrets
 import shutil
 import warnings
 from collections.abc import Mapping
@@ -118,7 +117,7 @@ def read_points(
             raise PointFileError(f"columns={columns} must tell of x, y or z")
         check_file(path)
         cloud = known.read(path) if columns is None else known.read(path, columns)
-        no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz).all(axis=1)
+        no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz, order="F").all(axis=1)
         if no_returns.n_left_out:
             kept &= cloud.xyz.any(axis=1)
         if not kept.all():
@@ -281,7 +280,7 @@ def _mask(noise, n_points):
 def replacing(path):
     """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds."""
     target = check_writable(path)  # a link stays a link: the file behind it is replaced
-    temporary = target.with_name(f".mcmd-{secrets.token_hex(8)}{target.suffix.lower()}")
+    temporary = target.with_name(f".mcmd-{os.urandom(8).hex()}{target.suffix.lower()}")
     try:
         with one_clear_line(path, "written"):
             temporary.touch(exist_ok=False)

@@ -1,6 +1,6 @@
 """Trial writing, so that its errors appear before long work."""
 
-import secrets
+import os
 import shutil
 import warnings
 from contextlib import contextmanager
@@ -36,7 +36,7 @@ def standing_in(target):
 @contextmanager
 def trial_folder(above):
     """A folder that is removed, even if Ctrl-C comes while it is made or removed."""
-    folder = above / f".mcmd-{secrets.token_hex(8)}"
+    folder = above / f".mcmd-{os.urandom(8).hex()}"
     try:
         folder.mkdir(mode=0o700)
         yield folder

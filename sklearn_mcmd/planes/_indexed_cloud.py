@@ -148,17 +148,23 @@ def distinct_rows(X):
 
 def _rows_of_equal_hash(X):
     """Rows whose hash others have too: all copies, and hardly any other row."""
-    mixed = np.zeros(len(X), np.uint64)
-    for column in X.T:
-        mixed ^= (column + 0.0).view(np.uint64)  # -0.0 and 0.0 are equal
-        mixed *= ODD
-        mixed ^= mixed >> np.uint64(32)
+    mixed = location_hashes(X)
     ordered = np.sort(mixed)
     several = np.unique(ordered[1:][ordered[1:] == ordered[:-1]])
     if not len(several):
         return np.empty(0, np.intp)
     places = np.minimum(np.searchsorted(several, mixed), len(several) - 1)
     return np.flatnonzero(several[places] == mixed)
+
+
+def location_hashes(X):
+    """A number of each row that only its location decides: uint64 (n,)."""
+    mixed = np.zeros(len(X), np.uint64)
+    for column in X.T:
+        mixed ^= (column + 0.0).view(np.uint64)  # -0.0 and 0.0 are equal
+        mixed *= ODD
+        mixed ^= mixed >> np.uint64(32)
+    return mixed
 
 
 def _inverse(order):

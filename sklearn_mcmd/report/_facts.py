@@ -7,10 +7,11 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io._las import coordinate_system
+from sklearn_mcmd.planes._indexed_cloud import LEAF, distinct_rows, location_hashes
 from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.report._contents import note_if, percent
 
-SPACING_SAMPLE = 200_000  # largest number of points that the median spacing is taken from
+SPACING_SAMPLE = 300_000  # points: of more, the median spacing is taken from about so many
 RADIUS_SAMPLE = 20_000  # and radii of neighborhoods: their median is then known to 1 %
 LARGE = 0.95  # quantile of radii that stands for the largest neighborhoods
 
@@ -29,7 +30,6 @@ class Facts(NamedTuple):
     n_distinct: int
     low: np.ndarray
     high: np.ndarray
-    near: np.ndarray  # bool (n,), points that are not far from all others
     n_neighbors: int  # of a neighborhood, as far as there are so many points
     spacing: float  # median distance of a point to the nearest other place
     radius: float  # of neighborhoods: the median,
@@ -40,16 +40,15 @@ class Facts(NamedTuple):
     @classmethod
     def of(cls, xyz, n_neighbors=0, scales=None):
         """Measure a cloud whose planes have these standard deviations; 0: without neighborhoods."""
-        distinct = distinct_points(xyz)
+        xyz = np.asfortranarray(xyz)  # passes along columns are ten times as fast
+        distinct = xyz[distinct_rows(xyz)[0]]
         n_members = min(n_neighbors, len(distinct))
         radius = sparse = spacing = np.nan
         if len(distinct) > 1:
-            tree = cKDTree(distinct, balanced_tree=False)
-            some = tree.data[:: -(-tree.n // SPACING_SAMPLE)]
-            spacing = float(np.median(tree.query(some, k=[2])[0]))
+            tree = cKDTree(distinct, leafsize=LEAF, balanced_tree=False, compact_nodes=False)
+            spacing = float(np.median(tree.query(sample_of(tree, SPACING_SAMPLE), k=[2])[0]))
             if n_members:
-                sample = distinct[:: -(-len(distinct) // RADIUS_SAMPLE)]
-                radii = tree.query(sample, k=[n_members])[0][:, 0]
+                radii = tree.query(sample_of(tree, RADIUS_SAMPLE), k=[n_members])[0][:, 0]
                 radius, sparse = np.quantile(radii, [0.5, LARGE]).tolist()
         noise = np.nan
         if scales is not None:
@@ -60,7 +59,6 @@ class Facts(NamedTuple):
             n_distinct=len(distinct),
             low=xyz.min(axis=0),
             high=xyz.max(axis=0),
-            near=usual_rows(xyz),
             n_neighbors=n_members,
             spacing=spacing,
             radius=radius,
@@ -110,11 +108,10 @@ def bounds_rows(low, high):
     }
 
 
-def distinct_points(xyz):
-    """Each place once, in the order of coordinates."""
-    order = np.lexsort(xyz.T)
-    first = np.r_[True, (np.diff(xyz[order], axis=0) != 0).any(axis=1)]
-    return xyz[order[first]]
+def sample_of(tree, most):
+    """All points or about `most`, whatever their order, as leaves have them: near in memory."""
+    chosen = location_hashes(tree.data) % np.uint64(-(-tree.n // most)) == 0
+    return tree.data[tree.indices[chosen[tree.indices]]]
 
 
 def usual_rows(xyz):
@@ -124,9 +121,9 @@ def usual_rows(xyz):
     return ((xyz >= low - reach) & (xyz <= high + reach)).all(axis=1)
 
 
-def cloud_notes(facts):
-    """What is the matter with the cloud itself."""
-    n_copies, n_far = facts.n_points - facts.n_distinct, int(np.count_nonzero(~facts.near))
+def cloud_notes(facts, n_far):
+    """What is the matter with the cloud itself, of which so many points are far from the rest."""
+    n_copies = facts.n_points - facts.n_distinct
     spans = " x ".join(f"{value:.4g}" for value in facts.high - facts.low)
     notes = note_if(
         n_copies > COPIES * facts.n_points,

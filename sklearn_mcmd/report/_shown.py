@@ -56,13 +56,13 @@ class Shown(NamedTuple):
     @classmethod
     def of_memory(cls, cloud, n_neighbors, scales=None, /, **results):
         """A cloud as it was read, with results; 0 neighbors: without neighborhoods."""
-        facts = Facts.of(cloud.xyz, n_neighbors, scales)
+        facts, near = Facts.of(cloud.xyz, n_neighbors, scales), usual_rows(cloud.xyz)
         return cls(
             cloud=cloud.with_attributes(**results),
             n_all=len(cloud),
-            near=facts.near,
+            near=near,
             rows=facts.rows(cloud),
-            notes=cloud_notes(facts),
+            notes=cloud_notes(facts, int(np.count_nonzero(~near))),
             checks=CHECKS if n_neighbors else CHECKS_OF_ALL,
         )
 

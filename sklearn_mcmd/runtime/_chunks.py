@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 
 import numpy as np
-from joblib.parallel import get_active_backend
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.runtime._progress import current_span
@@ -51,6 +50,8 @@ def run(tasks, work, n_jobs):
 
     They are not joblib's, which take 10 to 30 ms to begin and to end; but as many as it would take.
     """
+    from joblib.parallel import get_active_backend  # `mcmd info` runs nothing in chunks
+
     backend, n_usual = get_active_backend(require="sharedmem")
     n_threads = backend.effective_n_jobs(n_usual if n_jobs is None else n_jobs)
     n_threads, todo = min(n_threads, len(tasks)), deque(tasks)

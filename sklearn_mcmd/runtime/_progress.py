@@ -4,7 +4,6 @@ Estimators have no parameter for it: fitting does not depend on what is shown.
 """
 
 import logging
-import multiprocessing
 import sys
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -151,6 +150,8 @@ def _print_or_log(line):
 
 def _somebody_waits():
     """Not of workers, whose parent says it; nor of servers and tests, which write elsewhere."""
+    import multiprocessing
+
     if multiprocessing.current_process().name != "MainProcess" or sys.stderr is None:
         return False
     return sys.stderr.isatty() or "ipykernel" in sys.modules

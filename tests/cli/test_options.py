@@ -13,7 +13,7 @@ from sklearn_mcmd.cli import app
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import WITH_COLUMNS
 
-COMMANDS = get_command(app).commands
+COMMANDS = {name: verb.loaded for name, verb in get_command(app).commands.items()}
 ESTIMATORS = {
     "denoise": sklearn_mcmd.MCMDOutlierDetector,
     "normals": sklearn_mcmd.RobustNormalEstimator,

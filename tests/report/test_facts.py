@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sklearn_mcmd.report._facts import Facts, cloud_notes
+from sklearn_mcmd.report import _facts
+from sklearn_mcmd.report._facts import Facts, cloud_notes, usual_rows
 
 
 def raster(n=40, step=0.5):
@@ -18,7 +19,7 @@ def test_spacing_copies_and_step_of_a_raster_are_those_it_was_made_with():
     assert (facts.n_points, facts.n_distinct) == (1700, 1600)
     assert (facts.spacing, facts.step, facts.noise) == (0.5, 0.5, 0.2)
     assert facts.radius == pytest.approx(0.5 * np.sqrt(3))  # eight neighbors, where z = x
-    assert facts.near.all()
+    assert usual_rows(xyz).all()
     assert np.isnan(Facts.of(xyz, 9).noise)
     assert Facts.of(np.zeros((1, 3)), 50).n_distinct == 1
     assert Facts.of(np.array([[0.0, 0, 0], [3, 4, 0]]), 50).spacing == 5
@@ -26,13 +27,24 @@ def test_spacing_copies_and_step_of_a_raster_are_those_it_was_made_with():
 
 def test_only_points_farther_away_than_the_cloud_is_wide_are_far():
     xyz = np.vstack([raster(), [[500.0, 0, 0], [25, 0, 0]]])
-    assert np.flatnonzero(~Facts.of(xyz, 9).near).tolist() == [1600]
+    assert np.flatnonzero(~usual_rows(xyz)).tolist() == [1600]
 
 
 def plane(noise=0.01, n=4000, side=10.0):
     rng = np.random.default_rng(0)
     xy = rng.uniform(0, side, (n, 2))
     return np.column_stack([xy, 0.3 * xy[:, 0] + rng.normal(0, noise, n)])
+
+
+@pytest.mark.parametrize("most", [1_000, 3_000])
+def test_the_spacing_of_a_sample_is_nearly_that_of_all_in_any_order_of_rows(most, monkeypatch):
+    xyz = plane(n=20_000)
+    spacing = Facts.of(xyz).spacing
+    monkeypatch.setattr(_facts, "SPACING_SAMPLE", most)
+    sampled = Facts.of(xyz).spacing
+    assert sampled != spacing
+    assert sampled == pytest.approx(spacing, rel=0.06)  # three standard errors of such a median
+    assert Facts.of(np.random.default_rng(0).permutation(xyz)).spacing == sampled
 
 
 RIM = np.random.default_rng(1).uniform((-80, 0, 0), (-2, 10, 0), (300, 3))
@@ -52,7 +64,8 @@ RIM = np.random.default_rng(1).uniform((-80, 0, 0), (-2, 10, 0), (300, 3))
     ],
 )
 def test_each_fault_has_its_warning_with_a_number_and_a_remedy(xyz, noise, titles):
-    notes = cloud_notes(Facts.of(xyz, 50, np.array([noise])))
+    facts, n_far = Facts.of(xyz, 50, np.array([noise])), np.count_nonzero(~usual_rows(xyz))
+    notes = cloud_notes(facts, n_far)
     assert {note.title for note in notes} >= set(titles)
     assert bool(notes) == bool(titles)
     for note in notes:
