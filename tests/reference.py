@@ -203,7 +203,9 @@ def agreed_planes(X, near, trials, h):
             scales = [robust_scale(one) for one in off]
             center, normal, *_ = before[near[i][np.argmin(scales)]]
             usual = sorted(before[j][2] for j in near[i])[(len(points) - 1) // 2]
-            planes[i] = refitted_plane(points, center, normal, min(usual, min(scales)))
+            near_it = np.abs((points - center) @ normal) < 2.5 * usual
+            scale = usual if near_it.mean() >= 1 / 3 else np.inf
+            planes[i] = refitted_plane(points, center, normal, min(scale, *scales))
     return planes
 
 

@@ -23,9 +23,12 @@ UNUSED = "eigenvalues", "kept", "radius", "spacing", "normal_error"
 
 
 class AgreementLimits(NamedTuple):
-    """How long points ask their neighbors."""
+    """How points ask their neighbors."""
 
     passes: int = 2  # times that each point asks, the last time for the plane that it keeps
+    # Least share of a neighborhood that is near a plane by the noise that is usual around. That is
+    # a face of three that meet at a corner; if there are less, the own noise tells what is near.
+    face: float = 1 / 3
 
 
 class Offers(NamedTuple):

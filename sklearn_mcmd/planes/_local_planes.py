@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._agreement import agreed_offers
+from sklearn_mcmd.planes._agreement import AgreementLimits, agreed_offers
 from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._consistent_set import (
     Trials,
@@ -248,6 +248,7 @@ class LocalPlaneModel:
             rounding=rounding,
             least_scale=self.least_scale,
             outliers=1.0 - own.support_fraction,
+            least_face=AgreementLimits().face,
         )
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):

@@ -130,7 +130,12 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
             fit = mean, ZEROS, (axes, ZEROS, ZEROS)
             _signed_distances(local, size, mean, axes, distances)
             most, reached = _robust_square(distances, size, wanted, most, floor * floor)
-    return fit, min(usual, np.sqrt(most))
+    if usual * usual < most:
+        near = rule.reweight_cutoff * usual
+        _, off = _sums_within(distances, size, near * near)
+        if size - off >= rule.least_face * size:
+            return fit, usual
+    return fit, np.sqrt(most)
 
 
 @kernel(fastmath=FASTMATH)

@@ -55,6 +55,7 @@ class RuleArguments(NamedTuple):
     rounding: float  # relative rounding error of the coordinates
     least_scale: float  # error from the step of rounded coordinates, in units of the points
     outliers: float  # share of the members that may be off the plane
+    least_face: float  # as `AgreementLimits.face`
     mad_to_sd: float
     reweight_cutoff: float
     reweight_steps: int
@@ -63,7 +64,7 @@ class RuleArguments(NamedTuple):
 
     @classmethod
     def of(cls, **own):
-        """The first six, with the limits as they are now."""
+        """The first seven, with the limits as they are now."""
         limits = ReweightLimits()
         return cls(
             **own,
