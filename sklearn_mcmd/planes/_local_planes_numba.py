@@ -182,7 +182,7 @@ def _sums_within(distances, size, most):
 def _judge(size, fit, usual, rule, within, floor, arrays):
     """Apply a rule from a first plane: distance of the query, scale, and members that are kept.
 
-    `usual` is the scale that planes around have, 0 if that is not known.
+    `usual` is the scale to begin with, 0 if that is not known.
     """
     if within is None:
         return _mcmd_z(size, fit, usual, rule, floor, arrays)
