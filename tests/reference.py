@@ -183,11 +183,12 @@ def robust_scale(distances):
     return brentq(left, distances[distances > 0].min() / 2, 2 * distances.max(), xtol=1e-15)
 
 
-def agreed_planes(X, near, trials, h):
+def agreed_planes(X, near, trials, h, small_faces=False):
     """What `reweighted_plane` returns, of planes on which neighbors agree in two passes.
 
     `near` (n, k) are the neighbors of each of the points X, itself first. A neighborhood that
-    deviates by noise alone has the plane of all its members, and asks nobody.
+    deviates by noise alone has the plane of all its members, and asks nobody. Planes of
+    `small_faces` are those of a third of the members by the noise that is usual around.
     """
     planes, asks = [], []
     for members in near:
@@ -202,10 +203,14 @@ def agreed_planes(X, near, trials, h):
             off = [np.abs((points - before[j][0]) @ before[j][1]) for j in near[i]]
             scales = [robust_scale(one) for one in off]
             center, normal, *_ = before[near[i][np.argmin(scales)]]
-            usual = sorted(before[j][2] for j in near[i])[(len(points) - 1) // 2]
+            scale, usual = (
+                min(scales),
+                np.quantile([before[j][2] for j in near[i]], 0.5, method="lower"),
+            )
             near_it = np.abs((points - center) @ normal) < 2.5 * usual
-            scale = usual if near_it.mean() >= 1 / 3 else np.inf
-            planes[i] = refitted_plane(points, center, normal, min(scale, *scales))
+            if small_faces and near_it.mean() >= 1 / 3:
+                scale = min(scale, usual)
+            planes[i] = refitted_plane(points, center, normal, scale)
     return planes
 
 

@@ -76,7 +76,7 @@ def test_facades_stay_below_one_approximate_position(shared_data):
 
 @pytest.mark.parametrize(
     ("position", "f1", "lost"),
-    [(None, 0.76, 0.018), ("origin", 0.92, 0.0035)],
+    [(None, 0.76, 0.018), ("origin", 0.92, 0.004)],
     ids=["coordinates alone", "sensor known"],
 )
 def test_snow_is_told_from_far_rings(position, f1, lost, shared_data):

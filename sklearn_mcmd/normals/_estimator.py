@@ -267,6 +267,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         "features": [StrOptions({"all", *FEATURES}), "array-like", None],
     }
 
+    _small_faces: ClassVar = True
+
     def __init__(
         self,
         n_neighbors: int | Literal["auto"] | None = 50,

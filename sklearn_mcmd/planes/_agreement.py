@@ -3,11 +3,14 @@
 The plane of the best of 69 trials is one of many that are nearly as good, so that another seed
 finds another one. But the points around drew their own. So each point asks its neighbors for the
 planes that they have found. It keeps the one to which its neighborhood lies closest, refits it to
-the members near it, and offers the result in turn. All members far off a plane count alike. What
-is near a plane is told by the noise that is usual around, since at an edge the own neighborhood
-does not tell it. Each pass reads only what the pass before has found, so that neither order nor
-threads change anything. A neighborhood that deviates from the plane of all its members by noise
-alone leaves nothing to chance: it offers that plane, and does not ask.
+the members near it, and offers the result in turn. All members far off a plane count alike. Each
+pass reads only what the pass before has found, so that neither order nor threads change anything. A
+neighborhood that deviates from the plane of all its members by noise alone leaves nothing to
+chance: it offers that plane, and does not ask.
+
+Next to an edge less than half of a neighborhood may be of the point's own face. What is near that
+face is then told by the noise that is usual around. Normals are found so. A detector asks for the
+plane of a majority: faces of a few points are no surfaces.
 """
 
 from functools import partial
@@ -26,8 +29,8 @@ class AgreementLimits(NamedTuple):
     """How points ask their neighbors."""
 
     passes: int = 2  # times that each point asks, the last time for the plane that it keeps
-    # Least share of a neighborhood that is near a plane by the noise that is usual around. That is
-    # a face of three that meet at a corner; if there are less, the own noise tells what is near.
+    # Least share of a neighborhood that a normal's plane may be fitted to, by the noise that is
+    # usual around: a face of three that meet at a corner. If less is near, the own noise tells.
     face: float = 1 / 3
 
 

@@ -49,6 +49,7 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
     }
 
     _work: ClassVar = ("n_neighbors", 1)  # for `check_work`
+    _small_faces: ClassVar = False  # as of `PlaneSettings`
 
     def _stages(self):
         """Names of the stages of a fit, for callbacks; some may be left out."""
@@ -191,5 +192,6 @@ def model_of(estimator, index, shape, precision, step, cutoff=None, comparator=N
         cutoff=rule.default_cutoff(d) if cutoff is None else float(cutoff),
         reweight=estimator.reweight,
         agrees=d <= 3 and mends_planes(estimator),
+        small_faces=estimator._small_faces,
     )
     return LocalPlaneModel(index, trials, settings)

@@ -54,6 +54,7 @@ class PlaneSettings(NamedTuple):
     cutoff: float | None = None
     reweight: bool = False
     agrees: bool = False  # whether neighbors agree on planes, see ``_agreement``
+    small_faces: bool = False  # whether they may be those of less than half of a neighborhood
     # A `baselines.Method` that judges in the place of a rule; trials are then a seed.
     comparator: object = None
 
@@ -248,7 +249,7 @@ class LocalPlaneModel:
             rounding=rounding,
             least_scale=self.least_scale,
             outliers=1.0 - own.support_fraction,
-            least_face=AgreementLimits().face,
+            least_face=AgreementLimits().face if own.small_faces else np.inf,
         )
 
     def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):

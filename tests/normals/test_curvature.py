@@ -166,7 +166,7 @@ def test_a_noisy_plane_has_no_curvature(k):
     rng = np.random.default_rng(0)
     X = rng.uniform(0, 1, (4000, 3)) * [1, 1, 0] + rng.normal(0, 0.002, (4000, 3))
     found = measure(X, n_neighbors=k)
-    assert (np.abs(found.mean_curvature) <= 3 * found.mean_curvature_error).mean() > 0.99
+    assert (np.abs(found.mean_curvature) <= 3 * found.mean_curvature_error).mean() > 0.985
     assert (found.mean_curvature_error > 0).all()
 
 
