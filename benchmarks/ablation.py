@@ -291,7 +291,6 @@ PARTS = {
         tried=(
             Limit("planes._explaining", "ExplainLimits", "explained"),
             Limit("planes._agreement", "AgreementLimits", "passes", 0),
-            Limit("planes._agreement", "AgreementLimits", "face", np.inf),
             Limit("outliers._surfaces", "SurfaceLimits", "flat", off=np.inf),
             Limit("outliers._surfaces", "SurfaceLimits", "angle", off=180.0),
             Limit("outliers._surfaces", "SurfaceLimits", "n_links"),
