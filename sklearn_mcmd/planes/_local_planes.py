@@ -141,8 +141,9 @@ class LocalPlaneModel:
         planes, _, _, ordinary = self.whole_planes(queries, neighborhoods)
         rest = np.flatnonzero(~ordinary)
         if len(rest):
-            near = neighborhoods.take(rest)
-            planes.put(rest, self._robust(queries[rest], near, self.rounding)[0])
+            near, whole = neighborhoods.take(rest), planes.take(rest)
+            robust = self._robust(queries[rest], near, self.rounding)[0]
+            planes.put(rest, robust._replace(radius=whole.radius, spacing=whole.spacing))
         return planes, ~ordinary
 
     def asked_planes(self, queries, neighborhoods, offers):
@@ -178,7 +179,10 @@ class LocalPlaneModel:
         return planes, *found
 
     def _robust(self, queries, neighborhoods, rounding, offers=None):
-        """Planes of neighborhoods, the best of offers or else of trials, distances, directions."""
+        """Planes of neighborhoods without extents and errors, distances and directions.
+
+        The planes are the best of offers, or else of trials.
+        """
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
         directions = np.empty_like(planes.normals)
         out = planes, directions, distance

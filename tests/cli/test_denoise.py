@@ -47,10 +47,11 @@ def test_mark_keeps_all_points_and_gives_outliers_class_7_or_18_in_laz(room, roo
 
 @pytest.fixture
 def mixed(room):
-    """The room, a plane in coarse steps, and a ghost of twelve points in the air."""
+    """The room, a plane in coarse steps, a thin post, and a ghost of twelve points in the air."""
     rng = np.random.default_rng(1)
     ghost = np.array([1, 6, 1]) + rng.normal(0, 0.05, (12, 3))
-    return np.vstack([room.xyz, rounded_plane() + np.array([5, 0, 0]), ghost])
+    post = np.column_stack([np.full((30, 2), 1.5), np.linspace(0.1, 1.5, 30)])
+    return np.vstack([room.xyz, rounded_plane() + np.array([5, 0, 0]), post, ghost])
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def trunk_below_a_crown(seed, **options):
 def test_a_volume_is_no_cylinder():
     # Of single scenes growth itself may run from the trunk through a crown's random planes.
     own, found = np.median([trunk_below_a_crown(seed) for seed in range(9)], axis=0)
-    assert own > 0.8
+    assert own > 0.75
     assert found > 0.8
 
 
