@@ -232,6 +232,8 @@ PARTS = {
             Limit("planes._quadrics", "SmoothnessLimits", "n_errors", 0.0),
             Limit("planes._quadrics", "QuadricLimits", "pivot", 0.0),
             Limit("planes._rules", "ReweightLimits", "cutoff"),
+            Limit("planes._agreement", "AgreementLimits", "passes", 0),
+            Limit("planes._agreement", "AgreementLimits", "face", np.inf),
             Parameter("reweight", (False,)),
             Parameter("neighbor_planes", (False,)),
             Parameter("n_neighbors", (20, 30, 80)),
@@ -288,6 +290,7 @@ PARTS = {
     "detector": Part(
         tried=(
             Limit("planes._explaining", "ExplainLimits", "explained"),
+            Limit("planes._agreement", "AgreementLimits", "passes", 0),
             Limit("outliers._surfaces", "SurfaceLimits", "flat", off=np.inf),
             Limit("outliers._surfaces", "SurfaceLimits", "angle", off=180.0),
             Limit("outliers._surfaces", "SurfaceLimits", "n_links"),

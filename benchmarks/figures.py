@@ -38,6 +38,7 @@ RESULTS = (
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),
     ("docs/sensor.rst", OUTLIERS, "bench_sensor.py"),
     ("docs/tiling.rst", "planes tiling", "bench_tiling.py"),
+    ("docs/user_guide.rst", OUTLIERS, "bench_seeds.py"),
     ("docs/view.rst", "view", "bench_view.py at 7f76556"),
 )
 

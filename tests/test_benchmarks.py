@@ -61,6 +61,7 @@ SMOKE = [
     ("bench_normals", "streets --size 1500 --seeds 1", "true planes"),
     ("bench_outliers", "--sizes 1500 --shares 0.1 --seeds 1", "mean kNN distance"),
     ("bench_real", "--data {data} --clouds ball large --methods default radius", "worst"),
+    ("bench_seeds", "--data {data} --most 700 --pairs 1", "normals: mean"),
     ("bench_segmentation", "roofs --sizes 300 --creases 30 --noises 0.1 --seeds 1", "barrel"),
     ("bench_segmentation", "labelled --sizes 500 --seeds 1 --data {data}", "crown roof"),
     ("figures", "", "docs/view.rst"),

@@ -33,7 +33,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     set with the smallest least eigenvalue is the *maximum consistent set*. A point is an outlier
     if it is farther from that plane than the plane's own robust scale explains. Unlike a plane
     of least squares, this plane does not follow outliers while they are fewer than half of the
-    neighbors.
+    neighbors. By default neighbors then :ref:`agree on planes <agreement>`, so that little is left
+    to chance.
 
     The paper judges each point by that plane alone. On whole clouds this is weak: what lies in
     foliage, on a wire or next to an edge has no good plane of its own, and outliers that lie
@@ -84,12 +85,13 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     support_fraction : float in (0, 1], default=0.5
         Share of a neighborhood that forms the consistent set, ``h = ceil(support_fraction *
         k)``. A value below 0.5 withstands more than half of outliers if these are not
-        consistent with a plane themselves.
+        consistent with a plane themselves. Where neighbors agree, all others may be off the plane
+        that is kept.
 
     max_outlier_rate : float in [0, 1), default=0.5
         The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
-        sets the number of trials, not how many points are removed. Too small a rate risks
-        planes through outliers.
+        sets the number of trials that are drawn before neighbors are asked, not how many points
+        are removed. Too small a rate risks planes through outliers.
 
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset has no outlier (P_r). It sets the number of
@@ -113,8 +115,10 @@ class MCMDOutlierDetector(BasePlaneOutliers):
 
     reweight : bool, default=True
         Whether plane and scale are refitted twice to the neighbors within 2.5 robust standard
-        deviations. It keeps regular points that "mcmd_md" would lose, gives more accurate
-        planes, and needs no knowledge of the share of outliers. False is the paper's form.
+        deviations, and neighbors :ref:`agree on planes <agreement>`. It keeps regular points that
+        "mcmd_md" would lose, gives more accurate planes, and needs no knowledge of the share of
+        outliers. With ``strictness=None`` or ``n_neighbors=None`` no neighbor is asked. False is
+        the paper's form.
 
     noise_scale : float, default=None
         The scanner's standard deviation, in units of X, by which distances to planes are then
@@ -133,7 +137,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         coordinates alone.
 
     random_state : int, RandomState instance or None, default=None
-        Seed of the one table of trials that all neighborhoods use.
+        Seed of the one table of trials that all neighborhoods use. It decides little where
+        neighbors :ref:`agree on planes <agreement>`.
 
     n_jobs : int, default=None
         Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
@@ -181,8 +186,9 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Points in a consistent set (h).
 
     n_trials_ : int
-        Minimal subsets tried in each neighborhood (I_t), 69 with the defaults in 3D. The
-        number doubles with each dimension; beyond 3D it is limited to 300, with a warning.
+        Minimal subsets tried in each neighborhood (I_t) that has more than noise, 69 with the
+        defaults in 3D. The number doubles with each dimension; beyond 3D it is limited to 300,
+        with a warning.
 
     n_features_in_ : int
         Number of features seen during `fit`.
@@ -201,9 +207,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     ``MCMDOutlierDetector(reweight=False, strictness=None)`` is the paper's form. It is weak on
     whole clouds: an isolated outlier has neighbors far apart, so the scale is large and it passes.
 
-    There is one pass over the cloud, and no threshold depends on the verdict. The score is a
-    continuous function of the coordinates almost everywhere: moving, turning or scaling the cloud
-    changes it by rounding errors only.
+    No threshold depends on the verdict. The score is a continuous function of the coordinates
+    almost everywhere: moving, turning or scaling the cloud changes it by rounding errors only.
 
     `predict` scores new points by the surfaces and the rest of the fitted cloud, each as if it
     alone were added and measured from where the nearest of the fitted points was. A point of the
@@ -225,16 +230,20 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     company with itself. If the cloud holds fewer than `n_neighbors` distinct points, all of them
     are used, with a warning. From 4,097 of them on so many neighbors are refused.
 
-    The time grows as ``n_samples * n_trials_ * n_neighbors`` and as ``n_samples *
-    log(n_samples)`` for the search. In `fit` the memory beyond the cloud is about ``200 + 2 *
-    n_neighbors`` bytes a point if a tenth of the points lie off the surfaces, 300 MB for a
-    million. In 3D and from 1,000 points on the work is done by compiled code.
+    The time grows as ``n_samples * n_neighbors * (n_trials_ + n_neighbors)``, since each point
+    may try the planes of all its neighbors, and as ``n_samples * log(n_samples)`` for the search.
+    In `fit` the memory beyond the cloud is about ``200 + 2 * n_neighbors`` bytes a point if a tenth
+    of the points lie off the surfaces, 300 MB for a million. In 3D and from 1,000 points on the
+    work is done by compiled code.
 
     References
     ----------
     .. [1] A. Nurunnabi, G. West, D. Belton, "Outlier detection and robust normal-curvature
        estimation in mobile laser scanning 3D point cloud data", Pattern Recognition 48
        (2015) 1404-1419, Algorithms 1 to 3.
+    .. [2] P. Rousseeuw, V. Yohai, "Robust regression by means of S-estimators", in: Robust and
+       Nonlinear Time Series Analysis, Lecture Notes in Statistics 26 (1984) 256-272, for the
+       planes on which neighbors agree.
 
     Examples
     --------
