@@ -266,7 +266,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         "sensor_origin": ["array-like", StrOptions({"origin"}), None],
         "features": [StrOptions({"all", *FEATURES}), "array-like", None],
     }
-
     _small_faces: ClassVar = True
 
     def __init__(
