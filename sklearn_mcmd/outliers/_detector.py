@@ -117,8 +117,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Whether plane and scale are refitted twice to the neighbors within 2.5 robust standard
         deviations, and neighbors :ref:`agree on planes <agreement>`. It keeps regular points that
         "mcmd_md" would lose, gives more accurate planes, and needs no knowledge of the share of
-        outliers. With ``strictness=None`` or ``n_neighbors=None`` no neighbor is asked. False is
-        the paper's form.
+        outliers. With ``strictness=None``, with ``n_neighbors=None`` and beyond 3D no neighbor is
+        asked. False is the paper's form.
 
     noise_scale : float, default=None
         The scanner's standard deviation, in units of X, by which distances to planes are then
@@ -186,8 +186,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Points in a consistent set (h).
 
     n_trials_ : int
-        Minimal subsets tried in each neighborhood (I_t) that has more than noise, 69 with the
-        defaults in 3D. The number doubles with each dimension; beyond 3D it is limited to 300,
+        Minimal subsets tried in a neighborhood (I_t), unless it has noise alone and neighbors
+        agree, 69 with the defaults in 3D. The number doubles with each dimension; beyond 3D it is limited to 300,
         with a warning.
 
     n_features_in_ : int
@@ -233,8 +233,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     The time grows as ``n_samples * n_neighbors * (n_trials_ + n_neighbors)``, since each point
     may try the planes of all its neighbors, and as ``n_samples * log(n_samples)`` for the search.
     In `fit` the memory beyond the cloud is about ``200 + 2 * n_neighbors`` bytes a point if a tenth
-    of the points lie off the surfaces, 300 MB for a million. In 3D and from 1,000 points on the
-    work is done by compiled code.
+    of the points lie off the surfaces, 300 MB for a million.
 
     References
     ----------

@@ -130,12 +130,13 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
             fit = mean, ZEROS, (axes, ZEROS, ZEROS)
             _signed_distances(local, size, mean, axes, distances)
             most, reached = _robust_square(distances, size, wanted, most, floor * floor)
-    if usual * usual < most:
+    scale = (1.0 + 5.0 / max(size - rule.d, 1)) * np.sqrt(most)  # the least of many is too small
+    if usual < scale:
         near = rule.reweight_cutoff * usual
         _, off = _sums_within(distances, size, near * near)
         if size - off >= rule.least_face * size:
             return fit, usual
-    return fit, np.sqrt(most)
+    return fit, scale
 
 
 @kernel(fastmath=FASTMATH)
@@ -159,6 +160,8 @@ def _robust_square(distances, size, wanted, most, least):
     """
     for _ in range(size):
         inside, off = _sums_within(distances, size, most)
+        if off >= wanted:
+            break
         before, most = most, max(inside / (wanted - off), least)
         if not most < before * (1.0 - TIED) or most == least:
             break
