@@ -187,8 +187,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
 
     n_trials_ : int
         Minimal subsets tried in a neighborhood (I_t), unless it has noise alone and neighbors
-        agree, 69 with the defaults in 3D. The number doubles with each dimension; beyond 3D it is limited to 300,
-        with a warning.
+        agree, 69 with the defaults in 3D. The number doubles with each dimension; beyond 3D it
+        is limited to 300, with a warning.
 
     n_features_in_ : int
         Number of features seen during `fit`.
