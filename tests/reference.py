@@ -203,7 +203,8 @@ def agreed_planes(X, near, trials, h, small_faces=False):
             off = [np.abs((points - before[j][0]) @ before[j][1]) for j in near[i]]
             scales = [robust_scale(one) for one in off]
             center, normal, *_ = before[near[i][np.argmin(scales)]]
-            scale = min(scales)
+            k, d = points.shape
+            scale = (1 + 5 / (k - d)) * min(scales)
             usual = np.quantile([before[j][2] for j in near[i]], 0.5, method="lower")
             near_it = np.abs((points - center) @ normal) < 2.5 * usual
             if small_faces and near_it.mean() >= 1 / 3:

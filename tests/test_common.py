@@ -40,7 +40,7 @@ NORMALS = RobustNormalEstimator(**FEW, random_state=0)
         PlaneOutlierDetector(None, method="qsp", contamination=0.1),
         RegionGrowing(normal_estimator=NORMALS),
         RegionGrowing(10, max_distance=0.5, max_gap=1.0, refine=False, normal_estimator=NORMALS),
-        SharpFeatureDetector(  # of 25, two points of the checks' blobs are on edges; of 20, none
+        SharpFeatureDetector(  # of 25, some points of the checks' blobs are on edges; of 20, none
             25, outlier_detector=MCMDOutlierDetector(**FEW), normal_estimator=NORMALS
         ),
         SharpFeatureDetector(

@@ -32,7 +32,7 @@ print(sha256(estimator.transform(X).tobytes()).hexdigest())
 """
 # Of Numba's own functions, such as `np.empty`, there is one for each kind of argument.
 MOST = {
-    "MCMDOutlierDetector": 80,
+    "MCMDOutlierDetector": 76,
     "RobustNormalEstimator": 22,
     "RegionGrowing": 32,
     "SharpFeatureDetector": 12,

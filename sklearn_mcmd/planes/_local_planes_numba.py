@@ -130,7 +130,7 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
             fit = mean, ZEROS, (axes, ZEROS, ZEROS)
             _signed_distances(local, size, mean, axes, distances)
             most, reached = _robust_square(distances, size, wanted, most, floor * floor)
-    scale = np.sqrt(most)
+    scale = (1.0 + 5.0 / max(size - rule.d, 1)) * np.sqrt(most)  # the least of many is too small
     if usual < scale:
         near = rule.reweight_cutoff * usual
         _, off = _sums_within(distances, size, near * near)

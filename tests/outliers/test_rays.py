@@ -71,7 +71,7 @@ def test_sheets_of_mixed_pixels_are_found_and_the_rest_of_the_street_stays(stree
     known = detector(sensor_origin=street.sensor_origins[0]).fit_predict(street.data) == -1
     unknown = detector().fit_predict(street.data) == -1
     assert known[mixed].mean() > 0.7 > 0.5 > unknown[mixed].mean()
-    assert known[~mixed].mean() < 0.01
+    assert known[~mixed].mean() < 0.008
     foliage = street.surface == street.surface_names.index("foliage")
     assert known[foliage].mean() < 0.04  # leaves next to the sheets; .015 at 100,000 points
 
@@ -129,7 +129,7 @@ def test_outliers_by_rays_alone_are_those_that_coordinates_keep(street):
 def test_points_on_sheets_are_outliers_by_rays_alone_at_any_cutoff(cutoff):
     X, sensor = sheet_at_an_edge(np.random.default_rng(0))
     found = MCMDOutlierDetector(**FORM, cutoff=cutoff).fit(X, sensor_origin=sensor)
-    assert found.n_by_rays_ == reasons_of(found, np.arange(60)).count("on a sheet of rays") > 35
+    assert found.n_by_rays_ == reasons_of(found, np.arange(60)).count("on a sheet of rays") > 40
 
 
 def test_one_position_for_each_point_says_the_same_as_one_for_all(snowed):

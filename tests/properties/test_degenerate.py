@@ -200,8 +200,7 @@ def test_a_point_at_1e30_is_an_outlier_and_hides_nothing():
 
 def test_parallel_sheets_2_mm_apart_are_one_surface_if_points_are_farther_apart():
     X = OTHERS["noisy sheets"]
-    # Their deviations are no normal noise: one of 80 points is farther off than three.
-    assert (MCMDOutlierDetector(random_state=0).fit_predict(X) == 1).mean() > 0.985
+    assert (MCMDOutlierDetector(random_state=0).fit_predict(X) == 1).mean() >= 0.99
     assert (RobustNormalEstimator(random_state=0).fit(X).normals_[:, 2] > 0.999).all()
     growing = RegionGrowing(random_state=0).fit(X)
     assert growing.n_regions_ == 1
