@@ -67,5 +67,5 @@ def offer(model, offers, before, rows):
     offers.planes.put(rows, before.planes.take(rows))
     asking = np.flatnonzero(before.asks[rows])
     if len(asking):
-        planes = model.asked_planes(points[asking], around.take(asking), before.planes)
-        offers.planes.put(rows.start + asking, planes)
+        asked = points[asking], around.take(asking), model.rounding, before.planes
+        offers.planes.put(rows.start + asking, model.robust_planes(*asked)[0])

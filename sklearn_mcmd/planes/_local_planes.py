@@ -142,13 +142,9 @@ class LocalPlaneModel:
         rest = np.flatnonzero(~ordinary)
         if len(rest):
             near, whole = neighborhoods.take(rest), planes.take(rest)
-            robust = self._robust(queries[rest], near, self.rounding)[0]
+            robust = self.robust_planes(queries[rest], near, self.rounding)[0]
             planes.put(rest, robust._replace(radius=whole.radius, spacing=whole.spacing))
         return planes, ~ordinary
-
-    def asked_planes(self, queries, neighborhoods, offers):
-        """Planes from those that others offer, without what only the last ones need."""
-        return self._robust(queries, neighborhoods, self.rounding, offers)[0]
 
     def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0):
         """The same of given neighborhoods, rows of the index's points.
@@ -157,7 +153,7 @@ class LocalPlaneModel:
         """
         rounding = max(self.rounding, _rounding(precision))
         offers = None if self.offers is None else self.offers.planes
-        planes, distance, directions = self._robust(queries, neighborhoods, rounding, offers)
+        planes, distance, directions = self.robust_planes(queries, neighborhoods, rounding, offers)
         self._measure_flat(queries, neighborhoods, rounding, planes, distance)
         planes.spacing[:], planes.radius[:] = extents(self.index.points, queries, neighborhoods)
         self._finish(planes, directions, neighborhoods.sizes)
@@ -178,7 +174,7 @@ class LocalPlaneModel:
         planes.normal_error[:] = errors
         return planes, *found
 
-    def _robust(self, queries, neighborhoods, rounding, offers=None):
+    def robust_planes(self, queries, neighborhoods, rounding, offers=None):
         """Planes of neighborhoods without extents and errors, distances and directions.
 
         The planes are the best of offers, or else of trials.

@@ -83,10 +83,10 @@ def _ask_neighbors(
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
         radius, floor = _localize(points, row, size, queries[i], rule, arrays, False)
-        fit, usual = _best_offer(points, row, size, radius, floor, offers, rule, arrays)
-        flat = usual < 0.0
+        fit, first = _best_offer(points, row, size, radius, floor, offers, rule, arrays)
+        flat = first < 0.0
         if not flat:
-            distance[i], scale = _judge(size, fit, usual, rule, within, floor, arrays)
+            distance[i], scale = _judge(size, fit, first, rule, within, floor, arrays)
             planes.scale[i] = scale * radius
             _store(points[row[0]], radius, size, rule, arrays, planes, directions, i)
             flat = values[i, 1] <= rule.rank_tolerance * values[i, rule.d - 1]
@@ -101,8 +101,8 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
     """The offered plane about which the members have the least robust scale, an S-estimate.
 
     It is where squared distances in its units, each at most one, have the mean that as many
-    outliers as may be would reach alone. Returns the plane, and that scale or the usual one of the
-    planes offered, whichever is less; it is negative if no plane is offered.
+    outliers as may be would reach alone. Returns the plane and the scale that a refit begins
+    with: the robust one, or the usual one of the planes offered; negative if no plane is offered.
     """
     local, distances, own, n_offers = arrays.local, arrays.numbers, points[row[0]], 0
     for j in range(size):
@@ -182,14 +182,14 @@ def _sums_within(distances, size, most):
 
 
 @kernel
-def _judge(size, fit, usual, rule, within, floor, arrays):
+def _judge(size, fit, first, rule, within, floor, arrays):
     """Apply a rule from a first plane: distance of the query, scale, and members that are kept.
 
-    `usual` is the scale to begin with, 0 if that is not known.
+    `first` is the scale to begin with, 0 if that is not known.
     """
     if within is None:
-        return _mcmd_z(size, fit, usual, rule, floor, arrays)
-    return _mcmd_md(size, fit, usual, rule, floor, arrays)
+        return _mcmd_z(size, fit, first, rule, floor, arrays)
+    return _mcmd_md(size, fit, first, rule, floor, arrays)
 
 
 @kernel
@@ -258,11 +258,11 @@ def _pca(size, rule, floor, arrays):
 
 
 @kernel
-def _mcmd_z(size, fit, usual, rule, floor, arrays):
+def _mcmd_z(size, fit, first, rule, floor, arrays):
     local, member, query, work = arrays.local, arrays.member, arrays.query, arrays.numbers
     center = 0.0
     if rule.reweight:
-        mean, _, axes, scale, _ = _reweighted_plane(size, fit, usual, rule, floor, arrays)
+        mean, _, axes, scale, _ = _reweighted_plane(size, fit, first, rule, floor, arrays)
         _signed_distances(local, size, mean, axes[0], work)
     else:
         mean, _, axes = fit
@@ -279,10 +279,10 @@ def _mcmd_z(size, fit, usual, rule, floor, arrays):
 
 
 @kernel
-def _mcmd_md(size, fit, usual, rule, floor, arrays):
+def _mcmd_md(size, fit, first, rule, floor, arrays):
     local, member, query, work = arrays.local, arrays.member, arrays.query, arrays.numbers
     if rule.reweight:
-        mean, values, axes, scale, n_used = _reweighted_plane(size, fit, usual, rule, floor, arrays)
+        mean, values, axes, scale, n_used = _reweighted_plane(size, fit, first, rule, floor, arrays)
     else:
         mean, values, axes = fit
         n_used = 0.0
@@ -316,7 +316,7 @@ def _add_squared(local, size, mean, axis, deviation, out):
 
 
 @kernel
-def _reweighted_plane(size, fit, usual, rule, floor, arrays):
+def _reweighted_plane(size, fit, first, rule, floor, arrays):
     """As in ``_rules``, but for the first scale if it is known; takes the members that are kept."""
     local, member, work = arrays.local, arrays.member, arrays.numbers
     mean, values, axes = fit
@@ -324,7 +324,7 @@ def _reweighted_plane(size, fit, usual, rule, floor, arrays):
     for j in range(size):
         work[j] = abs(work[j])
     factor = rule.mad_to_sd * (1.0 + 5.0 / max(size - rule.d, 1))
-    scale = max(usual if usual > 0.0 else factor * _median(size, arrays), floor)
+    scale = max(first if first > 0.0 else factor * _median(size, arrays), floor)
     n_kept = 0.0
     for step in range(rule.reweight_steps):
         if step > 0:
