@@ -63,7 +63,9 @@ def main(arguments=None):
     if not options.show:
         jobs = [job for job in JOBS if job in options.jobs or job.partition(":")[0] in options.jobs]
         stored = {"header": header(options), "runs": list(runs(jobs, options))}
-        options.output.write_text(json.dumps(stored, indent=1) + "\n")
+        head = json.dumps({"header": stored["header"]}, indent=1)[:-2]
+        lines = ",\n".join(map(json.dumps, stored["runs"]))
+        options.output.write_text(f'{head},\n "runs": [\n{lines}\n ]\n}}\n')
     path = options.show or options.output
     for name, (head, *rows) in tables(json.loads(path.read_text())).items():
         print_table(name, head, rows)
