@@ -51,7 +51,8 @@ def judged(cloud, classes, outlier):
             for name in names if len(names) == 1 else [*names, "all"]:
                 rows = flagged[of_side & ((classes == name) | (name == "all"))]
                 if len(rows) >= FEWEST:
-                    yield [cloud.name, told, side, name, len(rows), 100 * float(rows.mean())]
+                    percent = round(100 * float(rows.mean()), 3)
+                    yield [cloud.name, told, side, name, len(rows), percent]
 
 
 def show_panel(clouds, seed, output):

@@ -254,7 +254,8 @@ def judged(X, k, trials, h, noise=None, sensor=None):
     if sensor is not None:
         rays = LiteralRays(points, np.broadcast_to(sensor, X.shape)[first])
         scatter = rays.of_planes(planes, sd, near)
-        sheet = (scatter > 3) & (not rays.far_away())
+        flat = [scale[i] <= 0.15 * radius[i] for i in range(n)]
+        sheet = rays.sheets(planes, sd, near, flat, scatter) & (not rays.far_away())
     explains = large_parts(usable & ~sheet, min(k, n / 5))
     sheet = large_parts(usable & sheet, 0.5 * min(k, n / 5))
     distance, owner = np.full(n, np.inf), np.arange(n)
