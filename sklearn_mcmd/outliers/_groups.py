@@ -29,7 +29,7 @@ class Shapes(NamedTuple):
     flat: np.ndarray  # bool (g,)
     straight: np.ndarray  # bool (g,): the group and each of its halves, so that two clumps are not
     length: np.ndarray  # (g,), along the longest axis, as if points lay evenly along it
-    size: np.ndarray  # (g,), the standard deviation along that axis; a straight group's length
+    size: np.ndarray  # (g,), the standard deviation along that axis, or a straight group's length
     centers: np.ndarray  # (g, d)
     normals: np.ndarray  # (g, d)
     thickness: np.ndarray  # (g,), the standard deviation off the plane

@@ -161,15 +161,14 @@ class Rest(NamedTuple):
         weight = self.limits.rest_weight
         return ratio(among_rest**weight * among_all ** (1 - weight), usual)
 
-    def are_small(self, groups, least):
-        """Which groups are too small for a thing; of those of no surface the largest is none."""
-        sizes = np.bincount(groups, self.counts)
-        return sizes < (least if self.has_surface else min(least, sizes.max(initial=0)))
-
     def real(self, groups, least):
         """Which groups are too small for a thing, and searches of what is real: the points on
         surfaces, and those of the other groups."""
-        small, real = self.are_small(groups, least), [self.reference] * self.has_surface
+        sizes = np.bincount(groups, self.counts)
+        small, real = sizes < least, [self.reference]
+        if not self.has_surface:
+            small &= sizes < sizes.max(initial=0)
+            real = []
         if not small[groups].all():
             real.append(self.search_of(~small[groups]))
         return small, real
@@ -221,7 +220,7 @@ def _rows_parted(rest, groups, least, n_jobs):
     """The groups, where points of small ones that lie in a row are a group of their own, and which
     points these are: straight with their nearest others, and among the nearest of each other."""
     m, n_near = len(groups), rest.limits.n_near
-    asked = np.flatnonzero(rest.are_small(groups, least)[groups])
+    asked = np.flatnonzero(rest.real(groups, least)[0][groups])
     in_row, links = np.zeros(m, bool), []
     if m <= n_near or len(asked) == 0:
         return groups, in_row
