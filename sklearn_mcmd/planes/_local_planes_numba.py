@@ -158,15 +158,14 @@ def _robust_square(distances, size, wanted, most, least):
 
     Newton's method falls from `most` to the root, since the sum is concave in the scale's inverse.
     """
+    reached = 0.0
     for _ in range(size):
         inside, off = _sums_within(distances, size, most)
-        if off >= wanted:
+        reached = inside / most + off
+        if reached >= wanted * (1.0 - TIED) or most <= least:
             break
-        before, most = most, max(inside / (wanted - off), least)
-        if not most < before * (1.0 - TIED) or most == least:
-            break
-    inside, off = _sums_within(distances, size, most)
-    return most, inside / most + off
+        most = max(inside / (wanted - off), least)
+    return most, reached
 
 
 @kernel(fastmath=FASTMATH)
