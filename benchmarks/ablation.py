@@ -295,6 +295,7 @@ PARTS = {
             Limit("outliers._surfaces", "SurfaceLimits", "angle", off=180.0),
             Limit("outliers._surfaces", "SurfaceLimits", "n_links"),
             Limit("outliers._surfaces", "SurfaceLimits", "least_share", 1.0, most=1.0),
+            Limit("outliers._groups", "ShapeLimits", "thin", off=0.0),
             *(
                 Limit("outliers._off_surface", "OffSurfaceLimits", name, off, most)
                 for name, off, most in (
@@ -304,7 +305,6 @@ PARTS = {
                     ("half", None, 0.99),
                     ("reach", 0.0, np.inf),
                     ("rest_weight", 0.0, 1.0),
-                    ("flat", 0.0, np.inf),
                     ("thing", 0.0, np.inf),
                 )
             ),
