@@ -293,7 +293,8 @@ def vote(
     planes that meet in their line of intersection, six as well. The line tells the sides, since
     sides as labels tell them are sorted by the noise. If they are told by labels all the same, for
     a step, the rest must be smaller by `most_noise`; a `blunt` crease is none, but may be a step.
-    The second region costs the numbers of a plane. Points of one cell whose deviations have the same sign count as fewer.
+    The second region costs the numbers of a plane. Points of one cell whose deviations have the
+    same sign count as fewer.
 
     Points (n, 3) are near the origin, weights (n,) inverse standard deviations, cells ascend on
     each side, `first` (n,) are the points of one side by labels, normals (2, 3) of both patches.
