@@ -284,9 +284,7 @@ def _scatter(scatters, c, more):
 
 
 @kernel(cache=True)
-def vote(
-    points, weights, cells, first, normals, limits, most_noise, blunt, room, equations, sides
-):
+def vote(points, weights, cells, first, normals, limits, most_noise, blunt, room, equations, sides):
     """Is a border no crease? Half the difference of BIC, above 0 for one smooth surface.
 
     One surface is a quadric over the mean of both planes, with six numbers. The other model are two
