@@ -9,7 +9,8 @@ from scipy.stats import rankdata
 from sklearn.metrics import average_precision_score
 
 N_SNOW_TURNS = 2  # of six that are alike
-FROM_ORIGIN = ("fast_gicp_velodyne", "kinect_tables", "pcl_office1", "snow_")  # begin like this
+# Names of clouds that were taken from their origin begin like this.
+FROM_ORIGIN = ("fast_gicp_velodyne", "kinect_tables", "pcl_office1", "snow_", "spinning_turns")
 LAS_NOISE = 7
 LAS_CLASSES = {
     1: "other",
@@ -19,7 +20,16 @@ LAS_CLASSES = {
     5: "vegetation",
     6: "building",
     LAS_NOISE: "noise",
+    64: "hanging things",
 }
+# Labels by hand of turns of lidars, and of a street from a vehicle.
+NAMES = {1: "outlier", 10: "car", 13: "vehicle", 18: "truck", 40: "road", 44: "parking"}
+NAMES |= {48: "sidewalk", 49: "ground", 50: "building", 51: "fence", 70: "vegetation", 71: "trunk"}
+NAMES |= {72: "terrain", 80: "pole", 81: "sign", 110: "flake", 111: "lying snow"}
+NAMES |= {1101: "wires", 1102: "single wire", 1103: "utility pole", 1104: "crossarm"}
+NAMES |= {1107: "lamp support", 1110: "post", 1111: "sign", 1114: "lamp", 1115: "traffic light"}
+NAMES |= {1116: "traffic light support", 1200: "ground", 1203: "road", 1300: "foliage"}
+NAMES |= {1302: "small trunk", 1400: "facade", 1401: "wall", 1410: "ceiling", 1501: "vehicle"}
 N_SPACING = 8  # neighbors whose mean distance is the spacing
 OUT_OF_REACH = 3.0  # spacings: nobody can tell an outlier that is nearer to a real point
 # Points spread evenly in a ball of this many spacings times the cube root of their number have
@@ -35,6 +45,7 @@ class RealCloud(NamedTuple):
     points : float64 (n, 3)
     classes : str (n,), the publishers' classes, or None
     noise : bool (n,), points that the publishers call noise, or None
+    intensity : float (n,), or None
     from_origin : whether all points were taken from the origin
     """
 
@@ -42,6 +53,7 @@ class RealCloud(NamedTuple):
     points: np.ndarray
     classes: np.ndarray | None
     noise: np.ndarray | None
+    intensity: np.ndarray | None = None
     from_origin: bool = False
 
 
@@ -80,11 +92,16 @@ def read_cloud(name, path):
     with np.load(path) as arrays:
         points = arrays["xyz"].astype(np.float64)
         classes = noise = None
+        intensity = arrays["intensity"].astype(float) if "intensity" in arrays else None
         if "classification" in arrays:
             codes = arrays["classification"]
             named = (LAS_CLASSES.get(code, f"class {code}") for code in codes.tolist())
             classes = np.array([*named])
             noise = codes == LAS_NOISE
+        elif "label" in arrays and not name.startswith("kinect"):
+            codes = arrays["label"]
+            classes = np.array([NAMES.get(code, f"label {code}") for code in codes.tolist()])
+            noise = arrays.get("snow", codes == 1)
         elif "label_ground" in arrays:
             classes = np.where(arrays["label_ground"] == 1, "ground", "other")
             noise = arrays["low_outlier_hint"] == 1
@@ -94,7 +111,9 @@ def read_cloud(name, path):
             classes = np.full(len(points), "surface")
     if noise is not None and not noise.any():
         noise = None
-    return RealCloud(name, points, classes, noise, name.startswith(FROM_ORIGIN))
+    return RealCloud(
+        name, points, classes, noise, intensity, from_origin=name.startswith(FROM_ORIGIN)
+    )
 
 
 def cropped(cloud, limit, seed):

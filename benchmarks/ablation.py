@@ -192,6 +192,7 @@ PARTS = {
             Limit("segmentation._graph", "GrowthLimits", "bent", 0.0),
             Limit("segmentation._graph", "GrowthLimits", "n_deviations"),
             Limit("segmentation._region_division", "VoteLimits", "least_points", 0),
+            Limit("segmentation._region_division", "VoteLimits", "blunt", 0.0),
             Limit("segmentation._merge_coplanar", "JoinLimits", "most_noise", np.inf),
             Limit("segmentation._merge_coplanar", "JoinLimits", "most_gap", 1e9),
             Limit("segmentation._narrow_faces", "NarrowFaceLimits", "reach", np.inf),
@@ -295,6 +296,7 @@ PARTS = {
             Limit("outliers._surfaces", "SurfaceLimits", "angle", off=180.0),
             Limit("outliers._surfaces", "SurfaceLimits", "n_links"),
             Limit("outliers._surfaces", "SurfaceLimits", "least_share", 1.0, most=1.0),
+            Limit("outliers._groups", "ShapeLimits", "thin", off=0.0),
             *(
                 Limit("outliers._off_surface", "OffSurfaceLimits", name, off, most)
                 for name, off, most in (
@@ -304,7 +306,6 @@ PARTS = {
                     ("half", None, 0.99),
                     ("reach", 0.0, np.inf),
                     ("rest_weight", 0.0, 1.0),
-                    ("flat", 0.0, np.inf),
                     ("thing", 0.0, np.inf),
                 )
             ),

@@ -8,6 +8,11 @@ know the share of outliers, where it is known, and take scikit-learn's default e
 
     python benchmarks/bench_real.py --output docs/benchmarks
     python benchmarks/bench_real.py --clouds ign_village snow_spinning_lidar --limit 50000
+    python benchmarks/bench_real.py --panel
+
+The panel is of the default detector alone: what it finds and loses by class, with the sensor's
+position where there is one, beside the stored figures of the last release, the worst changes
+first. A change of a rule shows it in its commit. ``--panel --output docs/benchmarks`` stores it.
 
 SOR is statistical outlier removal: a point goes whose mean distance to its k nearest others is
 more than 2 standard deviations above the mean of all. Radius outlier removal takes points with
@@ -20,6 +25,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from _panel import show_panel
 from _real_clouds import evaluate, inject, load_clouds
 from _real_methods import METHODS, judgment
 from _tables import print_table, write_csv
@@ -76,9 +82,13 @@ def main(arguments=None):
     parser.add_argument("--limit", type=int, help="crop clouds to so many points, at least 1,000")
     parser.add_argument("--seed", type=int, default=0, help="of crops and injected outliers")
     parser.add_argument("--output", type=Path, help="folder for the tables as CSV")
+    parser.add_argument("--panel", action="store_true", help="of the default, beside the stored")
     options = parser.parse_args(arguments)
+    clouds = load_clouds(options.data, options.clouds, options.limit, options.seed)
+    if options.panel:
+        return show_panel(clouds, options.seed, options.output)
     values = {}
-    for cloud in load_clouds(options.data, options.clouds, options.limit, options.seed):
+    for cloud in clouds:
         print(f"{cloud.name}, {len(cloud.points):,} points", flush=True)
         for table, title, name, numbers in measured(cloud, options.methods, options.seed):
             values[table, title, name] = numbers

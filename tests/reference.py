@@ -5,6 +5,8 @@ neighborhood at a time, one trial at a time, no vectorization, no shortcuts. The
 the paper is what it leaves open: ties go to the first member and the first trial.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import f, norm, skew, truncnorm
@@ -213,6 +215,26 @@ def agreed_planes(X, near, trials, h, small_faces=False):
     return planes
 
 
+def thin(values, count, across, needed):
+    """Whether the longest axis is three times one across, whose deviation has a standard error:
+    `needed` points have none. Eigenvalues ascend."""
+    deviations, spare = np.sqrt(np.maximum(values, 0)), count - needed
+    if spare < 1 or deviations[-1] == 0:
+        return False
+    error = np.sqrt(count / spare) * (1 + 1 / np.sqrt(2 * spare))
+    return 3 * deviations[across] * error <= deviations[-1]
+
+
+def straight(points, halves=True):
+    """Whether points are thin across their longest axis, and both halves of it, too."""
+    center, values, axes = plane(points)
+    if not thin(values, len(points), -2, 2) or not halves:
+        return thin(values, len(points), -2, 2)
+    along = (points - center) @ axes[:, -1]
+    low = along - along.min() >= along.max() - along
+    return all(straight(points[half], halves=False) for half in (low, ~low))
+
+
 def judged(X, k, trials, h, noise=None, sensor=None):
     """Scores of the detector's default, by strictness; which points are on a surface; and company:
     isolation, separation and labels of groups, 0, 0 and -1 on surfaces.
@@ -254,7 +276,8 @@ def judged(X, k, trials, h, noise=None, sensor=None):
     if sensor is not None:
         rays = LiteralRays(points, np.broadcast_to(sensor, X.shape)[first])
         scatter = rays.of_planes(planes, sd, near)
-        sheet = (scatter > 3) & (not rays.far_away())
+        flat = [scale[i] <= 0.15 * radius[i] for i in range(n)]
+        sheet = rays.sheets(planes, sd, near, flat, scatter) & (not rays.far_away())
     explains = large_parts(usable & ~sheet, min(k, n / 5))
     sheet = large_parts(usable & sheet, 0.5 * min(k, n / 5))
     distance, owner = np.full(n, np.inf), np.arange(n)
@@ -300,35 +323,61 @@ def judged(X, k, trials, h, noise=None, sensor=None):
         most = np.inf if explained else max(measured.values(), default=0)
         return group, members, [g for g in members if measured[g] < min(thing, most)]
 
-    # Flat groups that are nearer to each other than to anything real are pieces of one.
+    # Points in a row are a group: straight with the 8 nearest, and among the nearest of each other.
+    group, members, small = small_groups(links)
+    nine = {i: sorted(rest, key=lambda j: gaps[i, j])[:9] for i in rest if group[i] in small}
+    nine = {i: nine[i] for i in nine if len(rest) > 8 and straight(points[nine[i]], halves=False)}
+    part = parts(n, [(i, j) for i in nine for j in nine[i] if j in nine and i in nine[j]])
+    rows = [[i for i in nine if part[i] == label] for label in {part[i] for i in nine}]
+    rows = [row for row in rows if len(row) > 1 and straight(points[row])]
+    in_row = {i for row in rows for i in row}
+    wholes = [[i for i in some if i not in in_row] for some in members.values()] + rows
+    links = [(i, j) for some in wholes for i, j in pairwise(some)]
+
+    # Flat groups are pieces of one if they are as near to each other as to anything real, or in one
+    # plane, and no more than three times as far apart as they are long.
     group, members, small = small_groups(links)
     real = explained + [i for i in rest if group[i] not in small]
-    to_real = np.zeros(n)
+    flat = {}
     for label in small:
         some = members[label]
-        spare = len(some) - X.shape[1]
-        if spare > 0:
-            thick, *_, long = np.sqrt(np.maximum(plane(points[some])[1], 0))
-            if 3 * thick * np.sqrt(len(some) / spare) * (1 + 1 / np.sqrt(2 * spare)) <= long:
-                to_real[some] = gaps[np.ix_(some, real)].min()
-    for i in np.flatnonzero(to_real):
-        others = sorted(rest, key=lambda j: gaps[i, j])[: int(np.ceil(thing))]
-        links += [
-            (i, j) for j in others if to_real[j] and gaps[i, j] <= max(to_real[i], to_real[j])
-        ]
+        center, values, axes = plane(points[some])
+        if thin(values, len(some), 0, X.shape[1]):
+            spare = len(some) - X.shape[1]
+            error = np.sqrt(len(some) / spare) * (1 + 1 / np.sqrt(2 * spare))
+            level = center, axes[:, 0], np.sqrt(max(values[0], 0)) * error + 1e-12
+            has_plane = not straight(points[some])
+            length, to_real = np.sqrt(12 * values[-1]), gaps[np.ix_(some, real)].min()
+            flat |= dict.fromkeys(some, (length, to_real, has_plane, *level))
+
+    def explains(i, j):
+        _, _, has_plane, center, normal, thick = flat[i]
+        return has_plane and abs((points[j] - center) @ normal) <= 3 * thick
+
+    for i in flat:
+        for j in sorted(rest, key=lambda j: gaps[i, j])[: int(np.ceil(thing))]:
+            if j in flat and gaps[i, j] <= 3 * (flat[i][0] + flat[j][0]):
+                near_enough = gaps[i, j] <= max(flat[i][1], flat[j][1])
+                if near_enough or (explains(i, j) and explains(j, i)):
+                    links.append((i, j))
     group, members, small = small_groups(links)
     real = explained + [i for i in rest if group[i] not in small]
     for label, some in members.items():
         own_size = np.mean([usual[i] for i in some])
         if len(some) > 1:
-            own_size = max(own_size, np.sqrt(plane(points[some])[1][-1]))
+            length = np.sqrt(12) if straight(points[some]) else 1
+            own_size = max(own_size, length * np.sqrt(plane(points[some])[1][-1]))
         if label in small:
             separation[some] = gaps[np.ix_(some, real)].min() / own_size
+            in_row |= set(some) if len(some) > 1 and straight(points[some]) else set()
         elif explained and len(some) >= thing:  # n times as many must stand off n times as far
             own_size *= counts[some].sum() / thing
             if gaps[np.ix_(some, explained)].min() / own_size > 3:
                 strange = [i for i in real if i not in some]
                 separation[some] = gaps[np.ix_(some, strange)].min() / own_size
+
+    for i in in_row:  # it keeps company with its row
+        isolation[i] = min(isolation[i], separation[i])
 
     # Where beams went.
     if sensor is not None:

@@ -51,6 +51,17 @@ class LiteralRays:
         ]
         return np.array(scatter)
 
+    def sheets(self, planes, sd, near, flat, scatter):
+        """Flat planes that contain the rays, but where more surfaces beside go on than turn."""
+        goes_on = np.zeros(len(self.points))
+        for i in np.flatnonzero(flat & (scatter > 3)):
+            for j in self.others[i][:8]:
+                if flat[j] and scatter[j] <= 3:
+                    explains = abs((self.points[i] - planes[j][0]) @ planes[j][1]) <= 3 * sd[j]
+                    alike = abs(planes[i][1] @ planes[j][1]) >= np.cos(np.radians(25))
+                    goes_on[i] += explains if alike else -1
+        return flat & (scatter > 3) & [goes_on[some].sum() <= 0 for some in near]
+
     def far_away(self):
         """Whether one position is farther from the cloud than that is large."""
         low, high = self.points.min(axis=0), self.points.max(axis=0)

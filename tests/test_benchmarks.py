@@ -84,6 +84,24 @@ def test_a_script_runs_and_prints_its_table(script, arguments, shown, load, data
     assert shown in capsys.readouterr().out
 
 
+def test_the_panel_shows_the_worst_change_first(load, data, tmp_path, monkeypatch, capsys):
+    script, stored = load("bench_real"), tmp_path / "panel.csv"
+    monkeypatch.setattr(load("_panel"), "STORED", stored)
+    arguments = ["--panel", "--data", str(data), "--output", str(tmp_path)]
+    script.main(arguments)
+    lines = stored.read_text().splitlines()
+    assert capsys.readouterr().out.split()[-1] == "nan"  # nothing to compare with
+    cloud, told, side, kind, points, percent = lines[-1].split(",")
+    assert (side, kind) == ("lost", "among errors")
+    lines[-1] = ",".join([cloud, told, side, kind, points, "-7"])
+    stored.write_text("\n".join(lines))
+    script.main(arguments)
+    worst = capsys.readouterr().out.split("worse by\n")[1].splitlines()[0].split()
+    changed = [f"{float(number):.2f}" for number in (percent, -7, float(percent) + 7)]
+    assert worst == [cloud, told, side, *kind.split(), f"{int(points):,}", *changed]
+    assert stored.read_text().splitlines()[-1].endswith(percent)
+
+
 def test_each_script_runs_here_or_is_named_by_figures(load):
     named = "".join(row[2] for row in load("figures").RESULTS)
     scripts = {path.stem for path in BENCHMARKS.glob("[!_]*.py")}

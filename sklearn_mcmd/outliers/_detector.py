@@ -48,9 +48,10 @@ class MCMDOutlierDetector(BasePlaneOutliers):
        its neighbors, in usual spacings of the surfaces around.
     3. **Does its group stand off?** Points of the rest near each other form groups. A small group
        stands off by its gap to everything real, in sizes of its own. Its size is the standard
-       deviation along its longest axis. Groups of n times as many points as a thing must stand
-       off n times as far. Small flat groups that are nearer to each other than to anything real
-       are one: pieces of a thing between whose parts no scan line fell.
+       deviation along its longest axis, and its length if it is straight: wires and poles hang in
+       the air. Their points keep company in a row, however far apart they are. Groups of n times
+       as many points as a thing must stand off n times as far. Small flat groups are pieces of one
+       thing if they are nearer to each other than to anything real, or in one plane.
 
     The score is the least of the answers that excuses the point, so 3 means: three standard
     deviations off the surfaces, and three of its own sizes away from anything that is real.

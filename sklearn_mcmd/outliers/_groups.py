@@ -1,4 +1,6 @@
-"""Groups of points: which are flat, how far they stand off, and how deep below ground they lie."""
+"""Groups of points: what they look like, how far they stand off, how deep below ground they lie."""
+
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -7,20 +9,96 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._explaining import ExplainLimits
 
 AT_ONCE = 100_000  # points whose nearest are asked for at once; it limits the memory
+LENGTH = np.sqrt(12)  # of a line, in standard deviations of points that lie evenly on it
 
 
-def are_flat_groups(points, group, flat):
-    """Which groups are flat. The deviation off the plane has as many degrees of freedom as points
-    beyond those that a plane needs, and counts with its standard error: few are flat by chance."""
-    order = np.lexsort(points.T[::-1])
-    sizes = np.bincount(group)
-    spare = sizes - points.shape[1]
-    deviations = _deviations(points[order], group[order], sizes, spare > 0)
-    spare = np.maximum(spare, 1)
-    off = deviations[:, 0] * np.sqrt(sizes / spare) * (1 + 1 / np.sqrt(2 * spare))
-    return (deviations[:, -1] > 0) & (flat * off <= deviations[:, -1])
+class ShapeLimits(NamedTuple):
+    """What a group looks like."""
+
+    # A group is flat if its standard deviation along its longest axis is this many times the one
+    # off its plane, and straight if it is this many times the one along the next axis.
+    thin: float = 3.0
+
+
+class Shapes(NamedTuple):
+    """What g groups look like: flat, straight, or else round."""
+
+    flat: np.ndarray  # bool (g,)
+    straight: np.ndarray  # bool (g,): the group and each of its halves, so that two clumps are not
+    length: np.ndarray  # (g,), along the longest axis, as if points lay evenly along it
+    size: np.ndarray  # (g,), the standard deviation along that axis, or a straight group's length
+    centers: np.ndarray  # (g, d)
+    normals: np.ndarray  # (g, d)
+    thickness: np.ndarray  # (g,), the standard deviation off the plane
+
+    @classmethod
+    def of(cls, points, group):
+        """Of points whose order is settled, since sums depend on it. `group` is from 0 on."""
+        counts, d = np.bincount(group), points.shape[1]
+        centers, deviations, axes = _axes(points, group, counts)
+        thickness = _with_error(deviations[:, 0], counts, d)
+        rounding = 8 * np.finfo(float).eps * np.abs(points).max(initial=0.0)
+        straight, along = are_straight(deviations, counts), deviations[:, -1]
+        rows = np.flatnonzero(straight[group])
+        if len(rows):
+            own = group[rows]
+            places = np.einsum("nd,nd->n", points[rows] - centers[own], axes[own, :, -1])
+            lowest, highest = gaps_of_groups(own, places), -gaps_of_groups(own, -places)
+            half = 2 * own + (places - lowest[own] > highest[own] - places)
+            in_halves = np.bincount(half, minlength=2 * len(counts))
+            halves = _axes(points[rows], half, in_halves)[1]
+            straight &= are_straight(halves, in_halves).reshape(-1, 2).all(axis=1)
+        return cls(
+            flat=_are_thin(thickness, along, counts > d),
+            straight=straight,
+            length=LENGTH * along,
+            size=np.where(straight, LENGTH, 1.0) * along,
+            centers=centers,
+            normals=axes[:, :, 0],
+            thickness=np.hypot(thickness, rounding),
+        )
+
+    def explain(self, groups, points):
+        """Whether the planes of these groups (m,) explain points (m, d). What is straight has no
+        plane of its own."""
+        off = np.einsum("md,md->m", points - self.centers[groups], self.normals[groups])
+        near = np.abs(off) <= ExplainLimits().explained * self.thickness[groups]
+        return near & ~self.straight[groups]
+
+
+def are_straight(deviations, counts):
+    """Which of some points are straight, by their standard deviations along their axes (g, d)."""
+    across = _with_error(deviations[:, -2], counts, 2)
+    return _are_thin(across, deviations[:, -1], counts > 2)
+
+
+def _with_error(deviations, counts, n_needed):
+    """Standard deviations (g,) with their standard errors: they have as many degrees of freedom as
+    points beyond those that a plane or a line needs. So few are thin by chance."""
+    spare = np.maximum(counts - n_needed, 1)
+    return deviations * np.sqrt(counts / spare) * (1 + 1 / np.sqrt(2 * spare))
+
+
+def _are_thin(across, along, enough):
+    return enough & (along > 0) & (ShapeLimits().thin * across <= along)
+
+
+def _axes(points, group, counts):
+    """Centers of groups, and their standard deviations along their axes, ascending, and these."""
+    d, counts = points.shape[1], np.maximum(counts, 1)
+    covariance = np.zeros((len(counts), d, d))
+    centers = [np.bincount(group, points[:, i], len(counts)) / counts for i in range(d)]
+    centers = np.stack(centers, axis=1)
+    away = points - centers[group]
+    for i in range(d):
+        for j in range(i + 1):
+            products = away[:, i] * away[:, j]
+            covariance[:, i, j] = np.bincount(group, products, len(counts)) / counts
+    values, axes = np.linalg.eigh(covariance)
+    return centers, np.sqrt(np.maximum(values, 0.0)), axes
 
 
 def gaps_of_groups(group, gaps):
@@ -32,32 +110,13 @@ def gaps_of_groups(group, gaps):
 
 def separation_of_groups(points, group, usual, gaps):
     """Gap of each group over the size of the group, by the usual spacing around each point and its
-    gap to the nearest that is real. Sums are taken in the order of coordinates, so they do not
-    depend on that of the points."""
+    gap to the nearest that is real; and which groups are straight. Sums are taken in the order of
+    coordinates, so they do not depend on that of the points."""
     order = np.lexsort(points.T[::-1])
-    return separation_of_sorted(points[order], group[order], usual[order], gaps[order])
-
-
-def separation_of_sorted(points, group, usual, gaps):
-    """The same of points whose order is settled."""
-    sizes = np.bincount(group)
-    size = np.bincount(group, usual) / sizes
-    size = np.maximum(size, _deviations(points, group, sizes, sizes > 1)[:, -1])
-    return ratio(gaps_of_groups(group, gaps), size)
-
-
-def _deviations(points, group, sizes, asked):
-    """Standard deviations of groups along their axes, ascending; 0 of those that are not asked."""
-    d = points.shape[1]
-    covariance = np.zeros((len(sizes), d, d))
-    centers = np.stack([np.bincount(group, points[:, i]) / sizes for i in range(d)], axis=1)
-    away = points - centers[group]
-    for i in range(d):
-        for j in range(i + 1):
-            covariance[:, i, j] = np.bincount(group, away[:, i] * away[:, j]) / sizes
-    deviations = np.zeros((len(sizes), d))
-    deviations[asked] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[asked]), 0.0))
-    return deviations
+    points, group, usual, gaps = points[order], group[order], usual[order], gaps[order]
+    shapes = Shapes.of(points, group)
+    size = np.maximum(np.bincount(group, usual) / np.bincount(group), shapes.size)
+    return ratio(gaps_of_groups(group, gaps), size), shapes.straight
 
 
 def depths_of_groups(xyz, ground, candidates):
@@ -66,8 +125,8 @@ def depths_of_groups(xyz, ground, candidates):
     A point is below ground if it is lower than the three ground points nearest in plan by more than
     these are away in plan. Points below ground are linked to those of their nearest neighbors that
     are closer than the ground is above them. What is linked is a group. Its depth is that of its
-    highest point. Its size is the standard deviation along its longest axis, as of the detector's
-    groups, but no less than the distance in plan to the third nearest ground point.
+    highest point. Its size is that of the detector's groups, but no less than the distance in plan
+    to the third nearest ground point.
 
     `ground` is a `Ground`, and `candidates` a mask of the points. What is not below ground has 0.
     """
@@ -87,7 +146,7 @@ def group_depths(points, depth, away):
         order = np.lexsort(points.T)
         points, depth, away = points[order], depth[order], away[order]
         group = connected_components(_links(points, depth), directed=False)[1]
-        result[order] = separation_of_sorted(points, group, away, depth)[group]
+        result[order] = separation_of_groups(points, group, away, depth)[0][group]
     return result
 
 

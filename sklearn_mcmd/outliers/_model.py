@@ -60,9 +60,10 @@ class JudgedCloud:
 
     `strictness` and `noise_scale` are the detector's. `origins`, float64 (n, d), tells where the
     sensor stood when it measured each point of the model's index, and `intensity` (n,) has the
-    `ranks_of_intensity` of these. An origin that is `doubted` is not used if surfaces would go by
-    it; `ray_doubt` says in words that they would, else it is "". `raised` (m, 3) has the places of
-    which rays think worse than coordinates: both scores, and measurements.
+    `ranks_of_intensity` of these. It is `telling` from 0, where isolated points are as bright as
+    all others, to 1, where they are the darkest. An origin that is `doubted` is not used if
+    surfaces would go by it; `ray_doubt` says in words that they would, else it is "". `raised`
+    (m, 3) has the places of which rays think worse than coordinates: both scores, and measurements.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class JudgedCloud:
         self.surface_limits = SurfaceLimits()
         self.off_surface_limits = OffSurfaceLimits()
         self.origins = origins
-        self.intensity, self.doubted = intensity, doubted
+        self.intensity, self.telling, self.doubted = intensity, 0.0, doubted
         self.rays, self.ray_doubt, self.raised = None, "", np.empty((0, 3))
         # What `judge` finds: of all points, and of those off the surfaces.
         self.counts = self.planes = self.explaining = self.explained = self.explained_scale = None
@@ -144,6 +145,9 @@ class JudgedCloud:
             with progress_part(0.4, 1.0):
                 self.off_surface = off_surface = judge_off_surface(rest, least, self.n_jobs)
         rest, points = off_surface.rest.rows, off_surface.rest.points
+        if self.intensity is not None:
+            dark = self.intensity[rest[off_surface.isolation > ExplainLimits().explained]]
+            self.telling = max(0.0, 1 - 2 * np.mean(dark)) if len(dark) else 0.0
         doubt = self._darkness(rest)
         apart = off_surface.isolation * doubt, off_surface.separation
         if self.rays is None:
@@ -204,9 +208,11 @@ class JudgedCloud:
         return self._joined(distances, *by_rays, queries)
 
     def _darkness(self, rows):
-        """The factor on the isolation of these points by their intensity: from 0 of the brightest
-        of all to 1.4 of the darkest, 1 in the middle."""
-        return 1.0 if self.intensity is None else np.sqrt(2 * (1 - self.intensity[rows]))
+        """The factor on the isolation of these points by their intensity: as far as this tells,
+        from 0 of the brightest of all to 1.4 of the darkest, 1 in the middle."""
+        if self.intensity is None:
+            return 1.0
+        return np.sqrt(2 * (1 - self.intensity[rows])) ** self.telling
 
     def paper_scores(self, planes, distances):
         """Scores by the own plane, from the robust distances of a model."""

@@ -7,7 +7,12 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.outliers._groups import are_flat_groups, gaps_of_groups, separation_of_groups
+from sklearn_mcmd.outliers._groups import (
+    Shapes,
+    are_straight,
+    gaps_of_groups,
+    separation_of_groups,
+)
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits, connected
@@ -31,9 +36,6 @@ class OffSurfaceLimits(NamedTuple):
     # Weight of the spacing among off-surface points against that among all points, in their
     # geometric mean.
     rest_weight: float = 2 / 3
-    # A group is flat if its standard deviation along its longest axis is this many times the one
-    # off its plane.
-    flat: float = 3.0
     thing: float = 2.0  # a thing has as many points as this many neighborhoods
     # Dimensions from which on company is everywhere. Of gross errors beside a plane, 10 % of 1,000
     # points, company tells 88 % and more in 4D, 22 % in 5D and 4 % in 6D; planes alone tell all.
@@ -45,13 +47,15 @@ class OffSurface:
     """The m points that no surface explains, as `MCMDOutlierDetector` judges their company.
 
     Scanners measure the skins of things, and where their lines are far apart, a thing lies in
-    pieces, which are flat; ghosts fill space.
+    pieces, which are flat; of a wire or a pole there is no more than a row of points. Ghosts fill
+    space.
     """
 
     rest: "Rest"
     usual: np.ndarray  # (m,), the usual spacing around each point
     real: list  # searches of the points that are real
     groups: np.ndarray  # (m,), from 0 on; pieces of one thing are one group
+    straight: np.ndarray  # bool (m,), in a small group that is straight
     isolation: np.ndarray  # (m,), as the separation: see `measure`
     separation: np.ndarray
 
@@ -185,15 +189,18 @@ def judge_off_surface(rest, least, n_jobs):
     isolation = rest.isolated(among_rest, rest.among_all, usual)
     groups = connected(linked)[0]
     del linked
+    groups, in_row = _rows_parted(rest, groups, least, n_jobs)
     groups = _pieces_joined(rest, groups, least, n_jobs)
     rest.others.release()
     small, real = rest.real(groups, least)
     with progress_part(0.7, 1.0):
-        separation = np.zeros(len(groups))
+        separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
         rows = np.flatnonzero(small[groups])
         if len(rows):
             gaps = _gaps(rest.points[rows], real, n_jobs)
-            separation[rows] = _separation(rest, usual, groups, rows, gaps)
+            separation[rows], straight[rows] = _separation(rest, usual, groups, rows, gaps)
+            # What is in a row keeps company with it, however far apart its points are.
+            isolation = np.where(in_row | straight, np.minimum(isolation, separation), isolation)
         if rest.has_surface:
             _separate_large(rest, usual, groups, least, small, separation, n_jobs)
     for search in real:
@@ -203,36 +210,72 @@ def judge_off_surface(rest, least, n_jobs):
         usual=usual,
         real=real,
         groups=groups,
+        straight=straight,
         isolation=isolation,
         separation=separation,
     )
+
+
+def _rows_parted(rest, groups, least, n_jobs):
+    """The groups, where points of small ones that lie in a row are a group of their own, and which
+    points these are: straight with their nearest others, and among the nearest of each other."""
+    m, n_near = len(groups), rest.limits.n_near
+    asked = np.flatnonzero(rest.real(groups, least)[0][groups])
+    in_row, links = np.zeros(m, bool), []
+    if m <= n_near or len(asked) == 0:
+        return groups, in_row
+
+    def link(some, distances, near):
+        away = rest.points[near] - rest.points[near].mean(axis=1, keepdims=True)
+        covariance = np.einsum("mki,mkj->mij", away, away) / (n_near + 1)
+        deviations = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
+        straight = are_straight(deviations, np.full(len(near), n_near + 1))
+        own = np.repeat(asked[some][straight], n_near)
+        links.append(np.stack([own, near[straight, 1:].ravel()]))
+
+    rest.others.visit(rest.points[asked], n_near + 1, link, n_jobs)
+    one, other = np.hstack(links)
+    graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(m, m)).tocsr()
+    part = connected_components(graph * graph.T, directed=False)[1]
+    rows = np.flatnonzero(np.bincount(part)[part] > 1)
+    rows = rows[np.lexsort(rest.points[rows].T[::-1])]
+    _, part = np.unique(part[rows], return_inverse=True)
+    straight = Shapes.of(rest.points[rows], part).straight[part]
+    groups, in_row[rows] = groups.copy(), straight
+    groups[rows[straight]] = m + part[straight]
+    return np.unique(groups, return_inverse=True)[1], in_row
 
 
 def _pieces_joined(rest, groups, least, n_jobs):
     """The groups, where those that are pieces of one thing are one."""
     small, real = rest.real(groups, least)
     rows = np.flatnonzero(small[groups])
-    if len(rows) == 0:
-        return groups
+    rows = rows[np.lexsort(rest.points[rows].T[::-1])]
     _, group = np.unique(groups[rows], return_inverse=True)
     gaps = gaps_of_groups(group, _gaps(rest.points[rows], real, n_jobs))
     for search in real[1:]:
         search.release()
-    gaps[~are_flat_groups(rest.points[rows], group, rest.limits.flat)] = 0.0
-    gap = np.zeros(len(groups) + 1)  # that of a missing point, the last, stays 0
-    gap[rows] = gaps[group]
-    rows = rows[gap[rows] > 0]
+    shapes = Shapes.of(rest.points[rows], group)
+    rows, group = rows[shapes.flat[group]], group[shapes.flat[group]]
     if len(rows) == 0:
         return groups
-    group_there, pairs = np.append(groups, -1), []
+    # Pieces of a thing are no farther apart than a few of their lengths.
+    reach, pairs = np.full(len(groups) + 1, -np.inf), []  # the last is of a missing point
+    reach[rows] = ExplainLimits().explained * shapes.length[group]
+    piece = np.full(len(reach), -1, np.int32)
+    piece[rows] = group
 
     def link(some, distances, near):
         own = rows[some]
-        # One of both groups, at least, is as near to the other as to anything real.
-        pieces = distances <= np.maximum(gap[own, None], gap[near])
-        i, j = np.nonzero(pieces & (gap[near] > 0))
-        pair = np.stack([groups[own[i]], group_there[near[i, j]]])
-        pairs.append(np.unique(pair, axis=1))
+        others = piece[near] != piece[own, None]
+        i, j = np.nonzero(others & (distances <= reach[own, None] + reach[near]))
+        distances, one, other = distances[i, j], own[i], near[i, j]
+        a, b = piece[one], piece[other]
+        # One of both, at least, is as near to the other as to anything real, or each is in the
+        # other's plane.
+        linked = distances <= np.maximum(gaps[a], gaps[b])
+        linked |= shapes.explain(a, rest.points[other]) & shapes.explain(b, rest.points[one])
+        pairs.append(np.unique(np.stack([groups[one], groups[other]])[:, linked], axis=1))
 
     # A small group has fewer points, so one of another is among them.
     rest.others.visit(rest.points[rows], int(np.ceil(least)), link, n_jobs)
@@ -257,9 +300,11 @@ def _gaps(queries, real, n_jobs):
 
 
 def _separation(rest, usual, groups, rows, gaps):
-    """Of each of these rows the separation of its group, none of whose points is left out."""
+    """Of each of these rows the separation of its group, none of whose points is left out, and
+    whether the group is straight."""
     _, group = np.unique(groups[rows], return_inverse=True)
-    return separation_of_groups(rest.points[rows], group, usual[rows], gaps)[group]
+    separation, straight = separation_of_groups(rest.points[rows], group, usual[rows], gaps)
+    return separation[group], straight[group]
 
 
 def _separate_large(rest, usual, groups, least, small, separation, n_jobs):
@@ -276,7 +321,7 @@ def _separate_large(rest, usual, groups, least, small, separation, n_jobs):
     large[large] = ratio(gaps, usual_of[large]) * weight[large] > (1 - 1e-9) * stands_off
     rows = np.flatnonzero(large[groups])
     gaps = _gaps(rest.points[rows], [rest.reference], n_jobs)
-    apart = _separation(rest, usual, groups, rows, gaps) * weight[groups[rows]] > stands_off
+    apart = _separation(rest, usual, groups, rows, gaps)[0] * weight[groups[rows]] > stands_off
     rows, gaps = rows[apart], gaps[apart]
     if len(rows) == 0:
         return
@@ -291,7 +336,7 @@ def _separate_large(rest, usual, groups, least, small, separation, n_jobs):
             if others.any() and len(asked):
                 near = rest.search_of(others).query(rest.points[rows[asked]], 1, n_jobs)[0][:, 0]
                 gaps[asked] = np.minimum(gaps[asked], near)
-    separation[rows] = _separation(rest, usual, groups, rows, gaps) * weight[groups[rows]]
+    separation[rows] = _separation(rest, usual, groups, rows, gaps)[0] * weight[groups[rows]]
 
 
 def mean_distance(distances, counts, n_near):

@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.outliers._surfaces import find_surfaces
-from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._around import are_flat, ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._nearest import NearestPoints
+from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.sensors._rays import Emptiness, RayLimits, Rays, one_far_position
 
 TINY = 1e-100  # so that logarithms are finite
@@ -28,8 +29,8 @@ class RayEvidence:
 
     `origins`, float64 (n, d), tells where the sensor stood when it measured each point of the
     index, and `planes` has the plane of each. `scatter` (n,) is as by `Rays.measure`. Points
-    `on_sheet`, bool (n,), have planes that contain the rays to them, which are part of no surface.
-    `judge` finds the `rest`.
+    `on_sheet`, bool (n,), have planes that contain the rays to them and do not go on, which are
+    part of no surface. `judge` finds the `rest`.
     """
 
     def __init__(self, index, origins, planes, limits, n_jobs):
@@ -40,6 +41,26 @@ class RayEvidence:
         self.approximate = one_far_position(index.points, origins)
         if self.approximate:
             self.on_sheet[:] = False
+        self._leave_grazed(planes)
+
+    def _leave_grazed(self, planes):
+        """Keep of `on_sheet` the flat planes that end beside surfaces which face elsewhere. Grazed
+        ground contains the rays as well, but it goes on: beams beside it end on it, too."""
+        index, rays, flat = self.index, self.rays, are_flat(planes, self.limits.flat)
+        surface, rows = flat & ~self.on_sheet, np.flatnonzero(flat & self.on_sheet)
+        going_on = np.zeros(len(flat), np.int8)
+        self.on_sheet[:] = False
+
+        def look(part):
+            own = rows[part]
+            going_on[own] = rays.going_on(own, planes, surface, self.limits.angle)
+
+        def settle(part):
+            near = index.query_own(rows[part]).indices
+            self.on_sheet[rows[part]] = going_on[near].sum(axis=1) <= 0
+
+        each_slice(len(rows), index.chunk, look, self.n_jobs)
+        each_slice(len(rows), index.chunk, settle, self.n_jobs)
 
     def find_sheets(self, planes, distances, least):
         """Keep of `on_sheet` what is large enough, where a surface has `least` points."""

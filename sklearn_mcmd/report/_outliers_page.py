@@ -139,10 +139,12 @@ def reasons_of(detector, rows):
         away = (detector.separation_ if kind == 1 else detector.isolation_)[row]
         who = f"group of {n:,}" if kind == 1 else f"one of {n:,} together"
         who = who if n > 1 and groups[row] >= 0 else "single point"
+        straight = kind == 1 and cloud.off_surface.straight[at[row]]
+        who = f"straight thing of {n:,} that hangs" if straight else who
         if kind == 2 or score < away:
             away, unit = score, "standard deviations off a surface"
         elif kind == 1 and n > 1:
-            unit = "of its sizes away"
+            unit = f"of its {'lengths' if straight else 'sizes'} away"
         else:
             unit = f"usual spacings from {'anything' if far[row] else 'its neighbors'}"
         words = f"{who}, {float(f'{away:.2g}'):,g} {unit}"

@@ -31,6 +31,10 @@ class VoteLimits(NamedTuple):
     # no vote if its points are fewer than twice the numbers of both models. Patches of as many are
     # large.
     least_points: int = 24
+    # Share of the largest angle by which a surface turns between neighbors. Planes that differ by
+    # less are no crease: a road, and a roof that falls to its drains, stay whole. They may be a
+    # step, as at a kerb.
+    blunt: float = 0.2
 
 
 class _Cells(NamedTuple):
@@ -90,7 +94,8 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     large = found.sizes[first] >= VoteLimits().least_points
     borders = patch[edges]
     borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
-    strips = _Strips(index.points, noise, unit, cells, patch, normals)
+    blunt = np.cos(VoteLimits().blunt * np.arccos(min(rules.min_cosine, 1.0)))
+    strips = _Strips(index.points, noise, unit, cells, patch, normals, blunt)
     votes = strips.votes(borders, n_jobs)
     group, mixed = _groups(borders, votes, large)
     divided = np.append(np.where(mixed, -1, group)[patch], -1)[cells.of].astype(labels.dtype)
@@ -142,12 +147,13 @@ def _edges(cells, near, labels):
 class _Strips:
     """The points of two patches near to their border, what they vote, and on which side they are.
 
-    A strip reaches on both sides as far as the smaller patch, so that both weigh alike.
+    A strip reaches on both sides as far as the smaller patch, so that both weigh alike. Planes
+    meet in no crease if the cosine of their normals (n_patches, 3) is larger than `blunt`.
     """
 
-    def __init__(self, points, noise, unit, cells, patch, normals):
+    def __init__(self, points, noise, unit, cells, patch, normals, blunt):
         self.points, self.noise, self.unit = points, noise, unit
-        self.cells, self.normals = cells, normals
+        self.cells, self.normals, self.blunt = cells, normals, blunt
         self.centers = centers = points[cells.members[cells.starts[:-1]]]
         order = np.argsort(patch, kind="stable")
         self.groups = groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
@@ -196,7 +202,8 @@ class _Strips:
         value = fit.ridge  # too few to tell
         if len(rows) >= VoteLimits().least_points:
             normals, most_noise = self.normals[names], JoinLimits().most_noise
-            known = local, weights, cell, first, normals, fit, most_noise
+            blunt = bool(abs(normals[0] @ normals[1]) > self.blunt)
+            known = local, weights, cell, first, normals, fit, most_noise, blunt
             value = _compiled("vote")(*known, np.empty((5, len(rows))), np.empty((7, 7)), sides)
         return value, names, rows, sides[1]
 

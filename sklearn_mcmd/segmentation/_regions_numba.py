@@ -284,14 +284,15 @@ def _scatter(scatters, c, more):
 
 
 @kernel(cache=True)
-def vote(points, weights, cells, first, normals, limits, most_noise, room, equations, sides):
+def vote(points, weights, cells, first, normals, limits, most_noise, blunt, room, equations, sides):
     """Is a border no crease? Half the difference of BIC, above 0 for one smooth surface.
 
     One surface is a quadric over the mean of both planes, with six numbers. The other model are two
     planes that meet in their line of intersection, six as well. The line tells the sides, since
     sides as labels tell them are sorted by the noise. If they are told by labels all the same, for
-    a step, the rest must be smaller by `most_noise`. The second region costs the numbers of a
-    plane. Points of one cell whose deviations have the same sign count as fewer.
+    a step, the rest must be smaller by `most_noise`; a `blunt` crease is none, but may be a step.
+    The second region costs the numbers of a plane. Points of one cell whose deviations have the
+    same sign count as fewer.
 
     Points (n, 3) are near the origin, weights (n,) inverse standard deviations, cells ascend on
     each side, `first` (n,) are the points of one side by labels, normals (2, 3) of both patches.
@@ -333,7 +334,7 @@ def vote(points, weights, cells, first, normals, limits, most_noise, room, equat
             break
     if sign == 0.0:
         return ridge  # too few to tell
-    if most_noise**2 * step < left:
+    if blunt or most_noise**2 * step < left:
         left = most_noise**2 * step
         for i in range(n):
             sides[1, i] = first[i]

@@ -254,6 +254,18 @@ class Rays:
         each_slice(n, index.chunk, agree, self.n_jobs)
         return agreed
 
+    def going_on(self, rows, planes, on_surface, max_angle):
+        """Of the planes of surfaces where beams next to some of the points end, how many more go on
+        through the point, and explain it, than face elsewhere."""
+        beams = self._beams[rows]
+        normals = planes.normals[beams]
+        away = self.points[rows][:, None] - planes.centroids[beams]
+        heights = np.abs(np.einsum("mkd,mkd->mk", away, normals))
+        explains = heights <= ExplainLimits().explained * planes.scale[beams]
+        cosines = np.abs(np.einsum("mkd,md->mk", normals, planes.normals[rows]))
+        told = np.where(cosines < np.cos(np.radians(max_angle)), -1, explains)
+        return np.where(on_surface[beams], told, 0).sum(axis=1)
+
     def _look(self, rows, planes, explained):
         beams, step = self._beams[rows], self.step[rows]
         away = distances_between(self.points[beams], self.points[rows])

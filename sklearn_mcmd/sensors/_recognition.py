@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.sensors._rays import RayLimits, one_far_position
 
 SAMPLE = 100_000  # points of larger clouds that are asked
@@ -26,7 +25,9 @@ class ViewLimits(NamedTuple):
 
     even: float = 0.5  # gaps are less uneven than this share of what they are in space
     # Directions nearer than this share of the usual gap are one beam, with several echoes.
-    # Positions beside the origin are this share of the usual range away.
+    # Positions beside the origin are this share of the usual range away. A sensor stood there, and
+    # not at the origin, if gaps are more even from there by more than twice this share; points
+    # nearer than twice this share are left out, since they are elsewhere as seen from there.
     aside: float = 0.05
 
 
@@ -45,14 +46,10 @@ def view_from_origin(parts):
     (here,) = _views(parts, np.zeros((1, 3)))
     if here is None or not here.is_even():
         return ""
-    mean, error = here.uneven_beside_others()
+    least = (1 - 2 * ViewLimits().aside) * here.uneven_beside_others()
     aside = ViewLimits().aside * here.usual_range * np.vstack([np.eye(3), -np.eye(3)])
-    for there in _views(parts, aside):
-        if there is None:
-            return ""
-        its_mean, its_error = there.uneven_beside_others()
-        if its_mean - mean <= ExplainLimits().explained * max(error, its_error):
-            return ""
+    if any(view is None or view.uneven_beside_others() < least for view in _views(parts, aside)):
+        return ""
     one_side = np.linalg.norm(here.directions.mean(axis=0)) > 0.5
     return "a view from the origin" if one_side else "a turn about the origin"
 
@@ -62,7 +59,7 @@ def views_from_setups(points, positions, setups=None):
     or why it cannot be asked, "far" or "few".
 
     Points (n, 3) have `positions` (1, 3) or (n, 3); `setups` (n,) number those that are several.
-    The file's word stands where steps are even: no position aside has to be worse.
+    The file's word stands where steps are even: no position aside is asked.
     """
     groups = [slice(None)]
     if setups is not None:
@@ -94,10 +91,10 @@ class _View:
     def is_even(self):
         """Whether directions are at even steps, as a sensor makes them, unlike the points."""
         in_space = cKDTree(self.points).query(self.points, k=2)[0][self.asked, 1]
-        return _uneven(self.gaps)[0] < ViewLimits().even * _uneven(in_space)[0]
+        return _uneven(self.gaps) < ViewLimits().even * _uneven(in_space)
 
     def uneven_beside_others(self):
-        """As against the beams around each, and the standard error."""
+        """As against the beams around each."""
         return _uneven(self.gaps, self.usual)
 
 
@@ -120,6 +117,9 @@ class _Sample:
     def view(self):
         """The `_View`, in which the inner half of each window is asked; None of too few points."""
         points = np.unique(self.points, axis=0)
+        if len(points):
+            ranges = _polar(points - self.position)[0]
+            points = points[ranges >= 2 * ViewLimits().aside * np.median(ranges)]
         asked = self._apart(points) < self.width / np.sqrt(2)
         if len(points) <= _n_around() or not asked.any():
             return None
@@ -165,10 +165,9 @@ def _polar(points):
 
 
 def _uneven(gaps, usual=None):
-    """The mean of (log2 of a gap over the usual one)^2, each at most 1, and its standard error."""
+    """The mean of (log2 of a gap over the usual one)^2, each at most 1."""
     if len(gaps) == 0:  # most points are in one direction
-        return 1.0, 0.0
+        return 1.0
     usual = np.median(gaps) if usual is None else usual
     with np.errstate(divide="ignore"):  # beams around are in one direction
-        each = np.minimum(np.log2(gaps / usual) ** 2, 1.0)
-    return each.mean(), each.std() / np.sqrt(len(each))
+        return np.minimum(np.log2(gaps / usual) ** 2, 1.0).mean()

@@ -8,8 +8,10 @@ from scipy.stats import rankdata
 from outliers.test_ray_evidence import FORM, sheet_at_an_edge
 from sklearn_mcmd import MCMDOutlierDetector
 
-X = np.random.default_rng(0).random((80, 3))
+X = np.random.default_rng(0).random((80, 3)) + np.repeat([[0.0], [4.0]], [76, 4], axis=0)
 LIGHT = np.random.default_rng(1).integers(-20, 20, 80)  # with ties
+LIGHT[76:] = -20, -19, -20, -18  # what is isolated is dark
+X[76:] *= [[1], [2], [4], [8]]
 
 
 def detector(**parameters):
@@ -74,16 +76,28 @@ def test_doubts_grow_in_the_dark_and_surfaces_stay():
     rng = np.random.default_rng(0)
     wall = rng.uniform(0, 4, (3000, 3)) * [1, 0, 1] + rng.normal(0, 0.003, (3000, 3))
     cloud = np.vstack([wall, rng.uniform([0, -2, 0], [4, -0.5, 4], (200, 3))])
-    light = np.r_[rng.uniform(5, 20, 3000), np.zeros(100), np.full(100, 30.0)]
+    light = np.r_[rng.uniform(5, 20, 3000), np.zeros(150), np.full(50, 30.0)]
     plain, known = detector().fit(cloud), detector().fit(cloud, intensity=light)
     rest = ~plain.on_surface_
     assert_array_equal(known.scores_[~rest], plain.scores_[~rest])
     brighter = 1 - (rankdata(light) - 0.5) / len(light)
-    expected = plain.isolation_ * np.sqrt(2 * brighter)
-    assert_allclose(known.isolation_, expected)
-    assert (known.isolation_[3000:3100] > plain.isolation_[3000:3100]).all()
-    assert (known.isolation_[3100:] < 0.4 * plain.isolation_[3100:]).all()
+    telling = 2 * brighter[plain.isolation_ > 3].mean() - 1
+    assert 0.3 < telling < 0.6
+    assert_allclose(known.isolation_, plain.isolation_ * (2 * brighter) ** (telling / 2))
+    assert (known.isolation_[3000:3150] > plain.isolation_[3000:3150]).all()
+    assert (known.isolation_[3150:] < 0.6 * plain.isolation_[3150:]).all()
     assert_array_equal(known.separation_, plain.separation_)
+
+
+@pytest.mark.parametrize(("flakes", "factor"), [(0.0, 1.4), (12.0, 1.0), (30.0, 1.0)])
+def test_intensity_tells_only_where_what_is_isolated_is_darker_than_the_rest(flakes, factor):
+    """Flakes as bright as the wall, or brighter, are as isolated as without intensity."""
+    rng = np.random.default_rng(1)
+    wall = rng.uniform(0, 4, (3000, 3)) * [1, 0, 1] + rng.normal(0, 0.003, (3000, 3))
+    cloud = np.vstack([wall, rng.uniform([0, -2, 0], [4, -0.5, 4], (200, 3))])
+    light = np.r_[rng.uniform(5, 19, 3000), flakes + rng.normal(0, 0.1, 200)]
+    isolation = detector().fit(cloud, intensity=light).isolation_[3000:]
+    assert_allclose(isolation, factor * detector().fit(cloud).isolation_[3000:], rtol=0.1)
 
 
 def test_bright_mixed_pixels_stay_on_their_sheets():

@@ -13,6 +13,7 @@ from sklearn_mcmd.planes._nearest import NearestPoints
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
 LATTICE = (4 + 4 * np.sqrt(2)) / 8
+LENGTH = np.sqrt(12)  # of a line, in standard deviations
 
 
 def spacing_of(points, counts, others_only=False):
@@ -61,8 +62,8 @@ def with_rest(*points):
 
 
 def test_n_times_as_many_points_as_a_thing_must_stand_off_n_times_as_far():
-    line = [[10, 10, 50 + 0.5 * i] for i in range(30)]
-    size = 50 / (0.5 * np.std(range(30)))
+    line = [[10, 10, 170 + 0.5 * i] for i in range(30)]
+    size = 170 / (0.5 * LENGTH * np.std(range(30)))
     for least, weight in ((31, 1), (30, 1), (15, 1 / 2), (9, 3 / 10)):
         found = company(with_rest(*line), 400, least=least)
         assert_allclose(found.separation[400:], size * weight)
@@ -102,7 +103,7 @@ def test_flat_groups_nearer_to_each_other_than_to_anything_real_are_one(n, gap, 
     to_real = np.linalg.norm(X[412:, None] - X[:400], axis=2).min()
     one_thing |= gap <= to_real
     group = X[400:] if one_thing else X[400:412]
-    size = np.sqrt(np.linalg.eigvalsh(np.cov(group.T, bias=True))[-1])
+    size = LENGTH * np.sqrt(np.linalg.eigvalsh(np.cov(group.T, bias=True))[-1])
     assert_allclose(found.separation[400:412], 30 / size)
 
 
@@ -124,6 +125,45 @@ def test_clumps_that_fill_space_are_no_pieces():
         part = clump * [1, 1, squeezed] + [10, 10, 30]
         found = company(with_rest(part, part + np.array([0, 0, 8])), 400)
         assert (found.separation[400] == found.separation[-1]) == one_thing
+
+
+def test_pieces_are_no_farther_apart_than_three_times_both_their_lengths():
+    """What is far off has nothing real beside it, and other errors about as far away."""
+    length = LENGTH * 0.5 * np.std(range(12))
+    for gap, one_thing in ((5.9 * length, True), (6.1 * length, False)):
+        found = company(with_rest(line_at(5, 5, 200), line_at(5, 5 + gap, 200)), 400)
+        assert (found.groups[0] == found.groups[-1]) == one_thing
+
+
+@pytest.mark.parametrize(("tilt", "one_thing"), [(0.0, True), (0.1, False)])
+def test_pieces_in_one_plane_are_one_thing_whatever_is_nearer(tilt, one_thing):
+    """As those of a wall that a depth camera measured in steps."""
+    patch = lattice(4) * 0.7
+    other = patch + np.outer(patch[:, 0], [0, 0, tilt]) + np.array([8, 0, 0])
+    found = company(with_rest(patch + np.array([4, 4, 4]), other + np.array([4, 4, 4])), 400)
+    assert (found.groups[0] == found.groups[-1]) == one_thing
+
+
+def test_points_in_a_row_keep_company_with_it_however_far_apart_they_are():
+    rng = np.random.default_rng(0)
+    row = [[1, 9, 20]] + np.outer(np.arange(12), [2, 0.5, 0.3]) * 2 + rng.normal(0, 0.1, (12, 3))
+    found = company(with_rest(row), 400)
+    assert_array_equal(found.groups, 0)
+    assert (found.isolation[400:] < 1).all()
+    assert_allclose(found.isolation[400:], found.separation[400:])
+    bent = row * [1, 1, 0] + np.outer(np.square(np.arange(12) - 5.5), [0, 0.7, 0.5])
+    bent = company(with_rest(bent + np.array([0, 0, 20])), 400)
+    assert len(np.unique(bent.groups)) == 12
+    assert (bent.isolation[400:] > 3).all()
+
+
+def test_two_clumps_are_no_row():
+    clump = np.random.default_rng(0).normal(size=(5, 3))
+    found = company(with_rest(clump + np.array([10, 10, 40]), clump + np.array([10, 50, 40])), 400)
+    assert found.groups[0] != found.groups[-1]
+    size = np.sqrt(np.linalg.eigvalsh(np.cov(clump.T, bias=True))[-1])
+    gap = clump[:, 2].min() + 40
+    assert_allclose(found.separation[400:405], gap / max(size, found.usual[:5].mean()), rtol=0.05)
 
 
 def test_copies_count_as_measurements():

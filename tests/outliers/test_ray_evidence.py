@@ -65,8 +65,18 @@ def sheet_far_away(rng):
     return sheet_at_an_edge(rng)[0], -200 * AXIS
 
 
+def grazed_ground(rng):
+    """Rough ground, far away as rough as the beams' steps: its ranges scatter, and it goes on."""
+    azimuth, down = (side.ravel() for side in np.meshgrid(*np.ogrid[-8:8, 16:42]))
+    azimuth, down = np.radians(azimuth / 8), np.radians(down / 8)
+    ranges = (1.7 + rng.normal(0, 0.02, 416)) / np.sin(down)
+    flat = np.cos(down)
+    rays = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), -np.sin(down)])
+    return ranges[:, None] * rays, np.zeros(3)
+
+
 @pytest.mark.parametrize(
-    "cloud", [snowed_room, ball_before_a_wall, sheet_at_an_edge, sheet_far_away]
+    "cloud", [snowed_room, ball_before_a_wall, sheet_at_an_edge, sheet_far_away, grazed_ground]
 )
 def test_what_rays_tell_equals_the_literal_oracle(cloud):
     X, sensor = cloud(np.random.default_rng(0))

@@ -46,6 +46,14 @@ def test_reasons_name_a_point_a_group_and_what_lies_off_every_surface():
     assert float(away) == pytest.approx(detector.separation_[4010], rel=0.05)
 
 
+def test_a_wire_that_hangs_is_told_from_other_groups():
+    wire = [[4 + 0.1 * i, 5, 8] for i in range(20)]
+    detector = MCMDOutlierDetector(random_state=0).fit(np.vstack([cloud(), wire]))
+    (reason,) = reasons_of(detector, [len(cloud())])
+    away = re.fullmatch(r"straight thing of 20 that hangs, ([\d.]+) of its lengths away", reason)[1]
+    assert float(away) == pytest.approx(8 / (0.1 * np.sqrt(20**2 - 1)), rel=0.1)
+
+
 def test_reasons_tell_what_excuses_a_point_best():
     """A point just off the plane is as alone there as another: the distance excuses it."""
     xyz = np.vstack([cloud(), [[5, 5, 0.05], [1, 1, 4]]])
