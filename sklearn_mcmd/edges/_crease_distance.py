@@ -16,8 +16,10 @@ from scipy.special import gamma
 from sklearn_mcmd.planes._around import are_flat
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._quadrics import work_arrays
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
+from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
 CHUNK = 500_000  # entries of the largest array a task holds
@@ -132,7 +134,7 @@ class Creases:
             asked = queries[part] - self.origin
             faces.put(part, give_faces(asked, around, self.planes, self.flat, usable))
 
-        _in_chunks(self.index, len(queries), around, give, queries.shape[1], self.n_jobs)
+        _in_chunks(self.index, len(queries), around, give, self.n_jobs)
         return faces
 
     def _meet(self, queries, own, around):
@@ -140,26 +142,19 @@ class Creases:
         BIC of the best two or three faces less that of the best surface without a crease, negative
         where there is an edge. `own` are the faces of the queries."""
         distance, evidence = (self.index.empty(len(queries)) for _ in range(2))
-        distance[:], evidence[:] = np.inf, np.nan
-        faces = own if self.faces is None else self.faces
+        others = own if self.faces is None else self.faces
+        others = others.normals, others.levels, others.on_face
+        told = CreaseLimits(), self.cosine, ExplainLimits().explained
+        fill = compiled_function("edges._crease_distance_numba", "meet_faces")
 
         def meet(part, around):
-            mine, near = own.take(part), around.indices
-            cosines = np.abs(np.einsum("md,mkd->mk", mine.normals, faces.normals[near]))
-            other = (cosines < self.cosine) & faces.on_face[near]
-            # A face has as many points as determine a plane.
-            busy = np.flatnonzero(other.sum(axis=1) >= queries.shape[1])
-            busy = busy[mine.flat[busy] & (mine.spacing[busy] > 0)]
-            if busy.size:
-                some, near = part.start + busy, near[busy]
-                given = faces.normals[near], faces.levels[near], cosines[busy], other[busy]
-                asked, near = (x - self.origin for x in (queries[some], self.index.points[near]))
-                distance[some], evidence[some] = _faces_or_smooth(
-                    asked, mine.take(busy), near, *given, self.cosine
-                )
+            k, d = around.indices.shape[1], queries.shape[1]
+            arrays, equations = work_arrays(max(d, 3) + 7, k)
+            room = arrays[7:], arrays[:7], np.empty(d), np.empty(k, bool), equations
+            given = queries[part], self.origin, around, own.take(part), others, told, room
+            fill(self.index.points, *given, distance[part], evidence[part])
 
-        width = min(self.index.n_neighbors, 1_000)
-        _in_chunks(self.index, len(queries), around, meet, width, self.n_jobs)
+        _in_chunks(self.index, len(queries), around, meet, self.n_jobs)
         return distance, evidence
 
     def _judge(self, faces, distance, evidence, around):
@@ -183,12 +178,12 @@ class Creases:
             found = np.where(known, distance[part] * smooth * off, np.inf)
             distance[part] = np.minimum(found, most)
 
-        _in_chunks(self.index, len(distance), around, judge, len(self.origin), self.n_jobs)
+        _in_chunks(self.index, len(distance), around, judge, self.n_jobs)
 
 
-def _in_chunks(index, n, around, work, width, n_jobs):
+def _in_chunks(index, n, around, work, n_jobs):
     """Call `work` with slices of n queries and their neighborhoods."""
-    step = max(1, CHUNK // (index.n_neighbors * width))
+    step = max(1, CHUNK // (index.n_neighbors * index.points.shape[1]))
     each_slice(n, step, lambda part: work(part, around(part)), n_jobs)
 
 
@@ -226,7 +221,7 @@ def _measure_spacing(index, origin, planes, n_jobs):
     works = [measure, *[smooth] * CreaseLimits().evening_steps]
     for step, work in enumerate(works):
         with progress_part(step / len(works), (step + 1) / len(works)):
-            _in_chunks(index, m, index.query_own, work, d, n_jobs)
+            _in_chunks(index, m, index.query_own, work, n_jobs)
         if step:
             planes.spacing[:] = even
 
@@ -270,154 +265,6 @@ def give_faces(queries, around, planes, flat, usable):
         flat=flat,
         on_face=on_face,
     )
-
-
-def _faces_or_smooth(queries, own, neighbors, normals, levels, cosines, other, cosine):
-    """Distance and evidence of queries (m, d) with other faces among their neighbors (m, k, d)."""
-    k, d = neighbors.shape[1:]
-    # Heights (m, k, k) of each neighbor above the plane given to each other one.
-    heights = np.matmul(neighbors, normals.swapaxes(1, 2)) - levels[:, None]
-    first = np.einsum("mkd,md->mk", neighbors, own.normals) - own.levels[:, None]
-    above = np.einsum("md,mkd->mk", queries, normals) - levels
-    limit = ExplainLimits().explained * own.scale[:, None]
-    each = np.arange(len(queries))
-
-    second, squares, surface = _join(first, heights, other, limit)
-    distance = _to_line(above[each, second], cosines[each, second])
-    between = np.abs(np.einsum("md,mkd->mk", normals[each, second], normals))
-    third_faces = other & (between < cosine)
-    third, fewer, corner = _join(surface, heights, third_faces, limit)
-    meets = fewer < k ** (-d / k) * squares  # by BIC: a plane has d numbers
-    to_third = _to_line(above[each, third], cosines[each, third])
-    distance = np.where(meets, np.minimum(distance, to_third), distance)
-    surface = np.where(meets[:, None], corner, surface)
-
-    def cost(residuals, n_numbers):
-        """Half the BIC, of the numbers of a model that are fitted or chosen here."""
-        least = np.finfo(float).tiny  # of exact faces
-        squares = np.mean(np.clip(residuals, -limit, limit) ** 2, axis=1) + least
-        return 0.5 * (k * np.log(squares) + n_numbers * np.log(k))
-
-    sharp = cost(surface, d + d * meets)
-    smooth = _smooth_residuals(neighbors, own.scale)
-    if smooth is None:
-        return distance / own.spacing, np.full(len(queries), -1.0)
-    best = cost(smooth, d + d * (d - 1) // 2)
-    best = np.minimum(best, cost(_arc_residuals(neighbors, normals, own.scale), 3))
-    beside, beyond = ((heights[each, :, f], normals[each, f]) for f in (second, third))
-    for one, two, there in ((first, own.normals), beside, True), (beside, beyond, meets):
-        for residuals in _rounded(*one, *two, own.spacing[:, None]):
-            best = np.where(there, np.minimum(best, cost(residuals, d + 1)), best)
-    return distance / own.spacing, sharp - best
-
-
-def _join(surface, heights, allowed, limit):
-    """The face that, joined to a surface in a crease, leaves the least squared residuals.
-
-    Two planes that cross make four surfaces with a crease, each a half of one and a half of the
-    other: the larger or the lesser of both heights, either side of the second plane up.
-
-    `surface` (m, k) has the heights of neighbors above the surface so far, `heights` (m, k, k)
-    those above the plane of each neighbor, of which only the `allowed` (m, k) are joined. Residuals
-    count as `limit` (m, 1) at most. Returns positions of the best neighbors, sums of squares, inf
-    where none is allowed, and heights above the joined surface (m, k).
-    """
-    each = np.arange(len(surface))
-    best, squares = np.zeros(len(surface), dtype=np.intp), np.full(len(surface), np.inf)
-    joined = surface.copy()
-    room = np.empty_like(heights)
-    for side in (1.0, -1.0):
-        for choose in (np.maximum, np.minimum):
-            np.multiply(heights, side, out=room)
-            choose(room, surface[:, :, None], out=room)
-            np.clip(room, -limit[:, :, None], limit[:, :, None], out=room)
-            sums = np.where(allowed, np.einsum("mqj,mqj->mj", room, room), np.inf)
-            candidate = sums.argmin(axis=1)
-            least = sums[each, candidate]
-            better = np.flatnonzero(least < squares)
-            best[better], squares[better] = candidate[better], least[better]
-            plane = side * heights[better, :, candidate[better]]
-            joined[better] = choose(plane, surface[better])
-    return best, squares, joined
-
-
-def _to_line(height, cosine):
-    """Distance, along the own plane, to the line where it meets one this far below."""
-    sine = np.sqrt(np.maximum(1.0 - cosine**2, np.finfo(float).tiny))
-    return np.abs(height) / sine
-
-
-def _smooth_residuals(neighbors, scale):
-    """Residuals (m, k) to the best surface of second order, None if too many coefficients."""
-    _, k, d = neighbors.shape
-    pairs = [(a, b) for a in range(1, d) for b in range(a, d)]
-    n_coefficients = d + len(pairs)
-    if k <= n_coefficients + 1:
-        return None
-    centered = neighbors - neighbors.mean(axis=1, keepdims=True)
-    size = np.sqrt(np.einsum("mkd,mkd->m", centered, centered) / k)
-    size = np.maximum(size, np.finfo(float).tiny)
-    centered /= size[:, None, None]
-    _, axes = np.linalg.eigh(np.matmul(centered.swapaxes(1, 2), centered))
-    local = np.matmul(centered, axes)
-    heights, plane = local[..., 0], local[..., 1:]
-    squares = [local[..., a] * local[..., b] for a, b in pairs]
-    terms = np.stack([np.ones_like(heights), *np.moveaxis(plane, -1, 0), *squares], axis=-1)
-    residuals = np.zeros_like(heights)
-    for _ in range(CreaseLimits().smooth_steps):
-        solution = _solve(terms, heights, residuals / scale[:, None])
-        residuals = heights - np.einsum("mka,ma->mk", terms, solution)
-        slope = np.repeat(solution[:, None, 1:d], k, axis=1)
-        for (a, b), curvature in zip(pairs, solution[:, d:].T, strict=True):
-            slope[..., a - 1] += curvature[:, None] * local[..., b]
-            slope[..., b - 1] += curvature[:, None] * local[..., a]
-        residuals = np.abs(residuals) / np.sqrt(1.0 + np.einsum("mka,mka->mk", slope, slope))
-        residuals *= size[:, None]
-    return residuals
-
-
-def _arc_residuals(neighbors, normals, scale):
-    """Residuals (m, k) to a cylinder whose axis the normals tell: a circle of three numbers."""
-    across = np.linalg.eigh(np.matmul(normals.swapaxes(1, 2), normals))[1][:, :, -2:]
-    flat = np.matmul(neighbors - neighbors.mean(axis=1, keepdims=True), across)
-    square = np.einsum("mkd,mkd->mk", flat, flat)
-    size = np.maximum(np.sqrt(square.mean(axis=1)), np.finfo(float).tiny)[:, None]
-    flat /= size[..., None]
-    terms = np.concatenate([2.0 * flat, np.ones_like(flat[..., :1])], axis=2)
-    residuals = np.zeros_like(square)
-    solution = _solve(terms, square / size**2, residuals)
-    squares = solution[:, 2] + np.square(solution[:, :2]).sum(axis=1)
-    solution[:, 2] = np.sqrt(np.maximum(squares, 0.0))
-    for _ in range(CreaseLimits().smooth_steps + 1):  # the first of them measures only
-        solution += _solve(terms, residuals, residuals * size / scale[:, None])
-        gaps = flat - solution[:, None, :2]
-        away = np.maximum(np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps)), np.finfo(float).eps)
-        residuals = away - solution[:, 2:]
-        terms[..., :2] = gaps / away[..., None]
-    return residuals * size
-
-
-def _rounded(one, first, two, second, spacing):
-    """Residuals (m, k), by heights and normals, to two faces that an arc joins in each way."""
-    cosine = np.einsum("md,md->m", first, second)[:, None]
-    sine2 = np.maximum(1.0 - cosine**2, np.finfo(float).eps)
-    for up, side in (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0):
-        for radius in CreaseLimits().radii:
-            # From the axis, which is a radius below both planes.
-            a, b, c = up * one + radius * spacing, up * side * two + radius * spacing, side * cosine
-            away = np.sqrt(np.maximum(a * a + b * b - 2.0 * a * b * c, 0.0) / sine2)
-            yield np.where((a > b * c) & (b > a * c), away, np.maximum(a, b)) - radius * spacing
-
-
-def _solve(terms, values, deviations):
-    """Coefficients (m, a) of terms (m, k, a), by least squares that deviations weigh."""
-    # A few points off the surface must not bend it: Huber's weights.
-    with np.errstate(divide="ignore"):
-        weights = np.minimum(1.0, CreaseLimits().huber / np.abs(deviations))
-    weighted = terms * weights[..., None]
-    normal = np.matmul(weighted.swapaxes(1, 2), terms) + 1e-9 * np.eye(terms.shape[2])
-    right = np.einsum("mka,mk->ma", weighted, values)
-    return np.linalg.solve(normal, right[..., None])[..., 0]
 
 
 def _median(values):

@@ -165,7 +165,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
     off all planes counts as far from creases, but not as flat by the other criteria.
 
     The time of "crease" grows as ``n_edge * n_neighbors ** 2``, with the number of points that
-    see two faces.
+    see two faces. From four dimensions on no bent surface is fitted, so each crease counts.
 
     References
     ----------

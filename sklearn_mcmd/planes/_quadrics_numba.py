@@ -31,28 +31,31 @@ def localize(points, members, size, origin, local):
 
 
 @kernel(fastmath=FASTMATH)
-def quadric_moments(local, size, d, mean, axes, extent, moments, right, heights):
+def quadric_moments(local, size, d, mean, axes, extent, moments, right, heights, weight=None):
     """Normal equations of the quadric (lower triangle) and the sum of squared heights.
 
     The terms are 1, u, v, uu, uv and vv. The sums are numbers and not arrays, because compilers
-    vectorize these.
+    vectorize these. Without `weight` each member counts one.
     """
     x, y, z = local[0], local[1], local[2]
     mx, my, mz = mean
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes
     scale = 1.0 / extent
-    su = sv = suu = suv = svv = suuu = suuv = suvv = svvv = 0.0
+    total = su = sv = suu = suv = svv = suuu = suuv = suvv = svvv = 0.0
     suuuu = suuuv = suuvv = suvvv = svvvv = 0.0
     sh = shu = shv = shuu = shuv = shvv = shh = 0.0
     for j in range(size):
+        w = 1.0 if weight is None else weight[j]
         dx, dy, dz = x[j] - mx, y[j] - my, z[j] - mz
         h = (ax * dx + ay * dy + az * dz) * scale
         u = (bx * dx + by * dy + bz * dz) * scale
         v = (cx * dx + cy * dy + cz * dz) * scale
-        uu, uv, vv = u * u, u * v, v * v
+        wh, wu, wv = w * h, w * u, w * v
+        uu, uv, vv = wu * u, wu * v, wv * v
         heights[j] = h
-        su += u
-        sv += v
+        total += w
+        su += wu
+        sv += wv
         suu += uu
         suv += uv
         svv += vv
@@ -60,19 +63,19 @@ def quadric_moments(local, size, d, mean, axes, extent, moments, right, heights)
         suuv += uu * v
         suvv += u * vv
         svvv += vv * v
-        suuuu += uu * uu
-        suuuv += uu * uv
-        suuvv += uu * vv
-        suvvv += uv * vv
-        svvvv += vv * vv
-        sh += h
-        shu += h * u
-        shv += h * v
+        suuuu += uu * (u * u)
+        suuuv += uu * (u * v)
+        suuvv += uu * (v * v)
+        suvvv += uv * (v * v)
+        svvvv += vv * (v * v)
+        sh += wh
+        shu += wh * u
+        shv += wh * v
         shuu += h * uu
         shuv += h * uv
         shvv += h * vv
-        shh += h * h
-    moments[0, 0] = size
+        shh += wh * h
+    moments[0, 0] = size if weight is None else total
     moments[1, 0], moments[1, 1] = su, suu
     moments[2, 0], moments[2, 1], moments[2, 2] = sv, suv, svv
     moments[3, 0], moments[3, 1], moments[3, 2], moments[3, 3] = suu, suuu, suuv, suuuu
