@@ -19,6 +19,8 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 TIED = 1e-9  # share by which robust scales may differ by rounding
 MAGNITUDE = np.int64(2**63 - 1)  # all bits but the sign
+# What takes plain numbers and truth values is compiled for each.
+NONE, BY_MEDIAN, BY_EXTENT = np.int64(0), np.bool_(True), np.bool_(False)
 # Of each rule of `METHODS`: whether it needs the consistent set, and True if distances within the
 # plane count too, else None. Numba drops the branches of arguments that are None, but not of
 # others, before it compiles. So the default does not compile "mcmd_md".
@@ -60,7 +62,7 @@ def _fit_neighborhoods(
 ):
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
-        radius, floor = _localize(points, row, size, queries[i], rule, arrays, True)
+        radius, floor = _localize(points, row, size, queries[i], rule, arrays, BY_MEDIAN)
         degenerate, fit = False, NO_FIT
         if robust:
             least, fit = consistent_set_3d(size, trials, arrays)
@@ -82,7 +84,7 @@ def _ask_neighbors(
     values = planes.eigenvalues
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
-        radius, floor = _localize(points, row, size, queries[i], rule, arrays, False)
+        radius, floor = _localize(points, row, size, queries[i], rule, arrays, BY_EXTENT)
         fit, first = _best_offer(points, row, size, radius, floor, offers, rule, arrays)
         flat = first < 0.0
         if not flat:
@@ -104,7 +106,7 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
     outliers as may be would reach alone. Returns the plane and the scale that a refit begins
     with: the robust one, or the usual one of the planes offered; negative if no plane is offered.
     """
-    local, distances, own, n_offers = arrays.local, arrays.numbers, points[row[0]], 0
+    local, distances, own, n_offers = arrays.local, arrays.numbers, points[row[0]], NONE
     for j in range(size):
         if offers.scale[row[j]] >= 0.0:  # else there is no plane
             distances[n_offers] = offers.scale[row[j]]
