@@ -226,13 +226,16 @@ def thin(values, count, across, needed):
 
 
 def straight(points, halves=True):
-    """Whether points are thin across their longest axis, and both halves of it, too."""
+    """Whether points are thin across their longest axis, and both halves of it, too, to which these
+    turn by 1 in 3 at most."""
     center, values, axes = plane(points)
     if not thin(values, len(points), -2, 2) or not halves:
         return thin(values, len(points), -2, 2)
     along = (points - center) @ axes[:, -1]
     low = along - along.min() >= along.max() - along
-    return all(straight(points[half], halves=False) for half in (low, ~low))
+    turns = [abs(plane(points[half])[2][:, -1] @ axes[:, -1]) for half in (low, ~low)]
+    each = all(straight(points[half], halves=False) for half in (low, ~low))
+    return each and np.tan(np.arccos(min(1.0, *turns))) <= 1 / 3
 
 
 def judged(X, k, trials, h, noise=None, sensor=None):
@@ -346,7 +349,7 @@ def judged(X, k, trials, h, noise=None, sensor=None):
             spare = len(some) - X.shape[1]
             error = np.sqrt(len(some) / spare) * (1 + 1 / np.sqrt(2 * spare))
             level = center, axes[:, 0], np.sqrt(max(values[0], 0)) * error + 1e-12
-            has_plane = not straight(points[some])
+            has_plane = not straight(points[some], halves=False)
             length, to_real = np.sqrt(12 * values[-1]), gaps[np.ix_(some, real)].min()
             flat |= dict.fromkeys(some, (length, to_real, has_plane, *level))
 
@@ -358,7 +361,8 @@ def judged(X, k, trials, h, noise=None, sensor=None):
         for j in sorted(rest, key=lambda j: gaps[i, j])[: int(np.ceil(thing))]:
             if j in flat and gaps[i, j] <= 3 * (flat[i][0] + flat[j][0]):
                 near_enough = gaps[i, j] <= max(flat[i][1], flat[j][1])
-                if near_enough or (explains(i, j) and explains(j, i)):
+                alike = abs(flat[i][4] @ flat[j][4]) >= cos_25
+                if near_enough or (alike and explains(i, j) and explains(j, i)):
                     links.append((i, j))
     group, members, small = small_groups(links)
     real = explained + [i for i in rest if group[i] not in small]

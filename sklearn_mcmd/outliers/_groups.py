@@ -27,11 +27,12 @@ class Shapes(NamedTuple):
     """What g groups look like: flat, straight, or else round."""
 
     flat: np.ndarray  # bool (g,)
-    straight: np.ndarray  # bool (g,): the group and each of its halves, so that two clumps are not
+    # bool (g,): the group and each of its halves, in the same direction, so that two clumps are not
+    straight: np.ndarray
     length: np.ndarray  # (g,), along the longest axis, as if points lay evenly along it
     size: np.ndarray  # (g,), the standard deviation along that axis, or a straight group's length
     centers: np.ndarray  # (g, d)
-    normals: np.ndarray  # (g, d)
+    normals: np.ndarray  # (g, d), NaN of what is thin across, and may be in any plane
     thickness: np.ndarray  # (g,), the standard deviation off the plane
 
     @classmethod
@@ -42,6 +43,7 @@ class Shapes(NamedTuple):
         thickness = _with_error(deviations[:, 0], counts, d)
         rounding = 8 * np.finfo(float).eps * np.abs(points).max(initial=0.0)
         straight, along = are_straight(deviations, counts), deviations[:, -1]
+        normals = np.where(straight[:, None], np.nan, axes[:, :, 0])
         rows = np.flatnonzero(straight[group])
         if len(rows):
             own = group[rows]
@@ -49,24 +51,32 @@ class Shapes(NamedTuple):
             lowest, highest = gaps_of_groups(own, places), -gaps_of_groups(own, -places)
             half = 2 * own + (places - lowest[own] > highest[own] - places)
             in_halves = np.bincount(half, minlength=2 * len(counts))
-            halves = _axes(points[rows], half, in_halves)[1]
-            straight &= are_straight(halves, in_halves).reshape(-1, 2).all(axis=1)
+            _, halves, own_axes = _axes(points[rows], half, in_halves)
+            long_axes = np.repeat(axes[..., -1], 2, axis=0)
+            cosines = np.abs(np.einsum("hd,hd->h", own_axes[..., -1], long_axes))
+            both = are_straight(halves, in_halves) & (
+                np.tan(np.arccos(cosines.clip(max=1))) * ShapeLimits().thin <= 1
+            )
+            straight &= both.reshape(-1, 2).all(axis=1)
         return cls(
             flat=_are_thin(thickness, along, counts > d),
             straight=straight,
             length=LENGTH * along,
             size=np.where(straight, LENGTH, 1.0) * along,
             centers=centers,
-            normals=axes[:, :, 0],
+            normals=normals,
             thickness=np.hypot(thickness, rounding),
         )
 
-    def explain(self, groups, points):
-        """Whether the planes of these groups (m,) explain points (m, d). What is straight has no
-        plane of its own."""
+    def are_coplanar(self, a, b, points_of_a, points_of_b):
+        """Whether groups a and b (m,) have one plane, which explains a point (m, d) of each."""
+        cosines = np.abs(np.einsum("md,md->m", self.normals[a], self.normals[b]))
+        alike = cosines >= np.cos(np.radians(SurfaceLimits().angle))
+        return alike & self._explain(a, points_of_b) & self._explain(b, points_of_a)
+
+    def _explain(self, groups, points):
         off = np.einsum("md,md->m", points - self.centers[groups], self.normals[groups])
-        near = np.abs(off) <= ExplainLimits().explained * self.thickness[groups]
-        return near & ~self.straight[groups]
+        return np.abs(off) <= ExplainLimits().explained * self.thickness[groups]
 
 
 def are_straight(deviations, counts):

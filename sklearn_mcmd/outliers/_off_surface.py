@@ -271,10 +271,10 @@ def _pieces_joined(rest, groups, least, n_jobs):
         i, j = np.nonzero(others & (distances <= reach[own, None] + reach[near]))
         distances, one, other = distances[i, j], own[i], near[i, j]
         a, b = piece[one], piece[other]
-        # One of both, at least, is as near to the other as to anything real, or each is in the
-        # other's plane.
+        # One of both, at least, is as near to the other as to anything real; or both have one
+        # plane.
         linked = distances <= np.maximum(gaps[a], gaps[b])
-        linked |= shapes.explain(a, rest.points[other]) & shapes.explain(b, rest.points[one])
+        linked |= shapes.are_coplanar(a, b, rest.points[one], rest.points[other])
         pairs.append(np.unique(np.stack([groups[one], groups[other]])[:, linked], axis=1))
 
     # A small group has fewer points, so one of another is among them.

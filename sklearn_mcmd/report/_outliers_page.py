@@ -123,7 +123,12 @@ def kinds_of_outliers(detector):
     is_outlier, cutoff = detector.scores_ < detector.offset_, -detector.offset_
     if detector.isolation_ is None:
         return np.where(is_outlier, np.int8(2), np.int8(-1))
-    apart = detector.isolation_ > cutoff, detector.separation_ > cutoff
+    cloud = judged_cloud(detector)
+    straight = np.zeros(len(cloud.model.index.points), dtype=bool)
+    straight[cloud.off_surface.rest.rows] = cloud.off_surface.straight
+    # A point in a row is as isolated as the row is separated, at most.
+    by_row = straight[cloud.model.index.places] & (detector.isolation_ == detector.separation_)
+    apart = (detector.isolation_ > cutoff) & ~by_row, detector.separation_ > cutoff
     return np.select([~is_outlier, *apart], [np.int8(-1), np.int8(0), np.int8(1)], np.int8(2))
 
 

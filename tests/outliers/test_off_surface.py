@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Rest, judge_off_surface
 from sklearn_mcmd.planes._nearest import NearestPoints
 
@@ -232,3 +233,37 @@ def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
     isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
     assert isolation >= 1e300
     assert separation >= 1e300
+
+
+def ground(rng):
+    return rng.random((4000, 3)) * [20, 20, 0] + rng.normal(0, 0.002, (4000, 3))
+
+
+def flagged(X):
+    detector = MCMDOutlierDetector(random_state=0)
+    return detector.fit_predict(X)[4000:] == -1
+
+
+@pytest.mark.parametrize("noise", [0, 0.003])
+@pytest.mark.parametrize("apart", [3, 12])
+def test_two_short_bits_that_point_elsewhere_are_no_wire(noise, apart):
+    """Each is straight and nearest to the other; a wire as long as their gap would be kept."""
+    rng, along = np.random.default_rng(0), np.linspace(-0.15, 0.15, 8)[:, None]
+    bits = np.vstack([along * [1, 0, 0], along * [0, 0, 1] + np.array([apart, 0, 0])])
+    bits += [5, 10, 15]
+    assert flagged(np.vstack([ground(rng), bits + rng.normal(0, noise, bits.shape)])).all()
+
+
+def test_plates_at_right_angles_are_no_pieces_of_one_thing():
+    """Each reaches the line in which their planes cross, with a point that both planes explain."""
+    rng = np.random.default_rng(0)
+    level = [9.5, 7, 2.5] + rng.random((40, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (40, 3))
+    upright = [10, 12, 2] + rng.random((40, 3)) * [0, 1, 1] + rng.normal(0, 0.01, (40, 3))
+    assert flagged(np.vstack([ground(rng), level, upright])).all()
+
+
+@pytest.mark.parametrize("axis", [[0, 0, 1], [0, 1, 0], [0.6, 0.8, 0], [0.6, 0, 0.8]])
+def test_points_on_a_line_have_no_plane_in_which_another_line_could_lie(axis):
+    rng, along = np.random.default_rng(0), np.linspace(-0.1, 0.1, 5)[:, None] * axis
+    lines = np.vstack([along, along + np.array([2, 0, 0])])
+    assert flagged(np.vstack([ground(rng), lines + np.array([9, 10, 6])])).all()

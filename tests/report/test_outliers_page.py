@@ -54,6 +54,16 @@ def test_a_wire_that_hangs_is_told_from_other_groups():
     assert float(away) == pytest.approx(8 / (0.1 * np.sqrt(20**2 - 1)), rel=0.1)
 
 
+def test_points_of_a_sparse_row_are_told_as_a_straight_thing():
+    """They are far from each other: the row excuses that, up to its own separation."""
+    rng = np.random.default_rng(0)
+    wire = [0, 10, 80] + np.linspace(3, 17, 15)[:, None] * [1, 0, 0] + rng.normal(0, 0.005, (15, 3))
+    plane = rng.random((6000, 3)) * [20, 20, 0] + rng.normal(0, 0.002, (6000, 3))
+    detector = MCMDOutlierDetector(random_state=0).fit(np.vstack([plane, wire]))
+    for reason in reasons_of(detector, range(6000, 6015)):
+        assert re.fullmatch(r"straight thing of 15 that hangs, 5\.\d of its lengths away", reason)
+
+
 def test_reasons_tell_what_excuses_a_point_best():
     """A point just off the plane is as alone there as another: the distance excuses it."""
     xyz = np.vstack([cloud(), [[5, 5, 0.05], [1, 1, 4]]])
