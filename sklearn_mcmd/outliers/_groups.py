@@ -54,15 +54,14 @@ class Shapes(NamedTuple):
             _, halves, own_axes = _axes(points[rows], half, in_halves)
             long_axes = np.repeat(axes[..., -1], 2, axis=0)
             cosines = np.abs(np.einsum("hd,hd->h", own_axes[..., -1], long_axes))
-            both = are_straight(halves, in_halves) & (
-                np.tan(np.arccos(cosines.clip(max=1))) * ShapeLimits().thin <= 1
-            )
+            turned = ShapeLimits().thin > np.hypot(1.0, ShapeLimits().thin) * cosines
+            both = are_straight(halves, in_halves) & ~turned
             straight &= both.reshape(-1, 2).all(axis=1)
         return cls(
             flat=_are_thin(thickness, along, counts > d),
             straight=straight,
             length=LENGTH * along,
-            size=np.where(straight, LENGTH, 1.0) * along,
+            size=np.where(straight, LENGTH * along, along),
             centers=centers,
             normals=normals,
             thickness=np.hypot(thickness, rounding),
