@@ -154,10 +154,12 @@ def are_folded(points, around, planes, faces):
     members. The points (n, d) are in 2D or 3D.
     """
     folded = np.empty(len(around.sizes), dtype=bool)
-    arrays, equations = work_arrays(7, around.indices.shape[1])
-    room = arrays[:3], *arrays[3:], arrays.view(np.int64)[3], *equations
-    find = compiled_function("planes._quadrics_numba", "find_folded")
-    find(points, around, planes, tangents_of(planes.normals), faces, FoldLimits(), room, folded)
+    k = around.indices.shape[1]
+    arrays, equations = work_arrays(9, k)
+    keys, sides = arrays.view(np.int64)[8], np.empty((3, k), dtype=bool)
+    room = arrays[:3], arrays[3:5], *arrays[5:], keys, sides, equations
+    find = compiled_function("planes._creases_numba", "find_folded")
+    find(points, around, planes, faces, FoldLimits(), room, folded)
     return folded
 
 

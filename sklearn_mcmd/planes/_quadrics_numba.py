@@ -202,69 +202,6 @@ def _tails(height, size):
 
 
 @kernel(cache=True)
-def find_folded(points, around, planes, tangents, faces, limits, room, folded):
-    """Fill `folded` as `are_folded` returns it."""
-    local, work, weight, first, second, keys, lower, right, solution = room
-    d = points.shape[1]
-    for i in range(len(folded)):
-        size = around.sizes[i]
-        localize(points, around.indices[i], size, planes.centroids[i], local)
-        face = vector(faces.normals[i])
-        level = 0.0
-        for axis in range(d):
-            level += face[axis] * (faces.centroids[i, axis] - planes.centroids[i, axis])
-        _height(local, size, face, level, first)
-        off = limits.off * faces.scale[i]
-        _fit_two(local, size, d, off, limits.rounds, weight, first, second)
-        n_best = int(limits.best * size)
-        by_planes = _least(first, size, n_best, work, keys)
-
-        axes = frame(planes.normals[i], tangents[i])
-        extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
-        quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, first)
-        decompose(lower, right, solution, 0.0, 0.0)
-        back_substitute(lower, solution)
-        deviate(local, size, axes, extent, solution, first)
-        by_quadric = extent * extent * _least(first, size, n_best, work, keys)
-        folded[i] = by_quadric > limits.evidence * by_planes
-
-
-@kernel
-def _fit_two(local, size, d, off, rounds, weight, first, second):
-    """Overwrite the heights over one plane, `first`, with those over the nearer of two."""
-    n_second = 0
-    for j in range(size):
-        second[j] = np.inf
-        weight[j] = 1.0 if abs(first[j]) > off else 0.0
-        n_second += 1 if abs(first[j]) > off else 0
-    if n_second >= d:
-        _heights_over_fitted(local, size, d, weight, second)
-        for _ in range(rounds):
-            n_second = 0
-            for j in range(size):
-                nearer = abs(second[j]) < abs(first[j])
-                weight[j] = 1.0 if nearer else 0.0
-                n_second += 1 if nearer else 0
-            if n_second < d or size - n_second < d:
-                break
-            _heights_over_fitted(local, size, d, weight, second)
-            for j in range(size):
-                weight[j] = 1.0 - weight[j]
-            _heights_over_fitted(local, size, d, weight, first)
-    for j in range(size):
-        first[j] = min(abs(first[j]), abs(second[j]))
-
-
-@kernel
-def _heights_over_fitted(local, size, d, weight, heights):
-    """Fill the heights over the plane of the weighted members."""
-    mean, covariance = weighted_covariance(local, size, weight)
-    _, axes = principal_axes(covariance, d)
-    x, y, z = axes[0]
-    _height(local, size, axes[0], x * mean[0] + y * mean[1] + z * mean[2], heights)
-
-
-@kernel(cache=True)
 def find_quadric_normals(
     points, queries, around, planes, tangents, pivot, room, normals, centroids, tilt
 ):
@@ -317,7 +254,8 @@ def find_quadric_normals(
 
 
 @kernel(fastmath=FASTMATH)
-def _height(local, size, normal, level, heights):
+def height_over(local, size, normal, level, heights):
+    """Fill the heights of members above a plane."""
     x, y, z = local[0], local[1], local[2]
     nx, ny, nz = normal
     for j in range(size):
@@ -353,7 +291,7 @@ def _gradient(lower, u, v, first, second):
 
 
 @kernel
-def _least(heights, size, n_best, work, keys):
+def least_squares(heights, size, n_best, work, keys):
     """Sum of the least squares of the heights; `keys` are the bits of `work` as integers."""
     for j in range(size):
         work[j] = heights[j] * heights[j]

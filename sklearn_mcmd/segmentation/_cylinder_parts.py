@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._quadrics import n_terms, work_arrays
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import run
 from sklearn_mcmd.runtime._compiling import compiled_function
@@ -76,7 +77,8 @@ def fit_cylinder(points, normals):
     limits = FitLimits()
     starts = np.stack(starts if across[1] > limits.ridge * len(points) else starts[:2])
     fit = compiled_function("segmentation._regions_numba", "fit_cylinder")
-    equations, model = np.empty((N_PARAMETERS + 1, N_PARAMETERS + 1)), np.zeros(7)
+    (new,), equations = work_arrays(1, n_terms(3))
+    model, equations = np.zeros(7), (*equations, new)
     total = fit(local, starts, limits, equations, model)
     return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])
 

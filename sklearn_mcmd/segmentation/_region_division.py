@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from sklearn_mcmd.planes._around import quantile_around, ratio
+from sklearn_mcmd.planes._quadrics import work_arrays
 from sklearn_mcmd.runtime._chunks import each_slice, run
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
@@ -195,17 +196,18 @@ class _Strips:
         else:
             large = large[_strip(self.tree(names[0]), self.tree(names[1]))]
         rows, cell = self.cells.rows(np.concatenate([small, large]))
-        local = (self.points[rows] - centers[small[0]]) / self.unit
+        local = ((self.points[rows] - centers[small[0]]) / self.unit).T.copy()
         n_first = (self.cells.starts[small + 1] - self.cells.starts[small]).sum()
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
-        sides, weights = np.stack([first, first]), 1.0 / self.noise[rows]
+        sides, weights = np.stack([first] * 3), 1.0 / np.square(self.noise[rows])
         value = fit.ridge  # too few to tell
         if len(rows) >= VoteLimits().least_points:
             normals, most_noise = self.normals[names], JoinLimits().most_noise
             blunt = bool(abs(normals[0] @ normals[1]) > self.blunt)
-            known = local, weights, cell, first, normals, fit, most_noise, blunt
-            value = _compiled("vote")(*known, np.empty((5, len(rows))), np.empty((7, 7)), sides)
-        return value, names, rows, sides[1]
+            known = local, weights, cell, normals, fit, most_noise, blunt
+            room, equations = work_arrays(6, len(rows))
+            value = _compiled("vote")(*known, room, equations, sides)
+        return value, names, rows, sides[2]
 
 
 def _strip(small, large):

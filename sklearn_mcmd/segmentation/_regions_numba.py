@@ -9,14 +9,26 @@ from heapq import heappop, heappush
 
 import numpy as np
 
+from sklearn_mcmd.planes._creases_numba import (
+    N_PLANE,
+    N_QUADRIC,
+    across,
+    center,
+    design_effect,
+    fit_crease,
+    fit_sides,
+    fit_surface,
+    half_bic,
+    mean_axes,
+)
 from sklearn_mcmd.planes._explaining_numba import _root
 from sklearn_mcmd.planes._moments_numba import eigh_3d
+from sklearn_mcmd.planes._quadrics_numba import TERMS, back_substitute, decompose, vector
 from sklearn_mcmd.runtime._kernels import kernel
 
 # Parameters of a plane and of a cylinder, and points that a surface is fitted to; with plain
 # numbers, what takes them is compiled for each.
-N_PLANE, N_CYLINDER = np.int64(3), np.int64(5)
-OTHER, FIRST, BOTH = np.int64(0), np.int64(1), np.int64(2)
+N_CIRCLE, N_CYLINDER = np.int64(3), np.int64(5)
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
 
 
@@ -51,22 +63,22 @@ def grow(links, seeds, waiting, labels):
 def fit_cylinder(points, starts, limits, equations, model):
     """Fill the model (point, axis, radius) of centered points, and return the sum of squares.
 
-    `equations` hold the normal equations, last their right side, and below them one to be added.
+    `equations` have room for the normal equations, their solution, and one to be added.
     """
     n = len(points)
     best = np.inf
-    ridge = limits.ridge * n
+    ridge, solution = limits.ridge * n, equations[2]
     for start in range(len(starts)):
         axis = (starts[start, 0], starts[start, 1], starts[start, 2])
         point, radius = (0.0, 0.0, 0.0), -1.0
         last = np.inf
         for step in range(limits.n_steps + 1):
-            u, v = _across(axis)
+            u, v = across(axis)
             if step == 0:
                 _circle(points, u, v, ridge, equations)
-                a, b = equations[0, N_CYLINDER], equations[1, N_CYLINDER]
+                a, b = solution[0], solution[1]
                 point = _moved(point, a, u, b, v)
-                radius = np.sqrt(max(equations[2, N_CYLINDER] + a * a + b * b, 0.0))
+                radius = np.sqrt(max(solution[2] + a * a + b * b, 0.0))
             total = _linearize(points, point, axis, u, v, radius, limits.ridge, equations)
             if total < best:
                 best = total
@@ -77,12 +89,12 @@ def fit_cylinder(points, starts, limits, equations, model):
                 break
             last = total
             _solve(equations, N_CYLINDER, ridge)
-            point = _moved(point, equations[0, N_CYLINDER], u, equations[1, N_CYLINDER], v)
-            axis = _moved(axis, equations[2, N_CYLINDER], u, equations[3, N_CYLINDER], v)
+            point = _moved(point, solution[0], u, solution[1], v)
+            axis = _moved(axis, solution[2], u, solution[3], v)
             axis = _scaled(axis, 1.0 / np.sqrt(_dot(axis, axis)))
             # Move the axis point back to the height of the points; any point of the axis will do.
             point = _moved(point, -_dot(point, axis), axis, 0.0, axis)
-            radius = abs(radius + equations[4, N_CYLINDER])
+            radius = abs(radius + solution[4])
     return best
 
 
@@ -103,46 +115,27 @@ def _moved(a, s, u, t, v):
 
 
 @kernel
-def _across(axis):
-    """Two directions across the axis."""
-    x, y, z = abs(axis[0]), abs(axis[1]), abs(axis[2])
-    one = (0.0, 0.0, 1.0)
-    if x <= y and x <= z:
-        one = (1.0, 0.0, 0.0)
-    elif y <= z:
-        one = (0.0, 1.0, 0.0)
-    u = _moved(one, -_dot(one, axis), axis, 0.0, axis)
-    u = _scaled(u, 1.0 / np.sqrt(_dot(u, u)))
-    v = (
-        axis[1] * u[2] - axis[2] * u[1],
-        axis[2] * u[0] - axis[0] * u[2],
-        axis[0] * u[1] - axis[1] * u[0],
-    )
-    return u, v
-
-
-@kernel
 def _circle(points, u, v, ridge, equations):
-    """The algebraic circle of the points seen along the axis, to the last column.
+    """The algebraic circle of the points seen along the axis.
 
     x^2 + y^2 is linear in the center's coordinates and a constant.
     """
-    equations[:] = 0.0
-    new = equations[N_CYLINDER]
+    lower, right, _, new = equations
+    lower[:], right[:] = 0.0, 0.0
     new[2] = 1.0
     for i in range(len(points)):
         point = (points[i, 0], points[i, 1], points[i, 2])
         x, y = _dot(point, u), _dot(point, v)
-        new[0], new[1], new[N_CYLINDER] = 2.0 * x, 2.0 * y, x * x + y * y
-        _add(equations, N_CYLINDER)
-    _solve(equations, N_CYLINDER, ridge)
+        new[0], new[1] = 2.0 * x, 2.0 * y
+        _add(lower, right, new, x * x + y * y, N_CIRCLE)
+    _solve(equations, N_CIRCLE, ridge)
 
 
 @kernel
 def _linearize(points, point, axis, u, v, radius, least, equations):
     """Sum of squared distances from a cylinder, and the normal equations of the next step."""
-    equations[:] = 0.0
-    new = equations[N_CYLINDER]
+    lower, right, _, new = equations
+    lower[:], right[:] = 0.0, 0.0
     new[4] = 1.0
     total = 0.0
     for i in range(len(points)):
@@ -152,42 +145,29 @@ def _linearize(points, point, axis, u, v, radius, least, equations):
         away = reach - radius
         total += away * away
         reach = max(reach, least)
-        new[0], new[1], new[N_CYLINDER] = x / reach, y / reach, away
+        new[0], new[1] = x / reach, y / reach
         new[2], new[3] = along * new[0], along * new[1]
-        _add(equations, N_CYLINDER)
+        _add(lower, right, new, away, N_CYLINDER)
     return total
 
 
 @kernel
-def _add(equations, n):
-    """Add the equation in row n to the lower triangle of the normal ones."""
+def _add(lower, right, new, value, n):
+    """Add an equation to the lower triangle of the normal ones."""
     for i in range(n):
         for j in range(i + 1):
-            equations[i, j] += equations[n, i] * equations[n, j]
-        equations[i, n] += equations[n, i] * equations[n, n]
+            lower[i, j] += new[i] * new[j]
+        right[i] += new[i] * value
 
 
-@kernel
+@kernel(fastmath=False)
 def _solve(equations, n, ridge):
-    """Solve the normal equations by Cholesky's method, into column n."""
-    for i in range(n):
-        equations[i, i] += ridge
-        for j in range(i):
-            value = equations[i, j]
-            for m in range(j):
-                value -= equations[i, m] * equations[j, m]
-            equations[i, j] = value / equations[j, j]
-        pivot, value = equations[i, i], equations[i, n]
-        for m in range(i):
-            pivot -= equations[i, m] * equations[i, m]
-            value -= equations[i, m] * equations[m, n]
-        equations[i, i] = np.sqrt(pivot)
-        equations[i, n] = value / equations[i, i]
-    for i in range(n - 1, -1, -1):
-        value = equations[i, n]
-        for m in range(i + 1, n):
-            value -= equations[m, i] * equations[m, n]
-        equations[i, n] = value / equations[i, i]
+    """Solve the first normal equations."""
+    lower, right, solution, _ = equations
+    for i in range(TERMS):
+        lower[i, i] += ridge if i < n else 1.0
+    decompose(lower, right, solution, 0.0, 0.0)
+    back_substitute(lower, solution)
 
 
 @kernel(cache=True)
@@ -284,134 +264,46 @@ def _scatter(scatters, c, more):
 
 
 @kernel(cache=True)
-def vote(points, weights, cells, first, normals, limits, most_noise, blunt, room, equations, sides):
+def vote(local, weights, cells, normals, limits, most_noise, blunt, room, equations, sides):
     """Is a border no crease? Half the difference of BIC, above 0 for one smooth surface.
 
-    One surface is a quadric over the mean of both planes, with six numbers. The other model are two
-    planes that meet in their line of intersection, six as well. The line tells the sides, since
-    sides as labels tell them are sorted by the noise. If they are told by labels all the same, for
-    a step, the rest must be smaller by `most_noise`; a `blunt` crease is none, but may be a step.
-    The second region costs the numbers of a plane. Points of one cell whose deviations have the
-    same sign count as fewer.
+    One surface is a quadric over the mean of both planes, the other model two planes that meet in
+    their line; both have six numbers, and the second region costs those of a plane. If sides are
+    told by labels all the same, for a step, the rest must be smaller by `most_noise`; a `blunt`
+    crease is none, but may be a step. Points of one cell whose deviations have the same sign count
+    as fewer.
 
-    Points (n, 3) are near the origin, weights (n,) inverse standard deviations, cells ascend on
-    each side, `first` (n,) are the points of one side by labels, normals (2, 3) of both patches.
-    Points, `room` (5, n) and `equations` (7, 7) are overwritten. Of `sides` (2, n), both `first`,
-    the second becomes those points as the better model of two surfaces tells them.
+    Points (3, n) are near the origin, and are centered. Weights (n,) are inverse variances, cells
+    ascend on each side, and normals (2, 3) are those of both patches. Of `sides` (2, n), both the
+    points of one side by labels, the second becomes those as the better model of two surfaces
+    tells them.
     """
-    n, side, ridge, one, other = len(points), sides[0], limits.ridge, room[0], room[1]
-    smooth = crease = 2  # rows of the room with what the models leave
-    _over_mean_plane(points, normals)
-    _fit(points, weights, first, BOTH, ridge, equations, one)
-    smooth_left = _squares(points, weights, first, one, one, room[smooth])
-    left, step, sign = np.inf, np.inf, 0.0
-    for turn in range(limits.n_steps + 1):
-        n_first = 0
-        for i in range(n):
-            n_first += side[i]
-        if min(n_first, n - n_first) <= N_PLANE:
-            break
-        _fit(points, weights, side, FIRST, ridge, equations, one)
-        _fit(points, weights, side, OTHER, ridge, equations, other)
-        if turn == 0:  # is it a ridge or a valley?
-            step = _squares(points, weights, side, one, other, room[3])
-            below = 0
-            for i in range(n):
-                below += side[i] == (one[i] < other[i])
-            sign = 1.0 if 2 * below > n else -1.0
-        same = True
-        for i in range(n):
-            found = sign * (one[i] - other[i]) < 0
-            same &= found == side[i]
-            side[i] = found
-        rest = 3 if crease != 3 else 4
-        squares = _squares(points, weights, side, one, other, room[rest])
-        if turn > 0 and squares < left:
-            left, crease = squares, rest
-            for i in range(n):
-                sides[1, i] = side[i]
-        if turn > 0 and same:
-            break
-    if sign == 0.0:
-        return ridge  # too few to tell
+    smooth, crease, shares, heights, mean = room[0], room[1], room[2], room[3:5], room[5]
+    labelled, _, told = sides
+    n = len(labelled)
+    center(local, n, 3, mean)
+    axes = mean_axes(vector(normals[0]), vector(normals[1]))
+    square = 0.0
+    for i in range(n):
+        square += local[0, i] ** 2 + local[1, i] ** 2 + local[2, i] ** 2
+    extent = max(np.sqrt(square / n), limits.ridge)
+    known = local, n, 3, axes, extent, weights
+    if not fit_sides(*known, labelled, shares, heights, equations):
+        return limits.ridge  # too few to tell
+    step = 0.0
+    for i in range(n):
+        off = heights[1, i] if labelled[i] else heights[0, i]
+        step += weights[i] * off * off
+    smooth_left = 0.0
+    fit_surface(*known, N_QUADRIC, smooth, equations)
+    for i in range(n):
+        smooth_left += weights[i] * smooth[i] * smooth[i]
+    by_line = left = fit_crease(known, sides, limits.n_steps, shares, heights, crease, equations)
     if blunt or most_noise**2 * step < left:
         left = most_noise**2 * step
         for i in range(n):
-            sides[1, i] = first[i]
-    size = n / _design_effect(room[smooth if smooth_left <= left else crease], cells)
-    least, size = ridge * n, max(size, 2.0)
-    gain = np.log(left + least) - np.log(smooth_left + least)
-    return 0.5 * (size * gain + N_PLANE * np.log(size))
-
-
-@kernel
-def _squares(local, weights, first, one, other, rest):
-    """Fill the weighted heights of points above one surface, or for those that are not first the
-    other; the sum of their squares."""
-    total = 0.0
-    for i in range(len(local)):
-        rest[i] = (local[i, 2] - (one[i] if first[i] else other[i])) * weights[i]
-        total += rest[i] * rest[i]
-    return total
-
-
-@kernel
-def _design_effect(rest, cells):
-    """By what factor the sums of cells vary more than those of independent deviations do."""
-    squares = total = sums = 0.0
-    for i in range(len(rest)):
-        if i > 0 and cells[i] != cells[i - 1]:
-            sums += total * total
-            total = 0.0
-        total += rest[i]
-        squares += rest[i] * rest[i]
-    sums += total * total
-    return max(sums / squares, 1.0) if squares > 0.0 else 1.0
-
-
-@kernel
-def _over_mean_plane(points, normals):
-    """Turn points to coordinates in and over the mean of two planes; those in it are near 1."""
-    a = (normals[0, 0], normals[0, 1], normals[0, 2])
-    b = (normals[1, 0], normals[1, 1], normals[1, 2])
-    up = _moved(a, 1.0 if _dot(a, b) >= 0.0 else -1.0, b, 0.0, b)
-    up = _scaled(up, 1.0 / np.sqrt(_dot(up, up)))
-    u, v = _across(up)
-    for i in range(len(points)):
-        point = (points[i, 0], points[i, 1], points[i, 2])
-        points[i, 0], points[i, 1], points[i, 2] = _dot(point, u), _dot(point, v), _dot(point, up)
-    for axis in range(3):
-        total = 0.0
-        for i in range(len(points)):
-            total += points[i, axis]
-        for i in range(len(points)):
-            points[i, axis] -= total / len(points)
-    square = 0.0
-    for i in range(len(points)):
-        square += points[i, 0] * points[i, 0] + points[i, 1] * points[i, 1]
-    size = np.sqrt(square / len(points))
-    for i in range(len(points) if size > 0.0 else 0):
-        points[i, 0], points[i, 1] = points[i, 0] / size, points[i, 1] / size
-
-
-@kernel
-def _fit(local, weights, side, wanted, ridge, equations, heights):
-    """Fill the heights of the plane that fits one side best, or of the quadric that fits both."""
-    order, total = 6 if wanted == BOTH else N_PLANE, 0.0
-    equations[:] = 0.0
-    c = equations[order]
-    for i in range(len(local)):
-        if wanted == BOTH or side[i] == wanted:
-            x, y, w = local[i, 0], local[i, 1], weights[i]
-            c[3], c[4], c[5] = w * x * x, w * x * y, w * y * y
-            c[0], c[1], c[2], c[order] = w, w * x, w * y, w * local[i, 2]
-            _add(equations, order)
-            total += w * w
-    _solve(equations, order, ridge * total)
-    for i in range(order):
-        c[i] = equations[i, order]
-    for i in range(len(local)):
-        x, y = local[i, 0], local[i, 1]
-        heights[i] = c[0] + c[1] * x + c[2] * y
-        if order > N_PLANE:
-            heights[i] += c[3] * x * x + c[4] * x * y + c[5] * y * y
+            told[i] = labelled[i]
+    bends = smooth_left <= left or by_line == np.inf
+    size = max(n / design_effect(smooth if bends else crease, weights, cells), 2.0)
+    surface = half_bic(smooth_left * extent**2 / n + limits.ridge, size, N_QUADRIC)
+    return half_bic(left * extent**2 / n + limits.ridge, size, N_QUADRIC + N_PLANE) - surface

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 
+from reference_creases import fit, fit_crease, over_mean_plane, quadric_terms
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.planes._principal_planes import fit_planes, student_factors
@@ -89,28 +90,15 @@ def in_axes(members):
 def is_folded(members, face):
     """Whether two planes leave less than a quadric does, of the best three quarters."""
     d = members.shape[1]
-    _, _, height, flat = in_axes(members)
-    design, _ = quadric(flat)
-    rest = height - design @ np.linalg.lstsq(design, height)[0]
-
-    def off_plane(chosen):
-        mean, axes, _, _ = in_axes(members[chosen])
-        return np.abs((members - mean) @ axes[0])
-
-    first = np.abs((members - face.centroids[0]) @ face.normals[0])
-    second, others = np.full(len(members), np.inf), first > 1.5 * face.scale[0]
-    if others.sum() >= d:
-        second = off_plane(others)
-        for _ in range(5):
-            others = second < first
-            if min(others.sum(), (~others).sum()) < d:
-                break
-            first, second = off_plane(~others), off_plane(others)
-    best = int(0.75 * len(members))
-    by_planes, by_quadric = (
-        np.sort(heights**2)[:best].sum() for heights in (np.minimum(first, second), rest)
-    )
-    return by_quadric > by_planes
+    others = np.abs((members - face.centroids[0]) @ face.normals[0]) > 1.5 * face.scale[0]
+    if others.sum() <= d:
+        return False
+    *flat, heights = over_mean_plane(members, face.normals[0], in_axes(members[others])[1][0]).T
+    flat, weights, best = np.array(flat).T, np.ones(len(heights)), int(0.75 * len(heights))
+    left, _, _, above = fit_crease(flat, heights, weights, others, 5)
+    rest = heights - fit(quadric_terms(flat), heights, weights)
+    by_quadric, by_planes = (np.sort(h**2)[:best].sum() for h in (rest, np.abs(above).min(axis=0)))
+    return left < np.inf and by_quadric > by_planes
 
 
 def tangent_plane(members, query, left):

@@ -6,8 +6,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.metrics import adjusted_rand_score
 
 from growth import fitted_without
+from reference_creases import fit, fit_crease, plane_terms, quadric_terms
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
+from sklearn_mcmd.planes._quadrics import work_arrays
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._region_division import _Cells, _groups, _joined, _joined_cells
@@ -171,33 +173,20 @@ def test_cells_are_joined_as_literally_from_their_points(seed):
 
 
 def vote_by_numpy(points, weights, cells, first, blunt):
-    """A vote over the plane z = 0, and the first of its two sides, by general least squares."""
-    x, y, z = points.T
-    plane, rows = np.stack([np.ones_like(x), x, y]).T, np.arange(len(x))
-
-    def fitted(terms, some):
-        solution = np.linalg.lstsq(terms[some] * weights[some, None], (z * weights)[some])[0]
-        return terms @ solution
-
-    smooth = (z - fitted(np.column_stack([plane, x * x, x * y, y * y]), rows)) * weights
-    one, other = fitted(plane, first), fitted(plane, ~first)
-    step = np.square((z - np.where(first, one, other)) * weights).sum()
-    choose = np.minimum if (np.where(first, one < other, other < one)).mean() > 0.5 else np.maximum
-    side, left, rest, best_side = choose(one, other) == one, np.inf, smooth, first
-    for _ in range(FIT.n_steps):
-        if min(side.sum(), (~side).sum()) <= 3:
-            break
-        one, other = fitted(plane, side), fitted(plane, ~side)
-        crease = (z - choose(one, other)) * weights
-        if crease @ crease < left:
-            left, rest, best_side = crease @ crease, crease, choose(one, other) == one
-        side = choose(one, other) == one
-    best = min(np.inf if blunt else left, MOST_NOISE**2 * step)
-    best_side = best_side if left == best else first
-    rest = smooth if smooth @ smooth <= best else rest
+    """A vote over the plane z = 0, and the second of its two sides, by general least squares."""
+    flat, z = points[:, :2], points[:, 2]
+    smooth = z - fit(quadric_terms(flat), z, weights)
+    one, other = (z - fit(plane_terms(flat), z, weights * side) for side in (first, ~first))
+    step = MOST_NOISE**2 * (weights @ np.where(first, one, other) ** 2)
+    left, side, crease, _ = fit_crease(flat, z, weights, first, FIT.n_steps)
+    rest = crease if left < np.inf else smooth
+    if blunt or step < left:
+        left, side = step, first
+    rest = smooth if weights @ smooth**2 <= left else rest
+    rest = rest * np.sqrt(weights)
     effect = max(np.square(np.bincount(cells, rest)).sum() / (rest @ rest), 1.0)
-    n = len(x) / effect
-    return (n * np.log(best / (smooth @ smooth)) + 3 * np.log(n)) / 2, best_side
+    n = len(z) / effect
+    return (n * np.log(left / (weights @ smooth**2)) + 3 * np.log(n)) / 2, side
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -211,15 +200,15 @@ def test_votes_are_those_of_general_least_squares(make, blunt, seed):
     X[:, 2] += (make in ("step", "ledge")) * 0.3 * first
     order = np.lexsort((np.floor(4 * X[:, 1]), np.floor(4 * X[:, 0])))
     X, first = X[order] - X.mean(axis=0), X[order, 0] > 0
-    cells, weights = np.arange(300) // 15, np.random.default_rng(seed).uniform(20, 60, 300)
+    cells, weights = np.arange(300) // 15, np.random.default_rng(seed).uniform(20, 60, 300) ** 2
     normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     # The ridge of the normal equations is a millionth of a millionth.
     expected, expected_sides = vote_by_numpy(X, weights, cells, first, blunt)
-    sides, room, equations = np.stack([first, first]), np.empty((5, 300)), np.empty((7, 7))
-    known = X, weights, cells, first, normals, FIT, MOST_NOISE, blunt
+    sides, (room, equations) = np.stack([first] * 3), work_arrays(6, 300)
+    known = X.T.copy(), weights, cells, normals, FIT, MOST_NOISE, blunt
     found = vote(*known, room, equations, sides)
     assert_allclose(found, expected, rtol=1e-6)
-    assert_array_equal(sides[1], expected_sides)
+    assert_array_equal(sides[2], expected_sides)
     assert blunt or (found > 0) == (make in ("barrel", "plane"))
 
 

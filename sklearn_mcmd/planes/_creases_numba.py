@@ -1,0 +1,196 @@
+"""Bend or crease? A quadric, and two planes that meet in a line, fitted to the same members.
+
+Both have six numbers. The line tells which members are of which plane: were each of the nearer one,
+the noise would be sorted, and two planes would always leave less.
+
+Numba lets a function without `fastmath` inherit it from the caller for which it is first compiled.
+So what solves equations says ``fastmath=False``.
+"""
+
+import numpy as np
+
+from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
+from sklearn_mcmd.planes._quadrics_numba import (
+    ORIGIN,
+    TERMS,
+    TINY,
+    back_substitute,
+    decompose,
+    deviate,
+    height_over,
+    least_squares,
+    localize,
+    quadric_moments,
+    vector,
+)
+from sklearn_mcmd.runtime._kernels import kernel
+
+N_PLANE, N_QUADRIC = np.int64(3), np.int64(TERMS)  # what takes plain numbers is compiled for each
+RIDGE = 1e-12  # share of the weights, added to equations that may determine nothing
+
+
+@kernel(fastmath=False)
+def fit_surface(local, size, d, axes, extent, weight, n_terms, heights, equations):
+    """Fill the heights of centered members, in extents, above the surface that fits them best, and
+    the solution: the first terms of a quadric over the plane of the axes."""
+    lower, right, solution = equations
+    quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, heights, weight)
+    ridge = RIDGE * lower[0, 0]
+    for i in range(TERMS):
+        lower[i, i] += ridge
+        if i >= n_terms:
+            right[i] = 0.0
+            for j in range(i):
+                lower[i, j] = 0.0
+    decompose(lower, right, solution, 0.0, 0.0)
+    back_substitute(lower, solution)
+    deviate(local, size, axes, extent, solution, heights)
+
+
+@kernel(fastmath=False)
+def fit_sides(local, size, d, axes, extent, weight, second, shares, heights, equations):
+    """Fill the heights (2, size) of members, in extents, above the planes of both sides; True
+    unless a side has no more members than a plane goes through."""
+    n_second = 0
+    for j in range(size):
+        n_second += second[j]
+    if min(n_second, size - n_second) <= d:
+        return False
+    for side in range(2):
+        for j in range(size):
+            shares[j] = weight[j] if second[j] == (side == 1) else 0.0
+        fit_surface(local, size, d, axes, extent, shares, N_PLANE, heights[side], equations)
+    return True
+
+
+@kernel(fastmath=False)
+def fit_crease(known, sides, rounds, shares, heights, rest, equations):
+    """Least sum of squares about two planes that meet in a line, which tells the sides; inf if
+    there are no two.
+
+    The first row of `sides` has the members of one side at first, the others what the line tells:
+    the last time, and the best time, of which `rest` has the heights. Most members tell whether the
+    crease is a ridge or a valley. Of `heights` (2, size) are the planes as fitted last.
+    """
+    _, size, _, _, _, weight = known
+    first, told, best = sides
+    least, sign = np.inf, 0.0
+    for turn in range(rounds + 1):
+        second = told if turn else first
+        if not fit_sides(*known, second, shares, heights, equations):
+            break
+        if turn == 0:
+            below = 0
+            for j in range(size):
+                below += first[j] == (heights[1, j] < heights[0, j])
+            sign = 1.0 if 2 * below > size else -1.0
+        left, same = 0.0, turn > 0
+        for j in range(size):
+            beyond = sign * (heights[0, j] - heights[1, j]) > 0.0
+            same &= beyond == told[j]
+            told[j] = beyond
+            off = heights[1, j] if beyond else heights[0, j]
+            left += weight[j] * off * off
+        if turn > 0 and left < least:
+            least = left
+            for j in range(size):
+                best[j] = told[j]
+                rest[j] = heights[1, j] if told[j] else heights[0, j]
+        if same:
+            break
+    return least
+
+
+@kernel(fastmath=FASTMATH)
+def half_bic(mean_square, size, n_numbers):
+    """Half of the Bayesian information criterion (BIC) of a model."""
+    return 0.5 * (size * np.log(mean_square + TINY) + n_numbers * np.log(size))
+
+
+@kernel
+def design_effect(rest, weights, cells):
+    """By what factor the sums of cells vary more than those of independent deviations do."""
+    squares = total = sums = 0.0
+    for i in range(len(rest)):
+        if i > 0 and cells[i] != cells[i - 1]:
+            sums += total * total
+            total = 0.0
+        total += rest[i] * np.sqrt(weights[i])
+        squares += weights[i] * rest[i] * rest[i]
+    sums += total * total
+    return max(sums / squares, 1.0) if squares > 0.0 else 1.0
+
+
+@kernel(fastmath=FASTMATH)
+def center(local, size, d, mean):
+    """Move members to their mean, which is filled."""
+    for axis in range(d):
+        total = 0.0
+        for j in range(size):
+            total += local[axis, j]
+        mean[axis] = total / size
+        for j in range(size):
+            local[axis, j] -= mean[axis]
+
+
+@kernel
+def mean_axes(one, other):
+    """The mean of two normals of either sign, and two directions across it."""
+    sign = 1.0 if one[0] * other[0] + one[1] * other[1] + one[2] * other[2] >= 0.0 else -1.0
+    x, y, z = one[0] + sign * other[0], one[1] + sign * other[1], one[2] + sign * other[2]
+    scale = 1.0 / np.sqrt(x * x + y * y + z * z)
+    up = (scale * x, scale * y, scale * z)
+    u, v = across(up)
+    return up, u, v
+
+
+@kernel
+def across(axis):
+    """Two directions across an axis; of one in 2D the second is the third coordinate's."""
+    x, y, z = axis
+    if abs(z) <= abs(x) and abs(z) <= abs(y):
+        a, b, c = y, -x, 0.0
+    elif abs(x) <= abs(y):
+        a, b, c = 0.0, z, -y
+    else:
+        a, b, c = -z, 0.0, x
+    scale = 1.0 / np.sqrt(a * a + b * b + c * c)
+    a, b, c = scale * a, scale * b, scale * c
+    return (a, b, c), (y * c - z * b, z * a - x * c, x * b - y * a)
+
+
+@kernel(cache=True)
+def find_folded(points, around, planes, faces, limits, room, folded):
+    """Fill `folded` as `are_folded` returns it."""
+    local, heights, weight, shares, rest, work, keys, sides, equations = room
+    second = sides[0]
+    d = points.shape[1]
+    for i in range(len(folded)):
+        size = around.sizes[i]
+        localize(points, around.indices[i], size, planes.centroids[i], local)
+        face, level = vector(faces.normals[i]), 0.0
+        for axis in range(d):
+            level += face[axis] * (faces.centroids[i, axis] - planes.centroids[i, axis])
+        height_over(local, size, face, level, rest)
+        n_second = 0
+        for j in range(size):
+            second[j] = abs(rest[j]) > limits.off * faces.scale[i]
+            weight[j] = 1.0 if second[j] else 0.0
+            n_second += second[j]
+        folded[i] = False
+        if n_second <= d:
+            continue
+        _, covariance = weighted_covariance(local, size, weight)
+        weight[:size] = 1.0
+        axes = mean_axes(face, principal_axes(covariance, d)[1][0])
+        extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
+        known = local, size, d, axes, extent, weight
+        left = fit_crease(known, sides, limits.rounds, shares, heights, rest, equations)
+        if left < np.inf:
+            for j in range(size):  # three faces may meet
+                rest[j] = min(abs(heights[0, j]), abs(heights[1, j]))
+            n_best = int(limits.best * size)
+            by_planes = least_squares(rest, size, n_best, work, keys)
+            fit_surface(*known, N_QUADRIC, rest, equations)
+            by_quadric = least_squares(rest, size, n_best, work, keys)
+            folded[i] = by_quadric > limits.evidence * by_planes
