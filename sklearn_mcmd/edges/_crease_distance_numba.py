@@ -6,24 +6,20 @@ So what solves equations is called by functions that say ``fastmath=False``.
 
 import numpy as np
 
-from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
-from sklearn_mcmd.planes._quadrics_numba import (
-    ORIGIN,
-    TERMS,
-    TINY,
-    back_substitute,
-    decompose,
-    deviate,
-    localize,
-    quadric_moments,
+from sklearn_mcmd.planes._creases_numba import (
+    N_PLANE,
+    N_QUADRIC,
+    center,
+    fit_surface,
+    half_bic,
 )
+from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
+from sklearn_mcmd.planes._quadrics_numba import TINY, localize
 from sklearn_mcmd.runtime._kernels import kernel
 
 EPS = np.finfo(np.float64).eps  # least sine squared of two faces, and radius of an arc
-# Numbers of a quadric and of a circle; what takes plain numbers is compiled for each.
-N_QUADRIC, N_CIRCLE = np.int64(TERMS), np.int64(3)
+N_AXES = np.int64(3)  # what takes plain numbers is compiled for each
 AXES = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # those of the coordinates
-RIDGE = 1e-9  # added to equations that may determine nothing
 
 
 @kernel(cache=True)
@@ -44,7 +40,7 @@ def meet_faces(points, queries, origin, around, own, faces, told, room, distance
         if n_others < d or not (own.flat[i] and spacing > 0.0):
             continue
         localize(points, near, k, origin, local)
-        _center(local, k, d, mean)
+        center(local, k, d, mean)
         most = (explained * scale) ** 2
         _heights(local, k, normal, level - _dot(normal, mean), rows[0])
         for j in range(k):
@@ -73,15 +69,15 @@ def meet_faces(points, queries, origin, around, own, faces, told, room, distance
         evidence[i] = -1.0
         if d > 3 or k <= d * (d + 1) // 2 + 1:
             continue
-        best = _half_bic(rounded, k, d + 1)
+        best = half_bic(rounded / k, k, d + 1)
         quadric = _off_quadric(local, k, d, scale, limits, most, rows, equations)
-        best = min(best, _half_bic(quadric, k, d * (d + 1) // 2))
+        best = min(best, half_bic(quadric / k, k, d * (d + 1) // 2))
         # The axes in which the normals vary most.
         _, (least, middle, most_varied) = principal_axes(_squares_of(normals, near, d), d)
         axes = (least, middle) if d == 2 else (middle, most_varied)
         arc = _off_arc(local, k, axes, scale, limits, most, rows, equations)
-        best = min(best, _half_bic(arc, k, 3))
-        evidence[i] = _half_bic(squares, k, n_joined * d) - best
+        best = min(best, half_bic(arc / k, k, 3))
+        evidence[i] = half_bic(squares / k, k, n_joined * d) - best
 
 
 @kernel(fastmath=FASTMATH)
@@ -101,18 +97,6 @@ def _dot(first, second):
     for axis in range(len(first)):
         total += first[axis] * second[axis]
     return total
-
-
-@kernel
-def _center(local, size, d, mean):
-    """Move members to their mean, which is filled."""
-    for axis in range(d):
-        total = 0.0
-        for j in range(size):
-            total += local[axis, j]
-        mean[axis] = total / size
-        for j in range(size):
-            local[axis, j] -= mean[axis]
 
 
 @kernel(fastmath=FASTMATH)
@@ -179,12 +163,6 @@ def _to_line(query, origin, normal, other, level):
 
 
 @kernel(fastmath=FASTMATH)
-def _half_bic(squares, size, n_numbers):
-    """Of a sum of squares, and of the numbers of a model that are fitted or chosen here."""
-    return 0.5 * (size * np.log(squares / size + TINY) + n_numbers * np.log(size))
-
-
-@kernel(fastmath=FASTMATH)
 def _rounded(one, two, cosine, radii, spacing, most, size):
     """Least sum of squares, by heights, to two faces that an arc joins in each way."""
     least = np.inf
@@ -216,8 +194,7 @@ def _off_quadric(local, size, d, scale, limits, most, rows, equations):
     _, (bx, by, bz), (cx, cy, cz) = axes
     squares = 0.0
     for _ in range(limits.smooth_steps):
-        _fit(local, size, d, axes, extent, weight, N_QUADRIC, heights, equations)
-        deviate(local, size, axes, extent, solution, heights)
+        fit_surface(local, size, d, axes, extent, weight, N_QUADRIC, heights, equations)
         su, sv = solution[1], solution[2]
         uu, uv, vv = solution[3] / extent, solution[4] / extent, solution[5] / extent
         squares = 0.0
@@ -230,21 +207,6 @@ def _off_quadric(local, size, d, scale, limits, most, rows, equations):
             # A few points off the surface must not bend it: Huber's weights.
             weight[j] = min(1.0, limits.huber * scale / off)
     return squares
-
-
-@kernel(fastmath=False)
-def _fit(local, size, d, axes, extent, weight, n_terms, heights, equations):
-    """Fill the heights of members, and the solution: of the first terms of a quadric."""
-    lower, right, solution = equations
-    quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, heights, weight)
-    for i in range(TERMS):
-        lower[i, i] += RIDGE
-        if i >= n_terms:
-            right[i] = 0.0
-            for j in range(i):
-                lower[i, j] = 0.0
-    decompose(lower, right, solution, 0.0, 0.0)
-    back_substitute(lower, solution)
 
 
 @kernel(fastmath=FASTMATH)
@@ -277,7 +239,7 @@ def _off_arc(local, size, axes, scale, limits, most, rows, equations):
         value[j] = x[j] * x[j] + y[j] * y[j]
     radius = cx = cy = squares = 0.0
     for step in range(limits.smooth_steps + 1):
-        _fit(terms, size, N_CIRCLE, AXES, 1.0, weight, N_CIRCLE, heights, equations)
+        fit_surface(terms, size, N_AXES, AXES, 1.0, weight, N_PLANE, heights, equations)
         radius, cx, cy = radius + solution[0], cx + solution[1], cy + solution[2]
         if step == 0:
             radius = np.sqrt(max(radius + cx * cx + cy * cy, 0.0))
