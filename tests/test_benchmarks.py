@@ -54,6 +54,7 @@ def turn():
 TURN = turn()
 SMOKE = [
     ("bench_edges", "--shares 0.1 --street 1000 --forms crease", "crease"),
+    ("bench_edges", "--panel barrels --data {data}", "s of processor time"),
     ("bench_normals", "clouds {data}/ball/cloud.npz --n-neighbors 20", "least squares"),
     ("bench_normals", "curvatures --size 300", "ring, 0.3"),
     ("bench_normals", "curved --size 300", "ring, noise 0.005"),
@@ -100,6 +101,20 @@ def test_the_panel_shows_the_worst_change_first(load, data, tmp_path, monkeypatc
     changed = [f"{float(number):.2f}" for number in (percent, -7, float(percent) + 7)]
     assert worst == [cloud, told, side, *kind.split(), f"{int(points):,}", *changed]
     assert stored.read_text().splitlines()[-1].endswith(percent)
+
+
+def test_a_wireframe_tells_distances_from_creases_and_nothing_near_eaves(load, tmp_path):
+    x, y = np.meshgrid(np.arange(-10.0, 11), np.arange(21.0))
+    roof = np.column_stack([x.ravel(), y.ravel(), -np.abs(x.ravel())])
+    lines = np.array([[0, 0, 0, 0, 20, 0], [10, 0, -10, 10, 20, -10.0]])
+    known = {"segments": lines, "segment_faces": [2, 1], "segment_building": [0, 0]}
+    np.savez(tmp_path / "roofs.npz", xyz=roof, building=np.zeros(len(roof)), **known)
+    ((X, distance, spacing),) = load("_edge_panel").wireframes(tmp_path / "roofs.npz", True)
+    away = np.sqrt(2) * np.abs(roof[:, 0])  # along the slope
+    near_eave = np.sqrt(2) * (10 - roof[:, 0]) <= 2 * spacing
+    assert 0 < near_eave.sum() < 100
+    assert_array_equal(X, roof)
+    np.testing.assert_allclose(distance, np.where(near_eave, np.nan, away), atol=1e-12)
 
 
 def test_each_script_runs_here_or_is_named_by_figures(load):
