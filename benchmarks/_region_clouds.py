@@ -8,13 +8,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from _region_planes import plane_scores
 
 CAMERA = 1.425e-3  # noise of a depth camera at 1 m; it grows with the square of the range
 # Noise of clouds in their units. Roofs: their planes' deviations are .03 to .11. Fragment: a third
 # of the distance of Open3D's tutorial, which segments planes of such fragments. Facade: median
-# deviation of planes of 30 neighbors.
+# deviation of planes of 30 neighbors. Street: between its road's (.006) and its facades' (.047).
 NOISE = {
     "roof_planes": 0.07,
+    "roofs_sparse": 0.07,
+    "roofs_dense": 0.035,
+    "mobile_street_labelled": 0.02,
     "open3d_redwood_fragment": 0.01 / 3,
     "pcl_building_region_growing": 3.0,
 }
@@ -23,16 +27,21 @@ UNLABELED = {
     "redwood fragment": "open3d_redwood_fragment",
     "building facade": "pcl_building_region_growing",
 }
+ROAD, FACADE, UNDETERMINED = 1203, 1400, 1100  # classes of the street; below the last they are none
 N_TRIES = 500
 N_JUDGES = 1000
 
 
 class Cloud(NamedTuple):
-    """Points, the surface of each (-1: unknown; or None), and their noise, one or one for each."""
+    """Points, the surface of each (-1: unknown; or None), and their noise, one or one for each.
+
+    A street also has a class for each point.
+    """
 
     X: np.ndarray
     surface: np.ndarray | None
     noise: float | np.ndarray
+    classes: np.ndarray | None = None
 
 
 def loaders(data):
@@ -78,6 +87,8 @@ def real(data):
     found = {}
     for path in sorted(data.glob("roof_planes/*.npz")):
         found[path.stem.replace("roof_", "airborne roof ")] = partial(labeled, path, "plane", 1)
+    for name in ("sparse", "dense"):
+        found |= buildings(name, data / f"roofs_{name}" / "roofs.npz")
     for path in sorted(data.glob("kinect_tables/*.npz")):
         found[path.stem.replace("scene_", "table ")] = partial(labeled, path, "label", 1)
     for name in ("angle_block", "featuretype", "plate_holes"):
@@ -86,9 +97,40 @@ def real(data):
     found["cube"] = partial(labeled, cube, "patch", step=5)
     noise = {"points": "xyz_noisy", "noise": 0.005}  # as its publisher tells
     found["noisy cube"] = partial(labeled, cube, "patch", step=5, **noise)
+    found["mobile street"] = partial(street, data / "mobile_street_labelled" / "cloud.npz")
     for name, folder in UNLABELED.items():
         found[name] = partial(labeled, data / folder / "cloud.npz", None)
     return {name: load for name, load in found.items() if load.args[0].is_file()}
+
+
+def buildings(name, path):
+    """Each roof is a part of a row; those of one plane have a row of their own."""
+    if not path.is_file():
+        return {}
+    with np.load(path) as arrays:
+        building, plane = arrays["building"], arrays["plane"]
+    found = {}
+    for number in np.unique(building):
+        planes = np.unique(plane[(building == number) & (plane >= 0)])
+        row = f"{name} roofs{', one plane' * (len(planes) == 1)}/{number}"
+        found[row] = partial(one_building, path, number)
+    return found
+
+
+def one_building(path, number):
+    with np.load(path) as arrays:
+        mine = arrays["building"] == number
+        return Cloud(
+            arrays["xyz"][mine], arrays["plane"][mine].astype(int), NOISE[path.parent.name]
+        )
+
+
+def street(path):
+    """Road and facade are the known surfaces."""
+    with np.load(path) as arrays:
+        X, classes = arrays["xyz"], arrays["label"].astype(int)
+    surface = np.select([classes == ROAD, classes == FACADE], [0, 1], -1)
+    return Cloud(X, surface, NOISE[path.parent.name], classes)
 
 
 def labeled(path, field, least=0, *, step=1, points="xyz", noise=0.0):
@@ -115,12 +157,31 @@ def scores(cloud, labels):
         "inside": float((labels >= 0).mean()),
         "for_80": int(covered.argmax()) + 1 if covered.any() else None,
     }
+    if cloud.classes is not None:
+        figures |= street_scores(cloud.classes, labels)
     if cloud.surface is not None:
-        return {**figures, "score": float(agreement(cloud.surface, labels))}
+        score = float(agreement(cloud.surface, labels))
+        return {**figures, "score": score, **plane_scores(cloud.surface, labels)}
     return {
         **figures,
         "purity": purity(cloud.X, labels, 3 * cloud.noise),
         "purity_of_twice": purity(cloud.X, labels, 6 * cloud.noise),
+    }
+
+
+def street_scores(classes, labels):
+    """Shares of the road in its largest region, of the facade in five; points of the main class."""
+    found = labels >= 0
+    road, facade = (
+        np.sort(np.bincount(labels[found & (classes == one)])) for one in (ROAD, FACADE)
+    )
+    known = found & (classes >= UNDETERMINED)
+    table = np.zeros((labels.max() + 1, classes.max() + 1), dtype=int)
+    np.add.at(table, (labels[known], classes[known]), 1)
+    return {
+        "road": float(road[-1:].sum() / (classes == ROAD).sum()),
+        "facade": float(facade[-5:].sum() / (classes == FACADE).sum()),
+        "of_class": float(table.max(axis=1).sum() / max(known.sum(), 1)),
     }
 
 

@@ -24,6 +24,7 @@ from scipy.spatial import cKDTree
 OURS = "sklearn_mcmd"
 PCL = "pcl_segmentation"
 LEAST = 50  # points of a plane: of PCL's tutorial and of CGAL's example
+SMALL, LEAST_OF_SMALL = 2000, 20  # in smaller clouds: of 10, 20 and 50 best for most peers
 MOST_PLANES = 200
 
 
@@ -45,11 +46,12 @@ def processor_seconds():
 
 
 class Case(NamedTuple):
-    """Points about their center, their spacing, and the distance that peers are told."""
+    """Points about their center, their spacing, and what peers are told: distance, least points."""
 
     X: np.ndarray
     spacing: float
     distance: float
+    least: int
     clock: Clock
 
 
@@ -111,18 +113,18 @@ def open3d_patches(case):
 
 
 def open3d_planes(factor):
-    """One plane after another is taken out, until one has fewer points than `LEAST`."""
+    """One plane after another is taken out, until one has too few points."""
 
     def run(case):
         _, cloud = open3d_cloud(case.X)
         labels, rows = np.full(len(case.X), -1), np.arange(len(case.X))
         for i in range(MOST_PLANES):
-            if len(rows) < LEAST:
+            if len(rows) < case.least:
                 break
             with case.clock:
                 _, inside = cloud.segment_plane(factor * case.distance, 3, 1000)
                 rest = cloud.select_by_index(inside, invert=True)
-            if len(inside) < LEAST:
+            if len(inside) < case.least:
                 break
             labels[rows[inside]] = i
             rows, cloud = np.delete(rows, inside), rest
@@ -176,7 +178,7 @@ def cgal_growing(angle):
         labels = points.add_int_map("region")
         with case.clock:
             cosine = float(np.cos(np.radians(angle)))
-            region_growing(points, labels, LEAST, 4 * case.distance, -1.0, cosine, 12)
+            region_growing(points, labels, case.least, 4 * case.distance, -1.0, cosine, 12)
         return cgal_labels(labels, order)
 
     return run
@@ -193,7 +195,7 @@ def cgal_ransac(factor=None):
         percent = 0.01 * float(np.linalg.norm(np.ptp(case.X, axis=0)))
         settings = (len(case.X) // 100, percent, percent)
         if factor:
-            settings = (LEAST, factor * case.distance, 2 * case.spacing)
+            settings = (case.least, factor * case.distance, 2 * case.spacing)
         with case.clock:
             efficient_RANSAC(points, labels, *settings, 0.9, 0.05)
         return cgal_labels(labels, order)
@@ -219,7 +221,7 @@ def pcl_growing(degrees, curvature):
         with tempfile.TemporaryDirectory() as folder:
             points, labels = Path(folder) / "points", Path(folder) / "labels"
             case.X.astype(np.float32).tofile(points)
-            numbers = (50, 30, degrees, curvature, LEAST)
+            numbers = (50, 30, degrees, curvature, case.least)
             with case.clock:
                 subprocess.run([program, points, labels, *map(str, numbers)], check=True)
             return np.fromfile(labels, dtype=np.int32).astype(int)

@@ -13,18 +13,50 @@ import signal
 import statistics
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from _ablation_clouds import spacing_of
 from _region_clouds import loaders, scores
-from _region_methods import METHODS, OURS, PEERS, SETTINGS, Case, Clock, version_of
+from _region_methods import (
+    LEAST,
+    LEAST_OF_SMALL,
+    METHODS,
+    OURS,
+    PEERS,
+    SETTINGS,
+    SMALL,
+    Case,
+    Clock,
+    version_of,
+)
 from _tables import print_table, write_csv
 
+PURE = 0.97  # purity of a method's regions that count as pure
 N_WARM = 2000  # points on which a process compiles and loads what it needs, before the clock
 
+MEASURES = {
+    "precision": "precision",
+    "recall": "recall",
+    "f1": "F1",
+    "f1_strict": "F1 at .75",
+    "under": "under",
+    "over": "over",
+    "missed": "missed",
+    "noise": "noise",
+    "iou": "mean IoU",
+    "dice": "Dice",
+    "points_f1": "F1 of points",
+}
+STREET = {
+    "road": "road in its largest region",
+    "facade": "facade in five",
+    "of_class": "points of their region's main class",
+}
 
-def run(options):
+
+def peers(options):
     """Measure the methods that are asked for and installed, keep the others' stored results."""
     path = Path(options.output)
     stored = json.loads(path.read_text()) if path.is_file() else {}
@@ -85,7 +117,8 @@ def measure(method, cloud, most=None):
     X = np.ascontiguousarray(cloud.X[:most] - cloud.X.mean(axis=0))
     spacing, clock = spacing_of(X), Clock()
     distance = max(3 * float(np.median(cloud.noise)), spacing / 2)
-    labels = METHODS[method].run(Case(X, spacing, distance, clock))
+    least = LEAST if len(X) >= SMALL else LEAST_OF_SMALL
+    labels = METHODS[method].run(Case(X, spacing, distance, least, clock))
     found = labels >= 0
     labels[found] = np.unique(labels[found], return_inverse=True)[1]
     return labels, clock.seconds
@@ -105,7 +138,8 @@ def tables(stored):
         for name, figures in stored.get(method, {}).get("clouds", {}).items():
             rows.setdefault(name.partition("/")[0], {}).setdefault(method, []).append(figures)
     labeled = [row for row, by in rows.items() if not has(by, "purity")]
-    others = [row for row in rows if row not in labeled]
+    planes = [row for row in labeled if not has(rows[row], "road")]  # classes are no planes
+    unlabeled = [row for row in rows if row not in labeled]
 
     def table(names, methods, cell):
         return [["cloud", "points", *methods]] + [
@@ -113,22 +147,45 @@ def tables(stored):
             for name in names
         ]
 
-    def covers(methods):
-        return [["method", *others]] + [
-            [method, *(cover(rows[name].get(method)) for name in others)] for method in methods
+    def of_methods(head, columns, methods=PEERS):
+        """`columns` are pairs of cell and what yields the figures of a method."""
+        return [["method", *head]] + [
+            [method, *(cell(parts(method)) for cell, parts in columns)] for method in methods
         ]
+
+    def covers(methods):
+        columns = [(cell, rows[name].get) for cell in (cover, pure_regions) for name in unlabeled]
+        return of_methods([*unlabeled, *(f"{name}, pure" for name in unlabeled)], columns, methods)
+
+    def measured(names, measures):
+        cells = [mean_of("score"), *map(percent_of, measures)]
+        columns = [(cell, partial(each_row, rows, names, measures)) for cell in cells]
+        return of_methods(["ARI", *measures.values()], columns)
 
     ours = [OURS, *SETTINGS]
     packages = {name: stored.get(name, {}).get("package", "not installed") for name in PEERS}
     return {
         "methods": [["method", "setting", "package"]]
         + [[name, method.setting, packages[name]] for name, method in PEERS.items()],
-        "scores": table(labeled, PEERS, agreement),
+        "scores": table(labeled, PEERS, mean_of("score")),
+        "f1": table(planes, PEERS, percent_of("f1")),
+        "iou": table(planes, PEERS, mean_of("iou")),
+        "planes": measured(planes, MEASURES),
+        "street": measured([row for row in labeled if row not in planes], STREET),
         "purity": covers(PEERS),
         "seconds": table(rows, PEERS, seconds),
-        "settings": table(labeled, ours, agreement),
+        "settings": table(labeled, ours, mean_of("score")),
         "settings_purity": covers(ours),
     }
+
+
+def each_row(rows, names, measures, method):
+    """The figures of each cloud that the method has finished, means over its parts."""
+    done = [parts for name in names if not why_none(parts := rows[name].get(method))]
+    return [
+        {key: statistics.mean(part[key] for part in parts) for key in ("score", *measures)}
+        for parts in done
+    ]
 
 
 def has(by_method, measure):
@@ -140,10 +197,23 @@ def points(by_method):
     return f"{max(sizes):,}" if sizes else ""
 
 
-def agreement(parts):
-    if absent := why_none(parts):
-        return absent
-    return f"{round(statistics.mean(part['score'] for part in parts), 2) + 0.0:.2f}"  # not -0.00
+def mean_of(key, scale=1, digits=2):
+    """A cell: the mean over parts, with its standard error where they are several."""
+
+    def cell(parts):
+        if absent := why_none(parts):
+            return absent
+        values = [scale * part[key] for part in parts]
+        mean = f"{round(statistics.mean(values), digits) + 0.0:.{digits}f}"  # not -0.00
+        if len(values) == 1:
+            return mean
+        return f"{mean} ± {statistics.stdev(values) / len(values) ** 0.5:.{digits}f}"
+
+    return cell
+
+
+def percent_of(key):
+    return mean_of(key, 100, 0)
 
 
 def seconds(parts):
@@ -159,6 +229,15 @@ def cover(parts):
         return "no region"
     shares = [f"{100 * figures[name]:.0f}" for name in ("purity", "purity_of_twice")]
     return f"{' to '.join(dict.fromkeys(shares))} %; {figures['for_80'] or 'never'}"
+
+
+def pure_regions(parts):
+    """The regions for 80 % of the points, of methods whose regions are pure."""
+    if absent := why_none(parts):
+        return absent
+    if (parts[0]["purity"] or 0) < PURE:
+        return "not pure"
+    return str(parts[0]["for_80"] or "never")
 
 
 def why_none(parts):

@@ -20,7 +20,7 @@ from _ablation_changes import without_steps
 from _ablation_clouds import labelled as labelled_clouds
 from _region_clouds import agreement
 from _region_methods import METHODS
-from _region_peers import run as peers
+from _region_peers import peers
 from _tables import print_table
 from simulators import ROOFS, make_bus_stop, make_roof, make_traffic_furniture
 from sklearn.metrics import adjusted_rand_score

@@ -29,6 +29,11 @@ RESULTS = (
     ("docs/benchmarks.rst", STAGES, "bench_peers.py"),
     ("docs/constants.rst", STAGES, "ablation.py"),
     ("docs/edges.rst", f"{NORMALS} outliers edges", "bench_edges.py"),
+    (
+        "docs/benchmarks/edges_panel.csv",
+        f"{NORMALS} outliers edges",
+        "bench_edges.py --panel --output docs/benchmarks",
+    ),
     ("docs/benchmarks/panel.csv", OUTLIERS, "bench_real.py --panel --output docs/benchmarks"),
     ("docs/limits.rst", OUTLIERS, "readme_figures.py, bench_quantity.py at c7f1ef3"),
     ("docs/normals.rst", NORMALS, "bench_normals.py, bench_errors.py at c7f1ef3"),

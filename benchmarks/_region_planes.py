@@ -1,0 +1,62 @@
+"""Segments as planes: which are found, by the definitions of `evops`, and how well they fit.
+
+`evops` (Apache-2.0) asks for NumPy below 2, so its definitions are here; with its two thresholds
+at `FOUND` and `PART` its version 1.0.0 tells the same. Points of unknown surface are left out, and
+so are segments that mostly hold such points: they may be surfaces that nobody has labeled.
+"""
+
+import numpy as np
+
+FOUND = 0.5  # a surface is found by a segment if their intersection over union is more
+STRICT = 0.75  # evops's own threshold
+PART = 0.2  # at least that much of it makes a segment a part
+
+
+def plane_scores(surface, labels):
+    """Shares by name: found, wrong and fitting surfaces or segments; see the page of segments.
+
+    "points_f1" asks of points, not of surfaces: a point of a segment is right if the segment has
+    most of its points, and half of them at least, on the point's surface.
+    """
+    shared = shared_points(surface, labels)
+    of_surface, of_segment = np.bincount(surface[surface >= 0]), shared.sum(axis=0)
+    of_surface = of_surface[of_surface > 0]
+    union = of_surface[:, None] + of_segment - shared
+    overlap = shared / union
+    found, part = overlap > FOUND, overlap >= PART
+    matched = found.sum()
+    parts, wholes = part.sum(axis=0), part.sum(axis=1)
+    alone = part & (parts == 1) & (wholes == 1)[:, None] & ~found  # too little of each other
+    most = shared.max(axis=0, initial=0)
+    right = most[2 * most >= of_segment].sum()
+    every = 2 * shared[found] / (union + shared)[found]
+    figures = {
+        "precision": share(matched, len(of_segment)),
+        "recall": share(matched, len(of_surface)),
+        "f1": share(2 * matched, sum(shared.shape)),
+        "f1_strict": share(2 * (overlap >= STRICT).sum(), sum(shared.shape)),
+        "under": share((parts > 1).sum(), len(of_segment)),
+        "over": share((wholes > 1).sum(), len(of_surface)),
+        "noise": share(((parts == 0) | alone.any(axis=0)).sum(), len(of_segment)),
+        "missed": share(((wholes == 0) | alone.any(axis=1)).sum(), len(of_surface)),
+        "iou": overlap.max(axis=1, initial=0).mean(),
+        "dice": share(every.sum(), matched),
+        "points_f1": share(2 * right, of_segment.sum() + of_surface.sum()),
+    }
+    return {name: round(float(value), 4) for name, value in figures.items()}
+
+
+def shared_points(surface, labels):
+    """Points (surfaces, segments) that both have, of the segments that count."""
+    inside, known = labels >= 0, surface >= 0
+    everything = np.bincount(labels[inside])
+    told = np.bincount(labels[inside & known], minlength=len(everything))
+    counts = (told > 0) & (2 * told >= everything)
+    rows = np.unique(surface[known], return_inverse=True)[1]
+    table = np.zeros((rows.max() + 1, len(everything)), dtype=int)
+    np.add.at(table, (rows[inside[known]], labels[known & inside]), 1)
+    return table[:, counts]
+
+
+def share(part, whole):
+    return part / whole if whole else 0.0
