@@ -183,8 +183,8 @@ class LiteralCreases:
         """The distance, larger where neighbors vote for no edge, and off the plane."""
         near = self.near[i]
         X = self.points[near] - self.points[near].mean(axis=0)
-        values = np.linalg.eigvalsh(X.T @ X)
-        most = 10 * (2 - self.d * values[0] / values.sum())
+        along = np.square(X @ self.normal[i]).sum() / np.square(X).sum()
+        most = 10 * (2 - min(self.d * along, 1))
         votes = [self.evidence[j] for j in near if np.isfinite(self.evidence[j])]
         if not votes or not np.isfinite(distance):
             return most

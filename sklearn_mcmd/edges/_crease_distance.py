@@ -162,21 +162,13 @@ class Creases:
         it is where they say that an edge is the better model, and farther where not."""
         evidence = evidence if self.evidence is None else self.evidence
 
+        fill = compiled_function("edges._crease_distance_numba", "judge_distances")
+        limits = CreaseLimits().far, CERTAIN, ExplainLimits().explained
+
         def judge(part, around):
-            pooled = _median(evidence[around.indices])
-            neighbors = self.index.points[around.indices] - self.origin
-            d, centered = neighbors.shape[2], neighbors - neighbors.mean(axis=1, keepdims=True)
-            values = np.linalg.eigvalsh(np.matmul(centered.swapaxes(1, 2), centered))
-            total = np.maximum(values.sum(axis=1), np.finfo(float).tiny)
-            # From 0 on a plane to 1 in a ball.
-            roundness = d * np.clip(values[:, 0] / total, 0.0, 1.0 / d)
-            most = CreaseLimits().far * (2.0 - roundness)
-            smooth = np.exp(np.clip(pooled, 0.0, CERTAIN))  # continuous
-            limit = ExplainLimits().explained * faces.scale[part]
-            off = np.maximum(np.abs(faces.height[part]) / limit, 1.0)
-            known = np.isfinite(distance[part]) & np.isfinite(pooled)
-            found = np.where(known, distance[part] * smooth * off, np.inf)
-            distance[part] = np.minimum(found, most)
+            room = np.empty(around.indices.shape[1])
+            given = evidence, faces.take(part), limits, room, distance[part]
+            fill(self.index.points, self.origin, around, *given)
 
         _in_chunks(self.index, len(distance), around, judge, self.n_jobs)
 
@@ -209,10 +201,9 @@ def _measure_spacing(index, origin, planes, n_jobs):
     side = (ball / n) ** (1.0 / (d - 1))
 
     def measure(part, around):
-        gaps = (index.points[around.indices] - origin) - (index.points[part, None] - origin)
-        distances = np.sqrt(np.einsum("mkd,mkd->mk", gaps, gaps))
-        planes.spacing[part] = spacing = np.partition(distances, n, axis=1)[:, n] * side
-        planes.radius[part] = distances.max(axis=1)
+        ends = index.points[around.indices[:, [n, -1]]] - index.points[part, None]
+        near, planes.radius[part] = np.sqrt(np.einsum("mkd,mkd->km", ends, ends))
+        planes.spacing[part] = spacing = near * side
         planes.scale[part] = np.maximum(planes.scale[part], limits.least_noise * spacing)
 
     def smooth(part, around):
@@ -265,13 +256,3 @@ def give_faces(queries, around, planes, flat, usable):
         flat=flat,
         on_face=on_face,
     )
-
-
-def _median(values):
-    """Medians of rows without their NaN, NaN where all are."""
-    values = np.sort(values, axis=1)  # NaN last
-    count = np.isfinite(values).sum(axis=1)
-    each = np.arange(len(values))
-    low = values[each, np.maximum(count - 1, 0) // 2]
-    high = values[each, np.minimum(count // 2, values.shape[1] - 1)]
-    return np.where(count > 0, 0.5 * (low + high), np.nan)

@@ -252,3 +252,48 @@ def _off_arc(local, size, axes, scale, limits, most, rows, equations):
             squares += min(off * off, most)
             weight[j] = min(1.0, limits.huber * scale / off)
     return squares
+
+
+@kernel(cache=True)
+def judge_distances(points, origin, around, evidence, faces, limits, told, distance):
+    """Change distances as `Creases._judge` does; `told` has room for what the neighbors say."""
+    far, certain, explained = limits
+    d = points.shape[1]
+    for i in range(len(distance)):
+        near, n_told = around.indices[i], 0
+        for j in near:
+            if np.isfinite(evidence[j]):  # in order, as the median is asked for
+                place = n_told
+                while place > 0 and told[place - 1] > evidence[j]:
+                    told[place] = told[place - 1]
+                    place -= 1
+                told[place] = evidence[j]
+                n_told += 1
+        # From 0 on a plane to 1 in a ball.
+        total = along = 0.0
+        for axis in range(d):
+            mean = _mean_of(points, near, axis, origin)
+            for j in near:
+                total += (points[j, axis] - origin[axis] - mean) ** 2
+        level = 0.0
+        for axis in range(d):
+            level += faces.normals[i, axis] * _mean_of(points, near, axis, origin)
+        for j in near:
+            height = -level
+            for axis in range(d):
+                height += faces.normals[i, axis] * (points[j, axis] - origin[axis])
+            along += height * height
+        most = far * (2.0 - min(d * along / max(total, TINY), 1.0))
+        if n_told > 0 and distance[i] < np.inf:
+            pooled = 0.5 * (told[(n_told - 1) // 2] + told[n_told // 2])
+            off = max(abs(faces.height[i]) / (explained * faces.scale[i]), 1.0)
+            most = min(distance[i] * np.exp(min(max(pooled, 0.0), certain)) * off, most)
+        distance[i] = most
+
+
+@kernel
+def _mean_of(points, near, axis, origin):
+    total = 0.0
+    for j in near:
+        total += points[j, axis] - origin[axis]
+    return total / len(near)
