@@ -10,32 +10,36 @@ def over_mean_plane(points, one, other):
     return (points - points.mean(axis=0)) @ np.column_stack([*axes[1:], up / np.linalg.norm(up)])
 
 
-def fit(terms, heights, weights):
-    """What the best sum of terms is at all points; weights are inverse variances, 0 for none."""
-    root = np.sqrt(weights)
-    return terms @ np.linalg.lstsq(terms * root[:, None], heights * root)[0]
+def off_plane(points, weights):
+    """Distances (n,) above the plane that is nearest to the weighted points."""
+    gaps = points - weights @ points / weights.sum()
+    normal = np.linalg.eigh((gaps * weights[:, None]).T @ gaps)[1][:, 0]
+    return gaps @ normal * np.where(normal[-1] < 0, -1.0, 1.0)
 
 
-def plane_terms(flat):
-    return np.column_stack([np.ones(len(flat)), flat])
-
-
-def quadric_terms(flat):
-    """The terms of a quadric over places (n, d - 1)."""
-    d = flat.shape[1]
+def off_quadric(flat, heights, weights):
+    """Distances (n,) above the quadric that fits heights best, by its slopes at their places."""
+    n, d = flat.shape
     pairs = [(i, j) for i in range(d) for j in range(i, d)]
-    return np.column_stack([plane_terms(flat), *(flat[:, i] * flat[:, j] for i, j in pairs)])
+    terms = np.column_stack([np.ones(n), flat, *(flat[:, i] * flat[:, j] for i, j in pairs)])
+    root = np.sqrt(weights)
+    solution = np.linalg.lstsq(terms * root[:, None], heights * root)[0]
+    slopes = np.tile(solution[1 : d + 1], (n, 1))
+    for (i, j), bend in zip(pairs, solution[d + 1 :], strict=True):
+        slopes[:, i] += bend * flat[:, j]
+        slopes[:, j] += bend * flat[:, i]
+    return (heights - terms @ solution) / np.sqrt(1 + np.square(slopes).sum(axis=1))
 
 
 def fit_crease(flat, heights, weights, first, rounds):
-    """Two planes that meet in a line: the least sum of squares, the side of each point, the heights
-    above these, and the heights (2, n) above the planes that were fitted last."""
-    terms, side, best = plane_terms(flat), first, (np.inf, first, heights)
+    """Two planes that meet in a line: the least sum of squares, the side of each point, the
+    distances above these, and those (2, n) above the planes that were fitted last."""
+    points, side, best = np.column_stack([flat, heights]), first, (np.inf, first, heights)
     above = np.full((2, len(heights)), np.nan)
     for turn in range(rounds + 1):
         if min(side.sum(), (~side).sum()) <= flat.shape[1] + 1:
             break
-        above = np.stack([heights - fit(terms, heights, weights * of) for of in (~side, side)])
+        above = np.stack([off_plane(points, weights * of) for of in (~side, side)])
         if turn == 0:
             upper = np.mean(side == (above[1] < above[0])) > 0.5
         before, side = side, (above[1] < above[0]) == upper

@@ -8,8 +8,8 @@ import numpy as np
 
 from sklearn_mcmd.planes._creases_numba import (
     N_PLANE,
-    N_QUADRIC,
     center,
+    fit_quadric,
     fit_surface,
     half_bic,
 )
@@ -184,25 +184,18 @@ def _rounded(one, two, cosine, radii, spacing, most, size):
 @kernel(fastmath=False)
 def _off_quadric(local, size, d, scale, limits, most, rows, equations):
     """Sum of squares of the best surface of second order."""
-    heights, weight, solution = rows[1], rows[2], equations[2]
+    heights, weight = rows[1], rows[2]
     for j in range(size):
         weight[j] = 1.0
     _, covariance = weighted_covariance(local, size, weight)
     _, axes = principal_axes(covariance, d)
     extent = max(np.sqrt(covariance[0] + covariance[3] + covariance[5]), TINY)
-    x, y, z = local[0], local[1], local[2]
-    _, (bx, by, bz), (cx, cy, cz) = axes
     squares = 0.0
     for _ in range(limits.smooth_steps):
-        fit_surface(local, size, d, axes, extent, weight, N_QUADRIC, heights, equations)
-        su, sv = solution[1], solution[2]
-        uu, uv, vv = solution[3] / extent, solution[4] / extent, solution[5] / extent
+        fit_quadric(local, size, d, axes, extent, weight, heights, equations)
         squares = 0.0
         for j in range(size):
-            u = bx * x[j] + by * y[j] + bz * z[j]
-            v = cx * x[j] + cy * y[j] + cz * z[j]
-            first, second = su + 2.0 * uu * u + uv * v, sv + uv * u + 2.0 * vv * v
-            off = abs(heights[j]) * extent / np.sqrt(1.0 + first * first + second * second)
+            off = abs(heights[j]) * extent
             squares += min(off * off, most)
             # A few points off the surface must not bend it: Huber's weights.
             weight[j] = min(1.0, limits.huber * scale / off)

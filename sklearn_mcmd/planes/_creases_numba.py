@@ -48,23 +48,46 @@ def fit_surface(local, size, d, axes, extent, weight, n_terms, heights, equation
 
 
 @kernel(fastmath=False)
-def fit_sides(local, size, d, axes, extent, weight, second, shares, heights, equations):
-    """Fill the heights (2, size) of members, in extents, above the planes of both sides; True
-    unless a side has no more members than a plane goes through."""
+def fit_quadric(local, size, d, axes, extent, weight, rest, equations):
+    """Fill the distances of centered members, in extents, from the quadric that fits them best, by
+    its slopes at their places."""
+    fit_surface(local, size, d, axes, extent, weight, N_QUADRIC, rest, equations)
+    x, y, z = local[0], local[1], local[2]
+    _, (bx, by, bz), (cx, cy, cz) = axes
+    solution = equations[2]
+    su, sv = solution[1], solution[2]
+    uu, uv, vv = solution[3] / extent, solution[4] / extent, solution[5] / extent
+    for j in range(size):
+        u = bx * x[j] + by * y[j] + bz * z[j]
+        v = cx * x[j] + cy * y[j] + cz * z[j]
+        first, second = su + 2.0 * uu * u + uv * v, sv + uv * u + 2.0 * vv * v
+        rest[j] /= np.sqrt(1.0 + first * first + second * second)
+
+
+@kernel(fastmath=False)
+def fit_sides(local, size, d, axes, extent, weight, second, shares, heights):
+    """Fill the distances (2, size) of members, in extents, above the planes that are nearest to both
+    sides; True unless a side has no more members than a plane goes through."""
     n_second = 0
     for j in range(size):
         n_second += second[j]
     if min(n_second, size - n_second) <= d:
         return False
+    up = axes[0]
     for side in range(2):
         for j in range(size):
             shares[j] = weight[j] if second[j] == (side == 1) else 0.0
-        fit_surface(local, size, d, axes, extent, shares, N_PLANE, heights[side], equations)
+        mean, covariance = weighted_covariance(local, size, shares)
+        x, y, z = principal_axes(covariance, d)[1][0]
+        scale = (1.0 if x * up[0] + y * up[1] + z * up[2] >= 0.0 else -1.0) / extent
+        x, y, z = scale * x, scale * y, scale * z
+        level = x * mean[0] + y * mean[1] + z * mean[2]
+        height_over(local, size, (x, y, z), level, heights[side])
     return True
 
 
 @kernel(fastmath=False)
-def fit_crease(known, sides, rounds, shares, heights, rest, equations):
+def fit_crease(known, sides, rounds, shares, heights, rest):
     """Least sum of squares about two planes that meet in a line, which tells the sides; inf if
     there are no two.
 
@@ -77,7 +100,7 @@ def fit_crease(known, sides, rounds, shares, heights, rest, equations):
     least, sign = np.inf, 0.0
     for turn in range(rounds + 1):
         second = told if turn else first
-        if not fit_sides(*known, second, shares, heights, equations):
+        if not fit_sides(*known, second, shares, heights):
             break
         if turn == 0:
             below = 0
@@ -185,12 +208,12 @@ def find_folded(points, around, planes, faces, limits, room, folded):
         axes = mean_axes(face, principal_axes(covariance, d)[1][0])
         extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
         known = local, size, d, axes, extent, weight
-        left = fit_crease(known, sides, limits.rounds, shares, heights, rest, equations)
+        left = fit_crease(known, sides, limits.rounds, shares, heights, rest)
         if left < np.inf:
             for j in range(size):  # three faces may meet
                 rest[j] = min(abs(heights[0, j]), abs(heights[1, j]))
             n_best = int(limits.best * size)
             by_planes = least_squares(rest, size, n_best, work, keys)
-            fit_surface(*known, N_QUADRIC, rest, equations)
+            fit_quadric(*known, rest, equations)
             by_quadric = least_squares(rest, size, n_best, work, keys)
             folded[i] = by_quadric > limits.evidence * by_planes

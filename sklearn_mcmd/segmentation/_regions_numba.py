@@ -16,8 +16,8 @@ from sklearn_mcmd.planes._creases_numba import (
     center,
     design_effect,
     fit_crease,
+    fit_quadric,
     fit_sides,
-    fit_surface,
     half_bic,
     mean_axes,
 )
@@ -288,17 +288,17 @@ def vote(local, weights, cells, normals, limits, most_noise, blunt, room, equati
         square += local[0, i] ** 2 + local[1, i] ** 2 + local[2, i] ** 2
     extent = max(np.sqrt(square / n), limits.ridge)
     known = local, n, 3, axes, extent, weights
-    if not fit_sides(*known, labelled, shares, heights, equations):
+    if not fit_sides(*known, labelled, shares, heights):
         return limits.ridge  # too few to tell
     step = 0.0
     for i in range(n):
         off = heights[1, i] if labelled[i] else heights[0, i]
         step += weights[i] * off * off
     smooth_left = 0.0
-    fit_surface(*known, N_QUADRIC, smooth, equations)
+    fit_quadric(*known, smooth, equations)
     for i in range(n):
         smooth_left += weights[i] * smooth[i] * smooth[i]
-    by_line = left = fit_crease(known, sides, limits.n_steps, shares, heights, crease, equations)
+    by_line = left = fit_crease(known, sides, limits.n_steps, shares, heights, crease)
     if blunt or most_noise**2 * step < left:
         left = most_noise**2 * step
         for i in range(n):

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 
-from reference_creases import fit, fit_crease, over_mean_plane, quadric_terms
+from reference_creases import fit_crease, off_quadric, over_mean_plane
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.planes._principal_planes import fit_planes, student_factors
@@ -96,7 +96,7 @@ def is_folded(members, face):
     *flat, heights = over_mean_plane(members, face.normals[0], in_axes(members[others])[1][0]).T
     flat, weights, best = np.array(flat).T, np.ones(len(heights)), int(0.75 * len(heights))
     left, _, _, above = fit_crease(flat, heights, weights, others, 5)
-    rest = heights - fit(quadric_terms(flat), heights, weights)
+    rest = off_quadric(flat, heights, weights)
     by_quadric, by_planes = (np.sort(h**2)[:best].sum() for h in (rest, np.abs(above).min(axis=0)))
     return left < np.inf and by_quadric > by_planes
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.metrics import adjusted_rand_score
 
 from growth import fitted_without
-from reference_creases import fit, fit_crease, plane_terms, quadric_terms
+from reference_creases import fit_crease, off_plane, off_quadric
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.planes._quadrics import work_arrays
@@ -175,8 +175,8 @@ def test_cells_are_joined_as_literally_from_their_points(seed):
 def vote_by_numpy(points, weights, cells, first, blunt):
     """A vote over the plane z = 0, and the second of its two sides, by general least squares."""
     flat, z = points[:, :2], points[:, 2]
-    smooth = z - fit(quadric_terms(flat), z, weights)
-    one, other = (z - fit(plane_terms(flat), z, weights * side) for side in (first, ~first))
+    smooth = off_quadric(flat, z, weights)
+    one, other = (off_plane(points, weights * side) for side in (first, ~first))
     step = MOST_NOISE**2 * (weights @ np.where(first, one, other) ** 2)
     left, side, crease, _ = fit_crease(flat, z, weights, first, FIT.n_steps)
     rest = crease if left < np.inf else smooth
