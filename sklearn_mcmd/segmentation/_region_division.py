@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.planes._quadrics import work_arrays
@@ -21,7 +20,6 @@ from sklearn_mcmd.segmentation._region_sums import median_by_region, region_mome
 UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in its nine
 WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
 CHUNK = 64  # borders whose points are parted at once; it limits the memory
-FEW = 2**16  # pairs of cells from which on trees are faster
 ROWS = 2**14  # whose neighbors are looked at at once; it limits the memory
 
 
@@ -189,15 +187,10 @@ class _Strips:
     def vote_on(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
         names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
-        centers = self.centers
         small, large = (self.groups[name] for name in names)
-        if len(small) * len(large) <= FEW:
-            gaps = cdist(centers[large], centers[small], "sqeuclidean")
-            large = large[gaps.min(axis=1) <= gaps.min(axis=0).max()]
-        else:
-            large = large[_strip(self.tree(names[0]), self.tree(names[1]))]
+        large = large[_strip(*map(self.tree, names))]
         rows, cell = self.cells.rows(np.concatenate([small, large]))
-        local = ((self.points[rows] - centers[small[0]]) / self.unit).T.copy()
+        local = ((self.points[rows] - self.centers[small[0]]) / self.unit).T.copy()
         n_first = (self.cells.starts[small + 1] - self.cells.starts[small]).sum()
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
         sides, weights = np.stack([first] * 3), 1.0 / np.square(self.noise[rows])

@@ -267,12 +267,11 @@ def test_narrow_patches_join_no_groups_that_wide_ones_part():
     assert not mixed.any()
 
 
-@pytest.mark.parametrize(("name", "value"), [("FEW", 0), ("CHUNK", 2)])
-def test_strips_are_the_same_by_pairs_and_by_trees_and_in_parts(name, value, monkeypatch):
+def test_strips_are_the_same_in_parts(monkeypatch):
     """There are three of them."""
     X, _ = roof(3000, 30, 0.1)
     expected = RegionGrowing(random_state=0).fit_predict(X)
-    monkeypatch.setattr(f"sklearn_mcmd.segmentation._region_division.{name}", value)
+    monkeypatch.setattr("sklearn_mcmd.segmentation._region_division.CHUNK", 2)
     assert_array_equal(RegionGrowing(random_state=0).fit_predict(X), expected)
     assert expected.max() == 1
 
