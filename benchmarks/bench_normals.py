@@ -9,6 +9,10 @@ can do better next to an edge.
 "curvatures" prints the median error of the mean curvature, as a share of the larger principal one,
 and the shares of points whose curvatures are within three standard errors.
 
+"errors" prints the shares in percent of points whose true normals are within 1.73 standard errors:
+within 4 spacings of a crease, on a fillet or on a bend; and on flat ground beside these, and the
+median error there over what would cover 95 %.
+
 "pcpnet" follows PCPNet's benchmark: the root mean square of the angle over 5,000 points of each
 shape, by kinds of noise and density. It takes a folder of NAME.xyz, NAME.normals and, if there are
 any, NAME.pidx. "Best k" are oracles, which know the true normals and choose among 11 sizes.
@@ -16,6 +20,7 @@ any, NAME.pidx. "Best k" are oracles, which know the true normals and choose amo
     python benchmarks/bench_normals.py streets --seeds 3
     python benchmarks/bench_normals.py curved
     python benchmarks/bench_normals.py curvatures --n-neighbors 30 50
+    python benchmarks/bench_normals.py errors
     python benchmarks/bench_normals.py clouds ../shared/data/cad_*/cloud.npz --n-neighbors 30 50
     python benchmarks/bench_normals.py clouds ../shared/data/cad_a*/cloud.npz --noise 0.2
     python benchmarks/bench_normals.py pcpnet ../shared/data/pcpnet_bunny
@@ -43,6 +48,9 @@ FORMS = {
     "auto": {"n_neighbors": "auto"},
 }
 NEAR = 4.0  # spacings
+WITHIN = 1.73  # standard errors that hold 95 %
+# Degrees by which two faces turn, and radius of the fillet between them in spacings.
+BENDS = ((90, 0), (60, 0), (30, 0), (15, 0), (5, 0), (90, 6), (45, 6), (30, 3), (90, 12), (120, 15))
 PCA_NEIGHBORS = (8, 12, 18, 32, 50, 80, 112, 160, 250, 360, 500)
 
 
@@ -174,6 +182,42 @@ def ring(n, rng):
     return 0.3 * normals + np.column_stack([np.cos(u), np.sin(u), np.zeros(n)]), normals
 
 
+def errors(options):
+    """Print a row for each bend, noise in spacings and size of neighborhoods."""
+    rows = []
+    for angle, radius in BENDS:
+        for noise in (0.05, 0.2):
+            X, normals, away = two_faces(angle, radius, noise, options.size)
+            for k in options.n_neighbors:
+                found = fitted(X, n_neighbors=k)
+                off, error = bias_angle(found.normals_, normals), found.normal_error_
+                held, far = off <= WITHIN * error, away > 2 * NEAR
+                near = away < (0 if radius else NEAR)
+                name = f"{angle} degrees, radius {radius}, noise {noise:g}, k = {k}"
+                ratio = np.median(error[far]) * WITHIN / np.quantile(off[far], 0.95)
+                rows.append([name, 100 * held[near].mean(), 100 * held[far].mean(), ratio])
+    print_table("percent", ["", "there", "flat ground", "error over right one"], rows, digits=2)
+
+
+def two_faces(angle, radius, noise, n, half=15.0):
+    """Faces that turn along an arc, one point on each unit of area: points, normals, and distances
+    from the arc, NaN near the borders."""
+    rng, end = np.random.default_rng(5), np.radians(angle) / 2
+    most = half + radius * end
+    section, along = rng.uniform(-most, most, n), rng.uniform(0, n / (2 * most), n)
+    turn = np.clip(section / max(radius, 1e-9), -end, end)
+    rest = np.sign(section) * np.maximum(np.abs(section) - radius * end, 0)
+    normals = np.column_stack([np.sin(turn), np.zeros(n), np.cos(turn)])
+    X = (
+        radius * normals
+        + rest[:, None] * normals[:, ::-1] * [1, 1, -1]
+        + along[:, None] * [0, 1, 0]
+    )
+    inner = (along > 5) & (along < along.max() - 5) & (np.abs(section) < most - 5)
+    away = np.where(inner, np.abs(section) - radius * end, np.nan)
+    return X + noise * rng.normal(size=(n, 1)) * normals, normals, away
+
+
 def pcpnet(options):
     """Print the RMSE of each method, averaged over the shapes, by kinds, and over the kinds."""
     squares = {}
@@ -216,9 +260,9 @@ def pca_normals(members):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     kinds = parser.add_subparsers(dest="kind", required=True)
-    for make in (streets, curved, clouds, curvatures):
+    for make in (streets, curved, clouds, curvatures, errors):
         part = kinds.add_parser(make.__name__)
-        part.set_defaults(run=make if make is curvatures else compare, scenes=make)
+        part.set_defaults(run=make if make in (curvatures, errors) else compare, scenes=make)
         part.add_argument("--n-neighbors", type=int, nargs="+", default=[50])
         if make is clouds:
             part.add_argument("clouds", nargs="+", help="npz files with xyz, normals, edge_dist")

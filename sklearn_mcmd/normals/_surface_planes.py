@@ -24,6 +24,7 @@ from sklearn_mcmd.planes._quadrics import (
     is_smooth,
     quadric_normals,
     tangents_of,
+    work_arrays,
 )
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
@@ -158,7 +159,7 @@ class SurfacePlanes:
             lend(planes, borrowing, all_planes, lenders[borrowing])
         queries = np.ascontiguousarray(points, dtype=np.float64)
         planes.normal_error[:] = doubted_errors(
-            self.model.index.points, queries, around, planes, members, forms == BENT
+            self.model.index.points, queries, around, planes, members, forms != ROUGH
         )
         return lenders
 
@@ -332,21 +333,29 @@ def find_lenders(points, queries, around, planes, most):
     return lenders
 
 
-def doubted_errors(points, queries, around, planes, members, bends):
-    """Standard errors of normals (m,) in degrees, with the doubt which plane is the right one.
+def doubted_errors(points, queries, around, planes, members, smooth):
+    """Standard errors of normals (m,) in degrees, with the doubt which surface is the right one.
 
     It is the error of a mixture, within and between its planes:
-    ``E^2 + sum of w_j max(0, a_j^2 - 2 (E^2 + E_j^2))``. The planes j are those of the nearest
-    third of the neighborhood, w_j their probabilities by the costs of `find_lenders`, and a_j their
-    angles to the normal. Where the surface `bends`, bool (m,), what is linear in the place is left
-    out of these.
+    ``E^2 + sum of w_j max(0, a_j^2 - 2 (E^2 + E_j^2))``. Here a_j are the angles to the normal of
+    the planes j of neighbors, and w_j their probabilities by the costs of `find_lenders`.
+
+    Next to an edge they are those of the nearest third of the neighborhood, of which any could be
+    the query's. In a `smooth` neighborhood, bool (m,), they are those of the farthest third, which
+    have the least members in common with it. The angles count only as far as they are also beyond
+    chance when what the quadric of the neighborhood turns by to their places is subtracted, whose
+    variance is then chance as well. At a crease that a quadric rounds, and on a fillet, surfaces
+    turn less than that. The sum counts d - 1 times, since a crease turns in one direction, and the
+    planes lie around in all.
 
     `planes` are those that the queries have in the end, `members` those of the points before any is
     lent, whose scale is noise: of those that bend, what the quadric leaves.
     """
     errors, width = np.empty(len(queries)), around.indices.shape[1]
     find = compiled_function("normals._surface_planes_numba", "doubted_errors")
-    limits, tangents = PatchLimits(ExplainLimits().explained), tangents_of(planes.normals)
-    arrays = np.empty((queries.shape[1] + 1, width)), np.empty((6, width))
-    find(points, queries, around, planes, tangents, members, bends, limits, *arrays, errors)
+    limits, pivot = PatchLimits(ExplainLimits().explained), QuadricLimits().pivot
+    local, equations = work_arrays(4, width)
+    found = np.empty((queries.shape[1] + 1, width)), np.empty((6, width))
+    room = tangents_of(planes.normals), *found, (local[:3], local[3], *equations)
+    find(points, queries, around, planes, members, smooth, limits, pivot, room, errors)
     return errors

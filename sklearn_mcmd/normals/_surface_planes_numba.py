@@ -2,7 +2,19 @@
 
 import numpy as np
 
+from sklearn_mcmd.planes._quadrics_numba import (
+    ORIGIN,
+    back_substitute,
+    decompose,
+    frame,
+    localize,
+    quadric_moments,
+)
 from sklearn_mcmd.runtime._kernels import kernel
+
+# The variance of how a quadric's normals turn, over that of its normal in the middle, is this times
+# the squared distance over its mean: by least squares, of members that are even on a disk.
+TURN = 6.0
 
 
 @kernel(cache=True)
@@ -88,30 +100,35 @@ def _weighted(heights, n, variance, explained):
 
 
 @kernel(cache=True)
-def doubted_errors(
-    points, queries, around, planes, tangents, members, bends, limits, patches, found, errors
-):
+def doubted_errors(points, queries, around, planes, members, smooth, limits, pivot, room, errors):
     """Fill `errors` as `doubted_errors` of ``_surface_planes`` returns them, in work arrays.
 
-    `found` has, of the planes around, the heights of the query above them, what their angles have
-    beyond chance, and along two tangents the places of their points and the lean of their normals.
+    `found` has, of the planes that are asked, the heights of the query above them, what their
+    angles have beyond chance, and along two tangents the places of their points and the lean of
+    their normals.
     """
-    d = queries.shape[1]
+    d, (tangents, patches, found, quadric) = queries.shape[1], room
     patch, heights = patches[:d], patches[d]
     for i in range(len(queries)):
-        row, size = around.indices[i], around.sizes[i]
+        near, size = around.indices[i], around.sizes[i]
         n_planes = min(max(1, int(limits.patch * size)) + 1, size)
+        row = near[size - n_planes :] if smooth[i] else near
         own = planes.normal_error[i] * planes.normal_error[i]
         between = 0.0
-        if bends[i] or _may_lean(row, n_planes, members, own, planes.normals[i]):
-            reached = _lean_of_planes(
-                points, queries[i], row, n_planes, planes.normals[i], tangents[i], members, found
-            )
-            if bends[i]:
-                _take_trend(found, n_planes, d)
-            if _beyond_chance(row, n_planes, members, own, found) and reached:
-                n = _localize(points, queries[i], row, size, limits.patch, patch)
+        if _may_lean(row, n_planes, members, own, planes.normals[i]):
+            axes = frame(planes.normals[i], tangents[i])
+            reached = _lean_of_planes(points, queries[i], row, n_planes, axes, members, found)
+            doubted = reached and _beyond_chance(row, n_planes, members, own, 0.0, found)
+            if doubted and smooth[i]:
+                turn = _take_turn(
+                    points, queries[i], near, size, n_planes, axes, pivot, quadric, found
+                )
+                doubted = _beyond_chance(row, n_planes, members, own, turn, found)
+            if doubted:
+                n = _localize(points, queries[i], near, size, limits.patch, patch)
                 between = _between(row, n_planes, members, limits, patch, n, heights, found)
+                if smooth[i]:
+                    between *= d - 1  # a crease turns in one direction of the plane
         errors[i] = min(90.0, np.sqrt(own + between))
 
 
@@ -131,7 +148,7 @@ def _may_lean(row, n_planes, members, own, normal):
 
 
 @kernel(inline="always")
-def _lean_of_planes(points, query, row, n_planes, normal, tangents, members, found):
+def _lean_of_planes(points, query, row, n_planes, axes, members, found):
     """Fill the heights, places and leans of planes; whether any of these reaches the query. The
     others have no place and no lean."""
     d, reached = len(query), False
@@ -139,62 +156,67 @@ def _lean_of_planes(points, query, row, n_planes, normal, tangents, members, fou
         found[0, j] = _height_over(members, row[j], query)
         reaches = found[0, j] < np.inf
         reached |= reaches
+        found[1, j] = np.inf
         side = 0.0
         for axis in range(d):
-            side += normal[axis] * members.normals[row[j], axis]
+            side += axes[0][axis] * members.normals[row[j], axis]
         for t in range(2):
             place = lean = 0.0
             if t < d - 1 and reaches:
                 for axis in range(d):
-                    place += tangents[t, axis] * (points[row[j], axis] - query[axis])
-                    lean += tangents[t, axis] * members.normals[row[j], axis]
+                    place += axes[1 + t][axis] * (points[row[j], axis] - query[axis])
+                    lean += axes[1 + t][axis] * members.normals[row[j], axis]
             found[2 + t, j] = place
             found[4 + t, j] = lean if side >= 0.0 else -lean
     return reached
 
 
 @kernel(inline="always")
-def _take_trend(found, n_planes, d):
-    """Subtract from how normals lean what is linear in the places, by least squares, unless the
-    places are too few or on one line, and do not determine it."""
-    farthest = 0.0
+def _take_turn(points, query, row, size, n_planes, axes, pivot, room, found):
+    """Subtract from how normals lean what the quadric of the neighborhood turns by from the query
+    to their places. Returns its variance at a distance of one over that of the query's normal, 0
+    if the members determine no quadric.
+
+    A cylinder's normals lean by what is linear in the place, as the slopes of a quadric do.
+    """
+    local, heights, lower, right, solution = room
+    localize(points, row, size, query, local)
+    square = 0.0
+    for j in range(size):
+        for axis in range(len(query)):
+            square += local[axis, j] * local[axis, j]
+    if square == 0.0:
+        return 0.0
+    square /= size
+    extent = np.sqrt(square)
+    quadric_moments(local, size, len(query), ORIGIN, axes, extent, lower, right, heights)
+    _, determined = decompose(lower, right, solution, 0.0, pivot)
+    if not determined:
+        return 0.0
+    back_substitute(lower, solution)
+    uu, uv, vv = solution[3], solution[4], solution[5]
     for j in range(n_planes):
-        farthest = max(farthest, abs(found[2, j]), abs(found[3, j]))
-    uu = uv = 0.0
-    vv = 1.0 if d == 2 else 0.0  # there is no second tangent
-    for j in range(n_planes):
-        found[2, j] /= farthest  # so that no square is 0 or infinite, whatever the unit is
-        found[3, j] /= farthest
-        uu += found[2, j] * found[2, j]
-        uv += found[2, j] * found[3, j]
-        vv += found[3, j] * found[3, j]
-    divisor = uu * vv - uv * uv
-    if not divisor > 1e-12 * uu * vv:
-        return
-    for t in range(4, 6):
-        along = across = 0.0
-        for j in range(n_planes):
-            along += found[2, j] * found[t, j]
-            across += found[3, j] * found[t, j]
-        slope = (vv * along - uv * across) / divisor
-        other = (uu * across - uv * along) / divisor
-        for j in range(n_planes):
-            found[t, j] -= slope * found[2, j] + other * found[3, j]
+        u, v = found[2, j] / extent, found[3, j] / extent
+        found[4, j] += 2.0 * uu * u + uv * v
+        found[5, j] += uv * u + 2.0 * vv * v
+    return TURN / square
 
 
 @kernel(inline="always")
-def _beyond_chance(row, n_planes, members, own, found):
-    """Fill how much larger squared angles are than twice what is chance, in square degrees, or 0;
-    whether any is."""
+def _beyond_chance(row, n_planes, members, own, turn, found):
+    """Lower to how much larger squared angles are than what is chance, in square degrees, or 0;
+    whether any is. `turn` is what `_take_turn` returns, or 0."""
     doubted = False
     for j in range(n_planes):
-        found[1, j], error = 0.0, members.normal_error[row[j]]
-        chance = 2.0 * (own + error * error)
+        error, beyond = members.normal_error[row[j]], 0.0
+        place = found[2, j] * found[2, j] + found[3, j] * found[3, j]
+        chance = 2.0 * (own + error * error) + turn * own * place
         square = found[4, j] * found[4, j] + found[5, j] * found[5, j]
         if 90.0 * 90.0 * square > chance:  # an angle is no larger than 90 degrees times its sine
             angle = np.degrees(np.arcsin(min(np.sqrt(square), 1.0)))
-            found[1, j] = max(angle * angle - chance, 0.0)
-            doubted |= found[1, j] > 0.0
+            beyond = max(angle * angle - chance, 0.0)
+        found[1, j] = min(found[1, j], beyond)
+        doubted |= found[1, j] > 0.0
     return doubted
 
 
