@@ -191,7 +191,6 @@ PARTS = {
             Limit("segmentation._graph", "GrowthLimits", "usual", 0.0),
             Limit("segmentation._graph", "GrowthLimits", "bent", 0.0),
             Limit("segmentation._graph", "GrowthLimits", "n_deviations"),
-            Limit("segmentation._region_division", "VoteLimits", "least_points", 0),
             Limit("segmentation._region_division", "VoteLimits", "blunt", 0.0),
             Limit("segmentation._merge_coplanar", "JoinLimits", "most_noise", np.inf),
             Limit("segmentation._merge_coplanar", "JoinLimits", "most_gap", 1e9),

@@ -111,16 +111,6 @@ class _Part:
         return np.abs(self.cylinder.distances(points)) / limit
 
 
-class Shapes(NamedTuple):
-    """What is known of regions by their labels."""
-
-    curved: np.ndarray  # labels of those that are parts of cylinders
-    wide: np.ndarray  # bool, by label; regions only gain points, so a wide one stays wide
-
-
-NO_SHAPES = Shapes(np.empty(0, np.intp), np.empty(0, bool))
-
-
 @dataclass(frozen=True)
 class CylinderParts:
     """Joins narrow regions that touch if one cylinder explains them.
@@ -136,47 +126,39 @@ class CylinderParts:
     max_gap: float  # largest distance of points that touch, which also are near neighbors
     n_jobs: int | None
 
-    def join(self, labels, shapes=NO_SHAPES):
-        """Labels (n,), -1 for none, in which parts of one cylinder share their smallest label."""
-        labels = labels.copy()
-        parts, _ = self._narrow_parts(labels, shapes)
-        self._join(labels, parts, set(parts), {})
-        return labels
-
     def grow(self, labels):
-        """As `join`, but curved regions also take in points without region on their cylinders, and
-        are joined if they then touch. The planes of a post's points run off it, onto the ground or
-        into a tree's foliage; the cylinder does not. Returns labels and their `Shapes`."""
+        """Labels (n,), -1 for none, in which parts of one cylinder share their smallest label, and
+        the labels of those that are curved.
+
+        Curved regions also take in points without region on their cylinders, and are joined if they
+        then touch. The planes of a post's points run off it, onto the ground or into a tree's
+        foliage; the cylinder does not.
+        """
         labels = labels.copy()
-        parts, wide = self._narrow_parts(labels, NO_SHAPES)
+        parts = self._narrow_parts(labels)
         fresh, tried = set(parts), {}
         while fresh:
             fresh |= self._join(labels, parts, fresh, tried)
             fresh = self._claim(labels, parts, fresh & set(parts))
-        curved = np.array(sorted(name for name in parts if parts[name].curved), dtype=np.intp)
-        return labels, Shapes(curved, wide)
+        return labels, sorted(name for name in parts if parts[name].curved)
 
-    def _narrow_parts(self, labels, shapes):
-        """The parts that may be joined, by label, and which regions are wide."""
+    def _narrow_parts(self, labels):
+        """The parts that may be joined, by label."""
         n_regions, points = int(labels.max(initial=-1)) + 1, self.index.points
-        wide = np.zeros(n_regions, dtype=bool)
-        wide[: len(shapes.wide)] = shapes.wide[:n_regions]
-        number = np.append(np.where(wide, -1, np.arange(n_regions)), -1)
-        found = region_moments(points, labels, n_regions, number=number, n_jobs=self.n_jobs)
-        reach = sums_by_region(self.planes.radius, labels, n_regions, number, self.n_jobs)
+        found = region_moments(points, labels, n_regions, n_jobs=self.n_jobs)
+        reach = sums_by_region(self.planes.radius, labels, n_regions, n_jobs=self.n_jobs)
         reach /= np.maximum(found.sizes, 1)
         values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
         # Those wider than a disk that reaches as far as a strip's points have good normals, and
         # growth follows them. Points spread evenly over a width deviate by its root 12th.
-        wide |= np.sqrt(12 * values[:, 1]) > 2 * NarrowFaceLimits().reach * reach
-        wide[shapes.curved] = False
+        wide = np.sqrt(12 * values[:, 1]) > 2 * NarrowFaceLimits().reach * reach
         rows = rows_of(labels, np.append(~wide & (found.sizes >= 4), False))
         rows = by_place(points, rows)
         rows = rows[np.argsort(labels[rows], kind="stable")]
         names, starts = np.unique(labels[rows], return_index=True)
         groups = np.split(rows, starts[1:]) if len(rows) else []
         parts = self._each(lambda group: self._part(group, self._around(group)), groups)
-        return dict(zip(names.tolist(), parts, strict=True)), wide
+        return dict(zip(names.tolist(), parts, strict=True))
 
     def _each(self, function, items):
         """The answers of a function to all items, found in threads."""

@@ -23,7 +23,7 @@ from sklearn_mcmd.planes._resolution import coordinate_step, least_scales
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 from sklearn_mcmd.segmentation._assign_points import Claims
-from sklearn_mcmd.segmentation._cylinder_parts import NO_SHAPES, CylinderParts
+from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
 from sklearn_mcmd.segmentation._graph import (
     GrowthRules,
     grow_regions,
@@ -177,7 +177,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     points.
 
     A crease is told by the Bayesian information criterion, of a quadric against two planes, in each
-    border of two patches that are planes. No threshold says how blunt it may be.
+    border of two patches that are planes. Planes that differ by less than a fifth of `max_angle`
+    are one surface.
 
     A region holds all points that can be reached from its seed. Sums over regions are exact in any
     order, and ties end at coordinates. So labels depend neither on the order of rows nor on
@@ -371,17 +372,16 @@ def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
             labels = _renumber(claims.absorb_fragments(labels), copies)
         if steps.join_coplanar:
             labels = join_coplanar(index.points, labels, planes, n_jobs)
-    curved = steps.join_curved and in_space
-    cylinders = CylinderParts(
-        index=index, planes=planes, floor=floor, max_gap=growing.max_gap or np.inf, n_jobs=n_jobs
-    )
-    shapes = NO_SHAPES
+    curved = []
     with progress_part(0.65, 1.0, "cylinders and the rest"):
+        if steps.join_curved and in_space:
+            gap = growing.max_gap or np.inf
+            parts = CylinderParts(
+                index=index, planes=planes, floor=floor, max_gap=gap, n_jobs=n_jobs
+            )
+            labels, curved = parts.grow(labels)
         if steps.assign_unlabeled:
-            labels, shapes = cylinders.grow(labels) if curved else (labels, shapes)
-            labels = claims.assign_unlabeled(labels, shapes.curved)
-        if curved:  # once gaps between parts are filled
-            labels = cylinders.join(labels, shapes)
+            labels = claims.assign_unlabeled(labels, curved)
     return _renumber(labels, copies)
 
 

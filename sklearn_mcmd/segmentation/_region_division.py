@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.planes._quadrics import work_arrays
@@ -21,19 +20,14 @@ from sklearn_mcmd.segmentation._region_sums import median_by_region, region_mome
 UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in its nine
 WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
 CHUNK = 64  # borders whose points are parted at once; it limits the memory
-FEW = 2**16  # pairs of cells from which on trees are faster
 ROWS = 2**14  # whose neighbors are looked at at once; it limits the memory
 
 
 class VoteLimits(NamedTuple):
     """When borders vote."""
 
-    # A smooth surface, a quadric over a plane, has six numbers, and so have two planes. A strip has
-    # no vote if its points are fewer than twice the numbers of both models. Patches of as many are
-    # large.
-    least_points: int = 24
     # Share of the largest angle by which a surface turns between neighbors. Planes that differ by
-    # less are no crease: a road, and a roof that falls to its drains, stay whole. They may be a
+    # less are one surface: a road, and a roof that falls to its drains, stay whole. They may be a
     # step, as at a kerb.
     blunt: float = 0.2
 
@@ -66,9 +60,10 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
 
     Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
     first, while one plane explains two as well as two planes do, by the Bayesian information
-    criterion (BIC). Then each border of two patches votes (`vote`), and patches become groups
-    (`_groups`). Last, where a border parts two groups, its points go to the side on which its
-    crease has them. Points of patches that are of both sides get label -1.
+    criterion (BIC). A patch is a surface of its own if it is so wide that a piece of it as long as
+    wide has more points than a whole cell. Each border of two of these votes (`vote`), and patches
+    become groups (`_groups`). Last, where a border parts two groups, its points go to the side on
+    which its crease has them. Points of patches that are of both sides get label -1.
     """
     noise, near = _noise_and_neighbors(index, planes, rules, n_jobs)
     unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
@@ -81,6 +76,7 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     cells = _Cells.gather(order[labels[order] >= 0], near, labels)
     del order, flatness
     edges = _edges(cells, near, labels)
+    size = near.shape[1]
     del near
     found = region_moments(index.points, cells.of, len(cells.starts) - 1, n_jobs=n_jobs)
     weights = found.sizes / np.square(median_by_region(noise, cells.of, len(found.sizes)))
@@ -91,17 +87,20 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     if len(first) == len(np.unique(labels[labels >= 0])):
         return labels
     normals = np.linalg.eigh(scatters[first][:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
-    # The sizes are those of the patches since cells were joined.
-    large = found.sizes[first] >= VoteLimits().least_points
+    own = np.append(patch, -1)[cells.of]
+    shapes = region_moments(index.points, own, len(first), n_jobs=n_jobs)
+    values = np.maximum(np.linalg.eigvalsh(shapes.covariances), 0.0)
+    wide = shapes.sizes**2 * values[:, 1] > size**2 * values[:, 2]
     borders = patch[edges]
     borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
+    both = wide[borders].all(axis=1)
     blunt = np.cos(VoteLimits().blunt * np.arccos(min(rules.min_cosine, 1.0)))
     strips = _Strips(index.points, noise, unit, cells, patch, normals, blunt)
-    votes = strips.votes(borders, n_jobs)
-    group, mixed = _groups(borders, votes, large)
-    divided = np.append(np.where(mixed, -1, group)[patch], -1)[cells.of].astype(labels.dtype)
-    parting = (votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]])
-    parting = np.flatnonzero(parting & ~mixed[borders].any(axis=1))
+    votes = strips.votes(borders[both], n_jobs)
+    group, mixed = _groups(borders, votes, wide, labels[cells.members[cells.starts[first]]])
+    divided = np.append(np.where(mixed, -1, group), -1)[own].astype(labels.dtype)
+    borders = borders[both]
+    parting = np.flatnonzero((votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]]))
     parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
     strips.part(borders[parting], group, divided, n_jobs)
     return divided
@@ -188,25 +187,18 @@ class _Strips:
     def vote_on(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
         names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
-        centers = self.centers
         small, large = (self.groups[name] for name in names)
-        if len(small) * len(large) <= FEW:
-            gaps = cdist(centers[large], centers[small], "sqeuclidean")
-            large = large[gaps.min(axis=1) <= gaps.min(axis=0).max()]
-        else:
-            large = large[_strip(self.tree(names[0]), self.tree(names[1]))]
+        large = large[_strip(*map(self.tree, names))]
         rows, cell = self.cells.rows(np.concatenate([small, large]))
-        local = ((self.points[rows] - centers[small[0]]) / self.unit).T.copy()
+        local = ((self.points[rows] - self.centers[small[0]]) / self.unit).T.copy()
         n_first = (self.cells.starts[small + 1] - self.cells.starts[small]).sum()
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
         sides, weights = np.stack([first] * 3), 1.0 / np.square(self.noise[rows])
-        value = fit.ridge  # too few to tell
-        if len(rows) >= VoteLimits().least_points:
-            normals, most_noise = self.normals[names], JoinLimits().most_noise
-            blunt = bool(abs(normals[0] @ normals[1]) > self.blunt)
-            known = local, weights, cell, normals, fit, most_noise, blunt
-            room, equations = work_arrays(6, len(rows))
-            value = _compiled("vote")(*known, room, equations, sides)
+        normals, most_noise = self.normals[names], JoinLimits().most_noise
+        blunt = bool(abs(normals[0] @ normals[1]) > self.blunt)
+        room, equations = work_arrays(6, len(rows))
+        known = local, weights, cell, normals, fit, most_noise, blunt
+        value = _compiled("vote")(*known, room, equations, sides)
         return value, names, rows, sides[2]
 
 
@@ -220,32 +212,36 @@ def _strip(small, large):
     return rows[small.query(large.data[rows])[0] <= reach]
 
 
-def _groups(borders, votes, large):
+def _groups(borders, votes, wide, regions):
     """The group (n,) of each patch, and which patches are of two groups.
 
-    Votes are added over all borders of two groups, and groups are joined, the highest sum first,
-    while it is positive. So a bent surface stays one, and a few wrong borders make no bridge. Large
-    patches are joined first, and what they part stays apart. A small patch beside two groups that
-    they part is of both: it has points from both sides of the crease. The other small ones vote
-    then.
+    Borders of two wide patches vote. What these part stays apart. The other patches join the group
+    with which they have the most borders. One beside two groups that are parted is of both: it has
+    points from both sides of the crease.
     """
-    n = len(large)
-    both = large[borders].all(axis=1)
-    group = _joined(n, borders[both], votes[both])
+    n, both = len(wide), wide[borders].all(axis=1)
+    group = _joined(borders[both], votes, regions)
     pairs = group[borders]
     parted = both & (pairs[:, 0] != pairs[:, 1])
     ends = np.concatenate([borders[~both], borders[~both, ::-1]])
-    ends = ends[~large[ends[:, 0]] & large[ends[:, 1]]]
+    ends = ends[~wide[ends[:, 0]] & wide[ends[:, 1]]]
     beside = coo_array((np.ones(len(ends)), (ends[:, 0], group[ends[:, 1]])), (n, n)).tocsr()
     apart = coo_array((np.ones(np.count_nonzero(parted)), pairs[parted].T), (n, n)).tocsr()
     mixed = (beside @ apart).multiply(beside).sum(axis=1) > 0
     asked = ~mixed[borders].any(axis=1) & (pairs[:, 0] != pairs[:, 1])
-    final = _joined(n, pairs[asked], np.where(parted, -np.inf, votes)[asked])
+    final = _joined(pairs[asked], np.where(parted, -np.inf, 1.0)[asked], regions)
     return final[group], mixed
 
 
-def _joined(n, borders, votes):
-    """The group (n,) of each patch, named by its first; the highest sum of votes joins first."""
+def _joined(borders, votes, regions):
+    """The group (n,) of each patch, named by its first.
+
+    Votes are added over all borders of two groups, and groups are joined, the highest sum first.
+    So a bent surface stays one, and a few wrong borders make no bridge. The more borders a region
+    has, the more often one of them is wrong: what parts it must be surer by their number.
+    """
+    n = len(regions)
+    chances = np.log(np.maximum(np.bincount(regions[borders[:, 0]], minlength=n), 1))[regions]
     around, group = [{} for _ in range(n)], np.arange(n)
     for (a, b), value in zip(borders.tolist(), votes.tolist(), strict=True):
         around[a][b] = around[b][a] = around[a].get(b, 0.0) + value
@@ -253,9 +249,8 @@ def _joined(n, borders, votes):
     heapify(heap)
     while heap:
         value, a, b = heappop(heap)
-        if value >= 0:
-            break
-        if around[a].get(b) != -value:  # one of them was joined, or has more borders by now
+        # One of them was joined, or has more borders by now.
+        if value >= chances[a] or around[a].get(b) != -value:
             continue
         group[b] = a
         del around[a][b], around[b][a]

@@ -56,12 +56,12 @@ def rows_of(labels, wanted):
     return np.concatenate(rows)
 
 
-def region_moments(points, labels, n_regions, weights=None, number=None, n_jobs=None):
+def region_moments(points, labels, n_regions, weights=None, n_jobs=None):
     """The `Moments` of regions; points of label -1 belong to none.
 
-    Weights (n,) of int are copies. `number` has the new number of each label, the last of -1.
+    Weights (n,) of int are copies.
     """
-    d, visit = points.shape[1], partial(_visit, labels, number, n_jobs)
+    d, visit = points.shape[1], partial(_visit, labels, n_jobs)
     sizes, low, high = _boxes(points, visit, n_regions, weights)
     inside = np.isfinite(low[0])
     low[:, ~inside] = high[:, ~inside] = 0.0
@@ -128,12 +128,12 @@ def _boxes(points, visit, n_regions, weights):
     return sizes, low, high
 
 
-def sums_by_region(values, labels, n_regions, number=None, n_jobs=None):
-    """Sums (n_regions,) of values that are not negative; the other parameters as above."""
+def sums_by_region(values, labels, n_regions, n_jobs=None):
+    """Sums (n_regions,) of values that are not negative."""
     most = max((float(values[rows].max()) for rows in slices(len(labels), PART)), default=0.0)
     extent = np.full(n_regions, np.frexp(most)[1])
     bits = np.full(n_regions, np.frexp(float(max(len(labels), 1)))[1])
-    visit = partial(_visit, labels, number, n_jobs)
+    visit = partial(_visit, labels, n_jobs)
     return _sums(visit, n_regions, lambda groups: [groups.take(values)], [extent], bits)[0]
 
 
@@ -215,12 +215,12 @@ def _grouped(labels, part=slice(None)):
     return _Groups(groups.indices, some + least, groups.indptr[some], counts[some], part)
 
 
-def _visit(labels, number, n_jobs, work):
-    """Call ``work(groups, lock)`` for the groups of each part of labels, numbered anew."""
+def _visit(labels, n_jobs, work):
+    """Call ``work(groups, lock)`` for the groups of each part of labels."""
     lock = Lock()
 
     def task(part):
-        groups = _grouped(labels[part] if number is None else number[labels[part]], part)
+        groups = _grouped(labels[part], part)
         if groups is not None:
             work(groups, lock)
 

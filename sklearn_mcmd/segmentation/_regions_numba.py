@@ -269,9 +269,9 @@ def vote(local, weights, cells, normals, limits, most_noise, blunt, room, equati
 
     One surface is a quadric over the mean of both planes, the other model two planes that meet in
     their line; both have six numbers, and the second region costs those of a plane. If sides are
-    told by labels all the same, for a step, the rest must be smaller by `most_noise`; a `blunt`
-    crease is none, but may be a step. Points of one cell whose deviations have the same sign count
-    as fewer.
+    told by labels all the same, for a step, the rest must be smaller by `most_noise`. A `blunt`
+    crease is one surface as well, so that only a step parts it. Points of one cell whose deviations
+    have the same sign count as fewer.
 
     Points (3, n) are near the origin, and are centered. Weights (n,) are inverse variances, cells
     ascend on each side, and normals (2, 3) are those of both patches. Of `sides` (2, n), both the
@@ -299,6 +299,8 @@ def vote(local, weights, cells, normals, limits, most_noise, blunt, room, equati
     for i in range(n):
         smooth_left += weights[i] * smooth[i] * smooth[i]
     by_line = left = fit_crease(known, sides, limits.n_steps, shares, heights, crease)
+    if blunt and left < smooth_left:
+        smooth, smooth_left = crease, left
     if blunt or most_noise**2 * step < left:
         left = most_noise**2 * step
         for i in range(n):

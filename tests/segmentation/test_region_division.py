@@ -52,25 +52,39 @@ def test_vaults_stay_whole(n, noise):
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.3, 1.0])
-def test_a_roof_that_falls_to_its_drain_and_a_waving_wall_stay_whole(noise):
-    """Four planes of 1 degree meet by 1.4 degrees; the wall turns by 6 degrees and back."""
+def test_drains_saddles_and_waving_walls_stay_whole(noise):
+    """Planes of 2 degrees fall to a drain and meet by 2.8; the wall turns by 6 degrees and back."""
     rng = np.random.default_rng(0)
     x, y = rng.uniform(-50, 50, (2, 10_000))
-    drained = np.tan(np.radians(1)) * np.maximum(np.abs(x), np.abs(y))
+    drained = np.tan(np.radians(2)) * np.maximum(np.abs(x), np.abs(y))
+    saddle = np.tan(np.radians(5)) * (x * x - y * y) / 100
     waving = np.tan(np.radians(3)) * 100 / (2 * np.pi) * np.sin(2 * np.pi * x / 100)
-    for heights in (drained, waving):
+    for heights in (drained, saddle, waving):
         X = np.column_stack([x, y, heights + rng.normal(0, noise, 10_000)])
         assert RegionGrowing(random_state=0).fit(X).region_sizes_[0] > 9500
 
 
 def test_a_road_stays_whole_and_its_kerb_a_step(shared_data):
-    """Before blunt creases were none, its largest region had a third of the road."""
+    """Without the rule of blunt creases its largest region has a third of the road. Whether a
+    side street belongs to it is in doubt: 89 to 98 % by the `random_state`."""
     with np.load(shared_data / "mobile_street_labelled" / "cloud.npz") as arrays:
         X, road = arrays["xyz"], arrays["label"] == 1203
     labels = RegionGrowing(random_state=0, n_jobs=2).fit_predict(X)
     largest = labels == np.bincount(labels[road & (labels >= 0)]).argmax()
-    assert (largest & road).sum() > 0.8 * road.sum()
-    assert (largest & road).sum() > 0.95 * largest.sum()
+    assert (largest & road).sum() > 0.86 * road.sum()
+    assert (largest & road).sum() > 0.96 * largest.sum()
+
+
+@pytest.mark.parametrize("turn", [20, 25])
+@pytest.mark.parametrize(("width", "own"), [(3, False), (6, True), (12, True)])
+def test_a_wide_side_is_a_face_and_a_narrow_one_an_edge(width, own, turn):
+    """Eaves of a roof that are bent down; widths are in spacings."""
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(-40, width, 40 * (40 + width)), rng.uniform(0, 40, 40 * (40 + width))
+    z = -np.tan(np.radians(turn)) * np.maximum(x, 0) + rng.normal(0, 0.1, len(x))
+    labels = RegionGrowing(random_state=0).fit_predict(np.column_stack([x, y, z]))
+    of_roof = labels == np.bincount(labels[x < 0] + 1).argmax() - 1
+    assert np.mean(of_roof[x > 0]) < 0.1 if own else of_roof.mean() > 0.95
 
 
 def test_faces_that_are_bent_themselves_part_where_the_noise_hides_the_creases():
@@ -180,6 +194,8 @@ def vote_by_numpy(points, weights, cells, first, blunt):
     step = MOST_NOISE**2 * (weights @ np.where(first, one, other) ** 2)
     left, side, crease, _ = fit_crease(flat, z, weights, first, FIT.n_steps)
     rest = crease if left < np.inf else smooth
+    if blunt and left < weights @ smooth**2:
+        smooth = crease
     if blunt or step < left:
         left, side = step, first
     rest = smooth if weights @ smooth**2 <= left else rest
@@ -213,10 +229,13 @@ def test_votes_are_those_of_general_least_squares(make, blunt, seed):
 
 
 def test_groups_are_joined_by_the_highest_sum_of_votes():
+    """What parts two groups of a region is surer than by the logarithm of its borders."""
     rng = np.random.default_rng(0)
     for _ in range(20):
+        region = np.arange(12) // 9
         borders = np.array([(a, b) for b in range(12) for a in range(b) if rng.uniform() < 0.4])
-        votes = rng.normal(size=len(borders))
+        borders = borders[region[borders[:, 0]] == region[borders[:, 1]]]
+        votes = rng.normal(-1.0, 2.0, size=len(borders))
         group = np.arange(12)
         while True:  # the literal form: all sums anew for each
             sums = {}
@@ -224,39 +243,35 @@ def test_groups_are_joined_by_the_highest_sum_of_votes():
                 if a != b:
                     key = min(a, b), max(a, b)
                     sums[key] = sums.get(key, 0.0) + value
-            best = max(sums, key=sums.get, default=None)
-            if best is None or sums[best] <= 0:
+            chances = np.bincount(region[borders[:, 0]], minlength=2)[region]
+            joined = {key: value for key, value in sums.items() if value > -np.log(chances[key[0]])}
+            if not joined:
                 break
+            best = max(joined, key=joined.get)
             group[group == best[1]] = best[0]
-        assert_array_equal(_joined(12, borders, votes), group)
+        assert_array_equal(_joined(borders, votes, region), group)
 
 
-def test_small_patches_join_no_groups_that_large_ones_part():
+def test_narrow_patches_join_no_groups_that_wide_ones_part():
     """0 and 1 are parted, as are 1 and 2; 3 is beside 0 and 1, 4 and 5 are bridges of 0 and 2."""
-    large = np.array([True, True, True, False, False, False])
+    wide, region = np.array([True, True, True, False, False, False]), np.zeros(6, int)
     borders = np.array([(0, 1), (1, 2), (0, 3), (1, 3), (0, 4), (2, 5), (4, 5)])
-    votes = np.array([-1.0, -5.0, 9.0, 9.0, 2.0, 3.0, -1.0])
-    group, mixed = _groups(borders, votes, large)
+    group, mixed = _groups(borders, np.array([-1.0, -5.0]), wide, region)
     assert mixed.tolist() == [False, False, False, True, False, False]
-    assert group[[4, 5]].tolist() == group[[0, 2]].tolist()
-    assert len(set(group[:3])) == 3
-    # Nothing speaks against two parts that no border of large patches parts.
-    votes[-1] = 1.0
-    group, _ = _groups(borders, votes, large)
+    # Nothing speaks against two parts that no border of wide patches parts.
     assert group[0] == group[2] == group[4] == group[5] != group[1]
-    # What large patches part stays apart, whatever small ones say.
-    borders, votes = np.array([(0, 1), (0, 2), (1, 3), (2, 3)]), np.array([-1.0, 9, 9, 9])
-    group, mixed = _groups(borders, votes, np.array([True, True, False, False]))
+    # What wide patches part stays apart.
+    borders = np.array([(0, 1), (0, 2), (1, 3), (2, 3)])
+    group, mixed = _groups(borders, np.array([-1.0]), np.array([True, True, False, False]), region)
     assert group[0] != group[1]
     assert not mixed.any()
 
 
-@pytest.mark.parametrize(("name", "value"), [("FEW", 0), ("CHUNK", 2)])
-def test_strips_are_the_same_by_pairs_and_by_trees_and_in_parts(name, value, monkeypatch):
+def test_strips_are_the_same_in_parts(monkeypatch):
     """There are three of them."""
     X, _ = roof(3000, 30, 0.1)
     expected = RegionGrowing(random_state=0).fit_predict(X)
-    monkeypatch.setattr(f"sklearn_mcmd.segmentation._region_division.{name}", value)
+    monkeypatch.setattr("sklearn_mcmd.segmentation._region_division.CHUNK", 2)
     assert_array_equal(RegionGrowing(random_state=0).fit_predict(X), expected)
     assert expected.max() == 1
 
