@@ -4,6 +4,7 @@ The clouds are whole clean scans of all kinds, without and with the sensor's pos
 percent of the points on faces: leaves, wires, posts and grass are on none.
 
     python benchmarks/bench_false_positives.py --rates 0.001 0.01 0.03 --first-seed 7
+    python benchmarks/bench_false_positives.py --neighbors 20 50 100  # at a cutoff of 3
 """
 
 import argparse
@@ -63,6 +64,21 @@ def faces_of(made):
     return ~np.asarray(soft)[made.surface]
 
 
+def at_three(neighbors, n, seed, n_planes=3):
+    """Percent of clean planes beyond three deviations, and standard errors."""
+    forms = {"default": {}, "None": {"strictness": None}}
+    forms["None, no reweighting"] = {"strictness": None, "reweight": False}
+    for (form, how), k, noise in product(forms.items(), neighbors, (0.05, 0.3)):
+        lost = []
+        for i in range(n_planes):
+            rng = np.random.default_rng([seed, i])
+            X = rng.uniform(0, np.sqrt(n), (n, 3))
+            X[:, 2] = rng.normal(0, noise, n)
+            detector = MCMDOutlierDetector(k, cutoff=3.0, random_state=0, n_jobs=-1, **how)
+            lost.append(100 * float((detector.fit_predict(X) == -1).mean()))
+        yield f"{form}, {k} neighbors, noise {noise:g}", np.mean(lost), np.std(lost) / n_planes**0.5
+
+
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--forms", nargs="+", default=["groups"], help="levels of strictness")
@@ -70,7 +86,12 @@ def main(arguments=None):
     parser.add_argument("--n-points", type=int, default=20_000)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--clouds", nargs="+", default=[""], help="parts of names")
+    parser.add_argument("--neighbors", nargs="+", type=int, help="planes at a cutoff of 3 instead")
     options = parser.parse_args(arguments)
+    if options.neighbors:
+        rows = list(at_three(options.neighbors, options.n_points, options.first_seed))
+        print_table("beyond 3, percent", ["strictness, plane", "flagged", "±"], rows, digits=3)
+        return
     rows = []
     for name, X, position, faces in shapes(options.n_points, options.first_seed):
         if not any(part in name for part in options.clouds):

@@ -11,7 +11,6 @@ from typing import Any, Literal, get_args
 Correction = Literal["sidak", "bonferroni", "b-method", "none"]
 Criterion = Literal["crease", "eigenvalue", "surface_variation", "removed_fraction"]
 EliminationRule = Literal["single", "all"]
-Loss = Literal["squared_error", "huber", "tukey"]
 Mode = Literal["drop", "mark"]
 OutlierMethod = Literal["mcmd_z", "mcmd_md"]
 RuleMethod = Literal[OutlierMethod, "pca"]

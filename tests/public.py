@@ -26,6 +26,7 @@ NOISE = 0.004  # standard deviation of both clouds, in their unit
 LENGTH_PARAMETERS = {"sigma0", "noise_scale", "radius", "max_distance", "max_gap"}
 # What is a length, an area, a direction (of either sign) or a place. All else has no unit.
 LENGTHS = {"plane_offset_", "plane_scale_", "region_errors_", "sigma0_"}
+LENGTHS |= {"form_.noise", "form_.bow", "form_.bow_deviation"}
 AREAS = {"eigenvalues_", "variance_factor_", "variance_factor_initial_"}
 DIRECTIONS = {"normals_", "normal_", "region_normals_"}
 PLACES = {"region_centroids_"}
@@ -131,6 +132,10 @@ def results(estimator, X, new=None):
         for name, value in vars(estimator).items()
         if name.endswith("_") and not name.startswith("_") and name not in LEFT_OUT
     }
+    if "form_" in found:  # a record of numbers of several kinds
+        del found["form_"]
+        form = estimator.form_._asdict().items()
+        found |= {f"form_.{name}": np.asarray(value) for name, value in form}
     if hasattr(estimator, "score_samples"):
         found["predicted"] = estimator.predict(X)
     if new is not None:

@@ -70,6 +70,7 @@ SMOKE = [
     ("readme_figures", "{data}/street.npy", "not reweighted"),
 ]
 SLOW = [
+    ("bench_planes", "--repetitions 8 --data {data} --limit 6000", "a tilt of 80 degrees"),
     ("bench_false_positives", "--clouds cylinder --n-points 1000 --rates 0.05", "known"),
     (
         "bench_segmentation",

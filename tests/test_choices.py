@@ -9,9 +9,8 @@ import pytest
 from typer.main import get_command
 
 from public import ESTIMATORS
-from sklearn_mcmd._choices import Loss, RuleMethod, Strictness, choices_of
+from sklearn_mcmd._choices import RuleMethod, Strictness, choices_of
 from sklearn_mcmd._sklearn import StrOptions
-from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS
 from sklearn_mcmd.cli import app
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -68,7 +67,3 @@ def test_the_help_of_an_option_tells_what_each_of_its_words_does(words, help):
 def test_pages_name_each_level_and_method(page, words):
     text = (DOCS / page).read_text()
     assert [w for w in choices_of(words) if not re.search(rf'(``|")({w}\1|{w}"``)', text)] == []
-
-
-def test_losses_are_those_that_have_weights():
-    assert choices_of(Loss) == {"squared_error", *WEIGHT_FUNCTIONS}

@@ -151,7 +151,7 @@ def test_functions_and_tests_that_the_papers_page_names_exist():
     names = [name for row in rows for name in re.findall(r"``([\w./]+)``", row)]
     for name in names:
         if "/" in name:
-            path = ROOT / (name if name.startswith("tests/") else f"tests/{name}.py")
+            path = ROOT / (name if name.startswith(("tests/", "examples/")) else f"tests/{name}.py")
             assert path.is_file(), name
         else:
             room = "adjustment." if name.startswith("_memberships.") else ""

@@ -31,7 +31,6 @@ import warnings
 import matplotlib.pyplot as plt
 import numpy as np
 from adjustment_paper import simulate_cloud
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import HuberRegressor, RANSACRegressor
 
 from sklearn_mcmd.adjustment import (
@@ -83,7 +82,6 @@ METHODS = {
     "... sigma0 auto": labels(BaardaPlaneDetector(sigma0="auto")),
     "... both": labels(BaardaPlaneDetector(sigma0="auto", robust_start=True, random_state=0)),
     "... tau": labels(BaardaPlaneDetector(test="tau")),
-    "... tukey": labels(BaardaPlaneDetector(loss="tukey", elimination="all")),
     "batch, Sidak": removed(BaardaPlaneDetector(elimination="all")),
     "batch, alpha (paper)": removed(BaardaPlaneDetector(correction="none", elimination="all")),
     "Fuzzy, width alpha": labels(FuzzyPlaneDetector(width=0.05)),
@@ -97,7 +95,6 @@ METHODS = {
 # %%
 # The rates of every method in every cell.
 warnings.filterwarnings("ignore", message="The tests reject")
-warnings.filterwarnings("ignore", category=ConvergenceWarning)  # Tukey's plane, far from any
 cells = list(itertools.product(PLACEMENTS, SHARES, SIZES))
 rates = {name: np.zeros((len(cells), 2)) for name in METHODS}
 for i, (place, share, size) in enumerate(cells):

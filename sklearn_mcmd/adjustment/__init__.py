@@ -10,6 +10,7 @@ from sklearn_mcmd.adjustment._reliability import PlaneReliability
 from sklearn_mcmd.adjustment._report import plot_report, text_report
 from sklearn_mcmd.adjustment._tests import critical_value, local_level
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness, flatness
+from sklearn_mcmd.planes._form import PlaneForm
 
 __all__ = [
     "BaardaPlaneDetector",
@@ -17,6 +18,7 @@ __all__ = [
     "FuzzyPlaneDetector",
     "PlaneComparison",
     "PlaneFlatness",
+    "PlaneForm",
     "PlanePlan",
     "PlanePrecision",
     "PlaneReliability",

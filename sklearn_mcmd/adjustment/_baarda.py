@@ -1,11 +1,11 @@
 """Baarda's data snooping of a least-squares plane."""
 
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sklearn_mcmd._choices import Correction, EliminationRule, Loss, Surface, Test, choices_of
+from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test, choices_of
 from sklearn_mcmd._errors import warn
 from sklearn_mcmd._sklearn import StrOptions
 from sklearn_mcmd.adjustment._base import PlaneDetector
@@ -14,25 +14,16 @@ from sklearn_mcmd.adjustment._elimination import (
     Elimination,
     eliminate,
     eliminate_one_by_one,
-    own_redundancy,
 )
 from sklearn_mcmd.adjustment._least_squares import adjust_plane, weighed
-from sklearn_mcmd.adjustment._start import StartLimits, robust_start
+from sklearn_mcmd.adjustment._start import joining, points_of_noise, robust_start
 from sklearn_mcmd.adjustment._tests import (
-    chance_outside,
     critical_value,
     local_level,
     residual_limit,
     standardized_residuals,
     t_to_tau,
 )
-
-
-class JoiningLimits(NamedTuple):
-    """Which points that a robust start left out come back."""
-
-    near: float = 3.0  # deviations within which all do; the deviation without others is 1.3 % small
-    portion: int = 16  # they come in portions of at most this share of those inside, inverted
 
 
 class BaardaPlaneDetector(PlaneDetector):
@@ -60,11 +51,11 @@ class BaardaPlaneDetector(PlaneDetector):
         `MCMDOutlierDetector` calls `noise_scale`: give a scanner's deviation to either.
         **Set it**. In a cloud in meters the default of 1 m finds no outlier among residuals of
         millimeters. "auto" estimates it from the points that pass, and tests by tau, because an
-        estimate is not known; see Notes. With a `loss` other than "squared_error" it is a robust
-        scale, which is taken as known.
+        estimate is not known; see Notes.
     correction : {"sidak", "bonferroni", "b-method", "none"}, default="sidak"
         Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself. With
-        "b-method" the level of the global test follows from it (`global_test_level_`).
+        "b-method" the level of the global test follows from it (`global_test_level_`), for networks
+        of tens of observations: of thousands it rejects most clean planes.
     elimination : {"single", "all"}, default="single"
         "single" removes the worst point of each round, "all" every rejected point. "all"
         reproduces the paper's tables. It removes many good points with the outliers; they come
@@ -73,10 +64,11 @@ class BaardaPlaneDetector(PlaneDetector):
         "vertical" takes residuals along the last axis, "orthogonal" along the normal (total
         least squares). Take "orthogonal" for walls: of a plane tilted by 80 degrees with equal
         noise in all directions, "vertical" rejects half of the good points.
-    loss : {"squared_error", "huber", "tukey"}, default="squared_error"
-        What the adjustment minimizes: squared residuals (least squares), or a robust loss by
-        M-estimation (Eqs 2-7). The weights of M-estimation are then in `robust_weights_`. With
-        ``elimination="single"`` each removal costs an M-estimate of the whole cloud.
+    toward : array-like of shape (n_features,), default=None
+        A place to whose side the normal of an orthogonal surface points, such as where the scanner
+        stood. Without it, it points to the side of (1/16, 1/4, 1): up, and that of a wall, which
+        noise would turn to either side, to +y, or to +x if the wall goes along y. The normal of a
+        vertical surface always points up.
     robust_start : bool, default=False
         Whether round 1 starts from the plane of the most coplanar half of the points (the
         maximum consistent set), improved by concentration and reweighting, in place of all
@@ -115,6 +107,9 @@ class BaardaPlaneDetector(PlaneDetector):
         there is in points of an exact plane.
     variance_factor_, variance_factor_initial_ : float
         v'Pv / f of the support, and of all points before the first test.
+    form_ : PlaneForm
+        What the points of the support have in common beside the plane: lack of fit, bow, and
+        whether their noise is alike nearby.
     global_test_pvalue_, global_test_pvalue_initial_ : float
         Probability of a larger v'Pv / sigma0^2 in clean data than that of the support, and of all
         points before the first test. Near 0: sigma0 is too small or outliers are left; near 1:
@@ -127,8 +122,6 @@ class BaardaPlaneDetector(PlaneDetector):
         Degrees of freedom f and number of estimable parameters u.
     n_iter_ : int
         Rounds of removal, 1 if there were none.
-    robust_weights_ : ndarray of shape (n_samples,)
-        W of the last M-estimate; only with `loss` other than "squared_error".
     offset_ : float
         Limit of the scores: minus the critical value for a new point.
     n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
@@ -203,7 +196,7 @@ class BaardaPlaneDetector(PlaneDetector):
         correction: Correction = "sidak",
         elimination: EliminationRule = "single",
         surface: Surface = "vertical",
-        loss: Loss = "squared_error",
+        toward: ArrayLike | None = None,
         robust_start: bool = False,
         random_state: int | np.random.RandomState | None = None,
     ) -> None:
@@ -213,17 +206,16 @@ class BaardaPlaneDetector(PlaneDetector):
         self.correction = correction
         self.elimination = elimination
         self.surface = surface
-        self.loss = loss
+        self.toward = toward
         self.robust_start = robust_start
         self.random_state = random_state
 
     def _fit(self, training):
         """Adjust the plane and remove what its tests reject."""
         X, weights, used, _ = training
-        initial, *_ = self._adjust(X, weights)
+        initial = adjust_plane(X, weights, surface=self.surface)
         check_rank(initial, X.shape[1])
-        estimated = self.sigma0 == "auto" and self.loss == "squared_error"
-        self.test_ = "tau" if self.test == "w" and estimated else self.test
+        self.test_ = "tau" if self.test == "w" and self.sigma0 == "auto" else self.test
         start = None
         if self.robust_start:
             sigma0 = self._known_sigma()
@@ -246,7 +238,7 @@ class BaardaPlaneDetector(PlaneDetector):
             step=left_out.astype(np.intp), support=support, n_rounds=int(left_out.any())
         )
         found = self._eliminate(training, noise[0], first)
-        self._set_plane(training, found.plane, initial, noise)
+        self._set_plane(training, found.plane, initial, noise, found.support)
         self.support_, self.elimination_step_ = found.support, found.step
         self.n_iter_ = max(found.n_rounds, 1)
         self.critical_value_ = critical_value(self.test_, self._level_of_one(), self.dof_)
@@ -264,12 +256,7 @@ class BaardaPlaneDetector(PlaneDetector):
         """Minus the statistic that each point would have if it joined the support with weight 1:
         0 on the plane, lower is more abnormal. For tau it is the equivalent t."""
         X = self._check_query(X)
-        residuals, _, spread = self._fitted.plane.evaluate(X)
-        return _added_scores(residuals, spread, None, self._scale_of_joining())
-
-    def _scale_of_joining(self):
-        """Divisor of the statistic of a point that joins, beside the root of the cofactor."""
-        return self.sigma0_ if self.test_ == "w" else self._fitted.scale
+        return -joining(X, None, self._fitted.plane, self._test_scale()[0])
 
     def _eliminate(self, training, sigma0, first):
         """Rounds of removal from the first support on."""
@@ -280,79 +267,33 @@ class BaardaPlaneDetector(PlaneDetector):
             scale = max(np.sqrt(variance_factor), training.rounding_of(direction))
             return residual_limit(self.test_, level, dof, sigma0, scale)
 
-        single = self.elimination == "single"
-        if self.loss == "squared_error" and single:
-            return eliminate_one_by_one(X, weights, self.surface, limit, first)
-
-        def adjust(retained):
-            return self._adjust(X, retained)[:2]
-
-        return eliminate(X, weights, adjust, limit, first, single)
+        rounds = eliminate_one_by_one if self.elimination == "single" else eliminate
+        return rounds(X, weights, self.surface, limit, first)
 
     def _left_by_start(self, training, start, sigma):
         """The points that a robust plane leaves in the support, to begin the snooping with."""
-        X, weights, used, _ = training
-        n = int(np.count_nonzero(used))
+        n = int(np.count_nonzero(training.used))
         level = local_level(self.alpha, n, self.correction)
-        limit = critical_value("w", level, n) if self.test_ == "w" else StartLimits().cut
-        residuals, _, spread = start.evaluate(X)
-        support = used & (_added_scores(residuals, spread, weights, sigma) >= -limit)
-        if np.count_nonzero(support) <= start.rank:
-            return used  # sigma0 is far too small, which the rounds will report
-        return support if self.test_ == "w" else self._taken_back(training, support, n * level)
-
-    def _taken_back(self, training, support, level):
-        """The support with points that come back, nearest first, until one is too far off.
-
-        It is beyond the limit `near`, and i points as far off as it is, of n good points, have a
-        chance below ``level / i^3``; these chances sum to 1.2 `level`, and for i = 1 the test is
-        that of t.
-        """
-        X, weights, used, _ = training
-        limits, support = JoiningLimits(), support.copy()
-        n, size = int(np.count_nonzero(used)), np.count_nonzero(support)
-        while size < n:
-            plane = adjust_plane(X, weighed(support, weights), surface=self.surface)
-            residuals, _, spread = plane.evaluate(X)
-            values = -_added_scores(residuals, spread, weights, training.deviation_of(plane))
-            outside = np.flatnonzero(used & ~support)
-            nearest = outside[np.argsort(values[outside], kind="stable")]
-            n_back, last = 0, 0
-            # Portions of 1, 2, 4 ... points; where few are inside, each point counts.
-            while last < len(nearest) and last <= size // limits.portion:
-                i, value = len(nearest) - last, values[nearest[last]]
-                is_far = value > limits.near
-                if is_far and chance_outside(value, i, n, plane.dof) < level / i**3:
-                    break
-                n_back, last = last + 1, 2 * last + 1
-            if n_back == 0:
-                break
-            support[nearest[:n_back]] = True
-            size += n_back
-        return support
+        if self.test_ != "w":
+            return points_of_noise(training, start, sigma, n * level)
+        limit = critical_value("w", level, n)
+        support = training.used & (joining(training.X, training.weights, start, sigma) <= limit)
+        # Otherwise sigma0 is far too small, which the rounds will report.
+        return support if np.count_nonzero(support) > start.rank else training.used
 
     def _test_training(self, training, found):
         """Set the attributes of the training points and return their scores."""
         X, weights, _, _ = training
-        plane, support, robust_weights = found.plane, found.support, found.robust_weights
-        residuals, cofactors, spread = plane.evaluate(X)
-        scores = _added_scores(residuals, spread, weights, self._scale_of_joining())
-        outside = -scores  # points outside the support are tested as if they joined it
+        support = found.support
+        residuals, cofactors = found.plane.evaluate(X)
+        # Points outside the support are tested as if they joined it.
+        outside = joining(X, weights, found.plane, self._test_scale()[0])
+        scores = -outside
         if self.test_ == "tau":
             outside = t_to_tau(outside, self.dof_ + 1)
-        redundancy = own_redundancy(cofactors, spread, weights, robust_weights)
-        redundancy[~support] = 1 / (1 + spread * (1 if weights is None else weights))[~support]
+        leverage = weighed(cofactors, weights)
+        redundancy = np.where(support, 1 - leverage, 1 / (1 + leverage))
         standardized = standardized_residuals(residuals, weights, redundancy)
         self.test_statistic_ = np.where(support, self._statistic(standardized), outside)
         self.redundancy_, self.leverage_ = redundancy, 1 - redundancy
-        if robust_weights is not None:
-            self.robust_weights_ = np.where(support, robust_weights, 0.0)
         return scores
-
-
-def _added_scores(residuals, spread, weights, scale):
-    """Minus the predicted residual over its deviation, ``|v| / (s sqrt(1/p + a'N^-1 a))``."""
-    size = np.abs(residuals) / scale
-    if weights is None:
-        return -size / np.sqrt(1 + spread)
-    return -size * np.sqrt(weights) / np.sqrt(1 + weights * spread)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted
 
-from sklearn_mcmd._choices import Correction, Loss, Surface, Test, choices_of
+from sklearn_mcmd._choices import Correction, Surface, Test, choices_of
 from sklearn_mcmd._errors import ParameterError, warn, warn_caller
 from sklearn_mcmd._sklearn import (
     CallbackSupportMixin,
@@ -36,8 +36,10 @@ from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, qua
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import m_estimate
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level, statistic
+from sklearn_mcmd.planes._form import form_of
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
+Variance = Literal["posterior", "independent", "prior"]
 N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
 
 
@@ -58,6 +60,7 @@ class FittedPlane(NamedTuple):
     rounding: float  # of a residual, at most
     is_rounding: bool  # whether sigma0 is no more than that
     weights: NDArray[np.float64] | None
+    middle: NDArray[np.float64]  # of the extent of the points
 
 
 class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, BaseEstimator):
@@ -68,8 +71,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         "test": [StrOptions(choices_of(Test))],
         "sigma0": [Interval(Real, 0, None, closed="neither"), StrOptions({"auto"})],
         "correction": [StrOptions(choices_of(Correction))],
-        "loss": [StrOptions(choices_of(Loss))],
         "surface": [StrOptions(choices_of(Surface))],
+        "toward": ["array-like", None],
     }
 
     @fit_context(prefer_skip_nested_validation=True)
@@ -121,20 +124,31 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         positive on its side."""
         return self._fitted.plane.evaluate(self._check_query(X))[0]
 
-    def precision(self, variance: Literal["posterior", "prior"] = "posterior") -> PlanePrecision:
+    def precision(self, variance: Variance = "posterior") -> PlanePrecision:
         """Covariance and standard errors of normal, distance, slopes, tilt and its direction.
 
-        The scale is that of the residuals of the plane, with `dof_` degrees of freedom, or a priori
-        the known `sigma0`. If `sigma0` was estimated, "prior" raises a ValueError.
+        Noise that is alike nearby tilts and moves a plane as much as it bows it. If the points show
+        such noise (`form_`), the scale is that of their bows with its few degrees of freedom. What
+        is smooth over the whole plane, registration and calibration are in no residual, and in no
+        error.
+
+        Parameters
+        ----------
+        variance : {"posterior", "independent", "prior"}, default="posterior"
+            "independent": the scale is that of the residuals, with `dof_` degrees of freedom, even
+            if noise is alike nearby. "prior": it is the known `sigma0`; if `sigma0` was estimated,
+            a ValueError is raised.
         """
         check_is_fitted(self)
-        return precision_of(self._fitted.plane, *self._scale_by(variance))
+        scale, dof = self._scale_by(variance)
+        alike = scale / self._fitted.scale if variance == "posterior" else 1.0
+        return precision_of(self._fitted.plane, scale, dof, alike)
 
     def band(
         self,
         X: ArrayLike,
         level: float = 0.95,
-        variance: Literal["posterior", "prior"] = "posterior",
+        variance: Variance = "posterior",
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Half widths of the confidence band of the plane and the prediction band of a point.
 
@@ -145,8 +159,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         level : float in (0, 1), default=0.95
             Probability that the plane, or a new point of weight 1, is inside at one place. If it is
             no probability, a ValueError is raised.
-        variance : {"posterior", "prior"}, default="posterior"
-            See `precision`.
+        variance : {"posterior", "independent", "prior"}, default="posterior"
+            See `precision`. A point's own noise is independent of its neighbors' in all three.
 
         Returns
         -------
@@ -156,9 +170,12 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         X = self._check_query(X)
         if not 0 < level < 1:
             raise ValueError(f"level={level!r} is no probability: take one such as 0.95.")
-        scale, dof = self._scale_by(variance)
-        spread, factor = self._fitted.plane.evaluate(X)[2], scale * quantile(level, dof)
-        return factor * np.sqrt(spread), factor * np.sqrt(1 + spread)
+        plane, own = self._fitted.plane, "prior" if variance == "prior" else "independent"
+        scales = map(self._scale_by, (variance, own))
+        of_plane, own = (scale * quantile(level, dof) for scale, dof in scales)
+        design = plane.design(plane.whiten(X)[0]) * plane.deviations
+        of_plane = of_plane * np.sqrt(np.einsum("ij,ij->i", design, design))
+        return of_plane, np.hypot(of_plane, own)
 
     @validate_params(N_WORST, prefer_skip_nested_validation=True)
     def reliability(
@@ -178,15 +195,14 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         Raises
         ------
         ValueError
-            If X are others, the power is below the level, or `loss` is not "squared_error".
+            If X are others, or the power is below the level.
         """
-        X = check_points(self, X)
-        if self.loss != "squared_error":
-            raise ValueError(
-                f"loss={self.loss!r} has no minimal detectable biases, which are those of least "
-                "squares: take loss='squared_error'."
-            )
-        return reliability_of(self, X, power, n_worst)
+        return reliability_of(self, check_points(self, X), power, n_worst)
+
+    def _test_scale(self):
+        """The scale that the test of one point takes, and its degrees of freedom."""
+        known = self.test_ == "w"
+        return (self.sigma0_, np.inf) if known else (self._fitted.scale, max(self.dof_ - 1, 1))
 
     def _statistic(self, standardized):
         return statistic(standardized, self.test_, self.sigma0_, self._fitted.scale, self.dof_)
@@ -197,10 +213,13 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
     def _scale_by(self, variance):
         """Standard deviation of unit weight and its degrees of freedom."""
-        if variance == "posterior":
+        if variance == "posterior" and self.form_.is_alike(self._fitted.scale):
+            return self.form_.bow_deviation, self.form_.n_bows
+        if variance in ("posterior", "independent"):
             return self._fitted.scale, self.dof_
         if variance != "prior":
-            raise ValueError(f"variance={variance!r} is unknown: take 'posterior' or 'prior'.")
+            choices = "'posterior', 'independent' or 'prior'"
+            raise ValueError(f"variance={variance!r} is unknown: take {choices}.")
         if self.sigma0 == "auto" and self.test_ != "w":
             raise ParameterError(
                 "variance='prior' needs a known $sigma0, but it was estimated: take 'posterior'."
@@ -214,6 +233,19 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         counted = points if used.all() else points[used]
         check_distinct(counted, len(points))
         return Training(points, p, used, rounding_errors(counted))
+
+    def _place_of_side(self):
+        """`toward`, checked."""
+        place = np.asarray(self.toward, dtype=float)
+        if self.surface == "vertical":
+            raise ParameterError(
+                "$toward is for $surface='orthogonal': the normal of a vertical surface points up."
+            )
+        if place.shape != (self.n_features_in_,) or not np.isfinite(place).all():
+            raise ParameterError(
+                f"$toward={self.toward!r} is no place: give {self.n_features_in_} coordinates."
+            )
+        return place
 
     def _check_weights(self, X, weights):
         if weights is None:
@@ -267,25 +299,27 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             return np.nan
         return global_test_pvalue(plane.sum_of_squares, self.sigma0_, plane.dof)
 
-    def _adjust(self, X, weights):
-        """Plane by the chosen loss, and the weights W and the scale of a robust one."""
-        if self.loss == "squared_error":
-            return adjust_plane(X, weights, surface=self.surface), None, None
-        sigma0 = self._known_sigma()
-        return m_estimate(X, weights, loss=self.loss, sigma0=sigma0, surface=self.surface)
-
-    def _set_plane(self, training, plane, initial, noise):
-        """Set the attributes of the final plane, and of the plane before any test."""
+    def _set_plane(self, training, plane, initial, noise, support):
+        """Set the attributes of the final plane, of the support, and of the first plane."""
         check_rank(plane, training.X.shape[1], "$X that the tests leave")
         if self.sigma0 == "auto" and self.test_ != "w":
             noise = self._noise(np.sqrt(plane.variance_factor), plane, training)
+        if self.toward is not None:
+            plane = plane.toward(self._place_of_side())
         self.sigma0_, is_rounding = noise
+        (X, weights), axes = training[:2], plane.directions
+        if not support.all():
+            X, weights = X[support], weights if weights is None else weights[support]
+        places, residuals = (X - plane.center) @ axes, (X - plane.center) @ plane.direction
+        self.form_ = form_of(places, residuals, weights)
+        middle = (places.min(axis=0) + places.max(axis=0)) / 2
         self._fitted = FittedPlane(
             plane=plane,
             scale=training.deviation_of(plane),
             rounding=training.rounding_of(plane.direction),
             is_rounding=is_rounding,
             weights=training.weights,
+            middle=plane.center + axes @ middle,
         )
         self.coef_, self.intercept_ = plane.coef, plane.intercept
         self.normal_ = plane.normal

@@ -1,14 +1,16 @@
 """Are two adjusted planes the same, moved or tilted?"""
 
 from numbers import Real
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc, fdtrc
 from sklearn.utils.validation import check_is_fitted
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, validate_params
-from sklearn_mcmd.adjustment._base import PlaneDetector
+from sklearn_mcmd.adjustment._base import PlaneDetector, Variance
 from sklearn_mcmd.adjustment._power import POWER, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile
 from sklearn_mcmd.adjustment._tests import local_level
@@ -46,18 +48,30 @@ class PlaneComparison(NamedTuple):
         Planes that are not tilted are parallel. "same" means that no difference is significant, not
         that there is none: see the smallest ones.
     tilt : Difference
-        Angle between the normals; error and smallest are those of small angles.
+        Angle between the planes, 90 degrees at most; between their normals if both have a side,
+        by `toward`.
     offset : Difference
-        How far the second lies above the first along its normal, midway between both centers.
+        How far the second lies above the first along its normal, at the place.
+    place : ndarray of shape (n_features,)
+        Where the planes are compared. A plane that turns about it does not move.
+    registration_error : float
+        The given one, which the errors hold.
     """
 
     verdict: str
     tilt: Difference
     offset: Difference
+    place: NDArray[np.float64]
+    registration_error: float
 
 
 @validate_params(
-    {"a": [PlaneDetector], "b": [PlaneDetector], "alpha": [Interval(Real, 0, 1, closed="neither")]},
+    {
+        "a": [PlaneDetector],
+        "b": [PlaneDetector],
+        "alpha": [Interval(Real, 0, 1, closed="neither")],
+        "registration_error": [Interval(Real, 0, None, closed="left")],
+    },
     prefer_skip_nested_validation=True,
 )
 def compare_planes(
@@ -65,12 +79,15 @@ def compare_planes(
     b: PlaneDetector,
     *,
     alpha: float = 0.05,
-    variance: Literal["posterior", "prior"] = "posterior",
+    variance: Variance = "posterior",
+    place: ArrayLike | None = None,
+    registration_error: float = 0.0,
 ) -> PlaneComparison:
     """Test whether two fitted planes are the same, parallel, moved or tilted.
 
-    The clouds must be in one coordinate system and measured independently: an error of their
-    registration is not in the residuals, and looks like a movement. Tilt and offset are tested at
+    The clouds must be in one coordinate system and measured independently. What their noise has in
+    common nearby is in the errors. What is smooth over a whole plane, their registration and the
+    calibration are in no residual, and look like a movement. Tilt and offset are tested at
     ``1 - sqrt(1 - alpha)`` each, so that equal planes differ with probability alpha.
 
     Parameters
@@ -79,8 +96,15 @@ def compare_planes(
         Fitted to clouds with as many columns; if not, a ValueError is raised.
     alpha : float in (0, 1), default=0.05
         Level of both tests together.
-    variance : {"posterior", "prior"}, default="posterior"
+    variance : {"posterior", "independent", "prior"}, default="posterior"
         See `BaardaPlaneDetector.precision`. Two estimated scales have Welch's degrees of freedom.
+    place : array-like of shape (n_features,), default=None
+        Where the offset is told, near both planes. None takes the mean of the middles of both
+        extents, which depends on the outermost points alone. What turns about another place moves
+        there.
+    registration_error : float, default=0.0
+        Standard error of the registration of both clouds, in units of X: by which one is off at the
+        place, and by which a turn takes the rims of the first plane off as well.
 
     Examples
     --------
@@ -99,33 +123,64 @@ def compare_planes(
             f"The planes are of {a.n_features_in_} and {b.n_features_in_} columns: compare planes "
             "of points with as many columns."
         )
-    place = (a._fitted.plane.center + b._fitted.plane.center) / 2
-    side = np.sign(a.normal_ @ b.normal_) or 1.0
-    # Tilts along unit directions across the first normal, then the offset.
-    basis = np.linalg.svd(a.normal_[None])[2][1:]
-    values = basis @ (side * b.normal_ - a.normal_)
+    place = (a._fitted.middle + b._fitted.middle) / 2 if place is None else np.asarray(place, float)
+    if place.shape != a.normal_.shape or not np.isfinite(place).all():
+        raise ParameterError(f"place={place.tolist()} is no place of {a.n_features_in_} numbers.")
+    is_sided = a.toward is not None and b.toward is not None
+    side = 1.0 if is_sided else np.sign(a.normal_ @ b.normal_) or 1.0
+    angle, bases = _great_circle(a.normal_, side * b.normal_)
     first, second = ((place - one._fitted.plane.center) @ one.normal_ for one in (a, b))
     offset = first - side * second
-    covariances, dofs = [], []
-    for one in (a, b):
+    parts = []
+    for one, basis in zip((a, b), bases, strict=True):
         scale, dof = one._scale_by(variance)
         derivatives = scale * parameter_derivatives(one._fitted.plane)
         # The distance from the place, not from the origin.
         derivatives[-1] -= place @ derivatives[:-1]
-        roots = np.vstack([basis @ derivatives[:-1], derivatives[-1]])
-        covariances.append(roots @ roots.T)
-        dofs.append(dof)
-    levels = dofs, local_level(alpha, 2)
-    angle = np.arctan2(np.linalg.norm(values), abs(a.normal_ @ b.normal_))  # values are its sine
-    degree = np.degrees(1.0)
-    tilt = _difference(angle * degree, values, [c[:-1, :-1] for c in covariances], *levels, degree)
-    moved = _difference(offset, [offset], [c[-1:, -1:] for c in covariances], *levels)
+        parts.append((basis @ derivatives[:-1], derivatives[-1:], dof))
+    if registration_error:
+        turns = registration_error * bases[0] @ _turns(a._fitted.plane)
+        parts.append((turns, np.array([[registration_error]]), np.inf))
+    tilts, offsets, dofs = zip(*parts, strict=True)
+    levels, degree = (np.array(dofs), local_level(alpha, 2)), np.degrees(1.0)
+    values = np.append(angle, np.zeros(len(bases[0]) - 1))
+    tilt = _difference(angle * degree, values, tilts, *levels, degree)
+    moved = _difference(offset, [offset], offsets, *levels)
     found = [word for word, one in (("tilted", tilt), ("moved", moved)) if one.significant]
-    return PlaneComparison(" and ".join(found) or "same", tilt, moved)
+    return PlaneComparison(
+        verdict=" and ".join(found) or "same",
+        tilt=tilt,
+        offset=moved,
+        place=place,
+        registration_error=float(registration_error),
+    )
 
 
-def _difference(value, values, covariances, dofs, level, unit=1.0):
-    """A `Difference` of this value, from its parts along all directions in radians or units."""
+def _great_circle(first, second):
+    """Angle of two unit normals, and for each the directions into which it may turn: along the
+    great circle of both, then across."""
+    cosine, gap = first @ second, second - first
+    along = gap - first * (first @ gap)
+    sine = np.linalg.norm(along)
+    if sine == 0:
+        basis = np.linalg.svd(first[None])[2][1:]
+        return np.arctan2(0.0, cosine), (basis, basis)
+    along /= sine
+    across = np.linalg.svd([first, along])[2][2:]
+    tangents = along, cosine * along - sine * first
+    return np.arctan2(sine, cosine), [np.vstack([one, across]) for one in tangents]
+
+
+def _turns(plane):
+    """Turns of the normal that lift one rim by 1; a rim is sqrt(3) deviations from the center."""
+    directions, inverse, _ = np.linalg.svd(plane.axes, full_matrices=False)
+    return directions * inverse * np.sqrt(plane.sum_weights / 3)
+
+
+def _difference(value, values, roots, dofs, level, unit=1.0):
+    """A `Difference` of this value, from its parts along all directions in radians or units, and
+    the roots of their covariances."""
+    covariances = [root @ root.T for root in roots]
     values, k, together = np.asarray(values), len(values), sum(covariances)
     traces = np.array([np.trace(c) for c in covariances])
     parts = (traces**2 / np.maximum(dofs, 1)).sum()  # 0 of known scales

@@ -131,7 +131,7 @@ def downdated_plane(X, weights, support, surface):
     """Adjust all points of the support and choose candidates."""
     retained = weighed(support, weights)
     plane = adjust_plane(X, retained, surface=surface)
-    residuals, cofactors, _ = plane.evaluate(X)
+    residuals, cofactors = plane.evaluate(X)
     leverage = weighed(cofactors, weights)
     standardized = standardized_residuals(residuals, weights, 1 - leverage)
     standardized[~support] = -1.0

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sklearn_mcmd.adjustment._downdate import downdated_plane
 from sklearn_mcmd.adjustment._least_squares import PlaneAdjustment, adjust_plane, weighed
-from sklearn_mcmd.adjustment._tests import first_of_largest, standardized_residuals
+from sklearn_mcmd.adjustment._tests import standardized_residuals
 
 
 class Elimination(NamedTuple):
@@ -21,32 +21,27 @@ class Elimination(NamedTuple):
     support: NDArray[np.bool_]  # points the last plane was adjusted to
     n_rounds: int  # that removed points
     plane: PlaneAdjustment | None = None  # of the support
-    robust_weights: NDArray[np.float64] | None = None  # W of the last M-estimate
     ran_out_of_points: bool = False
 
 
-def eliminate(X, weights, adjust, limit, start, single):
-    """Remove every rejected point, or the worst one, and adjust again (section 1.1).
+def eliminate(X, weights, surface, limit, start):
+    """Remove every rejected point, and adjust again (section 1.1).
 
-    ``adjust(retained)`` gives a plane and robust weights; ``limit(n_retained, dof,
-    variance_factor, direction)`` the largest standardized residual that passes.
+    ``limit(n_retained, dof, variance_factor, direction)`` is the largest standardized residual
+    that passes.
     """
     now, before = start, start.support
     while True:
-        plane, robust_weights = adjust(weighed(now.support, weights))
+        plane = adjust_plane(X, weighed(now.support, weights), surface=surface)
         if now.plane is not None and plane.rank < now.plane.rank:
             return now._replace(support=before, ran_out_of_points=True)
-        now = now._replace(plane=plane, robust_weights=robust_weights)
-        residuals, cofactors, spread = plane.evaluate(X)
-        redundancy = own_redundancy(cofactors, spread, weights, robust_weights)
-        standardized = standardized_residuals(residuals, weights, redundancy)
+        now = now._replace(plane=plane)
+        residuals, cofactors = plane.evaluate(X)
+        standardized = standardized_residuals(residuals, weights, 1 - weighed(cofactors, weights))
         standardized[~now.support] = 0.0
         n_retained = np.count_nonzero(now.support)
         most = limit(n_retained, plane.dof, plane.variance_factor, plane.direction)
         rejected = standardized > most
-        if single and rejected.any():
-            rejected[:] = False
-            rejected[first_of_largest(standardized)] = True
         n_rejected = np.count_nonzero(rejected)
         if not n_rejected:
             return now
@@ -58,7 +53,7 @@ def eliminate(X, weights, adjust, limit, start, single):
 
 
 def eliminate_one_by_one(X, weights, surface, limit, start):
-    """Same as `eliminate` with ``single=True`` for least squares, by down-dating."""
+    """Remove the worst point as long as it is rejected, by down-dating."""
     step, support, n_rounds = start.step.copy(), start.support.copy(), start.n_rounds
     plane, ran_out = downdated_plane(X, weights, support, surface), False
     while True:
@@ -81,14 +76,3 @@ def eliminate_one_by_one(X, weights, surface, limit, start):
     return start._replace(
         step=step, support=support, n_rounds=n_rounds, plane=last, ran_out_of_points=ran_out
     )
-
-
-def own_redundancy(cofactors, spread, weights, robust_weights=None):
-    """Redundancy numbers ``r_i = p_i q_i`` of the observations behind the plane.
-
-    With weights W of an M-estimate the cofactor is that of ``v = (I - A N^-1 A'PW) l`` with W
-    taken as fixed: ``r = 1 - 2 w h + p g'Cg``, which is 1 - h for W = 1.
-    """
-    if robust_weights is None:
-        return 1 - weighed(cofactors, weights)
-    return 1 - weighed(2 * robust_weights * cofactors - spread, weights)

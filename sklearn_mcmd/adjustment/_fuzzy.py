@@ -6,22 +6,22 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sklearn_mcmd._choices import Correction, Loss, Surface, Test
+from sklearn_mcmd._choices import Correction, Surface, Test
 from sklearn_mcmd._sklearn import Interval, StrOptions
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
 from sklearn_mcmd.adjustment._effects import bounding_points, effects_of, largest_effects
-from sklearn_mcmd.adjustment._elimination import own_redundancy
-from sklearn_mcmd.adjustment._least_squares import weighed
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, weighed
 from sklearn_mcmd.adjustment._memberships import (
     abnormal_residual_membership,
     defuzzification_complement,
     normal_error_complement,
     normal_residual_membership,
 )
-from sklearn_mcmd.adjustment._robust import WEIGHT_FUNCTIONS
+from sklearn_mcmd.adjustment._start import points_of_noise
 from sklearn_mcmd.adjustment._tests import (
     critical_value,
+    normal_equivalent,
     standardized_residuals,
     t_to_tau,
 )
@@ -33,7 +33,6 @@ class Effects(NamedTuple):
     vertices: NDArray[np.float64]  # points that bound the effects of all normal ones
     largest_leverage: float
     largest: float  # element of the redundancy matrix
-    loss_scale: float | None  # of an M-estimate
 
 
 class FuzzyPlaneDetector(PlaneDetector):
@@ -54,10 +53,15 @@ class FuzzyPlaneDetector(PlaneDetector):
         Statistic of the residuals; see `BaardaPlaneDetector`.
     sigma0 : float > 0 or "auto", default=1.0
         Standard deviation of an observation of weight 1, in the units of the dependent
-        column, which `MCMDOutlierDetector` calls `noise_scale`. **Set it**, or take "auto";
-        see `BaardaPlaneDetector`.
+        column, which `MCMDOutlierDetector` calls `noise_scale`. **Set it**, or take "auto", the
+        deviation of the points that are no farther from a robust plane than noise is. w is then
+        the one that is as rare as the t of this deviation.
     correction : {"none", "sidak", "bonferroni", "b-method"}, default="none"
-        Local level; the paper uses alpha itself. See `BaardaPlaneDetector`.
+        "none" is the paper: alpha is the level of the critical value, where a residual begins to be
+        abnormal. Then about one of 300 good points is flagged, so half of the clean planes of 200
+        points have one. With the others a residual is half abnormal at the critical value of the
+        local level of `BaardaPlaneDetector`: so with "sidak" one clean plane in twenty has a
+        flagged point.
     width : float > 0, default=1.0
         Distance beyond the critical value, over the root of the redundancy number, at which
         a residual is half abnormal: the "alpha" of Eq. 11. The paper's tables need 1 to 1.5
@@ -68,9 +72,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         the others. Take "cut" if sizes differ by more than a factor of 5.
     surface : {"vertical", "orthogonal"}, default="vertical"
         "vertical" takes residuals along the last axis, "orthogonal" along the normal (for walls).
-    loss : {"squared_error", "huber", "tukey"}, default="squared_error"
-        Least squares, or M-estimation (Eqs 2-7). The weights of M-estimation are then in
-        `robust_weights_` and enter the redundancy matrix.
+    toward : array-like of shape (n_features,), default=None
+        A place to whose side the normal points; see `BaardaPlaneDetector`.
 
     Attributes
     ----------
@@ -86,13 +89,13 @@ class FuzzyPlaneDetector(PlaneDetector):
     defuzzification_complement_ : float
         ``1 - C_H`` with all its digits.
     test_ : {"w", "tau", "t"}
-        `test`.
+        The test that was done: `test`, or "t" in place of "w" where `sigma0` is estimated.
     test_statistic_, redundancy_, leverage_ : ndarray of shape (n_samples,)
         As of `BaardaPlaneDetector`, of the one plane; redundancy numbers sum to `dof_`.
     critical_value_ : float
         ``N_{1 - alpha/2}``, or that of tau or t.
-    coef_, intercept_, normal_, distance_, sigma0_, global_test_level_, dof_, rank_
-        As of `BaardaPlaneDetector`; an estimate of `sigma0` is a robust one.
+    coef_, intercept_, normal_, distance_, sigma0_, global_test_level_, dof_, rank_, form_
+        As of `BaardaPlaneDetector`.
     support_ : ndarray of bool of shape (n_samples,)
         Points of positive weight: all of them make the plane.
     variance_factor_initial_, variance_factor_ : float
@@ -100,7 +103,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         again, as in the paper's Table 4.
     global_test_pvalue_, global_test_pvalue_initial_ : float
         As of `BaardaPlaneDetector`, without the outliers and of all points.
-    robust_weights_, offset_, n_features_in_, feature_names_in_
+    offset_, n_features_in_, feature_names_in_
         As of `BaardaPlaneDetector`.
 
     See Also
@@ -164,7 +167,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         width: float = 1.0,
         weighting: Literal["ratio", "cut"] = "ratio",
         surface: Surface = "vertical",
-        loss: Loss = "squared_error",
+        toward: ArrayLike | None = None,
     ) -> None:
         self.alpha = alpha
         self.test = test
@@ -173,37 +176,37 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.width = width
         self.weighting = weighting
         self.surface = surface
-        self.loss = loss
+        self.toward = toward
 
     def _fit(self, training):
         """Adjust the plane once and divide its residuals."""
         X, weights, used, _ = training
-        plane, robust_weights, loss_scale = self._adjust(X, weights)
+        plane = adjust_plane(X, weights, surface=self.surface)
         check_rank(plane, X.shape[1])
-        self.test_ = self.test
+        self.test_, self._dof_of_scale = self.test, np.inf
         first, sigma = self._first_plane(training, plane)
-        self._set_plane(training, plane, plane, self._noise(sigma, first, training))
+        estimated = self.sigma0 == "auto" and self.test == "w"
+        if estimated:
+            inside = points_of_noise(training, first, sigma, self.alpha)
+            first = adjust_plane(X, weighed(inside, weights), surface=self.surface)
+            sigma, self._dof_of_scale = training.deviation_of(first), max(first.dof, 1)
+        noise = self._noise(sigma, first, training)
+        self._set_plane(training, plane, plane, noise, used)
+        self.test_ = "t" if estimated else self.test
         self.support_ = used
         self.critical_value_ = critical_value(self.test, self._level_of_one(), self.dof_)
 
-        residuals, cofactors, spread = plane.evaluate(X)
-        if robust_weights is not None:
-            # The weights of the final residuals, as `score_samples` computes them for new points.
-            robust_weights = self._robust_weights_at(residuals, loss_scale, weights) * used
-            self.robust_weights_ = robust_weights
-        self.redundancy_ = own_redundancy(cofactors, spread, weights, robust_weights)
+        residuals, cofactors = plane.evaluate(X)
+        self.redundancy_ = 1 - weighed(cofactors, weights)
         self.test_statistic_ = self._statistic(
             standardized_residuals(residuals, weights, self.redundancy_)
         )
         self.leverage_ = 1 - self.redundancy_
-        residual = self.test_statistic_, self.redundancy_, self.critical_value_, float(self.width)
+        residual = self._of_memberships(self.test_statistic_, self.redundancy_)
         self.membership_residual_ = abnormal_residual_membership(*residual)
         normal = normal_residual_membership(*residual)
         abnormal = self.membership_residual_ >= 0.5
-        equivalent = weights if robust_weights is None else weighed(robust_weights, weights)
-        effect, self._effects = self._find_effects(
-            training._replace(weights=equivalent), cofactors, abnormal, loss_scale
-        )
+        effect, self._effects = self._find_effects(training, cofactors, abnormal)
         complement = normal_error_complement(effect, normal)
         self.membership_ = 1 - complement
         self.defuzzification_complement_ = np.nan
@@ -232,47 +235,47 @@ class FuzzyPlaneDetector(PlaneDetector):
         """
         X = self._check_query(X)
         plane, effects = self._fitted.plane, self._effects
-        residuals, cofactors, spread = plane.evaluate(X)
+        residuals, cofactors = plane.evaluate(X)
         # The same point in another batch may differ by rounding.
         own = cofactors <= effects.largest_leverage * (1 + 1e-9)
-        robust_weights = None
-        if self.loss != "squared_error":
-            robust_weights = self._robust_weights_at(residuals, effects.loss_scale)
-        redundancy = own_redundancy(cofactors, spread, None, robust_weights)
-        redundancy[~own] = 1 / (1 + spread[~own])
+        redundancy = np.where(own, 1 - cofactors, 1 / (1 + cofactors))
         standardized = standardized_residuals(residuals, None, redundancy)
         standardized[~own] *= redundancy[~own]  # |v| / sqrt(1 + h)
         tests = self._statistic(standardized)
         if self.test != "w" and not own.all():
             t = standardized[~own] / self._fitted.scale
             tests[~own] = t if self.test == "t" else t_to_tau(t, self.dof_ + 1)
-        normal = normal_residual_membership(tests, redundancy, self.critical_value_, self.width)
+        normal = normal_residual_membership(*self._of_memberships(tests, redundancy))
         effect = largest_effects(plane, X, effects.vertices)
         alone = np.flatnonzero(own & (cofactors > 0.5))
         same = (X[alone, None] == effects.vertices).all(axis=2)
         effect[alone] = largest_effects(plane, X[alone], effects.vertices, same)
-        diagonal = redundancy
-        if robust_weights is not None:
-            effect *= robust_weights
-            diagonal = np.where(own, 1 - robust_weights * cofactors, redundancy)
-        among_normal = normal > 0.5
-        effect[among_normal] = np.maximum(effect, diagonal)[among_normal]
+        np.maximum(effect, redundancy, out=effect, where=normal > 0.5)
         return normal_error_complement(effect / effects.largest, normal)
 
-    def _robust_weights_at(self, residuals, loss_scale, weights=None):
-        """W of given residuals, by the same rule for training points and new ones."""
-        standardized = residuals / max(loss_scale, self._fitted.rounding)
-        if weights is not None:
-            standardized *= np.sqrt(weights)
-        return WEIGHT_FUNCTIONS[self.loss](standardized)
+    def _test_scale(self):
+        if self.test_ == self.test:
+            return super()._test_scale()
+        return self.sigma0_, self._dof_of_scale
 
-    def _find_effects(self, training, cofactors, abnormal, loss_scale):
+    def _statistic(self, standardized):
+        if self.test_ == self.test:
+            return super()._statistic(standardized)
+        return normal_equivalent(standardized / self.sigma0_, self._dof_of_scale)
+
+    def _of_memberships(self, tests, redundancy):
+        """The arguments of the memberships of residuals (Eqs 11 and 12)."""
+        critical, width = self.critical_value_, float(self.width)
+        if self.correction != "none":
+            critical = critical - width * np.sqrt(np.maximum(redundancy, 0.0))
+        return tests, redundancy, critical, width
+
+    def _find_effects(self, training, cofactors, abnormal):
         """r~n of every observation (Eqs 13, 17), without the redundancy matrix.
 
-        The weights are the equivalent ones. With equal weights a normal point with ``h <= 1/2``
-        acts most on itself, because ``|r_ki| <= sqrt(r_ii h_i) <= r_ii``. So only abnormal points
-        need a search. The largest element of the matrix needs none if n >= 2u: it is then the
-        largest r_ii.
+        With equal weights a normal point with ``h <= 1/2`` acts most on itself, because ``|r_ki| <=
+        sqrt(r_ii h_i) <= r_ii``. So only abnormal points need a search. The largest element of the
+        matrix needs none if n >= 2u: it is then the largest r_ii.
         """
         X, weights, used, _ = training
         plane, n = self._fitted.plane, len(X)
@@ -299,7 +302,6 @@ class FuzzyPlaneDetector(PlaneDetector):
             vertices=X[vertices],
             largest_leverage=float(cofactors.max(where=used, initial=0.0)),
             largest=largest,
-            loss_scale=loss_scale,
         )
         return effect, effects
 
@@ -310,6 +312,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         if np.count_nonzero(left) <= plane.rank:
             self._warn_of_too_few(self.labels_ == -1)
         elif not left.all():
-            plane, *_ = self._adjust(X, weighed(left, weights))
+            plane = adjust_plane(X, weighed(left, weights), surface=self.surface)
             self.variance_factor_ = plane.variance_factor
             self.global_test_pvalue_ = self._global_test(plane)

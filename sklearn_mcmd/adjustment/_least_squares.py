@@ -9,12 +9,17 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq, orth
 
 from sklearn_mcmd._choices import Surface
+from sklearn_mcmd.planes._principal_planes import tilt_variances
 from sklearn_mcmd.runtime._chunks import slices
 
 CHUNK = 1 << 15  # rows that are processed together, whose copy stays in the processor's cache
 
 # Spread of a direction over the largest, squared and of columns scaled alike, of collinear columns.
 RANK_TOLERANCE = 1e-13
+
+# The normal of an orthogonal surface is on the side of (SIDE^2, SIDE, 1): up, that of a wall to +y,
+# or to +x if it goes along y. Noise decides only for walls that go 14 degrees beside the y axis.
+SIDE = 0.25
 
 
 class Training(NamedTuple):
@@ -47,9 +52,6 @@ class PlaneAdjustment:
     on maps; the paper's v has the opposite sign. The direction (d,) is ``(-slopes, 1)`` for a
     vertical surface and the unit normal for an orthogonal one. `sum_of_squares` is v'Pv, and
     `n_observations` counts the points of positive weight.
-
-    The kernel (rank, rank) is ``A'PW^2A`` in whitened coordinates if the plane comes from
-    equivalent weights PW (M-estimation). None means the identity, for plain least squares.
     """
 
     center: NDArray[np.float64]
@@ -59,7 +61,6 @@ class PlaneAdjustment:
     sum_of_squares: float
     n_observations: int
     surface: Surface
-    kernel: NDArray[np.float64] | None = None
 
     @property
     def rank(self) -> int:
@@ -78,8 +79,8 @@ class PlaneAdjustment:
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        """Unit normal; its last component that is not negligible is positive."""
-        return _oriented(self.direction / np.linalg.norm(self.direction))
+        """Unit normal, on the side of positive residuals."""
+        return self.direction / np.linalg.norm(self.direction)
 
     @property
     def coef(self) -> NDArray[np.float64]:
@@ -93,24 +94,40 @@ class PlaneAdjustment:
         with np.errstate(invalid="ignore"):
             return float(self.center[-1] - self.center[:-1] @ self.coef)
 
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Standard deviations of the whitened parameters over sigma0: 1, but more for the tilts of
+        an orthogonal surface that is not much wider than its noise."""
+        deviations = np.ones(self.rank)
+        if self.surface == "orthogonal":
+            widths = 1 / np.einsum("ij,ij->j", self.axes, self.axes)
+            gaps = np.maximum(widths - self.sum_of_squares, np.finfo(float).tiny)
+            deviations[1:] = np.sqrt(tilt_variances(widths, gaps, widths))
+        return deviations
+
+    def toward(self, place):
+        """The plane with its normal on the side of a place."""
+        away = (place - self.center) @ self.direction < 0
+        return replace(self, direction=-self.direction) if away else self
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """Principal axes (d, rank - 1) of the points in the plane, of length 1."""
+        return np.linalg.svd(self.axes, full_matrices=False)[0]
+
     def evaluate(self, X):
         """Residuals of points and cofactors of the plane below them.
 
-        Residuals are observed minus adjusted, in units of X. A cofactor is ``a_i' N^-1 a_i``; times
-        the point's weight it is its leverage h_i. The third array, the spread, is the variance of
-        the adjusted value over sigma0^2: equal to the cofactors for least squares, otherwise
-        ``g' C g`` with the kernel C.
+        Residuals are observed minus adjusted, in units of X. A cofactor is ``a_i' N^-1 a_i``, the
+        variance of the adjusted value over sigma0^2; times the point's weight it is its leverage
+        h_i.
         """
         n = X.shape[0]
         residuals, cofactors = np.empty(n), np.empty(n)
-        spread = cofactors if self.kernel is None else np.empty(n)
         for rows in slices(n, CHUNK):
             U, residuals[rows] = self.whiten(X[rows])
             cofactors[rows] = np.einsum("ij,ij->i", U, U) + 1 / self.sum_weights
-            if self.kernel is not None:
-                G = self.design(U)
-                spread[rows] = np.einsum("ij,ij->i", G @ self.kernel, G)
-        return residuals, cofactors, spread
+        return residuals, cofactors
 
     def whiten(self, X):
         """Whitened regressors (n, rank - 1) and residuals (n,) of a few points."""
@@ -120,17 +137,6 @@ class PlaneAdjustment:
     def design(self, U):
         """Rows g of the whitened design matrix, with the constant first; ``g'g`` is a cofactor."""
         return np.column_stack([np.full(len(U), self.sum_weights**-0.5), U])
-
-    def with_robust_weights(self, X, weights, robust_weights):
-        """The same plane with the kernel of equivalent weights PW."""
-        kernel = np.zeros((self.rank, self.rank))
-        for rows in slices(len(X), CHUNK):
-            G = self.design(self.whiten(X[rows])[0])
-            factor = robust_weights[rows] ** 2
-            if weights is not None:
-                factor = factor * weights[rows]
-            kernel += (G * factor[:, None]).T @ G
-        return replace(self, kernel=kernel)
 
 
 def adjust_plane(X, weights=None, *, surface="vertical"):
@@ -176,7 +182,10 @@ def adjust_plane(X, weights=None, *, surface="vertical"):
     values, vectors = eigh(white)
     direction = direction - axes @ slopes
     if surface == "orthogonal":
-        direction = _oriented(direction / np.linalg.norm(direction))
+        direction = direction / np.linalg.norm(direction)
+        direction = direction * (
+            np.sign(direction @ SIDE ** np.arange(len(direction))[::-1]) or 1.0
+        )
     n_observations = X.shape[0] if weights is None else np.count_nonzero(weights)
     return PlaneAdjustment(
         center=center,
@@ -263,9 +272,3 @@ def _solve_orthogonal(scatter, rounding):
     kept = values > np.maximum(RANK_TOLERANCE * values[-1], rounding.max())
     kept[0] = False
     return vectors[:, kept] / np.sqrt(values[kept]), vectors[:, 0]
-
-
-def _oriented(normal):
-    """Normal whose last component that is larger than rounding is positive."""
-    significant = np.flatnonzero(np.abs(normal) > 1e-12)
-    return normal * np.sign(normal[significant[-1]])

@@ -3,11 +3,14 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+from scipy.special import chdtri
 
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
+from sklearn_mcmd.adjustment._tests import pvalue
 
 LEAST_ERROR = 1e-9  # the least standard error that is printed
 NO_DIRECTION = 60.0  # standard error in degrees from which on a plane falls to no side
@@ -55,39 +58,41 @@ class PlaneFigures(NamedTuple):
         return {row.name: row for rows in self.parts.values() for row in rows}
 
 
-def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatness=None):
+def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatness=None, ids=None):
     """The figures of a fitted detector, its training points, and what was compared with them.
 
-    The unit is only printed. The last two are results of `compare_planes` and `flatness`. Without
-    `n_worst`, the number of points to list, there are neither tables nor reliability.
+    The unit is only printed. `comparison` and `flatness` are results of `compare_planes` and
+    `flatness`. Without `n_worst`, the number of points to list, there are neither tables nor
+    reliability. Points are named by their `ids`, or by their rows.
     """
+    names = ("row", np.arange(len(X))) if ids is None else ("id", np.asarray(ids))
     unit = f" {unit}" if unit else ""
     reliability = None if n_worst is None else _usual_reliability(detector, X, n_worst)
     found = {"method": _method(detector), "points": len(X)}
     found["outliers"] = _share(np.count_nonzero(detector.labels_ == -1), len(X))
     parts = {
         "": _words(found),
-        "Plane": _plane_rows(detector, unit),
+        "Plane": _plane_rows(detector, X, unit),
         "Standard errors": _error_rows(detector, X, unit),
+        "Form": _form_rows(detector, unit),
         "Tests": _test_rows(detector, unit),
-        "Reliability": _reliability_rows(reliability, unit),
+        "Reliability": _reliability_rows(reliability, names, unit),
         "Flatness": _flatness_rows(flatness, unit),
         "Against the other plane": _comparison_rows(comparison, unit),
         "Residuals": _residual_rows(detector, X, unit),
     }
     tables = {}
     if n_worst is not None:
-        worst = _worst_table(detector, X, reliability, n_worst)
+        worst = _worst_table(detector, X, reliability, names, n_worst)
         tables["Residuals by verdict"] = _residual_table(detector, X)
         tables[f"{len(worst.rows)} largest test statistics"] = worst
     return PlaneFigures({title: rows for title, rows in parts.items() if rows}, tables, reliability)
 
 
 def _usual_reliability(detector, X, n_worst):
-    """The reliability of the usual power, or None where there is none: of M-estimates, of tests so
-    lax that their level is no smaller, and of points without noise."""
-    is_lax = detector._level_of_one() >= POWER
-    if detector.loss != "squared_error" or is_lax or detector._fitted.is_rounding:
+    """The reliability of the usual power, or None where there is none: of tests so lax that their
+    level is no smaller, and of points without noise."""
+    if detector._level_of_one() >= POWER or detector._fitted.is_rounding:
         return None
     return detector.reliability(X, n_worst=n_worst)
 
@@ -142,8 +147,7 @@ def _method(detector):
         name = f"Baarda's data snooping, {how}"
     else:
         name = f"fuzzy memberships, width {detector.width:g}, weighting {detector.weighting}"
-    how = "least squares" if detector.loss == "squared_error" else f"{detector.loss} loss"
-    return f"{name}; {detector.surface} surface, {how}"
+    return f"{name}; {detector.surface} surface"
 
 
 def _is_exact(detector):
@@ -152,7 +156,7 @@ def _is_exact(detector):
     return fitted.scale == fitted.rounding and not fitted.is_rounding
 
 
-def _plane_rows(detector, unit):
+def _plane_rows(detector, X, unit):
     plane = detector._fitted.plane
     precision = detector.precision("prior" if _is_exact(detector) else "posterior")
     at_center = precision.scale / np.sqrt(plane.sum_weights)
@@ -163,15 +167,49 @@ def _plane_rows(detector, unit):
     if detector.surface == "vertical":
         errors = np.sqrt(np.diag(precision.slopes_covariance)[:-1])
         rows.append(_row("slopes", detector.coef_, error=errors.max()))
-    unit_of_tilt = " degrees from the horizontal"
-    rows.append(_row("tilt", precision.tilt, unit_of_tilt, error=precision.tilt_error))
+    horizontal = " degrees from the horizontal"
+    rows.append(_row("dip", precision.tilt, horizontal, error=precision.tilt_error))
+    if X.shape[1] == 3:
+        rows += _extent_rows(X[detector.labels_ == 1] - plane.center, plane.normal, unit)
     if detector._fitted.is_rounding:
         return rows
     if precision.azimuth_error < NO_DIRECTION:
-        clockwise = " degrees from the y axis, clockwise"
-        rows.append(_row("falls to", precision.azimuth, clockwise, error=precision.azimuth_error))
-    error = np.sqrt(precision.covariance[-1, -1])
-    return [*rows, _row("distance", detector.distance_, f"{unit} from the origin", error=error)]
+        rows.append(_dip_direction(detector, precision))
+    foot = detector.distance_ * detector.normal_ - plane.center
+    if foot @ foot <= np.square(X - plane.center).sum(axis=1).max():  # farther off it tells nothing
+        error = np.sqrt(precision.covariance[-1, -1])
+        rows.append(_row("distance", detector.distance_, f"{unit} from the origin", error=error))
+    return rows
+
+
+def _dip_direction(detector, precision):
+    """Where the plane falls to; if it is upright within its error, where its normal points."""
+    direction, note = precision.azimuth, ""
+    if 90 - precision.tilt < quantile(0.95, precision.dof) * precision.tilt_error:
+        note = "or opposite: upright within its error"
+        direction = np.degrees(np.arctan2(*detector.normal_[:2])) % 360
+    clockwise = " degrees from the y axis, clockwise"
+    error = precision.azimuth_error
+    return _row("dip direction", direction, clockwise, error=error, note=note)
+
+
+def _extent_rows(local, normal, unit):
+    """Sides of the least rectangle around points along the plane, and the area of their hull."""
+    places = local @ np.linalg.svd(normal[None])[2][1:].T
+    try:
+        hull = ConvexHull(places)
+    except (QhullError, ValueError):  # too few points pass, or only those of a line
+        return []
+    corners = places[hull.vertices]
+    edges = corners - np.roll(corners, 1, axis=0)  # one side of that rectangle is along an edge
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    along = np.ptp(corners @ edges.T, axis=0)
+    across = np.ptp(corners @ (edges[:, ::-1] * [-1, 1]).T, axis=0)
+    best = np.argmin(along * across)
+    short, long = sorted((along[best], across[best]))
+    square = unit and f"{unit}^2"
+    extent = f"{long:.4g} x {short:.4g}{unit}, area {hull.volume:.4g}{square}"
+    return [_row("extent", extent, note="of the points that pass, and of their hull")]
 
 
 def _error_rows(detector, X, unit):
@@ -186,15 +224,33 @@ def _error_rows(detector, X, unit):
     if detector.sigma0 != "auto":
         prior = f"a priori {detector.sigma0_ / precision.scale:.3g} times as large"
     posterior = f"with {precision.dof:g} degrees of freedom; {prior}"
+    times = f"{precision.alike:.2g} times those " if precision.alike > 1 else ""
     exact = "the points have no noise; these are a priori"
     ellipse = " x ".join(f"{error:.2g}" for error in precision.ellipse)
     return _words(
         {
+            "errors": f"{times}of independent noise; not in them: form of the whole plane, "
+            "registration, calibration",
             "a posteriori": exact if variance == "prior" else posterior,
             "normal's ellipse": f"{ellipse}, cone {precision.cone:.2g} degrees; 95 %: "
             f"{precision.confidence_factor():.2f} ellipses",
             "band of 95 %": f"plane ± {center:.3g} at its center to ± {plane.max():.3g}{unit} at "
             f"its rim, a point ± {point.max():.3g}{unit}",
+        }
+    )
+
+
+def _form_rows(detector, unit):
+    """What the points have in common beside the plane."""
+    form = detector.form_
+    if np.isnan(form.pvalue):
+        return []
+    freedom = f"{form.dof} and {form.noise_dof} degrees of freedom"
+    return _words(
+        {
+            "lack of fit": f"F = {form.statistic:.3g} of {form.n_cells} cells ({freedom}), "
+            f"p = {form.pvalue:.2g}",
+            "bow": f"{form.bow:.3g}{unit} from its lowest to its highest place",
         }
     )
 
@@ -210,7 +266,7 @@ def _test_rows(detector, unit):
         {
             "test": f"{detector.test_}{replaced}, {correction} correction, "
             f"alpha = {detector.alpha:g}",
-            "level of one point": f"{detector._level_of_one():.3g}",
+            "alpha_0": f"{detector._level_of_one():.3g}, the level of one point",
             "critical value": f"{detector.critical_value_:.4f}",
             "sigma0": _row("sigma0", f"{detector.sigma0_:.4g}", unit, note=origin),
             "degrees of freedom": detector.dof_,
@@ -218,10 +274,24 @@ def _test_rows(detector, unit):
             f"{detector.variance_factor_:.6g}{squared} without outliers",
             "deviation": f"{np.sqrt(detector.variance_factor_):.4g}{unit} of one observation, "
             "without outliers",
+            **_variance_ratio(detector),
             "global test": _global_test(detector),
             **_details(detector),
         }
     )
+
+
+def _variance_ratio(detector):
+    """The variance factor over a given sigma0^2, and where 95 % of its values are."""
+    f = detector.dof_  # the variance factor of the fuzzy test is of an adjustment of its own
+    if not hasattr(detector, "elimination_step_"):
+        f -= np.count_nonzero(detector.labels_ == -1)
+    if detector.sigma0 == "auto" or detector._fitted.is_rounding or f < 1:
+        return {}
+    low, high = (chdtri(f, share) / f for share in (0.975, 0.025))
+    ratio = detector.variance_factor_ / detector.sigma0_**2
+    words = f"{ratio:.4g} = v'Pv / (f sigma0^2), without outliers; {low:.4g} to {high:.4g} is usual"
+    return {"variance ratio": f"{words} (95 %)"}
 
 
 def _global_test(detector):
@@ -244,31 +314,29 @@ def _details(detector):
     return {"limit": f"1 - C_H = {detector.defuzzification_complement_:.6g}"}
 
 
-def _reliability_rows(reliability, unit):
+def _reliability_rows(reliability, names, unit):
     """Internal and external reliability."""
     if reliability is None:
         return []
     bias = reliability.minimal_bias[np.isfinite(reliability.minimal_bias)]
     if len(bias) == 0:
         return _words({"detectable bias": "none: no point is controlled by others"})
-    kinds = ("normal", "tilt", "offset")
-    normal, tilt, offset = (getattr(reliability, f"effect_on_{kind}").max() for kind in kinds)
     rows = {
-        "level, power": f"{reliability.level:.3g} of one point, {reliability.power:g}; "
-        f"noncentrality {reliability.noncentrality:.2f}",
-        "B-method": f"a global test of level {reliability.coupled_level:.3g} finds the same bias",
+        "alpha_0, 1 - beta": f"{reliability.level:.3g}, {reliability.power:g}; noncentrality "
+        f"{reliability.noncentrality:.2f}",
         "detectable bias": f"{bias.min():.4g} to {bias.max():.4g}{unit} (MDB)",
-        "effect of such a bias": f"normal {normal:.2g} degrees, tilt {tilt:.2g} degrees, center "
-        f"{offset:.2g}{unit} at most; below, in degrees of the normal",
-        "gross error": "below: what a point is wrong by, if no other is",
+        "effect of such a bias": f"moves the plane at its place by {reliability.effect.max():.2g}"
+        f"{unit} at most",
+        "gross error": "below: what a point is wrong by, if no other is, and what this did to the "
+        "plane at its place, or would have done",
         "bias to noise": f"{reliability.bias_to_noise.max():.3g} at most",
     }
     if len(reliability.pairs):
         at = int(np.abs(reliability.correlation).argmax())
-        i, j = reliability.pairs[at]
-        rows["hardest to separate"] = (
-            f"rows {i} and {j}, correlation {reliability.correlation[at]:.2g}: from a bias of "
-            f"{reliability.identifiable_bias[at]:.4g}{unit} on"
+        name, (i, j) = names[0], names[1][reliability.pairs[at]]
+        rows["separability"] = (
+            f"{name}s {i} and {j} least, correlation {reliability.correlation[at]:.2g}: from a bias"
+            f" of {reliability.identifiable_bias[at]:.4g}{unit} on (MIB)"
         )
     return _words(rows)
 
@@ -277,7 +345,12 @@ def _comparison_rows(comparison, unit):
     """The verdict on two planes, and both differences with their tests."""
     if comparison is None:
         return []
-    rows = _words({"against": comparison.verdict})
+    place = _rounded(comparison.place, 100 * comparison.offset.error)[0]
+    registration = f"± {comparison.registration_error:g}{unit} are in both errors"
+    if not comparison.registration_error:
+        registration = "not in the errors; what it is off looks like a movement"
+    found = {"against": comparison.verdict, "compared at": f"{place}{unit}"}
+    rows = _words(found | {"registration": registration})
     along = f"{unit} along the normal"
     both = ("tilt between", comparison.tilt, " degrees"), ("offset", comparison.offset, along)
     for name, one, of_it in both:
@@ -299,7 +372,9 @@ def _flatness_rows(flat, unit):
             f"{flat.uncertainty:.3g}{unit}",
             "zone": f"{flat.zone:.4g}{unit} by least squares, {flat.minimum_zone:.4g}{unit} at "
             "least; without outliers, with noise",
-            "flatness": f"{flat.verdict}, the uncertainty of the points considered",
+            "form": f"{flat.form:.3g}{unit} off at most, ± {flat.form_uncertainty:.2g}{unit}, by "
+            f"planes of {flat.n_cells} cells",
+            "flatness": f"{flat.verdict}, the uncertainty considered",
         }
     )
 
@@ -328,28 +403,33 @@ def _residual_table(detector, X):
     return Table(("", "points", "mean", "rms", "least", "largest"), rows)
 
 
-def _worst_table(detector, X, reliability, n_worst):
+def _worst_table(detector, X, reliability, names, n_worst):
     """The points of the largest test statistics."""
     groups, tests = _groups(detector, X), detector.test_statistic_
     length = f".{_decimals(groups['inliers'])}f"
+    is_baarda = hasattr(detector, "elimination_step_")
+    kind = detector.test_ if is_baarda else detector.test  # the fuzzy test turns t into w
+    dof = detector.dof_ + ~detector.support_  # a point outside is tested as if it joined
     columns = {
         "residual": (groups["all"], length),
         "redundancy": (detector.redundancy_, ".6f"),
         "statistic": (tests, ".4g"),
+        "p": (pvalue(tests, kind, dof), ".2g"),
     }
     if reliability is not None:
         columns |= {
             "MDB": (reliability.minimal_bias, length),
             "gross error": (reliability.gross_error, length),
             "deviation": (reliability.gross_error_deviation, length),
-            "effect": (reliability.effect_on_normal, ".2g"),
+            "effect": (detector.leverage_ * reliability.gross_error, ".2g"),
         }
     rows = []
     for i in np.argsort(-tests, kind="stable")[:n_worst]:
         cells = [f"{values[i]:{digits}}" for values, digits in columns.values()]
         verdict = "outlier" if detector.labels_[i] == -1 else "inlier"
-        rows.append((str(i), *cells, verdict, " ".join(f"{value:.6f}" for value in X[i])))
-    return Table(("row", *columns, "verdict", "coordinates"), rows)
+        place = " ".join(f"{value:.6f}" for value in X[i])
+        rows.append((str(names[1][i]), *cells, verdict, place))
+    return Table((names[0], *columns, "verdict", "coordinates"), rows)
 
 
 def _rms(values):

@@ -18,6 +18,9 @@ class PlanePrecision:
     ----------
     scale, dof : float
         Standard deviation of unit weight and its degrees of freedom, which are ``inf`` a priori.
+    alike : float
+        How many times larger the errors are than those of independent noise: 1 where the points
+        show none that is alike nearby.
     covariance : ndarray of shape (n_features + 1, n_features + 1)
         Of ``normal_`` and ``distance_``; singular, because the normal keeps its length.
     slopes_covariance : ndarray of shape (n_features, n_features)
@@ -36,6 +39,7 @@ class PlanePrecision:
 
     scale: float
     dof: float
+    alike: float
     covariance: NDArray[np.float64]
     slopes_covariance: NDArray[np.float64]
     offset_error: float
@@ -70,13 +74,12 @@ def parameter_derivatives(plane):
     residuals. Its direction becomes ``direction - axes t``, and is then scaled to length 1.
     """
     normal, length = plane.normal, np.linalg.norm(plane.direction)
-    sign = np.sign(plane.direction @ normal)
     derivatives = np.zeros((len(normal) + 1, plane.rank))
     across = plane.axes - np.outer(normal, normal @ plane.axes)
-    derivatives[:-1, 1:] = -sign / length * across
+    derivatives[:-1, 1:] = -across / length
     derivatives[-1] = plane.center @ derivatives[:-1]
-    derivatives[-1, 0] = sign / (length * np.sqrt(plane.sum_weights))
-    return derivatives if plane.kernel is None else derivatives @ np.linalg.cholesky(plane.kernel)
+    derivatives[-1, 0] = 1 / (length * np.sqrt(plane.sum_weights))
+    return derivatives * plane.deviations
 
 
 def tilt_direction(normal):
@@ -87,7 +90,7 @@ def tilt_direction(normal):
     return np.append(uphill * abs(normal[-1]), -upright * np.linalg.norm(normal[:-1]))
 
 
-def precision_of(plane, scale, dof):
+def precision_of(plane, scale, dof, alike=1.0):
     """The `PlanePrecision` of a `PlaneAdjustment`."""
     normal, k = plane.normal, plane.rank - 1
     roots = scale * parameter_derivatives(plane)
@@ -95,7 +98,7 @@ def precision_of(plane, scale, dof):
     sine, azimuth, azimuth_error = float(np.linalg.norm(normal[:-1])), np.nan, np.nan
     tilt_error = np.linalg.norm(tilt_direction(normal) @ roots[:-1]) if sine else errors[0]
     if len(normal) == 3:
-        azimuth = np.degrees(np.arctan2(*normal[:2])) % 360
+        azimuth = np.degrees(np.arctan2(*(np.sign(normal[2]) or 1.0) * normal[:2])) % 360
         level = np.array([normal[1], -normal[0], 0.0])
         azimuth_error = np.degrees(np.linalg.norm(level @ roots[:-1]) / sine**2) if sine else np.inf
     # Of z = x @ coef + intercept, with coef = -normal[:-1] / normal[-1].
@@ -103,11 +106,11 @@ def precision_of(plane, scale, dof):
         values = np.append(-normal[:-1], plane.center @ normal) / normal[-1]
         slopes = np.vstack([-roots[:-2], roots[-1:]]) - np.outer(values, roots[-2])
         slopes_covariance = slopes / normal[-1] @ slopes.T / normal[-1]
-    at_center = plane.kernel[0, 0] if plane.kernel is not None else 1.0
-    offset = scale * np.sqrt(at_center / plane.sum_weights) / np.linalg.norm(plane.direction)
+    offset = scale / np.sqrt(plane.sum_weights) / np.linalg.norm(plane.direction)
     return PlanePrecision(
         scale=float(scale),
         dof=float(dof),
+        alike=float(alike),
         covariance=roots @ roots.T,
         slopes_covariance=slopes_covariance,
         offset_error=float(offset),

@@ -12,6 +12,7 @@ from sklearn_mcmd.adjustment._comparison import PlaneComparison
 from sklearn_mcmd.adjustment._plane_figures import plane_figures
 from sklearn_mcmd.adjustment._tests import critical_value
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness
+from sklearn_mcmd.planes._form import cells_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,6 +32,7 @@ def text_report(
     n_worst: int = 10,
     comparison: PlaneComparison | None = None,
     flatness: PlaneFlatness | None = None,
+    ids: ArrayLike | None = None,
 ) -> str:
     """Plane, precision, reliability and the worst points of a fitted detector, as text.
 
@@ -49,6 +51,8 @@ def text_report(
         With another plane, by `compare_planes`.
     flatness : PlaneFlatness, default=None
         Of these points, by :func:`flatness`.
+    ids : array-like of shape (n_samples,), default=None
+        Identifiers of the points, listed in place of rows.
 
     Raises
     ------
@@ -68,7 +72,7 @@ def text_report(
     ...
     """
     X = check_points(detector, X)
-    further = {"comparison": comparison, "flatness": flatness}
+    further = {"comparison": comparison, "flatness": flatness, "ids": ids}
     return figures_as_text(title, plane_figures(detector, X, unit, n_worst=n_worst, **further))
 
 
@@ -98,7 +102,8 @@ def plot_report(
     title: str = "Plane test",
     unit: str = "",
 ) -> "Figure":
-    """Residual map, histogram against the normal curve, and memberships or statistics.
+    """Residual map, the form that is left, histogram against the normal curve, and memberships or
+    statistics.
 
     Parameters
     ----------
@@ -114,17 +119,17 @@ def plot_report(
     X = check_points(detector, X)
     figure = new_figure(figsize=(11.7, 8.3), layout="constrained")  # A4
     view, names = _view(detector, X)
-    wide = view.shape[1] >= 2 and np.ptp(view[:, 0]) > 1.5 * np.ptp(view[:, 1])
-    if wide:
-        panels = figure.subplot_mosaic("mm;ht")
-    else:
-        panels = figure.subplot_mosaic("mh;mt", width_ratios=[1.2, 1])
+    panels = figure.subplot_mosaic("mf;ht")
     residuals = detector.residuals(X)
     outliers = detector.labels_ == -1
     suffix = f" [{unit}]" if unit else ""
     figure.suptitle(title, fontsize="x-large")
     figure.supxlabel(_key_figures(detector, X, unit), fontsize="medium")
-    _draw_map(panels["m"], view, names, residuals, outliers, suffix, wide)
+    _draw_map(panels["m"], "Residual map", view, names, residuals, outliers, suffix)
+    good, plane = ~outliers, detector._fitted.plane
+    cells = cells_of((X[good] - plane.center) @ plane.directions, residuals[good])
+    form = view[good], names, cells.residuals[cells.of_point], outliers[good], suffix
+    _draw_map(panels["f"], f"Form: means of {len(cells.residuals)} cells", *form)
     _draw_histogram(panels["h"], residuals, outliers, suffix)
     if hasattr(detector, "membership_residual_"):
         _draw_memberships(panels["t"], detector)
@@ -136,7 +141,7 @@ def plot_report(
 def _key_figures(detector, X, unit):
     """The lines below the panels."""
     rows = plane_figures(detector, X, unit).rows()
-    lines = ("outliers", "deviation"), ("normal", "tilt"), ("test", "sigma0"), ("residuals",)
+    lines = ("outliers", "deviation"), ("normal", "dip"), ("test", "sigma0"), ("residuals",)
     lines = ["; ".join(f"{name} {rows[name]}" for name in names) for names in lines]
     return "\n".join([*lines, str(rows["method"])])
 
@@ -146,8 +151,8 @@ def _thinned(rows):
     return rows[:: len(rows) // MAX_DRAWN + 1]
 
 
-def _draw_map(axes, view, names, residuals, outliers, suffix, wide):
-    """A map of the residuals."""
+def _draw_map(axes, title, view, names, residuals, outliers, suffix):
+    """A map of residuals."""
     good, bad = (_thinned(np.flatnonzero(mask)) for mask in (~outliers, outliers))
     marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
     if view.shape[1] >= 2:
@@ -159,7 +164,7 @@ def _draw_map(axes, view, names, residuals, outliers, suffix, wide):
         )
         axes.scatter(*view[bad, :2].T, **marks, rasterized=True)
         axes.set_aspect("equal", adjustable="box")
-        place = {"location": "bottom", "shrink": 0.4 if wide else 0.6, "aspect": 30, "pad": 0.02}
+        place = {"location": "bottom", "shrink": 0.6, "aspect": 30, "pad": 0.02}
         label = f"residual of inliers{suffix}"
         bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
         bar.ax.locator_params(nbins=6)
@@ -168,7 +173,7 @@ def _draw_map(axes, view, names, residuals, outliers, suffix, wide):
         axes.scatter(along[good], residuals[good], s=4, c=BLUE, rasterized=True)
         axes.scatter(along[bad], residuals[bad], **marks, rasterized=True)
         names = [names[0] if names else "", "residual"]
-    axes.set(title="Residual map", xlabel=names[0] + suffix, ylabel=names[1] + suffix)
+    axes.set(title=title, xlabel=names[0] + suffix, ylabel=names[1] + suffix)
     if len(bad):
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), markerscale=2, frameon=False)
 

@@ -18,56 +18,43 @@ TOLERANCE = 1e-6  # change of a residual, in units of the scale, at which the it
 NORMAL_QUARTILE = 0.6744897501960817  # median of |v| in normal standard deviations
 
 
-class LossLimits(NamedTuple):
-    """Standardized residuals at which weights fall; both are 95 % efficient in normal data."""
+class HuberLimits(NamedTuple):
+    """Standardized residuals at which weights fall."""
 
-    huber: float = 1.345  # up to which the weight is 1
-    tukey: float = 4.685  # from which on the weight is 0
+    bend: float = 1.345  # up to which the weight is 1, 95 % efficient in normal data
 
 
-def m_estimate(X, weights=None, *, loss="huber", sigma0=None, surface="vertical"):
-    """Plane by M-estimation: repeat the adjustment with P W until it converges (Eqs 3-7).
+def m_estimate(X, weights=None, *, sigma0=None, surface="vertical"):
+    """Plane by Huber's M-estimation: repeat the adjustment with P W until it converges (Eqs 3-7).
 
-    "tukey" starts from Huber's plane, because its own solution depends on the start. Without
-    `sigma0` the scale is the `robust_scale` of the residuals, or float64's rounding if larger.
-    Returns the plane, with the kernel that propagates PW into cofactors, W and the scale.
+    Without `sigma0` the scale is the `robust_scale` of the residuals, or float64's rounding if
+    larger. Returns the plane, W and the scale.
 
     Eq. 5 multiplies P by the weights of iteration i - 1, not by the product of all earlier weights.
     Eq. 8's limit ``s0 sqrt(q_i p_i) t`` has a wrong dimension. Here ``sqrt(p_i) |v_i|`` is
     compared, which is the same for unit weights.
     """
-    weigh = WEIGHT_FUNCTIONS[loss]
-    if loss == "tukey":
-        plane, _, scale = m_estimate(X, weights, sigma0=sigma0, surface=surface)
-    else:
-        plane, scale = adjust_plane(X, weights, surface=surface), sigma0 or 0.0
+    plane, scale = adjust_plane(X, weights, surface=surface), sigma0 or 0.0
     errors = rounding_errors(X if weights is None else X[weights > 0])
     residuals = plane.evaluate(X)[0]
     for _ in range(MAX_ITERATIONS):
         floor = residual_rounding(errors, plane.direction)
-        # Tukey's weights reach 0, and a scale that followed them could collapse (S-estimation
-        # is another method). So the scale of Huber's plane is kept.
-        if sigma0 is None and loss != "tukey":
+        if sigma0 is None:
             scale = max(robust_scale(residuals, weights, plane.rank), floor)
         standardized = residuals / max(scale, floor)
         if weights is not None:
             standardized *= np.sqrt(weights)
-        robust_weights = weigh(standardized)
-        equivalent = weighed(robust_weights, weights)
-        if np.count_nonzero(equivalent) <= plane.rank:
-            break  # too few observations left for a plane: keep the last plane
-        plane = adjust_plane(X, equivalent, surface=surface)
+        robust_weights = huber(standardized)
+        plane = adjust_plane(X, weighed(robust_weights, weights), surface=surface)
         previous, residuals = residuals, plane.evaluate(X)[0]
         # By rounding alone, two residuals differ by the rounding of both.
         if np.abs(residuals - previous).max() <= max(TOLERANCE * scale, 2 * floor):
             break
     else:
         warn_caller(
-            f"The {loss} estimate still moves after {MAX_ITERATIONS} adjustments; "
-            "check sigma0, or use least squares (loss='squared_error').",
+            f"The Huber estimate still moves after {MAX_ITERATIONS} adjustments; give sigma0.",
             ConvergenceWarning,
         )
-    plane = plane.with_robust_weights(X, weights, robust_weights)
     if sigma0 is None:
         scale = max(scale, residual_rounding(errors, plane.direction))
     return plane, robust_weights, float(scale)
@@ -75,17 +62,8 @@ def m_estimate(X, weights=None, *, loss="huber", sigma0=None, surface="vertical"
 
 def huber(standardized):
     """Huber's weights ``min(1, k / |t|)``."""
-    size, k = np.abs(standardized), LossLimits().huber
+    size, k = np.abs(standardized), HuberLimits().bend
     return np.divide(k, size, out=np.ones_like(size), where=size > k)
-
-
-def tukey(standardized):
-    """Tukey's biweight ``(1 - (t / k)^2)^2`` within k and 0 beyond."""
-    ratio = np.minimum(np.abs(standardized) / LossLimits().tukey, 1.0)
-    return (1 - ratio**2) ** 2
-
-
-WEIGHT_FUNCTIONS = {"huber": huber, "tukey": tukey}
 
 
 def robust_scale(residuals, weights, rank):

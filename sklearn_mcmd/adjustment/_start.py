@@ -7,7 +7,7 @@ from sklearn.utils import check_random_state
 
 from sklearn_mcmd.adjustment._least_squares import adjust_plane, weighed
 from sklearn_mcmd.adjustment._robust import robust_scale
-from sklearn_mcmd.adjustment._tests import UNCONTROLLED
+from sklearn_mcmd.adjustment._tests import UNCONTROLLED, chance_outside
 from sklearn_mcmd.planes._consistent_set import (
     draw_trials,
     maximum_consistent_sets,
@@ -25,6 +25,13 @@ class StartLimits(NamedTuple):
     success_probability: float = 0.9999  # of one trial without outliers
     max_points: int = 20_000  # that suffice to choose the best of the trial planes
     max_trials: int = 2_000  # in spaces where more would be needed
+
+
+class JoiningLimits(NamedTuple):
+    """Which points that a robust start left out come back."""
+
+    near: float = 3.0  # deviations within which all do; the deviation without others is 1.3 % small
+    portion: int = 16  # they come in portions of at most this share of those inside, inverted
 
 
 MAX_ROUNDS = 20  # both iterations converge within a few, or alternate between nearly equal sets
@@ -62,9 +69,7 @@ def robust_start(training, rank, surface, sigma0, random_state):
     sigma = sigma0 or max(robust_scale(residuals, weights, plane.rank), rounding)
     members = None
     for _ in range(MAX_ROUNDS):
-        residuals, _, spread = plane.evaluate(X)
-        deviation = sigma * np.sqrt(1 + spread * (1 if weights is None else root**2))
-        near = used & (np.abs(residuals) * root <= limits.cut * deviation)
+        near = used & (joining(X, weights, plane, sigma) <= limits.cut)
         if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):
             break
         made_of = members = near
@@ -72,12 +77,52 @@ def robust_start(training, rank, surface, sigma0, random_state):
         if sigma0 is None:
             rounding = training.rounding_of(plane.direction)
             sigma = max(np.sqrt(plane.variance_factor) / limits.cut_deviation, rounding)
-    leverage = plane.evaluate(X[made_of])[1] * (1 if weights is None else weights[made_of])
+    leverage = weighed(plane.evaluate(X)[1], weights)[made_of]
     # If there are only as many points as parameters, all have leverage 1, wherever they are.
     one_apart = len(leverage) > rank and leverage.max() > 1 - UNCONTROLLED
     if plane.rank < rank or one_apart:
         plane = None
     return plane, float(sigma)
+
+
+def joining(X, weights, plane, sigma):
+    """Predicted residual of each point over its deviation, ``|v| / (s sqrt(1/p + a'N^-1 a))``."""
+    residuals, cofactors = plane.evaluate(X)
+    size = weighed(np.abs(residuals) / sigma, None if weights is None else np.sqrt(weights))
+    return size / np.sqrt(1 + weighed(cofactors, weights))
+
+
+def points_of_noise(training, start, sigma, level):
+    """The points within 2.5 deviations of a plane, and others that are no farther than noise is.
+
+    Others come back, the nearest first, until one is too far off. It is beyond the limit `near`,
+    and i points as far off as it is, of n good points, have a chance below ``level / i^3``; these
+    chances sum to 1.2 `level`, and for i = 1 the test is that of t.
+    """
+    X, weights, used, _ = training
+    limits, n = JoiningLimits(), int(np.count_nonzero(used))
+    support = used & (joining(X, weights, start, sigma) <= StartLimits().cut)
+    size = np.count_nonzero(support)
+    if size <= start.rank:
+        return used
+    while size < n:
+        plane = adjust_plane(X, weighed(support, weights), surface=start.surface)
+        values = joining(X, weights, plane, training.deviation_of(plane))
+        outside = np.flatnonzero(used & ~support)
+        nearest = outside[np.argsort(values[outside], kind="stable")]
+        n_back, last = 0, 0
+        # Portions of 1, 2, 4 ... points; where few are inside, each point counts.
+        while last < len(nearest) and last <= size // limits.portion:
+            i, value = len(nearest) - last, values[nearest[last]]
+            is_far = value > limits.near
+            if is_far and chance_outside(value, i, n, plane.dof) < level / i**3:
+                break
+            n_back, last = last + 1, 2 * last + 1
+        if n_back == 0:
+            break
+        support[nearest[:n_back]] = True
+        size += n_back
+    return support
 
 
 def half_of(n, d):

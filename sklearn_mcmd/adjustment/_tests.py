@@ -3,7 +3,7 @@
 from numbers import Integral, Real
 
 import numpy as np
-from scipy.special import betaln, chdtrc, log_ndtr, logsumexp, ndtri, stdtrit
+from scipy.special import betaln, chdtrc, log_ndtr, logsumexp, ndtr, ndtri, stdtr, stdtrit
 
 from sklearn_mcmd._choices import Correction, Test, choices_of
 from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
@@ -141,19 +141,36 @@ def statistic(standardized, test, sigma0, scale, dof):
     tau = standardized / scale
     if test == "tau":
         return tau
-    # ``t = tau sqrt((f - 1) / (f - tau^2))``, whose scale leaves the tested point out, and has no
-    # degree of freedom if f < 2.
-    if dof < 2:
-        return np.zeros_like(tau)
+    # The scale of t leaves the tested point out, and has no degree of freedom if f < 2.
+    return np.zeros_like(tau) if dof < 2 else tau_to_t(tau, dof)
+
+
+def tau_to_t(tau, dof):
+    """t of a residual whose tau is known, ``tau sqrt((f - 1) / (f - tau^2))`` (Table 1)."""
     # tau reaches sqrt(f) where all other residuals are 0.
     rest = np.maximum(dof - tau**2, dof * np.finfo(float).eps)
     return tau * np.sqrt((dof - 1) / rest)
+
+
+def pvalue(statistic, test, dof):
+    """Two-sided probability of a larger statistic of one good point, the inverse of
+    `critical_value`; nan where nothing can be rejected."""
+    if test == "w":
+        return 2 * ndtr(-statistic)
+    t = statistic if test == "t" else tau_to_t(statistic, dof)
+    return np.where(dof > 1, 2 * stdtr(np.maximum(dof - 1, 1), -t), np.nan)
 
 
 def t_to_tau(t, dof):
     """tau of a residual whose t is known, ``sqrt(f t^2 / (f - 1 + t^2))`` (Table 1)."""
     with np.errstate(over="ignore", divide="ignore"):
         return np.sqrt(dof / ((dof - 1) / np.square(t) + 1)) if dof > 1 else 1.0
+
+
+def normal_equivalent(t, dof):
+    """The w that is as rare as a t (D. L. Wallace, "Bounds on normal approximations to Student's
+    and the chi-square distributions", 1959); within 0.03 from 5 degrees of freedom on."""
+    return (8 * dof + 1) / (8 * dof + 3) * np.sqrt(dof * np.log1p(np.square(t) / dof))
 
 
 def chance_outside(t, n_outside, n, dof):

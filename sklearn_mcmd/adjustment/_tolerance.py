@@ -12,7 +12,10 @@ from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
 from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._tests import local_level
+from sklearn_mcmd.planes._form import FormLimits, cells_of, planes_of
 
+N_PARTS = 12  # of the tolerance, one of which is the uncertainty in the middle of a cell
+LEAST_POINTS = 32  # of a cell
 LP_TOLERANCE = 1e-7  # of distances over the width, that of the linear programs
 N_TURNS = 3  # of the normal; each squares the angle that is left
 
@@ -31,10 +34,15 @@ class PlaneFlatness(NamedTuple):
         between any two parallel planes. Both hold the noise: of n points of noise s on a perfect
         plane some ``2 s sqrt(2 ln n)``.
     uncertainty : float
-        The largest of a distance.
+        The largest of the distance of a point.
+    n_cells : int
+        Cells of about as many points that pass, whose own planes show the form of the surface.
+    form, form_uncertainty : float
+        The largest distance of these planes, and the largest uncertainty of one.
     verdict : {"exceeded", "kept", "undecided"}
-        "exceeded" if some distance is larger than half the tolerance by more than its uncertainty,
-        "kept" if all are smaller by as much. Otherwise nothing is proven (ISO 14253-1).
+        "exceeded" if the plane of a cell, or a point, is off by more than half the tolerance and
+        its uncertainty; else "kept" if the planes of all cells are within it by as much. Otherwise
+        nothing is proven (ISO 14253-1).
     """
 
     tolerance: float
@@ -44,15 +52,20 @@ class PlaneFlatness(NamedTuple):
     zone: float
     minimum_zone: float
     uncertainty: float
+    n_cells: int
+    form: float
+    form_uncertainty: float
     verdict: str
 
 
 def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFlatness:
     """Compare the points of a fitted plane with a tolerance of flatness (ISO 12781-1).
 
-    A point is outside if it is farther than half the tolerance from the plane. Noise alone brings
-    points there. A distance is significant if it is so by more than the test of one point allows.
-    If sigma0 is estimated, it holds the form of the surface, and fewer are significant.
+    The surface is judged by the planes of cells, which are as small as noise allows: the
+    uncertainty in the middle of one is a twelfth of the tolerance, if there are points enough. What
+    is smaller than a cell, single points judge. One is outside if it is farther than half the
+    tolerance from the plane, where noise alone brings some, and significant if it is so by more
+    than the test of one point allows. Noise that is alike nearby looks like form.
 
     Parameters
     ----------
@@ -76,29 +89,62 @@ def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFl
     X = check_points(detector, X)
     if not isinstance(tolerance, Real) or not 0 < tolerance < np.inf:
         raise ParameterError(f"$tolerance={tolerance!r} is no width: give a finite number above 0.")
-    plane, length = detector._fitted.plane, np.linalg.norm(detector._fitted.plane.direction)
-    known, half = detector.test_ == "w", tolerance / 2
-    scale, dof = (detector.sigma0_, np.inf) if known else (detector._fitted.scale, detector.dof_)
-    distances, _, spread = plane.evaluate(X)
-    distances = np.abs(distances) / length
-    weights = np.ones(len(X)) if detector._fitted.weights is None else detector._fitted.weights
-    factor = quantile(1 - local_level(detector.alpha, len(X)), dof)
+    fitted, form, half = detector._fitted, detector.form_, tolerance / 2
+    plane, length = fitted.plane, np.linalg.norm(fitted.plane.direction)
+    known, within = detector.test_ == "w", max(form.noise, fitted.rounding)
+    scale, dof = (detector.sigma0_, np.inf) if known else (fitted.scale, detector.dof_)
+    unit, noise_dof = (within, form.noise_dof) if np.isfinite(form.pvalue) else (scale, dof)
+    unit /= length
+    residuals, spread = plane.evaluate(X)
+    residuals /= length
+    weights = np.ones(len(X)) if fitted.weights is None else fitted.weights
+    level = local_level(detector.alpha, len(X))
+    factor = quantile(1 - level, dof)
     with np.errstate(divide="ignore"):
         uncertainty = factor * scale / length * np.sqrt(1 / weights + spread)
-    exceeded = distances - uncertainty > half
-    verdict = "kept" if np.all(distances + uncertainty <= half) else "undecided"
-    passed = X[detector.labels_ == max(detector.labels_)]  # all, if none passes
+    exceeded = np.abs(residuals) - uncertainty > half
+    passes = detector.labels_ == max(detector.labels_)  # all, if none passes
+    passed = X[passes]
     zone = np.ptp(adjust_plane(passed, surface="orthogonal").evaluate(passed)[0])
+
+    judged = passes & (weights > 0)
+    n_cells, heights, error = _surface(
+        (X[judged] - plane.center) @ plane.directions,
+        residuals[judged],
+        weights[judged],
+        tolerance,
+        lambda m: unit * quantile(1 - local_level(detector.alpha, m), noise_dof, plane.rank),
+    )
+    heights = np.abs(heights)
+    verdict = "kept" if np.all(heights + error <= half) else "undecided"
+    if exceeded.any() or np.any(heights - error > half):
+        verdict = "exceeded"
     return PlaneFlatness(
         tolerance=float(tolerance),
         n_points=len(X),
-        n_outside=int(np.count_nonzero(distances > half)),
+        n_outside=int(np.count_nonzero(np.abs(residuals) > half)),
         n_significant=int(np.count_nonzero(exceeded)),
         zone=float(zone),
         minimum_zone=minimum_zone(passed),
         uncertainty=float(uncertainty.max()),
-        verdict="exceeded" if exceeded.any() else verdict,
+        n_cells=n_cells,
+        form=float(heights.max()),
+        form_uncertainty=float(error.max()),
+        verdict=verdict,
     )
+
+
+def _surface(places, residuals, weights, tolerance, uncertainty_of):
+    """Number of cells, and at each point the height of the plane of its cell and its uncertainty.
+
+    The function tells the uncertainty of weight 1, at all places of so many cells at once.
+    """
+    least, n = FormLimits().halvings, len(places)
+    ratio = max(N_PARTS * uncertainty_of(2**least) / tolerance, np.sqrt(LEAST_POINTS))
+    halvings = max(int(np.log2(n / ratio**2)), least)
+    cells = cells_of(places, residuals, weights, halvings)
+    heights, cofactors = planes_of(cells, places, residuals, weights)
+    return len(cells.weights), heights, uncertainty_of(len(cells.weights)) * np.sqrt(cofactors)
 
 
 def minimum_zone(X):

@@ -111,7 +111,7 @@ class Denoise(CloudVerb):
         hidden=True,
     )
     sensor: tuple | None = _sensor.position_option(
-        "auto: as stated. none: unknown.",
+        "Where the sensor stood. auto: as stated. none: unknown.",
         _sensor.AUTO,
         _sensor.NONE,
         show_default="if stated or seen",

@@ -67,7 +67,8 @@ class Normals(CloudVerb):
         "--trajectory. mst: the one that agrees with the neighbors.",
     )
     sensor: tuple | None = _sensor.position_option(
-        f"auto: as the file states, by {SENSORS}, if the cloud looks as if measured from there.",
+        f"Where the sensor stood. auto: as the file states, by {SENSORS}, if the cloud looks as if "
+        "measured from there.",
         _sensor.AUTO,
         show_default="not known",
     )

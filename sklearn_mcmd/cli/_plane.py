@@ -16,7 +16,7 @@ import typer
 from sklearn_mcmd import __version__
 from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.cli import _files, _messages, _options
+from sklearn_mcmd.cli import _files, _messages, _options, _sensor
 from sklearn_mcmd.cli._files import ReportFolder, write_report_of
 from sklearn_mcmd.cli._messages import progress
 from sklearn_mcmd.cli._options import command_of, length, made, option
@@ -32,10 +32,12 @@ FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
 N_WORST = 10  # points of the largest statistics that the reports list
+IDS = "id", "point_id", "point", "number", "nr"  # attributes that name the points of a file
 # Figures that the terminal shows, as far as there are such.
 SUMMARY = (
-    *("outliers", "normal", "point", "tilt", "residuals", "sigma0", "global test", "flatness"),
-    *("outside", "zone", "against", "tilt between", "offset"),
+    *("outliers", "normal", "point", "dip", "dip direction", "extent", "errors", "lack of fit"),
+    *("bow", "residuals", "sigma0", "variance ratio", "global test", "flatness", "form", "outside"),
+    *("zone", "against", "compared at", "registration", "tilt between", "offset"),
 )
 
 
@@ -81,7 +83,7 @@ class Plane:
         None,
         "How the level of one point follows from alpha. sidak, bonferroni: so that alpha is the "
         "level of all together, exactly or at most. none: it is alpha. b-method: so too, and the "
-        "level of the global test follows from it.",
+        "level of the global test follows from it, for networks of tens of observations.",
         show_default="sidak, for fuzzy none",
     )
     elimination: EliminationRule | None = option(
@@ -94,6 +96,12 @@ class Plane:
         "orthogonal: residuals are distances from the plane, for any tilt. vertical: residuals are "
         "along z, for heights at exact positions; wrong for walls.",
     )
+    toward: tuple | None = _sensor.position_option(
+        "A place to whose side the normal points, such as where the scanner stood. Residuals are "
+        "positive there.",
+        name="--toward",
+        show_default="up; of walls to +y, or to +x if they go along y",
+    )
     robust_start: bool | None = option(
         None,
         "For baarda only. Start from the plane of the most coplanar half of the points. "
@@ -105,6 +113,11 @@ class Plane:
         "Another point file, in the same coordinates. Its plane is tested likewise, and compared: "
         "same, moved, tilted? With the smallest difference that would be seen.",
         metavar="B",
+    )
+    registration: float | None = length(
+        None,
+        "With --against: standard error of the registration of both clouds, such as 2mm. It enters "
+        "the offset, and the tilt by a turn that takes the rims of the plane off as far.",
     )
     tolerance: float | None = length(
         None,
@@ -138,6 +151,10 @@ class Plane:
             raise typer.BadParameter(
                 "--method fuzzy is of one least-squares plane.", param_hint="--robust-start"
             )
+        if self.registration is not None and self.against is None:
+            raise typer.BadParameter(
+                "is of two clouds: name the other by --against.", param_hint="--registration"
+            )
         if self.target is None and (self.text or self.plot or self.report):
             raise typer.BadParameter(
                 "is missing. It can be left out if there are no --text, --plot and --report.",
@@ -161,6 +178,7 @@ class Plane:
                 detector = self.tested(cloud.xyz)
             more = self._further(detector, cloud)
             more["n_worst"] = N_WORST if outputs else None
+            more["ids"] = next((cloud.attributes[x] for x in IDS if x in cloud.attributes), None)
             figures = plane_figures(detector, cloud.xyz, self.unit, **more)
             if outputs:
                 from sklearn_mcmd.report._plane_page import plane_contents
@@ -256,7 +274,8 @@ class Plane:
             other = _files.read_all(self.against, self.columns)
             with _files.working(self.against, "the other plane"):
                 fitted = self.tested(other.xyz)
-            further["comparison"] = compare_planes(detector, fitted)
+            error = self.registration or 0.0
+            further["comparison"] = compare_planes(detector, fitted, registration_error=error)
         return further
 
     def _write(self, catalog, outputs, sheets, cloud, detector, figures):

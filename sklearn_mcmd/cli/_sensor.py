@@ -17,8 +17,8 @@ MOST = 10  # numbers of scans in a message
 NAMES = "intensity", "reflectance", "reflectivity"
 
 
-def position_option(help, *words, show_default):
-    """The option --sensor: one of these words, or three coordinates."""
+def position_option(help, *words, name="--sensor", **settings):
+    """An option that takes one of these words, or three coordinates."""
 
     def parse(text):
         if text in words:
@@ -28,13 +28,13 @@ def position_option(help, *words, show_default):
         except ValueError:
             position = ()
         if len(position) != 3 or not np.isfinite(position).all():
-            choices = ", ".join(words)
-            raise typer.BadParameter(f"{text} is neither {choices} nor a position, such as 0,0,0")
+            choices = f"neither {', '.join(words)} nor a" if words else "no"
+            raise typer.BadParameter(f"{text} is {choices} position, such as 0,0,0")
         return position
 
-    metavar = f"X,Y,Z|{words[0]}"
-    help = f"Where the sensor stood. {help}"
-    return option(None, help, "--sensor", parser=parse, metavar=metavar, show_default=show_default)
+    return option(
+        None, help, name, parser=parse, metavar="|".join(("X,Y,Z", *words[:1])), **settings
+    )
 
 
 def trajectory_option():

@@ -60,13 +60,10 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     """Root mean square tilt (n,) of the normals of fitted planes, in degrees, at most 90.
 
     Noise along the normal, of standard deviation `scale` (n,), tilts it toward each in-plane axis
-    ``i`` with variance ``scale**2 * l_i / (m * (l_i - l_0)**2)`` (T. W. Anderson, "Asymptotic
-    theory for principal component analysis", Annals of Mathematical Statistics 34 (1963) 122-148).
-    Here l are the eigenvalues (n, d), ascending, and m, `n_points` (n,), the points that a plane
-    was fitted to. In most clouds this is nearly ``scale**2 / (m * l_i)``, the variance of a
-    regression line's slope. The error is the root of the sum over the d - 1 axes, and 90 where the
-    points do not determine a plane. `inflation`, a number or (n,), is a factor on it for points
-    that were chosen by their distances.
+    by `tilt_variances`. The eigenvalues (n, d) ascend, and `n_points` (n,) are those that a plane
+    was fitted to. The error is the root of the sum over the d - 1 axes, and 90 where the points do
+    not determine a plane. `inflation`, a number or (n,), is a factor on it for points that were
+    chosen by their distances.
 
     The true normal is within ``sqrt(q / (d - 1))`` errors with 95 % confidence, where q is the 0.95
     quantile of chi-squared with d - 1 degrees of freedom. This is 1.73 in 3D, if the neighborhood
@@ -79,11 +76,23 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     gap = in_plane - least
     known = (freedom > 0) & (gap[:, 0] > RANK_TOLERANCE * eigenvalues[:, -1])
     gap[~known] = np.inf
-    # Quotients of squares only: fourth powers would overflow or vanish in some units.
-    variance = reduce(np.add, (in_plane / gap * (scale**2)[:, None] / gap).T)
+    variance = reduce(np.add, tilt_variances(in_plane, gap, (scale**2)[:, None]).T)
     variance /= np.maximum(n_points, 1)
     errors = inflation * student_factors(freedom, d) * np.degrees(np.sqrt(variance))
     return np.where(known, np.minimum(errors, 90.0), 90.0)
+
+
+def tilt_variances(in_plane, gap, variance):
+    """Variances ``v l_i / (l_i - l_0)^2`` of tilts toward the axes of planes (T. W. Anderson,
+    "Asymptotic theory for principal component analysis", Annals of Mathematical Statistics 34
+    (1963) 122-148).
+
+    l_i are the variances of the points along these axes, `in_plane`, and by their `gap` they exceed
+    the one across, l_0. v is the variance of the plane at its center. Where the plane is much wider
+    than its noise, this is nearly ``v / l_i``, the variance of a regression line's slope.
+    """
+    # Quotients of squares only: fourth powers would overflow or vanish in some units.
+    return in_plane / gap * variance / gap
 
 
 def student_factors(freedom, d):

@@ -20,7 +20,7 @@ def plane_contents(cloud, detector, figures, unit):
     found, n_all = detector.labels_ == -1, len(cloud)
     n = int(np.count_nonzero(found))
     unit, rows = f" {unit}" if unit else "", figures.rows()
-    residuals, tilt, sigma0 = detector.residuals(cloud.xyz), rows["tilt"], rows["sigma0"]
+    residuals, dip, sigma0 = detector.residuals(cloud.xyz), rows["dip"], rows["sigma0"]
     rms = float(np.sqrt(np.mean(residuals[those_of_plane(found)] ** 2)))
     results = {"residual": residuals, "test_statistic": detector.test_statistic_}
     results = {name: values.astype(np.float32) for name, values in results.items()}
@@ -46,7 +46,7 @@ def plane_contents(cloud, detector, figures, unit):
     return shown.contents(
         headline=headline,
         cards=[
-            (f"{tilt.value}°", f"tilt from the horizontal, ± {tilt.error}°"),
+            (f"{dip.value}°", f"dip, from the horizontal, ± {dip.error}°"),
             (f"{sigma0.value}{unit}", f"sigma0, {sigma0.note}"),
         ],
         notes=_notes(detector, n, n_all, unit, rows),

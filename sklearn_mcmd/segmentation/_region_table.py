@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._form import form_of
 from sklearn_mcmd.planes._orientation import point_up
-from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE
+from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE, student_factors, tilt_variances
 from sklearn_mcmd.segmentation._cylinder_parts import N_PARAMETERS, CylinderLimits, fit_cylinder
 from sklearn_mcmd.segmentation._graph import by_place
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, own_noise
@@ -32,10 +32,11 @@ def region_table(points, labels, around, moments):
     distinct = np.bincount(labels[labels >= 0], minlength=len(sizes))  # copies tell nothing more
     noise = np.sqrt(values[:, 0] * distinct / np.maximum(distinct - N_PLANE, 1))
     table["height_error"] = noise / np.sqrt(np.maximum(distinct, 1))
-    # Anderson's, as of `normal_errors`, along the narrower axis; 90 where that is none.
+    # Along the narrower axis; 90 where that is none.
     gap = values[:, 1] - values[:, 0]
     known = gap > RANK_TOLERANCE * values[:, 2]
-    tilt = ratio(np.sqrt(values[:, 1]) * table["height_error"], np.where(known, gap, np.inf))
+    gap[~known] = np.inf
+    tilt = np.sqrt(tilt_variances(values[:, 1], gap, table["height_error"] ** 2))
     table["normal_error"] = np.where(known, np.degrees(np.minimum(tilt, np.pi / 2)), 90.0)
     for name in ("axis_point", "axis", "radius"):
         table[name] = np.nan
@@ -56,9 +57,12 @@ def region_table(points, labels, around, moments):
         local = points[group] - own["centroid"]
         places, heights = local @ _frame(own["normal"]).T, local @ own["normal"]
         own["area"], own["outline"] = _outline(places, own["centroid"], own["normal"])
-        effect = np.sqrt(_design_effect(places, heights, own["area"]))
-        own["height_error"] *= effect
-        own["normal_error"] = min(effect * own["normal_error"], 90.0)
+        form = form_of(local @ axes[region][:, 1:], heights)
+        if noise[region] > 0 and form.is_alike(noise[region]):
+            # Errors of which 1.96 hold 95 %, though few bows tell them.
+            student = student_factors(np.array([form.n_bows]), 2)[0]
+            own["height_error"] *= (effect := student * form.bow_deviation / noise[region])
+            own["normal_error"] = min(effect * own["normal_error"], 90.0)
         if len(group) >= least_size and not thin[region]:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
             left = np.sqrt(total / (len(group) - N_PARAMETERS))
@@ -76,24 +80,6 @@ def _frame(normal):
     u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     u /= np.linalg.norm(u)
     return np.stack([u, np.cross(normal, u)])
-
-
-def _design_effect(places, heights, area):
-    """By what factor heights that are alike nearby make errors squared larger.
-
-    It is the variance of the sums of cells over that of independent heights. As of batch means,
-    there are about as many cells as points in each. The plane takes three of their sums.
-    """
-    side, squares = np.sqrt(area / np.sqrt(len(places))), heights @ heights
-    if not (side > 0 and squares > 0):
-        return 1.0
-    cells = np.floor(places / side).astype(np.int64)
-    cells -= cells.min(axis=0)
-    cells = np.unique(cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1], return_inverse=True)[1]
-    sums = np.bincount(cells, heights)
-    if len(sums) <= N_PLANE:
-        return 1.0
-    return max(1.0, sums @ sums / squares * len(sums) / (len(sums) - N_PLANE))
 
 
 def _outline(places, centroid, normal):

@@ -96,16 +96,6 @@ def test_precisions_scale_with_the_square_of_sigma0(p):
     assert_allclose(one.test_statistic_, other.test_statistic_)
 
 
-@pytest.mark.parametrize("loss", ["huber", "tukey"])
-@pytest.mark.parametrize("elimination", ["single", "all"])
-def test_m_estimation_with_tests_finds_the_outliers_and_shows_its_weights(loss, elimination):
-    X = plane_with_outliers(300, 30, 10.0)
-    detector = BaardaPlaneDetector(loss=loss, elimination=elimination).fit(X)
-    assert_array_equal(np.flatnonzero(detector.labels_ == -1), np.arange(30))
-    assert np.all(detector.robust_weights_[:30] == 0)
-    assert detector.robust_weights_[30:].mean() > 0.85
-
-
 @pytest.mark.filterwarnings("ignore")
 def test_a_vertical_surface_rejects_half_of_a_steep_plane():
     X = tilted_plane(80, 0.01, 500, size=(10, 10))

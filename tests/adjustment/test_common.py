@@ -7,7 +7,7 @@ from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 
 CONFIGURATIONS = [
     BaardaPlaneDetector(),
-    BaardaPlaneDetector(test="t", elimination="all", correction="none", loss="tukey"),
+    BaardaPlaneDetector(test="t", elimination="all", correction="none"),
     # Of the checks' clouds some points must be outliers, for which these levels are lax.
     BaardaPlaneDetector(
         0.9,
@@ -19,7 +19,7 @@ CONFIGURATIONS = [
     ),
     FuzzyPlaneDetector(),
     FuzzyPlaneDetector(0.15, test="tau", width=0.3, weighting="cut", surface="orthogonal"),
-    FuzzyPlaneDetector(0.5, sigma0="auto", width=0.1, loss="huber"),
+    FuzzyPlaneDetector(0.5, sigma0="auto", width=0.1),
 ]
 
 

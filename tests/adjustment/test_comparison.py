@@ -31,7 +31,8 @@ def fitted(rng, n=40, slope=0.3, height=0.0, offset=0.0, surface="orthogonal", *
 @pytest.mark.parametrize("offset", [0.0, 5e6])
 def test_the_verdict_says_what_happened(change, verdict, offset):
     rng = np.random.default_rng(2)
-    found = compare_planes(fitted(rng, offset=offset), fitted(rng, offset=offset, **change))
+    pair, place = [fitted(rng, offset=offset, **one) for one in ({}, change)], np.full(3, offset)
+    found = compare_planes(*pair, place=place)
     assert found.verdict == verdict
     angle = np.degrees(np.arctan(change.get("slope", 0.3)) - np.arctan(0.3))
     assert found.tilt.value == pytest.approx(angle, abs=4 * found.tilt.error)
@@ -50,7 +51,8 @@ def test_the_other_way_round_only_the_sign_of_the_offset_changes():
 @pytest.mark.parametrize("variance", ["prior", "posterior"])
 def test_a_plane_and_itself_differ_by_0_with_the_errors_of_two_such_planes(variance):
     a = fitted(np.random.default_rng(0))
-    one, found = a.precision(variance), compare_planes(a, a, variance=variance)
+    one, center = a.precision(variance), a._fitted.plane.center
+    found = compare_planes(a, a, variance=variance, place=center)
     assert (found.tilt.value, found.offset.value) == (0, 0)
     assert found.offset.error == pytest.approx(np.sqrt(2) * one.offset_error)
     assert found.tilt.error == pytest.approx(np.sqrt(2) * one.ellipse[0])
@@ -82,6 +84,75 @@ def test_an_offset_of_the_smallest_size_is_found_with_the_power():
     assert np.mean(found) == pytest.approx(0.8, abs=0.07)  # three standard errors
 
 
+def turned(X, degrees, place):
+    """Points turned about an axis along y through a place."""
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return (X - place) @ [[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]] + place
+
+
+def flat(rng, n=60):
+    return np.column_stack([rng.uniform(0, 4, (n, 2)), rng.normal(0, SIGMA, n)])
+
+
+def detector(X):
+    return BaardaPlaneDetector(1e-9, sigma0=SIGMA, surface="orthogonal").fit(X)
+
+
+def test_a_plane_that_turns_about_the_place_does_not_move():
+    rng, place, moved = np.random.default_rng(7), np.array([2.0, 2.0, 0.0]), []
+    for _ in range(300):
+        pair = detector(flat(rng)), detector(turned(flat(rng), 1.0, place))
+        moved.append(compare_planes(*pair, variance="prior", place=place).offset.significant)
+    assert np.mean(moved) == pytest.approx(0.025, abs=0.027)  # three standard errors
+    # Elsewhere it does, and the middle of the extents does not follow where points are many.
+    X = flat(rng, 2000)
+    X[:1000, 0] /= 4
+    both = detector(X), detector(turned(X, 1.0, place))
+    told = compare_planes(*both)
+    np.testing.assert_allclose(told.place, place, atol=0.05)
+    assert "moved" in compare_planes(*both, place=both[0]._fitted.plane.center).verdict
+
+
+@pytest.mark.parametrize("tilt", [45, 80])
+def test_errors_of_large_tilts_are_their_deviations(tilt):
+    rng, found = np.random.default_rng(8), []
+    for _ in range(600):
+        pair = detector(flat(rng)), detector(turned(flat(rng), tilt, np.zeros(3)))
+        found.append(compare_planes(*pair, variance="prior").tilt)
+    values, errors = np.array([(one.value, one.error) for one in found]).T
+    assert values.mean() == pytest.approx(tilt, abs=0.05)
+    # The deviation is known to 3 %.
+    assert np.sqrt(np.mean(errors**2)) / values.std() == pytest.approx(1, abs=0.09)
+
+
+def test_planes_with_sides_turn_by_more_than_a_right_angle_and_others_do_not():
+    rng, place = np.random.default_rng(5), np.array([2.0, 2.0, 0.0])
+    clouds, up = [flat(rng), turned(flat(rng), 120, place)], np.array([2.0, 2.0, 9.0])
+    told = compare_planes(*map(detector, clouds), place=place)
+    a, b = (
+        BaardaPlaneDetector(1e-9, sigma0=SIGMA, surface="orthogonal", toward=toward).fit(X)
+        for X, toward in zip(clouds, (up, turned(up, 120, place)), strict=True)
+    )
+    found = compare_planes(a, b, place=place)
+    assert (told.tilt.value, found.tilt.value) == pytest.approx((60, 120), abs=0.5)
+    assert (told.verdict, found.verdict) == ("tilted", "tilted")
+    assert found.tilt.error == pytest.approx(told.tilt.error)
+
+
+def test_a_registration_moves_the_center_and_the_rims():
+    rng = np.random.default_rng(9)
+    X = np.column_stack([rng.uniform(0, 1, (4000, 2)) * [6, 2], rng.normal(0, SIGMA, 4000)])
+    a, b = detector(X), detector(X + np.array([0, 0, 0.004]))
+    plain, told = compare_planes(a, b), compare_planes(a, b, registration_error=0.005)
+    assert (plain.verdict, told.verdict) == ("moved", "same")
+    assert (plain.registration_error, told.registration_error) == (0, 0.005)
+    assert told.offset.error**2 - plain.offset.error**2 == pytest.approx(0.005**2)
+    # The shorter rim is 1 from the middle, and the tilt of 0 is into the direction known worst.
+    same = [compare_planes(a, a, registration_error=error).tilt.error for error in (0, 0.005)]
+    turn = np.degrees(0.005 / 1.0)
+    assert np.sqrt(same[1] ** 2 - same[0] ** 2) == pytest.approx(turn, rel=0.03)
+
+
 def test_two_horizontal_lines_are_compared_as_by_welchs_t():
     # On points symmetric about their middle the offset there is the difference of the means.
     x = np.repeat(np.arange(-3.0, 4.0), 2)
@@ -107,5 +178,9 @@ def test_what_cannot_be_is_refused():
         compare_planes(a, line)
     with pytest.raises(ValueError, match="variance='prior' needs a known sigma0"):
         compare_planes(a, fitted(rng, sigma0="auto"), variance="prior")
+    with pytest.raises(ValueError, match=r"place=\[1.0, 2.0\] is no place of 3 numbers"):
+        compare_planes(a, a, place=[1, 2])
+    with pytest.raises(ValueError, match="registration_error"):
+        compare_planes(a, a, registration_error=-1)
     with pytest.raises(ValueError, match="not fitted yet"):
         compare_planes(a, BaardaPlaneDetector())

@@ -17,12 +17,11 @@ DETECTORS = [
     BaardaPlaneDetector(test="tau"),
     BaardaPlaneDetector(test="t", elimination="all"),
     BaardaPlaneDetector(surface="orthogonal"),
-    BaardaPlaneDetector(loss="huber", elimination="all"),
+    BaardaPlaneDetector(elimination="all"),
     BaardaPlaneDetector(robust_start=True, random_state=0),
     FuzzyPlaneDetector(),
     FuzzyPlaneDetector(test="tau"),
     FuzzyPlaneDetector(surface="orthogonal", weighting="cut"),
-    FuzzyPlaneDetector(loss="tukey"),
 ]
 parametrized = pytest.mark.parametrize("detector", DETECTORS, ids=lambda d: repr(d).split(".")[-1])
 

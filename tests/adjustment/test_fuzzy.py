@@ -51,16 +51,10 @@ def test_many_regressors_go_without_a_hull_and_agree():
 
 @pytest.mark.filterwarnings("ignore:The tests reject")
 @pytest.mark.parametrize("test", ["w", "tau", "t"])
-@pytest.mark.parametrize("loss", ["squared_error", "huber", "tukey"])
-def test_labels_are_the_predictions_of_the_training_points(loss, test):
+def test_labels_are_the_predictions_of_the_training_points(test):
     for seed in range(10):
-        detector = FuzzyPlaneDetector(0.15, loss=loss, test=test)
-        if loss == "squared_error":
-            X, _ = random_case(seed)
-        else:
-            X = plane_with_outliers(200, 40, 4.0, seed=seed)
-            assert detector.fit(X).robust_weights_.min() < 0.5
-        detector.fit(X)
+        X, _ = random_case(seed)
+        detector = FuzzyPlaneDetector(0.15, test=test).fit(X)
         assert_array_equal(detector.labels_, detector.predict(X))
         assert_allclose(detector.score_samples(X), 1 - detector.membership_, atol=1e-9)
 

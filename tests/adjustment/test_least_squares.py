@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import reference_adjustment as reference
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, _least_squares
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, _least_squares
 from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
 
@@ -24,7 +24,7 @@ def test_redundancy_numbers_are_the_diagonal_of_the_explicit_matrix(surface, wei
         X, p = random_cloud(seed)
         p = p if weighted else None
         plane = adjust_plane(X, p, surface=surface)
-        _, cofactors, _ = plane.evaluate(X)
+        _, cofactors = plane.evaluate(X)
         leverage = cofactors if p is None else p * cofactors
         explicit = np.diag(reference.redundancy_matrix(X, p, surface))
         assert_allclose(1 - leverage, explicit, rtol=0, atol=1e-12)
@@ -111,3 +111,36 @@ def test_squares_that_overflow_are_refused_with_a_remedy():
     X = np.random.default_rng(0).normal(size=(20, 3)) * 1e300
     with pytest.raises(ValueError, match="rescale X"):
         BaardaPlaneDetector().fit(X)
+
+
+@pytest.mark.parametrize("facing", [(0, 1), (1, 0), (1, 1), (-1, 1)])
+def test_noise_does_not_decide_the_side_of_a_wall(facing):
+    rng, normals = np.random.default_rng(0), []
+    facing = np.array(facing) / np.hypot(*facing)
+    for _ in range(40):
+        X = rng.uniform(-1, 1, (200, 3)) * [2, 0, 1] + rng.normal(0, 0.004, (200, 3))
+        X[:, :2] = X[:, :1] * [facing[1], -facing[0]] + X[:, 1:2] * facing
+        normals.append(adjust_plane(X, surface="orthogonal").normal)
+    assert_allclose(normals, np.tile([*facing, 0], (40, 1)), atol=0.01)
+
+
+def test_a_roof_points_up_whatever_side_it_falls_to():
+    turn = np.radians(60)
+    for azimuth in np.radians(np.arange(0, 360, 30)):
+        normal = [*(np.sin(turn) * np.array([np.sin(azimuth), np.cos(azimuth)])), np.cos(turn)]
+        X = np.random.default_rng(0).normal(size=(50, 2)) @ np.linalg.svd([normal])[2][1:]
+        assert_allclose(adjust_plane(X, surface="orthogonal").normal, normal, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [BaardaPlaneDetector, FuzzyPlaneDetector])
+def test_the_normal_and_positive_residuals_are_on_the_side_of_a_place(kind):
+    X = np.random.default_rng(0).normal(size=(100, 3)) * [3, 0.01, 2] + [10, 20, 0]
+    for place, side in (([10, 0, 0], -1), ([10, 40, 0], 1)):
+        detector = kind(sigma0=0.01, surface="orthogonal", toward=place).fit(X)
+        assert_allclose(detector.normal_, [0, side, 0], atol=0.01)
+        assert detector.residuals(np.array([place]))[0] > 0
+        assert detector.distance_ == pytest.approx(20 * side, abs=0.1)
+    with pytest.raises(ValueError, match=r"toward=\[1, 2\] is no place: give 3 coordinates"):
+        kind(surface="orthogonal", toward=[1, 2]).fit(X)
+    with pytest.raises(ValueError, match="toward is for surface='orthogonal'"):
+        kind(toward=[1, 2, 3]).fit(X)

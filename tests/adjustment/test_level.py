@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import integrate, stats
 
-from sklearn_mcmd.adjustment import BaardaPlaneDetector
-from sklearn_mcmd.adjustment._tests import chance_outside
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+from sklearn_mcmd.adjustment._tests import chance_outside, normal_equivalent
 
 N_PLANES = 160
 # Levels of 0.03 to 0.07 are wanted; that many planes, flagged at these levels, give counts within
@@ -70,3 +70,24 @@ def test_the_global_test_of_a_given_sigma0_is_the_tail_of_chi_squared():
     assert fitted.global_test_pvalue_initial_ < 1e-9
     assert fitted.global_test_pvalue_ > 0.001
     assert BaardaPlaneDetector(sigma0=0.4).fit(X).global_test_pvalue_ > 1 - 1e-9
+
+
+@pytest.mark.parametrize("sigma0", [0.004, "auto"])
+@pytest.mark.parametrize("n", [10, 50])
+def test_one_clean_plane_in_twenty_has_a_point_that_a_corrected_fuzzy_test_flags(n, sigma0):
+    detector = FuzzyPlaneDetector(sigma0=sigma0, correction="sidak")
+    count = sum((detector.fit(X).labels_ == -1).any() for X in planes(n, N_PLANES))
+    assert FEWEST <= count <= MOST
+    assert detector.test_ == ("t" if sigma0 == "auto" else "w")
+
+
+def test_without_a_correction_the_fuzzy_test_flags_half_of_the_clean_planes_of_200_points():
+    detector = FuzzyPlaneDetector(sigma0=0.004)
+    share = np.mean([(detector.fit(X).labels_ == -1).any() for X in planes(200, N_PLANES)])
+    assert 0.35 < share < 0.6  # known to 0.04
+
+
+@pytest.mark.parametrize("dof", [5, 20, 1000])
+def test_the_w_of_a_t_is_as_rare_as_it(dof):
+    t = np.array([0.5, 2.0, 4.0])
+    assert_allclose(normal_equivalent(t, dof), stats.norm.isf(stats.t.sf(t, dof)), atol=0.03)

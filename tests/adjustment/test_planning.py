@@ -6,9 +6,8 @@ from scipy import stats
 
 import reference_adjustment as reference
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, critical_value, local_level, plan_plane
-from sklearn_mcmd.adjustment._planning_numba import snoop_planes
+from sklearn_mcmd.adjustment._planning import _snooped, _started
 from sklearn_mcmd.adjustment._start import StartLimits, half_of
-from sklearn_mcmd.adjustment._tests import UNCONTROLLED
 
 
 def simulated(n, k, bias, m, seed=0):
@@ -22,13 +21,13 @@ def limits_of(n, alpha=0.05):
     return np.array([critical_value("w", local_level(alpha, i), 1) for i in range(n + 2)])
 
 
-def snooped(X, n_trials=0, corners=None):
-    m, n, _ = X.shape
-    if corners is None:
-        corners = np.random.default_rng(1).integers(n, size=(m, n_trials, 3))
-    found, start = np.empty((m, n), dtype=bool), (half_of(n, 3), StartLimits().cut, 20)
-    snoop_planes(X, corners, start, limits_of(n), UNCONTROLLED, found)
-    return found
+def snooped(X, corners=None):
+    design, limits = np.array(X), limits_of(X.shape[1])
+    design[..., 2] = 1
+    member = np.ones(X.shape[:2], dtype=bool)
+    if corners is not None:
+        member = _started(design, X[..., 2], corners, limits[X.shape[1]])
+    return _snooped(design, X[..., 2], member, limits)
 
 
 @pytest.mark.parametrize(("n", "k", "bias"), [(6, 1, 4), (30, 1, 4), (60, 12, 6), (40, 18, 12)])
@@ -44,7 +43,8 @@ def test_with_a_robust_start_they_are_nearly_always():
     expected = [
         BaardaPlaneDetector(robust_start=True, random_state=0).fit(one).labels_ == -1 for one in X
     ]
-    same = (snooped(X, n_trials=69) == expected).all(axis=1)
+    corners = np.random.default_rng(1).integers(60, size=(60, 69, 3))
+    same = (snooped(X, corners) == expected).all(axis=1)
     assert np.mean(same) >= 0.95
     assert np.mean(expected, axis=(0))[:21].mean() > 0.99
 
@@ -74,7 +74,7 @@ def test_robust_starts_from_the_same_corners_are_those_of_general_least_squares(
             member = inside if inside.sum() > 3 else member
         member &= reference.snoop(X, member.astype(float), alpha=0.05) == 0
         expected = deviations(A, z, member) > limits[member.sum() + 1]
-        np.testing.assert_array_equal(snooped(X[None], corners=corners[None])[0], expected)
+        np.testing.assert_array_equal(snooped(X[None], corners[None])[0], expected)
 
 
 def test_outcomes_are_all_that_can_happen_and_the_level_is_kept():

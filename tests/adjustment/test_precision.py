@@ -1,5 +1,7 @@
 """Standard errors and bands of planes against dense algebra, simulations and statsmodels."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -102,6 +104,25 @@ def test_ellipses_of_95_percent_hold_95_percent_of_the_normals_of_ten_points(sur
     assert 0.935 < np.mean(inside) < 0.965  # 0.95 is known to 0.0056
 
 
+@pytest.mark.parametrize("width", [1.5, 3.0])
+def test_errors_of_a_strip_as_narrow_as_a_few_deviations_hold(width):
+    rng, tilts, heights = np.random.default_rng(0), [], []
+    for _ in range(600):
+        X = rng.uniform(-1, 1, (200, 3)) * [100, width * np.sqrt(3), 0]
+        X += rng.normal(size=X.shape)
+        detector = BaardaPlaneDetector(1e-9, sigma0=1.0, surface="orthogonal", correction="none")
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="The points that pass are as thick")
+            precision = detector.fit(X).precision("prior")
+        normal, rim = detector.normal_, np.array([[0, 1.5 * width, 0]])
+        error = np.array([0, 0, np.sign(normal[2])]) - normal
+        tilts.append(abs(error @ precision.ellipse_axes[:, 0]) / np.radians(precision.ellipse[0]))
+        height = abs((rim[0] - detector._fitted.plane.center) @ normal)
+        heights.append(height / detector.band(rim, variance="prior")[0][0])
+    assert 0.92 < np.mean(np.array(tilts) < 1.96) < 0.98  # 0.95 is known to 0.009
+    assert 0.92 < np.mean(np.array(heights) < 1) < 0.98
+
+
 @pytest.mark.parametrize("weighted", [False, True])
 def test_statsmodels_has_the_same_covariance_and_bands(weighted):
     linear_model = pytest.importorskip("statsmodels.regression.linear_model")
@@ -111,27 +132,14 @@ def test_statsmodels_has_the_same_covariance_and_bands(weighted):
     model = linear_model.WLS(X[:, 2], np.column_stack([X[:, :2], np.ones(len(X))]), weights=weights)
     fitted = model.fit()
     np.testing.assert_allclose(
-        detector.precision().slopes_covariance, fitted.cov_params(), rtol=1e-9
+        detector.precision("independent").slopes_covariance, fitted.cov_params(), rtol=1e-9
     )
     places = cloud(5, seed=3)
     told = fitted.get_prediction(np.column_stack([places[:, :2], np.ones(5)]))
-    of_plane, of_point = detector.band(places, 0.9)
+    of_plane, of_point = detector.band(places, 0.9, "independent")
     for ours, obs in ((of_plane, False), (of_point, True)):
         low, high = told.conf_int(obs=obs, alpha=0.1).T
         np.testing.assert_allclose(ours, (high - low) / 2, rtol=1e-9)
-
-
-def test_a_robust_loss_widens_the_covariance_as_its_kernel_says():
-    X = cloud(200)
-    robust = BaardaPlaneDetector(sigma0=0.01, loss="huber").fit(X)
-    plane = robust._fitted.plane
-    G = plane.design(plane.whiten(X)[0])
-    expected = (G @ plane.kernel * G).sum(axis=1)
-    ours = robust.band(X, variance="prior")[0] / quantile(0.95, np.inf) / 0.01
-    np.testing.assert_allclose(ours**2, expected, rtol=1e-12)
-    at_center = robust.band(plane.center[None], variance="prior")[0] / quantile(0.95, np.inf)
-    length = np.linalg.norm(plane.direction)
-    assert robust.precision("prior").offset_error == pytest.approx(float(at_center[0]) / length)
 
 
 def test_errors_of_the_normal_do_not_depend_on_how_a_wall_stands():
@@ -140,6 +148,18 @@ def test_errors_of_the_normal_do_not_depend_on_how_a_wall_stands():
     first, second = (detector.fit(points).precision() for points in (X, X @ turn))
     np.testing.assert_allclose(first.ellipse, second.ellipse, rtol=1e-9)
     assert first.cone == pytest.approx(np.hypot(*first.ellipse))
+
+
+def test_dip_and_its_errors_do_not_depend_on_the_side_of_the_normal():
+    X, both = cloud(), []
+    for height in (100.0, -100.0):
+        detector = BaardaPlaneDetector(sigma0=0.01, surface="orthogonal", toward=[0, 0, height])
+        told = detector.fit(X).precision()
+        assert np.sign(detector.normal_[2]) == np.sign(height)
+        both.append([told.tilt, told.tilt_error, told.azimuth, told.azimuth_error, told.cone])
+    np.testing.assert_allclose(*both, rtol=1e-9)
+    fall = np.degrees(np.arctan2(-0.3, 0.2)) % 360  # that of the normal of `cloud`
+    assert both[0][2] == pytest.approx(fall, abs=3)
 
 
 def test_a_horizontal_plane_falls_nowhere_and_may_tilt_to_its_worst_side():
@@ -159,3 +179,44 @@ def test_what_cannot_be_is_refused():
         detector.precision("sure")
     with pytest.raises(ValueError, match="level=95 is no probability"):
         detector.band(cloud(), 95)
+
+
+def walls(smooth, length=0.4, n_planes=150, n=400, seed=0):
+    """Detectors of walls of 4 by 2.5 whose noise of 4 has a part that is alike over a length."""
+    rng = np.random.default_rng(seed)
+    for _ in range(n_planes // 15):
+        xy = rng.uniform(0, 1, (n, 2)) * [4, 2.5]
+        gaps = np.linalg.norm(xy[:, None] - xy, axis=2)
+        root = np.linalg.cholesky(np.exp(-((gaps / length) ** 2) / 2) + 1e-7 * np.eye(n))
+        for noise, alike in rng.normal(size=(15, 2, n)):
+            z = 4 * noise + smooth * root @ alike
+            yield BaardaPlaneDetector(1e-9, sigma0=4.0).fit(np.column_stack([xy, z]))
+
+
+@pytest.mark.parametrize(
+    ("smooth", "independent", "covered"), [(0, (0.93, 0.97), 0.93), (2.5, (0.4, 0.6), 0.85)]
+)
+def test_bands_hold_planes_whose_noise_is_alike_nearby(smooth, independent, covered):
+    places, inside = cloud(40)[:, :2] * [0.8, 0.5], {"independent": [], "posterior": []}
+    places = np.column_stack([places, np.zeros(40)])
+    for detector in walls(smooth):
+        gap = np.abs(detector.residuals(places))
+        for variance, found in inside.items():
+            found.append(np.mean(gap <= detector.band(places, variance=variance)[0]))
+    low, high = independent
+    assert low <= np.mean(inside["independent"]) <= high
+    assert covered <= np.mean(inside["posterior"]) < 0.98
+
+
+def test_errors_of_noise_that_is_alike_are_those_of_bows_and_a_points_own_noise_stays():
+    detector = next(walls(2.5))
+    told, plain = detector.precision(), detector.precision("independent")
+    assert (told.scale, told.dof) == (detector.form_.bow_deviation, 3)
+    assert told.alike > 1 == plain.alike
+    assert told.alike == pytest.approx(told.scale / plain.scale)
+    np.testing.assert_allclose(told.ellipse, told.alike * plain.ellipse)
+    X = cloud(5)
+    of_plane, of_point = detector.band(X)
+    own = quantile(0.95, detector.dof_) * plain.scale
+    np.testing.assert_allclose(of_point**2 - of_plane**2, own**2)
+    assert (detector.precision("prior").scale, detector.precision("prior").alike) == (4.0, 1)

@@ -123,7 +123,7 @@ def test_an_exact_plane_has_neither_noise_nor_standard_error(surface, scale, off
         errors = [line.split("±")[1].split("1e-9")[0] for line in text.splitlines() if "±" in line]
         assert set(errors) == {" less than "}
     degrees = 74.498640 if scale[2] else 0.0  # arccos(1 / sqrt(14))
-    assert float(rows["tilt"].split()[0]) == pytest.approx(degrees, abs=1e-6)
+    assert float(rows["dip"].split()[0]) == pytest.approx(degrees, abs=1e-6)
 
 
 def test_the_plane_is_given_by_a_point_and_digits_by_the_standard_error():
@@ -156,24 +156,21 @@ def test_standard_errors_and_reliability_are_those_of_the_detector():
     rows, text = reported(detector, X, unit="m")
     precision, found = detector.precision(), detector.reliability(X)
     assert f"cone {precision.cone:.2g} degrees" in rows["normal's ellipse"]
-    assert numbers(rows["tilt"]) == pytest.approx([precision.tilt, precision.tilt_error], rel=0.05)
+    assert numbers(rows["dip"]) == pytest.approx([precision.tilt, precision.tilt_error], rel=0.05)
     turn = np.radians(precision.ellipse[0])
     assert numbers(rows["normal"]) == pytest.approx([*detector.normal_, turn], rel=0.05)
-    assert rows["level, power"].endswith(f"noncentrality {found.noncentrality:.2f}")
+    assert rows["alpha_0, 1 - beta"].endswith(f"noncentrality {found.noncentrality:.2f}")
     least, most = found.minimal_bias.min(), found.minimal_bias.max()
     assert rows["detectable bias"] == f"{least:.4g} to {most:.4g} m (MDB)"
     worst = int(np.argmax(detector.test_statistic_))
     row = next(line for line in text.splitlines() if line.split()[:1] == [str(worst)])
-    told = [float(cell) for cell in row.split()[4:6]]
+    told = [float(cell) for cell in row.split()[5:7]]
     assert told == pytest.approx([found.minimal_bias[worst], found.gross_error[worst]], rel=1e-2)
 
 
-@pytest.mark.parametrize(
-    "detector", [BaardaPlaneDetector(loss="huber"), BaardaPlaneDetector(0.9, correction="none")]
-)
-def test_where_there_is_no_reliability_the_report_does_without(detector):
+def test_where_there_is_no_reliability_the_report_does_without():
     X = plane_with_outliers(200, 10, 12.0)
-    text = text_report(detector.fit(X), X)
+    text = text_report(BaardaPlaneDetector(0.9, correction="none").fit(X), X)
     assert "Standard errors" in text
     assert "Reliability" not in text
 
@@ -186,7 +183,7 @@ def test_exact_points_have_the_standard_errors_of_a_given_sigma0():
     precision = detector.precision("prior")
     assert rows["a posteriori"] == "the points have no noise; these are a priori"
     assert f"cone {precision.cone:.2g} degrees" in rows["normal's ellipse"]
-    assert numbers(rows["tilt"])[1] == pytest.approx(precision.tilt_error, rel=0.05)
+    assert numbers(rows["dip"])[1] == pytest.approx(precision.tilt_error, rel=0.05)
 
 
 def test_flatness_and_comparison_are_reported_if_given():
@@ -198,3 +195,62 @@ def test_flatness_and_comparison_are_reported_if_given():
     assert rows["flatness"].startswith("exceeded")
     assert rows["against"] == "moved"
     assert numbers(rows["offset"]) == pytest.approx(compared.offset[:2], rel=0.05)
+
+
+def test_the_variance_ratio_of_a_given_sigma0_has_its_two_sided_interval():
+    X = plane_with_outliers(200, 0)
+    detector = BaardaPlaneDetector(1e-6, sigma0=1.0).fit(X)
+    rows, _ = reported(detector, X)
+    low, high = stats.chi2(197).ppf([0.025, 0.975]) / 197
+    assert rows["variance ratio"].endswith(f"{low:.4g} to {high:.4g} is usual (95 %)")
+    assert "variance ratio" not in reported(BaardaPlaneDetector(sigma0="auto").fit(X), X)[0]
+
+
+@pytest.mark.parametrize("test", ["w", "tau", "t"])
+def test_each_listed_point_has_its_p_its_name_and_what_its_error_would_have_done(test):
+    X = plane_with_outliers(60, 3, 9.0)
+    detector = BaardaPlaneDetector(test=test).fit(X)
+    _, text = reported(detector, X, ids=np.arange(60) + 7001)
+    told = detector.reliability(X)
+    lines = [line.split() for line in text.splitlines()]
+    head = next(line for line in lines if line[:1] == ["id"])
+    assert head[3:5] == ["statistic", "p"]
+    for i in np.argsort(-detector.test_statistic_)[:5]:
+        row = next(line for line in lines if line[:1] == [str(7001 + i)])
+        inside = detector.support_[i]
+        f, value = detector.dof_ + 1 - inside, detector.test_statistic_[i]
+        if test == "tau":
+            value = value * np.sqrt((f - 1) / (f - value**2))
+        tail = stats.norm.sf(value) if test == "w" else stats.t.sf(value, f - 1)
+        assert float(row[4]) == pytest.approx(2 * tail, rel=0.05)
+        assert float(row[8]) == pytest.approx(detector.leverage_[i] * told.gross_error[i], rel=0.05)
+
+
+def test_extent_and_area_are_of_the_plane_and_the_origin_is_told_where_it_is_near():
+    rng, corners = np.random.default_rng(0), np.array([[0, 0], [4, 0], [4, 3], [0, 3.0]])
+    places = np.concatenate([corners, rng.uniform(0, 1, (300, 2)) * [4, 3]])
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    for offset, near in ((0.0, True), (1000.0, False)):
+        X = np.column_stack([places, rng.normal(0, 1e-4, 304)]) @ turn + offset
+        detector = BaardaPlaneDetector(sigma0=1e-4, surface="orthogonal").fit(X)
+        rows, _ = reported(detector, X, unit="m")
+        assert rows["extent"].startswith("4 x 3 m, area 12 m^2")
+        assert ("distance" in rows) == near
+
+
+def test_pairs_of_points_are_told_apart_only_where_there_are_few():
+    X = plane_with_outliers(40, 0)
+    for n in (19, 20):
+        rows, _ = reported(BaardaPlaneDetector(1e-6).fit(X[:n]), X[:n])
+        assert ("separability" in rows) == (n < 20)
+
+
+def test_the_variance_ratio_of_the_fuzzy_test_has_the_degrees_of_freedom_without_its_outliers():
+    X = plane_with_outliers(60, 6, 12.0)
+    detector = FuzzyPlaneDetector(sigma0=1.0).fit(X)
+    f = np.count_nonzero(detector.labels_ == 1) - 3
+    assert f < detector.dof_
+    low, high = stats.chi2(f).ppf([0.025, 0.975]) / f
+    words = reported(detector, X)[0]["variance ratio"]
+    assert words.startswith(f"{detector.variance_factor_:.4g} = v'Pv")
+    assert words.endswith(f"{low:.4g} to {high:.4g} is usual (95 %)")

@@ -52,6 +52,34 @@ def test_noise_leaves_a_verdict_open_between_two_widths(tolerance, verdict):
     assert found.n_outside == np.count_nonzero(distances > tolerance / 2)
 
 
+@pytest.mark.parametrize("sigma0", [0.004, "auto"])
+@pytest.mark.parametrize(
+    ("bow", "tolerance", "verdict"),
+    [(0, 0.010, "kept"), (0.010, 0.005, "exceeded"), (0.010, 0.012, "undecided")],
+)
+def test_the_form_of_a_wall_is_judged_through_its_noise(sigma0, bow, tolerance, verdict):
+    X = np.random.default_rng(1).uniform(0, 1, (8_000, 3)) * [4, 2.5, 0]
+    X[:, 2] = np.random.default_rng(2).normal(0, 0.004, 8_000) + bow * (X[:, 0] / 2 - 1) ** 2
+    options = {"surface": "orthogonal", "robust_start": True, "random_state": 0}
+    found = flatness(BaardaPlaneDetector(sigma0=sigma0, **options).fit(X), X, tolerance)
+    assert found.verdict == verdict
+    # A third of it is below the plane of best fit, two thirds are above; noise adds some.
+    assert found.form == pytest.approx(2 / 3 * bow, abs=0.003)
+    assert found.form_uncertainty < 0.003 < found.uncertainty
+
+
+@pytest.mark.parametrize("tolerance", [0.010, 0.030])
+def test_a_surface_is_seldom_exceeded_or_kept_wrongly(tolerance):
+    """A bow whose rims are just at the tolerance: neither verdict is proven."""
+    rng, verdicts = np.random.default_rng(3), []
+    for _ in range(25):
+        X = np.column_stack([rng.uniform(-1, 1, (1_000, 2)), rng.normal(0, 0.001, 1_000)])
+        X[:, 2] += 0.75 * tolerance * X[:, 0] ** 2
+        detector = FuzzyPlaneDetector(0.05, sigma0=0.001, width=1e6).fit(X)
+        verdicts.append(flatness(detector, X, tolerance).verdict)
+    assert verdicts.count("undecided") > 20
+
+
 def test_points_within_the_tolerance_are_significant_with_probability_alpha_at_most():
     # The worst case: true distances of exactly half the tolerance, to both sides of each place.
     rng = np.random.default_rng(0)

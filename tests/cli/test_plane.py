@@ -132,7 +132,7 @@ def test_report_and_figure_go_where_they_are_told(wall_file, tmp_path, real_figu
     assert figure.read_bytes().startswith(b"%PDF")
     report = text.read_text()
     assert "outliers              60 of 600 (10.00 %)" in report
-    tilt = float(report.split("\ntilt")[1].split()[0])
+    tilt = float(report.split("\ndip")[1].split()[0])
     assert abs(tilt - 90) < 0.1  # 0.004 on 3 m, over 540 points: 0.01 degrees
     assert str(wall_file) in report
     assert (tmp_path / "out.laz").stat().st_size > 0
@@ -145,7 +145,7 @@ def test_a_rejected_global_test_is_said_on_the_terminal_and_in_the_report(wall_f
         "warning: the global test rejects this plane .p = .*--sigma0 0.002", result.stderr
     )
     assert re.search(
-        r"global test  p = \S+ with all points, \S+ without outliers; rejected", result.stdout
+        r"global test +p = \S+ with all points, \S+ without outliers; rejected", result.stdout
     )
     page = next((tmp_path / "report").glob("*.html")).read_text()
     assert "The plane and sigma0 do not fit" in page
@@ -282,6 +282,11 @@ def test_another_wall_is_compared(wall, wall_file, tmp_path):
     assert "Against the other plane" in text
     same = run("plane", wall_file, "--against", wall_file)
     assert re.search(r"against +same\n", same.stdout)
+    told = "--against", other, "--registration", "30mm", "--unit", "m"
+    unsure = run("plane", wall_file, *told).stdout
+    assert re.search(r"against +same\n", unsure)
+    assert re.search(r"registration +± 0.03 m are in both errors\n", unsure)
+    assert "name the other by --against" in usage_error(run("plane", wall_file, *told[2:]))
     line = error_line(run("plane", wall_file, "--against", tmp_path / "nix.laz"))
     assert "nix.laz: no such file" in line
 
@@ -309,3 +314,19 @@ def test_without_an_output_the_summary_is_that_of_one_and_nothing_is_written(wal
     written = run("plane", wall_file, tmp_path / "out.laz", "--sigma0", 0.004)
     shared = [line for line in written.stdout.splitlines()[1:] if "report" not in line]
     assert told.stdout.splitlines()[1:-1] == shared[:-1]  # the last has the seconds
+
+
+def test_points_are_listed_by_the_identifiers_of_the_file_and_the_normal_faces_a_place(tmp_path):
+    rng = np.random.default_rng(0)
+    wall = rng.uniform((0, 0, 0), (4, 0, 2.5), (60, 3)) + rng.normal(0, 0.004, (60, 3))
+    wall[7, 1] += 0.5
+    rows = [f"{500 + i},{x:.4f},{y:.4f},{z:.4f}" for i, (x, y, z) in enumerate(wall)]
+    (tmp_path / "wall.csv").write_text("\n".join(["id,x,y,z", *rows]) + "\n")
+    options = ("--text", tmp_path / "report.txt", "--toward", "2,-10,1", "--sigma0", "4mm")
+    result = done("plane", tmp_path / "wall.csv", tmp_path / "out.csv", "--unit", "m", *options)
+    lines = [line.split() for line in (tmp_path / "report.txt").read_text().splitlines()]
+    at = next(i for i, line in enumerate(lines) if line[:1] == ["id"])
+    assert lines[at + 1][0] == "507"
+    assert float(re.search(r"normal +\S+ (\S+)", result.stdout)[1]) == pytest.approx(-1, abs=0.01)
+    refused = run("plane", tmp_path / "wall.csv", "--toward", "2,-10")
+    assert "2,-10 is no position, such as 0,0,0" in usage_error(refused)

@@ -98,7 +98,8 @@ SOME = {
 }
 CLEAR = "lie on one line|lie at one place|distinct point|is for points in 2D and 3D"
 # May be infinite, or not a number where it is documented so.
-UNKNOWN = ("global_test_pvalue", "defuzzification", "critical_value_")
+UNKNOWN = ("global_test_pvalue", "defuzzification", "critical_value_", "form_.statistic")
+UNKNOWN += ("form_.pvalue",)
 
 
 def quiet_fit(estimator, X):

@@ -57,11 +57,15 @@ def test_copies_tell_nothing_and_alike_heights_little_about_the_plane():
     twice, _ = only_region(np.repeat(X, 2, axis=0))
     errors = ["height_error", "normal_error"]
     assert_allclose(list(twice[errors]), list(own[errors]), rtol=0.05)
-    # Waves as high as the noise, of which 3000 points tell no more than their 12 crests.
-    plane = X - SHIFT
-    X[:, 2] += 2 * NOISE * np.sin(2 * np.pi * plane[:, 0]) * np.sin(2 * np.pi * plane[:, 1])
-    wavy, _ = only_region(X)
-    assert wavy["height_error"] > 1.5 * wavy["rms"] / np.sqrt(len(X))
+    # Lumps as high as half of the noise, some dozen on the whole rectangle.
+    rng, plane = np.random.default_rng(1), X - SHIFT
+    lumps = rng.uniform(-1.5, 1.5, (12, 2)), rng.choice([-1, 1], 12)
+    gaps = np.linalg.norm(plane[:, None, :2] - lumps[0], axis=2)
+    X[:, 2] += NOISE / 2 * np.exp(-((gaps / 0.5) ** 2)) @ lumps[1]
+    lumpy, _ = only_region(X)
+    assert lumpy["height_error"] > 1.5 * lumpy["rms"] / np.sqrt(len(X))
+    ratios = [lumpy[name] / own[name] for name in errors]
+    assert ratios[0] == pytest.approx(ratios[1], rel=0.05)
 
 
 def test_outlines_are_convex_hulls_in_the_plane():
@@ -138,7 +142,8 @@ def test_errors_of_narrow_regions_are_how_normals_scatter():
         labels = np.zeros(400, np.int32)
         found.append(region_table(X, labels, around, (*moments, axes.T[None, :, ::-1])))
     turned = (np.array(turned) + 90) % 180 - 90
-    stated = np.sqrt(np.mean([table["normal_error"][0] ** 2 for table in found]))
+    # Usually; those that seem bowed have more.
+    stated = np.median([table["normal_error"][0] for table in found])
     assert_allclose(stated, np.sqrt(np.mean(turned**2)), rtol=0.12)  # of 300: 4 %, three times that
 
 
