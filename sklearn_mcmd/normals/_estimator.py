@@ -159,9 +159,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Share of each neighborhood that was removed as outliers.
 
     normal_error_ : ndarray of shape (n_samples,)
-        Standard error of each normal, in degrees: root mean square of its tilt from the noise of its
-        plane or, on a surface that bends, its quadric; and the doubt which plane around is the right
-        one, and whether the surface goes on as its fit says, where planes are mended (see
+        Standard error of each normal, in degrees: root mean square of its tilt from the noise of
+        its plane or, on a surface that bends, quadric; and the doubt which plane around is right,
+        and whether the surface goes on as its fit says, where planes are mended (see
         :ref:`errors of normals <errors_of_normals>`). The true normal is within 1.73 times that
         with 95 % confidence (in 3D; 1.96 times in 2D). 90 where nothing determines the normal.
 

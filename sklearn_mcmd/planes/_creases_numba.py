@@ -66,8 +66,8 @@ def fit_quadric(local, size, d, axes, extent, weight, rest, equations):
 
 @kernel(fastmath=False)
 def fit_sides(local, size, d, axes, extent, weight, second, shares, heights):
-    """Fill the distances (2, size) of members, in extents, above the planes that are nearest to both
-    sides; True unless a side has no more members than a plane goes through."""
+    """Fill the distances (2, size) of members, in extents, above the planes nearest to both sides;
+    True unless a side has no more members than a plane goes through."""
     n_second = 0
     for j in range(size):
         n_second += second[j]
