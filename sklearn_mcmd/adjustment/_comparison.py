@@ -114,7 +114,7 @@ def compare_planes(
     >>> detectors = [BaardaPlaneDetector(sigma0=0.01).fit(X + [0, 0, dz]) for dz in (0, 0.005)]
     >>> result = compare_planes(*detectors)
     >>> print(f"{result.verdict}: {result.offset.value:.4f} ± {result.offset.error:.4f}")
-    moved: 0.0050 ± 0.0010
+    moved: 0.0050 ± 0.0012
     """
     for detector in (a, b):
         check_is_fitted(detector)

@@ -122,7 +122,7 @@ def plan_plane(
     >>> from sklearn_mcmd.adjustment import plan_plane
     >>> plan = plan_plane(50, sigma0=0.004, n_repetitions=1000, random_state=0)
     >>> print(f"{plan.bias[0]:.3f} m; {plan.missed[0]:.2f} missed")
-    0.017 m; 0.19 missed
+    0.017 m; 0.20 missed
     """
     sides = np.asarray(extent, dtype=float)
     if sides.shape != (2,) or not np.all((sides > 0) & (sides < np.inf)):

@@ -49,7 +49,9 @@ class SmoothnessLimits(NamedTuple):
 class FoldLimits(NamedTuple):
     """When a neighborhood is folded."""
 
-    evidence: float = 1.0  # least ratio of squares that the quadric leaves to those of two planes
+    # Least ratio of squares that the quadric leaves to those of two planes. Below 1, as these are
+    # asked where the quadric already leaves more than is usual around.
+    evidence: float = 0.6
     best: float = 0.75  # share of the members whose squares count, as others may be outliers
     # Members farther from the robust plane than this number of its standard deviations are what the
     # second plane is fitted to first.

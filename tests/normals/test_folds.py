@@ -98,7 +98,7 @@ def is_folded(members, face):
     left, _, _, above = fit_crease(flat, heights, weights, others, 5)
     rest = off_quadric(flat, heights, weights)
     by_quadric, by_planes = (np.sort(h**2)[:best].sum() for h in (rest, np.abs(above).min(axis=0)))
-    return left < np.inf and by_quadric > by_planes
+    return left < np.inf and by_quadric > 0.6 * by_planes
 
 
 def tangent_plane(members, query, left):
