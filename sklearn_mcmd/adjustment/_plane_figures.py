@@ -364,6 +364,7 @@ def _flatness_rows(flat, unit):
     """Points against the tolerance, both zones and the verdict."""
     if flat is None:
         return []
+    cell, bump = (" x ".join(f"{side:.2g}" for side in one) for one in (flat.cell, flat.bump))
     outside = _share(flat.n_outside, flat.n_points, " points")
     return _words(
         {
@@ -373,7 +374,8 @@ def _flatness_rows(flat, unit):
             "zone": f"{flat.zone:.4g}{unit} by least squares, {flat.minimum_zone:.4g}{unit} at "
             "least; without outliers, with noise",
             "form": f"{flat.form:.3g}{unit} off at most, ± {flat.form_uncertainty:.2g}{unit}, by "
-            f"planes of {flat.n_cells} cells",
+            f"planes of {flat.n_cells} cells of {cell}{unit}; a bump of less than {bump}{unit}, or "
+            f"{flat.bump_height:.2g}{unit} high, may be unseen",
             "flatness": f"{flat.verdict}, the uncertainty considered",
         }
     )

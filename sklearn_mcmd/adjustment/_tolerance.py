@@ -14,8 +14,10 @@ from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._tests import local_level
 from sklearn_mcmd.planes._form import FormLimits, cells_of, planes_of
 
-N_PARTS = 12  # of the tolerance, one of which is the uncertainty in the middle of a cell
-LEAST_POINTS = 32  # of a cell
+LEAST_POINTS = 12  # of a cell with a plane, if they are enough for cells that show a bow
+LEAST_HALVINGS = 2  # four cells, which show a bow along and across
+MEAN_POINTS = 4  # of the smallest cells, of which there are means alone
+FAR = 3  # times the usual leverage: beside its cell; a corner of an even one has 7/3
 LP_TOLERANCE = 1e-7  # of distances over the width, that of the linear programs
 N_TURNS = 3  # of the normal; each squares the angle that is left
 
@@ -39,10 +41,12 @@ class PlaneFlatness(NamedTuple):
         Cells of about as many points that pass, whose own planes show the form of the surface.
     form, form_uncertainty : float
         The largest distance of these planes, and the largest uncertainty of one.
+    cell, bump, bump_height : tuple of float, tuple of float, float
+        Usual sides of these cells, and sides and height from which on a bump forbids "kept".
     verdict : {"exceeded", "kept", "undecided"}
-        "exceeded" if the plane of a cell, or a point, is off by more than half the tolerance and
-        its uncertainty; else "kept" if the planes of all cells are within it by as much. Otherwise
-        nothing is proven (ISO 14253-1).
+        "exceeded" if a plane, the mean of a cell, or a point is off by more than half the tolerance
+        and its uncertainty; else "kept" if all planes are within it by as much, and each mean that
+        is more than noise. Otherwise nothing is proven (ISO 14253-1).
     """
 
     tolerance: float
@@ -55,17 +59,18 @@ class PlaneFlatness(NamedTuple):
     n_cells: int
     form: float
     form_uncertainty: float
+    cell: tuple[float, ...]
+    bump: tuple[float, ...]
+    bump_height: float
     verdict: str
 
 
 def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFlatness:
     """Compare the points of a fitted plane with a tolerance of flatness (ISO 12781-1).
 
-    The surface is judged by the planes of cells, which are as small as noise allows: the
-    uncertainty in the middle of one is a twelfth of the tolerance, if there are points enough. What
-    is smaller than a cell, single points judge. One is outside if it is farther than half the
-    tolerance from the plane, where noise alone brings some, and significant if it is so by more
-    than the test of one point allows. Noise that is alike nearby looks like form.
+    Planes of cells judge the surface, then means of ever smaller ones, then single points. One is
+    outside if it is farther than half the tolerance from the plane, as noise alone brings some, and
+    significant if by more than its test allows. Noise that is alike nearby looks like form.
 
     Parameters
     ----------
@@ -108,17 +113,14 @@ def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFl
     zone = np.ptp(adjust_plane(passed, surface="orthogonal").evaluate(passed)[0])
 
     judged = passes & (weights > 0)
-    n_cells, heights, error = _surface(
+    verdict, figures = _surface(
         (X[judged] - plane.center) @ plane.directions,
         residuals[judged],
         weights[judged],
         tolerance,
-        lambda m: unit * quantile(1 - local_level(detector.alpha, m), noise_dof, plane.rank),
+        unit,
+        lambda m, rank: quantile(1 - local_level(detector.alpha, m), noise_dof, rank),
     )
-    heights = np.abs(heights)
-    verdict = "kept" if np.all(heights + error <= half) else "undecided"
-    if exceeded.any() or np.any(heights - error > half):
-        verdict = "exceeded"
     return PlaneFlatness(
         tolerance=float(tolerance),
         n_points=len(X),
@@ -127,24 +129,43 @@ def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFl
         zone=float(zone),
         minimum_zone=minimum_zone(passed),
         uncertainty=float(uncertainty.max()),
-        n_cells=n_cells,
-        form=float(heights.max()),
-        form_uncertainty=float(error.max()),
-        verdict=verdict,
+        verdict="exceeded" if exceeded.any() else verdict,
+        **figures,
     )
 
 
-def _surface(places, residuals, weights, tolerance, uncertainty_of):
-    """Number of cells, and at each point the height of the plane of its cell and its uncertainty.
+def _surface(places, residuals, weights, tolerance, noise, factor):
+    """Verdict of planes of cells and of means of ever smaller ones, and the figures of both.
 
-    The function tells the uncertainty of weight 1, at all places of so many cells at once.
+    The function `factor` tells the quantile of so many cells of so many unknowns at once.
     """
-    least, n = FormLimits().halvings, len(places)
-    ratio = max(N_PARTS * uncertainty_of(2**least) / tolerance, np.sqrt(LEAST_POINTS))
-    halvings = max(int(np.log2(n / ratio**2)), least)
-    cells = cells_of(places, residuals, weights, halvings)
-    heights, cofactors = planes_of(cells, places, residuals, weights)
-    return len(cells.weights), heights, uncertainty_of(len(cells.weights)) * np.sqrt(cofactors)
+    half, rank = float(tolerance) / 2, places.shape[1] + 1
+    enough, last = (max(int(np.log2(len(places) / m)), 0) for m in (LEAST_POINTS, MEAN_POINTS))
+    first = min(max(enough, LEAST_HALVINGS), FormLimits().halvings, last)
+    scales = range(first, last + 1, 2)
+    cells = cells_of(places, residuals, weights, first)
+    heights, cofactors = planes_of(cells, places, residuals, weights, noise)
+    near = cofactors * cells.weights[cells.of_point] <= FAR * rank
+    heights = np.abs(heights[near])
+    error = noise * factor(len(cells.weights) * len(scales), rank) * np.sqrt(cofactors[near])
+    figures = {"n_cells": len(cells.weights), "cell": _sides(cells, places)}
+    figures |= {"form": float(heights.max()), "form_uncertainty": float(error.max())}
+    kept, exceeded = np.all(heights + error <= half), np.any(heights - error > half)
+    for scale in scales:
+        cells = cells_of(places, residuals, weights, scale)
+        heights = np.abs(cells.residuals)
+        error = noise * factor(len(heights) * len(scales), 1) / np.sqrt(cells.weights)
+        kept &= np.all(heights <= np.maximum(error, half - error))
+        exceeded |= np.any(heights - error > half)
+    figures["bump"] = _sides(cells, places, 2)  # so large it covers a cell, wherever it is
+    figures["bump_height"] = max(2 * float(np.median(error)), half)
+    return "exceeded" if exceeded else "kept" if kept else "undecided", figures
+
+
+def _sides(cells, places, times=1):
+    """Usual sides of cells: half of the points are within a quarter of a side of the middle."""
+    local = np.abs(places - cells.places[cells.of_point])
+    return tuple((4 * times * np.median(local, axis=0)).tolist())
 
 
 def minimum_zone(X):

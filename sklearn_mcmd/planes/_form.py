@@ -16,6 +16,7 @@ from sklearn_mcmd.runtime._chunks import slices
 CHUNK = 1 << 15  # rows whose terms are formed at once
 N_BOWS = 3  # at least, of as many degrees as that takes
 RANK_TOLERANCE = 1e-12  # of squares of a bow over the largest, below which it is a tilt or none
+WIDEST_NOISE = 3  # deviations: across less a cell, such as a row, has no tilt
 
 
 class FormLimits(NamedTuple):
@@ -97,7 +98,7 @@ def _halves(places, rows):
     return [rows[below], rows[~below]] if below.any() else [rows]
 
 
-def planes_of(cells, places, residuals, weights):
+def planes_of(cells, places, residuals, weights, noise):
     """Heights at each point of the plane that fits its cell best, and their cofactors."""
     of_point, k = cells.of_point, places.shape[1]
     local = places - cells.places[of_point]
@@ -105,7 +106,10 @@ def planes_of(cells, places, residuals, weights):
     columns = np.column_stack([local, residuals])
     for i, j in np.ndindex(k, k + 1):
         moments[:, i, j] = np.bincount(of_point, weights * local[:, i] * columns[:, j])
-    inverse = np.linalg.pinv(moments[..., :-1], hermitian=True)
+    values, vectors = eigh(moments[..., :-1])
+    known = values > (WIDEST_NOISE * noise) ** 2 * np.bincount(of_point)[:, None]
+    known &= values > RANK_TOLERANCE * values[:, -1:]
+    inverse = (vectors * (known / np.where(known, values, 1.0))[:, None]) @ vectors.swapaxes(1, 2)
     slopes = np.einsum("cij,cj->ci", inverse, moments[..., -1])
     heights = cells.residuals[of_point] + np.einsum("ni,ni->n", local, slopes[of_point])
     cofactors = np.einsum("ni,nij,nj->n", local, inverse[of_point], local)

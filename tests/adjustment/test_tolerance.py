@@ -68,6 +68,64 @@ def test_the_form_of_a_wall_is_judged_through_its_noise(sigma0, bow, tolerance, 
     assert found.form_uncertainty < 0.003 < found.uncertainty
 
 
+def noisy_wall(seed, n=8_000, noise=0.004, rows=0):
+    rng = np.random.default_rng(seed)
+    X = np.column_stack([rng.uniform(-1, 1, (n, 2)) * [2, 1.25], rng.normal(0, noise, n)])
+    if rows:
+        X[:, 1] = np.resize(np.repeat(np.linspace(-1.25, 1.25, rows), n // rows), n)
+    return X, rng
+
+
+def flatness_of(X, tolerance, noise=0.004):
+    detector = BaardaPlaneDetector(sigma0=noise, surface="orthogonal").fit(X)
+    return flatness(detector, X, tolerance)
+
+
+@pytest.mark.parametrize("rows", [0, 2, 3, 4, 6, 9, 20])
+def test_flat_walls_are_kept_also_if_measured_in_rows(rows):
+    verdicts = [flatness_of(noisy_wall(seed, rows=rows)[0], 0.010).verdict for seed in range(20)]
+    assert verdicts.count("kept") >= 18
+    assert "exceeded" not in verdicts
+
+
+def test_cells_that_straddle_many_dense_rows_leave_a_flat_wall_kept():
+    X, _ = noisy_wall(0, 80_000, 0.002, rows=20)
+    assert flatness_of(X, 0.020, 0.002).verdict == "kept"
+
+
+def test_a_bump_of_the_size_that_is_told_is_never_kept_and_a_high_one_is_exceeded():
+    verdicts = []
+    for seed in range(20):
+        X, rng = noisy_wall(seed)
+        flat, center = flatness_of(X, 0.010), rng.uniform(-1, 1, 2) * [1.5, 1]
+        inside = np.all(np.abs(X[:, :2] - center) < np.array(flat.bump) / 2, axis=1)
+        found = []
+        for height in (flat.bump_height, 0.016):
+            X[inside, 2] += height
+            found.append(flatness_of(X, 0.010).verdict)
+            X[inside, 2] -= height
+        verdicts.append(found)
+    low, high = zip(*verdicts, strict=True)
+    assert max(flat.bump) < 0.2 < 0.9 * max(flat.cell)
+    assert "kept" not in low + high
+    assert high.count("exceeded") >= 14
+
+
+@pytest.mark.parametrize(("n", "n_cells"), [(30, 4), (60, 4), (100, 8), (300, 16)])
+def test_few_points_make_few_cells_that_keep_a_flat_wall_and_show_a_bow(n, n_cells):
+    flat, bowed = [], []
+    for seed in range(20):
+        X, _ = noisy_wall(seed, n, 0.001)
+        found = flatness_of(X, 0.010, 0.001)
+        assert found.n_cells == n_cells
+        flat.append(found.verdict)
+        X[:, 2] += 0.003 * X[:, 0] ** 2
+        bowed.append(flatness_of(X, 0.010, 0.001).verdict)
+    assert flat.count("kept") >= 17
+    assert bowed.count("exceeded") >= 17
+    assert "kept" not in bowed
+
+
 @pytest.mark.parametrize("tolerance", [0.010, 0.030])
 def test_a_surface_is_seldom_exceeded_or_kept_wrongly(tolerance):
     """A bow whose rims are just at the tolerance: neither verdict is proven."""
