@@ -95,3 +95,11 @@ def test_a_line_bows_by_three_degrees_and_exact_points_by_none():
     assert form(line + np.array([0, 1]) * 0.01 * line[:, :1] ** 2).pvalue < 1e-6
     exact = BaardaPlaneDetector(1e-9, sigma0=NOISE).fit(np.round(wall() * [1, 1, 0], 3))
     assert not exact.form_.is_alike(exact._fitted.scale)
+
+
+def test_many_regressors_have_no_bows():
+    rng = np.random.default_rng(0)
+    form = form_of(rng.normal(size=(300, 80)), rng.normal(size=300))
+    assert np.isnan(form.pvalue)
+    assert np.isnan(form.bow)
+    assert not form.is_alike(0.1)
