@@ -107,7 +107,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             as thick as they are wide; if half of the points are on one line, which is no robust
             start; or if `sigma0` is less than the rounding of float64.
         """
-        self._fit(self._check_training(X, weights))
+        training = self._check_training(X, weights)
+        self._place_of_side()
+        self._fit(training)
         return self
 
     def fit_predict(
@@ -235,17 +237,14 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         return Training(points, p, used, rounding_errors(counted))
 
     def _place_of_side(self):
-        """`toward`, checked."""
-        place = np.asarray(self.toward, dtype=float)
+        """`toward`, checked, or None."""
+        if self.toward is None:
+            return None
         if self.surface == "vertical":
             raise ParameterError(
                 "$toward is for $surface='orthogonal': the normal of a vertical surface points up."
             )
-        if place.shape != (self.n_features_in_,) or not np.isfinite(place).all():
-            raise ParameterError(
-                f"$toward={self.toward!r} is no place: give {self.n_features_in_} coordinates."
-            )
-        return place
+        return place_of(self.toward, self.n_features_in_, "$toward")
 
     def _check_weights(self, X, weights):
         if weights is None:
@@ -312,14 +311,16 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             X, weights = X[support], weights if weights is None else weights[support]
         places, residuals = (X - plane.center) @ axes, (X - plane.center) @ plane.direction
         self.form_ = form_of(places, residuals, weights)
-        middle = (places.min(axis=0) + places.max(axis=0)) / 2
+        middle = plane.center + axes @ (places.min(axis=0) + places.max(axis=0)) / 2
+        if self.surface == "vertical":
+            middle[-1] -= plane.evaluate(middle[None])[0][0]
         self._fitted = FittedPlane(
             plane=plane,
             scale=training.deviation_of(plane),
             rounding=training.rounding_of(plane.direction),
             is_rounding=is_rounding,
             weights=training.weights,
-            middle=plane.center + axes @ middle,
+            middle=middle,
         )
         self.coef_, self.intercept_ = plane.coef, plane.intercept
         self.normal_ = plane.normal
@@ -383,3 +384,14 @@ def check_points(detector: PlaneDetector, X: ArrayLike) -> NDArray[np.float64]:
             f"{(len(detector.labels_), detector.n_features_in_)}; pass the training points."
         )
     return points
+
+
+def place_of(values, n, name):
+    """A place of n finite coordinates, or an error that names the parameter."""
+    try:
+        place = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        place = np.empty(0)
+    if place.shape != (n,) or not np.isfinite(place).all():
+        raise ParameterError(f"{name}={values!r} is no place: give {n} coordinates.")
+    return place

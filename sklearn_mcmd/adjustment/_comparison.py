@@ -8,12 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc, fdtrc
 from sklearn.utils.validation import check_is_fitted
 
-from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._sklearn import Interval, validate_params
-from sklearn_mcmd.adjustment._base import PlaneDetector, Variance
+from sklearn_mcmd.adjustment._base import PlaneDetector, Variance, place_of
 from sklearn_mcmd.adjustment._power import POWER, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile
 from sklearn_mcmd.adjustment._tests import local_level
+
+FAR = 2.0  # half widths from the middles of both planes, from which on a place is on neither
 
 
 class Difference(NamedTuple):
@@ -123,9 +125,11 @@ def compare_planes(
             f"The planes are of {a.n_features_in_} and {b.n_features_in_} columns: compare planes "
             "of points with as many columns."
         )
-    place = (a._fitted.middle + b._fitted.middle) / 2 if place is None else np.asarray(place, float)
-    if place.shape != a.normal_.shape or not np.isfinite(place).all():
-        raise ParameterError(f"place={place.tolist()} is no place of {a.n_features_in_} numbers.")
+    if place is None:
+        place = (a._fitted.middle + b._fitted.middle) / 2
+        if min(_rims_away(one._fitted.plane, place) for one in (a, b)) > FAR:
+            warn_caller("The planes are far from each other, and compared between: give a place.")
+    place = place_of(place, a.n_features_in_, "place")
     is_sided = a.toward is not None and b.toward is not None
     side = 1.0 if is_sided else np.sign(a.normal_ @ b.normal_) or 1.0
     angle, bases = _great_circle(a.normal_, side * b.normal_)
@@ -175,6 +179,11 @@ def _turns(plane):
     """Turns of the normal that lift one rim by 1; a rim is sqrt(3) deviations from the center."""
     directions, inverse, _ = np.linalg.svd(plane.axes, full_matrices=False)
     return directions * inverse * np.sqrt(plane.sum_weights / 3)
+
+
+def _rims_away(plane, place):
+    """How many rims a place is from the center of the points."""
+    return np.linalg.norm(plane.axes.T @ (place - plane.center)) * np.sqrt(plane.sum_weights / 3)
 
 
 def _difference(value, values, roots, dofs, level, unit=1.0):

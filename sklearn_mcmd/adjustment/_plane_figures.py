@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.special import chdtri
 
-from sklearn_mcmd._errors import counted
+from sklearn_mcmd._errors import ParameterError, counted
 from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
@@ -66,6 +66,8 @@ def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatne
     reliability. Points are named by their `ids`, or by their rows.
     """
     names = ("row", np.arange(len(X))) if ids is None else ("id", np.asarray(ids))
+    if names[1].shape != (len(X),):
+        raise ParameterError(f"ids have {names[1].size} names: give {len(X)}, one for each point.")
     unit = f" {unit}" if unit else ""
     reliability = None if n_worst is None else _usual_reliability(detector, X, n_worst)
     found = {"method": _method(detector), "points": len(X)}
@@ -173,7 +175,8 @@ def _plane_rows(detector, X, unit):
         rows += _extent_rows(X[detector.labels_ == 1] - plane.center, plane.normal, unit)
     if detector._fitted.is_rounding:
         return rows
-    if precision.azimuth_error < NO_DIRECTION:
+    leans = precision.tilt > precision.confidence_factor() * precision.tilt_error
+    if leans and precision.azimuth_error < NO_DIRECTION:
         rows.append(_dip_direction(detector, precision))
     foot = detector.distance_ * detector.normal_ - plane.center
     if foot @ foot <= np.square(X - plane.center).sum(axis=1).max():  # farther off it tells nothing
@@ -224,12 +227,15 @@ def _error_rows(detector, X, unit):
     if detector.sigma0 != "auto":
         prior = f"a priori {detector.sigma0_ / precision.scale:.3g} times as large"
     posterior = f"with {precision.dof:g} degrees of freedom; {prior}"
-    times = f"{precision.alike:.2g} times those " if precision.alike > 1 else ""
+    times = share = ""
+    if precision.alike > 1:
+        times = f"{precision.alike:.2g} times those "
+        share = f", and {quantile(0.95, precision.dof):.3g} of them hold 95 %"
     exact = "the points have no noise; these are a priori"
     ellipse = " x ".join(f"{error:.2g}" for error in precision.ellipse)
     return _words(
         {
-            "errors": f"{times}of independent noise; not in them: form of the whole plane, "
+            "errors": f"{times}of independent noise{share}; not in them: form of the whole plane, "
             "registration, calibration",
             "a posteriori": exact if variance == "prior" else posterior,
             "normal's ellipse": f"{ellipse}, cone {precision.cone:.2g} degrees; 95 %: "

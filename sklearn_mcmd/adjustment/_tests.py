@@ -169,7 +169,8 @@ def t_to_tau(t, dof):
 
 def normal_equivalent(t, dof):
     """The w that is as rare as a t (D. L. Wallace, "Bounds on normal approximations to Student's
-    and the chi-square distributions", 1959); within 0.03 from 5 degrees of freedom on."""
+    and the chi-square distributions", 1959); within 0.03 from 5 degrees of freedom
+    and up to t = 8."""
     return (8 * dof + 1) / (8 * dof + 3) * np.sqrt(dof * np.log1p(np.square(t) / dof))
 
 
@@ -185,7 +186,8 @@ def chance_outside(t, n_outside, n, dof):
     log_density = dof * (log_s - np.exp(2 * log_s) / 2)
     beyond = n_outside * (np.log(2) + log_ndtr(-t * np.exp(log_s)))
     ways = -betaln(n - n_outside + 1, n_outside + 1) - np.log1p(n)
-    return np.exp(ways + logsumexp(log_density + beyond) - logsumexp(log_density))
+    # A chance, and of many points its bound is far above 1.
+    return np.exp(min(ways + logsumexp(log_density + beyond) - logsumexp(log_density), 0.0))
 
 
 def global_test_pvalue(sum_of_squares, sigma0, dof):

@@ -262,7 +262,7 @@ def judge_distances(points, origin, around, evidence, faces, limits, told, dista
                     place -= 1
                 told[place] = evidence[j]
                 n_told += 1
-        # From 0 on a plane to 1 in a ball.
+        # From 0 on the own face to 1 in a ball, or across a face.
         total = along = 0.0
         for axis in range(d):
             mean = _mean_of(points, near, axis, origin)

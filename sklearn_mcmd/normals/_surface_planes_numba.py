@@ -13,8 +13,9 @@ from sklearn_mcmd.planes._quadrics_numba import (
 from sklearn_mcmd.runtime._kernels import kernel
 
 # The variance of how a quadric's normals turn, over that of its normal in the middle, is this times
-# the squared distance over its mean: by least squares, of members that are even on a disk.
-TURN = 6.0
+# the squared distance over its mean: by least squares, of members that are even on a disk; or, in
+# 2D, on a line.
+TURN, TURN_2D = 6.0, 5.0
 
 
 @kernel(cache=True)
@@ -199,7 +200,7 @@ def _take_turn(points, query, row, size, n_planes, axes, pivot, room, found):
         u, v = found[2, j] / extent, found[3, j] / extent
         found[4, j] += 2.0 * uu * u + uv * v
         found[5, j] += uv * u + 2.0 * vv * v
-    return TURN / square
+    return (TURN if len(query) > 2 else TURN_2D) / square
 
 
 @kernel(inline="always")

@@ -42,6 +42,7 @@ def fit_surface(local, size, d, axes, extent, weight, n_terms, heights, equation
             right[i] = 0.0
             for j in range(i):
                 lower[i, j] = 0.0
+    solution[:] = 0.0  # of what nothing determines
     decompose(lower, right, solution, 0.0, 0.0)
     back_substitute(lower, solution)
     deviate(local, size, axes, extent, solution, heights)

@@ -42,7 +42,7 @@ class PlaneForm(NamedTuple):
         Standard deviation of unit weight inside of the cells.
     bow : float
         Of the surface of second degree that fits the points best, from its lowest to its highest
-        place beside the plane.
+        place beside the plane; nan where there is no F.
     bow_deviation, n_bows : float, int
         Standard deviation of unit weight that bows show, and number of these: three in space.
     """
@@ -122,12 +122,13 @@ def form_of(places, residuals, weights=None):
     unit = np.sqrt(np.mean(places**2, axis=0))
     unit[unit == 0] = 1.0
     cells = cells_of(places, residuals, weights)
-    bow, explained, n_bows, squares = _bows(places / unit, residuals, weights)
     root = np.sqrt(cells.weights)
     means, design = root * cells.residuals, root[:, None] * _with_one(cells.places / unit)
     tilts, _, rank, _ = np.linalg.lstsq(design, means)
-    between, within = np.sum((means - design @ tilts) ** 2), squares - means @ means
     dof, noise_dof = len(root) - int(rank), len(places) - len(root)
+    # Cells that cannot test many regressors need none of their many bows.
+    bow, explained, n_bows, squares = _bows(places / unit, residuals, weights, dof > 0)
+    between, within = np.sum((means - design @ tilts) ** 2), squares - means @ means
     statistic = pvalue = np.nan
     if dof and noise_dof and within > RANK_TOLERANCE * squares:
         statistic = between / dof / (within / noise_dof)
@@ -145,9 +146,13 @@ def form_of(places, residuals, weights=None):
     )
 
 
-def _bows(places, residuals, weights):
-    """Height of the bow that fits best, squares that bows explain, how many these are, and v'Pv."""
+def _bows(places, residuals, weights, tested):
+    """Height of the bow that fits best, squares that bows explain, how many these are, and v'Pv;
+    nan, 0 and 0 of bows that are not `tested`."""
     n, k = places.shape
+    if not tested:
+        squares = residuals**2 @ (np.ones(n) if weights is None else weights)
+        return np.nan, 0.0, 0, float(squares)
     rows_of, total = slices(n, CHUNK), 0.0
     for rows in rows_of:
         terms = np.column_stack([_terms(places[rows]), residuals[rows]])

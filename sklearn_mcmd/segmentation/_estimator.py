@@ -177,7 +177,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     points.
 
     A crease is told by the Bayesian information criterion, of a quadric against two planes, in each
-    border of two patches that are planes. Planes that differ by less than a fifth of `max_angle`
+    border of two planes that are wide. Planes that differ by less than a fifth of `max_angle`
     are one surface.
 
     A region holds all points that can be reached from its seed. Sums over regions are exact in any

@@ -26,8 +26,7 @@ from sklearn_mcmd.planes._moments_numba import eigh_3d
 from sklearn_mcmd.planes._quadrics_numba import TERMS, back_substitute, decompose, vector
 from sklearn_mcmd.runtime._kernels import kernel
 
-# Parameters of a plane and of a cylinder, and points that a surface is fitted to; with plain
-# numbers, what takes them is compiled for each.
+# Parameters; with plain numbers, what takes them is compiled for each.
 N_CIRCLE, N_CYLINDER = np.int64(3), np.int64(5)
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
 
@@ -274,9 +273,9 @@ def vote(local, weights, cells, normals, limits, most_noise, blunt, room, equati
     have the same sign count as fewer.
 
     Points (3, n) are near the origin, and are centered. Weights (n,) are inverse variances, cells
-    ascend on each side, and normals (2, 3) are those of both patches. Of `sides` (2, n), both the
-    points of one side by labels, the second becomes those as the better model of two surfaces
-    tells them.
+    ascend on each side, and normals (2, 3) are those of both patches. All rows of `sides` (3, n)
+    are the points of one side by labels; the last becomes those as the better model of two
+    surfaces tells them.
     """
     smooth, crease, shares, heights, mean = room[0], room[1], room[2], room[3:5], room[5]
     labelled, _, told = sides

@@ -178,9 +178,27 @@ def test_what_cannot_be_is_refused():
         compare_planes(a, line)
     with pytest.raises(ValueError, match="variance='prior' needs a known sigma0"):
         compare_planes(a, fitted(rng, sigma0="auto"), variance="prior")
-    with pytest.raises(ValueError, match=r"place=\[1.0, 2.0\] is no place of 3 numbers"):
+    with pytest.raises(ValueError, match=r"place=\[1, 2\] is no place: give 3 coordinates"):
         compare_planes(a, a, place=[1, 2])
     with pytest.raises(ValueError, match="registration_error"):
         compare_planes(a, a, registration_error=-1)
     with pytest.raises(ValueError, match="not fitted yet"):
         compare_planes(a, BaardaPlaneDetector())
+
+
+def test_planes_far_from_each_other_are_warned_of_and_neighbors_are_not(recwarn):
+    rng = np.random.default_rng(0)
+    first, beside = fitted(rng), fitted(rng, offset=np.array([5.0, 0, 1.5]))
+    compare_planes(first, beside)
+    assert not recwarn
+    with pytest.warns(UserWarning, match="far from each other"):
+        compare_planes(first, fitted(rng, offset=np.array([500.0, 0, 150.0])))
+
+
+def test_the_place_of_vertical_surfaces_is_on_them():
+    rng = np.random.default_rng(0)
+    flat = rng.exponential(1, (500, 2))
+    X = np.column_stack([flat, flat @ [0.7, -0.4] + rng.normal(0, SIGMA, 500)])
+    plane = BaardaPlaneDetector(sigma0=SIGMA, surface="vertical").fit(X)
+    place = compare_planes(plane, plane).place
+    assert place[2] == pytest.approx(place[:2] @ plane.coef_ + plane.intercept_, abs=1e-9)

@@ -254,3 +254,18 @@ def test_the_variance_ratio_of_the_fuzzy_test_has_the_degrees_of_freedom_without
     words = reported(detector, X)[0]["variance ratio"]
     assert words.startswith(f"{detector.variance_factor_:.4g} = v'Pv")
     assert words.endswith(f"{low:.4g} to {high:.4g} is usual (95 %)")
+
+
+def test_a_horizontal_plane_falls_to_no_side():
+    rng = np.random.default_rng(1)
+    X = rng.uniform(-2, 2, (30, 3)) * [1, 1, 0] + rng.normal(0, 0.004, (30, 3))
+    for slope, falls in ((0.0, False), (0.1, True)):
+        tilted = X + np.outer(X[:, 0] * slope, [0, 0, 1])
+        report = text_report(BaardaPlaneDetector(surface="orthogonal").fit(tilted), tilted)
+        assert ("dip direction" in report) == falls
+
+
+def test_names_of_points_are_as_many_as_these():
+    X = np.random.default_rng(0).normal(size=(30, 3))
+    with pytest.raises(ValueError, match="ids have 2 names: give 30"):
+        text_report(BaardaPlaneDetector().fit(X), X, ids=[1, 2])

@@ -84,7 +84,7 @@ def turn_of_quadric(away, places, normal):
     bend = np.zeros((len(flat), len(flat)))
     np.add.at(bend, (rows, columns), solution)
     turn = -(places @ flat.T) @ (bend + bend.T) @ flat / square
-    return turn, 6 * (places**2).sum(axis=1) / square
+    return turn, (6 if len(normal) > 2 else 5) * (places**2).sum(axis=1) / square
 
 
 def errors_literally(points, queries, around, own, members, smooth):

@@ -107,3 +107,11 @@ def test_a_cell_has_no_tilt_across_a_width_that_is_noise(width, has_tilt):
     normal = np.linalg.inv((design.T * p) @ design)
     np.testing.assert_allclose(heights, design @ normal @ (design.T @ (p * z)), atol=NOISE / 1000)
     np.testing.assert_allclose(cofactors, np.sum(design @ normal * design, axis=1), rtol=0.01)
+
+
+def test_many_regressors_have_no_bows():
+    rng = np.random.default_rng(0)
+    form = form_of(rng.normal(size=(300, 80)), rng.normal(size=300))
+    assert np.isnan(form.pvalue)
+    assert np.isnan(form.bow)
+    assert not form.is_alike(0.1)
