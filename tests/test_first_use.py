@@ -35,7 +35,7 @@ MOST = {
     "MCMDOutlierDetector": 75,
     "RobustNormalEstimator": 22,
     "RegionGrowing": 32,
-    "SharpFeatureDetector": 25,
+    "SharpFeatureDetector": 30,
 }
 # Verbs in turn, each with its arguments in a line.
 VERBS = """

@@ -126,21 +126,22 @@ def compare_planes(
             "of points with as many columns."
         )
     if place is None:
-        place = (a._fitted.middle + b._fitted.middle) / 2
-        if min(_rims_away(one._fitted.plane, place) for one in (a, b)) > FAR:
+        at = (a._fitted.middle + b._fitted.middle) / 2
+        if min(_rims_away(one._fitted.plane, at) for one in (a, b)) > FAR:
             warn_caller("The planes are far from each other, and compared between: give a place.")
-    place = place_of(place, a.n_features_in_, "place")
+    else:
+        at = place_of(place, a.n_features_in_, "place")
     is_sided = a.toward is not None and b.toward is not None
     side = 1.0 if is_sided else np.sign(a.normal_ @ b.normal_) or 1.0
     angle, bases = _great_circle(a.normal_, side * b.normal_)
-    first, second = ((place - one._fitted.plane.center) @ one.normal_ for one in (a, b))
+    first, second = ((at - one._fitted.plane.center) @ one.normal_ for one in (a, b))
     offset = first - side * second
     parts = []
     for one, basis in zip((a, b), bases, strict=True):
         scale, dof = one._scale_by(variance)
         derivatives = scale * parameter_derivatives(one._fitted.plane)
         # The distance from the place, not from the origin.
-        derivatives[-1] -= place @ derivatives[:-1]
+        derivatives[-1] -= at @ derivatives[:-1]
         parts.append((basis @ derivatives[:-1], derivatives[-1:], dof))
     if registration_error:
         turns = registration_error * bases[0] @ _turns(a._fitted.plane)
@@ -155,7 +156,7 @@ def compare_planes(
         verdict=" and ".join(found) or "same",
         tilt=tilt,
         offset=moved,
-        place=place,
+        place=at,
         registration_error=float(registration_error),
     )
 
