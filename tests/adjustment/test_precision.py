@@ -76,7 +76,8 @@ def test_errors_over_standard_errors_of_simulated_planes_have_variance_one(
             side * plane.normal - truth, side * plane.center @ plane.normal - distance
         )
         tilt = np.degrees(np.arctan2(np.hypot(*truth[:2]), abs(truth[2])))
-        azimuth = np.degrees(np.arctan2(*(side * truth[:2]))) % 360
+        upward = np.sign(plane.normal[2]) * side * truth  # as the plane, which may lean either way
+        azimuth = np.degrees(np.arctan2(*upward[:2])) % 360
         turned = (precision.azimuth - azimuth + 180) % 360 - 180
         ratios.append(
             [
