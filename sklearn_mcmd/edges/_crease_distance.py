@@ -168,7 +168,7 @@ class Creases:
         def judge(part, around):
             room = np.empty(around.indices.shape[1])
             given = evidence, faces.take(part), limits, room, distance[part]
-            fill(self.index.points, self.origin, around, *given)
+            fill(self.index.points, around, *given)
 
         _in_chunks(self.index, len(distance), around, judge, self.n_jobs)
 

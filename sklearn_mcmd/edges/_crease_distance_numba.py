@@ -248,10 +248,9 @@ def _off_arc(local, size, axes, scale, limits, most, rows, equations):
 
 
 @kernel(cache=True)
-def judge_distances(points, origin, around, evidence, faces, limits, told, distance):
+def judge_distances(points, around, evidence, faces, limits, told, distance):
     """Change distances as `Creases._judge` does; `told` has room for what the neighbors say."""
     far, certain, explained = limits
-    d = points.shape[1]
     for i in range(len(distance)):
         near, n_told = around.indices[i], 0
         for j in near:
@@ -262,21 +261,7 @@ def judge_distances(points, origin, around, evidence, faces, limits, told, dista
                     place -= 1
                 told[place] = evidence[j]
                 n_told += 1
-        # From 0 on the own face to 1 in a ball, or across a face.
-        total = along = 0.0
-        for axis in range(d):
-            mean = _mean_of(points, near, axis, origin)
-            for j in near:
-                total += (points[j, axis] - origin[axis] - mean) ** 2
-        level = 0.0
-        for axis in range(d):
-            level += faces.normals[i, axis] * _mean_of(points, near, axis, origin)
-        for j in near:
-            height = -level
-            for axis in range(d):
-                height += faces.normals[i, axis] * (points[j, axis] - origin[axis])
-            along += height * height
-        most = far * (2.0 - min(d * along / max(total, TINY), 1.0))
+        most = far * (2.0 - _off_face(points, near, faces.normals[i]))
         if n_told > 0 and distance[i] < np.inf:
             pooled = 0.5 * (told[(n_told - 1) // 2] + told[n_told // 2])
             off = max(abs(faces.height[i]) / (explained * faces.scale[i]), 1.0)
@@ -285,8 +270,22 @@ def judge_distances(points, origin, around, evidence, faces, limits, told, dista
 
 
 @kernel
-def _mean_of(points, near, axis, origin):
-    total = 0.0
+def _off_face(points, near, normal):
+    """The neighbors' variance across a face over that of a ball: from 0 on the face to 1 in a ball,
+    or where the face runs across them."""
+    d, k = len(normal), len(near)
+    total = height = along = 0.0
+    for axis in range(d):
+        mean = square = 0.0
+        for j in near:
+            gap = points[j, axis] - points[near[0], axis]
+            mean += gap / k
+            square += gap * gap
+        total += square - k * mean * mean
+        height += normal[axis] * mean
     for j in near:
-        total += points[j, axis] - origin[axis]
-    return total / len(near)
+        gap = -height
+        for axis in range(d):
+            gap += normal[axis] * (points[j, axis] - points[near[0], axis])
+        along += gap * gap
+    return min(d * along / max(total, TINY), 1.0)
