@@ -227,7 +227,6 @@ PARTS = {
             Limit("planes._quadrics", "FoldLimits", "evidence", np.inf),
             Limit("planes._quadrics", "FoldLimits", "best", 1.0, most=1.0),
             Limit("planes._quadrics", "FoldLimits", "off"),
-            Limit("planes._quadrics", "FoldLimits", "rounds", 1),
             Limit("planes._quadrics", "SmoothnessLimits", "curved", 0.0),
             Limit("planes._quadrics", "SmoothnessLimits", "n_errors", 0.0),
             Limit("planes._quadrics", "QuadricLimits", "pivot", 0.0),

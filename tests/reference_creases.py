@@ -31,12 +31,12 @@ def off_quadric(flat, heights, weights):
     return (heights - terms @ solution) / np.sqrt(1 + np.square(slopes).sum(axis=1))
 
 
-def fit_crease(flat, heights, weights, first, rounds):
+def fit_crease(flat, heights, weights, first):
     """Two planes that meet in a line: the least sum of squares, the side of each point, the
     distances above these, and those (2, n) above the planes that were fitted last."""
     points, side, best = np.column_stack([flat, heights]), first, (np.inf, first, heights)
     above = np.full((2, len(heights)), np.nan)
-    for turn in range(rounds + 1):
+    for turn in range(9):
         if min(side.sum(), (~side).sum()) <= flat.shape[1] + 1:
             break
         above = np.stack([off_plane(points, weights * of) for of in (~side, side)])

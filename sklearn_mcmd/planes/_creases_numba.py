@@ -26,6 +26,7 @@ from sklearn_mcmd.planes._quadrics_numba import (
 from sklearn_mcmd.runtime._kernels import kernel
 
 N_PLANE, N_QUADRIC = np.int64(3), np.int64(TERMS)  # what takes plain numbers is compiled for each
+ROUNDS = 8  # times at most that the line tells the sides of two planes; two or three suffice
 RIDGE = 1e-12  # share of the weights, added to equations that may determine nothing
 
 
@@ -88,7 +89,7 @@ def fit_sides(local, size, d, axes, extent, weight, second, shares, heights):
 
 
 @kernel(fastmath=False)
-def fit_crease(known, sides, rounds, shares, heights, rest):
+def fit_crease(known, sides, shares, heights, rest):
     """Least sum of squares about two planes that meet in a line, which tells the sides; inf if
     there are no two.
 
@@ -99,7 +100,7 @@ def fit_crease(known, sides, rounds, shares, heights, rest):
     _, size, _, _, _, weight = known
     first, told, best = sides
     least, sign = np.inf, 0.0
-    for turn in range(rounds + 1):
+    for turn in range(ROUNDS + 1):
         second = told if turn else first
         if not fit_sides(*known, second, shares, heights):
             break
@@ -209,7 +210,7 @@ def find_folded(points, around, planes, faces, limits, room, folded):
         axes = mean_axes(face, principal_axes(covariance, d)[1][0])
         extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
         known = local, size, d, axes, extent, weight
-        left = fit_crease(known, sides, limits.rounds, shares, heights, rest)
+        left = fit_crease(known, sides, shares, heights, rest)
         if left < np.inf:
             for j in range(size):  # three faces may meet
                 rest[j] = min(abs(heights[0, j]), abs(heights[1, j]))

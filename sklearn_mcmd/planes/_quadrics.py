@@ -56,7 +56,6 @@ class FoldLimits(NamedTuple):
     # Members farther from the robust plane than this number of its standard deviations are what the
     # second plane is fitted to first.
     off: float = 1.5
-    rounds: int = 5  # times that the line of both planes tells the sides, and both are fitted anew
 
 
 class NormalSample(NamedTuple):

@@ -297,7 +297,7 @@ def vote(local, weights, cells, normals, limits, most_noise, blunt, room, equati
     fit_quadric(*known, smooth, equations)
     for i in range(n):
         smooth_left += weights[i] * smooth[i] * smooth[i]
-    by_line = left = fit_crease(known, sides, limits.n_steps, shares, heights, crease)
+    by_line = left = fit_crease(known, sides, shares, heights, crease)
     if blunt and left < smooth_left:
         smooth, smooth_left = crease, left
     if blunt or most_noise**2 * step < left:

@@ -95,7 +95,7 @@ def is_folded(members, face):
         return False
     *flat, heights = over_mean_plane(members, face.normals[0], in_axes(members[others])[1][0]).T
     flat, weights, best = np.array(flat).T, np.ones(len(heights)), int(0.75 * len(heights))
-    left, _, _, above = fit_crease(flat, heights, weights, others, 5)
+    left, _, _, above = fit_crease(flat, heights, weights, others)
     rest = off_quadric(flat, heights, weights)
     by_quadric, by_planes = (np.sort(h**2)[:best].sum() for h in (rest, np.abs(above).min(axis=0)))
     return left < np.inf and by_quadric > 0.6 * by_planes

@@ -192,7 +192,7 @@ def vote_by_numpy(points, weights, cells, first, blunt):
     smooth = off_quadric(flat, z, weights)
     one, other = (off_plane(points, weights * side) for side in (first, ~first))
     step = MOST_NOISE**2 * (weights @ np.where(first, one, other) ** 2)
-    left, side, crease, _ = fit_crease(flat, z, weights, first, FIT.n_steps)
+    left, side, crease, _ = fit_crease(flat, z, weights, first)
     rest = crease if left < np.inf else smooth
     if blunt and left < weights @ smooth**2:
         smooth = crease
