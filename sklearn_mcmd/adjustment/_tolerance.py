@@ -152,7 +152,8 @@ def _surface(places, residuals, weights, tolerance, noise, factor):
     figures |= {"form": float(heights.max()), "form_uncertainty": float(error.max())}
     kept, exceeded = np.all(heights + error <= half), np.any(heights - error > half)
     for scale in scales:
-        cells = cells_of(places, residuals, weights, scale)
+        if scale > first:
+            cells = cells_of(places, residuals, weights, 2, cells)
         heights = np.abs(cells.residuals)
         error = noise * factor(len(heights) * len(scales), 1) / np.sqrt(cells.weights)
         kept &= np.all(heights <= np.maximum(error, half - error))

@@ -71,13 +71,16 @@ class Cells(NamedTuple):
     of_point: np.ndarray
 
 
-def cells_of(places, residuals, weights=None, halvings=None):
-    """Halve a plane, and again each half across its longer side, into the `Cells`."""
+def cells_of(places, residuals, weights=None, halvings=None, larger=None):
+    """Halve a plane, or `larger` cells, and again each half across its longer side: the `Cells`."""
     if halvings is None:
         halvings = min(FormLimits().halvings, int(np.log2(max(len(places) / 2, 1))))
     # Each axis points to its longer tail, whichever way the wall stands.
     pointed = np.where(np.sum(places**3, axis=0) < 0, -places, places)
     groups = [np.arange(len(places))]
+    if larger is not None:
+        order = np.argsort(larger.of_point, kind="stable")
+        groups = np.split(order, np.cumsum(np.bincount(larger.of_point))[:-1])
     for _ in range(halvings):
         groups = [part for rows in groups for part in _halves(pointed, rows)]
     of_point = np.empty(len(places), np.intp)
