@@ -129,7 +129,8 @@ def plot_report(
     good, plane = ~outliers, detector._fitted.plane
     cells = cells_of((X[good] - plane.center) @ plane.directions, residuals[good])
     form = view[good], names, cells.residuals[cells.of_point], outliers[good], suffix
-    _draw_map(panels["f"], f"Form: means of {len(cells.residuals)} cells", *form)
+    form_title = f"Form: means of {len(cells.residuals)} cells"
+    _draw_map(panels["f"], form_title, *form, what="mean residual of a cell")
     _draw_histogram(panels["h"], residuals, outliers, suffix)
     if hasattr(detector, "membership_residual_"):
         _draw_memberships(panels["t"], detector)
@@ -151,7 +152,7 @@ def _thinned(rows):
     return rows[:: len(rows) // MAX_DRAWN + 1]
 
 
-def _draw_map(axes, title, view, names, residuals, outliers, suffix):
+def _draw_map(axes, title, view, names, residuals, outliers, suffix, what="residual of inliers"):
     """A map of residuals."""
     good, bad = (_thinned(np.flatnonzero(mask)) for mask in (~outliers, outliers))
     marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
@@ -165,9 +166,9 @@ def _draw_map(axes, title, view, names, residuals, outliers, suffix):
         axes.scatter(*view[bad, :2].T, **marks, rasterized=True)
         axes.set_aspect("equal", adjustable="box")
         place = {"location": "bottom", "shrink": 0.6, "aspect": 30, "pad": 0.02}
-        label = f"residual of inliers{suffix}"
+        label = what + suffix
         bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
-        bar.ax.locator_params(nbins=6)
+        bar.ax.locator_params(nbins=4)
     else:
         along = view[:, 0] if view.shape[1] else np.zeros(len(residuals))
         axes.scatter(along[good], residuals[good], s=4, c=BLUE, rasterized=True)
