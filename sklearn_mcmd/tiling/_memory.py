@@ -13,6 +13,7 @@ from joblib.parallel import get_active_backend
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._validation import check_work
+from sklearn_mcmd.tiling._stored_neighbors import bytes_of_neighbors
 
 SHARE = 0.5  # share of the machine's memory that a run may take if nothing is said
 UNKNOWN = 4e9  # bytes of a machine that does not say how many it has
@@ -22,21 +23,21 @@ class Costs(NamedTuple):
     """Bytes for each point that a work takes, measured; see docs/tiling.rst."""
 
     tile: int  # of a tile
-    stored: int  # of temporary files
+    stored: int  # of temporary files, besides neighbors
     cloud: int  # of a cloud in memory besides what its record has
     whole: int = 0  # of all points, in one process that works on all at once
     does: str = ""  # what that process does
 
 
 COSTS = {
-    "normals": Costs(tile=650, stored=430, cloud=450),
-    "outliers": Costs(tile=450, stored=400, cloud=450, whole=35, does="judges"),
-    "heights": Costs(tile=450, stored=460, cloud=450, whole=35, does="judges"),
-    "edges": Costs(tile=750, stored=480, cloud=1100, whole=35, does="judges"),
-    "tree": Costs(tile=650, stored=480, cloud=850, whole=200, does="holds the tree of"),
-    "regions": Costs(tile=650, stored=550, cloud=720, whole=100, does="joins the regions of"),
+    "normals": Costs(tile=650, stored=180, cloud=450),
+    "outliers": Costs(tile=450, stored=145, cloud=450, whole=35, does="judges"),
+    "heights": Costs(tile=450, stored=205, cloud=450, whole=35, does="judges"),
+    "edges": Costs(tile=750, stored=205, cloud=1100, whole=35, does="judges"),
+    "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
+    "regions": Costs(tile=650, stored=195, cloud=720, whole=100, does="joins the regions of"),
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
-    "auto": Costs(tile=1300, stored=370, cloud=750, whole=80, does="finds neighbors of"),
+    "auto": Costs(tile=1300, stored=300, cloud=750, whole=80, does="finds neighbors of"),
     "rays": Costs(tile=0, stored=155, cloud=650, whole=200, does="follows the rays to"),
     "positions": Costs(tile=0, stored=50, cloud=500, whole=24, does="holds positions for"),
     "trajectory": Costs(tile=0, stored=50, cloud=500, whole=30, does="keeps the times of"),
@@ -44,8 +45,7 @@ COSTS = {
 }
 PROCESS = 330e6  # bytes of a process with its compiled code
 FEATURE = 24  # bytes of a feature of a point
-# Neighbors whose costs these are. Each more takes 4 bytes of disk for a point, and 8 of a tile.
-NEIGHBORS = 50
+NEIGHBORS = 50  # whose costs of a tile these are; each more takes 8 bytes for a point
 BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
 JOINED_POINT = 150  # bytes of a point while regions are joined
 JOINED_AT_ONCE = 1_000_000  # points of regions that are joined at once
@@ -165,8 +165,9 @@ def plan_run(
     n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals", n_neighbors=None
 ):
     """Divide points so that all workers stay within the memory; `work` is as of `costs_of`."""
-    costs, more = costs_of(work), 4 * max(0, (n_neighbors or NEIGHBORS) - NEIGHBORS)
-    stored, bytes_a_point = costs.stored + more, costs.tile + FEATURE * n_features + 2 * more
+    costs, more = costs_of(work), max(0, (n_neighbors or NEIGHBORS) - NEIGHBORS)
+    bytes_a_point = costs.tile + FEATURE * n_features + 8 * more
+    stored = costs.stored + 4 * n_features + bytes_of_neighbors(n_neighbors or NEIGHBORS)
     own, least = _least(n_points, work, bytes_a_point, n_neighbors if more else None, memory)
     asked, n_jobs = n_jobs, effective_n_jobs(n_jobs)
     if asked is not None and asked > 0:  # dask counts all of its workers
@@ -201,7 +202,7 @@ def plan_run(
         tile_size=tile_size,
         n_tiles=n_tiles,
         memory=max(own, used),
-        disk=n_points * (stored + 4 * n_features),
+        disk=n_points * stored,
     )
 
 

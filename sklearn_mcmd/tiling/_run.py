@@ -27,6 +27,7 @@ from sklearn_mcmd.tiling._memory import Plan, check_tile_size, parse_memory, pla
 from sklearn_mcmd.tiling._outputs import move_outputs, resume_moves, targets_of, write_outputs
 from sklearn_mcmd.tiling._result_files import Results
 from sklearn_mcmd.tiling._sensor_origins import SensorPath
+from sklearn_mcmd.tiling._stored_columns import StoredColumns
 from sklearn_mcmd.tiling._sweeps import Sweeps, TilingError
 
 SCATTERED = 0.07  # the share of the time after which all points are in cells, for the progress
@@ -104,6 +105,10 @@ class TiledRun(NamedTuple):
         """Threads of a process that works on all places at once."""
         return self.plan.n_workers * self.plan.n_threads
 
+    def xyz(self, cell):
+        """The coordinates of the points of a cell."""
+        return StoredColumns(self.folder.columns, len(self.cells)).xyz(self.cells, cell)
+
     def sweeps(self, steps):
         """The `Sweeps` of these steps."""
         return Sweeps(self.plan.n_workers, steps)
@@ -143,7 +148,7 @@ class TiledVerb(ABC):
 
     def results(self, run):
         """The `Results` of all tiles."""
-        return Results(run.folder.columns, len(run.cells))
+        return Results(run.folder.columns, run.cells)
 
     def measure(self, values):
         """What is summed up of the results of points."""

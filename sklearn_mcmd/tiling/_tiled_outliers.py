@@ -36,18 +36,20 @@ from sklearn_mcmd.tiling._result_files import (
 )
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized, sensor_path, stored_origins
-from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import (
     CHUNK,
     SLACK,
     StoredIndex,
     by_distance,
+    count_copies,
     find_neighbors,
     find_places,
     near_box,
     within_reach,
 )
-from sklearn_mcmd.tiling._stored_offers import find_offers, offer_steps, remove_offers
+from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
+from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER, find_offers, offer_steps
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 
 RAYS = "by_rays"  # the name of what rays say of a cloud
@@ -104,7 +106,7 @@ class TiledOutliers(TiledVerb):
     def results(self, run):
         if self.mode == "mark":
             self.lowest = self._lowest(run)
-        return Results(self.scored, len(run.cells))
+        return Results(self.scored, run.cells)
 
     def make(self, cloud, values, xyz):
         scores, depths = _judged(values)
@@ -125,7 +127,7 @@ class TiledOutliers(TiledVerb):
     def report(self, run, total):
         n_outliers, n_exact = map(int, total)
         return {
-            "together": losses_of(self.estimator, partial(self._removed, run.cells), self.n_used),
+            "together": losses_of(self.estimator, partial(self._removed, run), self.n_used),
             "n_outliers": n_outliers,
             "n_exact": n_exact,
             "removed_fraction": n_outliers / run.catalog.n_points,
@@ -148,7 +150,7 @@ class TiledOutliers(TiledVerb):
 
     def _lowest(self, run):
         """The `LowestPoints` of the ground without outliers; of all kept points if it is little."""
-        results, k, first = Results(self.scored, len(run.cells)), self.estimator.n_neighbors, 0
+        results, k, first = Results(self.scored, run.cells), self.estimator.n_neighbors, 0
         lowest = LowestPoints(run.catalog.n_points, k)
         for _, cloud, _ in parts_of(run.catalog.paths):
             scores = results.take(first, len(cloud))[:, 0]
@@ -157,14 +159,14 @@ class TiledOutliers(TiledVerb):
         if lowest.n_points < k:
             lowest = LowestPoints(self.n_used, k)
             for cell, scores in enumerate(scores_of(self.scored, run.cells)):
-                lowest.add(run.cells.read(cell)["xyz"][scores <= self.cutoff])
+                lowest.add(run.xyz(cell)[scores <= self.cutoff])
         return lowest
 
-    def _removed(self, cells):
+    def _removed(self, run):
         """Points, and which are outliers, but for groups below the ground, tile by tile."""
-        for cell in range(len(cells)):
-            scores, depths = _judged(self.scored.read(cell, "results")["values"])
-            yield cells.read(cell)["xyz"], (scores > self.cutoff) & ~(depths > self.cutoff)
+        for cell in range(len(run.cells)):
+            scores, depths = _judged(self.scored.read(cell, "results"))
+            yield run.xyz(cell), (scores > self.cutoff) & ~(depths > self.cutoff)
 
 
 def _judged(values):
@@ -191,13 +193,9 @@ class OutlierJob(Job):
 
     def stored_columns(self):
         """What the sweeps fill: names, dtypes and shapes of a row."""
-        number = np.float64, ()
-        columns = {"near": (np.int32, (self.estimator.n_neighbors,))}
         if self.estimator._one_plane:
-            return {**columns, "distances": number}
-        planes = dict.fromkeys(("centroids", "normals"), (np.float64, (3,)))
-        others = ("scale", "radius", "spacing", "other_spacing")
-        return {**columns, **planes, **dict.fromkeys(others, number)}
+            return {"distances": NUMBER}
+        return {**FACES, **dict.fromkeys(("radius", "spacing", "other_spacing"), NUMBER)}
 
 
 def cutoff_of(estimator):
@@ -226,12 +224,17 @@ def judge_cells(job, sweeps, cutoff):
         _keep_rays(columns, judged_cloud(fitted))
         return -fitted.offset_
     if not columns.all_have(len(cells), "results"):
-        whole.join("points", "counts")
-        whole.make(**job.stored_columns())
+        whole.join_points(cells)
+        whole.make(counts=(np.int32, ()))
+        StoredNeighbors(whole).begin(job.estimator.n_neighbors)
+        count_copies(whole)
         sweep("neighbors", find_neighbors)
         find_offers(sweep, job)
+        whole.make(**job.stored_columns())
         sweep("planes", _find_planes)
-        remove_offers(whole, *offer_steps(job.estimator))
+        if not job.estimator._one_plane:
+            whole.settle("planes", FACES)
+        whole.remove("asks")
         with sweeps.part("scores"), whole.releasing():
             _judge(job, cells, whole, sweeps.n_workers * job.n_threads)
     if job.estimator.false_positive_rate is not None:
@@ -259,9 +262,8 @@ def _find_planes(cell, job):
     else:
         judged.counts = whole.open("counts")
         planes, spacing, other_spacing = judged.measure_planes(own)
-        names = ("centroids", "normals", "scale", "radius")
-        faces = {name: getattr(planes, name) for name in names}
-        whole.put(cell, spacing=spacing, other_spacing=other_spacing, **faces)
+        whole.put(cell, radius=planes.radius, spacing=spacing, other_spacing=other_spacing)
+        whole.change(cell, **{name: getattr(planes, name) for name in FACES})
     job.columns.finish(cell, "planes")
 
 
@@ -300,7 +302,7 @@ def _origins(job, cells, whole, index):
         return _one_position(job.estimator, index.points)
     origins = index.empty(index.points.shape)
     for cell in range(len(cells)):
-        own, rows = whole.rows(cell), cells.read(cell)["row"]
+        own, rows = whole.rows(cell), cells.rows(cell)
         first = np.empty(own.stop - own.start, rows.dtype)
         first[whole.columns.read(cell, "place_of")[::-1]] = rows[::-1]
         origins[own] = stored[first]
@@ -325,7 +327,8 @@ class Heights:
 
     def find(self):
         """Find which points are judged, and groups below the ground; returns how many are."""
-        self._sweep("heights", _find_heights, points=self.run.folder.cells)
+        known = {"points": self.run.folder.cells, "scored": self.run.folder.columns}
+        self._sweep("heights", _find_heights, **known)
         reports = [self.columns.report(cell, "heights") for cell in range(len(self.run.cells))]
         n_judged, n_below = (sum(r[name] for r in reports) for name in ("n_judged", "n_below"))
         if not n_judged:
@@ -356,13 +359,14 @@ class Heights:
             self.columns.write(cell, depths=part)
 
 
-def _find_heights(cell, points, columns, limits):
+def _find_heights(cell, points, scored, columns, limits):
     """Write which points of a cell are judged, and those that lie below the ground.
 
     Columns: judged, of all points; below_rows, and below: coordinates, how deep, and the distance
     in plan of the third nearest ground point.
     """
-    xyz = np.ascontiguousarray(Cells(points).read(cell)["xyz"])
+    cells = Cells(points)
+    xyz = np.ascontiguousarray(StoredColumns(scored, len(cells)).xyz(cells, cell))
     away, near = _nearest_ground(Cells(points / GROUND), xyz)
     judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
     columns.write(cell, judged=judged)
@@ -379,12 +383,12 @@ def _find_heights(cell, points, columns, limits):
 def _find_verdicts(cell, scored, columns, limits):
     """Write the scores of a cell's points, or depths below the ground if these are more."""
     results = scored.read(cell, "results")
-    scores, depths = results["values"][:, 0], np.zeros(len(results))
+    scores, depths = results[:, 0], np.zeros(len(results))
     if limits.low_groups:
         depths[columns.read(cell, "below_rows")] = columns.read(cell, "depths")
         scores = np.maximum(scores, depths)
     depths[~columns.read(cell, "judged")] = np.nan
-    write_results(columns, cell, results["row"], np.column_stack([scores, depths]))
+    write_results(columns, cell, np.column_stack([scores, depths]))
     columns.finish(cell, "verdicts")
 
 

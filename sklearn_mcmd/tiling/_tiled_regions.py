@@ -13,19 +13,16 @@ from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import fit_together, write_results_of_places
 from sklearn_mcmd.tiling._run import TiledVerb, warm_up
 from sklearn_mcmd.tiling._stored_columns import ALL
-from sklearn_mcmd.tiling._stored_index import StoredIndex
+from sklearn_mcmd.tiling._stored_index import StoredIndex, count_copies
+from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER
 from sklearn_mcmd.tiling._tiled_normals import (
-    FACES,
-    NUMBER,
     PlaneJob,
     find_planes,
     plane_steps,
-    remove_own,
     stored_planes,
     without_sides,
 )
 
-STORED = {**FACES, "floor": NUMBER}
 LARGEST = 20  # regions whose points are counted in the report
 
 
@@ -67,15 +64,19 @@ class TiledRegions(TiledVerb):
 
 def _segment(growing, run):
     """Write the region of all points of a run for each cell; returns the sizes of regions."""
-    job = PlaneJob.of(run, growing.normal_estimator, keep=_keep_planes)
+    k = growing.n_neighbors
+    job = PlaneJob.of(run, growing.normal_estimator, keep=_keep_planes, later=k)
     sweeps = run.sweeps([*plane_steps(job.estimator), "growth", "joining"])
-    k, variation = growing.n_neighbors, (job.constants.dtype, ())
-    whole = find_planes(sweeps, job, k, k, variation=variation, **STORED)
+    variation = job.constants.dtype, ()
+    whole = find_planes(sweeps, job, k, k, variation=variation)
     if whole is None:
         fitted = fit_together(job, growing, run.cells, lambda fitted: fitted.labels_)
         return fitted.region_sizes_
-    whole.join("counts")
-    remove_own(whole, job.estimator)
+    whole.settle("faces", FACES)
+    whole.make(counts=(np.int32, ()), floor=NUMBER)
+    for cell in np.flatnonzero(np.diff(whole.starts)):
+        whole.put(cell, floor=_floor(job, whole.rows_of("points", whole.rows(cell))))
+    count_copies(whole)
     with whole.releasing():
         labels = _find_regions(growing, run, whole, sweeps)
     write_results_of_places(job, labels)
@@ -83,11 +84,16 @@ def _segment(growing, run):
 
 
 def _keep_planes(cell, job, fitted):
-    """Fill the columns `STORED`, of which floor is the least scale, and variation."""
+    """Fill variation, and change the columns `FACES`."""
     points, columns, faces = stored_planes(cell, job, fitted)
-    floor = least_scales(points, np.finfo(job.constants.dtype).eps, job.constants.step)
-    faces["scale"] = np.maximum(faces["scale"], floor)
-    job.whole().put(cell, floor=floor, variation=columns.surface_variation, **faces)
+    faces["scale"] = np.maximum(faces["scale"], _floor(job, points))
+    job.whole().put(cell, variation=columns.surface_variation)
+    job.whole().change(cell, **faces)
+
+
+def _floor(job, points):
+    """The least scales of points, by their rounding."""
+    return least_scales(points, np.finfo(job.constants.dtype).eps, job.constants.step)
 
 
 def _find_regions(growing, run, whole, sweeps):

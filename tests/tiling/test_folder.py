@@ -79,21 +79,26 @@ def test_a_manifest_that_is_not_as_it_was_written_begins_anew(small_file, ended,
 
 
 @pytest.mark.filterwarnings("ignore:tile . failed")
-@pytest.mark.parametrize(
-    ("name", "damage"),
-    [
-        ("cells/cells.npz", lambda _: b"PK"),
-        ("results/all.near.npy", lambda stored: stored[:40]),
-        ("results/all.points.npy", lambda _: pickled()),
-    ],
-)
-def test_a_damaged_file_is_named_and_to_begin_anew_helps(small_file, ended, tmp_path, name, damage):
-    path = tmp_path / "out.las.tiles" / name
-    path.write_bytes(damage(path.read_bytes()))
+def test_a_damaged_file_is_named_and_to_begin_anew_helps(small_file, ended, tmp_path):
+    path = tmp_path / "out.las.tiles" / "cells" / "cells.npz"
+    path.write_bytes(b"PK")
     with pytest.raises(TilingError, match=f"{path}: cannot be read"):
         process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
     options = {"tile_size": 2_000, "restart": True}
     assert process_files(small_file, ended, ESTIMATOR, **options).n_resumed == 0
+
+
+@pytest.mark.filterwarnings("ignore:tile . failed")
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [("0.near", lambda stored: stored[:400]), ("all.points.npy", lambda _: pickled())],
+)
+def test_a_tile_that_meets_a_damaged_file_names_it(small_file, ended, tmp_path, name, damage):
+    path = tmp_path / "out.las.tiles" / "results" / name
+    path.write_bytes(damage(path.read_bytes()))
+    said = rf"tile \d failed .*{name}: (cannot be read|is damaged)"
+    with pytest.warns(UserWarning, match=said), pytest.raises(TilingError):
+        process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
 
 
 def test_a_cell_that_was_cut_off_is_named(small_file, tmp_path, monkeypatch):
