@@ -217,7 +217,7 @@ class WholeCloud:
 
     def __init__(self):
         self.single = True
-        self.axes = [_Levels() for _ in range(3)]
+        self.axes = [Levels() for _ in range(3)]
 
     def add(self, xyz):
         """Take some of the points, (n, 3)."""
@@ -237,7 +237,7 @@ class WholeCloud:
         return Constants(dtype.name, float(step))
 
 
-class _Levels:
+class Levels:
     """The values of an axis and how often each occurs; 16 bytes for each value."""
 
     def __init__(self):

@@ -39,6 +39,7 @@ COSTS = {
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=300, cloud=750, whole=80, does="finds neighbors of"),
     "rays": Costs(tile=0, stored=155, cloud=650, whole=200, does="follows the rays to"),
+    "light": Costs(tile=0, stored=16, cloud=480),
     "positions": Costs(tile=0, stored=50, cloud=500, whole=24, does="holds positions for"),
     "trajectory": Costs(tile=0, stored=50, cloud=500, whole=30, does="keeps the times of"),
     "angles": Costs(tile=0, stored=50, cloud=750, whole=300, does="adjusts the flight lines of"),
@@ -93,10 +94,11 @@ def most_neighbors(n_points, *estimators):
     return max((k for k in sizes if isinstance(k, Integral)), default=NEIGHBORS)
 
 
-def work_of(base, normals=None, detector=None, sensor=None):
-    """The name of some work, as of `costs_of`, with estimators and a `SensorPath`, or None."""
+def work_of(base, normals=None, detector=None, sensor=None, light=False):
+    """The name of some work, as of `costs_of`, with estimators, a `SensorPath`, and intensity."""
     has_rays = detector is not None and not (sensor is None and detector.sensor_origin is None)
     more = ["auto"] * (normals is not None and normals.n_neighbors == "auto") + ["rays"] * has_rays
+    more += ["light"] * light
     return ", ".join([base, *more, *([] if sensor is None else [sensor.kind])])
 
 

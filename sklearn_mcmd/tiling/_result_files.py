@@ -7,6 +7,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd.tiling._sensor_origins import stored_origins
 from sklearn_mcmd.tiling._stored_columns import mapped
+from sklearn_mcmd.tiling._stored_light import stored_light
 
 NORMAL_COLUMNS = (
     *("normal_x", "normal_y", "normal_z", "surface_variation"),
@@ -93,6 +94,8 @@ def fit_together(job, estimator, cells, values_of):
     order = np.argsort(rows)
     fitted, origins = clone(estimator), stored_origins(cells.folder)
     given = {} if origins is None else {"sensor_origin": origins[rows[order]]}
+    if (light := stored_light(cells.folder)) is not None:
+        given["intensity"] = light[rows[order]]
     fitted.fit(points[order].astype(job.constants.dtype), **given)
     values = np.empty_like(found := values_of(fitted))
     values[order] = found

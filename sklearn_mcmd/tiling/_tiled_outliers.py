@@ -48,6 +48,7 @@ from sklearn_mcmd.tiling._stored_index import (
     near_box,
     within_reach,
 )
+from sklearn_mcmd.tiling._stored_light import ranks_of_light
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER, find_offers, offer_steps
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
@@ -61,19 +62,23 @@ class TiledOutliers(TiledVerb):
 
     options = (
         *("mode", "ignore_classes", "only_classes", "above", "below", "low_groups"),
-        "sensor_origin",
+        *("sensor_origin", "intensity"),
     )
     last_sweep = "planes"
 
-    def __init__(self, estimator, mode, ignore_classes, only_classes, sensor_origin, **heights):
+    def __init__(
+        self, estimator, mode, ignore_classes, only_classes, sensor_origin, intensity, **heights
+    ):
         if mode not in choices_of(Mode):
             raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
         check_estimator(estimator, MCMDOutlierDetector)
+        estimator._check_choices(None, True if intensity else None)
         choice = Choice(ignore_classes, only_classes)
         self.mode, self.limits = mode, HeightRange.of(**heights)
-        content = f"{mode} {choice} {self.limits}"
+        content = f"{mode} {choice} {self.limits} {intensity}"
         super().__init__(estimator, content, choice)
-        self.needs_ground = self.limits is not None
+        self.needs_ground, self.needs_light = self.limits is not None, intensity
+        self.asked = "intensity" if intensity else ""
         self.sensor = sensor_path(estimator, sensor_origin)
 
     def prepare(self, catalog):
@@ -87,7 +92,7 @@ class TiledOutliers(TiledVerb):
             self.detector = clone(self.detector).set_params(sensor_origin=origin)
         self.cutoff = cutoff_of(self.detector)
         work = "outliers" if self.limits is None else "heights"
-        return work_of(work, None, self.detector, self.sensor), 0, most
+        return work_of(work, None, self.detector, self.sensor, self.needs_light), 0, most
 
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
@@ -185,9 +190,9 @@ class OutlierJob(Job):
         """The `LocalPlaneModel` of all places."""
         return self.model_on(StoredIndex(self.whole()))
 
-    def judged(self, index, n_jobs=1, origins=None):
-        """The places of an index, as the detector judges them; `origins` are of `JudgedCloud`."""
-        known = {"origins": origins, "doubted": is_auto(self.estimator.sensor_origin)}
+    def judged(self, index, n_jobs=1, **known):
+        """The places of an index, as the detector judges them; what is `known` as `JudgedCloud`."""
+        known = {**known, "doubted": is_auto(self.estimator.sensor_origin)}
         settings = self.estimator._settings() | {"n_jobs": n_jobs}
         return JudgedCloud(self.model_on(index), **settings, **known)
 
@@ -270,7 +275,8 @@ def _find_planes(cell, job):
 def _judge(job, cells, whole, n_threads):
     """Write the scores of all cells, once the planes of all places are known."""
     columns, index = whole.columns, StoredIndex(whole, cells)
-    judged = job.judged(index, n_threads, _origins(job, cells, whole, index))
+    known = {"origins": _origins(job, cells, whole, index), "intensity": ranks_of_light(job)}
+    judged = job.judged(index, n_threads, **known)
     warn_if_coarse(job.constants, index)
     rate = job.estimator.false_positive_rate
     if rate is not None and not columns.is_done(ALL, "cutoff"):
