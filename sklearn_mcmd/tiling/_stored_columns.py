@@ -131,10 +131,8 @@ class StoredColumns:
 
     def change(self, cell, **arrays):
         """Keep beside columns what a cell changes of them, until all cells are done."""
-        own, before = (
-            self.rows(cell),
-            {name: self.rows_of(name, self.rows(cell)) for name in arrays},
-        )
+        own = self.rows(cell)
+        before = {name: self.rows_of(name, own) for name in arrays}
         parts = [(name, values.dtype, values.shape[1:]) for name, values in before.items()]
         changes = np.empty(own.stop - own.start, [("row", np.int32), *parts])
         changes["row"], differs = np.arange(len(changes)), np.zeros(len(changes), bool)

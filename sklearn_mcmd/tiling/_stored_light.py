@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._sensor import lights_in
+from sklearn_mcmd.io._sensor import LIGHTS, lights_in
 from sklearn_mcmd.outliers._model import middle_ranks
 from sklearn_mcmd.tiling._cells import Levels
 from sklearn_mcmd.tiling._stored_columns import made, mapped
@@ -15,39 +15,29 @@ LIGHT = "light.npy"
 
 
 class LightWriter:
-    """Keeps the intensity of n points beside their cells."""
+    """Keeps the intensity of n points beside their cells; it is 0 where a file has none."""
 
     def __init__(self, folder, n):
-        self._folder, self._shape, self._first = folder, (n,), 0
-        self._stored, self._ends = {}, {}  # by the name of the attribute: on disk, least and most
+        self._folder, self._n, self._first, self._stored = folder, n, 0, {}
 
     def add(self, cloud):
         """Take the next points in the order of the inputs."""
         rows = slice(self._first, self._first + len(cloud))
         for name, values in lights_in(cloud.attributes).items():
-            if not np.isfinite(values).all():
-                raise ValueError(f"{name} must be finite, and has NaN or infinite values.")
-            if name not in self._stored and self._first == 0:
+            if name not in self._stored:
                 kept = np.uint16 if values.dtype == np.uint16 else np.float64
-                self._stored[name] = made(self._folder / f"{name}.npy", kept, self._shape)
-            if name in self._stored:
-                self._stored[name][rows] = values
-                ends = self._ends.setdefault(name, (np.inf, -np.inf, 0))
-                low, high = min(ends[0], values.min()), max(ends[1], values.max())
-                self._ends[name] = low, high, ends[2] + len(values)
+                self._stored[name] = made(self._folder / f"{name}.npy", kept, (self._n,))
+            self._stored[name][rows] = values
         self._first = rows.stop
 
     def close(self, path):
-        """Keep the first that all files have and that tells anything; `path` is for errors."""
-        n = self._first
-        told = [name for name, (low, high, has) in self._ends.items() if low < high and has == n]
+        """Keep the first that tells anything; `path` is for errors."""
+        told = [n for n in LIGHTS if n in self._stored and np.ptp(self._stored[n]) > 0]
         if not told:
             raise PointFileError(
                 f"{path}: intensity is asked for, but the inputs have none, or one for all points"
             )
-        for name in self._stored:
-            stored = self._folder / f"{name}.npy"
-            os.replace(stored, self._folder / LIGHT) if name == told[0] else stored.unlink()
+        os.replace(self._folder / f"{told[0]}.npy", self._folder / LIGHT)
 
 
 def stored_light(folder):
