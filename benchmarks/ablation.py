@@ -269,7 +269,7 @@ PARTS = {
             Limit("edges._crease_distance", "FaceLimits", "flat", np.inf),
             Limit("edges._crease_distance", "CreaseLimits", "far"),
             Limit("edges._crease_distance", "CreaseLimits", "evening_steps", 0),
-            Limit("edges._crease_distance", "CreaseLimits", "radii", ()),
+            Limit("edges._crease_distance", "CreaseLimits", "radii", (1e9,)),
             Limit("edges._crease_distance", "CreaseLimits", "smooth_steps", 1),
             Limit("edges._crease_distance", "CreaseLimits", "huber", np.inf),
             Limit("edges._detector", "EdgeLimits", "width"),
