@@ -118,8 +118,8 @@ def test_foliage_has_hardly_any_edges():
     labels = fast().fit_predict(street.data)
     foliage = street.surface == street.surface_names.index("foliage")
     assert foliage.sum() > 1000
-    # .075 when measured, of three seeds .06: leaves that lie in planes by chance.
-    assert (labels[foliage] == -1).mean() < 0.1
+    # .027 when measured, of three seeds .03: leaves that lie in planes by chance.
+    assert (labels[foliage] == -1).mean() < 0.06
 
 
 def test_corners_of_lines_are_found_in_the_plane():
