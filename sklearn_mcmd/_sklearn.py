@@ -5,6 +5,8 @@ scikit-learn use them. If they move, only this file changes.
 """
 
 from functools import cache
+from inspect import get_annotations
+from typing import Literal, get_args, get_origin
 
 from sklearn.base import _fit_context as fit_context
 from sklearn.utils._param_validation import (
@@ -32,10 +34,28 @@ __all__ = [
     "StrOptions",
     "check_feature_names_in",
     "check_parameters",
+    "checked",
     "fit_context",
     "validate_parameter_constraints",
-    "validate_params",
 ]
+
+
+def checked(**constraints):
+    """Decorate a function whose arguments are checked, in the way of `validate_params`.
+
+    Type hints tell which of them are words or flags, the name `random_state` what a seed is.
+    """
+
+    def decorate(function):
+        told = {"random_state": ["random_state"]}
+        for name, hint in get_annotations(function).items():
+            if get_origin(hint) is Literal:
+                told[name] = [StrOptions(set(get_args(hint)))]
+            elif hint is bool:
+                told[name] = ["boolean"]
+        return validate_params(told | constraints, prefer_skip_nested_validation=True)(function)
+
+    return decorate
 
 
 def check_parameters(estimator):

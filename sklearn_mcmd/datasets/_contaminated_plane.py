@@ -7,23 +7,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils import Bunch, check_random_state
 
-from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 
 _REGULAR_MEAN, _OUTLIER_MEAN = np.full(3, 2.0), np.array([7.0, 6.0, 8.0])
 _UNIFORM_RANGE = -9.0, 9.0  # of uniform outliers, on every axis
 
 
-@validate_params(
-    {
-        "n_samples": [Interval(Integral, 1, None, closed="left")],
-        "outlier_share": [Interval(Real, 0, 1, closed="both")],
-        "outliers": [StrOptions({"clustered", "uniform"})],
-        "regular_variances": ["array-like"],
-        "outlier_variances": ["array-like"],
-        "return_X_y": ["boolean"],
-        "random_state": ["random_state"],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    n_samples=[Interval(Integral, 1, None, closed="left")],
+    outlier_share=[Interval(Real, 0, 1, closed="both")],
+    regular_variances=["array-like"],
+    outlier_variances=["array-like"],
 )
 def make_contaminated_plane(
     n_samples: int = 50,

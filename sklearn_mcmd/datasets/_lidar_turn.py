@@ -6,7 +6,7 @@ from numbers import Real
 import numpy as np
 from sklearn.utils import Bunch
 
-from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.datasets._beams import Beams, Sensor
 from sklearn_mcmd.datasets._labels import outlier_sizes
 from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS
@@ -23,14 +23,11 @@ _NOISE_GROWTH = 4.0  # at the end of the reach, over that at range 0
 _PASSING = 0.1  # chance that a beam goes on behind leaves
 
 
-@validate_params(
-    {
-        **SHARED_PARAMETERS,
-        "outlier_kinds": [list, tuple],
-        "beam_divergence": [Interval(Real, 0, None, closed="left")],
-        "snow": [Interval(Real, 0, None, closed="left")],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    **SHARED_PARAMETERS,
+    outlier_kinds=[list, tuple],
+    beam_divergence=[Interval(Real, 0, None, closed="left")],
+    snow=[Interval(Real, 0, None, closed="left")],
 )
 def make_lidar_turn(
     n_samples: int = 70_000,

@@ -5,17 +5,14 @@ from numbers import Real
 import numpy as np
 from sklearn.utils import Bunch
 
-from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.datasets._panels import Bilinear
 from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Patch
 
 
-@validate_params(
-    {**SHARED_PARAMETERS, "outlier_scale": [Interval(Real, 0, None, closed="neither")]},
-    prefer_skip_nested_validation=True,
-)
+@checked(**SHARED_PARAMETERS, outlier_scale=[Interval(Real, 0, None, closed="neither")])
 def make_box(
     n_samples: int = 3339,
     *,
@@ -69,7 +66,7 @@ def make_box(
     return scan(scene, n_samples, noise, outlier_share, random_state, outlier_kinds=("gaussian",))
 
 
-@validate_params(SHARED_PARAMETERS, prefer_skip_nested_validation=True)
+@checked(**SHARED_PARAMETERS)
 def make_crown_roof(
     n_samples: int = 3017,
     *,

@@ -9,17 +9,14 @@ from scipy.spatial import cKDTree
 from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils import check_array, check_random_state
 
-from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 
 # Extents are measured between these percentiles, so that a single far point changes no cut.
 BULK = 5, 95
 BLOCKS_OF_FOLD = 4  # places of the cloud that a fold mixes
 
 
-@validate_params(
-    {"X": ["array-like"], "n_blocks": [Interval(Integral, 1, None, closed="left")]},
-    prefer_skip_nested_validation=True,
-)
+@checked(X=["array-like"], n_blocks=[Interval(Integral, 1, None, closed="left")])
 def spatial_blocks(X: ArrayLike, n_blocks: int) -> NDArray[np.intp]:
     """Cut a cloud into boxes of nearly equal numbers of points.
 
