@@ -76,14 +76,8 @@ def make_contaminated_plane(
 
     Notes
     -----
-    Section 5.1 calls (6, 6, 0.01) variances, and they are. Read as standard deviations, they give
-    PCA a bias angle of 12 degrees, where Table 1 prints 34. Table 2 varies the first two variances
-    of both distributions, Fig. 7c the third variance of the regular points.
-
-    References
-    ----------
-    .. [1] Nurunnabi, West, Belton, "Outlier detection and robust normal-curvature estimation
-       in mobile laser scanning 3D point cloud data", Pattern Recognition 48 (2015), Section 5.1.
+    Table 2 varies the first two variances of both distributions, Fig. 7c the third variance of the
+    regular points. :doc:`reproduction` says why they are variances.
 
     Examples
     --------

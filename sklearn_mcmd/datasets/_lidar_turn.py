@@ -112,11 +112,7 @@ def make_lidar_turn(
     besides. Beams whose label would be in doubt are lost. Leaves differ between seeds; other
     surfaces do not.
 
-    The rings are those of a scanner with 32 beams, of which one turn on a campus (``fast_gicp``,
-    69,792 points) is the model. There the median distance to the nearest other point is 1.3, 3.9
-    and 13.6 cm at ranges of 3 to 6, 10 to 15 and 40 to 70 m, here 1.4, 3.8 and 13.5 cm. Half the
-    points lie within 4.0 m there and 5.0 m here. The real turn also holds 5,106 points where the
-    sensor is, of beams without an echo.
+    The rings are those of a scanner with 32 beams. :ref:`real_scans` compares with real turns.
 
     *Snow.* At a snowfall of R mm/h a cubic meter holds N0 exp(-L D) dD flakes of melted diameter D,
     N0 = 2500 R^-0.94 per mm and L = 2.29 R^-0.45 per mm [1]_; flakes have a tenth of water's
@@ -126,14 +122,6 @@ def make_lidar_turn(
     stronger than the echo of what stands behind, of reflectance 0.3, and than that of reflectance
     0.8 at 100 m. So the chance of a flake grows with the way, and falls with its own range: far
     away only large ones are seen.
-
-    With the ranges of six real turns as those of what stands behind (``snow_spinning_lidar``,
-    where others simulated the snow), 2 mm/h end 2.9 to 3.5 % of these beams, there 2.8 to 3.1 %.
-    Flakes are 1.1, 2.1, 3.5, 5.5 and 9.6 m away (5, 25, 50, 75 and 95 %), there 1.2, 2.2, 3.9, 6.2
-    and 11.9 m; 24, 34, 22, 11 and 5 % of them within each 2 m up to 10 m, there 20, 30, 23, 12 and
-    6 %. The 6 m, from which on a receiver sees most of its beam's spot, and this snowfall were
-    chosen on one of these turns. Beams into the sky, of which those turns have no record, meet
-    flakes more often: nothing outshines them.
 
     References
     ----------
