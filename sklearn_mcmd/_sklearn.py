@@ -4,7 +4,6 @@
 scikit-learn use them. If they move, only this file changes.
 """
 
-from functools import cache
 from inspect import get_annotations
 from typing import Literal, get_args, get_origin
 
@@ -66,41 +65,18 @@ def check_parameters(estimator):
 
 
 class DocLinkMixin:
-    """Lets the HTML form of an estimator link to its page of the API.
+    """Lets the HTML form of an estimator link to its page of the API, by the name it has there.
 
-    The site is `documentation_site`. While there is none, there is no link: scikit-learn leaves out
-    an empty one. Put it to the left of `BaseEstimator`.
+    Put it to the left of `BaseEstimator`. A test holds that the site is that of pyproject.toml.
     """
 
     _doc_link_module = "sklearn_mcmd"
-
-    @property
-    def _doc_link_template(self):
-        site = documentation_site()
-        return f"{site}/generated/{{page}}.html" if site else ""
+    _doc_link_template = "https://sklearn-mcmd.github.io/sklearn-mcmd/generated/{page}.html"
 
     def _doc_link_url_param_generator(self):
-        return {"page": public_name(type(self))}
+        import sklearn_mcmd
 
-
-@cache
-def documentation_site():
-    """Where the pages are: "Documentation" of [project.urls] in pyproject.toml, or ""."""
-    from importlib.metadata import PackageNotFoundError, metadata
-
-    try:
-        urls = metadata("sklearn-mcmd").get_all("Project-URL") or []
-    except PackageNotFoundError:  # a folder on the path that was not installed
-        return ""
-    named = dict(url.split(", ", 1) for url in urls)
-    return named.get("Documentation", "").rstrip("/")
-
-
-def public_name(estimator_class):
-    """The name by which the API documents a class: from the package, or from a public module."""
-    import sklearn_mcmd
-
-    name, parts = estimator_class.__name__, estimator_class.__module__.split(".")
-    if name in sklearn_mcmd.__all__:
-        parts = parts[:1]
-    return ".".join([*(part for part in parts if not part.startswith("_")), name])
+        name, parts = type(self).__name__, type(self).__module__.split(".")
+        if name in sklearn_mcmd.__all__:
+            parts = parts[:1]
+        return {"page": ".".join([*(part for part in parts if not part.startswith("_")), name])}
