@@ -76,8 +76,10 @@ def test_facades_stay_below_one_approximate_position(shared_data):
 
 @pytest.mark.parametrize(
     ("position", "f1", "lost"),
-    [(None, 0.76, 0.018), ("origin", 0.92, 0.0035)],
-    ids=["coordinates alone", "sensor known"],
+    [
+        pytest.param(None, 0.76, 0.018, id="coordinates alone", marks=pytest.mark.slow),
+        pytest.param("origin", 0.92, 0.0035, id="sensor known"),
+    ],
 )
 def test_snow_is_told_from_far_rings(position, f1, lost, shared_data):
     """In the mean of six turns: of one alone, a single group moves F1 by .015."""
