@@ -77,7 +77,7 @@ def make_contaminated_plane(
     Notes
     -----
     Table 2 varies the first two variances of both distributions, Fig. 7c the third variance of the
-    regular points. :doc:`reproduction` says why they are variances.
+    regular points. :doc:`/reproduction` says why they are variances.
 
     Examples
     --------

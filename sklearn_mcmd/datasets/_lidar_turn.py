@@ -54,8 +54,8 @@ def make_lidar_turn(
     noise : float, default=0.01
         Standard deviation of ranges at range 0, in meters. It grows linearly, to four times as
         much at 100 m.
-    outlier_share : float, default=0.03
-        Share of outliers in [0, 1), rounded to a whole number of points.
+    outlier_share, random_state
+        As of :func:`make_street`.
     outlier_kinds : list or tuple of str
         Kinds of outliers, in (nearly) equal shares; by default all but range errors:
 
@@ -68,17 +68,12 @@ def make_lidar_turn(
         - ``"no_return"``: where the sensor is, as some write down beams without an echo.
 
     beam_divergence : float, default=0.0
-        Full angle of each beam in radians, to 1/e^2 of the intensity on its axis, as data sheets
-        state it: 0.002 to 0.003 is usual here. A beam has the mean range of what it meets within
-        0.75 m, the resolution of pulses of 5 ns, weighted by energy; of several such groups, that
-        of the strongest. Where it is farther than four standard deviations of the noise
-        from every surface, the point is an outlier of kind ``"mixed_pixel"``, besides those of
-        `outlier_share`.
+        As of :func:`make_street`; 0.002 to 0.003 is usual here. But a beam has the mean range of
+        what it meets within 0.75 m, the resolution of pulses of 5 ns; of several such groups, that
+        of the strongest.
     snow : float, default=0.0
         Snowfall in mm of water an hour: 1 is light, 2.5 heavy snow. Flakes take the place of what
         beams meet, or of nothing: outliers of kind ``"snow"``, besides those of `outlier_share`.
-    random_state : int, RandomState instance or None, default=None
-        Seed. The same seed gives the same cloud.
 
     Returns
     -------

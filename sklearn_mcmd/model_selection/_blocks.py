@@ -112,10 +112,6 @@ class SpatialBlockSplit(BaseCrossValidator):
     without labels: labels only score, once for each point, in the fold of its block. It is a
     leak for estimators that learn from y. For these take ``GroupKFold`` with `spatial_blocks`.
 
-    The mean score of one candidate is an unbiased estimate for the cloud. The score of the best
-    of many is optimistic, as in every search. Judge the winner on a cloud that the search has
-    not seen.
-
     ``LocalOutlierFactor(novelty=True)`` takes a test point of its own training cloud as its own
     nearest neighbor. That one of `n_neighbors` tells nothing, which shifts its scores a little.
     With ``MCMDOutlierDetector`` a point belongs to its neighborhood by definition.

@@ -129,10 +129,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         a turn of a spinning scanner or a depth image has it. "auto" takes the origin if the cloud
         shows that it was taken from there, see :ref:`recognized`, and else None. `fit` takes a
         position for each point; under "auto" that is not used where it would condemn surfaces, see
-        :ref:`stated`. With it, company also counts in the distance between beams at the range of a
-        point. What beams pass on their way to the background is empty space, and
-        surfaces that contain the rays are mixed pixels. See :ref:`sensor`. None goes by
-        coordinates alone.
+        :ref:`stated`. With it rays tell, too, see :ref:`sensor`; None goes by coordinates alone.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use. It decides little where
@@ -199,8 +196,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
 
     Notes
     -----
-    ``MCMDOutlierDetector(reweight=False, strictness=None)`` is the paper's form. It is weak on
-    whole clouds: an isolated outlier has neighbors far apart, so the scale is large and it passes.
+    ``MCMDOutlierDetector(reweight=False, strictness=None)`` is the paper's form.
 
     No threshold depends on the verdict. The score is a continuous function of the coordinates
     almost everywhere: moving, turning or scaling the cloud changes it by rounding errors only.
