@@ -8,7 +8,6 @@ the paper is what it leaves open: ties go to the first member and the first tria
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.stats import f, norm, skew, truncnorm
 
 from reference_rays import LiteralRays
@@ -177,12 +176,15 @@ def whole_plane(points):
 
 
 def robust_scale(distances):
-    """The S-estimate: in units of it, squares that are one at most have a mean of one half."""
+    """The S-estimate: in units of it, squares that are one at most have a mean of one half.
 
-    def left(scale):
-        return np.minimum((distances / scale) ** 2, 1).mean() - 0.5
-
-    return brentq(left, distances[distances > 0].min() / 2, 2 * distances.max(), xtol=1e-15)
+    With the right number of squares that are no more than one their sum tells the unit, with any
+    other number a larger one.
+    """
+    n = len(distances)
+    within = np.arange(n // 2 + 1, n + 1)
+    squares = np.cumsum(np.sort(distances**2))[within - 1] / (within - n / 2)
+    return np.sqrt(squares.min())
 
 
 def agreed_planes(X, near, trials, h, small_faces=False):

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.metrics import average_precision_score
 
-from reference import judged
+from reference import judged, robust_scale
 from scenes import corner, cylinder, near_the_first, sphere, torus
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
@@ -97,6 +97,13 @@ def oracle(request):
     n_rest = {"no surface": len(X), "one point off": 1}.get(kind)
     assert n_rest in (None, np.sum(~on_surface))
     return X, noise_scale, expected, on_surface, company
+
+
+@pytest.mark.parametrize("n", [5, 20])
+def test_the_scale_of_the_literal_oracle_is_defined_by_its_mean_square(n):
+    distances = np.abs(np.random.default_rng(n).standard_t(2, n))
+    squares = np.minimum((distances / robust_scale(distances)) ** 2, 1)
+    assert squares.mean() == pytest.approx(0.5, rel=1e-14)
 
 
 @pytest.mark.parametrize("compiled", [False, True])
