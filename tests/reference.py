@@ -8,7 +8,8 @@ the paper is what it leaves open: ties go to the first member and the first tria
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import f, norm, skew, truncnorm
+from scipy.special import fdtri, ndtr, ndtri
+from scipy.stats import truncnorm
 
 from reference_rays import LiteralRays
 from sklearn_mcmd.planes._record import Neighborhoods
@@ -165,11 +166,11 @@ def whole_plane(points):
     terms = design.shape[1]
     rest = z - design @ np.linalg.lstsq(design, z)[0]
     by_plane, by_quadric = (z @ z) / (k - d), (rest @ rest) / (k - terms)
-    chance = norm.sf(1.5)
+    chance = ndtr(-1.5)
     gained = by_plane * (k - d) - by_quadric * (k - terms)
-    noise = gained <= f.isf(chance, terms - d, k - terms) * (terms - d) * by_quadric
-    noise &= np.abs(z).max() <= norm.isf(chance / (2 * k)) * z.std()
-    noise &= abs(skew(z)) <= 1.5 * np.sqrt(6 * (k - 2) / ((k + 1) * (k + 3)))
+    noise = gained <= fdtri(terms - d, k - terms, 1 - chance) * (terms - d) * by_quadric
+    noise &= np.abs(z).max() <= -ndtri(chance / (2 * k)) * z.std()
+    noise &= abs(np.mean(z**3) / z.std() ** 3) <= 1.5 * np.sqrt(6 * (k - 2) / ((k + 1) * (k + 3)))
     geary = np.abs(z).mean() - np.sqrt(2 / np.pi) * z.std()
     noise &= abs(geary) <= 1.5 * np.sqrt((1 - 3 / np.pi) / k) * z.std()
     return found, by_plane, by_quadric, noise
