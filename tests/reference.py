@@ -170,7 +170,8 @@ def whole_plane(points):
     gained = by_plane * (k - d) - by_quadric * (k - terms)
     noise = gained <= fdtri(terms - d, k - terms, 1 - chance) * (terms - d) * by_quadric
     noise &= np.abs(z).max() <= -ndtri(chance / (2 * k)) * z.std()
-    noise &= abs(np.mean(z**3) / z.std() ** 3) <= 1.5 * np.sqrt(6 * (k - 2) / ((k + 1) * (k + 3)))
+    most_skew = 1.5 * np.sqrt(6 * (k - 2) / ((k + 1) * (k + 3)))
+    noise &= abs(np.mean(z**3)) <= most_skew * z.std() ** 3
     geary = np.abs(z).mean() - np.sqrt(2 / np.pi) * z.std()
     noise &= abs(geary) <= 1.5 * np.sqrt((1 - 3 / np.pi) / k) * z.std()
     return found, by_plane, by_quadric, noise
