@@ -206,7 +206,7 @@ METHODS = {
             False,
             "as R's rrcov: 2 components, small-sample factors, cut-off of orthogonal distances by "
             "the MAD",
-            _baseline(Robpca(n_components=2)),
+            _baseline(Robpca(n_components=2, projection=False, orthogonal_scale="mad")),
         ),
         Method(
             "reweighted",

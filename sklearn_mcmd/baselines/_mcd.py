@@ -25,9 +25,15 @@ class McdLimits(NamedTuple):
 
 # Coefficients of Pison, Van Aelst and Willems (2002) for the small-sample factors at support
 # fractions .5 and .875, of the raw and the reweighted estimate.
-TWO = {
-    "raw": ((0.673292623522027, 0.691365864961895), (0.446537815635445, 1.06690782995919)),
-    "reweighted": ((3.11101712909049, 1.91401056721863), (0.79473550581058, 1.10081930350091)),
+ONE_OR_TWO = {
+    "raw": {
+        1: ((0.262024211897096, 0.604756680630497), (-0.351584646688712, 1.01646567502486)),
+        2: ((0.673292623522027, 0.691365864961895), (0.446537815635445, 1.06690782995919)),
+    },
+    "reweighted": {
+        1: ((1.11098143415027, 1.5182890270453), (-0.66046776772861, 0.88939595831888)),
+        2: ((3.11101712909049, 1.91401056721863), (0.79473550581058, 1.10081930350091)),
+    },
 }
 THREE_AND_MORE = {
     "raw": (
@@ -110,6 +116,26 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
         locations=locations * scale[:, 0] + center[:, 0],
         covariances=covariances * np.square(scale),
     )
+
+
+def univariate_mcd(values, h):
+    """Location and standard deviation of the h of n values with the least variance (last axis).
+
+    They are consistent for the normal distribution, and exact: the subset is a run of the sorted
+    values.
+    """
+    n = values.shape[-1]
+    middle = np.median(values, axis=-1, keepdims=True)
+    ordered = np.sort(values - middle, axis=-1)
+    zero = np.zeros((*ordered.shape[:-1], 1))
+    sums = np.concatenate([zero, np.cumsum(ordered, axis=-1)], axis=-1)
+    squares = np.concatenate([zero, np.cumsum(ordered**2, axis=-1)], axis=-1)
+    means = (sums[..., h:] - sums[..., :-h]) / h
+    variances = np.maximum((squares[..., h:] - squares[..., :-h]) / h - means**2, 0.0)
+    best = np.argmin(variances, axis=-1)[..., None]
+    location = np.take_along_axis(means, best, -1) + middle
+    variance = np.take_along_axis(variances, best, -1) * _consistency(h / n, 1)
+    return location[..., 0], np.sqrt(variance[..., 0])
 
 
 def _best_support(local, table, h, ridge):
@@ -204,8 +230,8 @@ def _consistency(share, d):
 
 def _small_sample(kind, n, d, support_fraction):
     """Factor on the covariance for few points, from simulation; it tends to 1 for many points."""
-    if d == 2:
-        half, most = (1.0 - np.exp(a) / n**b for a, b in TWO[kind])
+    if d <= 2:
+        half, most = (1.0 - np.exp(a) / n**b for a, b in ONE_OR_TWO[kind][d])
     else:
         half, most = (1.0 - _interpolate(pair, n, d) for pair in THREE_AND_MORE[kind])
     if support_fraction <= 0.875:

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from sklearn_mcmd.baselines import Robpca
-from sklearn_mcmd.baselines._mcd import fit_mcd, mcd_support_size
+from sklearn_mcmd.baselines._mcd import fit_mcd, mcd_support_size, univariate_mcd
+from sklearn_mcmd.baselines._robpca import stahel_donoho
 
 
 def plane_with_outliers(n_sets=30, n=60, n_outliers=15, d=3, seed=0):
@@ -55,6 +56,18 @@ def test_many_members_go_through_scikit_learns_nested_subsets():
     assert_allclose(found.cutoff, np.sqrt(stats.chi2.ppf(0.975, 3)))
 
 
+def test_the_univariate_mcd_is_the_run_of_least_variance():
+    values = np.random.default_rng(0).standard_t(2, size=(6, 25))
+    location, scale = univariate_mcd(values, 15)
+    # The variance of a normal variable within the central 15 of 25, as a share of all.
+    within = stats.truncnorm(-(limit := stats.norm.ppf(0.8)), limit).var()
+    for row, mean, deviation in zip(values, location, scale, strict=True):
+        runs = [np.sort(row)[i : i + 15] for i in range(11)]
+        best = min(runs, key=np.var)
+        assert_allclose(mean, best.mean(), rtol=1e-10, atol=1e-12)
+        assert_allclose(deviation**2, best.var() / within, rtol=1e-9)
+
+
 @pytest.mark.parametrize("n", [60, 120])
 def test_covariances_of_clean_samples_are_right_on_average(n):
     """With both factors; of 30 points the formula leaves a quarter too much."""
@@ -64,7 +77,10 @@ def test_covariances_of_clean_samples_are_right_on_average(n):
     assert_allclose(variances, [9, 4, 1], rtol=0.15)
 
 
-@pytest.mark.parametrize("params", [{}, {"n_components": 2}])
+@pytest.mark.parametrize(
+    "params",
+    [{}, {"n_components": 2}, {"projection": True}, {"orthogonal_scale": "mad", "n_components": 2}],
+)
 def test_planted_outliers_are_found(params):
     points = plane_with_outliers()
     found = Robpca(**params).fit(points, random_state=0)
@@ -74,32 +90,59 @@ def test_planted_outliers_are_found(params):
     assert tilt.max() < 5
 
 
-def test_it_withstands_less_than_half_and_no_more():
-    """60 members: the subset of 32 has no room for 29 outliers."""
-    method = Robpca(n_components=2)
+@pytest.mark.parametrize("projection", [False, True])
+def test_it_withstands_less_than_half_and_no_more(projection):
+    """60 members: the subset of 32 (31 by projection pursuit) has no room for 29 outliers."""
+    method = Robpca(projection=projection, n_components=2)
     for n_outliers, withstood in ((25, True), (35, False)):
         found = method.fit(plane_with_outliers(20, n_outliers=n_outliers), random_state=0)
         regular = found.inliers[:, n_outliers:].mean() > found.inliers[:, :n_outliers].mean()
         assert regular == withstood
 
 
-def test_it_moves_turns_and_shears_with_the_points():
+@pytest.mark.parametrize("projection", [False, True])
+def test_it_moves_and_turns_with_the_points_and_the_mcd_shears(projection):
     points = plane_with_outliers(10)
     rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     shear = np.array([[1.0, 0.3, 0.0], [0.0, 2.0, 0.1], [0.0, 0.0, 3.0]])
     clouds = points, 4 * points @ rotation.T + [10.0, -20.0, 30.0], points @ shear
-    method = Robpca()
+    method = Robpca(projection=projection)
     here, turned, sheared = (method.fit(p, random_state=0) for p in clouds)
     assert_allclose(here.scores, turned.scores, rtol=1e-5)
     assert_array_equal(here.inliers, turned.inliers)
     assert_allclose(4 * here.scale, turned.scale, rtol=1e-5)
-    assert np.abs(here.scores - sheared.scores).max() < 1e-4
+    difference = np.abs(here.scores - sheared.scores).max()
+    assert difference > 1e-2 if projection else difference < 1e-4
+
+
+def test_few_members_for_their_dimensions_begin_with_projection_pursuit():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(10, 24, 6)) * [1, 1, 1, 1, 1, 0.05]
+    points[:, :6, -1] += 10
+    found = Robpca().fit(points, random_state=0)
+    assert not found.inliers[:, :6].any()
+    tilt = np.degrees(np.arccos(np.abs(found.normals[:, -1])))
+    assert np.median(tilt) < 5
+
+
+def test_outlyingness_is_the_largest_over_directions():
+    points = np.random.default_rng(0).normal(size=(2, 20, 3))
+    pairs = starts(20, 1, 30)
+    found = stahel_donoho(points, pairs, 12, np.full(2, 1e-12))
+    for b in range(2):
+        worst = np.zeros(20)
+        for i, j in pairs:
+            direction = points[b, j] - points[b, i]
+            projections = points[b] @ direction / np.linalg.norm(direction)
+            location, scale = univariate_mcd(projections, 12)
+            worst = np.maximum(worst, np.abs(projections - location) / scale)
+        assert_allclose(found[b], worst, rtol=1e-8)
 
 
 def test_both_cutoffs_keep_their_shares_of_regular_members():
     """97.5 % of the score distances and, by Wilson and Hilferty, of the orthogonal ones."""
     points = np.random.default_rng(0).normal(size=(200, 200, 3)) * [3, 2, 0.1]
-    method = Robpca(n_components=2, n_trials=30)
+    method = Robpca(n_components=2, n_trials=30, orthogonal_scale="mad")
     # Both are about 95.7 %, and a little less as few of 30 trials find the best subset.
     assert 0.93 < method.fit(points, random_state=0).inliers.mean() < 0.97
 
@@ -107,10 +150,11 @@ def test_both_cutoffs_keep_their_shares_of_regular_members():
 def test_perfect_planes_are_no_trouble():
     points = plane_with_outliers(4)
     points[:, 15:, 2] = 0
-    found = Robpca().fit(points, random_state=0)
-    assert np.isfinite(found.scores).all()
-    assert not found.inliers[:, :15].any()
-    assert_allclose(np.abs(found.normals[:, 2]), 1, atol=1e-6)
+    for projection in (False, True):
+        found = Robpca(projection=projection).fit(points, random_state=0)
+        assert np.isfinite(found.scores).all()
+        assert not found.inliers[:, :15].any()
+        assert_allclose(np.abs(found.normals[:, 2]), 1, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -118,6 +162,7 @@ def test_perfect_planes_are_no_trouble():
     [
         ({"n_components": 4}, "more than 3 features"),
         ({"support_fraction": 0.4}, "'support_fraction' parameter of Robpca"),
+        ({"orthogonal_scale": "sd"}, "'orthogonal_scale' parameter"),
         ({"consistency": "none"}, "'consistency' parameter"),
         ({"n_trials": 0}, "'n_trials' parameter"),
     ],
