@@ -268,7 +268,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         creases = self.criterion == "crease"
         index = self._index(xyz) if creases else None
         self.inlier_mask_ = kept = self._clean(xyz, detector)
-        if creases and not kept.all():
+        if index is not None and not kept.all():
             index = self._index(xyz[kept])
         members = found = table[kept]
         if self.normals == "estimate":
@@ -276,7 +276,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             fit = normal_estimator.fit if creases else normal_estimator.fit_transform
             with sub_fit(0.6, 0.8, "normals", normal_estimator):
                 found = fit(members)
-        if creases:
+        if index is not None:
             self.offset_, self.scores_ = crease_width(self), np.empty(len(xyz))
             with progress_part(0.8, 1.0, "creases"):
                 with progress_part(0.0, 0.9):
