@@ -233,6 +233,7 @@ PARTS = {
             Limit("planes._rules", "ReweightLimits", "cutoff"),
             Limit("planes._agreement", "AgreementLimits", "passes", 0),
             Limit("planes._agreement", "AgreementLimits", "face", np.inf),
+            Limit("planes._principal_planes", "RowLimits", "width", 0.0),
             Parameter("reweight", (False,)),
             Parameter("neighbor_planes", (False,)),
             Parameter("n_neighbors", (20, 30, 80)),
