@@ -36,6 +36,10 @@ class CellColumns:
         with one_clear_line(path, "read"):
             return np.load(path)
 
+    def mapped(self, cell, name):
+        """What `read` returns, of which only what is asked for comes into memory."""
+        return mapped(self.path(cell, name), "r")
+
     def write(self, cell, **arrays):
         for name, values in arrays.items():
             with in_place_of(self.path(cell, name)) as temporary, open(temporary, "wb") as file:
@@ -189,6 +193,10 @@ class StoredColumns:
         """Some rows of a column, of which nothing else stays in memory."""
         return np.array(mapped(self._path(name), "r")[rows])
 
+    def column(self, name):
+        """A column of which nothing stays in memory but what is asked for, by `rows_of`."""
+        return _Column(self, name)
+
     def planes(self, changing=False):
         """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
         names = ("centroids", "normals", "scale")
@@ -199,6 +207,19 @@ class StoredColumns:
 
     def _path(self, name):
         return self.columns.path(ALL, name)
+
+
+class _Column:
+    """A column by its rows."""
+
+    def __init__(self, whole, name):
+        self._whole, self._name = whole, name
+
+    def __len__(self):
+        return len(self._whole)
+
+    def __getitem__(self, rows):
+        return self._whole.rows_of(self._name, rows)
 
 
 def mapped(path, mode):

@@ -24,7 +24,8 @@ WEIGHTS = {
     **{"places": 2, "neighbors": 20, "offers": 25, "planes": 30, "bends": 10, "normals": 15},
     **{"sizes": 48, "larger": 8},  # of n_neighbors="auto"
     **{"forest": 6, "sides": 12},  # of orientation="mst"
-    **{"heights": 18, "scores": 25, "verdicts": 1},
+    **{"surfaces": 1, "explained": 1, "usual": 12, "groups": 10, "scores": 2},
+    **{"rays": 25, "heights": 18, "verdicts": 1},
     **{"outliers": 135, "kept": 3, "edges": 60},
     **{"growth": 14, "joining": 26},
 }

@@ -110,7 +110,7 @@ class TiledEdges(TiledVerb):
             job = replace(OutlierJob.of(run, self.detector), found=scored.folder)
             with sweeps.part("outliers", "outliers"):
                 inner = run.sweeps(outlier_steps(self.detector))
-                cutoff = judge_cells(job, inner, cutoff_of(self.detector))
+                cutoff = judge_cells(job, inner, cutoff_of(self.detector), run.memory)
             parts = scores_of(scored, run.cells)
             n_kept = sum(np.count_nonzero(scores <= cutoff) for scores in parts)
             check_n_kept("outlier_detector", self.detector, n_kept, n_points, least=4)

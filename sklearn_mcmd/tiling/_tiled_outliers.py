@@ -1,5 +1,6 @@
 """Outliers of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -20,6 +21,8 @@ from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, sha
 from sklearn_mcmd.outliers._groups import group_depths
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits, are_usable, surface_width
+from sklearn_mcmd.planes._explaining import measure_farthest
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.report._volumes import losses_of
 from sklearn_mcmd.runtime._chunks import slices
@@ -49,6 +52,7 @@ from sklearn_mcmd.tiling._stored_index import (
 )
 from sklearn_mcmd.tiling._stored_offers import find_offers, offer_steps, remove_offers
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
+from sklearn_mcmd.tiling._tiled_judging import STEPS, judge_in_cells
 
 RAYS = "by_rays"  # the name of what rays say of a cloud
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
@@ -92,12 +96,13 @@ class TiledOutliers(TiledVerb):
         self.scored = run.folder.columns
         job = OutlierJob.of(run, self.detector)
         if self.limits is None:
-            self.cutoff = judge_cells(job, run.sweeps(outlier_steps(self.detector)), self.cutoff)
+            sweeps = run.sweeps(outlier_steps(self.detector))
+            self.cutoff = judge_cells(job, sweeps, self.cutoff, run.memory)
             return
         sweeps = run.sweeps(["heights", *outlier_steps(self.detector), "verdicts"])
         heights = Heights(run, self.limits, sweeps)
         self.n_judged = heights.find()
-        self.cutoff = judge_cells(job, sweeps, self.cutoff)
+        self.cutoff = judge_cells(job, sweeps, self.cutoff, run.memory)
         heights.find_verdicts()
         self.scored = heights.columns
 
@@ -176,8 +181,11 @@ def _judged(values):
     return np.where(np.isnan(depths), np.nan, scores), depths
 
 
+@dataclass(frozen=True)
 class OutlierJob(Job):
     """A job whose estimator is an `MCMDOutlierDetector`."""
+
+    n_explained: int = 0  # places that surfaces explain, once these are known
 
     def model(self):
         """The `LocalPlaneModel` of all places."""
@@ -191,13 +199,17 @@ class OutlierJob(Job):
 
     def stored_columns(self):
         """What the sweeps fill: names, dtypes and shapes of a row."""
-        number = np.float64, ()
-        columns = {"near": (np.int32, (self.estimator.n_neighbors,))}
-        if self.estimator._one_plane:
-            return {**columns, "distances": number}
+        number, detector = (np.float64, ()), self.estimator
+        columns = {"near": (np.int32, (detector.n_neighbors,))}
+        if detector._one_plane:
+            return columns
         planes = dict.fromkeys(("centroids", "normals"), (np.float64, (3,)))
-        others = ("scale", "radius", "spacing", "other_spacing")
-        return {**columns, **planes, **dict.fromkeys(others, number)}
+        others = ["scale", "radius", "spacing", "other_spacing"]
+        if detector.sensor_origin is None:
+            others += ["distances", "farthest", "owner_scale"]
+            planes["usable"] = bool, ()
+        noise = ["noise"] * (detector.noise_scale is not None)
+        return {**columns, **planes, **dict.fromkeys([*others, *noise], number)}
 
 
 def cutoff_of(estimator):
@@ -213,30 +225,39 @@ def cutoff_of(estimator):
 
 def outlier_steps(detector):
     """The steps of `judge_cells` in their order, as of `Sweeps`."""
-    return "places", "neighbors", *offer_steps(detector), "planes", "scores"
+    last = STEPS if detector.sensor_origin is None else ("rays",)
+    last = () if detector._one_plane else last
+    return "places", "neighbors", *offer_steps(detector), "planes", *last
 
 
-def judge_cells(job, sweeps, cutoff):
+def judge_cells(job, sweeps, cutoff, memory):
     """Write the scores of all points; returns the score beyond which points are outliers."""
     cells, columns, sweep = job.cells, job.columns, partial(sweeps, cells=job.cells, job=job)
+    detector, n_jobs = job.estimator, sweeps.n_workers * job.n_threads
     sweep("places", find_places)
     whole = job.whole()
-    if len(whole) < max(COMPILE_FROM, job.estimator.n_neighbors + 1):
-        fitted = fit_together(job, job.estimator, cells, lambda fitted: -fitted.scores_)
+    if len(whole) < max(COMPILE_FROM, detector.n_neighbors + 1):
+        fitted = fit_together(job, detector, cells, lambda fitted: -fitted.scores_)
         _keep_rays(columns, judged_cloud(fitted))
         return -fitted.offset_
     if not columns.all_have(len(cells), "results"):
         whole.join("points", "counts")
         whole.make(**job.stored_columns())
         sweep("neighbors", find_neighbors)
+        warn_if_coarse(job.constants, StoredIndex(whole))
+        if detector.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
+            _calibrate(job, whole)
         find_offers(sweep, job)
         sweep("planes", _find_planes)
-        remove_offers(whole, *offer_steps(job.estimator))
-        with sweeps.part("scores"), whole.releasing():
-            _judge(job, cells, whole, sweeps.n_workers * job.n_threads)
-    if job.estimator.false_positive_rate is not None:
+        remove_offers(whole, *offer_steps(detector))
+        if "rays" in outlier_steps(detector):
+            with sweeps.part("rays"), whole.releasing():
+                _judge_by_rays(job, cells, whole, n_jobs)
+        elif not detector._one_plane:
+            judge_in_cells(sweep, job, memory, n_jobs)
+    if detector.false_positive_rate is not None:
         return columns.report(ALL, "cutoff")["cutoff"]
-    share = share_to_flag(job.estimator)
+    share = share_to_flag(detector)
     if share is not None:  # all scores are in memory: 16 bytes for each
         scores = np.concatenate(list(scores_of(columns, cells)))
         np.negative(scores, out=scores)
@@ -244,46 +265,52 @@ def judge_cells(job, sweeps, cutoff):
     return cutoff
 
 
+def _calibrate(job, whole):
+    """Find the cutoff of a stated false-positive rate."""
+    rate, settings = job.estimator.false_positive_rate, job.estimator._settings()
+    with listen_to_progress(None), whole.releasing():
+        cutoff = calibrated_cutoff(job.model(), settings, rate)
+    whole.columns.finish(ALL, "cutoff", cutoff=cutoff)
+
+
 def _find_planes(cell, job):
     """Fill the columns of a cell that `OutlierJob.stored_columns` names."""
-    whole = job.whole()
-    own = whole.rows(cell)
-    judged = job.judged(StoredIndex(whole), job.n_threads)
+    whole, columns, limits = job.whole(), job.columns, SurfaceLimits()
+    own, index = whole.rows(cell), StoredIndex(whole)
+    judged, points = job.judged(index, job.n_threads), index.points[own]
     if judged.own_planes_only:
         model, distances = judged.model, []
         for rows in slices(own.stop, CHUNK, own.start):
-            around = model.index.query_own(rows)
-            found = model.evaluate_neighborhoods(model.index.points[rows], around)
+            around = index.query_own(rows)
+            found = model.evaluate_neighborhoods(index.points[rows], around)
             distances.append(judged.paper_scores(*found))
-        whole.put(cell, distances=np.concatenate(distances))
-    else:
-        judged.counts = whole.open("counts")
-        planes, spacing, other_spacing = judged.measure_planes(own)
-        names = ("centroids", "normals", "scale", "radius")
-        faces = {name: getattr(planes, name) for name in names}
-        whole.put(cell, spacing=spacing, other_spacing=other_spacing, **faces)
-    job.columns.finish(cell, "planes")
+        scores = np.concatenate(distances)[columns.read(cell, "place_of")]
+        write_results(columns, cell, job.cells.read(cell)["row"], scores)
+        return columns.finish(cell, "planes")
+    judged.counts = whole.open("counts")
+    planes, spacing, other_spacing = judged.measure_planes(own)
+    names = ("centroids", "normals", "scale", "radius")
+    found = {name: getattr(planes, name) for name in names}
+    if whole.has("farthest"):
+        measured, farthest = judged.measured(planes), np.empty(len(points))
+        measure_farthest(index, surface_width(index, limits), own, farthest, job.n_threads)
+        found["farthest"] = farthest
+        found["distances"] = judged.from_own_planes(points, measured)
+        found["usable"] = are_usable(planes, found["distances"], limits)
+        if whole.has("noise"):
+            found["noise"] = measured.scale
+    whole.put(cell, spacing=spacing, other_spacing=other_spacing, **found)
+    return columns.finish(cell, "planes")
 
 
-def _judge(job, cells, whole, n_threads):
-    """Write the scores of all cells, once the planes of all places are known."""
-    columns, index = whole.columns, StoredIndex(whole, cells)
+def _judge_by_rays(job, cells, whole, n_threads):
+    """Write the scores of all cells, with the position of the sensor, in this process."""
+    index, spacings = StoredIndex(whole, cells), ("spacing", "other_spacing")
     judged = job.judged(index, n_threads, _origins(job, cells, whole, index))
-    warn_if_coarse(job.constants, index)
-    rate = job.estimator.false_positive_rate
-    if rate is not None and not columns.is_done(ALL, "cutoff"):
-        with listen_to_progress(None):
-            cutoff = calibrated_cutoff(judged.model, job.estimator._settings(), rate)
-        columns.finish(ALL, "cutoff", cutoff=cutoff)
-    if judged.own_planes_only:
-        scores = whole.open("distances")
-    else:
-        spacings = whole.open("spacing"), whole.open("other_spacing")
-        counts = whole.open("counts")
-        judged.judge(counts, int(counts.sum()), lambda: (whole.planes(), *spacings))
-        scores = judged.point_scores
-        _keep_rays(columns, judged)
-    write_results_of_places(job, scores)
+    counts = whole.open("counts")
+    judged.judge(counts, int(counts.sum()), lambda: (whole.planes(), *map(whole.open, spacings)))
+    _keep_rays(whole.columns, judged)
+    write_results_of_places(job, judged.point_scores)
 
 
 def _keep_rays(columns, judged):
