@@ -80,18 +80,23 @@ def find_creases(index, planes, min_angle, n_jobs=None):
     origin = np.array([np.median(coordinate) for coordinate in index.points.T])
     planes.centroids[:] -= origin
     with progress_part(0.0, MEASURED):
-        _measure_spacing(index, origin, planes, n_jobs)
-    cosine = np.cos(np.radians(min_angle))
+        _measure_spacing(index, planes, n_jobs)
     creases = Creases(
         index=index,
         origin=origin,
         planes=planes,
         flat=are_faces(planes),
-        cosine=cosine,
+        usable=np.ones(len(index.points), bool),
+        cosine=cosine_of(min_angle),
         n_jobs=n_jobs,
     )
     faces, evidence, distance = creases.measure(index.points, index.query_own)
     return replace(creases, faces=faces, evidence=evidence), distance
+
+
+def cosine_of(min_angle):
+    """The largest cosine of the angle between two faces that meet."""
+    return np.cos(np.radians(min_angle))
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,7 @@ class Creases:
     origin: np.ndarray
     planes: Planes
     flat: np.ndarray  # bool: which planes are those of faces
+    usable: np.ndarray  # True for all planes
     cosine: float  # that of two faces that meet is smaller
     n_jobs: int | None
     faces: Faces | None = None  # of the points
@@ -118,26 +124,25 @@ class Creases:
         """Faces of queries, evidence for creases, and distances from these; ``around(part)`` are
         the `Neighborhoods` of a slice of them."""
         with progress_part(MEASURED, GIVEN):
-            own = self._give_planes(queries, around)
+            own = self.give_planes(queries, around)
         with progress_part(GIVEN, MET):
-            distance, evidence = self._meet(queries, own, around)
+            distance, evidence = self.meet(queries, own, around)
         with progress_part(MET, 1.0):
-            self._judge(own, distance, evidence, around)
+            self.judge(own, distance, evidence, around)
         return own, evidence, distance
 
-    def _give_planes(self, queries, around):
+    def give_planes(self, queries, around):
         """Of the planes of its neighbors, the one that explains each query best."""
         faces = Faces.empty(*queries.shape, self.index.empty)
-        usable = np.ones(len(self.flat), dtype=bool)
 
         def give(part, around):
             asked = queries[part] - self.origin
-            faces.put(part, give_faces(asked, around, self.planes, self.flat, usable))
+            faces.put(part, give_faces(asked, around, self.planes, self.flat, self.usable))
 
         _in_chunks(self.index, len(queries), around, give, self.n_jobs)
         return faces
 
-    def _meet(self, queries, own, around):
+    def meet(self, queries, own, around):
         """Distance to the nearest crease in spacings, inf if none, and its evidence: half of the
         BIC of the best two or three faces less that of the best surface without a crease, negative
         where there is an edge. `own` are the faces of the queries."""
@@ -157,7 +162,7 @@ class Creases:
         _in_chunks(self.index, len(queries), around, meet, self.n_jobs)
         return distance, evidence
 
-    def _judge(self, faces, distance, evidence, around):
+    def judge(self, faces, distance, evidence, around):
         """Let the neighbors say, in place, how far each point counts as from the crease: as far as
         it is where they say that an edge is the better model, and farther where not."""
         evidence = evidence if self.evidence is None else self.evidence
@@ -191,23 +196,17 @@ def _search(index, queries, n_jobs):
     return Neighborhoods(indices, np.full(m, k))
 
 
-def _measure_spacing(index, origin, planes, n_jobs):
+def _measure_spacing(index, planes, n_jobs):
     """Fill radius, spacing (the side of the cell that one point of a surface takes), and noise of
     the planes, which is not known better."""
-    m, d = index.points.shape
-    even, limits = index.empty(m), FaceLimits()
-    n = min(limits.n_spacing, index.n_neighbors - 1)
-    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
-    side = (ball / n) ** (1.0 / (d - 1))
+    m, even = len(index.points), index.empty(len(index.points))
 
     def measure(part, around):
-        ends = index.points[around.indices[:, [n, -1]]] - index.points[part, None]
-        near, planes.radius[part] = np.sqrt(np.einsum("mkd,mkd->km", ends, ends))
-        planes.spacing[part] = spacing = near * side
-        planes.scale[part] = np.maximum(planes.scale[part], limits.least_noise * spacing)
+        found = spacing_of(index, part, around, planes.scale[part])
+        planes.radius[part], planes.spacing[part], planes.scale[part] = found
 
     def smooth(part, around):
-        even[part] = planes.spacing[around.indices].mean(axis=1)
+        even[part] = evened(planes.spacing, around)
 
     works = [measure, *[smooth] * CreaseLimits().evening_steps]
     for step, work in enumerate(works):
@@ -217,10 +216,30 @@ def _measure_spacing(index, origin, planes, n_jobs):
             planes.spacing[:] = even
 
 
-def are_faces(planes):
-    """Whether planes are those of faces: flat, or the flatter half of all."""
-    flatness = planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
-    return are_flat(planes, max(FaceLimits().flat, np.median(flatness)))
+def spacing_of(index, part, around, scale):
+    """Radius, spacing and noise of the planes of a slice of an index's points."""
+    n, d = min(FaceLimits().n_spacing, index.n_neighbors - 1), index.points.shape[1]
+    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
+    ends = index.points[around.indices[:, [n, -1]]] - index.points[part, None]
+    near, radius = np.sqrt(np.einsum("mkd,mkd->km", ends, ends))
+    spacing = near * (ball / n) ** (1.0 / (d - 1))
+    return radius, spacing, np.maximum(scale, FaceLimits().least_noise * spacing)
+
+
+def evened(spacing, around):
+    """The mean spacing around some points."""
+    return spacing[around.indices].mean(axis=1)
+
+
+def flatness(planes):
+    """The noise of planes over their radius."""
+    return planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
+
+
+def are_faces(planes, usual=None):
+    """Whether planes are those of faces: flat, or the flatter half of all, `usual` at most."""
+    usual = np.median(flatness(planes)) if usual is None else usual
+    return are_flat(planes, max(FaceLimits().flat, usual))
 
 
 def give_faces(queries, around, planes, flat, usable):

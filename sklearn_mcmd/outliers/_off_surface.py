@@ -62,7 +62,7 @@ class OffSurface:
         whether a query belongs to a group of the cloud, whose separation it has.
         """
         rest, limits = self.rest, self.rest.limits
-        usual = rest.usual_around(queries, None)
+        usual, _ = rest.usual_around(queries, None)
         distances, near = rest.others.query(queries, limits.n_near, None)
         among_rest = rest.spacing(queries, distances, near, itself=False)
         steps = _steps(usual, self.usual, distances[:, :1], near[:, :1])[:, 0]
@@ -114,16 +114,17 @@ class Rest(NamedTuple):
         )
 
     def usual_around(self, queries, n_jobs):
-        """Spacing that is usual on the surfaces around queries."""
+        """Spacing that is usual on the surfaces around queries, and how far the nearest is."""
         n_usual = min(self.limits.n_usual, self.reference.n)
-        usual, place = np.empty(len(queries)), int(self.quantile * n_usual)
+        (usual, gaps), place = np.empty((2, len(queries))), int(self.quantile * n_usual)
 
         def measure(rows, distances, near):
             spacings = self.reference_spacing[near]
             usual[rows] = np.partition(spacings, place, axis=1)[:, place]
+            gaps[rows] = distances[:, 0]
 
         self.reference.visit(queries, n_usual, measure, n_jobs)
-        return usual
+        return usual, gaps
 
     def neighbors(self, usual, n_jobs, own=slice(None)):
         """Mean distance of each point of a slice to others, and those that are of its group."""
@@ -160,7 +161,7 @@ class Rest(NamedTuple):
 def judge_off_surface(rest, least, n_jobs):
     """The `OffSurface` of the `Rest`, where a thing has `least` measurements."""
     with progress_part(0.0, 0.2):
-        usual = rest.usual_around(rest.points, n_jobs)
+        usual, gaps = rest.usual_around(rest.points, n_jobs)
     with progress_part(0.2, 0.7):
         among_rest, linked = rest.neighbors(usual, n_jobs)
     isolation = rest.isolated(among_rest, rest.among_all, usual)
@@ -179,6 +180,7 @@ def judge_off_surface(rest, least, n_jobs):
     small = SmallGroups(
         rest=rest,
         usual=usual,
+        gaps=gaps,
         rows=rows,
         groups=groups[rows],
         least=least,

@@ -43,14 +43,16 @@ class SmallGroups:
     """The points of all groups off the surfaces that have fewer than `least` measurements.
 
     `rest` is the `Rest`, of whose m points `rows` are these, ascending, and `groups` theirs.
-    `usual` (m,) are the usual spacings. The `large` are all other groups, and ``members(chosen)``
-    finds the points of some of these: their rows, and the groups' places among `large`.
+    `usual` (m,) are the usual spacings, and `gaps` (m,) the distances from surfaces. The `large`
+    are all other groups, and ``members(chosen)`` finds the points of some of these: their rows, and
+    the groups' places among `large`.
     """
 
     def __init__(
         self,
         rest,
         usual,
+        gaps,
         rows,
         groups,
         least: float,
@@ -61,9 +63,8 @@ class SmallGroups:
         self.rest, self.least, self.n_jobs = rest, least, n_jobs
         self.rows = rows.astype(np.int32)
         self.points, self.counts = np.array(rest.points[rows]), np.array(rest.counts[rows])
-        self.usual, self.groups = usual, _numbered(groups)
+        self.usual, self.gaps, self.groups = usual, gaps, _numbered(groups)
         self.large, self.members = large, members
-        self.to_surfaces = None  # distances of the points from these, once they are asked for
         # What `judge` finds of these points, and the separation of some large groups' points.
         self.in_row, self.separation, self.straight = np.zeros(len(rows), bool), None, None
         self.apart, self.separation_apart = np.empty(0, np.intp), np.empty(0)
@@ -82,6 +83,7 @@ class SmallGroups:
         self.separation[some], self.straight[some] = found
         if self.rest.has_surface:
             self._separate_large(small)
+        real = [self.rest.reference] * self.rest.has_surface + real
         for search in real:
             search.release()
         return real
@@ -108,17 +110,14 @@ class SmallGroups:
         return small[self.groups]
 
     def _real(self, small):
-        """Searches of what is real: points on surfaces, and those of groups that are not small."""
+        """Searches of what is real beside surfaces: the points of groups that are not small."""
         things = self.rest.others.without(self.rows[small])
-        return [self.rest.reference] * self.rest.has_surface + [things] * bool(things.n)
+        return [things] * bool(things.n)
 
     def _gaps(self, some, real):
-        """Distances of some of the points from what is real; those from surfaces are kept."""
-        on_surface = self.rest.has_surface
-        if self.to_surfaces is None:
-            self.to_surfaces = gaps_to(self.points, real[:on_surface], self.n_jobs)
-        gaps = gaps_to(self.points[some], real[on_surface:], self.n_jobs)
-        return np.minimum(gaps, self.to_surfaces[some])
+        """Distances of some of the points from what is real."""
+        gaps = gaps_to(self.points[some], real, self.n_jobs)
+        return np.minimum(gaps, self.gaps[self.rows[some]]) if self.rest.has_surface else gaps
 
     def _places(self, near):
         """Places of rows of the rest among these points; their number of all others."""
@@ -163,7 +162,7 @@ class SmallGroups:
         real, rows = self._real(small), np.flatnonzero(small)
         group = _numbered(self.groups[rows])
         gaps = gaps_of_groups(group, self._gaps(rows, real))
-        for search in real[self.rest.has_surface :]:
+        for search in real:
             search.release()
         order = np.lexsort(self.points[rows].T[::-1])
         shapes = Shapes.of(self.points[rows[order]], group[order])
@@ -206,13 +205,13 @@ class SmallGroups:
     def _separate_large(self, small):
         """Find the separation of large groups that stand off from all else: over how many times as
         large they are as the least thing. What is large by copies alone is real."""
-        reference, points = [self.rest.reference], self.rest.points
+        points = self.rest.points
         own = Groups.of(self.groups, self.counts, self.usual[self.rows])
         own, n_own = own._replace(one=self.rows[own.one]), len(own.one)
         known = Groups(*map(np.concatenate, zip(own, self.large, strict=True)))
         # One point of each group, and the least size that it may have, tell which may stand off.
         weight, large = self.least / known.counts, known.sizes >= self.least
-        gaps = gaps_to(points[known.one[large]], reference, self.n_jobs)
+        gaps = self.gaps[known.one[large]]
         size = known.usual[large] / known.sizes[large]
         stands_off = ExplainLimits().explained
         large[large] = ratio(gaps, size) * weight[large] > (1 - 1e-9) * stands_off
@@ -221,7 +220,7 @@ class SmallGroups:
         rows = np.concatenate([self.rows[inside], rows])
         groups = np.concatenate([self.groups[inside], n_own + groups])
 
-        gaps = gaps_to(points[rows], reference, self.n_jobs)
+        gaps = np.array(self.gaps[rows])
         apart = self._separation(rows, groups, gaps)[0] * weight[groups] > stands_off
         rows, groups, gaps = rows[apart], groups[apart], gaps[apart]
         code = _numbered(groups) + 1  # 0 of all others that are real

@@ -30,9 +30,9 @@ class Costs(NamedTuple):
 
 COSTS = {
     "normals": Costs(tile=650, stored=430, cloud=450),
-    "outliers": Costs(tile=450, stored=400, cloud=450, whole=2, does="joins the groups of"),
-    "heights": Costs(tile=450, stored=460, cloud=450, whole=2, does="joins the groups of"),
-    "edges": Costs(tile=750, stored=480, cloud=1100, whole=35, does="finds creases of"),
+    "outliers": Costs(tile=450, stored=400, cloud=450, whole=4, does="joins the groups of"),
+    "heights": Costs(tile=450, stored=460, cloud=450, whole=4, does="joins the groups of"),
+    "edges": Costs(tile=750, stored=520, cloud=1100, whole=4, does="joins the groups of"),
     "tree": Costs(tile=650, stored=480, cloud=850, whole=200, does="holds the tree of"),
     "regions": Costs(tile=650, stored=550, cloud=720, whole=100, does="joins the regions of"),
     # Beside these: noise or a share of all tells the cutoff, numbers of neighbors are found, rays

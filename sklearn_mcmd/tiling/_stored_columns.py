@@ -22,6 +22,7 @@ from sklearn_mcmd.planes._record import Planes
 
 RELEASE_SECONDS = 0.2  # after which what was read of mapped files is freed
 MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
+STARTS = "first_rows"  # the column of the first row of each cell
 ALL = "all"  # stands for all cells, in the place of a cell's number
 
 
@@ -79,13 +80,15 @@ class StoredColumns:
     """
 
     def __init__(self, columns, n_cells):
-        self.columns, self.n_cells = columns, n_cells
+        self.columns, self.n_cells, self._open = columns, n_cells, []
+        if columns.path(ALL, STARTS).exists():
+            self.starts = columns.read(ALL, STARTS)
+            return
         sizes = [
             columns.report(cell, "places")["n_places"] if columns.is_done(cell, "places") else 0
             for cell in range(n_cells)
         ]
         self.starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        self._open = []
 
     def __len__(self):
         return int(self.starts[-1])
@@ -111,6 +114,7 @@ class StoredColumns:
         """Make files for columns, given as (dtype, shape of a row), for each place or `n_rows`."""
         if len(self) > MOST_PLACES:
             raise ValueError(f"{len(self):,} different points are more than {MOST_PLACES:,}")
+        self.columns.write(ALL, **{STARTS: self.starts})  # so that nobody asks all cells again
         for name, (dtype, shape) in columns.items():
             if not self.columns.is_done(ALL, name):
                 made(self._path(name), dtype, (len(self) if n_rows is None else n_rows, *shape))

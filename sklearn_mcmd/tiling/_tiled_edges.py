@@ -8,7 +8,16 @@ import numpy as np
 
 from sklearn_mcmd._validation import check_n_kept
 from sklearn_mcmd.edges import SharpFeatureDetector
-from sklearn_mcmd.edges._crease_distance import find_creases
+from sklearn_mcmd.edges._crease_distance import (
+    CreaseLimits,
+    Creases,
+    Faces,
+    are_faces,
+    cosine_of,
+    evened,
+    flatness,
+    spacing_of,
+)
 from sklearn_mcmd.edges._detector import (
     column_of_criterion,
     crease_width,
@@ -17,15 +26,20 @@ from sklearn_mcmd.edges._detector import (
 )
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers import MCMDOutlierDetector
+from sklearn_mcmd.planes._around import median_of
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.tiling._cells import Cells, WholeCloud
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of, write_results
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
-from sklearn_mcmd.tiling._stored_index import StoredIndex
+from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
 from sklearn_mcmd.tiling._tiled_normals import (
     FACES,
+    NUMBER,
+    VECTOR,
     PlaneJob,
     find_planes,
     fitted_to_new,
@@ -35,6 +49,17 @@ from sklearn_mcmd.tiling._tiled_normals import (
     without_sides,
 )
 from sklearn_mcmd.tiling._tiled_outliers import OutlierJob, cutoff_of, judge_cells, outlier_steps
+
+# Steps of creases in their order, and the columns that these fill.
+STEPS = "spacing", "even0", "even1", "flat", "faces", "creases", "edges"
+SPACINGS = {
+    **dict.fromkeys(("spacing", "even0", "even1", "crease", "evidence"), NUMBER),
+    **dict.fromkeys(("crease_scale", "crease_radius", "crease_kept"), NUMBER),
+    **{"crease_centroids": VECTOR, "flat": (bool, ()), "usable": (bool, ())},
+}
+FACE_FIELDS = dict.fromkeys(Faces._fields, NUMBER) | {
+    **{"normals": VECTOR, "flat": (bool, ()), "on_face": (bool, ())},
+}
 
 
 class TiledEdges(TiledVerb):
@@ -59,11 +84,12 @@ class TiledEdges(TiledVerb):
         return work_of("edges", self.normals, self.detector), 0, most
 
     def find(self, run):
-        columns, n_cells = run.folder.columns, len(run.cells)
+        columns = run.folder.columns
         cleaning = () if self.detector is None else ("outliers", "kept")
-        sweeps = run.sweeps([*cleaning, *plane_steps(self.normals), "edges"])
+        steps = STEPS if self.by_distance else ("edges",)
+        sweeps = run.sweeps([*cleaning, *plane_steps(self.normals), *steps])
         keep = _keep_faces if self.by_distance else _keep_values
-        job = EdgeJob.of(run, self.normals, keep=keep, criterion=self.estimator.criterion)
+        job = EdgeJob.of(run, self.normals, keep=keep, edges=self.estimator)
         if self.detector is not None:
             self._clean(run, sweeps)
             job = replace(job, is_cleaned=True)
@@ -76,9 +102,7 @@ class TiledEdges(TiledVerb):
             self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
             remove_own(whole, self.normals)
-            if not columns.all_have(n_cells, "results"):
-                with sweeps.part("edges"), whole.releasing():
-                    _find_distances(whole, job, self.estimator, run.n_threads)
+            _find_distances(sweeps, job, whole, run.cells)
             self.limit = crease_width(self.estimator)
         else:
             sweeps("edges", _find_values, run.cells, job=job)
@@ -137,12 +161,48 @@ class KeptCells(Cells):
 class EdgeJob(PlaneJob):
     """A job on the points that were kept."""
 
-    criterion: str = "crease"
+    edges: SharpFeatureDetector | None = None
     is_cleaned: bool = False
 
     @property
     def cells(self):
         return KeptCells(self.points, self.columns) if self.is_cleaned else Cells(self.points)
+
+    def origin(self):
+        """From which heights are measured."""
+        return np.array(self.columns.report(ALL, "origin")["origin"])
+
+    def index_of_creases(self):
+        """The neighborhoods in which creases are sought."""
+        return StoredIndex(self.whole(), self.cells, self.edges.n_neighbors, n_jobs=self.n_threads)
+
+    def own_places(self, cell):
+        """The places of a cell, and a function that takes slices of these: their neighborhoods."""
+        index, own = self.index_of_creases(), self.whole().rows(cell)
+
+        def around(part):
+            return index.query_own(slice(own.start + part.start, own.start + part.stop))
+
+        return index.points[own], around
+
+    def creases(self, *known):
+        """The `Creases` of all places, of which "faces" and "evidence" may be known."""
+        whole = self.whole()
+        names = ("centroids", "scale", "radius", "kept")
+        planes = {name: whole.open(f"crease_{name}") for name in names}
+        planes["normals"], planes["spacing"] = whole.open("normals"), whole.open(STEPS[2])
+        opened = {name: whole.open(f"face_{name}") for name in FACE_FIELDS if "faces" in known}
+        return Creases(
+            index=self.index_of_creases(),
+            origin=self.origin(),
+            planes=Planes.empty(0, 3)._replace(**planes),
+            flat=whole.open("flat"),
+            usable=whole.open("usable"),
+            cosine=cosine_of(self.edges.min_angle),
+            n_jobs=self.n_threads,
+            faces=Faces(**opened) if opened else None,
+            evidence=whole.open("evidence") if "evidence" in known else None,
+        )
 
     def write_scores(self, cell, of_kept, of_removed):
         """Write the scores of all points of a cell: of those that were kept, and of coordinates."""
@@ -176,21 +236,105 @@ def _keep_faces(cell, job, fitted):
     job.whole().put(cell, **stored_planes(cell, job, fitted)[2])
 
 
-def _find_distances(whole, job, detector, n_threads):
+def _find_distances(sweeps, job, whole, all_cells):
     """Write the scores of all points, by the planes of the kept places: `whole`."""
-    index = StoredIndex(whole, job.cells, detector.n_neighbors, n_jobs=n_threads)
-    planes = whole.planes(changing=True)
-    kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))
-    kept[:] = 1.0
-    planes = planes._replace(kept=kept, radius=radius, spacing=spacing)
-    creases, distance = find_creases(index, planes, detector.min_angle, n_threads)
+    columns, sweep = whole.columns, partial(sweeps, cells=job.cells, job=job)
+    cells = np.flatnonzero(job.cells.counts)
+    whole.make(**SPACINGS, **{f"face_{name}": kind for name, kind in FACE_FIELDS.items()})
+    if not columns.is_done(ALL, "origin"):
+        rows = [whole.rows(cell) for cell in cells]
+        parts = [lambda i=i: (whole.rows_of("points", own)[:, i] for own in rows) for i in range(3)]
+        columns.finish(ALL, "origin", origin=[float(median_of(part)) for part in parts])
+    sweep("spacing", _measure_spacing)
+    whole.remove("centroids", "scale")
+    steps = [f"even{n}" for n in range(CreaseLimits().evening_steps)]
+    for before, step in zip(["spacing", *steps], steps, strict=False):
+        sweep(step, partial(_even, step=step, before=before))
+    whole.remove("spacing", *steps[:-1])
+    if not columns.is_done(ALL, "usual"):
+        columns.finish(ALL, "usual", flatness=float(median_of(partial(_flatness, whole, cells))))
+    sweep("flat", _find_flat)
+    sweep("faces", _give_faces)
+    sweep("creases", _meet)
+    sweeps("edges", _find_scores, all_cells, job=job)
+
+
+def _flatness(whole, cells):
+    for cell in cells:
+        yield flatness(_own_planes(whole, cell))
+
+
+def _own_planes(whole, cell):
+    """Noise and radius of the planes of a cell."""
+    found = {
+        name: whole.rows_of(f"crease_{name}", whole.rows(cell)) for name in ("scale", "radius")
+    }
+    return Planes.empty(0, 3)._replace(**found)
+
+
+def _measure_spacing(cell, job):
+    """Fill what is measured of the planes of a cell, and the planes from the origin."""
+    whole, index = job.whole(), job.index_of_creases()
+    own, found = whole.rows(cell), []
+    for part in slices(own.stop, CHUNK, own.start):
+        scale = whole.rows_of("scale", part)
+        found.append(spacing_of(index, part, index.query_own(part), scale))
+    radius, spacing, scale = map(np.concatenate, zip(*found, strict=True))
+    centroids = whole.rows_of("centroids", own) - job.origin()
+    known = {"scale": scale, "radius": radius, "kept": np.ones(len(scale)), "centroids": centroids}
+    whole.put(cell, spacing=spacing, **{f"crease_{name}": of for name, of in known.items()})
+    job.columns.finish(cell, "spacing")
+
+
+def _even(cell, job, step, before):
+    """Fill the mean spacing around the places of a cell."""
+    whole, index = job.whole(), job.index_of_creases()
+    own, spacing = whole.rows(cell), whole.open(before)
+    parts = slices(own.stop, CHUNK, own.start)
+    means = [evened(spacing, index.query_own(part)) for part in parts]
+    whole.put(cell, **{step: np.concatenate(means)})
+    job.columns.finish(cell, step)
+
+
+def _find_flat(cell, job):
+    """Fill which planes of a cell are those of faces."""
+    usual = job.columns.report(ALL, "usual")["flatness"]
+    flat = are_faces(_own_planes(job.whole(), cell), usual)
+    job.whole().put(cell, flat=flat, usable=np.ones(len(flat), bool))
+    job.columns.finish(cell, "flat")
+
+
+def _give_faces(cell, job):
+    """Fill the planes that are given to the places of a cell."""
+    faces = job.creases().give_planes(*job.own_places(cell))
+    job.whole().put(cell, **{f"face_{name}": values for name, values in faces._asdict().items()})
+    job.columns.finish(cell, "faces")
+
+
+def _meet(cell, job):
+    """Fill how far the places of a cell are from where two planes meet, and the evidence."""
+    creases, (points, around) = job.creases("faces"), job.own_places(cell)
+    own = creases.faces.take(job.whole().rows(cell))
+    distance, evidence = creases.meet(points, own, around)
+    job.whole().put(cell, crease=distance, evidence=evidence)
+    job.columns.finish(cell, "creases")
+
+
+def _find_scores(cell, job):
+    """Write the scores of all points of a cell: their distances from a crease."""
+    creases, whole = job.creases("faces", "evidence"), job.whole()
+
+    def of_kept():
+        own, (_, around) = whole.rows(cell), job.own_places(cell)
+        distance = whole.rows_of("crease", own)
+        creases.judge(creases.faces.take(own), distance, None, around)
+        return distance[job.columns.read(cell, "place_of")]
 
     def of_removed(queries):
-        return creases.distance(queries, index.query(queries))
+        return creases.distance(queries, creases.index.query(queries))
 
-    for cell in range(len(job.cells)):
-        own, place_of = distance[whole.rows(cell)], partial(job.columns.read, cell, "place_of")
-        job.write_scores(cell, lambda own=own, place_of=place_of: own[place_of()], of_removed)
+    job.write_scores(cell, of_kept, of_removed)
+    job.columns.finish(cell, "edges")
 
 
 def _keep_values(cell, job, fitted):
@@ -200,7 +344,7 @@ def _keep_values(cell, job, fitted):
 
 def _values(job, fitted):
     """The values of the criterion of a fitted estimator, as `transform` has them: float64 (n,)."""
-    name = column_of_criterion(job.criterion)
+    name = column_of_criterion(job.edges.criterion)
     if name == "eigenvalue_0":
         values = fitted.eigenvalues_[:, 0]
     elif name == "surface_variation":

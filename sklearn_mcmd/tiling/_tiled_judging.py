@@ -42,8 +42,8 @@ def judge_in_cells(sweep, job, memory, n_jobs):
         whole.columns.report(cell, "explained")["n"] for cell in np.flatnonzero(cells.counts)
     )
     job = replace(job, n_explained=n_explained)
-    rest.make(points=(np.float64, (3,)), counts=ROW, usual=NUMBER, isolation=NUMBER)
-    rest.make(group_root=ROW)
+    rest.make(points=(np.float64, (3,)), counts=ROW, group_root=ROW)
+    rest.make(usual=NUMBER, gaps=NUMBER, isolation=NUMBER)
     sweep("usual", _find_usual, job=job)
     sweep("groups", _find_groups, job=job)
     if not rest.columns.is_done(ALL, "small"):
@@ -147,8 +147,8 @@ def _find_usual(cell, job):
     """Fill the usual spacing around the places of a cell that are off the surfaces."""
     rest = off_surfaces(job)
     points, counts = (rest.columns.read(cell, name) for name in ("points", "counts"))
-    usual = _rest_of(job).usual_around(points, job.n_threads)
-    rest.put(cell, points=points, counts=counts, usual=usual)
+    usual, gaps = _rest_of(job).usual_around(points, job.n_threads)
+    rest.put(cell, points=points, counts=counts, usual=usual, gaps=gaps)
     job.columns.finish(cell, "usual")
 
 
@@ -192,6 +192,7 @@ def _judge_small(job, rest, memory, n_jobs):
     small = SmallGroups(
         rest=_rest_of(job, StoredColumns.column),
         usual=rest.column("usual"),
+        gaps=rest.column("gaps"),
         rows=rows,
         groups=of,
         least=least,
