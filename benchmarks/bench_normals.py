@@ -13,6 +13,10 @@ and the shares of points whose curvatures are within three standard errors.
 within 4 spacings of a crease, on a fillet or on a bend; and on flat ground beside these, and the
 median error there over what would cover 95 %.
 
+"halves" cuts each real cloud of 5,000 points and more in two at random. Both halves tell the
+normals at the points of the first: shares in percent of angles that are within 1.73 times the root
+of both squared errors, and the median of that root.
+
 "pcpnet" follows PCPNet's benchmark: the root mean square of the angle over 5,000 points of each
 shape, by kinds of noise and density. It takes a folder of NAME.xyz, NAME.normals and, if there are
 any, NAME.pidx. "Best k" are oracles, which know the true normals and choose among 11 sizes.
@@ -21,6 +25,7 @@ any, NAME.pidx. "Best k" are oracles, which know the true normals and choose amo
     python benchmarks/bench_normals.py curved
     python benchmarks/bench_normals.py curvatures --n-neighbors 30 50
     python benchmarks/bench_normals.py errors
+    python benchmarks/bench_normals.py halves
     python benchmarks/bench_normals.py clouds ../shared/data/cad_*/cloud.npz --n-neighbors 30 50
     python benchmarks/bench_normals.py clouds ../shared/data/cad_a*/cloud.npz --noise 0.2
     python benchmarks/bench_normals.py pcpnet ../shared/data/pcpnet_bunny
@@ -33,6 +38,7 @@ from typing import NamedTuple
 import numpy as np
 from _ablation_clouds import spacing_of
 from _pcpnet import KINDS, benchmark_clouds
+from _real_clouds import load_clouds
 from _tables import print_table
 from scipy.spatial import cKDTree
 
@@ -199,6 +205,31 @@ def errors(options):
     print_table("percent", ["", "there", "flat ground", "error over right one"], rows, digits=2)
 
 
+def halves(options):
+    """Print a row for each real cloud; without what publishers call noise and rays that return
+    nothing, which are at the origin."""
+    rows = []
+    for cloud in load_clouds(options.data, limit=60_000):
+        X = cloud.points if cloud.noise is None else cloud.points[~cloud.noise]
+        X = X[X.any(axis=1)]
+        if len(X) < 5_000:
+            continue
+        first, row = np.random.default_rng(options.seed).random(len(X)) < 0.5, [cloud.name]
+        for k in (16, 50, "auto"):
+            here, there = (
+                fitted(half, n_neighbors=k, features=["normal_error"])
+                for half in (X[first], X[~first])
+            )
+            told = there.transform(X[first])
+            error = np.hypot(here.normal_error_, told[:, -1])
+            off = bias_angle(here.normals_, told[:, 3:6])
+            held = off <= np.maximum(WITHIN * error, 1e-3)  # an error of 0 holds for equal numbers
+            row += [100 * held.mean(), np.median(error)]
+        rows.append(row)
+    head = [f"{k}{word}" for k in (16, 50, "auto") for word in ("", ", error")]
+    print_table("halves", ["percent, degrees", *head], rows, digits=1)
+
+
 def two_faces(angle, radius, noise, n, half=15.0):
     """Faces that turn along an arc, one point on each unit of area: points, normals, and distances
     from the arc, NaN near the borders."""
@@ -276,6 +307,10 @@ def main(arguments=None):
     part.set_defaults(run=pcpnet)
     part.add_argument("folder", help="folder of NAME.xyz and NAME.normals, or of NAME.npz")
     part.add_argument("--points", type=int, default=5000, help="that are judged, per cloud")
+    part = kinds.add_parser("halves")
+    part.set_defaults(run=halves)
+    part.add_argument("--data", default="../shared/data", help="folder of real clouds")
+    part.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
     options.run(options)
 

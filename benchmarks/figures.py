@@ -36,7 +36,7 @@ RESULTS = (
     ),
     ("docs/benchmarks/panel.csv", OUTLIERS, "bench_real.py --panel --output docs/benchmarks"),
     ("docs/limits.rst", OUTLIERS, "readme_figures.py, bench_quantity.py at c7f1ef3"),
-    ("docs/normals.rst", NORMALS, "bench_normals.py, bench_errors.py at c7f1ef3"),
+    ("docs/normals.rst", NORMALS, "bench_normals.py, bench_errors.py at f4a94cc"),
     ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py, bench_false_positives.py"),
     ("docs/planes.rst", "adjustment", "bench_reliability.py at c7f1ef3"),
     ("docs/promises.rst", STAGES, "fuzz_files.py, kill_runs.py, mutate.py, golden_results.py"),

@@ -14,7 +14,7 @@ sys.path.append(str(HERE))
 import offline_inventories  # noqa: E402
 
 # Estimators on pages of the gallery link to the API beside them, and not to a site.
-_sklearn.documentation_site = lambda: "../.."
+_sklearn.DocLinkMixin._doc_link_template = "../../generated/{page}.html"
 
 project = "sklearn_mcmd"
 author = "The sklearn_mcmd developers"

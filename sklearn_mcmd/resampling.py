@@ -35,11 +35,8 @@ class DenoisingSampler(DocLinkMixin, BaseEstimator):
     sample_indices_ : ndarray of int of shape (n_kept,)
         Rows of X that were kept, ascending.
 
-    n_features_in_ : int
-        Number of features seen during `fit_resample`.
-
-    feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Names of features seen during `fit_resample`, when X has names that are all strings.
+    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
+        Number of features seen during `fit_resample`, and their names, if all are strings.
 
     See Also
     --------

@@ -8,8 +8,8 @@ the paper is what it leaves open: ties go to the first member and the first tria
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import f, norm, skew, truncnorm
+from scipy.special import fdtri, ndtr, ndtri
+from scipy.stats import truncnorm
 
 from reference_rays import LiteralRays
 from sklearn_mcmd.planes._record import Neighborhoods
@@ -166,23 +166,27 @@ def whole_plane(points):
     terms = design.shape[1]
     rest = z - design @ np.linalg.lstsq(design, z)[0]
     by_plane, by_quadric = (z @ z) / (k - d), (rest @ rest) / (k - terms)
-    chance = norm.sf(1.5)
+    chance = ndtr(-1.5)
     gained = by_plane * (k - d) - by_quadric * (k - terms)
-    noise = gained <= f.isf(chance, terms - d, k - terms) * (terms - d) * by_quadric
-    noise &= np.abs(z).max() <= norm.isf(chance / (2 * k)) * z.std()
-    noise &= abs(skew(z)) <= 1.5 * np.sqrt(6 * (k - 2) / ((k + 1) * (k + 3)))
+    noise = gained <= fdtri(terms - d, k - terms, 1 - chance) * (terms - d) * by_quadric
+    noise &= np.abs(z).max() <= -ndtri(chance / (2 * k)) * z.std()
+    most_skew = 1.5 * np.sqrt(6 * (k - 2) / ((k + 1) * (k + 3)))
+    noise &= abs(np.mean(z**3)) <= most_skew * z.std() ** 3
     geary = np.abs(z).mean() - np.sqrt(2 / np.pi) * z.std()
     noise &= abs(geary) <= 1.5 * np.sqrt((1 - 3 / np.pi) / k) * z.std()
     return found, by_plane, by_quadric, noise
 
 
 def robust_scale(distances):
-    """The S-estimate: in units of it, squares that are one at most have a mean of one half."""
+    """The S-estimate: in units of it, squares that are one at most have a mean of one half.
 
-    def left(scale):
-        return np.minimum((distances / scale) ** 2, 1).mean() - 0.5
-
-    return brentq(left, distances[distances > 0].min() / 2, 2 * distances.max(), xtol=1e-15)
+    With the right number of squares that are no more than one their sum tells the unit, with any
+    other number a larger one.
+    """
+    n = len(distances)
+    within = np.arange(n // 2 + 1, n + 1)
+    squares = np.cumsum(np.sort(distances**2))[within - 1] / (within - n / 2)
+    return np.sqrt(squares.min())
 
 
 def agreed_planes(X, near, trials, h, small_faces=False):

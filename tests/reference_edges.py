@@ -32,20 +32,25 @@ class LiteralCreases:
         ratios = [s / r for s, r in zip(noise, self.reach, strict=True)]
         flat = [ratio <= max(0.2, np.median(ratios)) for ratio in ratios]
         self.normal, self.level, self.scale = [], [], []
-        self.flat, self.on_face, self.height = [], [], []
+        self.asked, self.on_face, self.height, self.turned = [], [], [], []
         for i, x in enumerate(points):
             least = 0.05 * spacing[i]
-            cost, j = min(
-                (self._unlikeliness(x, planes, noise[j], j, least), -where, j)
-                for where, j in enumerate(self.near[i])
-            )[::2]
-            assert np.isfinite(cost)
+            half = np.cos(np.radians(min_angle / 2))
+            turns = [abs(planes.normals[i] @ planes.normals[j]) < half for j in self.near[i]]
+            self.turned.append(np.mean(turns))
+            j = i
+            if any(turns):
+                cost, j = min(
+                    (self._unlikeliness(x, planes, noise[j], j, least), -where, j)
+                    for where, j in enumerate(self.near[i])
+                )[::2]
+                assert np.isfinite(cost)
+            self.asked.append(any(turns) and flat[j])
             normal, level = planes.normals[j], planes.normals[j] @ planes.centroids[j]
             self.normal.append(normal)
             self.level.append(level)
             self.height.append(normal @ x - level)
-            self.scale.append(max(noise[j], least))
-            self.flat.append(flat[j])
+            self.scale.append(noise[j])
             self.on_face.append(flat[j] and abs(self.height[-1]) <= CLIP * self.scale[-1])
         found = [self._crease(i) for i in range(n)]
         self.evidence = np.array([evidence for _, evidence in found])
@@ -68,7 +73,7 @@ class LiteralCreases:
         """Distance to the nearest crease in spacings, and the evidence."""
         near = self.near[i]
         others = [j for j in near if self.on_face[j] and self._differ(i, j)]
-        if len(others) < self.d or not self.flat[i]:
+        if len(others) < self.d or not self.asked[i]:
             return np.inf, np.nan
         limit = CLIP * self.scale[i]
 
@@ -80,41 +85,42 @@ class LiteralCreases:
             return 0.5 * (self.k * np.log(value) + n_numbers * np.log(self.k))
 
         own = self._heights(i, near)
-        two, second = self._joined(own, others, near, squares)
-        distance, cost, faces = self._to_line(i, second), half_bic(two, self.d), [(i, second)]
+        two, second, side, joins = self._joined(own, others, near, squares)
+        distance, cost = self._to_line(i, second), half_bic(two, self.d)
+        arcs = [(i, 1, second, side, joins)]
         others = [j for j in others if self._differ(second, j)]
         if others:
-            three, third = self._joined(two, others, near, squares)
+            three, third, side_of_third, joins = self._joined(two, others, near, squares)
+            arcs += [(a, of, third, side_of_third, joins) for a, of in ((i, 1), (second, side))]
             # BIC counts the d numbers of a third plane.
             if half_bic(three, 2 * self.d) < cost:
                 distance = min(distance, self._to_line(i, third))
                 cost = half_bic(three, 2 * self.d)
-                faces.append((second, third))
         if self.k <= self.d + self.d * (self.d - 1) // 2 + 1:
             return distance, -1.0
         X = self.points[near]
         smooth = [half_bic(self._quadric(X, self.scale[i]), self.d + self.d * (self.d - 1) // 2)]
         smooth.append(half_bic(self._cylinder(X, near, self.scale[i]), 3))
-        for a, b in faces:
+        for *faces, joins in arcs:
             for radius in (1.0, 1.5, 2.0, 3.0, 4.0):
-                for up in (1, -1):
-                    for side in (1, -1):
-                        arc = self._arc(a, b, near, up, side, radius * self.spacing[i])
-                        smooth.append(half_bic(arc, self.d + 1))
+                up = 1 if joins is np.maximum else -1
+                arc = self._arc(*faces, near, up, radius * self.spacing[i])
+                smooth.append(half_bic(arc, self.d + 1))
         return distance, cost - min(smooth)
 
     def _heights(self, j, near):
         return np.array([self.normal[j] @ self.points[a] - self.level[j] for a in near])
 
     def _joined(self, surface, others, near, squares):
-        """The half planes of one more face that leave least, and whose plane it is."""
+        """The half planes of one more face that leave least, whose plane it is, its sign, and which
+        of both heights counts."""
         best = None
         for j in others:
             heights = self._heights(j, near)
             for sign, limit in product((1, -1), (np.maximum, np.minimum)):
                 joined = limit(surface, sign * heights)
                 if best is None or squares(joined) < best[0] * (1 - 1e-12):
-                    best = squares(joined), joined, j
+                    best = squares(joined), joined, j, sign, limit
         return best[1:]
 
     def _to_line(self, i, j):
@@ -161,12 +167,12 @@ class LiteralCreases:
                 model += np.linalg.lstsq(slopes * root[:, None], residuals * root, rcond=None)[0]
         return residuals
 
-    def _arc(self, a, b, near, up, side, radius):
+    def _arc(self, a, of_a, b, of_b, near, up, radius):
         """Residuals to two half planes with an arc in place of the crease, by plane geometry."""
-        one, two = up * self.normal[a], up * side * self.normal[b]
+        one, two = up * of_a * self.normal[a], up * of_b * self.normal[b]
         across = np.linalg.svd(np.stack([one, two]))[2][:2]  # a base of what both normals span
         flat_one, flat_two = across @ one, across @ two
-        levels = np.array([up * self.level[a], up * side * self.level[b]])
+        levels = np.array([up * of_a * self.level[a], up * of_b * self.level[b]])
         center = np.linalg.solve(np.stack([flat_one, flat_two]), levels - radius)
         residuals = []
         for x in self.points[near]:
@@ -181,11 +187,8 @@ class LiteralCreases:
 
     def _told(self, i, distance):
         """The distance, larger where neighbors vote for no edge, and off the plane."""
-        near = self.near[i]
-        X = self.points[near] - self.points[near].mean(axis=0)
-        along = np.square(X @ self.normal[i]).sum() / np.square(X).sum()
-        most = 10 * (2 - min(self.d * along, 1))
-        votes = [self.evidence[j] for j in near if np.isfinite(self.evidence[j])]
+        most = 10 * (2 - self.turned[i])
+        votes = [self.evidence[j] for j in self.near[i] if np.isfinite(self.evidence[j])]
         if not votes or not np.isfinite(distance):
             return most
         off = max(abs(self.height[i]) / (CLIP * self.scale[i]), 1.0)

@@ -70,7 +70,7 @@ def test_outliers_and_edges_are_drawn_in_their_color_and_counted(xyz):
 def test_with_the_truth_errors_have_colors_of_their_own(xyz):
     y_true, y_pred = np.ones(400), np.ones(400)
     y_true[:30], y_pred[20:35] = -1, -1
-    display = OutlierDisplay.from_predictions(xyz, y_pred, y_true=y_true)
+    display = OutlierDisplay.from_predictions(X=xyz, y_true=y_true, y_pred=y_pred, view="top")
     assert [count(display, c) for c in ("#d55e00", "#0072b2", "#e69f00")] == [10, 20, 5]
     texts = [text.get_text() for text in display.ax_.get_legend().get_texts()]
     assert texts == ["found: 10", "missed: 20", "wrongly flagged: 5"]
@@ -118,7 +118,7 @@ def test_every_view_draws_with_a_scale_bar_and_on_given_axes(view, xyz):
     import matplotlib.pyplot as plt
 
     _, ax = plt.subplots()
-    display = EdgeDisplay(xyz, xyz[:, 0] > 0).plot(view=view, ax=ax)
+    display = EdgeDisplay.from_predictions(xyz, np.sign(xyz[:, 0]), view=view, ax=ax)
     assert display.ax_ is ax
     (bar,) = ax.lines
     length = np.ptp(bar.get_xdata())
@@ -142,7 +142,7 @@ def test_perspective_enlarges_what_is_near():
 
 def test_a_few_points_can_be_drawn():
     for points in ([[1.0, 2.0, 3.0]], np.zeros((2, 3)), np.eye(3) * [1, 1, 0]):
-        EdgeDisplay(points, np.zeros(len(points), bool)).plot(max_points=2).figure_.canvas.draw()
+        EdgeDisplay(points, np.ones(len(points))).plot(max_points=2).figure_.canvas.draw()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ Which angle and how many neighbors segment a street best?
 and segments, on simulated streets whose surfaces are known.
 
 **Folds and scorer.** Segments are found in a whole cloud, without labels. So a fold is a whole
-scene, which is fitted and scored (`WholeSceneSplit`). Clusterers cannot `predict`, so the scorer
+scene, which is fitted and scored. Clusterers cannot `predict`, so the scorer
 segments the scene itself (`score_segments`). With ``memory`` the normals of a scene are computed
 once for all angles. ``refit=False`` is needed, because scenes in one array lie on top of each
 other. The winner is judged on a street that the search has not seen.
@@ -27,7 +27,7 @@ from sklearn.pipeline import Pipeline
 
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.model_selection import WholeSceneSplit, score_segments
+from sklearn_mcmd.model_selection import score_segments
 from sklearn_mcmd.plotting import SegmentationDisplay
 
 parser = argparse.ArgumentParser()
@@ -37,7 +37,6 @@ n_points = parser.parse_args().points
 streets = [make_street(n_points, outlier_share=0.0, random_state=seed) for seed in range(3)]
 X = np.vstack([street.data for street in streets[:2]])
 y = np.hstack([street.surface for street in streets[:2]])
-scene = np.repeat([0, 1], n_points)
 
 # %%
 # The search computes several scores and ranks the candidates by each.
@@ -54,9 +53,9 @@ with TemporaryDirectory() as cache:
         pipeline,
         {"segment__max_angle": angles, "normals__n_neighbors": neighbors},
         scoring=score_segments,
-        cv=WholeSceneSplit(),
+        cv=[(rows, rows) for rows in np.arange(2 * n_points).reshape(2, n_points)],
         refit=False,
-    ).fit(X, y, groups=scene)
+    ).fit(X, y)
 
 # %%
 # The best by F (Eq. 28), by adjusted Rand index and by mean intersection over union, each judged on

@@ -149,9 +149,7 @@ class BaardaPlaneDetector(PlaneDetector):
     tau and t of all points find outliers only up to a share of ``1 / (1 + c^2)`` (7 % at
     c = 3.66), no matter how large they are. Set sigma0, or take "auto" or `robust_start`: then
     points far from a robust plane are left out first. With an estimated sigma0 they come back,
-    the nearest first, until one is beyond 3 deviations of those inside, and of n clean points any
-    i, as many as are outside, lie as far off with a probability below ``alpha / i^3``. For i = 1
-    it is the t test. So the level holds from 8 points on.
+    :ref:`as far as the level asks <estimated_level>`, which holds from 8 points on.
 
     References
     ----------

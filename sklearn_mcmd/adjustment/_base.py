@@ -15,8 +15,8 @@ from sklearn_mcmd._sklearn import (
     DocLinkMixin,
     Interval,
     StrOptions,
+    checked,
     fit_context,
-    validate_params,
 )
 from sklearn_mcmd._validation import OffsetOutlierMixin, validate_points
 from sklearn_mcmd.adjustment._determinacy import (
@@ -40,7 +40,7 @@ from sklearn_mcmd.planes._form import form_of
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 Variance = Literal["posterior", "independent", "prior"]
-N_WORST = {"n_worst": [Interval(Integral, 0, None, closed="left")]}  # what it may be
+N_WORST = [Interval(Integral, 0, None, closed="left")]  # what it may be
 
 
 class SteepLimits(NamedTuple):
@@ -126,6 +126,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         positive on its side."""
         return self._fitted.plane.evaluate(self._check_query(X))[0]
 
+    @checked()
     def precision(self, variance: Variance = "posterior") -> PlanePrecision:
         """Covariance and standard errors of normal, distance, slopes, tilt and its direction.
 
@@ -146,11 +147,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         alike = scale / self._fitted.scale if variance == "posterior" else 1.0
         return precision_of(self._fitted.plane, scale, dof, alike)
 
+    @checked()
     def band(
-        self,
-        X: ArrayLike,
-        level: float = 0.95,
-        variance: Variance = "posterior",
+        self, X: ArrayLike, level: float = 0.95, variance: Variance = "posterior"
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Half widths of the confidence band of the plane and the prediction band of a point.
 
@@ -179,7 +178,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         of_plane = of_plane * np.sqrt(np.einsum("ij,ij->i", design, design))
         return of_plane, np.hypot(of_plane, own)
 
-    @validate_params(N_WORST, prefer_skip_nested_validation=True)
+    @checked(n_worst=N_WORST)
     def reliability(
         self, X: ArrayLike, power: float = POWER, *, n_worst: int = 10
     ) -> PlaneReliability:
@@ -217,11 +216,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         """Standard deviation of unit weight and its degrees of freedom."""
         if variance == "posterior" and self.form_.is_alike(self._fitted.scale):
             return self.form_.bow_deviation, self.form_.n_bows
-        if variance in ("posterior", "independent"):
-            return self._fitted.scale, self.dof_
         if variance != "prior":
-            choices = "'posterior', 'independent' or 'prior'"
-            raise ValueError(f"variance={variance!r} is unknown: take {choices}.")
+            return self._fitted.scale, self.dof_
         if self.sigma0 == "auto" and self.test_ != "w":
             raise ParameterError(
                 "variance='prior' needs a known $sigma0, but it was estimated: take 'posterior'."

@@ -9,7 +9,7 @@ from scipy.special import chdtrc, fdtrc
 from sklearn.utils.validation import check_is_fitted
 
 from sklearn_mcmd._errors import warn_caller
-from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.adjustment._base import PlaneDetector, Variance, place_of
 from sklearn_mcmd.adjustment._power import POWER, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile
@@ -67,14 +67,11 @@ class PlaneComparison(NamedTuple):
     registration_error: float
 
 
-@validate_params(
-    {
-        "a": [PlaneDetector],
-        "b": [PlaneDetector],
-        "alpha": [Interval(Real, 0, 1, closed="neither")],
-        "registration_error": [Interval(Real, 0, None, closed="left")],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    a=[PlaneDetector],
+    b=[PlaneDetector],
+    alpha=[Interval(Real, 0, 1, closed="neither")],
+    registration_error=[Interval(Real, 0, None, closed="left")],
 )
 def compare_planes(
     a: PlaneDetector,

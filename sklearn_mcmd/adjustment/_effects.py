@@ -30,8 +30,6 @@ def hull_vertices(plane, X, members):
     Members and result are rows of X, ascending: the vertices of the members' convex hull, or all
     members where a hull saves no time.
     """
-    if plane.rank == 1:
-        return members[:1]
     if len(members) <= FEWEST or plane.rank > MAX_DIMENSIONS + 1:
         return members
     U = plane.whiten(X[members])[0]

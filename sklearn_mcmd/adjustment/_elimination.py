@@ -72,7 +72,9 @@ def eliminate_one_by_one(X, weights, surface, limit, start):
             break
         support[worst] = False
         plane = plane.without(at) or downdated_plane(X, weights, support, surface)
-    last = adjust_plane(X, weighed(support, weights), surface=surface)
+    last = plane.last  # of the support, unless points went since
+    if plane.change is not None:
+        last = adjust_plane(X, weighed(support, weights), surface=surface)
     return start._replace(
         step=step, support=support, n_rounds=n_rounds, plane=last, ran_out_of_points=ran_out
     )

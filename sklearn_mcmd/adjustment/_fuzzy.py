@@ -122,12 +122,9 @@ class FuzzyPlaneDetector(PlaneDetector):
     ``r_ki = -p_i a_k'N^-1 a_i``, are affine in the regressors of k, so the largest is at a
     vertex of the convex hull: n points with m abnormal ones cost about ``n + m log n``.
 
-    Departures: Eq. 14's ``m_M <= 0.5`` is read as ``>=``, the 0.5-cut that mirrors Eq. 17;
-    Eq. 16 is ``1 - (r~n m_N)``; the alpha of Eq. 11 is `width`. If no training residual is
-    abnormal, a new point is one if its G is below a quarter of the largest a normal point can
-    have, and below that of all training points.
-
-    Weights are precisions; a point of weight 0 takes no part.
+    :ref:`misprints` has what departs from the paper, and why. If no training residual is abnormal,
+    a new point is one if its G is below a quarter of the largest a normal point can have, and below
+    that of all training points.
 
     References
     ----------

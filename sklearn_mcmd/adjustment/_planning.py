@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd._choices import Correction, choices_of
-from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
+from sklearn_mcmd._choices import Correction
+from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.adjustment._power import POWER, SHARE, noncentrality
 from sklearn_mcmd.adjustment._start import MAX_ROUNDS, StartLimits, half_of, n_trials_of_start
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value, local_level
@@ -61,20 +61,14 @@ class PlanePlan(NamedTuple):
     normal_errors: tuple[float, float]
 
 
-@validate_params(
-    {
-        "n_points": [Interval(Integral, 5, None, closed="left")],
-        "n_repetitions": [Interval(Integral, 100, None, closed="left")],
-        "sigma0": [Interval(Real, 0, None, closed="neither")],
-        "bias": [Interval(Real, 0, None, closed="neither"), None],
-        "outlier_rate": [Interval(Real, 0, 0.5, closed="left")],
-        "correction": [StrOptions(choices_of(Correction))],
-        "alpha": SHARE,
-        "power": SHARE,
-        "robust_start": ["boolean"],
-        "random_state": ["random_state"],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    n_points=[Interval(Integral, 5, None, closed="left")],
+    n_repetitions=[Interval(Integral, 100, None, closed="left")],
+    sigma0=[Interval(Real, 0, None, closed="neither")],
+    bias=[Interval(Real, 0, None, closed="neither"), None],
+    outlier_rate=[Interval(Real, 0, 0.5, closed="left")],
+    alpha=SHARE,
+    power=SHARE,
 )
 def plan_plane(
     n_points: int = 100,

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri, chndtrinc, chndtrix, fdtri, ncfdtr, ndtr, stdtrit
 
 from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 
 POWER = 0.8  # Baarda's; the usual one of reliability
 SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="left")]
@@ -18,14 +18,11 @@ LARGEST_BIAS = 1e6  # standard deviations, the largest that is tried
 _rule = cache(np.polynomial.legendre.leggauss)
 
 
-@validate_params(
-    {
-        "level": SHARE,
-        "power": SHARE,
-        "dof": COUNT,
-        "dof_scale": [Interval(Real, 1, None, closed="both")],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    level=SHARE,
+    power=SHARE,
+    dof=COUNT,
+    dof_scale=[Interval(Real, 1, None, closed="both")],
 )
 def noncentrality(
     level: float, power: float = POWER, dof: float = 1, dof_scale: float = np.inf

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd._sklearn import validate_params
+from sklearn_mcmd._sklearn import checked
 from sklearn_mcmd.adjustment._base import N_WORST, PlaneDetector, check_points
 from sklearn_mcmd.adjustment._comparison import PlaneComparison
 from sklearn_mcmd.adjustment._plane_figures import plane_figures
@@ -22,7 +22,7 @@ MAX_DEVIATIONS = 15  # half width of the histogram, in standard deviations of th
 BLUE, RED, GRAY = "#1f77b4", "#d62728", "#7f7f7f"
 
 
-@validate_params(N_WORST, prefer_skip_nested_validation=True)
+@checked(n_worst=N_WORST)
 def text_report(
     detector: PlaneDetector,
     X: ArrayLike,

@@ -28,11 +28,7 @@ def m_estimate(X, weights=None, *, sigma0=None, surface="vertical"):
     """Plane by Huber's M-estimation: repeat the adjustment with P W until it converges (Eqs 3-7).
 
     Without `sigma0` the scale is the `robust_scale` of the residuals, or float64's rounding if
-    larger. Returns the plane, W and the scale.
-
-    Eq. 5 multiplies P by the weights of iteration i - 1, not by the product of all earlier weights.
-    Eq. 8's limit ``s0 sqrt(q_i p_i) t`` has a wrong dimension. Here ``sqrt(p_i) |v_i|`` is
-    compared, which is the same for unit weights.
+    larger. Returns the plane, W and the scale. Readings of Eqs 5 and 8 are in docs/papers.rst.
     """
     plane, scale = adjust_plane(X, weights, surface=surface), sigma0 or 0.0
     errors = rounding_errors(X if weights is None else X[weights > 0])

@@ -5,20 +5,16 @@ from numbers import Integral, Real
 import numpy as np
 from scipy.special import betaln, chdtrc, log_ndtr, logsumexp, ndtr, ndtri, stdtr, stdtrit
 
-from sklearn_mcmd._choices import Correction, Test, choices_of
-from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
+from sklearn_mcmd._choices import Correction, Test
+from sklearn_mcmd._sklearn import Interval, checked
 
 # An observation with a smaller redundancy number is uncontrolled: its residual is only rounding.
 UNCONTROLLED = 1e-10
 
 
-@validate_params(
-    {
-        "alpha": [Interval(Real, 0, 1, closed="neither")],
-        "n": [Interval(Integral, 0, None, closed="left")],
-        "correction": [StrOptions(choices_of(Correction))],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    alpha=[Interval(Real, 0, 1, closed="neither")],
+    n=[Interval(Integral, 0, None, closed="left")],
 )
 def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float:
     """Level of one of n tests that gives all together the level alpha (Eq. 1).
@@ -48,13 +44,9 @@ def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float
     return float(-np.expm1(np.log1p(-alpha) / n))
 
 
-@validate_params(
-    {
-        "test": [StrOptions(choices_of(Test))],
-        "level": [Interval(Real, 0, 1, closed="neither")],
-        "dof": [Interval(Integral, 0, None, closed="left")],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    level=[Interval(Real, 0, 1, closed="neither")],
+    dof=[Interval(Integral, 0, None, closed="left")],
 )
 def critical_value(test: Test, level: float, dof: int) -> float:
     """Two-sided critical value of one test (Table 1).

@@ -64,11 +64,8 @@ class PlaneOutlierDetector(BasePlaneOutliers):
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
 
-    n_features_in_ : int
-        Number of features seen during `fit`.
-
-    feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Names of features seen during `fit`, when X has names that are all strings.
+    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
+        Number of features seen during `fit`, and their names, if all are strings.
 
     See Also
     --------
@@ -82,8 +79,8 @@ class PlaneOutlierDetector(BasePlaneOutliers):
     New points are scored against the fitted cloud, by their own neighborhoods in it, so
     ``fit_predict(X)`` equals ``fit(X).predict(X)``.
 
-    "ransac" and "msac" take about as long as MCMD, and "robpca" and "ulsif" about a hundred times
-    as long.
+    "ransac" and "msac" take a few times as long as MCMD, and "robpca" and "ulsif" about a hundred
+    times as long.
 
     Examples
     --------

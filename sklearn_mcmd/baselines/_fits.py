@@ -16,7 +16,6 @@ from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distanc
 from sklearn_mcmd.planes._rules import robust_distances
 
 CHUNK_ENTRIES = 1_000_000  # of the largest temporary array
-COMPILED_MEMBERS = 50_000  # for fewer members loading compiled code would take longer than the work
 SHUFFLE_AT_ONCE = 1024  # up to this size all rows are shuffled at once, above it one by one
 LARGEST_SEED = 2**31 - 1  # that NumPy's generator takes
 LEAST_SCALE = 1e-150  # of copies of the origin; its square is a number
@@ -158,13 +157,11 @@ class Method(ABC):
         seed: int,
         rounding: float = 8 * 2.0**-52,
         least_scale: float = 0.0,
-        compiled: bool | None = None,
     ) -> NeighborhoodFit:
         """As `fit`, for neighborhoods whose first `sizes` members are in use.
 
         `rounding` is the relative rounding error of the coordinates, and `least_scale` the error
-        from their step. No scale is smaller than these. `compiled` chooses between the two forms
-        of the arithmetic where there are two; with None it is the number of members.
+        from their step. No scale is smaller than these.
         """
         n_sets, n, d = points.shape
         origin = points[:, 0].copy()
@@ -178,11 +175,10 @@ class Method(ABC):
         inliers, support = np.zeros((2, n_sets, n), dtype=bool)
         cutoff, scale = np.full(n_sets, np.nan), np.zeros(n_sets)
         models = []
-        compiled = n_sets * n >= COMPILED_MEMBERS if compiled is None else compiled
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
             table = self.table(int(size), d, seed)
-            found = self._fit(local[rows, :size], table, floor[rows], compiled)
+            found = self._fit(local[rows, :size], table, floor[rows])
             scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
             support[rows, :size] = found.inliers if found.support is None else found.support
             cutoff[rows], scale[rows] = found.cutoff, found.scale
@@ -223,11 +219,11 @@ class Method(ABC):
         """Rows and columns of the table for neighborhoods of a size."""
 
     @abstractmethod
-    def _fit(self, points, table, floor, compiled):
+    def _fit(self, points, table, floor):
         """The verdicts on neighborhoods of one size, as `Found`.
 
-        Points (B, n, d) are without the origin; `table` has random positions, `floor` (B,) the
-        least scale, and whether compiled code does it, where there is any.
+        Points (B, n, d) are without the origin; `table` has random positions, and `floor` (B,) is
+        the least scale.
         """
 
 

@@ -31,7 +31,7 @@ class Pca(Method):
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return 0, 0
 
-    def _fit(self, points, table, floor, compiled):
+    def _fit(self, points, table, floor):
         centers, _, axes = fit_planes(points)
         members = np.ones(points.shape[:2], dtype=bool)
         scale = np.maximum(plane_scale(points, members, centers, axes[..., 0]), floor)

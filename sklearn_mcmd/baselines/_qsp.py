@@ -40,7 +40,7 @@ class Qsp(Method):
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return 1, min(self.sample_size, size - 1)
 
-    def _fit(self, points, table, floor, compiled):
+    def _fit(self, points, table, floor):
         # In smaller neighborhoods the sample repeats members.
         chosen = np.resize(table[0], self.sample_size)
         model = SampleModel(points[:, chosen])

@@ -1,7 +1,6 @@
 """RANSAC and MSAC: the plane of the minimal subset that most members agree with."""
 
 from dataclasses import dataclass
-from functools import partial
 from numbers import Integral, Real
 from typing import ClassVar
 
@@ -10,14 +9,9 @@ from scipy.special import chdtri
 
 from sklearn_mcmd._sklearn import Interval
 from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method, WhitenedModel
-from sklearn_mcmd.planes._consistent_set import (
-    RANK_TOLERANCE,
-    n_trials_needed,
-    planes_through,
-)
+from sklearn_mcmd.planes._consistent_set import n_trials_needed, planes_through
 from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
-from sklearn_mcmd.runtime._compiling import compiled_function
 
 TRIALS_AT_ONCE = 16  # at first; more where few neighborhoods still seek
 
@@ -86,27 +80,23 @@ class Ransac(Method):
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return self.max_trials, d
 
-    def _fit(self, points, table, floor, compiled):
+    def _fit(self, points, table, floor):
         n_sets, n, d = points.shape
-        select, medians = best_planes, least_medians
-        if d == 3 and compiled:
-            forms = ("best_planes_3d", "least_medians_3d")
-            forms = (compiled_function("baselines._ransac_numba", name) for name in forms)
-            select, medians = (partial(form, rank_tolerance=RANK_TOLERANCE) for form in forms)
         if self.noise_scale is None:
             enough = min(len(table), n_trials_needed(0.5, self.stop_probability, d))
             # With the small-sample factor of Rousseeuw and Leroy.
-            scale = MAD_TO_SD * (1.0 + 5.0 / max(n - d, 1)) * medians(points, table[:enough])
+            scale = MAD_TO_SD * (1.0 + 5.0 / max(n - d, 1)) * least_medians(points, table[:enough])
         else:
             scale = np.full(n_sets, float(self.noise_scale))
         found = np.isfinite(scale)
         scale = np.maximum(np.where(found, scale, 0.0), floor)
         stops = trials_to_stop(n, d, self.stop_probability)
-        centers, normals = select(points, table, self.cutoff * scale, stops, self.truncated_loss)
+        limit = self.cutoff * scale
+        centers, normals = best_planes(points, table, limit, stops, self.truncated_loss)
         found &= np.isfinite(normals[:, 0])
         for _ in range(self.n_refits):
             distances = np.abs(orthogonal_distances(points, centers, normals))
-            members = distances < (self.cutoff * scale)[:, None]
+            members = distances < limit[:, None]
             centers, _, axes = fit_planes(points, members)
             normals = axes[..., 0]
         whitening = np.where(found[:, None], normals / scale[:, None], 0.0)[..., None]

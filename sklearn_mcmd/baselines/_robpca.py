@@ -99,7 +99,7 @@ class Robpca(Method):
     def table_shape(self, size: int, d: int) -> tuple[int, int]:
         return self.n_trials + PursuitLimits().directions, d + 1
 
-    def _fit(self, points, table, floor, compiled):
+    def _fit(self, points, table, floor):
         n_sets, n, d = points.shape
         projection, k = self._components(n, d)
         starts, pairs = table[: self.n_trials], table[self.n_trials :, :2]

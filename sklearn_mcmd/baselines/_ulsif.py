@@ -56,7 +56,7 @@ class Ulsif(Method):
         # The last row is the random order of the members; the other rows are the MCD's starts.
         return (1 if size >= McdLimits().nested_from else RatioLimits().n_starts + 1), size
 
-    def _fit(self, points, table, floor, compiled):
+    def _fit(self, points, table, floor):
         n_sets, shuffled = len(points), table[-1]
         training = self._training(points, table, floor)
         basis = training[:, : RatioLimits().max_basis]

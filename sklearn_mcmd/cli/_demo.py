@@ -13,7 +13,7 @@ from sklearn_mcmd.cli._messages import clear_exits, print_table, progress
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._options import NJobs, Quiet
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.io._files import replacing, system_error
+from sklearn_mcmd.io._files import naming, replacing
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -90,10 +90,8 @@ def made_by_demo(path):
 
 def write_street(path):
     """Write a contaminated street with its truth as attributes; returns where its sensor stood."""
-    try:
+    with naming(path.parent, "made"):
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as err:
-        raise system_error(path.parent, "made", err) from err
     from sklearn_mcmd.datasets import make_street
 
     street = make_street(N_POINTS, outlier_share=OUTLIER_SHARE, random_state=0)

@@ -7,23 +7,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils import Bunch, check_random_state
 
-from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 
 _REGULAR_MEAN, _OUTLIER_MEAN = np.full(3, 2.0), np.array([7.0, 6.0, 8.0])
 _UNIFORM_RANGE = -9.0, 9.0  # of uniform outliers, on every axis
 
 
-@validate_params(
-    {
-        "n_samples": [Interval(Integral, 1, None, closed="left")],
-        "outlier_share": [Interval(Real, 0, 1, closed="both")],
-        "outliers": [StrOptions({"clustered", "uniform"})],
-        "regular_variances": ["array-like"],
-        "outlier_variances": ["array-like"],
-        "return_X_y": ["boolean"],
-        "random_state": ["random_state"],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    n_samples=[Interval(Integral, 1, None, closed="left")],
+    outlier_share=[Interval(Real, 0, 1, closed="both")],
+    regular_variances=["array-like"],
+    outlier_variances=["array-like"],
 )
 def make_contaminated_plane(
     n_samples: int = 50,
@@ -82,14 +76,8 @@ def make_contaminated_plane(
 
     Notes
     -----
-    Section 5.1 calls (6, 6, 0.01) variances, and they are. Read as standard deviations, they give
-    PCA a bias angle of 12 degrees, where Table 1 prints 34. Table 2 varies the first two variances
-    of both distributions, Fig. 7c the third variance of the regular points.
-
-    References
-    ----------
-    .. [1] Nurunnabi, West, Belton, "Outlier detection and robust normal-curvature estimation
-       in mobile laser scanning 3D point cloud data", Pattern Recognition 48 (2015), Section 5.1.
+    Table 2 varies the first two variances of both distributions, Fig. 7c the third variance of the
+    regular points. :doc:`/reproduction` says why they are variances.
 
     Examples
     --------

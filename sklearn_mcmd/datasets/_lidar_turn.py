@@ -6,7 +6,7 @@ from numbers import Real
 import numpy as np
 from sklearn.utils import Bunch
 
-from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.datasets._beams import Beams, Sensor
 from sklearn_mcmd.datasets._labels import outlier_sizes
 from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS
@@ -23,14 +23,11 @@ _NOISE_GROWTH = 4.0  # at the end of the reach, over that at range 0
 _PASSING = 0.1  # chance that a beam goes on behind leaves
 
 
-@validate_params(
-    {
-        **SHARED_PARAMETERS,
-        "outlier_kinds": [list, tuple],
-        "beam_divergence": [Interval(Real, 0, None, closed="left")],
-        "snow": [Interval(Real, 0, None, closed="left")],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    **SHARED_PARAMETERS,
+    outlier_kinds=[list, tuple],
+    beam_divergence=[Interval(Real, 0, None, closed="left")],
+    snow=[Interval(Real, 0, None, closed="left")],
 )
 def make_lidar_turn(
     n_samples: int = 70_000,
@@ -57,8 +54,8 @@ def make_lidar_turn(
     noise : float, default=0.01
         Standard deviation of ranges at range 0, in meters. It grows linearly, to four times as
         much at 100 m.
-    outlier_share : float, default=0.03
-        Share of outliers in [0, 1), rounded to a whole number of points.
+    outlier_share, random_state
+        As of :func:`make_street`.
     outlier_kinds : list or tuple of str
         Kinds of outliers, in (nearly) equal shares; by default all but range errors:
 
@@ -71,17 +68,12 @@ def make_lidar_turn(
         - ``"no_return"``: where the sensor is, as some write down beams without an echo.
 
     beam_divergence : float, default=0.0
-        Full angle of each beam in radians, to 1/e^2 of the intensity on its axis, as data sheets
-        state it: 0.002 to 0.003 is usual here. A beam has the mean range of what it meets within
-        0.75 m, the resolution of pulses of 5 ns, weighted by energy; of several such groups, that
-        of the strongest. Where it is farther than four standard deviations of the noise
-        from every surface, the point is an outlier of kind ``"mixed_pixel"``, besides those of
-        `outlier_share`.
+        As of :func:`make_street`; 0.002 to 0.003 is usual here. But a beam has the mean range of
+        what it meets within 0.75 m, the resolution of pulses of 5 ns; of several such groups, that
+        of the strongest.
     snow : float, default=0.0
         Snowfall in mm of water an hour: 1 is light, 2.5 heavy snow. Flakes take the place of what
         beams meet, or of nothing: outliers of kind ``"snow"``, besides those of `outlier_share`.
-    random_state : int, RandomState instance or None, default=None
-        Seed. The same seed gives the same cloud.
 
     Returns
     -------
@@ -115,11 +107,7 @@ def make_lidar_turn(
     besides. Beams whose label would be in doubt are lost. Leaves differ between seeds; other
     surfaces do not.
 
-    The rings are those of a scanner with 32 beams, of which one turn on a campus (``fast_gicp``,
-    69,792 points) is the model. There the median distance to the nearest other point is 1.3, 3.9
-    and 13.6 cm at ranges of 3 to 6, 10 to 15 and 40 to 70 m, here 1.4, 3.8 and 13.5 cm. Half the
-    points lie within 4.0 m there and 5.0 m here. The real turn also holds 5,106 points where the
-    sensor is, of beams without an echo.
+    The rings are those of a scanner with 32 beams. :ref:`real_scans` compares with real turns.
 
     *Snow.* At a snowfall of R mm/h a cubic meter holds N0 exp(-L D) dD flakes of melted diameter D,
     N0 = 2500 R^-0.94 per mm and L = 2.29 R^-0.45 per mm [1]_; flakes have a tenth of water's
@@ -129,14 +117,6 @@ def make_lidar_turn(
     stronger than the echo of what stands behind, of reflectance 0.3, and than that of reflectance
     0.8 at 100 m. So the chance of a flake grows with the way, and falls with its own range: far
     away only large ones are seen.
-
-    With the ranges of six real turns as those of what stands behind (``snow_spinning_lidar``,
-    where others simulated the snow), 2 mm/h end 2.9 to 3.5 % of these beams, there 2.8 to 3.1 %.
-    Flakes are 1.1, 2.1, 3.5, 5.5 and 9.6 m away (5, 25, 50, 75 and 95 %), there 1.2, 2.2, 3.9, 6.2
-    and 11.9 m; 24, 34, 22, 11 and 5 % of them within each 2 m up to 10 m, there 20, 30, 23, 12 and
-    6 %. The 6 m, from which on a receiver sees most of its beam's spot, and this snowfall were
-    chosen on one of these turns. Beams into the sky, of which those turns have no record, meet
-    flakes more often: nothing outshines them.
 
     References
     ----------

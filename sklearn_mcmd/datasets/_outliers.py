@@ -77,12 +77,7 @@ def ghost(scene, n, is_clear, rng):
 
 
 #: Maker of each kind. The order sets the codes: position + 1, as 0 means no outlier.
-SCENE_OUTLIERS = {
-    "gaussian": gaussian,
-    "uniform": uniform,
-    "mixed_pixel": mixed_pixel,
-    "ghost": ghost,
-}
+SCENE_OUTLIERS = {make.__name__: make for make in (gaussian, uniform, mixed_pixel, ghost)}
 
 
 def draw_clear(n, is_clear, propose):

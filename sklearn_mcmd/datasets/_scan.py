@@ -16,7 +16,6 @@ SHARED_PARAMETERS = {
     "n_samples": [Interval(Integral, 1, None, closed="left")],
     "noise": [Interval(Real, 0, None, closed="left")],
     "outlier_share": [Interval(Real, 0, 1, closed="left")],
-    "random_state": ["random_state"],
 }
 LOWEST = -np.radians(60)  # a scanner is blind below this elevation
 _PILOT = 250  # rays on a side of the grid that measures the share of the view that holds something

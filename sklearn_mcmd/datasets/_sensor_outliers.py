@@ -71,11 +71,7 @@ def no_return(scan, n, rng):
 
 #: Maker of each kind. The order sets the codes: position + 1, as 0 means no outlier.
 SENSOR_OUTLIERS = {
-    "mixed_pixel": mixed_pixel,
-    "range_error": range_error,
-    "ghost": ghost,
-    "particle": particle,
-    "no_return": no_return,
+    make.__name__: make for make in (mixed_pixel, range_error, ghost, particle, no_return)
 }
 
 

@@ -5,17 +5,14 @@ from numbers import Real
 import numpy as np
 from sklearn.utils import Bunch
 
-from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.datasets._panels import Bilinear
 from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Patch
 
 
-@validate_params(
-    {**SHARED_PARAMETERS, "outlier_scale": [Interval(Real, 0, None, closed="neither")]},
-    prefer_skip_nested_validation=True,
-)
+@checked(**SHARED_PARAMETERS, outlier_scale=[Interval(Real, 0, None, closed="neither")])
 def make_box(
     n_samples: int = 3339,
     *,
@@ -69,7 +66,7 @@ def make_box(
     return scan(scene, n_samples, noise, outlier_share, random_state, outlier_kinds=("gaussian",))
 
 
-@validate_params(SHARED_PARAMETERS, prefer_skip_nested_validation=True)
+@checked(**SHARED_PARAMETERS)
 def make_crown_roof(
     n_samples: int = 3017,
     *,
@@ -88,24 +85,13 @@ def make_crown_roof(
     ----------
     n_samples : int, default=3017
         Number of points, outliers included. The default is that of the paper's data set.
-    noise : float, default=0.002
-        Standard deviation of the noise, in meters on each axis.
-    outlier_share : float, default=0.0
-        Share of outliers in [0, 1): points of the roof, displaced by 0.1 m (one standard deviation)
-        on each axis.
-    random_state : int, RandomState instance or None, default=None
-        Seed. The same seed gives the same cloud.
+    noise, outlier_share, random_state
+        As of :func:`make_box`; outliers are displaced by 0.1 m (one standard deviation).
 
     Returns
     -------
     roof : :class:`~sklearn.utils.Bunch`
-        With the arrays of :func:`make_street`, in meters. ``edge_distance`` is the distance to the
-        nearest ridge. The eaves are no edges: only the cloud ends there.
-
-    Raises
-    ------
-    ValueError
-        As :func:`make_street`.
+        As of :func:`make_box`. The eaves are no edges: only the cloud ends there.
 
     See Also
     --------

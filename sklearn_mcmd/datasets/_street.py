@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from sklearn.utils import Bunch
 
-from sklearn_mcmd._sklearn import Interval, StrOptions, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
@@ -28,16 +28,11 @@ _WINDOW_DEPTH, _DOOR_DEPTH = 0.20, 0.12
 _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
 
 
-@validate_params(
-    {
-        **SHARED_PARAMETERS,
-        "noise_growth": [Interval(Real, 1, None, closed="left")],
-        "outlier_kinds": [list, tuple],
-        "tree": ["boolean"],
-        "sampling": [StrOptions({"uniform", "scan_lines"})],
-        "beam_divergence": [Interval(Real, 0, None, closed="left")],
-    },
-    prefer_skip_nested_validation=True,
+@checked(
+    **SHARED_PARAMETERS,
+    noise_growth=[Interval(Real, 1, None, closed="left")],
+    outlier_kinds=[list, tuple],
+    beam_divergence=[Interval(Real, 0, None, closed="left")],
 )
 def make_street(
     n_samples: int = 100_000,

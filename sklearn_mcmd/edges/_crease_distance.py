@@ -4,10 +4,11 @@ Near an edge the neighborhood of a point holds two faces. The point is given the
 explains it best, its own or a neighbor's, and so are its neighbors; where two of these planes
 meet is the edge, known to a fraction of the spacing of the points. Whether there is an edge is
 decided by the Bayesian information criterion (BIC): faces that meet in creases, or a surface
-without any. The verdict is pooled over the neighbors, as an edge is a line and not a point.
+without any. The verdict is pooled over the neighbors, as an edge is a line and not a point. Where
+the planes of all neighbors are alike, nothing is asked.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from sklearn_mcmd.runtime._progress import progress_part
 
 CHUNK = 500_000  # entries of the largest array a task holds
 # Ends of the steps, as shares of the time, for the display of progress.
-SEARCHED, MEASURED, GIVEN, MET = 0.1, 0.15, 0.3, 0.9
+SEARCHED, MEASURED, GIVEN, MET = 0.1, 0.25, 0.5, 0.9
 CERTAIN = -np.log(np.finfo(float).eps)  # logarithm of the inverse of the rounding of a likelihood
 
 
@@ -43,7 +44,7 @@ class CreaseLimits(NamedTuple):
     """How creases are found."""
 
     far: float = 10.0  # largest distance of a point from a crease that counts, in spacings
-    evening_steps: int = 2  # passes in which the spacing becomes the mean of those around
+    evening_steps: int = 3  # passes in which the spacing becomes the mean of those around
     smooth_steps: int = 3  # fits of a smooth surface
     huber: float = 1.5  # standard deviations beyond which points count less in such a fit
     # Radii of rounded edges, in spacings: what is rounded by less is sharp.
@@ -51,47 +52,34 @@ class CreaseLimits(NamedTuple):
 
 
 class Faces(NamedTuple):
-    """The plane given to each of m points."""
+    """The planes given to m points."""
 
-    normals: np.ndarray  # (m, d)
-    levels: np.ndarray  # (m,), as all below: n . x of the plane's points
-    height: np.ndarray  # of the point above its plane
-    scale: np.ndarray  # standard deviation of the noise
-    spacing: np.ndarray  # of the points around
-    flat: np.ndarray  # bool: whether the plane is that of a face, not of foliage or a cluster
-    on_face: np.ndarray  # bool: whether the point lies on such a plane
-
-    @classmethod
-    def empty(cls, m, d, make=np.empty):
-        """A record to be filled, of arrays that `make` makes."""
-        numbers, answers = (make(m) for _ in range(4)), (make(m, bool) for _ in range(2))
-        return cls(make((m, d)), *numbers, *answers)
-
-    put, take = Planes.put, Planes.take  # type: ignore[misc]
+    owners: np.ndarray  # int32 (m,): the points whose planes they are
+    on_face: np.ndarray  # bool (m,): whether the point lies on its plane, and this is a face's
+    doubtful: np.ndarray  # bool (m,): whether planes around differ by the least angle
 
 
 def find_creases(index, planes, min_angle, n_jobs=None):
     """The `Creases` of the points of an index, and their distances.
 
-    Of the planes centroids, normals and scale are known, and are changed. Those of two faces meet
+    Of the planes centroids, normals and scale are known; scale is changed. Those of two faces meet
     at `min_angle` degrees at least.
     """
-    # Of heights, which are differences of coordinates that may be large. One point may be far.
-    origin = np.array([np.median(coordinate) for coordinate in index.points.T])
-    planes.centroids[:] -= origin
     with progress_part(0.0, MEASURED):
         _measure_spacing(index, planes, n_jobs)
+    n = len(index.points)
+    faces = Faces(index.empty(n, np.int32), *(index.empty(n, bool) for _ in range(2)))
     creases = Creases(
         index=index,
-        origin=origin,
         planes=planes,
         flat=are_faces(planes),
-        usable=np.ones(len(index.points), bool),
+        usable=np.ones(n, bool),
         cosine=cosine_of(min_angle),
         n_jobs=n_jobs,
+        faces=faces,
+        evidence=index.empty(n),
     )
-    faces, evidence, distance = creases.measure(index.points, index.query_own)
-    return replace(creases, faces=faces, evidence=evidence), distance
+    return creases, creases.measure(index.points, index.query_own, faces, creases.evidence)
 
 
 def cosine_of(min_angle):
@@ -101,87 +89,111 @@ def cosine_of(min_angle):
 
 @dataclass(frozen=True)
 class Creases:
-    """A cloud whose creases are known, once its faces are."""
+    """A cloud whose creases are known."""
 
     index: NeighborIndex
-    origin: np.ndarray
     planes: Planes
     flat: np.ndarray  # bool: which planes are those of faces
     usable: np.ndarray  # True for all planes
     cosine: float  # that of two faces that meet is smaller
     n_jobs: int | None
-    faces: Faces | None = None  # of the points
-    evidence: np.ndarray | None = None
+    faces: Faces  # of the points
+    evidence: np.ndarray  # for a surface without a crease; NaN where nothing is asked
 
     def distance(self, queries, around=None):
         """Distances of queries (m, d) to the nearest crease, in spacings. Where none is found it is
-        between `far` and twice as much, the less, the less flat the neighborhood."""
+        between `far` and twice as much, the less, the more planes around turn."""
         with progress_part(0.0, SEARCHED):
             around = _search(self.index, queries, self.n_jobs) if around is None else around
-        return self.measure(queries, around.take)[2]
+        m = len(queries)
+        faces = Faces(np.empty(m, np.int32), np.empty(m, bool), np.empty(m, bool))
+        return self.measure(queries, around.take, faces, np.empty(m))
 
-    def measure(self, queries, around):
-        """Faces of queries, evidence for creases, and distances from these; ``around(part)`` are
+    def measure(self, queries, around, faces, evidence):
+        """Distances of queries from creases; fills their faces and evidence. ``around(part)`` are
         the `Neighborhoods` of a slice of them."""
         with progress_part(MEASURED, GIVEN):
-            own = self.give_planes(queries, around)
+            distance = self.give_planes(queries, around, faces)
         with progress_part(GIVEN, MET):
-            distance, evidence = self.meet(queries, own, around)
+            off = self.meet(queries, around, faces, evidence)
         with progress_part(MET, 1.0):
-            self.judge(own, distance, evidence, around)
-        return own, evidence, distance
+            self.judge(around, off, distance)
+        return distance
 
-    def give_planes(self, queries, around):
-        """Of the planes of its neighbors, the one that explains each query best."""
-        faces = Faces.empty(*queries.shape, self.index.empty)
+    def give_planes(self, queries, around, faces):
+        """Fill the faces of queries, and return their distances as if there were no crease.
+
+        Where the planes of neighbors differ, the one that explains the query best is given, and
+        else that of the nearest neighbor.
+        """
+        distance, planes = self.index.empty(len(queries)), self.planes
+        usable, far = self.usable, CreaseLimits().far
+        # Of two planes that differ by an angle, one differs from any third by half of it.
+        half_turn = np.sqrt(0.5 * (1.0 + self.cosine))
+        count = compiled_function("edges._crease_distance_numba", "count_turned")
 
         def give(part, around):
-            asked = queries[part] - self.origin
-            faces.put(part, give_faces(asked, around, self.planes, self.flat, self.usable))
+            asked, owners, turned = queries[part], around.indices[:, 0].copy(), distance[part]
+            count(around, planes.normals, half_turn, turned)
+            rows = np.flatnonzero(turned)
+            if len(rows):
+                owners[rows] = give_planes(asked[rows], around.take(rows), planes, usable)
+            flat, gaps = self.flat[owners], asked - planes.centroids[owners]
+            height = np.abs(np.einsum("md,md->m", gaps, planes.normals[owners]))
+            near = height <= ExplainLimits().explained * planes.scale[owners]
+            faces.owners[part], faces.on_face[part] = owners, flat & near
+            faces.doubtful[part] = flat & (turned > 0.0)
+            distance[part] = far * (2.0 - turned)
 
         _in_chunks(self.index, len(queries), around, give, self.n_jobs)
-        return faces
+        return distance
 
-    def meet(self, queries, own, around):
-        """Distance to the nearest crease in spacings, inf if none, and its evidence: half of the
-        BIC of the best two or three faces less that of the best surface without a crease, negative
-        where there is an edge. `own` are the faces of the queries."""
-        distance, evidence = (self.index.empty(len(queries)) for _ in range(2))
-        others = own if self.faces is None else self.faces
-        others = others.normals, others.levels, others.on_face
+    def meet(self, queries, around, faces, evidence):
+        """Distances to the nearest crease in spacings, inf if none, larger off the planes; and fill
+        the evidence: half of the BIC of the best two or three faces less that of the best surface
+        without a crease, negative where there is an edge."""
+        (m, d), k = queries.shape, self.index.n_neighbors
+        distance, planes = self.index.empty(m), self.planes
         told = CreaseLimits(), self.cosine, ExplainLimits().explained
         fill = compiled_function("edges._crease_distance_numba", "meet_faces")
 
-        def meet(part, around):
-            k, d = around.indices.shape[1], queries.shape[1]
+        def meet(rows, around):
+            found = np.full(len(rows), np.inf), np.full(len(rows), np.nan)
             arrays, equations = work_arrays(max(d, 3) + 7, k)
             room = arrays[7:], arrays[:7], np.empty(d), np.empty(k, bool), equations
-            given = queries[part], self.origin, around, own.take(part), others, told, room
-            fill(self.index.points, *given, distance[part], evidence[part])
+            given = queries[rows], around, planes, faces.owners[rows]
+            fill(self.index.points, *given, self.faces, told, room, *found)
+            distance[rows], evidence[rows] = found
 
-        _in_chunks(self.index, len(queries), around, meet, self.n_jobs)
-        return distance, evidence
+        distance[:], evidence[:] = np.inf, np.nan
+        doubtful = np.flatnonzero(faces.doubtful)
+        _in_chunks(self.index, m, around, meet, self.n_jobs, doubtful)
+        return distance
 
-    def judge(self, faces, distance, evidence, around):
+    def judge(self, around, off, distance):
         """Let the neighbors say, in place, how far each point counts as from the crease: as far as
-        it is where they say that an edge is the better model, and farther where not."""
-        evidence = evidence if self.evidence is None else self.evidence
-
+        it is, which `off` says, where they say that an edge is the better model, else farther."""
         fill = compiled_function("edges._crease_distance_numba", "judge_distances")
-        limits = CreaseLimits().far, CERTAIN, ExplainLimits().explained
 
-        def judge(part, around):
-            room = np.empty(around.indices.shape[1])
-            given = evidence, faces.take(part), limits, room, distance[part]
-            fill(self.index.points, around, *given)
+        def judge(rows, around):
+            found, room = off[rows], np.empty(around.indices.shape[1])
+            fill(around, self.evidence, CERTAIN, room, found)
+            distance[rows] = np.minimum(distance[rows], found)
 
-        _in_chunks(self.index, len(distance), around, judge, self.n_jobs)
+        n, near = len(distance), np.flatnonzero(off < np.inf)
+        _in_chunks(self.index, n, around, judge, self.n_jobs, near)
 
 
-def _in_chunks(index, n, around, work, n_jobs):
-    """Call `work` with slices of n queries and their neighborhoods."""
+def _in_chunks(index, n, around, work, n_jobs, rows=None):
+    """Call `work` with slices of n queries, or some of the rows that are wanted, and with their
+    neighborhoods."""
     step = max(1, CHUNK // (index.n_neighbors * index.points.shape[1]))
-    each_slice(n, step, lambda part: work(part, around(part)), n_jobs)
+
+    def task(part):
+        part = part if rows is None else rows[part]
+        work(part, around(part))
+
+    each_slice(n if rows is None else len(rows), step, task, n_jobs)
 
 
 def _search(index, queries, n_jobs):
@@ -206,7 +218,7 @@ def _measure_spacing(index, planes, n_jobs):
         planes.radius[part], planes.spacing[part], planes.scale[part] = found
 
     def smooth(part, around):
-        even[part] = evened(planes.spacing, around)
+        average_around(planes.spacing, around, even[part])
 
     works = [measure, *[smooth] * CreaseLimits().evening_steps]
     for step, work in enumerate(works):
@@ -226,9 +238,9 @@ def spacing_of(index, part, around, scale):
     return radius, spacing, np.maximum(scale, FaceLimits().least_noise * spacing)
 
 
-def evened(spacing, around):
-    """The mean spacing around some points."""
-    return spacing[around.indices].mean(axis=1)
+def average_around(spacing, around, out):
+    """Fill the mean spacing around some points."""
+    compiled_function("edges._crease_distance_numba", "average_around")(spacing, around, out)
 
 
 def flatness(planes):
@@ -242,36 +254,10 @@ def are_faces(planes, usual=None):
     return are_flat(planes, max(FaceLimits().flat, usual))
 
 
-def give_faces(queries, around, planes, flat, usable):
-    """Of the planes of its neighbors, the one that explains each query best: `Faces`. `usable` is
-    True for all planes; an array, so that it is made once."""
-    spacing = planes.spacing[around.indices].mean(axis=1)
-    least = np.maximum(FaceLimits().least_noise * spacing, np.finfo(float).tiny)
+def give_planes(queries, around, planes, usable):
+    """Of the planes of its neighbors, the one that explains each query best: their rows. `usable`
+    is True for all planes; an array, so that it is made once."""
+    nearest = around.indices[:, 0]
+    least = np.maximum(FaceLimits().least_noise * planes.spacing[nearest], np.finfo(float).tiny)
     owners = explain(queries, around, planes, usable, least, likely=True)[0]
-    far = np.flatnonzero(owners < 0)
-    if len(far):
-        # What no plane reaches is given the likeliest as if all were boundless.
-        near = around.take(far)
-        members = np.unique(near.indices)
-        boundless = planes.take(members)
-        boundless = boundless._replace(radius=np.full_like(boundless.radius, np.inf))
-        near = near._replace(indices=np.searchsorted(members, near.indices).astype(np.int32))
-        all_usable = usable[: len(members)]
-        found = explain(queries[far], near, boundless, all_usable, least[far], likely=True)[0]
-        # Points in one place have no planes.
-        owners[far] = members[np.where(found < 0, near.indices[:, 0], found)]
-    normals = planes.normals[owners]
-    levels = np.einsum("md,md->m", planes.centroids[owners], normals)
-    height = np.einsum("md,md->m", queries, normals) - levels
-    scale = np.maximum(planes.scale[owners], least)
-    flat = flat[owners]
-    on_face = flat & (np.abs(height) <= ExplainLimits().explained * scale)
-    return Faces(
-        normals=normals,
-        levels=levels,
-        height=height,
-        scale=scale,
-        spacing=spacing,
-        flat=flat,
-        on_face=on_face,
-    )
+    return np.where(owners < 0, nearest, owners)  # what no plane reaches has the nearest one's

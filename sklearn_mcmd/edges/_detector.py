@@ -45,6 +45,9 @@ class EdgeLimits(NamedTuple):
     """Which points belong to an edge, where no parameter says it."""
 
     width: float = 2.0  # spacings from a crease
+    # Share of the neighbors on which planes rest that meet in creases: a smaller patch reaches
+    # across an edge less.
+    of_planes: float = 0.75
     robust_std: float = 3.0  # robust standard deviations above the median
     paper_std: float = 1.0  # standard deviations above the mean (Eq. 25)
 
@@ -64,7 +67,8 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
     n_neighbors : int, default=40
         Size of a neighborhood, at least ``n_features + 1``. A point of the fitted cloud is its
         own first neighbor. Fewer neighbors tell apart edges that are close to each other, more
-        neighbors withstand noise.
+        neighbors withstand noise. For "crease" the cleaning and the planes take three quarters
+        of them.
 
     criterion : {"crease", "eigenvalue", "surface_variation", "removed_fraction"}, \
             default="crease"
@@ -94,11 +98,13 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
 
     outlier_detector : estimator or "passthrough", default=None
         The detector that cleans the cloud first: an estimator with `fit_predict`, +1 for
-        inliers. None means :class:`MCMDOutlierDetector`: the default for "crease", and
-        ``strictness="surfaces"`` for the other criteria. "passthrough" cleans nothing.
+        inliers. None means :class:`MCMDOutlierDetector`: with three quarters of `n_neighbors` for
+        "crease", and ``strictness="surfaces"`` for the other criteria. "passthrough" cleans
+        nothing.
 
     normal_estimator : RobustNormalEstimator, default=None
-        The estimator of the planes of the cleaned cloud. None means one with `n_neighbors`, with
+        The estimator of the planes of the cleaned cloud. None means one with three quarters of
+        `n_neighbors` for "crease", since a smaller patch reaches across an edge less, with
         ``tangents=False``, because a tangent turns beside an edge from one face to the other, and
         with ``method="pca"`` for "eigenvalue" and "surface_variation". A robust fit removes one
         of two faces, and its own eigenvalues then do not show the edge.
@@ -259,16 +265,19 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         xyz = columns.coordinates
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
-        detector, normal_estimator = steps_of(self)
-        self.inlier_mask_ = self._clean(xyz, detector)
-        kept, creases = self.inlier_mask_, self.criterion == "crease"
+        detector, normal_estimator = steps_of(self, self._n_dimensions)
+        creases = self.criterion == "crease"
+        index = self._index(xyz) if creases else None
+        self.inlier_mask_ = kept = self._clean(xyz, detector)
+        if index is not None and not kept.all():
+            index = self._index(xyz[kept])
         members = found = table[kept]
         if self.normals == "estimate":
             self.normal_estimator_ = normal_estimator
             fit = normal_estimator.fit if creases else normal_estimator.fit_transform
             with sub_fit(0.6, 0.8, "normals", normal_estimator):
                 found = fit(members)
-        if creases:
+        if index is not None:
             self.offset_, self.scores_ = crease_width(self), np.empty(len(xyz))
             with progress_part(0.8, 1.0, "creases"):
                 with progress_part(0.0, 0.9):
@@ -276,7 +285,6 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
                         given = Columns.of(found, members)
                     else:
                         given = split_columns(members, self._n_dimensions)
-                    index = NeighborIndex(given.coordinates.astype(np.float64), self.n_neighbors)
                     planes = given.planes(index.rows)
                     del given, members, found  # index and planes have what is needed
                     known = find_creases(index, planes, self.min_angle, self.n_jobs)
@@ -341,6 +349,13 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
     def _work(self):
         return "n_neighbors", 2 if self.criterion == "crease" else 1
 
+    def _index(self, xyz):
+        """The neighbors of points, of which cleaning and planes take the nearest: one search, so
+        that equal distances have one order, too."""
+        index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
+        index.query_own(slice(0, 1))
+        return index
+
     def _clean(self, xyz, detector):
         """Mask of the points to keep."""
         if detector is None:
@@ -387,19 +402,24 @@ def crease_width(detector):
     return EdgeLimits().width if detector.threshold is None else float(detector.threshold)
 
 
-def steps_of(edges):
-    """The detector that cleans the cloud, None if nothing does, and the normal estimator."""
+def steps_of(edges, d=3):
+    """The detector that cleans a cloud of d dimensions, None if nothing does, and the normal
+    estimator."""
     # Both get one seed, drawn once, because a RandomState would give them two.
     seed = check_random_state(edges.random_state).randint(np.iinfo(np.int32).max)
     common = {"random_state": seed, "n_jobs": edges.n_jobs}
     cleaner, normals = edges.outlier_detector, edges.normal_estimator
     crease = edges.criterion == "crease"
-    if cleaner is None:
-        cleaner = MCMDOutlierDetector(strictness="groups" if crease else "surfaces", **common)
+    # A plane needs d + 1 members.
+    size = max(int(EdgeLimits().of_planes * edges.n_neighbors), d + 1)
+    if cleaner is None and crease:
+        cleaner = MCMDOutlierDetector(size, strictness="groups", **common)
+    elif cleaner is None:
+        cleaner = MCMDOutlierDetector(strictness="surfaces", **common)
     if normals is None:
         plain = edges.criterion in ("eigenvalue", "surface_variation")
         normals = RobustNormalEstimator(
-            edges.n_neighbors,
+            size if crease else edges.n_neighbors,
             method="pca" if plain else "mcmd_z",
             tangents=False,  # beside an edge they turn from one face to the other
             features="removed_fraction" if edges.criterion == "removed_fraction" else None,

@@ -284,10 +284,8 @@ def replacing(path):
     try:
         with one_clear_line(path, "written"):
             temporary.touch(exist_ok=False)
-        try:
+        with naming(path):
             yield temporary
-        except OSError as err:
-            raise system_error(path, "written", err) from err
         with one_clear_line(path, "written"):
             with open(temporary, "rb+") as file:  # completely on disk before it takes the name
                 os.fsync(file.fileno())
@@ -297,6 +295,15 @@ def replacing(path):
     finally:
         with suppress(OSError):  # a disk that cannot be written to was reported above
             temporary.unlink()
+
+
+@contextmanager
+def naming(path, action="written"):
+    """Name the file in the system's errors."""
+    try:
+        yield
+    except OSError as err:
+        raise system_error(path, action, err) from err
 
 
 @contextmanager

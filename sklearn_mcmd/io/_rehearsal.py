@@ -5,7 +5,7 @@ import shutil
 import warnings
 from contextlib import contextmanager
 
-from sklearn_mcmd.io._files import check_writable, one_clear_line, system_error, write_points
+from sklearn_mcmd.io._files import check_writable, naming, one_clear_line, write_points
 from sklearn_mcmd.io._formats import TILED
 from sklearn_mcmd.io._grid import scale_of
 
@@ -46,12 +46,3 @@ def trial_folder(above):
         except KeyboardInterrupt:
             shutil.rmtree(folder, ignore_errors=True)
             raise
-
-
-@contextmanager
-def naming(path):
-    """Name the file in the system's errors of writing."""
-    try:
-        yield
-    except OSError as err:
-        raise system_error(path, "written", err) from err

@@ -36,11 +36,6 @@ def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np
     get angles of up to 1e-6 degrees, or NaN where the product exceeds one. Here the angle is twice
     the arctangent of chord over opposite chord, which is accurate for all angles.
 
-    References
-    ----------
-    .. [1] Nurunnabi, West, Belton, "Outlier detection and robust normal-curvature estimation
-       in mobile laser scanning 3D point cloud data", Pattern Recognition 48 (2015).
-
     Examples
     --------
     >>> from sklearn_mcmd.metrics import bias_angle

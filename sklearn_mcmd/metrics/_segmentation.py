@@ -65,17 +65,14 @@ def segmentation_scores(y_true: ArrayLike, y_pred: ArrayLike, *, min_overlap: fl
     Notes
     -----
     The paper does not say when a surface counts as properly segmented; its authors judged by
-    eye. The rules here are like those of Hoover et al. [2]_, whose usual overlap is 0.8. But here
+    eye. The rules here are like those of Hoover et al. [1]_, whose usual overlap is 0.8. But here
     a surface whose segment holds another one is never proper. Missed surfaces lower neither recall
     nor precision: look at ``missed``, or at ``mean_iou``, which they lower. In Table 6 the three
     counts also add up to less than the number of surfaces where some were missed.
 
     References
     ----------
-    .. [1] A. Nurunnabi, G. West, D. Belton, "Outlier detection and robust normal-curvature
-       estimation in mobile laser scanning 3D point cloud data", Pattern Recognition 48
-       (2015) 1404-1419, section 5.2.3.
-    .. [2] A. Hoover et al., "An experimental comparison of range image segmentation
+    .. [1] A. Hoover et al., "An experimental comparison of range image segmentation
        algorithms", IEEE Transactions on Pattern Analysis and Machine Intelligence 18 (1996)
        673-689.
 

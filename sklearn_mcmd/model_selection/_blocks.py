@@ -9,17 +9,14 @@ from scipy.spatial import cKDTree
 from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils import check_array, check_random_state
 
-from sklearn_mcmd._sklearn import Interval, validate_params
+from sklearn_mcmd._sklearn import Interval, checked
 
 # Extents are measured between these percentiles, so that a single far point changes no cut.
 BULK = 5, 95
 BLOCKS_OF_FOLD = 4  # places of the cloud that a fold mixes
 
 
-@validate_params(
-    {"X": ["array-like"], "n_blocks": [Interval(Integral, 1, None, closed="left")]},
-    prefer_skip_nested_validation=True,
-)
+@checked(X=["array-like"], n_blocks=[Interval(Integral, 1, None, closed="left")])
 def spatial_blocks(X: ArrayLike, n_blocks: int) -> NDArray[np.intp]:
     """Cut a cloud into boxes of nearly equal numbers of points.
 
@@ -114,10 +111,6 @@ class SpatialBlockSplit(BaseCrossValidator):
     *Training and test points overlap on purpose*. That is correct for detectors that are fitted
     without labels: labels only score, once for each point, in the fold of its block. It is a
     leak for estimators that learn from y. For these take ``GroupKFold`` with `spatial_blocks`.
-
-    The mean score of one candidate is an unbiased estimate for the cloud. The score of the best
-    of many is optimistic, as in every search. Judge the winner on a cloud that the search has
-    not seen.
 
     ``LocalOutlierFactor(novelty=True)`` takes a test point of its own training cloud as its own
     nearest neighbor. That one of `n_neighbors` tells nothing, which shifts its scores a little.

@@ -6,16 +6,21 @@ its normal by 2.5 degrees. The noise is what quadrics leave of small neighborhoo
 Where these are too noisy, neighborhoods of twice as many points are taken; but only as
 long as the planes of twice as many points turn by no more than noise explains. Where they turn by
 more, the surface bends or folds within them.
+
+A scan may have its points in rows. Then noise alone is not what counts: a plane of one row has any
+direction. So there are as many neighbors as it takes for no row to be a face of its own.
 """
 
+from math import pi
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
+from sklearn_mcmd.planes._agreement import AgreementLimits
 from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._principal_planes import normal_errors
+from sklearn_mcmd.planes._principal_planes import are_rows, normal_errors
 from sklearn_mcmd.planes._quadrics import QuadricLimits, noise_quantiles, whole_planes
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._progress import progress_part
@@ -68,8 +73,31 @@ class ScaleFinder:
             todo = wanted == np.inf
             k *= 2
         wanted[todo] = most
-        wanted = self._quiet(wanted, np.ones(m, dtype=bool))
-        return np.rint(wanted).astype(np.int64).clip(max=m)
+        everyone = np.ones(m, dtype=bool)
+        wanted = self._quiet(wanted, everyone)
+        across = self._quiet(self._across_rows(), everyone, 1 - self.limits.quiet)
+        return np.rint(np.maximum(wanted, across).clip(max=most)).astype(np.int64).clip(max=m)
+
+    def _across_rows(self):
+        """How many neighbors (m,) it takes for rows to be less than faces; 0 where there are none.
+
+        In rows that are D apart, a point's n = 2 D / s nearest are of its own, s apart. Of k in a
+        disk its row has the share ``sqrt(2 n / (pi k))``.
+        """
+        k, needed = self.limits.least // 2, np.zeros(len(self.index.points))
+        rows, times = needed == 0, 2 / (pi * AgreementLimits().face ** 2)
+
+        def task(part, around):
+            planes, directions = Planes.empty(len(part), d), np.empty((len(part), d))
+            whole_planes(self.index.points, around, planes, directions)
+            rows[part] = are_rows(planes.eigenvalues)
+
+        d = self.index.points.shape[1]
+        while rows.any() and k < self.limits.most:
+            self._each(rows.copy(), k, task)
+            needed[rows] = times * k
+            k *= 2
+        return needed
 
     def _reached(self, rows):
         """Whether each point is around any of some points: bool (m,)."""
@@ -100,12 +128,12 @@ class ScaleFinder:
         self._each(rows, k, task)
         return errors, normals
 
-    def _quiet(self, values, rows):
+    def _quiet(self, values, rows, share=None):
         """The value that the share `quiet` of those around do not exceed, of some points."""
-        found = np.empty(len(rows))
+        found, share = np.empty(len(rows)), self.limits.quiet if share is None else share
 
         def task(part, around):
-            found[part] = quantile_around(values, around, self.limits.quiet)
+            found[part] = quantile_around(values, around, share)
 
         self._each(rows, self.limits.around, task)
         return found[rows]

@@ -47,7 +47,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         Size of a neighborhood (k), at least ``n_features + 1``. A point of the fitted cloud
         is its own first neighbor. "auto" gives each point 16 to 256 neighbors, as many as it takes
         for the noise around it to tilt its normal by 2.5 degrees, unless the surface bends
-        before; see `n_neighbors_`. It needs 2D or 3D. None means one neighborhood of all points.
+        before, and for a row of a scan to be a third at most; see `n_neighbors_`. It is for 2D and
+        3D. None means one neighborhood of all points.
 
     method : {"mcmd_z", "mcmd_md", "pca", "ransac", "msac", "robpca", "ulsif", "qsp"}, \
             default="mcmd_z"
@@ -176,8 +177,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         The columns asked for by `features`, one each but three for a direction.
 
     plane_index_ : ndarray of int of shape (n_samples,)
-        The row whose plane each point was given: the point's own row, or that of the neighbor
-        that lent its plane.
+        The row whose plane each point was given: its own, or that of the neighbor that lent it.
 
     n_neighbors_, n_support_ : int or ndarray of int of shape (n_samples,)
         Size of a neighborhood and of a consistent set; an array with ``n_neighbors="auto"``.

@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import most_noise_around
+from sklearn_mcmd.planes._around import most_noise_around, quantile_around, ratio
 from sklearn_mcmd.planes._base import mends_planes
 from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._principal_planes import are_rows
 from sklearn_mcmd.planes._quadrics import (
     QuadricLimits,
     are_folded,
@@ -157,6 +158,10 @@ class SurfacePlanes:
             lenders[rough] = self._lenders(points, planes, rough, around.take(rough), members)
             borrowing = np.flatnonzero(lenders >= 0)
             lend(planes, borrowing, all_planes, lenders[borrowing])
+        # Of many planes of few members some have little noise by chance.
+        noisier = ratio(quantile_around(members.scale, around, 0.5), planes.scale)
+        errors = np.where(planes.scale > 0, np.maximum(noisier, 1.0), 1.0) * planes.normal_error
+        planes.normal_error[:] = np.minimum(errors, 90.0)
         queries = np.ascontiguousarray(points, dtype=np.float64)
         planes.normal_error[:] = doubted_errors(
             self.model.index.points, queries, around, planes, members, forms != ROUGH
@@ -181,6 +186,8 @@ class SurfacePlanes:
             robust = self._robust(points[rest], around.take(rest))
             rough = ~is_smooth(left[rest], robust.scale)
             rough |= _bends_too_much(deviation[rest], left[rest], planes.take(rest))
+            # Planes of many directions fit a row, and that of its rays to the sensor without noise.
+            rough &= are_rows(planes.eigenvalues[rest]) | ~are_rows(robust.eigenvalues)
             forms[rest[rough]] = ROUGH
             planes.put(rest[rough], robust.take(rough))
         left = np.maximum(np.minimum(deviation, left), self.model.least_scales(planes.centroids))

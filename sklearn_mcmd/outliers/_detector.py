@@ -47,11 +47,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
        wires, small things, and errors. A point of the rest is isolated by its distance to
        its neighbors, in usual spacings of the surfaces around.
     3. **Does its group stand off?** Points of the rest near each other form groups. A small group
-       stands off by its gap to everything real, in sizes of its own. Its size is the standard
-       deviation along its longest axis, and its length if it is straight: wires and poles hang in
-       the air. Their points keep company in a row, however far apart they are. Groups of n times
-       as many points as a thing must stand off n times as far. Small flat groups are pieces of one
-       thing if they are nearer to each other than to anything real, or in one plane.
+       stands off by its gap to everything real, in sizes of its own. :ref:`steps` says what a group
+       is, also of wires, of many points and of things in pieces.
 
     The score is the least of the answers that excuses the point, so 3 means: three standard
     deviations off the surfaces, and three of its own sizes away from anything that is real.
@@ -132,10 +129,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         a turn of a spinning scanner or a depth image has it. "auto" takes the origin if the cloud
         shows that it was taken from there, see :ref:`recognized`, and else None. `fit` takes a
         position for each point; under "auto" that is not used where it would condemn surfaces, see
-        :ref:`stated`. With it, company also counts in the distance between beams at the range of a
-        point. What beams pass on their way to the background is empty space, and
-        surfaces that contain the rays are mixed pixels. See :ref:`sensor`. None goes by
-        coordinates alone.
+        :ref:`stated`. With it rays tell, too, see :ref:`sensor`; None goes by coordinates alone.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use. It decides little where
@@ -191,11 +185,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         agree, 69 with the defaults in 3D. The number doubles with each dimension; beyond 3D it
         is limited to 300, with a warning.
 
-    n_features_in_ : int
-        Number of features seen during `fit`.
-
-    feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Names of features seen during `fit`, when X has names that are all strings.
+    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
+        Number of features seen during `fit`, and their names, if all are strings.
 
     See Also
     --------
@@ -205,8 +196,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
 
     Notes
     -----
-    ``MCMDOutlierDetector(reweight=False, strictness=None)`` is the paper's form. It is weak on
-    whole clouds: an isolated outlier has neighbors far apart, so the scale is large and it passes.
+    ``MCMDOutlierDetector(reweight=False, strictness=None)`` is the paper's form.
 
     No threshold depends on the verdict. The score is a continuous function of the coordinates
     almost everywhere: moving, turning or scaling the cloud changes it by rounding errors only.
@@ -215,21 +205,14 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     alone were added and measured from where the nearest of the fitted points was. A point of the
     fitted cloud keeps its score, so ``fit_predict(X)`` equals ``fit(X).predict(X)``.
 
-    A surface has at least as many points as a neighborhood, and a group of twice as many is a
-    thing, if it stands off by no more than three of its sizes, and n times that with n times as
-    many points. It must be dense enough: points whose spacing is more than three times the usual
-    one of the surfaces around are isolated, each by itself. In clouds of fewer than ``10 *
-    n_neighbors`` points a fifth of the cloud will do. Where there is no surface
+    A surface has at least as many points as a neighborhood, and a thing twice as many. In clouds of
+    fewer than ``10 * n_neighbors`` points a fifth of the cloud will do. Where there is no surface
     at all, or the cloud is no larger than one neighborhood, ``strictness="surfaces"`` judges by
     company, as "groups" does.
 
-    A neighborhood of exactly coplanar points has no scale. The rounding error of the coordinates
-    is taken instead, and any point visibly off the plane is an outlier with a very large but
-    finite distance. If the coordinates are rounded to a step, as in a file in centimeters, half
-    a step is the least scale, so one step is no outlier. Copies of a point count once in planes
-    and surfaces. In company they count as measurements: a place that was measured often keeps
-    company with itself. If the cloud holds fewer than `n_neighbors` distinct points, all of them
-    are used, with a warning. From 4,097 of them on so many neighbors are refused.
+    :ref:`degenerate` says what exact planes, rounded coordinates and copies of points do. If the
+    cloud holds fewer than `n_neighbors` distinct points, all of them are used, with a warning. From
+    4,097 of them on so many neighbors are refused.
 
     The time grows as ``n_samples * n_neighbors * (n_trials_ + n_neighbors)``, since each point
     may try the planes of all its neighbors, and as ``n_samples * log(n_samples)`` for the search.

@@ -31,32 +31,20 @@ RIDGE = 1e-12  # share of the weights, added to equations that may determine not
 
 
 @kernel(fastmath=False)
-def fit_surface(local, size, d, axes, extent, weight, n_terms, heights, equations):
-    """Fill the heights of centered members, in extents, above the surface that fits them best, and
-    the solution: the first terms of a quadric over the plane of the axes."""
+def fit_quadric(local, size, d, axes, extent, weight, rest, equations):
+    """Fill the distances of centered members, in extents, from the quadric over the plane of the
+    axes that fits them best, by its slopes at their places."""
     lower, right, solution = equations
-    quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, heights, weight)
+    quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, rest, weight)
     ridge = RIDGE * lower[0, 0]
     for i in range(TERMS):
         lower[i, i] += ridge
-        if i >= n_terms:
-            right[i] = 0.0
-            for j in range(i):
-                lower[i, j] = 0.0
     solution[:] = 0.0  # of what nothing determines
     decompose(lower, right, solution, 0.0, 0.0)
     back_substitute(lower, solution)
-    deviate(local, size, axes, extent, solution, heights)
-
-
-@kernel(fastmath=False)
-def fit_quadric(local, size, d, axes, extent, weight, rest, equations):
-    """Fill the distances of centered members, in extents, from the quadric that fits them best, by
-    its slopes at their places."""
-    fit_surface(local, size, d, axes, extent, weight, N_QUADRIC, rest, equations)
+    deviate(local, size, axes, extent, solution, rest)
     x, y, z = local[0], local[1], local[2]
     _, (bx, by, bz), (cx, cy, cz) = axes
-    solution = equations[2]
     su, sv = solution[1], solution[2]
     uu, uv, vv = solution[3] / extent, solution[4] / extent, solution[5] / extent
     for j in range(size):

@@ -8,7 +8,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.planes._nearest import COMPILE_FROM, SelfSearch
+from sklearn_mcmd.planes._nearest import COMPILE_FROM, SelfSearch, query_tree
 from sklearn_mcmd.planes._neighbor_table import NeighborTable
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, spatial_order
 
@@ -85,9 +85,9 @@ class IndexedCloud:
     def neighbors(self, rows, k, n_kept):
         """The k nearest points of some of the points, itself first: int32 (m, k).
 
-        Equally distant ones come in the order of their coordinates where compiled code searches: in
-        3D, from 1,000 points on. `n_kept` neighbors of each are searched and kept for the next
-        time. With 0, only what was kept before is taken from there, and `rows` must be a slice.
+        Equally distant ones come in the order of their coordinates. `n_kept` neighbors of each are
+        searched and kept for the next time. With 0, only what was kept before is taken from there,
+        and `rows` must be a slice.
         """
         with _lock:  # threads that begin together begin one table
             if n_kept and (self.table is None or self.table.k < k):
@@ -103,7 +103,7 @@ class IndexedCloud:
         Equally distant ones come in the order of `neighbors`.
         """
         if self.search is None or not len(queries):
-            distances, near = self.tree.query(queries, k=np.arange(1, k + 1))
+            distances, near = query_tree(self.tree, queries, k)
             return distances, near.astype(np.int32)
         asking = SelfSearch(queries)  # together they are searched faster
         found = asking.query(slice(None), k, among=self.search)
@@ -116,8 +116,7 @@ class IndexedCloud:
         """The k nearest points of some of the points, whatever was kept."""
         if self.search is not None:
             return self.search.query(rows, k)
-        queries = self.points[rows]
-        return self.tree.query(queries, k=k)[1].reshape(len(queries), k).astype(np.int32)
+        return query_tree(self.tree, self.points[rows], k)[1].astype(np.int32)
 
 
 _known: WeakValueDictionary = WeakValueDictionary()

@@ -317,7 +317,6 @@ class LocalPlaneModel:
                 self.trials,
                 rounding=rounding,
                 least_scale=self.least_scale,
-                compiled=self.compiled if self.index.n_neighbors is not None else None,
             )
         _, k, d = neighborhoods.shape
         rule = METHODS[self.settings.method]

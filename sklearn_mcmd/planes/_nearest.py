@@ -133,7 +133,7 @@ class NearestPoints:
         if not (shared and self.n >= max(k, COMPILE_FROM)):
 
             def search_tree(rows):
-                work(rows, *_query_tree(self.tree, queries[rows], k))
+                work(rows, *query_tree(self.tree, queries[rows], k))
 
             return each_slice(len(queries), chunk, search_tree, n_jobs)
         asking, search = SelfSearch(queries), self.search
@@ -145,20 +145,27 @@ class NearestPoints:
         return each_slice(len(queries), chunk, search_together, n_jobs)
 
 
-def _query_tree(tree, queries, k):
-    """The k nearest of a tree's points in the order of the compiled search."""
-    width = max(min(k + 1, tree.n), k)  # with one more, to see whether it is as near as the last
+def query_tree(tree, queries, k, width=0):
+    """The k nearest of a tree's points in the order of the compiled search: distances (m, k), inf
+    where there are no more points; and rows of the points (m, k), their number there.
+
+    At first one more is asked for, to see whether it is as near as the last; then twice as many.
+    """
+    width = max(min(max(width, k + 1), tree.n), 1)
     distances, near = tree.query(queries, k=np.arange(1, width + 1))
-    alike = (distances[:, 1:] <= ALIKE * distances[:, :-1]) & np.isfinite(distances[:, 1:])
-    ties = np.flatnonzero(alike.any(axis=1))
-    distances, near = distances[:, :k].copy(), near[:, :k].copy()
-    for row in ties:
-        last = distances[row, np.isfinite(distances[row])].max(initial=0.0)
-        some = np.array(tree.query_ball_point(queries[row], ALIKE * last), dtype=near.dtype)
-        squares = np.zeros(len(some))
+    alike = distances[:, 1:] <= ALIKE * distances[:, :-1]
+    cut = alike[:, k - 1 :].all(axis=1) & (k < width < tree.n)
+    rows = np.flatnonzero(alike[:, :k].any(axis=1) & ~cut)
+    if len(rows):
+        found, squares = tree.data[near[rows]], 0.0
         for axis in range(queries.shape[1]):
-            squares += np.square(tree.data[some, axis] - queries[row, axis])
-        order = np.lexsort((*tree.data[some].T[::-1], squares))[:k]
-        near[row, : len(order)] = some[order]
-        distances[row, : len(order)] = np.sqrt(squares[order])
+            squares = squares + np.square(found[..., axis] - queries[rows, axis, None])
+        order = np.lexsort((*np.moveaxis(found, -1, 0)[::-1], squares))
+        near[rows] = np.take_along_axis(near[rows], order, axis=1)
+        distances[rows] = np.sqrt(np.take_along_axis(squares, order, axis=1))
+    missing = (0, 0), (0, max(k - width, 0))
+    distances = np.pad(distances[:, :k], missing, constant_values=np.inf)
+    near = np.pad(near[:, :k], missing, constant_values=tree.n)
+    if cut.any():
+        distances[cut], near[cut] = query_tree(tree, queries[cut], k, 2 * width)
     return distances, near

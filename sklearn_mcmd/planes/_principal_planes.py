@@ -1,6 +1,7 @@
 """Planes by principal components: arithmetic that all methods share."""
 
 from functools import cache, reduce
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, fdtri
@@ -9,6 +10,18 @@ from scipy.special import chdtri, fdtri
 # 1e-6 of the neighborhood's extent.
 RANK_TOLERANCE = 1e-12
 CONFIDENCE = 0.95  # at which errors from few points agree with errors from many points
+
+
+class RowLimits(NamedTuple):
+    """What is a row of points, and no face."""
+
+    width: float = 0.25  # share of its length, both as standard deviations, below which it is one
+
+
+def are_rows(eigenvalues):
+    """Whether members are rows along a surface, by the eigenvalues (m, d) of their planes, which
+    ascend: bool (m,). None is in 2D."""
+    return eigenvalues[:, 1] < RowLimits().width ** 2 * eigenvalues[:, -1]
 
 
 def fit_planes(neighborhoods, inliers=None):

@@ -1,7 +1,8 @@
 """Results as pictures, in the manner of scikit-learn's displays."""
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from inspect import signature
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,20 +43,32 @@ class Picture(NamedTuple):
 
 
 class CloudDisplay(ABC):
-    """What all displays of clouds share: where they come from, how they are drawn, and on what."""
+    """What all displays of clouds share: where they come from, how they are drawn, and on what.
 
-    xyz: NDArray[np.float64]
-    _ax: "Axes"
-    from_predictions: ClassVar["Callable[..., Any]"]  # each display's own, by names of arguments
+    A subclass takes the cloud, and what was found in it.
+    """
+
+    _ax: "Axes"  # of the last plot
+
+    def __init__(self, X: ArrayLike) -> None:
+        self.xyz = check_points(X, finite=True)
 
     @classmethod
     def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> Self:
         """Draw what an estimator found in X (n, 3 or more), to which it is fitted.
 
-        The first three columns are coordinates, and options are for :meth:`plot`.
+        The first three columns are coordinates, and options as in `from_predictions`.
         """
-        found = cls._found_by(estimator, X)
-        return cls.from_predictions(np.asarray(X)[:, :3], *found, **options)
+        return cls.from_predictions(np.asarray(X)[:, :3], *cls._found_by(estimator, X), **options)
+
+    @classmethod
+    def from_predictions(cls, X: ArrayLike, *found: ArrayLike, **options: Any) -> Self:
+        """Draw what was found in a cloud.
+
+        The arguments are those of the class, by place or name, and options for :meth:`plot`.
+        """
+        own = signature(cls).parameters.keys() & options.keys()
+        return cls(X, *found, **{name: options.pop(name) for name in own}).plot(**options)
 
     def plot(
         self, *, view: View | None = None, max_points: int = MOST_DRAWN, ax: "Axes | None" = None
@@ -97,7 +110,7 @@ class CloudDisplay(ABC):
     @staticmethod
     @abstractmethod
     def _found_by(estimator: Any, X: ArrayLike) -> tuple[Any, ...]:
-        """What `from_predictions` takes behind the points."""
+        """What the class takes behind the points."""
 
     @abstractmethod
     def _picture(self, view: View) -> Picture:
@@ -110,16 +123,14 @@ class CloudDisplay(ABC):
 class OutlierDisplay(CloudDisplay):
     """Outliers of a cloud; with the truth, also missed ones and wrongly flagged points.
 
-    Make it by :meth:`from_estimator` or :meth:`from_predictions`.
-
     Parameters
     ----------
-    xyz : array-like of shape (n, 3)
+    X : array-like of shape (n, 3)
         The cloud.
-    is_outlier : array-like of bool of shape (n,)
-        The verdict.
-    is_true_outlier : array-like of bool of shape (n,), default=None
-        The truth.
+    y_pred : array-like of int of shape (n,)
+        The verdict: -1 for outliers, as detectors of scikit-learn have it.
+    y_true : array-like of int of shape (n,), default=None
+        The truth, likewise.
 
     See Also
     --------
@@ -135,18 +146,11 @@ class OutlierDisplay(CloudDisplay):
     '8 of 500 points are outliers (1.60 %)'
     """
 
-    def __init__(
-        self,
-        xyz: ArrayLike,
-        is_outlier: ArrayLike,
-        *,
-        is_true_outlier: ArrayLike | None = None,
-    ) -> None:
-        self.xyz = check_points(xyz, finite=True)
-        self.is_outlier = _one_for_each(is_outlier, self.xyz, "is_outlier", bool)
-        self.is_true_outlier = None
-        if is_true_outlier is not None:
-            self.is_true_outlier = _one_for_each(is_true_outlier, self.xyz, "is_true_outlier", bool)
+    def __init__(self, X: ArrayLike, y_pred: ArrayLike, y_true: ArrayLike | None = None) -> None:
+        super().__init__(X)
+        self.is_outlier = _is_minus_one(y_pred, self.xyz, "y_pred")
+        known = y_true is not None
+        self.is_true_outlier = _is_minus_one(y_true, self.xyz, "y_true") if known else None
 
     @classmethod
     def from_estimator(
@@ -156,51 +160,32 @@ class OutlierDisplay(CloudDisplay):
         is -1 for outliers, and options are for :meth:`plot`."""
         return super().from_estimator(estimator, X, y_true=y, **options)
 
-    @classmethod
-    def from_predictions(
-        cls,
-        X: ArrayLike,
-        y_pred: ArrayLike,
-        *,
-        y_true: ArrayLike | None = None,
-        **options: Any,
-    ) -> Self:
-        """Draw a verdict: X is the cloud, `y_pred` and the truth `y_true` are -1 for outliers, as
-        detectors of scikit-learn have it; options are for :meth:`plot`."""
-        true = None if y_true is None else _is_minus_one(y_true, "y_true")
-        found = _is_minus_one(y_pred, "y_pred")
-        return cls(X, found, is_true_outlier=true).plot(**options)
-
     @staticmethod
     def _found_by(estimator, X):
         return (estimator.predict(X),)
 
     def _picture(self, view):
         flagged, true = self.is_outlier, self.is_true_outlier
-        n, n_all = np.count_nonzero(flagged), len(flagged)
-        title = f"{n:,} of {n_all:,} points are outliers ({100 * n / n_all:.2f} %)"
+        picture = _found_picture(flagged, "outliers")
         if true is None:
-            return Picture(_choose_colors([flagged], [FOUND], REGULAR), flagged, title)
+            return picture
         kinds = [flagged & true, ~flagged & true, flagged & ~true]
         names = ("found", "missed", "wrongly flagged")
         texts = [f"{name}: {np.count_nonzero(k):,}" for name, k in zip(names, kinds, strict=True)]
         shades = (FOUND, MISSED, WRONG)
-        return Picture(
-            _choose_colors(kinds, shades, REGULAR),
-            np.select(kinds, [1, 2, 3], 0),
-            title,
-            lambda ax: _add_legend(ax, zip(shades, texts, strict=True)),
+        return picture._replace(
+            colors=_choose_colors(kinds, shades, REGULAR),
+            labels=np.select(kinds, [1, 2, 3], 0),
+            complete=lambda ax: _add_legend(ax, zip(shades, texts, strict=True)),
         )
 
 
 class NormalsDisplay(CloudDisplay):
     """Normals of a cloud as colors of a lit solid, with a ball as their legend.
 
-    Make it by :meth:`from_estimator` or :meth:`from_predictions`.
-
     Parameters
     ----------
-    xyz : array-like of shape (n, 3)
+    X : array-like of shape (n, 3)
         The cloud.
     normals : array-like of shape (n, 3)
         Unit normals; their sign does not matter.
@@ -221,16 +206,11 @@ class NormalsDisplay(CloudDisplay):
     'Normals of 500 points'
     """
 
-    def __init__(self, xyz: ArrayLike, normals: ArrayLike) -> None:
-        self.xyz = check_points(xyz, finite=True)
+    def __init__(self, X: ArrayLike, normals: ArrayLike) -> None:
+        super().__init__(X)
         self.normals = check_points(normals, "normals")
         if len(self.normals) != len(self.xyz):
             raise ValueError(f"normals has {len(self.normals)} rows, the cloud {len(self.xyz)}.")
-
-    @classmethod
-    def from_predictions(cls, X: ArrayLike, normals: ArrayLike, **options: Any) -> Self:
-        """Draw normals: X is the cloud, `normals` as of the class; options are for :meth:`plot`."""
-        return cls(X, normals).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):
@@ -245,11 +225,9 @@ class NormalsDisplay(CloudDisplay):
 class SegmentationDisplay(CloudDisplay):
     """Regions of a cloud, a color for each; points of none are dark.
 
-    Make it by :meth:`from_estimator` or :meth:`from_predictions`.
-
     Parameters
     ----------
-    xyz : array-like of shape (n, 3)
+    X : array-like of shape (n, 3)
         The cloud.
     labels : array-like of int of shape (n,)
         Regions from 0 on; negative ones are none.
@@ -270,14 +248,9 @@ class SegmentationDisplay(CloudDisplay):
     '2 regions, 89.00 % of 500 points'
     """
 
-    def __init__(self, xyz: ArrayLike, labels: ArrayLike) -> None:
-        self.xyz = check_points(xyz, finite=True)
+    def __init__(self, X: ArrayLike, labels: ArrayLike) -> None:
+        super().__init__(X)
         self.labels = _whole(_one_for_each(labels, self.xyz, "labels"), "labels")
-
-    @classmethod
-    def from_predictions(cls, X: ArrayLike, labels: ArrayLike, **options: Any) -> Self:
-        """Draw regions: X is the cloud, `labels` as of the class; options are for :meth:`plot`."""
-        return cls(X, labels).plot(**options)
 
     @staticmethod
     def _found_by(estimator, X):
@@ -293,14 +266,12 @@ class SegmentationDisplay(CloudDisplay):
 class EdgeDisplay(CloudDisplay):
     """Edges of a cloud.
 
-    Make it by :meth:`from_estimator` or :meth:`from_predictions`.
-
     Parameters
     ----------
-    xyz : array-like of shape (n, 3)
+    X : array-like of shape (n, 3)
         The cloud.
-    is_edge : array-like of bool of shape (n,)
-        Points of edges.
+    y_pred : array-like of int of shape (n,)
+        The verdict: -1 for points of edges.
 
     See Also
     --------
@@ -316,39 +287,29 @@ class EdgeDisplay(CloudDisplay):
     '29 of 500 points are edges (5.80 %)'
     """
 
-    def __init__(self, xyz: ArrayLike, is_edge: ArrayLike) -> None:
-        self.xyz = check_points(xyz, finite=True)
-        self.is_edge = _one_for_each(is_edge, self.xyz, "is_edge").astype(bool)
-
-    @classmethod
-    def from_predictions(cls, X: ArrayLike, y_pred: ArrayLike, **options: Any) -> Self:
-        """Draw edges: X is the cloud, `y_pred` is -1 for points of edges; options are for
-        :meth:`plot`."""
-        return cls(X, _is_minus_one(y_pred, "y_pred")).plot(**options)
+    def __init__(self, X: ArrayLike, y_pred: ArrayLike) -> None:
+        super().__init__(X)
+        self.is_edge = _is_minus_one(y_pred, self.xyz, "y_pred")
 
     @staticmethod
     def _found_by(estimator, X):
         return (np.where(estimator.scores_ < estimator.offset_, -1, 1),)
 
     def _picture(self, view):
-        n, n_all = np.count_nonzero(self.is_edge), len(self.is_edge)
-        title = f"{n:,} of {n_all:,} points are edges ({100 * n / n_all:.2f} %)"
-        return Picture(_choose_colors([self.is_edge], [FOUND], REGULAR), self.is_edge, title)
+        return _found_picture(self.is_edge, "edges")
 
 
 class PlaneResidualDisplay(CloudDisplay):
     """Residuals of one plane, seen along its normal; outliers are larger.
 
-    Make it by :meth:`from_estimator` or :meth:`from_predictions`.
-
     Parameters
     ----------
-    xyz : array-like of shape (n, 3)
+    X : array-like of shape (n, 3)
         The points.
     residuals : array-like of shape (n,)
         Their residuals.
-    is_outlier : array-like of bool of shape (n,)
-        The verdict.
+    y_pred : array-like of int of shape (n,)
+        The verdict: -1 for outliers.
 
     See Also
     --------
@@ -365,18 +326,10 @@ class PlaneResidualDisplay(CloudDisplay):
     'Residuals of 500 points, 7 outliers'
     """
 
-    def __init__(self, xyz: ArrayLike, residuals: ArrayLike, is_outlier: ArrayLike) -> None:
-        self.xyz = check_points(xyz, finite=True)
+    def __init__(self, X: ArrayLike, residuals: ArrayLike, y_pred: ArrayLike) -> None:
+        super().__init__(X)
         self.residuals = _one_for_each(residuals, self.xyz, "residuals").astype(np.float64)
-        self.is_outlier = _one_for_each(is_outlier, self.xyz, "is_outlier").astype(bool)
-
-    @classmethod
-    def from_predictions(
-        cls, X: ArrayLike, residuals: ArrayLike, y_pred: ArrayLike, **options: Any
-    ) -> Self:
-        """Draw residuals: X has the points, `y_pred` is -1 for outliers; options are for
-        :meth:`plot`."""
-        return cls(X, residuals, _is_minus_one(y_pred, "y_pred")).plot(**options)
+        self.is_outlier = _is_minus_one(y_pred, self.xyz, "y_pred")
 
     @staticmethod
     def _found_by(estimator, X):
@@ -446,9 +399,16 @@ def _choose_colors(masks, chosen, otherwise):
     return colors
 
 
-def _is_minus_one(labels, name):
+def _found_picture(found, noun):
+    """Which points were found, and how many."""
+    n, n_all = np.count_nonzero(found), len(found)
+    title = f"{n:,} of {n_all:,} points are {noun} ({100 * n / n_all:.2f} %)"
+    return Picture(_choose_colors([found], [FOUND], REGULAR), found, title)
+
+
+def _is_minus_one(labels, points, name):
     """Where labels are -1; flags are refused, because none of them is."""
-    labels = np.asarray(labels)
+    labels = _one_for_each(labels, points, name)
     if labels.dtype == bool:
         raise ValueError(
             f"{name} must be labels, -1 for what was found and 1 for the rest, but it is boolean: "
@@ -457,8 +417,8 @@ def _is_minus_one(labels, name):
     return labels == -1
 
 
-def _one_for_each(values, points, name, dtype=None):
-    values = np.asarray(values, dtype)
+def _one_for_each(values, points, name):
+    values = np.asarray(values)
     if values.shape != (len(points),):
         raise ValueError(f"{name} must have shape ({len(points)},), got {values.shape}.")
     return values

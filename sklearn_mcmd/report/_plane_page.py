@@ -69,7 +69,8 @@ def _maps(xyz, residuals, found, near, rms, unit):
         (RED, f"{3 * rms:.2g}{unit} or more to the side of the normal"),
         (BLUE, f"{3 * rms:.2g}{unit} or more to the other side"),
     ]
-    return maps(PlaneResidualDisplay(xyz, residuals, found), xyz, near, ends, views, unit)
+    display = PlaneResidualDisplay(xyz, residuals, np.where(found, -1, 1))
+    return maps(display, xyz, near, ends, views, unit)
 
 
 def _found_biases(xyz, reliability, near, unit):

@@ -7,8 +7,8 @@ from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.io._files import check_writable, replacing, system_error
-from sklearn_mcmd.io._rehearsal import naming, trial_folder
+from sklearn_mcmd.io._files import check_writable, naming, replacing
+from sklearn_mcmd.io._rehearsal import trial_folder
 
 MOST_SHOWN = 1_000_000  # points of the page to look around in, which then has about 10 MB
 PAGE, VIEW = "index.html", "view.html"
@@ -97,10 +97,8 @@ def write_report(folder, run, contents):
 
     The folder is made if it is missing. Returns the path of the page.
     """
-    try:
+    with naming(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as err:
-        raise system_error(folder, "written", err) from err
     name = source_name(run)
     if contents.shown is not None:
         from sklearn_mcmd.view._page import view

@@ -39,18 +39,16 @@ class Shown(NamedTuple):
     def xyz(self):
         return self.cloud.xyz
 
-    def contents(self, *, headline, cards, notes, checks, sections, output, rows=()):
+    def contents(self, *, cards, notes, checks, rows=(), **others):
         """The `Contents` of a report, with what is known of the cloud itself."""
         return Contents(
-            headline=headline,
             cards=[*cards, *self.cards],
             notes=[*notes, *self.notes],
             checks=f"{checks}, {self.checks}",
-            sections=sections,
             cloud_rows=[*self.rows, *rows],
-            output=output,
             shown=self.cloud,
             sample=self.words,
+            **others,
         )
 
     @classmethod

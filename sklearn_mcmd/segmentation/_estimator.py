@@ -177,8 +177,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
     points.
 
     A crease is told by the Bayesian information criterion, of a quadric against two planes, in each
-    border of two planes that are wide. Planes that differ by less than a fifth of `max_angle`
-    are one surface.
+    border of two planes. Only those that are wide are parted. Planes that differ by less than a
+    fifth of `max_angle` are one surface.
 
     A region holds all points that can be reached from its seed. Sums over regions are exact in any
     order, and ties end at coordinates. So labels depend neither on the order of rows nor on

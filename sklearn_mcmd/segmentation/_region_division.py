@@ -60,10 +60,11 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
 
     Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
     first, while one plane explains two as well as two planes do, by the Bayesian information
-    criterion (BIC). A patch is a surface of its own if it is so wide that a piece of it as long as
-    wide has more points than a whole cell. Each border of two of these votes (`vote`), and patches
-    become groups (`_groups`). Last, where a border parts two groups, its points go to the side on
-    which its crease has them. Points of patches that are of both sides get label -1.
+    criterion (BIC). Each border of two patches votes (`vote`), and patches become groups. A patch
+    or a group is a surface of its own if it is wide (`_are_wide`): only borders of wide patches
+    part, and those of others only join. What is narrow then goes to the groups beside it
+    (`_settled`). Last, where a border parts two groups, its points go to the side on which its
+    crease has them. Points of patches that are of both sides get label -1.
     """
     noise, near = _noise_and_neighbors(index, planes, rules, n_jobs)
     unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
@@ -88,19 +89,20 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
         return labels
     normals = np.linalg.eigh(scatters[first][:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
     own = np.append(patch, -1)[cells.of]
-    shapes = region_moments(index.points, own, len(first), n_jobs=n_jobs)
-    values = np.maximum(np.linalg.eigvalsh(shapes.covariances), 0.0)
-    wide = shapes.sizes**2 * values[:, 1] > size**2 * values[:, 2]
+    wide = _are_wide(index.points, own, len(first), size, n_jobs)
     borders = patch[edges]
     borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
+    strips = _Strips(index.points, noise, unit, cells, patch, normals, wide, rules.min_cosine)
+    votes = strips.votes(borders, n_jobs)
+    regions = labels[cells.members[cells.starts[first]]]
+    counts = wide[borders].all(axis=1) | (votes > 0)
+    group = _joined(borders[counts], votes[counts], regions)
+    wide = _are_wide(index.points, np.append(group, -1)[own], len(first), size, n_jobs)[group]
     both = wide[borders].all(axis=1)
-    blunt = np.cos(VoteLimits().blunt * np.arccos(min(rules.min_cosine, 1.0)))
-    strips = _Strips(index.points, noise, unit, cells, patch, normals, blunt)
-    votes = strips.votes(borders[both], n_jobs)
-    group, mixed = _groups(borders, votes, wide, labels[cells.members[cells.starts[first]]])
+    group, mixed = _settled(group, borders, wide, regions)
     divided = np.append(np.where(mixed, -1, group), -1)[own].astype(labels.dtype)
-    borders = borders[both]
-    parting = np.flatnonzero((votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]]))
+    parted = both & (votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]])
+    parting = np.flatnonzero(parted)
     parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
     strips.part(borders[parting], group, divided, n_jobs)
     return divided
@@ -144,16 +146,25 @@ def _edges(cells, near, labels):
     return np.column_stack([keys // n, keys % n])
 
 
+def _are_wide(points, labels, n, size, n_jobs):
+    """Which of n surfaces are wide: the plane of a piece as long as wide leaves more degrees of
+    freedom than a cell of `size` has points."""
+    found = region_moments(points, labels, n, n_jobs=n_jobs)
+    values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
+    return found.sizes**2 * values[:, 1] > (size + points.shape[1]) ** 2 * values[:, 2]
+
+
 class _Strips:
     """The points of two patches near to their border, what they vote, and on which side they are.
 
-    A strip reaches on both sides as far as the smaller patch, so that both weigh alike. Planes
-    meet in no crease if the cosine of their normals (n_patches, 3) is larger than `blunt`.
+    A strip reaches on both sides as far as the smaller patch, so that both weigh alike. Normals
+    (n_patches, 3) are those of patches' planes.
     """
 
-    def __init__(self, points, noise, unit, cells, patch, normals, blunt):
+    def __init__(self, points, noise, unit, cells, patch, normals, wide, min_cosine):
         self.points, self.noise, self.unit = points, noise, unit
-        self.cells, self.normals, self.blunt = cells, normals, blunt
+        self.cells, self.normals, self.wide, self.min_cosine = cells, normals, wide, min_cosine
+        self.blunt = np.cos(VoteLimits().blunt * np.arccos(min(min_cosine, 1.0)))
         self.centers = centers = points[cells.members[cells.starts[:-1]]]
         order = np.argsort(patch, kind="stable")
         self.groups = groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
@@ -195,9 +206,11 @@ class _Strips:
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
         sides, weights = np.stack([first] * 3), 1.0 / np.square(self.noise[rows])
         normals, most_noise = self.normals[names], JoinLimits().most_noise
-        blunt = bool(abs(normals[0] @ normals[1]) > self.blunt)
+        cosine = abs(normals[0] @ normals[1])
+        blunt, steep = bool(cosine > self.blunt), bool(cosine < self.min_cosine)
+        steep &= not self.wide[names].all()
         room, equations = work_arrays(6, len(rows))
-        known = local, weights, cell, normals, fit, most_noise, blunt
+        known = local, weights, cell, normals, fit, most_noise, blunt, steep
         value = _compiled("vote")(*known, room, equations, sides)
         return value, names, rows, sides[2]
 
@@ -212,15 +225,10 @@ def _strip(small, large):
     return rows[small.query(large.data[rows])[0] <= reach]
 
 
-def _groups(borders, votes, wide, regions):
-    """The group (n,) of each patch, and which patches are of two groups.
-
-    Borders of two wide patches vote. What these part stays apart. The other patches join the group
-    with which they have the most borders. One beside two groups that are parted is of both: it has
-    points from both sides of the crease.
-    """
+def _settled(group, borders, wide, regions):
+    """The group (n,) of each patch when narrow ones have joined the group with which they have the
+    most borders, and which patches are of two groups: narrow ones beside two that are parted."""
     n, both = len(wide), wide[borders].all(axis=1)
-    group = _joined(borders[both], votes, regions)
     pairs = group[borders]
     parted = both & (pairs[:, 0] != pairs[:, 1])
     ends = np.concatenate([borders[~both], borders[~both, ::-1]])

@@ -26,8 +26,8 @@ WEIGHTS = {
     **{"forest": 6, "sides": 12},  # of orientation="mst"
     **{"surfaces": 1, "explained": 1, "usual": 12, "groups": 10, "scores": 2},
     **{"rays": 25, "heights": 18, "verdicts": 1},
-    **{"outliers": 135, "kept": 3, "spacing": 2, "even": 1, "flat": 1, "faces": 9, "creases": 38},
-    **{"edges": 10},
+    **{"outliers": 135, "kept": 3, "spacing": 2, "even": 1, "flat": 1, "faces": 9, "creases": 20},
+    **{"edges": 5},
     **{"growth": 14, "joining": 26},
 }
 

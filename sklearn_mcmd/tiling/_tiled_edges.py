@@ -13,8 +13,8 @@ from sklearn_mcmd.edges._crease_distance import (
     Creases,
     Faces,
     are_faces,
+    average_around,
     cosine_of,
-    evened,
     flatness,
     spacing_of,
 )
@@ -39,7 +39,6 @@ from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
 from sklearn_mcmd.tiling._tiled_normals import (
     FACES,
     NUMBER,
-    VECTOR,
     PlaneJob,
     find_planes,
     fitted_to_new,
@@ -50,15 +49,16 @@ from sklearn_mcmd.tiling._tiled_normals import (
 )
 from sklearn_mcmd.tiling._tiled_outliers import OutlierJob, cutoff_of, judge_cells, outlier_steps
 
+EVEN = [f"even{n}" for n in range(CreaseLimits().evening_steps)]
 # Steps of creases in their order, and the columns that these fill.
-STEPS = "spacing", "even0", "even1", "flat", "faces", "creases", "edges"
-SPACINGS = {
-    **dict.fromkeys(("spacing", "even0", "even1", "crease", "evidence"), NUMBER),
+STEPS = "spacing", *EVEN, "flat", "faces", "creases", "edges"
+ANSWER = bool, ()
+FACE_COLUMNS = {"owners": (np.int32, ()), "on_face": ANSWER, "doubtful": ANSWER}
+COLUMNS = {
+    **dict.fromkeys(("spacing", *EVEN, "crease", "off", "evidence"), NUMBER),
     **dict.fromkeys(("crease_scale", "crease_radius", "crease_kept"), NUMBER),
-    **{"crease_centroids": VECTOR, "flat": (bool, ()), "usable": (bool, ())},
-}
-FACE_FIELDS = dict.fromkeys(Faces._fields, NUMBER) | {
-    **{"normals": VECTOR, "flat": (bool, ()), "on_face": (bool, ())},
+    **dict.fromkeys(("flat", "usable"), ANSWER),
+    **{f"face_{name}": kind for name, kind in FACE_COLUMNS.items()},
 }
 
 
@@ -168,10 +168,6 @@ class EdgeJob(PlaneJob):
     def cells(self):
         return KeptCells(self.points, self.columns) if self.is_cleaned else Cells(self.points)
 
-    def origin(self):
-        """From which heights are measured."""
-        return np.array(self.columns.report(ALL, "origin")["origin"])
-
     def index_of_creases(self):
         """The neighborhoods in which creases are sought."""
         return StoredIndex(self.whole(), self.cells, self.edges.n_neighbors, n_jobs=self.n_threads)
@@ -181,27 +177,27 @@ class EdgeJob(PlaneJob):
         index, own = self.index_of_creases(), self.whole().rows(cell)
 
         def around(part):
-            return index.query_own(slice(own.start + part.start, own.start + part.stop))
+            if isinstance(part, slice):
+                return index.query_own(slice(own.start + part.start, own.start + part.stop))
+            return index.query_own(own.start + part)
 
         return index.points[own], around
 
-    def creases(self, *known):
-        """The `Creases` of all places, of which "faces" and "evidence" may be known."""
+    def creases(self):
+        """The `Creases` of all places, as far as they are known."""
         whole = self.whole()
-        names = ("centroids", "scale", "radius", "kept")
+        names = ("scale", "radius", "kept")
         planes = {name: whole.open(f"crease_{name}") for name in names}
-        planes["normals"], planes["spacing"] = whole.open("normals"), whole.open(STEPS[2])
-        opened = {name: whole.open(f"face_{name}") for name in FACE_FIELDS if "faces" in known}
+        planes.update((name, whole.open(name)) for name in ("centroids", "normals"))
         return Creases(
             index=self.index_of_creases(),
-            origin=self.origin(),
-            planes=Planes.empty(0, 3)._replace(**planes),
+            planes=Planes.empty(0, 3)._replace(**planes, spacing=whole.open(EVEN[-1])),
             flat=whole.open("flat"),
             usable=whole.open("usable"),
             cosine=cosine_of(self.edges.min_angle),
             n_jobs=self.n_threads,
-            faces=Faces(**opened) if opened else None,
-            evidence=whole.open("evidence") if "evidence" in known else None,
+            faces=Faces(*(whole.open(f"face_{name}") for name in FACE_COLUMNS)),
+            evidence=whole.open("evidence"),
         )
 
     def write_scores(self, cell, of_kept, of_removed):
@@ -240,17 +236,12 @@ def _find_distances(sweeps, job, whole, all_cells):
     """Write the scores of all points, by the planes of the kept places: `whole`."""
     columns, sweep = whole.columns, partial(sweeps, cells=job.cells, job=job)
     cells = np.flatnonzero(job.cells.counts)
-    whole.make(**SPACINGS, **{f"face_{name}": kind for name, kind in FACE_FIELDS.items()})
-    if not columns.is_done(ALL, "origin"):
-        rows = [whole.rows(cell) for cell in cells]
-        parts = [lambda i=i: (whole.rows_of("points", own)[:, i] for own in rows) for i in range(3)]
-        columns.finish(ALL, "origin", origin=[float(median_of(part)) for part in parts])
+    whole.make(**COLUMNS)
     sweep("spacing", _measure_spacing)
-    whole.remove("centroids", "scale")
-    steps = [f"even{n}" for n in range(CreaseLimits().evening_steps)]
-    for before, step in zip(["spacing", *steps], steps, strict=False):
+    whole.remove("scale")
+    for before, step in zip(["spacing", *EVEN], EVEN, strict=False):
         sweep(step, partial(_even, step=step, before=before))
-    whole.remove("spacing", *steps[:-1])
+        whole.remove(before)
     if not columns.is_done(ALL, "usual"):
         columns.finish(ALL, "usual", flatness=float(median_of(partial(_flatness, whole, cells))))
     sweep("flat", _find_flat)
@@ -280,8 +271,7 @@ def _measure_spacing(cell, job):
         scale = whole.rows_of("scale", part)
         found.append(spacing_of(index, part, index.query_own(part), scale))
     radius, spacing, scale = map(np.concatenate, zip(*found, strict=True))
-    centroids = whole.rows_of("centroids", own) - job.origin()
-    known = {"scale": scale, "radius": radius, "kept": np.ones(len(scale)), "centroids": centroids}
+    known = {"scale": scale, "radius": radius, "kept": np.ones(len(scale))}
     whole.put(cell, spacing=spacing, **{f"crease_{name}": of for name, of in known.items()})
     job.columns.finish(cell, "spacing")
 
@@ -290,9 +280,11 @@ def _even(cell, job, step, before):
     """Fill the mean spacing around the places of a cell."""
     whole, index = job.whole(), job.index_of_creases()
     own, spacing = whole.rows(cell), whole.open(before)
-    parts = slices(own.stop, CHUNK, own.start)
-    means = [evened(spacing, index.query_own(part)) for part in parts]
-    whole.put(cell, **{step: np.concatenate(means)})
+    means = np.empty(own.stop - own.start)
+    for part in slices(own.stop, CHUNK, own.start):
+        rows = slice(part.start - own.start, part.stop - own.start)
+        average_around(spacing, index.query_own(part), means[rows])
+    whole.put(cell, **{step: means})
     job.columns.finish(cell, step)
 
 
@@ -305,29 +297,32 @@ def _find_flat(cell, job):
 
 
 def _give_faces(cell, job):
-    """Fill the planes that are given to the places of a cell."""
-    faces = job.creases().give_planes(*job.own_places(cell))
-    job.whole().put(cell, **{f"face_{name}": values for name, values in faces._asdict().items()})
+    """Fill the planes that are given to the places of a cell, and distances without a crease."""
+    points, around = job.own_places(cell)
+    faces = Faces(*(np.empty(len(points), kind) for kind, _ in FACE_COLUMNS.values()))
+    distance = job.creases().give_planes(points, around, faces)
+    found = {f"face_{name}": values for name, values in faces._asdict().items()}
+    job.whole().put(cell, crease=distance, **found)
     job.columns.finish(cell, "faces")
 
 
 def _meet(cell, job):
     """Fill how far the places of a cell are from where two planes meet, and the evidence."""
-    creases, (points, around) = job.creases("faces"), job.own_places(cell)
-    own = creases.faces.take(job.whole().rows(cell))
-    distance, evidence = creases.meet(points, own, around)
-    job.whole().put(cell, crease=distance, evidence=evidence)
+    creases, own, (points, around) = job.creases(), job.whole().rows(cell), job.own_places(cell)
+    faces, evidence = Faces(*(part[own] for part in creases.faces)), np.empty(len(points))
+    off = creases.meet(points, around, faces, evidence)
+    job.whole().put(cell, off=off, evidence=evidence)
     job.columns.finish(cell, "creases")
 
 
 def _find_scores(cell, job):
     """Write the scores of all points of a cell: their distances from a crease."""
-    creases, whole = job.creases("faces", "evidence"), job.whole()
+    creases, whole = job.creases(), job.whole()
 
     def of_kept():
         own, (_, around) = whole.rows(cell), job.own_places(cell)
         distance = whole.rows_of("crease", own)
-        creases.judge(creases.faces.take(own), distance, None, around)
+        creases.judge(around, whole.rows_of("off", own), distance)
         return distance[job.columns.read(cell, "place_of")]
 
     def of_removed(queries):

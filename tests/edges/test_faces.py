@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.edges._crease_distance import are_faces, give_faces
+from sklearn_mcmd.edges._crease_distance import are_faces, find_creases, give_planes
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
@@ -21,10 +22,11 @@ def planes_of(normals, levels, scale, radius=10.0, spacing=1.0, kept=1.0):
 
 
 def given(query, planes):
+    """The normal of the plane that a query is given."""
     n = len(planes.scale)
     around = Neighborhoods(np.arange(n, dtype=np.int32)[None], np.array([n]))
-    every = np.ones(n, bool)
-    return give_faces(np.array(query, float), around, planes, every, every)
+    owner = give_planes(np.array(query, float), around, planes, np.ones(n, bool))[0]
+    return planes.normals[owner]
 
 
 FLOOR, WALL = [0, 0, 1], [1, 0, 0]
@@ -32,24 +34,28 @@ FLOOR, WALL = [0, 0, 1], [1, 0, 0]
 
 def test_of_two_planes_through_a_point_it_is_given_the_likelier():
     # As near in standard deviations, but the wall is flatter; then the floor has more of its own.
-    faces = given([[0.1, 0, 0.4]], planes_of([FLOOR, WALL], [0, 0], [0.4, 0.1]))
-    assert_array_equal(faces.normals[0], WALL)
-    faces = given([[0, 0, 0]], planes_of([FLOOR, WALL], [0, 0], 0.1, kept=[0.9, 0.5]))
-    assert_array_equal(faces.normals[0], FLOOR)
+    planes = planes_of([FLOOR, WALL], [0, 0], [0.4, 0.1])
+    assert_array_equal(given([[0.1, 0, 0.4]], planes), WALL)
+    planes = planes_of([WALL, FLOOR], [0, 0], 0.1, kept=[0.5, 0.9])
+    assert_array_equal(given([[0, 0, 0]], planes), FLOOR)
 
 
 def test_a_plane_reaches_as_far_as_its_neighborhood():
     planes = planes_of([FLOOR, WALL], [0, 0], 0.1, radius=[2.0, 10.0])
-    assert_array_equal(given([[3, 0, 0]], planes).normals[0], WALL)
-    # What none reaches is given the likeliest as if both were boundless.
-    assert_array_equal(given([[30, 0, 0]], planes).normals[0], FLOOR)
+    assert_array_equal(given([[3, 0, 0]], planes), WALL)
+    # What none reaches is given the nearest neighbor's.
+    assert_array_equal(given([[30, 0, 40]], planes), FLOOR)
 
 
 @pytest.mark.parametrize("height", [2.7, 3.3, -3.3])
 def test_points_more_than_three_deviations_off_are_on_no_face(height):
-    faces = given([[0, 0, 0.2 * height]], planes_of([FLOOR], [0], 0.2))
-    assert faces.flat[0]
-    assert faces.on_face[0] == (abs(height) < 3)
+    points = np.array([[x, y, 0.0] for x in range(6) for y in range(6)])
+    points[14, 2] = 0.2 * height
+    index = NeighborIndex(points, 9)
+    creases, _ = find_creases(index, planes_of([FLOOR] * 36, [0] * 36, 0.2), 20.0)
+    place = index.places[14]
+    assert creases.flat[place]
+    assert creases.faces.on_face[place] == (abs(height) < 3)
 
 
 def test_faces_are_flat_or_the_flatter_half():

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from sklearn import config_context
 from sklearn.cluster import DBSCAN
 from sklearn.model_selection import GridSearchCV
 from sklearn.neighbors import KNeighborsClassifier
@@ -12,7 +11,7 @@ from sklearn.pipeline import Pipeline
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_box, make_crown_roof
 from sklearn_mcmd.metrics import segmentation_scores
-from sklearn_mcmd.model_selection import WholeSceneSplit, score_segments
+from sklearn_mcmd.model_selection import score_segments
 from sklearn_mcmd.resampling import DenoisingSampler
 
 GRID = {"segment__max_angle": [15.0, 60.0], "normals__n_neighbors": [10, 30]}
@@ -37,42 +36,12 @@ def scenes():
     return X[order], y[order], scene[order]
 
 
-def test_each_fold_is_one_whole_scene(scenes):
-    X, _, scene = scenes
-    folds = list(WholeSceneSplit().split(X, groups=scene))
-    assert len(folds) == WholeSceneSplit().get_n_splits(groups=scene) == 3
-    for (train, test), name in zip(folds, (7, 8, 9), strict=True):
-        assert_array_equal(train, test)
-        assert_array_equal(test, np.flatnonzero(scene == name))
-
-
-def test_groups_reach_the_folds_with_metadata_routing(scenes):
-    X, y, scene = scenes
-    grid = {"segment__max_angle": [15.0]}
-    search = GridSearchCV(
-        pipeline(), grid, scoring=score_segments, cv=WholeSceneSplit(), refit=False
-    )
-    expected = search.fit(X, y, groups=scene).cv_results_["mean_test_f_score"]
-    with config_context(enable_metadata_routing=True):
-        search.fit(X, y, groups=scene)
-    assert search.n_splits_ == 3
-    assert_array_equal(search.cv_results_["mean_test_f_score"], expected)
-
-
-def test_missing_or_short_groups_are_refused(scenes):
-    X, _, scene = scenes
-    with pytest.raises(ValueError, match="give the scene of each point"):
-        list(WholeSceneSplit().split(X))
-    with pytest.raises(ValueError, match="inconsistent numbers of samples"):
-        list(WholeSceneSplit().split(X, groups=scene[:-1]))
-
-
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.UndefinedMetricWarning")
 def test_a_search_finds_what_a_loop_over_scenes_and_candidates_finds(scenes):
     X, y, scene = scenes
-    search = GridSearchCV(
-        pipeline(), GRID, scoring=score_segments, cv=WholeSceneSplit(), refit=False
-    ).fit(X, y, groups=scene)
+    folds = [(np.flatnonzero(scene == name),) * 2 for name in (7, 8, 9)]
+    search = GridSearchCV(pipeline(), GRID, scoring=score_segments, cv=folds, refit=False)
+    search.fit(X, y)
     results = search.cv_results_
     for row, params in enumerate(results["params"]):
         for fold, name in enumerate((7, 8, 9)):

@@ -91,6 +91,18 @@ def test_sizes_are_those_of_the_literal_steps_on_a_cloud_of_three_noises():
     assert len(np.unique(expected)) > 20
 
 
+@pytest.mark.parametrize("apart", [1, 6, 12])
+def test_scans_in_rows_get_neighbors_of_so_many_rows_that_none_is_a_face(apart):
+    """Rows that are D apart, of points at s, need ``(2 / pi) * 9 * 2 D / s`` neighbors; the length
+    of a row is known up to a factor of two."""
+    x, y = np.meshgrid(np.arange(30) * apart, np.arange(40 * apart))
+    rng = np.random.default_rng(0)
+    X = np.column_stack([x.ravel(), y.ravel() + rng.uniform(0, 0.3, x.size), np.zeros(x.size)])
+    needed = 0 if apart == 1 else 2 / np.pi * 9 * 2 * apart
+    sizes = np.median(sizes_of(X))
+    assert max(needed / 2, LEAST) <= sizes <= max(2 * needed, LEAST)
+
+
 def test_hopeless_noise_gets_the_most():
     X = np.random.default_rng(0).uniform(size=(3000, 3))
     assert_array_equal(sizes_of(X), MOST)

@@ -255,3 +255,37 @@ def test_planes_of_neighbors_are_not_promised_where_there_are_none(d, parameters
         RobustNormalEstimator(neighbor_planes=True, random_state=0, **parameters).fit(X)
     estimator = RobustNormalEstimator(random_state=0, **parameters).fit(X)
     assert_array_equal(estimator.plane_index_, np.arange(200))
+
+
+def rows_of_points(apart, seed=0):
+    """A floor with noise of a fifth, one point on each unit of area, in rows: X, and the inner."""
+    rng = np.random.default_rng(seed)
+    n_rows, n_along = 40, 200
+    across = np.repeat(np.arange(n_rows), n_along) * np.sqrt(apart)
+    along = (np.tile(np.arange(n_along), n_rows) + rng.uniform(0, 0.5, len(across))) / np.sqrt(
+        apart
+    )
+    X = np.column_stack([across, along, 0.2 * rng.normal(size=len(across))])
+    return X, (np.abs(X[:, :2] - X[:, :2].mean(axis=0)) < 0.4 * np.ptp(X[:, :2], axis=0)).all(
+        axis=1
+    )
+
+
+@pytest.mark.parametrize(("apart", "n_neighbors"), [(5, 16), (5, 24), (10, 50), (10, "auto")])
+def test_a_plane_of_one_row_is_no_face_of_a_scan_in_rows(apart, n_neighbors):
+    """It has any direction; with 16 neighbors one in eight normals was right."""
+    X, inner = rows_of_points(apart)
+    estimator = RobustNormalEstimator(n_neighbors, random_state=0).fit(X)
+    off = bias_angle(estimator.normals_, [0, 0, 1])[inner]
+    assert np.mean(off < 20) > 0.8
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.2, 0.5])
+def test_few_neighbors_tell_little_of_their_noise_and_those_around_tell_more(noise):
+    """By the own noise alone, 94 to 96 % of the normals are within their errors."""
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform(0, 110, (12_000, 2)), rng.normal(0, noise, 12_000)])
+    estimator = RobustNormalEstimator(16, random_state=0).fit(X)
+    inner = (np.abs(X[:, :2] - 55) < 50).all(axis=1)
+    held = bias_angle(estimator.normals_, [0, 0, 1]) <= 1.73 * estimator.normal_error_
+    assert np.mean(held[inner]) > (0.96 if noise < 0.5 else 0.95)

@@ -52,6 +52,30 @@ def test_neighbors_are_those_of_a_tree(d):
     assert cloud.table.k == 30
 
 
+@pytest.mark.parametrize(("n", "d"), [(30, 2), (60, 2), (9, 3), (12, 3), (5, 4)])
+@pytest.mark.parametrize("k", [7, 15, 50])
+def test_equally_distant_neighbors_come_in_the_order_of_their_coordinates(n, d, k):
+    X = np.stack(np.meshgrid(*[np.arange(float(n))] * d), axis=-1).reshape(-1, d)
+    points = IndexedCloud(X).points
+    for n_kept in (0, 2 * k, k):  # whatever is asked for first
+        cloud = IndexedCloud(X)
+        cloud.neighbors(slice(None), max(n_kept, 1), n_kept)
+        near = cloud.neighbors(slice(None), k, n_kept)
+        for row in range(0, len(points), 7):
+            squares = np.square(points - points[row]).sum(axis=1)
+            expected = np.lexsort((*points.T[::-1], squares))[:k]
+            assert_array_equal(near[row], expected)
+            assert_array_equal(cloud.nearest(points[row : row + 1], k)[1][0], expected)
+
+
+def test_a_fit_does_not_depend_on_an_earlier_one_of_another_size():
+    x, y = np.meshgrid(np.arange(30.0), np.arange(30.0))
+    X = np.column_stack([x.ravel(), y.ravel(), x.ravel() % 7 == 0])
+    first, larger, last = (RobustNormalEstimator(k, random_state=0).fit(X) for k in (15, 30, 15))
+    assert larger._model.index.cloud is first._model.index.cloud
+    assert_array_equal(last.normals_, first.normals_)
+
+
 def test_results_are_those_of_a_stage_alone():
     X = STREET
     alone = RobustNormalEstimator(random_state=0).fit(X).normals_.copy()

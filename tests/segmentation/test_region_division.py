@@ -12,7 +12,7 @@ from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.planes._quadrics import work_arrays
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._region_division import _Cells, _groups, _joined, _joined_cells
+from sklearn_mcmd.segmentation._region_division import _Cells, _joined, _joined_cells, _settled
 from sklearn_mcmd.segmentation._regions_numba import vote
 
 FIT, MOST_NOISE = FitLimits(), JoinLimits().most_noise
@@ -65,14 +65,27 @@ def test_drains_saddles_and_waving_walls_stay_whole(noise):
 
 
 def test_a_road_stays_whole_and_its_kerb_a_step(shared_data):
-    """Without the rule of blunt creases its largest region has a third of the road. Whether a
-    side street belongs to it is in doubt: 89 to 98 % by the `random_state`."""
+    """Without the rule of blunt creases its largest region has a third of the road."""
     with np.load(shared_data / "mobile_street_labelled" / "cloud.npz") as arrays:
         X, road = arrays["xyz"], arrays["label"] == 1203
     labels = RegionGrowing(random_state=0, n_jobs=2).fit_predict(X)
     largest = labels == np.bincount(labels[road & (labels >= 0)]).argmax()
-    assert (largest & road).sum() > 0.86 * road.sum()
+    assert (largest & road).sum() > 0.95 * road.sum()
     assert (largest & road).sum() > 0.96 * largest.sum()
+
+
+def test_narrow_parts_of_one_face_are_a_face_together(shared_data):
+    """Faces of some forty points are in two or three patches of three rows each. Were these edges
+    of their neighbors, the mean were .74."""
+    with np.load(shared_data / "roofs_sparse" / "roofs.npz") as arrays:
+        points, roofs, faces = arrays["xyz"], arrays["building"], arrays["plane"]
+    scores = []
+    for roof_name in np.unique(roofs):
+        own = roofs == roof_name
+        known = faces[own] >= 0
+        labels = RegionGrowing(random_state=0).fit_predict(points[own])
+        scores.append(adjusted_rand_score(faces[own][known], labels[known]))
+    assert np.mean(scores) > 0.77
 
 
 @pytest.mark.parametrize("turn", [20, 25])
@@ -186,7 +199,7 @@ def test_cells_are_joined_as_literally_from_their_points(seed):
     assert_array_equal(patch, expected)
 
 
-def vote_by_numpy(points, weights, cells, first, blunt):
+def vote_by_numpy(points, weights, cells, first, blunt, steep):
     """A vote over the plane z = 0, and the second of its two sides, by general least squares."""
     flat, z = points[:, :2], points[:, 2]
     smooth = off_quadric(flat, z, weights)
@@ -202,13 +215,14 @@ def vote_by_numpy(points, weights, cells, first, blunt):
     rest = rest * np.sqrt(weights)
     effect = max(np.square(np.bincount(cells, rest)).sum() / (rest @ rest), 1.0)
     n = len(z) / effect
-    return (n * np.log(left / (weights @ smooth**2)) + 3 * np.log(n)) / 2, side
+    charge = -3 if steep else 3
+    return (n * np.log(left / (weights @ smooth**2)) + charge * np.log(n)) / 2, side
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("blunt", [False, True])
+@pytest.mark.parametrize(("blunt", "steep"), [(False, False), (True, False), (False, True)])
 @pytest.mark.parametrize("make", ["gable", "barrel", "step", "ledge", "plane"])
-def test_votes_are_those_of_general_least_squares(make, blunt, seed):
+def test_votes_are_those_of_general_least_squares(make, blunt, steep, seed):
     X, first = roof(300, 25 if make in ("gable", "ledge") else 0, 0.2, seed)
     if make == "barrel":
         X = barrel(300, 0.2, seed)
@@ -219,13 +233,13 @@ def test_votes_are_those_of_general_least_squares(make, blunt, seed):
     cells, weights = np.arange(300) // 15, np.random.default_rng(seed).uniform(20, 60, 300) ** 2
     normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     # The ridge of the normal equations is a millionth of a millionth.
-    expected, expected_sides = vote_by_numpy(X, weights, cells, first, blunt)
+    expected, expected_sides = vote_by_numpy(X, weights, cells, first, blunt, steep)
     sides, (room, equations) = np.stack([first] * 3), work_arrays(6, 300)
-    known = X.T.copy(), weights, cells, normals, FIT, MOST_NOISE, blunt
+    known = X.T.copy(), weights, cells, normals, FIT, MOST_NOISE, blunt, steep
     found = vote(*known, room, equations, sides)
     assert_allclose(found, expected, rtol=1e-6)
     assert_array_equal(sides[2], expected_sides)
-    assert blunt or (found > 0) == (make in ("barrel", "plane"))
+    assert blunt or steep or (found > 0) == (make in ("barrel", "plane"))
 
 
 def test_groups_are_joined_by_the_highest_sum_of_votes():
@@ -256,13 +270,14 @@ def test_narrow_patches_join_no_groups_that_wide_ones_part():
     """0 and 1 are parted, as are 1 and 2; 3 is beside 0 and 1, 4 and 5 are bridges of 0 and 2."""
     wide, region = np.array([True, True, True, False, False, False]), np.zeros(6, int)
     borders = np.array([(0, 1), (1, 2), (0, 3), (1, 3), (0, 4), (2, 5), (4, 5)])
-    group, mixed = _groups(borders, np.array([-1.0, -5.0]), wide, region)
+    group, mixed = _settled(np.arange(6), borders, wide, region)
     assert mixed.tolist() == [False, False, False, True, False, False]
     # Nothing speaks against two parts that no border of wide patches parts.
     assert group[0] == group[2] == group[4] == group[5] != group[1]
     # What wide patches part stays apart.
     borders = np.array([(0, 1), (0, 2), (1, 3), (2, 3)])
-    group, mixed = _groups(borders, np.array([-1.0]), np.array([True, True, False, False]), region)
+    wide, region = wide[[0, 1, 3, 4]], region[:4]
+    group, mixed = _settled(np.arange(4), borders, wide, region)
     assert group[0] != group[1]
     assert not mixed.any()
 
