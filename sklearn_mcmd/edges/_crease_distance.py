@@ -67,18 +67,24 @@ def find_creases(index, planes, min_angle, n_jobs=None):
     """
     with progress_part(0.0, MEASURED):
         _measure_spacing(index, planes, n_jobs)
-    n, cosine = len(index.points), np.cos(np.radians(min_angle))
+    n = len(index.points)
     faces = Faces(index.empty(n, np.int32), *(index.empty(n, bool) for _ in range(2)))
     creases = Creases(
         index=index,
         planes=planes,
         flat=are_faces(planes),
-        cosine=cosine,
+        usable=np.ones(n, bool),
+        cosine=cosine_of(min_angle),
         n_jobs=n_jobs,
         faces=faces,
         evidence=index.empty(n),
     )
     return creases, creases.measure(index.points, index.query_own, faces, creases.evidence)
+
+
+def cosine_of(min_angle):
+    """The largest cosine of the angle between two faces that meet."""
+    return np.cos(np.radians(min_angle))
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,7 @@ class Creases:
     index: NeighborIndex
     planes: Planes
     flat: np.ndarray  # bool: which planes are those of faces
+    usable: np.ndarray  # True for all planes
     cosine: float  # that of two faces that meet is smaller
     n_jobs: int | None
     faces: Faces  # of the points
@@ -106,21 +113,21 @@ class Creases:
         """Distances of queries from creases; fills their faces and evidence. ``around(part)`` are
         the `Neighborhoods` of a slice of them."""
         with progress_part(MEASURED, GIVEN):
-            distance = self._give_planes(queries, around, faces)
+            distance = self.give_planes(queries, around, faces)
         with progress_part(GIVEN, MET):
-            off = self._meet(queries, around, faces, evidence)
+            off = self.meet(queries, around, faces, evidence)
         with progress_part(MET, 1.0):
-            self._judge(around, off, distance)
+            self.judge(around, off, distance)
         return distance
 
-    def _give_planes(self, queries, around, faces):
+    def give_planes(self, queries, around, faces):
         """Fill the faces of queries, and return their distances as if there were no crease.
 
         Where the planes of neighbors differ, the one that explains the query best is given, and
         else that of the nearest neighbor.
         """
         distance, planes = self.index.empty(len(queries)), self.planes
-        usable, far = np.ones(len(self.flat), dtype=bool), CreaseLimits().far
+        usable, far = self.usable, CreaseLimits().far
         # Of two planes that differ by an angle, one differs from any third by half of it.
         half_turn = np.sqrt(0.5 * (1.0 + self.cosine))
         count = compiled_function("edges._crease_distance_numba", "count_turned")
@@ -141,7 +148,7 @@ class Creases:
         _in_chunks(self.index, len(queries), around, give, self.n_jobs)
         return distance
 
-    def _meet(self, queries, around, faces, evidence):
+    def meet(self, queries, around, faces, evidence):
         """Distances to the nearest crease in spacings, inf if none, larger off the planes; and fill
         the evidence: half of the BIC of the best two or three faces less that of the best surface
         without a crease, negative where there is an edge."""
@@ -163,7 +170,7 @@ class Creases:
         _in_chunks(self.index, m, around, meet, self.n_jobs, doubtful)
         return distance
 
-    def _judge(self, around, off, distance):
+    def judge(self, around, off, distance):
         """Let the neighbors say, in place, how far each point counts as from the crease: as far as
         it is, which `off` says, where they say that an edge is the better model, else farther."""
         fill = compiled_function("edges._crease_distance_numba", "judge_distances")
@@ -204,21 +211,14 @@ def _search(index, queries, n_jobs):
 def _measure_spacing(index, planes, n_jobs):
     """Fill radius, spacing (the side of the cell that one point of a surface takes), and noise of
     the planes, which is not known better."""
-    m, d = index.points.shape
-    even, limits = index.empty(m), FaceLimits()
-    average = compiled_function("edges._crease_distance_numba", "average_around")
-    n = min(limits.n_spacing, index.n_neighbors - 1)
-    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
-    side = (ball / n) ** (1.0 / (d - 1))
+    m, even = len(index.points), index.empty(len(index.points))
 
     def measure(part, around):
-        ends = index.points[around.indices[:, [n, -1]]] - index.points[part, None]
-        near, planes.radius[part] = np.sqrt(np.einsum("mkd,mkd->km", ends, ends))
-        planes.spacing[part] = spacing = near * side
-        planes.scale[part] = np.maximum(planes.scale[part], limits.least_noise * spacing)
+        found = spacing_of(index, part, around, planes.scale[part])
+        planes.radius[part], planes.spacing[part], planes.scale[part] = found
 
     def smooth(part, around):
-        average(planes.spacing, around, even[part])
+        average_around(planes.spacing, around, even[part])
 
     works = [measure, *[smooth] * CreaseLimits().evening_steps]
     for step, work in enumerate(works):
@@ -228,10 +228,30 @@ def _measure_spacing(index, planes, n_jobs):
             planes.spacing[:] = even
 
 
-def are_faces(planes):
-    """Whether planes are those of faces: flat, or the flatter half of all."""
-    flatness = planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
-    return are_flat(planes, max(FaceLimits().flat, np.median(flatness)))
+def spacing_of(index, part, around, scale):
+    """Radius, spacing and noise of the planes of a slice of an index's points."""
+    n, d = min(FaceLimits().n_spacing, index.n_neighbors - 1), index.points.shape[1]
+    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
+    ends = index.points[around.indices[:, [n, -1]]] - index.points[part, None]
+    near, radius = np.sqrt(np.einsum("mkd,mkd->km", ends, ends))
+    spacing = near * (ball / n) ** (1.0 / (d - 1))
+    return radius, spacing, np.maximum(scale, FaceLimits().least_noise * spacing)
+
+
+def average_around(spacing, around, out):
+    """Fill the mean spacing around some points."""
+    compiled_function("edges._crease_distance_numba", "average_around")(spacing, around, out)
+
+
+def flatness(planes):
+    """The noise of planes over their radius."""
+    return planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
+
+
+def are_faces(planes, usual=None):
+    """Whether planes are those of faces: flat, or the flatter half of all, `usual` at most."""
+    usual = np.median(flatness(planes)) if usual is None else usual
+    return are_flat(planes, max(FaceLimits().flat, usual))
 
 
 def give_planes(queries, around, planes, usable):

@@ -32,6 +32,7 @@ from sklearn_mcmd._validation import (
 from sklearn_mcmd.edges._crease_distance import CreaseLimits, find_creases
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
+from sklearn_mcmd.planes._around import median_of
 from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -455,8 +456,8 @@ def least_of_edge(parts, threshold, n_std):
         mean = _sum(parts()) / n
         variance = _sum(np.square(values - mean) for values in parts()) / (n - 1)
         return mean + (EdgeLimits().paper_std if n_std is None else n_std) * sqrt(variance)
-    usual = _median(parts())
-    deviation = _median(np.abs(values - usual) for values in parts())
+    usual = median_of(parts)
+    deviation = median_of(lambda: (np.abs(values - usual) for values in parts()))
     n_std = EdgeLimits().robust_std if n_std is None else n_std
     return float(usual + n_std * MAD_TO_SD * deviation)
 
@@ -464,7 +465,3 @@ def least_of_edge(parts, threshold, n_std):
 def _sum(parts):
     """The sum as if it were exact, and rounded once."""
     return fsum(chain.from_iterable(values.tolist() for values in parts))
-
-
-def _median(parts):
-    return np.median(np.concatenate(list(parts)))

@@ -84,7 +84,7 @@ class JudgedCloud:
         self.rays, self.ray_doubt, self.raised = None, "", np.empty((0, 3))
         # What `judge` finds: of all points, and of those off the surfaces.
         self.counts = self.planes = self.explaining = self.explained = self.explained_scale = None
-        self.off_surface = self.point_scores = None
+        self.off_surface = self.reference = self.point_scores = None
 
     def fit(self, X):
         """The `Judgement` of the points X (n, d), those that the model has indexed."""
@@ -141,6 +141,7 @@ class JudgedCloud:
             share = self.surface_limits.least_share * n_points
             least = min(self.off_surface_limits.thing * index.n_neighbors, share)
             rest = Rest.of(index, counts, self.explained, *spacings, self.off_surface_limits)
+            self.reference = rest.reference if rest.has_surface else None
             del planes, spacings
             with progress_part(0.4, 1.0):
                 self.off_surface = off_surface = judge_off_surface(rest, least, self.n_jobs)
@@ -151,14 +152,14 @@ class JudgedCloud:
         doubt = self._darkness(rest)
         apart = off_surface.isolation * doubt, off_surface.separation
         if self.rays is None:
-            distances[rest] = self._joined(distances[rest], *apart, points)
+            distances[rest] = self.joined(distances[rest], *apart, points)
         else:
             known = off_surface.rest.among_all, self.explained, self.to_planes
             by_rays = self.rays.judge(off_surface, *known, doubt)
             # To coordinates, sheets of rays are surfaces.
             without = np.where(self.rays.rest.of_sheets, 0.0, distances[rest])
-            without = self._joined(without, *apart, points)
-            distances[rest] = with_rays = self._joined(distances[rest], *by_rays, points)
+            without = self.joined(without, *apart, points)
+            distances[rest] = with_rays = self.joined(distances[rest], *by_rays, points)
             raised, apart = np.column_stack([with_rays, without, off_surface.rest.counts]), by_rays
             self.raised = raised[with_rays > without]
         off_surface.isolation, off_surface.separation = apart
@@ -202,10 +203,10 @@ class JudgedCloud:
             )
         doubt = self._darkness(around.indices[:, 0])
         if self.rays is None:
-            return self._joined(distances, isolation * doubt, separation, queries)
+            return self.joined(distances, isolation * doubt, separation, queries)
         apart, planes = (isolation, separation, joined), (self.explained, self.to_planes)
         by_rays = self.rays.judge_new(queries, around, apart, spacing, *planes, doubt)
-        return self._joined(distances, *by_rays, queries)
+        return self.joined(distances, *by_rays, queries)
 
     def _darkness(self, rows):
         """The factor on the isolation of these points by their intensity: as far as this tells,
@@ -260,8 +261,7 @@ class JudgedCloud:
         owners, distances = np.arange(n, dtype=np.int32), index.empty(n)
 
         def measure(rows):
-            part = points[rows]
-            distances[rows] = own_distances(part, self.planes.take(rows), self._floor(part, 0.0))
+            distances[rows] = self.from_own_planes(points[rows], self.planes.take(rows))
 
         run([(rows,) for rows in slices(n, chunk)], measure, self.n_jobs)
         least, barred = min(k, limits.least_share * n), None
@@ -289,6 +289,10 @@ class JudgedCloud:
         if self.level.off_surfaces:
             self.explained_scale = self.planes.scale[owners[self.explained]]
         return owners, distances
+
+    def from_own_planes(self, points, planes):
+        """Distances of points from the planes of the same rows, in standard deviations."""
+        return own_distances(points, planes, self._floor(points, 0.0))
 
     def to_planes(self, queries, neighbors_of, wanted, precision=0.0):
         """The nearest of the wanted planes among each query's neighbors: its row, and the distance.
@@ -322,7 +326,7 @@ class JudgedCloud:
     def _floor(self, queries, precision):
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
 
-    def _joined(self, distances, isolation, separation, points):
+    def joined(self, distances, isolation, separation, points):
         """One score: a point is as wrong as the best of its excuses leaves it.
 
         Distances are from surfaces, inf of the lost, which none reaches. At the strictest level
@@ -330,13 +334,13 @@ class JudgedCloud:
         standard deviations, or as `isolation` and `separation` say if that is more.
         """
         apart = np.maximum(isolation, separation) if self.level.groups else isolation
-        if not (self.level.off_surfaces and self.explained.any()):
+        if not self.level.off_surfaces or self.reference is None:
             limit = ExplainLimits().explained
             return np.where(distances > limit, np.minimum(distances, apart), distances)
         scores = distances.copy()
         lost = np.flatnonzero(np.isinf(distances))
         if len(lost):
-            gaps, near = self.off_surface.rest.reference.query(points[lost], 1)
+            gaps, near = self.reference.query(points[lost], 1)
             beside = ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
             scores[lost] = np.maximum(beside, apart[lost])
         return scores

@@ -1,23 +1,16 @@
 """Points that no surface explains: how far each, or its group, stands off from all that is real."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd.outliers._groups import (
-    Shapes,
-    are_straight,
-    gaps_of_groups,
-    separation_of_groups,
-)
+from sklearn_mcmd.outliers._small_groups import Groups, SmallGroups, gaps_to
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._explaining import ExplainLimits, connected
+from sklearn_mcmd.planes._explaining import connected
 from sklearn_mcmd.planes._nearest import NearestPoints
-from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.runtime._progress import progress_part
 
 AT_ONCE = 1_000_000  # rows that are copied at once; it limits the memory
@@ -69,11 +62,11 @@ class OffSurface:
         whether a query belongs to a group of the cloud, whose separation it has.
         """
         rest, limits = self.rest, self.rest.limits
-        usual = rest.usual_around(queries, None)
+        usual, _ = rest.usual_around(queries, None)
         distances, near = rest.others.query(queries, limits.n_near, None)
         among_rest = rest.spacing(queries, distances, near, itself=False)
         steps = _steps(usual, self.usual, distances[:, :1], near[:, :1])[:, 0]
-        separation = ratio(_gaps(queries, self.real, None), usual)
+        separation = ratio(gaps_to(queries, self.real, None), usual)
         joined = steps <= limits.reach
         separation[joined] = self.separation[near[joined, 0]]
         return rest.isolated(among_rest, spacing, usual), separation, joined
@@ -82,7 +75,7 @@ class OffSurface:
 class Rest(NamedTuple):
     """The m points that no surface explains, and what is asked around them."""
 
-    cloud: NeighborIndex
+    empty: Callable  # makes arrays for what is found of many points
     limits: OffSurfaceLimits
     box: tuple  # low and high corner of the cloud
     reference: NearestPoints  # of points on surfaces, of all points if there are none
@@ -106,7 +99,7 @@ class Rest(NamedTuple):
         if any_explained:
             other_spacing = chosen_rows(index, other_spacing, explained)
         return cls(
-            cloud=index,
+            empty=index.empty,
             limits=limits,
             box=(index.points.min(axis=0), index.points.max(axis=0)),
             reference=index.among(explained if any_explained else ~explained),
@@ -121,34 +114,37 @@ class Rest(NamedTuple):
         )
 
     def usual_around(self, queries, n_jobs):
-        """Spacing that is usual on the surfaces around queries."""
-        n_usual = min(self.limits.n_usual, len(self.reference_spacing))
-        usual, place = np.empty(len(queries)), int(self.quantile * n_usual)
+        """Spacing that is usual on the surfaces around queries, and how far the nearest is."""
+        n_usual = min(self.limits.n_usual, self.reference.n)
+        (usual, gaps), place = np.empty((2, len(queries))), int(self.quantile * n_usual)
 
         def measure(rows, distances, near):
             spacings = self.reference_spacing[near]
             usual[rows] = np.partition(spacings, place, axis=1)[:, place]
+            gaps[rows] = distances[:, 0]
 
         self.reference.visit(queries, n_usual, measure, n_jobs)
-        return usual
+        return usual, gaps
 
-    def neighbors(self, usual, n_jobs):
-        """Mean distance of each point to others, and those that are of its group."""
-        m, n_links = len(self.points), max(SurfaceLimits().n_links, self.limits.n_near)
-        own = np.arange(m, dtype=np.int32)  # as `connected` takes them
-        among_rest, linked = np.empty(m), self.cloud.empty((m, n_links), np.int32)
+    def neighbors(self, usual, n_jobs, own=slice(None)):
+        """Mean distance of each point of a slice to others, and those that are of its group."""
+        points, near_usual, first = self.points[own], usual[own], own.start or 0
+        m, n_links = len(points), max(SurfaceLimits().n_links, self.limits.n_near)
+        rows_of = np.arange(first, first + m, dtype=np.int32)  # as `connected` takes them
+        among_rest, linked = np.empty(m), self.empty((m, n_links), np.int32)
 
         def measure(rows, distances, near):
-            among_rest[rows] = self.spacing(self.points[rows], distances, near, itself=True)
-            steps = _steps(usual[rows], usual, distances[:, 1:], near[:, 1:])
-            linked[rows] = np.where(steps <= self.limits.reach, near[:, 1:], own[rows][:, None])
+            among_rest[rows] = self.spacing(points[rows], distances, near, itself=True)
+            steps = _steps(near_usual[rows], usual, distances[:, 1:], near[:, 1:])
+            own = rows_of[rows][:, None]
+            linked[rows] = np.where(steps <= self.limits.reach, near[:, 1:], own)
 
-        self.others.visit(self.points, n_links + 1, measure, n_jobs)
+        self.others.visit(points, n_links + 1, measure, n_jobs)
         return among_rest, linked
 
     def spacing(self, queries, distances, near, itself):
         """Mean distance of queries to off-surface points, `itself` among these or not."""
-        counts = np.append(self.counts, self.limits.n_near)[near]  # of a missing one: all
+        counts = _known(self.counts, near, self.limits.n_near)  # of a missing one: all
         counts[:, 0] -= itself
         # Those that are missing are as far away as the cloud with the query in it is large.
         extent = np.maximum(queries, self.box[1]) - np.minimum(queries, self.box[0])
@@ -161,50 +157,46 @@ class Rest(NamedTuple):
         weight = self.limits.rest_weight
         return ratio(among_rest**weight * among_all ** (1 - weight), usual)
 
-    def real(self, groups, least):
-        """Which groups are too small for a thing, and searches of what is real: the points on
-        surfaces, and those of the other groups."""
-        sizes = np.bincount(groups, self.counts)
-        small, real = sizes < least, [self.reference]
-        if not self.has_surface:
-            small &= sizes < sizes.max(initial=0)
-            real = []
-        if not small[groups].all():
-            real.append(self.search_of(~small[groups]))
-        return small, real
-
-    def search_of(self, wanted):
-        """Search of those points that are wanted, bool (m,)."""
-        chosen = np.zeros(len(self.cloud.points), bool)
-        chosen[self.rows[wanted]] = True
-        return self.cloud.among(chosen)
-
 
 def judge_off_surface(rest, least, n_jobs):
     """The `OffSurface` of the `Rest`, where a thing has `least` measurements."""
     with progress_part(0.0, 0.2):
-        usual = rest.usual_around(rest.points, n_jobs)
+        usual, gaps = rest.usual_around(rest.points, n_jobs)
     with progress_part(0.2, 0.7):
         among_rest, linked = rest.neighbors(usual, n_jobs)
     isolation = rest.isolated(among_rest, rest.among_all, usual)
     groups = connected(linked)[0]
     del linked
-    groups, in_row = _rows_parted(rest, groups, least, n_jobs)
-    groups = _pieces_joined(rest, groups, least, n_jobs)
-    rest.others.release()
-    small, real = rest.real(groups, least)
+    known = Groups.of(groups, rest.counts, usual)
+    few = known.counts < least
+    rows, large = np.flatnonzero(few[groups]), np.flatnonzero(~few)
+
+    def members(chosen):
+        wanted = np.zeros(len(few), bool)
+        wanted[large[chosen]] = True
+        rows = np.flatnonzero(wanted[groups])
+        return rows, np.searchsorted(large, groups[rows])
+
+    small = SmallGroups(
+        rest=rest,
+        usual=usual,
+        gaps=gaps,
+        rows=rows,
+        groups=groups[rows],
+        least=least,
+        large=known.take(large),
+        members=members,
+        n_jobs=n_jobs,
+    )
+    del known, rows
     with progress_part(0.7, 1.0):
-        separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
-        rows = np.flatnonzero(small[groups])
-        if len(rows):
-            gaps = _gaps(rest.points[rows], real, n_jobs)
-            separation[rows], straight[rows] = _separation(rest, usual, groups, rows, gaps)
-            # What is in a row keeps company with it, however far apart its points are.
-            isolation = np.where(in_row | straight, np.minimum(isolation, separation), isolation)
-        if rest.has_surface:
-            _separate_large(rest, usual, groups, least, small, separation, n_jobs)
-    for search in real:
-        search.release()
+        real = small.judge()
+    separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
+    straight[small.rows] = small.straight
+    judged, *found = small.verdict(isolation)
+    isolation[judged], separation[judged] = found
+    groups = np.cumsum(~few, dtype=np.int32)[groups] - 1
+    groups[small.rows] = len(large) + small.groups
     return OffSurface(
         rest=rest,
         usual=usual,
@@ -216,127 +208,18 @@ def judge_off_surface(rest, least, n_jobs):
     )
 
 
-def _rows_parted(rest, groups, least, n_jobs):
-    """The groups, where points of small ones that lie in a row are a group of their own, and which
-    points these are: straight with their nearest others, and among the nearest of each other."""
-    m, n_near = len(groups), rest.limits.n_near
-    asked = np.flatnonzero(rest.real(groups, least)[0][groups])
-    in_row, links = np.zeros(m, bool), []
-    if m <= n_near or len(asked) == 0:
-        return groups, in_row
-
-    def link(some, distances, near):
-        away = rest.points[near] - rest.points[near].mean(axis=1, keepdims=True)
-        covariance = np.einsum("mki,mkj->mij", away, away) / (n_near + 1)
-        deviations = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
-        straight = are_straight(deviations, np.full(len(near), n_near + 1))
-        own = np.repeat(asked[some][straight], n_near)
-        links.append(np.stack([own, near[straight, 1:].ravel()]))
-
-    rest.others.visit(rest.points[asked], n_near + 1, link, n_jobs)
-    one, other = np.hstack(links)
-    graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(m, m)).tocsr()
-    part = connected_components(graph * graph.T, directed=False)[1]
-    rows = np.flatnonzero(np.bincount(part)[part] > 1)
-    rows = rows[np.lexsort(rest.points[rows].T[::-1])]
-    _, part = np.unique(part[rows], return_inverse=True)
-    straight = Shapes.of(rest.points[rows], part).straight[part]
-    groups, in_row[rows] = groups.copy(), straight
-    groups[rows[straight]] = m + part[straight]
-    return np.unique(groups, return_inverse=True)[1], in_row
-
-
-def _pieces_joined(rest, groups, least, n_jobs):
-    """The groups, where those that are pieces of one thing are one."""
-    small, real = rest.real(groups, least)
-    rows = np.flatnonzero(small[groups])
-    rows = rows[np.lexsort(rest.points[rows].T[::-1])]
-    _, group = np.unique(groups[rows], return_inverse=True)
-    gaps = gaps_of_groups(group, _gaps(rest.points[rows], real, n_jobs))
-    for search in real[1:]:
-        search.release()
-    shapes = Shapes.of(rest.points[rows], group)
-    rows, group = rows[shapes.flat[group]], group[shapes.flat[group]]
-    if len(rows) == 0:
-        return groups
-    # Pieces of a thing are no farther apart than a few of their lengths.
-    reach, pairs = np.full(len(groups) + 1, -np.inf), []  # the last is of a missing point
-    reach[rows] = ExplainLimits().explained * shapes.length[group]
-    piece = np.full(len(reach), -1, np.int32)
-    piece[rows] = group
-
-    def link(some, distances, near):
-        own = rows[some]
-        others = piece[near] != piece[own, None]
-        i, j = np.nonzero(others & (distances <= reach[own, None] + reach[near]))
-        distances, one, other = distances[i, j], own[i], near[i, j]
-        a, b = piece[one], piece[other]
-        # One of both, at least, is as near to the other as to anything real; or both have one
-        # plane.
-        linked = distances <= np.maximum(gaps[a], gaps[b])
-        linked |= shapes.are_coplanar(a, b, rest.points[one], rest.points[other])
-        pairs.append(np.unique(np.stack([groups[one], groups[other]])[:, linked], axis=1))
-
-    # A small group has fewer points, so one of another is among them.
-    rest.others.visit(rest.points[rows], int(np.ceil(least)), link, n_jobs)
-    one, other = np.hstack(pairs)
-    shape = len(small), len(small)
-    graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=shape)
-    return connected_components(graph, directed=False)[1][groups]
-
-
 def _steps(usual, usual_of_rest, distances, near):
     """Distances (m, w) to neighbors in usual spacings, the smaller of both points'."""
-    usual_there = np.append(usual_of_rest, np.inf)[near]  # the last is that of a missing one
-    return ratio(distances, np.minimum(usual[:, None], usual_there))
+    return ratio(distances, np.minimum(usual[:, None], _known(usual_of_rest, near, np.inf)))
 
 
-def _gaps(queries, real, n_jobs):
-    """Distances of queries to the nearest point that is real."""
-    gaps = np.full(len(queries), np.inf)
-    for search in real:
-        np.minimum(gaps, search.query(queries, 1, n_jobs)[0][:, 0], out=gaps)
-    return gaps
-
-
-def _separation(rest, usual, groups, rows, gaps):
-    """Of each of these rows the separation of its group, none of whose points is left out, and
-    whether the group is straight."""
-    _, group = np.unique(groups[rows], return_inverse=True)
-    separation, straight = separation_of_groups(rest.points[rows], group, usual[rows], gaps)
-    return separation[group], straight[group]
-
-
-def _separate_large(rest, usual, groups, least, small, separation, n_jobs):
-    """Fill the separation of large groups that stand off from all else: over how many times as
-    large they are as the least thing. What is large by copies alone is real."""
-    stands_off = ExplainLimits().explained
-    # One point of each group, and the least size that it may have, tell which may stand off.
-    one = np.empty(len(small), np.intp)
-    one[groups[::-1]] = np.arange(len(groups))[::-1]
-    sizes = np.bincount(groups)
-    usual_of = np.bincount(groups, usual) / sizes
-    weight, large = least / np.bincount(groups, rest.counts), sizes >= least
-    gaps = _gaps(rest.points[one[large]], [rest.reference], n_jobs)
-    large[large] = ratio(gaps, usual_of[large]) * weight[large] > (1 - 1e-9) * stands_off
-    rows = np.flatnonzero(large[groups])
-    gaps = _gaps(rest.points[rows], [rest.reference], n_jobs)
-    apart = _separation(rest, usual, groups, rows, gaps)[0] * weight[groups[rows]] > stands_off
-    rows, gaps = rows[apart], gaps[apart]
-    if len(rows) == 0:
-        return
-    _, number = np.unique(groups[rows], return_inverse=True)
-    code = np.where(small[groups], -1, 0)  # of each point; 0 of those that are real
-    code[rows] = number + 1
-    # The numbers of two groups differ in one bit at least, so some search is of the other.
-    for bit in range(int(code.max()).bit_length()):
-        for value in (0, 1):
-            others = (code >= 0) & (code >> bit & 1 != value)
-            asked = np.flatnonzero(code[rows] >> bit & 1 == value)
-            if others.any() and len(asked):
-                near = rest.search_of(others).query(rest.points[rows[asked]], 1, n_jobs)[0][:, 0]
-                gaps[asked] = np.minimum(gaps[asked], near)
-    separation[rows] = _separation(rest, usual, groups, rows, gaps)[0] * weight[groups[rows]]
+def _known(values, near, missing):
+    """The values of these rows, and another of rows that are missing: the number of all."""
+    if not len(values):
+        return np.full(near.shape, missing)
+    found = values[np.minimum(near, len(values) - 1)]
+    found[near == len(values)] = missing
+    return found
 
 
 def mean_distance(distances, counts, n_near):

@@ -29,17 +29,33 @@ def find_surfaces(index, planes, distances, least, limits, barred=None):
     are near each other, their planes explain each other's point and their normals agree. A surface
     is a connected part of at least `least` points. Those that are barred can be part of none.
     """
-    explained = ExplainLimits().explained
-    usable = are_flat(planes, limits.flat) & (distances <= explained)
+    usable = are_usable(planes, distances, limits)
     if barred is not None:
         usable &= ~barred
-    cosine = float(np.cos(np.radians(limits.angle)))
-    links = LinkLimits(
-        min_cosine=cosine, explained=explained, max_gap=np.inf, mutual=True, both_near=True
-    )
-    width = min(limits.n_links, index.n_neighbors)
-    labels, sizes = connected_planes(index, width, planes, links, usable)
+    labels, sizes = connected_planes(index, *surface_links(index, planes, limits), usable)
     return usable & (sizes >= least)[labels]
+
+
+def are_usable(planes, distances, limits):
+    """Which points may be part of a surface: bool (n,)."""
+    return are_flat(planes, limits.flat) & (distances <= ExplainLimits().explained)
+
+
+def surface_links(index, planes, limits):
+    """What links the points of surfaces, as `connected_planes` takes it."""
+    links = LinkLimits(
+        min_cosine=float(np.cos(np.radians(limits.angle))),
+        explained=ExplainLimits().explained,
+        max_gap=np.inf,
+        mutual=True,
+        both_near=True,
+    )
+    return surface_width(index, limits), planes, links
+
+
+def surface_width(index, limits):
+    """How many neighbors of a point may be linked to it."""
+    return min(limits.n_links, index.n_neighbors)
 
 
 def own_distances(queries, planes, floor):

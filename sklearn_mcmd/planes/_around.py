@@ -8,6 +8,7 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 
 MODULE = "planes._moments_numba"
 LARGEST = 1e300  # of a quotient: the mean of two is finite, as is a small multiple
+LOWER_BITS = 40  # of a number's 64, which do not count when values are sorted into bins
 
 
 class NoiseLimits(NamedTuple):
@@ -22,6 +23,34 @@ def quantile_around(values, neighborhoods, q):
     fill = compiled_function(MODULE, "quantile_of_neighbors")
     fill(values, neighborhoods, q, work, work.view(np.int64), out)
     return out
+
+
+def median_of(parts):
+    """The median of all values, float64, of the arrays that ``parts()`` iterates over.
+
+    They are counted in bins, so that only those of the bins in the middle are in memory.
+    """
+    keys, counts = np.empty(0, np.int64), np.empty(0, np.int64)
+    for values in parts():
+        if np.isnan(values).any():
+            return np.nan
+        new = np.unique(_bins(values), return_counts=True)
+        keys, places = np.unique(np.concatenate([keys, new[0]]), return_inverse=True)
+        counts = np.bincount(places, np.concatenate([counts, new[1]])).astype(np.int64)
+    ends = np.cumsum(counts)
+    middle = np.array([(ends[-1] - 1) // 2, ends[-1] // 2])
+    low, high = np.searchsorted(ends, middle, side="right")
+    some = []
+    for values in parts():
+        bins = _bins(values)
+        some.append(values[(bins >= keys[low]) & (bins <= keys[high])])
+    return np.mean(np.sort(np.concatenate(some))[middle - ends[low] + counts[low]])
+
+
+def _bins(values):
+    """Numbers of 24 bits that ascend as the values do."""
+    bits = (values + 0.0).view(np.int64)  # -0.0 and 0.0 are equal
+    return (bits ^ (bits >> 63 & np.iinfo(np.int64).max)) >> LOWER_BITS
 
 
 def extents(points, queries, neighborhoods):

@@ -50,19 +50,25 @@ class LinkLimits(NamedTuple):
     both_near: bool  # whether it must be as near to the neighbor as the last of the neighbor's own
 
 
-def connected_planes(index, k, planes, limits, usable):
-    """What hangs together by the links of `row_linker`, as by `connected`, in less memory."""
-    link = row_linker(index, k, planes, limits, usable)
-    join, roots = _compiled("join"), np.arange(len(index.points), dtype=np.int32)
-    links = np.empty((index.chunk, k), np.int32)
+def connected_planes(index, k, planes, limits, usable, farthest=None, own=None):
+    """What hangs together by the links of `row_linker`, as by `connected`, in less memory.
+
+    Of a slice of rows, `own`, it is what hangs together by links among these, as by `parts_within`.
+    """
+    link = row_linker(index, k, planes, limits, usable, farthest)
+    first, end, _ = slice(None).indices(len(index.points)) if own is None else own.indices(2**62)
+    join, roots = _compiled("join"), np.arange(end - first, dtype=np.int32)
+    links, pairs = np.empty((index.chunk, k), np.int32), []
 
     def task(rows):
         part = links[: rows.stop - rows.start]
-        link(rows, part)
+        link(slice(first + rows.start, first + rows.stop), part)
+        if own is not None:
+            pairs.append(_leaving(part, first + rows.start, own))
         join(part, rows.start, roots)
 
     each_slice(len(roots), index.chunk, task, 1)
-    return _parts(roots)
+    return _parts(roots) if own is None else (_parts(roots)[0], np.concatenate(pairs))
 
 
 def connected(links):
@@ -77,34 +83,64 @@ def connected(links):
     return _parts(roots)
 
 
+def parts_within(links, own):
+    """Parts of the rows of a slice, `own`, whose links (m, width) are to any rows, and are changed.
+
+    Returns the part of each row, as `connected` does, and the links that lead out of the slice:
+    pairs of rows (n, 2).
+    """
+    pairs = _leaving(links, own.start, own)
+    return connected(links)[0], pairs
+
+
+def _leaving(links, start, own):
+    """The links of rows from `start` on that lead out of a slice, which become links to the row
+    itself; all others count from the first row of the slice."""
+    out = (links >= own.stop) | ((links >= 0) & (links < own.start))
+    row, place = np.nonzero(out)
+    pairs = np.stack([start + row, links[row, place]], axis=1)
+    links[row, place] = start + row
+    links[links >= 0] -= own.start
+    return pairs
+
+
 def _parts(roots):
     labels = _compiled("number_parts")(roots)
     return labels, np.bincount(labels)
 
 
-def row_linker(index, k, planes, limits, usable):
+def row_linker(index, k, planes, limits, usable, farthest=None):
     """What links points to those of their k neighbors that the `LinkLimits` allow.
 
     Only `usable` points, bool (n,), are linked, and a plane of a negative scale explains nothing.
     Returns a function that takes a slice of m rows and int32 (m, k), which becomes the neighbors
-    linked, the nearest first, then -1. The point itself is none.
+    linked, the nearest first, then -1. The point itself is none. Distances of the `farthest` of the
+    k neighbors are found, unless they are given.
     """
     own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
     link = _compiled("link_rows")
-
-    def measure_part(rows):
-        farthest[rows] = extents(index.points, index.points[rows], index.query_own(rows, k))[1]
-
-    farthest = index.empty(len(index.points)) if own.both_near else np.empty(0)
-    if own.both_near:
+    if farthest is None and own.both_near:
+        farthest = index.empty(len(index.points))
         with progress_part(0.0, 0.4):
-            each_slice(len(farthest), index.chunk, measure_part, None)
+            measure_farthest(index, k, slice(0, len(farthest)), farthest)
+    given = np.empty(0) if farthest is None else farthest
 
     def fill(rows, links):
         around = index.query_own(rows, k)
-        link(index.points, around, planes, own, usable, farthest, rows.start, links)
+        link(index.points, around, planes, own, usable, given, rows.start, links)
 
     return fill
+
+
+def measure_farthest(index, k, own, farthest, n_jobs=None):
+    """Fill the distances of the last of the k neighbors of a slice of an index's points."""
+
+    def measure(rows):
+        asked = slice(own.start + rows.start, own.start + rows.stop)
+        around = index.query_own(asked, k)
+        farthest[rows] = extents(index.points, index.points[asked], around)[1]
+
+    each_slice(own.stop - own.start, index.chunk, measure, n_jobs)
 
 
 def _compiled(name):

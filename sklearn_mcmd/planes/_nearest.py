@@ -97,6 +97,12 @@ class NearestPoints:
     def search(self):
         return SelfSearch(self.points, overwrite=self._among is not None)
 
+    def without(self, rows):
+        """The search of all but some rows of these points."""
+        among = np.ones(len(self._all), bool) if self._among is None else self._among.copy()
+        among[rows if self._among is None else np.flatnonzero(among)[rows]] = False
+        return NearestPoints(self._all, among)
+
     def release(self):
         """Free what searches; the next query makes it again."""
         self.__dict__.pop("search", None)

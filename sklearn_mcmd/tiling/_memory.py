@@ -31,15 +31,18 @@ class Costs(NamedTuple):
 
 COSTS = {
     "normals": Costs(tile=650, stored=180, cloud=450),
-    "outliers": Costs(tile=450, stored=145, cloud=450, whole=35, does="judges"),
-    "heights": Costs(tile=450, stored=205, cloud=450, whole=35, does="judges"),
-    "edges": Costs(tile=750, stored=205, cloud=1100, whole=35, does="judges"),
+    "outliers": Costs(tile=450, stored=145, cloud=450, whole=4, does="joins the groups of"),
+    "heights": Costs(tile=450, stored=205, cloud=450, whole=4, does="joins the groups of"),
+    "edges": Costs(tile=750, stored=190, cloud=1100, whole=4, does="joins the groups of"),
     "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
     "regions": Costs(tile=650, stored=195, cloud=720, whole=100, does="joins the regions of"),
-    # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
+    # Beside these: noise or a share of all tells the cutoff, numbers of neighbors are found, rays
+    # are followed, each point has a position.
+    "noise": Costs(tile=0, stored=0, cloud=0, whole=40, does="finds the noise of"),
+    "share": Costs(tile=0, stored=0, cloud=0, whole=16, does="ranks the scores of"),
     "auto": Costs(tile=1300, stored=300, cloud=750, whole=80, does="finds neighbors of"),
     "rays": Costs(tile=0, stored=155, cloud=650, whole=200, does="follows the rays to"),
-    "light": Costs(tile=0, stored=16, cloud=480),
+    "light": Costs(tile=0, stored=16, cloud=480, whole=35, does="judges"),
     "positions": Costs(tile=0, stored=50, cloud=500, whole=24, does="holds positions for"),
     "trajectory": Costs(tile=0, stored=50, cloud=500, whole=30, does="keeps the times of"),
     "angles": Costs(tile=0, stored=50, cloud=750, whole=300, does="adjusts the flight lines of"),
@@ -47,6 +50,8 @@ COSTS = {
 PROCESS = 330e6  # bytes of a process with its compiled code
 FEATURE = 24  # bytes of a feature of a point
 NEIGHBORS = 50  # whose costs of a tile these are; each more takes 8 bytes for a point
+PART_OF_GRAPH, LINK_OF_PARTS = 60, 80  # bytes of what one process joins across cells
+SMALL_POINT = 400  # bytes of a point of small groups, which one process judges
 BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
 JOINED_POINT = 150  # bytes of a point while regions are joined
 JOINED_AT_ONCE = 1_000_000  # points of regions that are joined at once
@@ -96,8 +101,11 @@ def most_neighbors(n_points, *estimators):
 
 def work_of(base, normals=None, detector=None, sensor=None, light=False):
     """The name of some work, as of `costs_of`, with estimators, a `SensorPath`, and intensity."""
-    has_rays = detector is not None and not (sensor is None and detector.sensor_origin is None)
-    more = ["auto"] * (normals is not None and normals.n_neighbors == "auto") + ["rays"] * has_rays
+    more = ["auto"] * (normals is not None and normals.n_neighbors == "auto")
+    if detector is not None:
+        more += ["rays"] * (sensor is not None or detector.sensor_origin is not None)
+        more += ["noise"] * (detector.false_positive_rate is not None)
+        more += ["share"] * (detector.contamination is not None)
     more += ["light"] * light
     return ", ".join([base, *more, *([] if sensor is None else [sensor.kind])])
 
@@ -156,6 +164,11 @@ def bytes_to_join(n_points, n_rest):
     """What the joining of regions takes, about, if growth left over so many of the points."""
     at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE)
     return PROCESS + at_once + GROWN_LEAST * n_points + REST_POINT * n_rest
+
+
+def bytes_of_parts(n_parts, n_links):
+    """What parts of surfaces or groups, and links of these between cells, take, about."""
+    return PROCESS + PART_OF_GRAPH * n_parts + LINK_OF_PARTS * n_links
 
 
 def bytes_of_groups(n_points):

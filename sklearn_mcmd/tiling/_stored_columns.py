@@ -23,6 +23,7 @@ from sklearn_mcmd.planes._record import Planes
 
 RELEASE_SECONDS = 0.2  # after which what was read of mapped files is freed
 MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
+STARTS = "first_rows"  # the column of the first row of each cell
 ALL = "all"  # stands for all cells, in the place of a cell's number
 
 
@@ -36,6 +37,10 @@ class CellColumns:
         path = self.path(cell, name)
         with one_clear_line(path, "read"):
             return np.load(path)
+
+    def mapped(self, cell, name):
+        """What `read` returns, of which only what is asked for comes into memory."""
+        return mapped(self.path(cell, name), "r")
 
     def write(self, cell, **arrays):
         for name, values in arrays.items():
@@ -75,13 +80,15 @@ class StoredColumns:
     """
 
     def __init__(self, columns, n_cells):
-        self.columns, self.n_cells = columns, n_cells
+        self.columns, self.n_cells, self._open = columns, n_cells, []
+        if columns.path(ALL, STARTS).exists():
+            self.starts = columns.read(ALL, STARTS)
+            return
         sizes = [
             columns.report(cell, "places")["n_places"] if columns.is_done(cell, "places") else 0
             for cell in range(n_cells)
         ]
         self.starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        self._open = []
 
     def __len__(self):
         return int(self.starts[-1])
@@ -112,6 +119,7 @@ class StoredColumns:
         """Make files for columns, given as (dtype, shape of a row), for each place or `n_rows`."""
         if len(self) > MOST_PLACES:
             raise ValueError(f"{len(self):,} different points are more than {MOST_PLACES:,}")
+        self.columns.write(ALL, **{STARTS: self.starts})  # so that nobody asks all cells again
         for name, (dtype, shape) in columns.items():
             if not self.columns.is_done(ALL, name):
                 made(self._path(name), dtype, (len(self) if n_rows is None else n_rows, *shape))
@@ -236,6 +244,10 @@ class StoredColumns:
         """Some rows of a column, of which nothing else stays in memory."""
         return np.array(mapped(self._path(name), "r")[rows])
 
+    def column(self, name):
+        """A column of which nothing stays in memory but what is asked for, by `rows_of`."""
+        return _Column(self, name)
+
     def planes(self, changing=False):
         """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
         names = ("centroids", "normals", "scale")
@@ -246,6 +258,19 @@ class StoredColumns:
 
     def _path(self, name):
         return self.columns.path(ALL, name)
+
+
+class _Column:
+    """A column by its rows."""
+
+    def __init__(self, whole, name):
+        self._whole, self._name = whole, name
+
+    def __len__(self):
+        return len(self._whole)
+
+    def __getitem__(self, rows):
+        return self._whole.rows_of(self._name, rows)
 
 
 def write_array(file, values):

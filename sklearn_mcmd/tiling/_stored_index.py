@@ -63,7 +63,10 @@ class StoredIndex(NeighborIndex):
 
     def among(self, chosen):
         """As of `NeighborIndex`; of all places with None."""
-        return StoredNearest(self._whole, self._cells, chosen)
+        rows = self._whole.rows
+        return StoredNearest(
+            self._whole, self._cells, chosen if chosen is None else lambda cell: chosen[rows(cell)]
+        )
 
     def nearest(self, queries, n_jobs=None):
         """As of `NeighborIndex`."""
@@ -172,17 +175,31 @@ class StoredNearest(NearestPoints):
     """Some of all places, which answer as `NearestPoints` do; cells are read where they matter.
 
     A search among places of a cell is that of all if it does not reach the border of the cell's
-    box. Else all cells are seen that may have nearer places, one after the other. `chosen` is a
-    mask of all places.
+    box. Else all cells are seen that may have nearer places, one after the other. If only
+    some places are meant, ``chosen(cell)`` is a mask of those of a cell.
     """
 
     def __init__(self, whole, cells, chosen=None):
         self._whole, self._cells, self._chosen = whole, cells, chosen
-        self._points, self._starts = whole.open("points"), whole.starts
+        self._starts = whole.starts
         if chosen is not None:
-            sizes = [np.count_nonzero(chosen[whole.rows(cell)]) for cell in range(len(cells))]
+            sizes = [np.count_nonzero(chosen(cell)) for cell in range(len(cells))]
             self._starts = np.concatenate([[0], np.cumsum(sizes)])
         self.n = int(self._starts[-1])
+
+    def without(self, rows):
+        """As of `NearestPoints`."""
+        rows, whole = np.sort(rows), self._whole
+
+        def chosen(cell):
+            own, first = whole.rows(cell), self._starts[cell]
+            kept = np.ones(own.stop - own.start, bool)
+            kept = kept if self._chosen is None else np.array(self._chosen(cell))
+            left, right = np.searchsorted(rows, self._starts[cell : cell + 2])
+            kept[np.flatnonzero(kept)[rows[left:right] - first]] = False
+            return kept
+
+        return StoredNearest(whole, self._cells, chosen)
 
     def visit(self, queries, k, work, n_jobs=None):
         """As of `NearestPoints`; it is fastest if near queries come one after another."""
@@ -261,9 +278,8 @@ class StoredNearest(NearestPoints):
 
     def _load(self, cell):
         """The places of a cell, and their numbers among all that are chosen."""
-        rows = self._whole.rows(cell)
-        points = self._points[rows]
-        points = np.array(points) if self._chosen is None else points[self._chosen[rows]]
+        points = self._whole.rows_of("points", self._whole.rows(cell))
+        points = points if self._chosen is None else points[self._chosen(cell)]
         return points, np.arange(self._starts[cell], self._starts[cell + 1])
 
     def _to_border(self, cell, queries):

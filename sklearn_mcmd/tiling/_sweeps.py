@@ -18,15 +18,17 @@ from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, report_share
 from sklearn_mcmd.tiling._cells import Cells, Constants
 from sklearn_mcmd.tiling._stored_columns import CellColumns, StoredColumns
-from sklearn_mcmd.tiling._stored_offers import offer_steps, stored_offers
+from sklearn_mcmd.tiling._stored_offers import stored_offers
 
 # How long each step of a run takes, for the display of progress: percents of what normals take.
 WEIGHTS = {
     **{"places": 2, "neighbors": 20, "offers": 25, "planes": 30, "bends": 10, "normals": 15},
     **{"sizes": 48, "larger": 8},  # of n_neighbors="auto"
     **{"forest": 6, "sides": 12},  # of orientation="mst"
-    **{"heights": 18, "scores": 25, "verdicts": 1},
-    **{"outliers": 135, "kept": 3, "edges": 60},
+    **{"surfaces": 1, "explained": 1, "usual": 12, "groups": 10, "scores": 2},
+    **{"rays": 25, "heights": 18, "verdicts": 1},
+    **{"outliers": 135, "kept": 3, "spacing": 2, "even": 1, "flat": 1, "faces": 9, "creases": 20},
+    **{"edges": 5},
     **{"growth": 14, "joining": 26},
 }
 
@@ -89,8 +91,7 @@ class Job:
         precision, shape = np.finfo(self.constants.dtype).eps, index.points.shape
         estimator = clone(self.estimator)  # which gets the number of trials
         model = model_of(estimator, index, shape, precision, self.constants.step, *more)
-        if steps := offer_steps(estimator):
-            model.offers = stored_offers(self.whole(), steps[-1])
+        model.offers = stored_offers(self.whole())
         return model
 
 

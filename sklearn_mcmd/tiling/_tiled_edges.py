@@ -8,7 +8,16 @@ import numpy as np
 
 from sklearn_mcmd._validation import check_n_kept
 from sklearn_mcmd.edges import SharpFeatureDetector
-from sklearn_mcmd.edges._crease_distance import find_creases
+from sklearn_mcmd.edges._crease_distance import (
+    CreaseLimits,
+    Creases,
+    Faces,
+    are_faces,
+    average_around,
+    cosine_of,
+    flatness,
+    spacing_of,
+)
 from sklearn_mcmd.edges._detector import (
     column_of_criterion,
     crease_width,
@@ -17,14 +26,17 @@ from sklearn_mcmd.edges._detector import (
 )
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers import MCMDOutlierDetector
+from sklearn_mcmd.planes._around import median_of
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.tiling._cells import Cells, Constants, WholeCloud
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of, write_results
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
-from sklearn_mcmd.tiling._stored_index import StoredIndex
-from sklearn_mcmd.tiling._stored_offers import FACES
+from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
+from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER
 from sklearn_mcmd.tiling._tiled_normals import (
     PlaneJob,
     find_planes,
@@ -34,6 +46,18 @@ from sklearn_mcmd.tiling._tiled_normals import (
     without_sides,
 )
 from sklearn_mcmd.tiling._tiled_outliers import OutlierJob, cutoff_of, judge_cells, outlier_steps
+
+EVEN = [f"even{n}" for n in range(CreaseLimits().evening_steps)]
+# Steps of creases in their order, and the columns that these fill.
+STEPS = "spacing", *EVEN, "flat", "faces", "creases", "edges"
+ANSWER = bool, ()
+FACE_COLUMNS = {"owners": (np.int32, ()), "on_face": ANSWER, "doubtful": ANSWER}
+COLUMNS = {
+    **dict.fromkeys(("spacing", *EVEN, "crease", "off", "evidence"), NUMBER),
+    **dict.fromkeys(("crease_scale", "crease_radius", "crease_kept"), NUMBER),
+    **dict.fromkeys(("flat", "usable"), ANSWER),
+    **{f"face_{name}": kind for name, kind in FACE_COLUMNS.items()},
+}
 
 
 class TiledEdges(TiledVerb):
@@ -58,13 +82,13 @@ class TiledEdges(TiledVerb):
         return work_of("edges", self.normals, self.detector), 0, most
 
     def find(self, run):
-        columns, n_cells = run.folder.columns, len(run.cells)
+        columns = run.folder.columns
         cleaning = () if self.detector is None else ("outliers", "kept")
-        sweeps = run.sweeps([*cleaning, *plane_steps(self.normals), "edges"])
+        steps = STEPS if self.by_distance else ("edges",)
+        sweeps = run.sweeps([*cleaning, *plane_steps(self.normals), *steps])
         keep = _keep_faces if self.by_distance else _keep_values
-        known = {"keep": keep, "criterion": self.estimator.criterion}
         later = self.estimator.n_neighbors if self.by_distance else None
-        job = EdgeJob.of(run, self.normals, later=later, **known)
+        job = EdgeJob.of(run, self.normals, later=later, keep=keep, edges=self.estimator)
         if self.detector is not None:
             self._clean(run, sweeps)
             constants = Constants(**columns.report(ALL, "cleaned"))
@@ -77,9 +101,7 @@ class TiledEdges(TiledVerb):
             self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
             whole.settle("faces", FACES)
-            if not columns.all_have(n_cells, "results"):
-                with sweeps.part("edges"), whole.releasing():
-                    _find_distances(whole, job, self.estimator, run.n_threads)
+            _find_distances(sweeps, job, whole, run.cells)
             self.limit = crease_width(self.estimator)
         else:
             sweeps("edges", _find_values, run.cells, job=job)
@@ -111,7 +133,7 @@ class TiledEdges(TiledVerb):
             job = replace(OutlierJob.of(run, self.detector), found=scored.folder)
             with sweeps.part("outliers", "outliers"):
                 inner = run.sweeps(outlier_steps(self.detector))
-                cutoff = judge_cells(job, inner, cutoff_of(self.detector))
+                cutoff = judge_cells(job, inner, cutoff_of(self.detector), run.memory)
             parts = scores_of(scored, run.cells)
             n_kept = sum(np.count_nonzero(scores <= cutoff) for scores in parts)
             check_n_kept("outlier_detector", self.detector, n_kept, n_points, least=4)
@@ -146,12 +168,44 @@ class KeptCells(Cells):
 class EdgeJob(PlaneJob):
     """A job on the points that were kept."""
 
-    criterion: str = "crease"
+    edges: SharpFeatureDetector | None = None
     is_cleaned: bool = False
 
     @property
     def cells(self):
         return KeptCells(self.points, self.columns) if self.is_cleaned else Cells(self.points)
+
+    def index_of_creases(self):
+        """The neighborhoods in which creases are sought."""
+        return StoredIndex(self.whole(), self.cells, self.edges.n_neighbors, n_jobs=self.n_threads)
+
+    def own_places(self, cell):
+        """The places of a cell, and a function that takes slices of these: their neighborhoods."""
+        index, own = self.index_of_creases(), self.whole().rows(cell)
+
+        def around(part):
+            if isinstance(part, slice):
+                return index.query_own(slice(own.start + part.start, own.start + part.stop))
+            return index.query_own(own.start + part)
+
+        return index.points[own], around
+
+    def creases(self):
+        """The `Creases` of all places, as far as they are known."""
+        whole = self.whole()
+        names = ("scale", "radius", "kept")
+        planes = {name: whole.open(f"crease_{name}") for name in names}
+        planes.update((name, whole.open(name)) for name in ("centroids", "normals"))
+        return Creases(
+            index=self.index_of_creases(),
+            planes=Planes.empty(0, 3)._replace(**planes, spacing=whole.open(EVEN[-1])),
+            flat=whole.open("flat"),
+            usable=whole.open("usable"),
+            cosine=cosine_of(self.edges.min_angle),
+            n_jobs=self.n_threads,
+            faces=Faces(*(whole.open(f"face_{name}") for name in FACE_COLUMNS)),
+            evidence=whole.open("evidence"),
+        )
 
     def write_scores(self, cell, of_kept, of_removed):
         """Write the scores of all points of a cell: of those that were kept, and of coordinates."""
@@ -189,21 +243,104 @@ def _keep_faces(cell, job, fitted):
     job.whole().change(cell, **stored_planes(cell, job, fitted)[2])
 
 
-def _find_distances(whole, job, detector, n_threads):
+def _find_distances(sweeps, job, whole, all_cells):
     """Write the scores of all points, by the planes of the kept places: `whole`."""
-    index = StoredIndex(whole, job.cells, detector.n_neighbors, n_jobs=n_threads)
-    planes = whole.planes(changing=True)
-    kept, radius, spacing = (index.empty(len(whole)) for _ in range(3))
-    kept[:] = 1.0
-    planes = planes._replace(kept=kept, radius=radius, spacing=spacing)
-    creases, distance = find_creases(index, planes, detector.min_angle, n_threads)
+    columns, sweep = whole.columns, partial(sweeps, cells=job.cells, job=job)
+    cells = np.flatnonzero(job.cells.counts)
+    whole.make(**COLUMNS)
+    sweep("spacing", _measure_spacing)
+    whole.remove("scale")
+    for before, step in zip(["spacing", *EVEN], EVEN, strict=False):
+        sweep(step, partial(_even, step=step, before=before))
+        whole.remove(before)
+    if not columns.is_done(ALL, "usual"):
+        columns.finish(ALL, "usual", flatness=float(median_of(partial(_flatness, whole, cells))))
+    sweep("flat", _find_flat)
+    sweep("faces", _give_faces)
+    sweep("creases", _meet)
+    sweeps("edges", _find_scores, all_cells, job=job)
+
+
+def _flatness(whole, cells):
+    for cell in cells:
+        yield flatness(_own_planes(whole, cell))
+
+
+def _own_planes(whole, cell):
+    """Noise and radius of the planes of a cell."""
+    found = {
+        name: whole.rows_of(f"crease_{name}", whole.rows(cell)) for name in ("scale", "radius")
+    }
+    return Planes.empty(0, 3)._replace(**found)
+
+
+def _measure_spacing(cell, job):
+    """Fill what is measured of the planes of a cell, and the planes from the origin."""
+    whole, index = job.whole(), job.index_of_creases()
+    own, found = whole.rows(cell), []
+    for part in slices(own.stop, CHUNK, own.start):
+        scale = whole.rows_of("scale", part)
+        found.append(spacing_of(index, part, index.query_own(part), scale))
+    radius, spacing, scale = map(np.concatenate, zip(*found, strict=True))
+    known = {"scale": scale, "radius": radius, "kept": np.ones(len(scale))}
+    whole.put(cell, spacing=spacing, **{f"crease_{name}": of for name, of in known.items()})
+    job.columns.finish(cell, "spacing")
+
+
+def _even(cell, job, step, before):
+    """Fill the mean spacing around the places of a cell."""
+    whole, index = job.whole(), job.index_of_creases()
+    own, spacing = whole.rows(cell), whole.open(before)
+    means = np.empty(own.stop - own.start)
+    for part in slices(own.stop, CHUNK, own.start):
+        rows = slice(part.start - own.start, part.stop - own.start)
+        average_around(spacing, index.query_own(part), means[rows])
+    whole.put(cell, **{step: means})
+    job.columns.finish(cell, step)
+
+
+def _find_flat(cell, job):
+    """Fill which planes of a cell are those of faces."""
+    usual = job.columns.report(ALL, "usual")["flatness"]
+    flat = are_faces(_own_planes(job.whole(), cell), usual)
+    job.whole().put(cell, flat=flat, usable=np.ones(len(flat), bool))
+    job.columns.finish(cell, "flat")
+
+
+def _give_faces(cell, job):
+    """Fill the planes that are given to the places of a cell, and distances without a crease."""
+    points, around = job.own_places(cell)
+    faces = Faces(*(np.empty(len(points), kind) for kind, _ in FACE_COLUMNS.values()))
+    distance = job.creases().give_planes(points, around, faces)
+    found = {f"face_{name}": values for name, values in faces._asdict().items()}
+    job.whole().put(cell, crease=distance, **found)
+    job.columns.finish(cell, "faces")
+
+
+def _meet(cell, job):
+    """Fill how far the places of a cell are from where two planes meet, and the evidence."""
+    creases, own, (points, around) = job.creases(), job.whole().rows(cell), job.own_places(cell)
+    faces, evidence = Faces(*(part[own] for part in creases.faces)), np.empty(len(points))
+    off = creases.meet(points, around, faces, evidence)
+    job.whole().put(cell, off=off, evidence=evidence)
+    job.columns.finish(cell, "creases")
+
+
+def _find_scores(cell, job):
+    """Write the scores of all points of a cell: their distances from a crease."""
+    creases, whole = job.creases(), job.whole()
+
+    def of_kept():
+        own, (_, around) = whole.rows(cell), job.own_places(cell)
+        distance = whole.rows_of("crease", own)
+        creases.judge(around, whole.rows_of("off", own), distance)
+        return distance[job.columns.read(cell, "place_of")]
 
     def of_removed(queries):
-        return creases.distance(queries, index.query(queries))
+        return creases.distance(queries, creases.index.query(queries))
 
-    for cell in range(len(job.cells)):
-        own, place_of = distance[whole.rows(cell)], partial(job.columns.read, cell, "place_of")
-        job.write_scores(cell, lambda own=own, place_of=place_of: own[place_of()], of_removed)
+    job.write_scores(cell, of_kept, of_removed)
+    job.columns.finish(cell, "edges")
 
 
 def _keep_values(cell, job, fitted):
@@ -213,7 +350,7 @@ def _keep_values(cell, job, fitted):
 
 def _values(job, fitted):
     """The values of the criterion of a fitted estimator, as `transform` has them: float64 (n,)."""
-    name = column_of_criterion(job.criterion)
+    name = column_of_criterion(job.edges.criterion)
     if name == "eigenvalue_0":
         values = fitted.eigenvalues_[:, 0]
     elif name == "surface_variation":

@@ -1,5 +1,6 @@
 """Outliers of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -20,6 +21,8 @@ from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, sha
 from sklearn_mcmd.outliers._groups import group_depths
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits, are_usable, surface_width
+from sklearn_mcmd.planes._explaining import measure_farthest
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.report._volumes import losses_of
 from sklearn_mcmd.runtime._chunks import slices
@@ -48,10 +51,11 @@ from sklearn_mcmd.tiling._stored_index import (
     near_box,
     within_reach,
 )
-from sklearn_mcmd.tiling._stored_light import ranks_of_light
+from sklearn_mcmd.tiling._stored_light import ranks_of_light, stored_light
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER, find_offers, offer_steps
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
+from sklearn_mcmd.tiling._tiled_judging import STEPS, judge_in_cells
 
 RAYS = "by_rays"  # the name of what rays say of a cloud
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
@@ -98,13 +102,15 @@ class TiledOutliers(TiledVerb):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
         self.scored = run.folder.columns
         job = OutlierJob.of(run, self.detector)
+        steps = outlier_steps(self.detector, self.needs_light)
         if self.limits is None:
-            self.cutoff = judge_cells(job, run.sweeps(outlier_steps(self.detector)), self.cutoff)
+            sweeps = run.sweeps(steps)
+            self.cutoff = judge_cells(job, sweeps, self.cutoff, run.memory)
             return
-        sweeps = run.sweeps(["heights", *outlier_steps(self.detector), "verdicts"])
+        sweeps = run.sweeps(["heights", *steps, "verdicts"])
         heights = Heights(run, self.limits, sweeps)
         self.n_judged = heights.find()
-        self.cutoff = judge_cells(job, sweeps, self.cutoff)
+        self.cutoff = judge_cells(job, sweeps, self.cutoff, run.memory)
         heights.find_verdicts()
         self.scored = heights.columns
 
@@ -183,8 +189,11 @@ def _judged(values):
     return np.where(np.isnan(depths), np.nan, scores), depths
 
 
+@dataclass(frozen=True)
 class OutlierJob(Job):
     """A job whose estimator is an `MCMDOutlierDetector`."""
+
+    n_explained: int = 0  # places that surfaces explain, once these are known
 
     def model(self):
         """The `LocalPlaneModel` of all places."""
@@ -196,11 +205,22 @@ class OutlierJob(Job):
         settings = self.estimator._settings() | {"n_jobs": n_jobs}
         return JudgedCloud(self.model_on(index), **settings, **known)
 
+    def in_one_process(self):
+        """Whether one process judges all: rays go through many cells, and intensity is ranked."""
+        told = self.estimator.sensor_origin is not None or stored_light(self.points) is not None
+        return told and not self.estimator._one_plane
+
     def stored_columns(self):
         """What the sweeps fill: names, dtypes and shapes of a row."""
-        if self.estimator._one_plane:
-            return {"distances": NUMBER}
-        return {**FACES, **dict.fromkeys(("radius", "spacing", "other_spacing"), NUMBER)}
+        detector = self.estimator
+        if detector._one_plane:
+            return {}
+        names, columns = ["radius", "spacing", "other_spacing"], dict(FACES)
+        if not self.in_one_process():
+            names += ["distances", "farthest", "owner_scale"]
+            columns["usable"] = bool, ()
+        names += ["noise"] * (detector.noise_scale is not None)
+        return {**columns, **dict.fromkeys(names, NUMBER)}
 
 
 def cutoff_of(estimator):
@@ -214,18 +234,21 @@ def cutoff_of(estimator):
     return -warm_up(detector).offset_
 
 
-def outlier_steps(detector):
-    """The steps of `judge_cells` in their order, as of `Sweeps`."""
-    return "places", "neighbors", *offer_steps(detector), "planes", "scores"
+def outlier_steps(detector, light=False):
+    """The steps of `judge_cells` in their order, as of `Sweeps`; `light` if intensity tells."""
+    last = STEPS if detector.sensor_origin is None and not light else ("rays",)
+    last = () if detector._one_plane else last
+    return "places", "neighbors", *offer_steps(detector), "planes", *last
 
 
-def judge_cells(job, sweeps, cutoff):
+def judge_cells(job, sweeps, cutoff, memory):
     """Write the scores of all points; returns the score beyond which points are outliers."""
     cells, columns, sweep = job.cells, job.columns, partial(sweeps, cells=job.cells, job=job)
+    detector, n_jobs = job.estimator, sweeps.n_workers * job.n_threads
     sweep("places", find_places)
     whole = job.whole()
-    if len(whole) < max(COMPILE_FROM, job.estimator.n_neighbors + 1):
-        fitted = fit_together(job, job.estimator, cells, lambda fitted: -fitted.scores_)
+    if len(whole) < max(COMPILE_FROM, detector.n_neighbors + 1):
+        fitted = fit_together(job, detector, cells, lambda fitted: -fitted.scores_)
         _keep_rays(columns, judged_cloud(fitted))
         return -fitted.offset_
     if not columns.all_have(len(cells), "results"):
@@ -234,17 +257,23 @@ def judge_cells(job, sweeps, cutoff):
         StoredNeighbors(whole).begin(job.estimator.n_neighbors)
         count_copies(whole)
         sweep("neighbors", find_neighbors)
+        warn_if_coarse(job.constants, StoredIndex(whole))
+        if detector.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
+            _calibrate(job, whole)
         find_offers(sweep, job)
         whole.make(**job.stored_columns())
         sweep("planes", _find_planes)
-        if not job.estimator._one_plane:
+        if not detector._one_plane:
             whole.settle("planes", FACES)
         whole.remove("asks")
-        with sweeps.part("scores"), whole.releasing():
-            _judge(job, cells, whole, sweeps.n_workers * job.n_threads)
-    if job.estimator.false_positive_rate is not None:
+        if job.in_one_process():
+            with sweeps.part("rays"), whole.releasing():
+                _judge_by_rays(job, cells, whole, n_jobs)
+        elif not detector._one_plane:
+            judge_in_cells(sweep, job, memory, n_jobs)
+    if detector.false_positive_rate is not None:
         return columns.report(ALL, "cutoff")["cutoff"]
-    share = share_to_flag(job.estimator)
+    share = share_to_flag(detector)
     if share is not None:  # all scores are in memory: 16 bytes for each
         scores = np.concatenate(list(scores_of(columns, cells)))
         np.negative(scores, out=scores)
@@ -252,46 +281,52 @@ def judge_cells(job, sweeps, cutoff):
     return cutoff
 
 
+def _calibrate(job, whole):
+    """Find the cutoff of a stated false-positive rate."""
+    rate, settings = job.estimator.false_positive_rate, job.estimator._settings()
+    with listen_to_progress(None), whole.releasing():
+        cutoff = calibrated_cutoff(job.model(), settings, rate)
+    whole.columns.finish(ALL, "cutoff", cutoff=cutoff)
+
+
 def _find_planes(cell, job):
     """Fill the columns of a cell that `OutlierJob.stored_columns` names."""
-    whole = job.whole()
-    own = whole.rows(cell)
-    judged = job.judged(StoredIndex(whole), job.n_threads)
+    whole, columns, limits = job.whole(), job.columns, SurfaceLimits()
+    own, index = whole.rows(cell), StoredIndex(whole)
+    judged, points = job.judged(index, job.n_threads), index.points[own]
     if judged.own_planes_only:
         model, distances = judged.model, []
         for rows in slices(own.stop, CHUNK, own.start):
-            around = model.index.query_own(rows)
-            found = model.evaluate_neighborhoods(model.index.points[rows], around)
+            around = index.query_own(rows)
+            found = model.evaluate_neighborhoods(index.points[rows], around)
             distances.append(judged.paper_scores(*found))
-        whole.put(cell, distances=np.concatenate(distances))
-    else:
-        judged.counts = whole.open("counts")
-        planes, spacing, other_spacing = judged.measure_planes(own)
-        whole.put(cell, radius=planes.radius, spacing=spacing, other_spacing=other_spacing)
-        whole.change(cell, **{name: getattr(planes, name) for name in FACES})
-    job.columns.finish(cell, "planes")
+        scores = np.concatenate(distances)[columns.read(cell, "place_of")]
+        write_results(columns, cell, scores)
+        return columns.finish(cell, "planes")
+    judged.counts = whole.open("counts")
+    planes, spacing, other_spacing = judged.measure_planes(own)
+    found = {"radius": planes.radius, "spacing": spacing, "other_spacing": other_spacing}
+    if whole.has("farthest"):
+        measured, farthest = judged.measured(planes), np.empty(len(points))
+        measure_farthest(index, surface_width(index, limits), own, farthest, job.n_threads)
+        found["farthest"] = farthest
+        found["distances"] = judged.from_own_planes(points, measured)
+        found["usable"] = are_usable(planes, found["distances"], limits)
+        if whole.has("noise"):
+            found["noise"] = measured.scale
+    whole.put(cell, **found)
+    whole.change(cell, **{name: getattr(planes, name) for name in FACES})
+    return columns.finish(cell, "planes")
 
 
-def _judge(job, cells, whole, n_threads):
-    """Write the scores of all cells, once the planes of all places are known."""
-    columns, index = whole.columns, StoredIndex(whole, cells)
+def _judge_by_rays(job, cells, whole, n_threads):
+    """Write the scores of all cells, with the sensor's position or intensity, in this process."""
+    index, spacings = StoredIndex(whole, cells), ("spacing", "other_spacing")
     known = {"origins": _origins(job, cells, whole, index), "intensity": ranks_of_light(job)}
-    judged = job.judged(index, n_threads, **known)
-    warn_if_coarse(job.constants, index)
-    rate = job.estimator.false_positive_rate
-    if rate is not None and not columns.is_done(ALL, "cutoff"):
-        with listen_to_progress(None):
-            cutoff = calibrated_cutoff(judged.model, job.estimator._settings(), rate)
-        columns.finish(ALL, "cutoff", cutoff=cutoff)
-    if judged.own_planes_only:
-        scores = whole.open("distances")
-    else:
-        spacings = whole.open("spacing"), whole.open("other_spacing")
-        counts = whole.open("counts")
-        judged.judge(counts, int(counts.sum()), lambda: (whole.planes(), *spacings))
-        scores = judged.point_scores
-        _keep_rays(columns, judged)
-    write_results_of_places(job, scores)
+    judged, counts = job.judged(index, n_threads, **known), whole.open("counts")
+    judged.judge(counts, int(counts.sum()), lambda: (whole.planes(), *map(whole.open, spacings)))
+    _keep_rays(whole.columns, judged)
+    write_results_of_places(job, judged.point_scores)
 
 
 def _keep_rays(columns, judged):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sklearn_mcmd.planes._around import are_flat, most_noise_around
+from sklearn_mcmd.planes._around import are_flat, median_of, most_noise_around
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
@@ -40,3 +40,16 @@ def test_a_filled_ball_is_not_flat_and_a_plane_of_no_noise_is_none():
     planes.scale[:], planes.radius[:] = [ball[:, 2].std(), 0.1, -1.0], 1.0
     assert planes.scale[0] == pytest.approx(0.447, abs=0.01)
     assert are_flat(planes, 0.15).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 10, 1_001, 2_000])
+@pytest.mark.parametrize("spread", [0.0, 1e-9, 1.0, 1e9])
+def test_the_median_of_parts_is_that_of_all_values(n, spread):
+    rng = np.random.default_rng(n)
+    values = rng.choice([-1.0, 0.0, -0.0, 1.0, 5e6], n) + spread * rng.normal(size=n)
+    parts = np.array_split(values, [0, n // 3, n // 2])
+    assert median_of(lambda: parts) == np.median(values)
+
+
+def test_the_median_of_parts_is_no_number_where_one_is_none():
+    assert np.isnan(median_of(lambda: [np.ones(3), np.array([np.nan])]))

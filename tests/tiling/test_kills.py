@@ -38,11 +38,14 @@ SLOW = [
     (ESTIMATOR, {}, "_result_files.Results.take", 0, 4),
     (AUTO, {}, "_tiled_normals._bend", 2, 4),
     (OUTLIERS, MARK, "_tiled_outliers.find_places", 2, 0),
-    (OUTLIERS, MARK, "_result_files.write_results", 2, 4),
+    (OUTLIERS, MARK, "_tiled_judging._find_groups", 2, 4),
+    (OUTLIERS, MARK, "_tiled_judging._judge_small", 0, 4),
+    (OUTLIERS, MARK, "_tiled_judging.write_results", 2, 4),
     (OUTLIERS, HEIGHTS, "_tiled_outliers._find_heights", 2, 0),
     (REGIONS, {}, "_tiled_regions.finish_regions", 0, 4),
     (EDGES, {}, "_tiled_edges._find_kept", 2, 0),
     (EDGES, {}, "_tiled_edges._constants_of", 0, 0),
+    (EDGES, {}, "_tiled_edges._meet", 2, 4),
 ]
 
 

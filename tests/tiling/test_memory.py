@@ -53,10 +53,10 @@ def test_regions_of_many_points_need_memory_however_small_tiles_are():
     assert plan_run(10**8, 10.9e9, 2, work="regions").n_workers == 1
 
 
-def test_a_hundred_million_points_are_judged_within_4_gib():
-    assert plan_run(10**8, 4 * 2**30, 2, work="outliers").memory <= 4 * 2**30
-    with pytest.raises(ValueError, match=r"one process judges all 100,000,000 points"):
-        plan_run(10**8, 3e9, 2, work="outliers")
+def test_a_hundred_million_points_are_judged_within_a_gigabyte_but_not_by_rays():
+    assert plan_run(10**8, 1e9, 2, work="outliers").memory <= 1e9
+    with pytest.raises(ValueError, match=r"one process follows the rays to all 100,000,000 points"):
+        plan_run(10**8, 4e9, 2, work="outliers, rays")
 
 
 def test_too_little_memory_is_refused_with_what_is_needed():

@@ -1,0 +1,104 @@
+"""Surfaces and groups that run through many cells are whole, as in memory."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from sklearn_mcmd import MCMDOutlierDetector, SharpFeatureDetector
+from sklearn_mcmd.io import read_points
+from sklearn_mcmd.tiling import _joined_parts, _tiled_judging, process_files
+from tiled import fit_in_memory, written
+
+DETECTOR = MCMDOutlierDetector(16, random_state=0)
+
+
+RNG = np.random.default_rng(0)
+
+
+def ribbon(n=1_500):
+    """A long and narrow surface, with some points that touch nothing."""
+    X = RNG.uniform(0, 1, (n, 3)) * [60, 1, 0] + RNG.normal(0, 0.002, (n, 3))
+    X[:20] += [0, 0, 5]
+    return np.round(X, 3)
+
+
+def scores_in_cells(by_tiles, folder, X, tile_size):
+    """Scores by tiles and in memory, and the report of the former."""
+    path = written(folder, X)
+    values, _, report = by_tiles(path, DETECTOR, tile_size=tile_size)
+    return values[:, 0], -fit_in_memory(read_points(path).xyz, DETECTOR).scores_, report
+
+
+@pytest.mark.slow
+def test_a_surface_that_runs_through_fifty_cells_is_one_surface(by_tiles, tmp_path):
+    scores, expected, report = scores_in_cells(by_tiles, tmp_path, ribbon(1_100), 30)
+    assert report.n_tiles >= 50
+    assert_array_equal(scores, expected)
+    assert (scores[20:] <= 3).mean() > 0.98
+
+
+def test_a_group_on_the_corner_of_eight_cells_is_one_group(by_tiles, tmp_path):
+    """Cuts are at medians: so eight clumps of a lattice of them, and one where these cuts meet."""
+    corners = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
+    walls = RNG.uniform(-4, 4, (8, 400, 3)) * [1, 1, 0.0005] + 10 * corners[:, None]
+    ghost = RNG.normal(0, 0.1, (24, 3))
+    X = np.round(np.vstack([*walls, ghost]), 4)
+    scores, expected, report = scores_in_cells(by_tiles, tmp_path, X, 500)
+    assert report.n_tiles >= 8
+    assert_array_equal(scores, expected)
+    assert (scores[-24:] > 3).all()
+
+
+def test_the_nearest_real_point_may_be_a_kilometer_and_many_cells_away(by_tiles, tmp_path):
+    clump = RNG.normal([0, 0, 1_000], 0.1, (20, 3))
+    lost = np.array([0, 0, 3e3]) + RNG.uniform(-1e3, 1e3, (300, 3))
+    X = np.round(np.vstack([ribbon(), clump, lost]), 3)
+    scores, expected, _ = scores_in_cells(by_tiles, tmp_path, X, 200)
+    assert_array_equal(scores, expected)
+    assert (scores[1_500:] > 100).all()
+
+
+def test_a_wire_whose_points_lie_in_many_cells_keeps_company_with_itself(by_tiles, tmp_path):
+    wire = np.column_stack([np.linspace(0, 60, 50), np.full(50, 0.5), np.full(50, 4.0)])
+    X = np.round(np.vstack([ribbon(), wire + RNG.normal(0, 0.005, wire.shape)]), 3)
+    scores, expected, report = scores_in_cells(by_tiles, tmp_path, X, 100)
+    assert report.n_tiles > 15
+    assert_array_equal(scores, expected)
+    assert (scores[1_500:] <= 3).all()
+
+
+@pytest.mark.parametrize("level", ["groups", "surfaces"])
+def test_a_cloud_of_nothing_but_surfaces_has_no_points_to_join(level, by_tiles, tmp_path):
+    X = np.round(ribbon()[20:] * [1, 1, 0], 3)
+    detector = MCMDOutlierDetector(16, strictness=level, random_state=0)
+    path = written(tmp_path, X)
+    values, _, _ = by_tiles(path, detector, tile_size=300)
+    assert_array_equal(values[:, 0], -fit_in_memory(read_points(path).xyz, detector).scores_)
+    assert (values[:, 0] <= 3).all()
+
+
+@pytest.mark.parametrize("what", ["bytes_of_parts", "SMALL_POINT"])
+def test_what_one_process_joins_is_refused_where_it_is_more_than_the_memory(
+    what, tmp_path, monkeypatch
+):
+    path, large = written(tmp_path, ribbon()), {"bytes_of_parts": lambda *_: 1e15}
+    place = _joined_parts if what in large else _tiled_judging
+    monkeypatch.setattr(place, what, large.get(what, 1e15))
+    with pytest.raises(ValueError, match=r"which .*take.* about .*MB, more than memory=.*MB"):
+        process_files(path, tmp_path / "b.las", DETECTOR, tile_size=300)
+
+
+@pytest.mark.parametrize("outliers", [pytest.param(0, marks=pytest.mark.slow), 40])
+def test_an_edge_that_runs_through_many_cells_is_as_long_as_in_memory(outliers, by_tiles, tmp_path):
+    """Two walls meet in a line of ten meters; what was removed may be nearest to another cell."""
+    floor = RNG.uniform(0, 1, (2_400, 3)) * [10, 1, 0] + RNG.normal(0, 0.002, (2_400, 3))
+    floor[::2] = floor[::2][:, [0, 2, 1]]
+    X = np.round(np.vstack([floor, RNG.uniform(0, 1, (outliers, 3)) * [10, 3, 3]]), 4)
+    detector = SharpFeatureDetector(16, random_state=0)
+    path = written(tmp_path, X)
+    values, verb, report = by_tiles(path, detector, tile_size=300)
+    fitted = fit_in_memory(read_points(path).xyz, detector)
+    assert report.n_tiles > 8
+    assert_array_equal(values[:, 0], fitted.scores_)
+    along = X[:2_400][values[:2_400, 0] < verb.limit][:, 0]
+    assert (np.histogram(along, 20, (0, 10))[0] > 0).all()
