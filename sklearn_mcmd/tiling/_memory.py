@@ -171,6 +171,11 @@ def bytes_of_parts(n_parts, n_links):
     return PROCESS + PART_OF_GRAPH * n_parts + LINK_OF_PARTS * n_links
 
 
+def bytes_of_small(n_points):
+    """What so many points of small groups off all surfaces take, about."""
+    return PROCESS + SMALL_POINT * n_points
+
+
 def bytes_of_groups(n_points):
     """What groups of so many points below the ground take, about."""
     return PROCESS + BELOW_POINT * n_points

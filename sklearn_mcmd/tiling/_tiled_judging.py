@@ -14,7 +14,7 @@ from sklearn_mcmd.outliers._surfaces import SurfaceLimits, surface_links
 from sklearn_mcmd.planes._explaining import ExplainLimits, connected_planes, parts_within
 from sklearn_mcmd.runtime._progress import listen_to_progress
 from sklearn_mcmd.tiling._joined_parts import JoinedParts, write_parts
-from sklearn_mcmd.tiling._memory import PROCESS, SMALL_POINT
+from sklearn_mcmd.tiling._memory import bytes_of_small
 from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex, StoredNearest
@@ -176,7 +176,7 @@ def _judge_small(job, rest, memory, n_jobs):
     least = min(limits.thing * n_neighbors, share)
     few = groups.counts < least
     n_small = int(groups.sizes[few].sum())
-    if (needed := PROCESS + SMALL_POINT * n_small) > memory:
+    if (needed := bytes_of_small(n_small)) > memory:
         raise ParameterError(
             f"{n_small:,} points lie in small groups off all surfaces, which take about "
             f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory"
