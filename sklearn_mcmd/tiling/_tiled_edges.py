@@ -49,17 +49,26 @@ from sklearn_mcmd.tiling._tiled_normals import (
 )
 from sklearn_mcmd.tiling._tiled_outliers import OutlierJob, cutoff_of, judge_cells, outlier_steps
 
-EVEN = [f"even{n}" for n in range(CreaseLimits().evening_steps)]
-# Steps of creases in their order, and the columns that these fill.
-STEPS = "spacing", *EVEN, "flat", "faces", "creases", "edges"
 ANSWER = bool, ()
 FACE_COLUMNS = {"owners": (np.int32, ()), "on_face": ANSWER, "doubtful": ANSWER}
-COLUMNS = {
-    **dict.fromkeys(("spacing", *EVEN, "crease", "off", "evidence"), NUMBER),
-    **dict.fromkeys(("crease_scale", "crease_radius", "crease_kept"), NUMBER),
-    **dict.fromkeys(("flat", "usable"), ANSWER),
-    **{f"face_{name}": kind for name, kind in FACE_COLUMNS.items()},
-}
+
+
+def even_steps():
+    """The steps that even out the spacing, each with a column of its name."""
+    return [f"even{n}" for n in range(CreaseLimits().evening_steps)]
+
+
+def crease_steps():
+    """The steps of creases in their order, as of `Sweeps`."""
+    return "spacing", *even_steps(), "flat", "faces", "creases", "edges"
+
+
+def crease_columns():
+    """The columns that these steps fill."""
+    planes = [f"crease_{name}" for name in ("scale", "radius", "kept")]
+    numbers = "spacing", *even_steps(), *planes, "crease", "off", "evidence"
+    faces = {f"face_{name}": kind for name, kind in FACE_COLUMNS.items()}
+    return dict.fromkeys(numbers, NUMBER) | dict.fromkeys(("flat", "usable"), ANSWER) | faces
 
 
 class TiledEdges(TiledVerb):
@@ -86,7 +95,7 @@ class TiledEdges(TiledVerb):
     def find(self, run):
         columns = run.folder.columns
         cleaning = () if self.detector is None else ("outliers", "kept")
-        steps = STEPS if self.by_distance else ("edges",)
+        steps = crease_steps() if self.by_distance else ("edges",)
         sweeps = run.sweeps([*cleaning, *plane_steps(self.normals), *steps])
         keep = _keep_faces if self.by_distance else _keep_values
         job = EdgeJob.of(run, self.normals, keep=keep, edges=self.estimator)
@@ -191,7 +200,7 @@ class EdgeJob(PlaneJob):
         planes.update((name, whole.open(name)) for name in ("centroids", "normals"))
         return Creases(
             index=self.index_of_creases(),
-            planes=Planes.empty(0, 3)._replace(**planes, spacing=whole.open(EVEN[-1])),
+            planes=Planes.empty(0, 3)._replace(**planes, spacing=whole.open(even_steps()[-1])),
             flat=whole.open("flat"),
             usable=whole.open("usable"),
             cosine=cosine_of(self.edges.min_angle),
@@ -236,10 +245,10 @@ def _find_distances(sweeps, job, whole, all_cells):
     """Write the scores of all points, by the planes of the kept places: `whole`."""
     columns, sweep = whole.columns, partial(sweeps, cells=job.cells, job=job)
     cells = np.flatnonzero(job.cells.counts)
-    whole.make(**COLUMNS)
+    whole.make(**crease_columns())
     sweep("spacing", _measure_spacing)
     whole.remove("scale")
-    for before, step in zip(["spacing", *EVEN], EVEN, strict=False):
+    for before, step in zip(["spacing", *even_steps()], even_steps(), strict=False):
         sweep(step, partial(_even, step=step, before=before))
         whole.remove(before)
     if not columns.is_done(ALL, "usual"):
