@@ -135,7 +135,7 @@ class Denoise(CloudVerb):
         limits = {"above": self.above, "below": self.below}
         self.heights = limits | {"low_groups": self.low_groups}
         by_height = self.low_groups or any(limit is not None for limit in limits.values())
-        self.work = "heights" if by_height else "outliers"
+        self.work = ("heights" if by_height else "outliers") + ", light" * self.intensity
 
     def work_on(self, catalog):
         return self.asked.work(self.work, catalog, rays=True)
@@ -148,10 +148,6 @@ class Denoise(CloudVerb):
             from sklearn_mcmd.outliers._calibration import check_rate
 
             check_rate(self.false_positive_rate)  # before a file is read
-        if self.intensity and catalog is not None:
-            raise ValueError(
-                f"{self.source}: tiles take no --intensity; a file within --memory does"
-            )
         return []
 
     def estimator(self):
@@ -228,6 +224,7 @@ class Denoise(CloudVerb):
             "ignore_classes": self.choice.ignored,
             "only_classes": self.choice.only,
             "sensor_origin": self.asked.path(),
+            "intensity": self.intensity,
         }
 
     def by_tiles(self, catalog, estimator):

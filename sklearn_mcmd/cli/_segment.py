@@ -1,8 +1,5 @@
 """``mcmd segment``."""
 
-import csv
-import json
-import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +14,10 @@ from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._options import command_of, length, made, option
 from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.io._rehearsal import standing_in
 from sklearn_mcmd.planes._resolution import in_own_precision
 
-SUFFIXES = (".csv", ".geojson", ".json")
 LARGEST_SHOWN = 3  # regions in the summary
 
 
@@ -55,7 +52,7 @@ class Segment(CloudVerb):
     regions: Path | None = option(
         None,
         "Also write a table of the regions, .csv or .geojson: kind, plane or cylinder, outline, "
-        "area, dip, standard errors. Of clouds in memory.",
+        "area, dip, standard errors.",
     )
     n_neighbors: _options.NNeighbors = 50
     growth_neighbors: int = option(
@@ -68,7 +65,7 @@ class Segment(CloudVerb):
     def other_files(self, catalog):
         if self.regions is None:
             return []
-        check_regions_file(self.regions, catalog, self.source, self.target)
+        check_regions_file(self.regions, self.source, self.target)
         return [self.regions]
 
     def estimator(self):
@@ -100,6 +97,9 @@ class Segment(CloudVerb):
             write_regions(temporary, found.growing.regions_)
             super().write(cloud, found)
 
+    def tile_options(self):
+        return super().tile_options() | {"regions": self.regions}
+
     def rows(self, told):
         return tiles_row(told) | {
             "regions": f"{told.n_regions:,}",
@@ -129,53 +129,14 @@ class Segment(CloudVerb):
 segment = command_of(Segment, more=BY_TILES)
 
 
-def check_regions_file(path, catalog, *taken):
-    """Raise if a table cannot be written there, or is asked of a cloud in tiles."""
+def check_regions_file(path, *taken):
+    """Raise if a table cannot be written there."""
     fault = None
     if path.suffix.lower() not in SUFFIXES:
         fault = f"{path}: a table of regions ends in {', '.join(SUFFIXES)}"
     elif os.path.realpath(path) in map(os.path.realpath, taken):
         fault = f"{path}: is IN or OUT as well"
-    elif catalog is not None:
-        fault = "is for clouds in memory, not for tiles; give more --memory, or one file"
     if fault:
         raise typer.BadParameter(fault, param_hint="--regions")
     with standing_in(path):
         pass
-
-
-def write_regions(path, table):
-    """Write the `regions_` of a `RegionGrowing`."""
-    rows = [_row(number, region) for number, region in enumerate(table)]
-    if path.suffix.lower() == ".csv":
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(_row(0, np.zeros(1, table.dtype)[0]))
-            writer.writerows(row.values() for row in rows)
-        return
-    features = [
-        {"type": "Feature", "geometry": _geometry(row.pop("outline")), "properties": row}
-        for row in rows
-    ]
-    text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def _row(number, region):
-    """Names and values of a line; vectors have a value for each axis, None is what has no value."""
-    row = {"region": number}
-    for name in region.dtype.names:
-        value = region[name].tolist() if hasattr(region[name], "tolist") else region[name]
-        parts = zip("xyz", value, strict=True) if isinstance(value, list) else [("", value)]
-        for axis, part in parts:
-            known = not isinstance(part, float) or math.isfinite(part)
-            row[f"{name}_{axis}" if axis else name] = part if known else None
-    return row
-
-
-def _geometry(outline):
-    if outline.endswith("EMPTY"):
-        return None
-    ring = outline[outline.index("((") + 2 : -2].split(", ")
-    corners = [[float(value) for value in corner.split()] for corner in ring]
-    return {"type": "Polygon", "coordinates": [corners]}

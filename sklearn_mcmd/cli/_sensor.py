@@ -10,11 +10,10 @@ import typer
 from sklearn_mcmd.cli._options import option
 from sklearn_mcmd.io import PointFileError, read_trajectory, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
-from sklearn_mcmd.io._sensor import place_words, stated_positions
+from sklearn_mcmd.io._sensor import lights_in, place_words, stated_positions
 
 AUTO, NONE = "auto", "none"
 MOST = 10  # numbers of scans in a message
-NAMES = "intensity", "reflectance", "reflectivity"
 
 
 def position_option(help, *words, name="--sensor", **settings):
@@ -154,9 +153,8 @@ def _doubt(xyz, positions, words, setups):
 
 def intensity_of(source, cloud):
     """The intensity of each point, as files name it; of four columns without names the last."""
-    given = {name.lower().removeprefix("scalar_"): a for name, a in cloud.attributes.items()}
-    for name in given if list(given) == ["column_4"] else NAMES:
-        values = given.get(name)
-        if np.ndim(values) == 1 and (values != values[:1]).any():  # LAS has 0 where there is none
+    given = cloud.attributes
+    for values in (given if list(given) == ["column_4"] else lights_in(given)).values():
+        if (values != values[:1]).any():  # LAS has 0 where there is none
             return values
     raise ValueError(f"{source}: --intensity: the file has none, or the same at all points")

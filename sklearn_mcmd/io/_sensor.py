@@ -16,6 +16,9 @@ LEAST_POINTS = 100  # of a line, for its angles to tell anything
 ROUNDS = 20  # of the adjustment; each changes the height by about relief over height less
 
 
+LIGHTS = "intensity", "reflectance", "reflectivity"  # attributes that say how much came back
+
+
 class Stated(NamedTuple):
     """What a file says of the sensor."""
 
@@ -29,6 +32,12 @@ def place_words(positions, words):
     low, high = (np.round(end(np.atleast_2d(positions), axis=0), 3) for end in (np.min, np.max))
     first, last = (", ".join(f"{value:.10g}" for value in place) for place in (low, high))
     return f"{first} ({words})" if first == last else f"from {first} to {last} ({words})"
+
+
+def lights_in(attributes):
+    """Those of the attributes of a cloud that say how much light came back, by their names."""
+    given = {name.lower().removeprefix("scalar_"): a for name, a in attributes.items()}
+    return {name: given[name] for name in LIGHTS if np.ndim(given.get(name)) == 1}
 
 
 def rows_of_sensor(where, doubt, n_by_rays):

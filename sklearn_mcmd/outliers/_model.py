@@ -367,5 +367,9 @@ def ranks_of_intensity(intensity, index, n):
     largest = given[index.rows]
     np.maximum.at(largest, index.places, given)
     values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)
-    ranks = (np.cumsum(counts) - counts / 2) / len(largest)
-    return ranks[place] if len(values) > 1 else None
+    return middle_ranks(counts)[place] if len(values) > 1 else None
+
+
+def middle_ranks(counts):
+    """The share of all values that are less than each, and half of the equal ones."""
+    return (np.cumsum(counts) - counts / 2) / counts.sum()

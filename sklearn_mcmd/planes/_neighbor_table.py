@@ -1,4 +1,4 @@
-"""The nearest neighbors of all points of a cloud, found once and kept in half of their size."""
+"""The nearest neighbors of all points of a cloud, found once and kept in a third of their size."""
 
 from typing import NamedTuple
 
@@ -8,16 +8,15 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 
 AT_ONCE = 200_000  # neighbors that are found at once, what bounds the memory of a search
 LONGEST_PART = 4096  # rows of a part, at most
-BITS = 4  # binary digits of the place in a group of 16 points
-MOST_GROUPS = 2 ** (16 - BITS)  # that one code of two bytes can number
+MOST_SHORT = 128  # neighbors of a point at most whose codes have one byte
 
 
 class NeighborTable:
     """The k nearest of n fixed points to each of them, searched when they are first asked for.
 
-    The points are in spatial order, so the neighbors of near points lie in few groups of 16 rows
-    in succession. Rows near each other share a list of these groups. A neighbor is then two
-    bytes: the place of its group in the list, and its own place in the group.
+    The points are in spatial order, so most neighbors of 16 rows in succession lie in 16 groups of
+    16 rows. Such a neighbor is one byte: 4 bits for the group, 4 for the place in it. The others
+    are listed. Of more than `MOST_SHORT` neighbors it is 256 instead of 16, and two bytes.
 
     ``search(rows, k)`` returns the neighbors, int32 (m, k), of a slice of rows. If `sizes` (n,)
     says how many each needs, parts hold as many as any of their rows does.
@@ -27,9 +26,6 @@ class NeighborTable:
         self.search, self.n, self.k, self.sizes = search, n, k, sizes
         self.part_size = part_size(k)
         self.parts = [None] * -(-n // self.part_size)
-        # A block has no more groups than neighbors.
-        self.block = min(64, MOST_GROUPS // k)
-        self.packs = bool(self.block) and n >= self.block
 
     def query(self, rows, k, keep=True):
         """Neighbors of some rows, the nearest first: int32 (m, k), where k is at most the table's.
@@ -64,48 +60,62 @@ class NeighborTable:
         if part is None:
             rows = slice(i * self.part_size, min((i + 1) * self.part_size, self.n))
             k = self.k if self.sizes is None else int(self.sizes[rows].max())
-            part = self.search(rows, k)
-            self.parts[i] = part = _packed(part, self.block) if self.packs else part
+            self.parts[i] = part = Packed.of(self.search(rows, k))
         return part
 
     def _take(self, i, rows, k):
         """The first k neighbors of some rows of a part; those it does not hold repeat the first."""
-        part = self._part(i)
-        near = part.take(rows, k) if self.packs else part[rows, :k]
+        near = self._part(i).take(rows, k)
         missing = k - near.shape[1]
         return np.hstack([near, np.repeat(near[:, :1], missing, axis=1)]) if missing else near
 
 
 class Packed(NamedTuple):
-    """Neighbors of successive rows, two bytes each."""
+    """Neighbors of successive rows, in blocks of 16 or 256."""
 
-    # uint16 (m, k): place of a neighbor's group in its block's list, times 16, and in the group.
-    codes: np.ndarray
-    groups: np.ndarray  # int32, the lists of all blocks
-    starts: np.ndarray  # int64 (n_blocks + 1,), where the list of each block starts
-    block: int  # rows of a block
+    groups: np.ndarray  # int32 (n_blocks, size of a block), those that codes name
+    starts: np.ndarray  # int32 (n_blocks + 1,), where the far ones of each block start
+    far: np.ndarray  # int32, neighbors in other groups
+    places: np.ndarray  # int32, where they are in their blocks
+    codes: np.ndarray  # uint8 or uint16 (m, k)
+
+    @classmethod
+    def of(cls, near):
+        """Pack neighbors, int32 (m, k)."""
+        (m, k), bits = near.shape, bits_of(near.shape[1])
+        block, n_blocks = 1 << bits, n_blocks_of(m, k)
+        groups, starts = np.zeros((n_blocks, block), np.int32), np.empty(n_blocks + 1, np.int32)
+        codes = np.empty((m, k), f"u{bits // 4}")
+        far, places = np.empty(m * k, np.int32), np.empty(m * k, np.int32)
+        slots = np.full(1 << (2 * block * k - 1).bit_length(), -1)
+        names = np.empty((3, block * k), np.int64)
+        starts[-1] = n = _compiled("pack")(
+            near, bits, codes, groups, starts, far, places, slots, names
+        )
+        return cls(groups, starts, far[:n].copy(), places[:n].copy(), codes)
 
     def take(self, rows, k):
+        """The first k neighbors of some of the rows; those that they have, if these are fewer."""
         found = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)
         rows = np.array(rows, np.int64)  # of one kind, for which alone `unpack` is compiled
-        _compiled("unpack")(self.codes, self.groups, self.starts, self.block, BITS, rows, found)
+        lists, bits = self[:-1], bits_of(self.codes.shape[1])
+        _compiled("unpack")(self.codes, bits, *lists, rows, found)
         return found
+
+
+def bits_of(k):
+    """Binary digits of a place in a group, and of a group in its list, for k neighbors."""
+    return 4 if k <= MOST_SHORT else 8
+
+
+def n_blocks_of(m, k):
+    """Blocks of m rows with k neighbors each."""
+    return -(-m // (1 << bits_of(k)))
 
 
 def part_size(k):
     """Rows of a part: a power of two."""
     return min(LONGEST_PART, 1 << (max(AT_ONCE // k, 1).bit_length() - 1))
-
-
-def _packed(indices, block):
-    """A part of a table in half of its size."""
-    m, k = indices.shape
-    codes = np.empty((m, k), np.uint16)
-    groups, starts = np.empty(m * k, np.int32), np.empty(-(-m // block) + 1, np.int64)
-    size, slots = 1 << (2 * block * k - 1).bit_length(), np.empty(block * k, np.int64)
-    names, places = np.full(size, -1, np.int32), np.empty(size, np.int32)
-    _compiled("pack")(indices, block, BITS, codes, groups, starts, names, places, slots)
-    return Packed(codes, groups[: starts[-1]].copy(), starts, block)
 
 
 def _compiled(name):

@@ -6,42 +6,63 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 
 @kernel(cache=True)
-def pack(indices, block, bits, codes, groups, starts, names, places, slots):
-    """Fill the codes of neighbors, and the lists of groups that they refer to.
+def pack(near, bits, codes, groups, starts, far, places, slots, names):
+    """Fill the codes of neighbors (m, k), the groups of each block, and what is far.
 
-    A group has ``2 ** bits`` rows; a block, which has a list, has `block` rows of the table.
-    Places in the list by group are a table with open addresses, `names`, all -1, and `places`.
-    It is twice as long as any list, and its length a power of two. `slots` have those in use.
+    `slots` are those of a table of groups, -1, twice as long as a block has neighbors and a power
+    of two; `names` (3, any) are its groups, how often each occurs, and their places in the table.
+    Returns how many neighbors are far.
     """
-    m, k = indices.shape
-    size, n_groups = len(names), 0
-    for b in range(len(starts) - 1):
-        starts[b] = first = n_groups
-        for i in range(b * block, min((b + 1) * block, m)):
+    (m, k), size, block = near.shape, len(slots), 1 << bits
+    n_far, last = 0, (1 << bits) - 1
+    for b in range(len(groups)):
+        starts[b], n = n_far, 0
+        rows = range(b * block, min((b + 1) * block, m))
+        for i in rows:
             for j in range(k):
-                name = np.int64(indices[i, j]) >> bits
-                slot = name & (size - 1)  # groups near each other have slots near each other
-                while names[slot] != name and names[slot] >= 0:
+                name = np.int64(near[i, j]) >> bits
+                slot = name & (size - 1)
+                while slots[slot] >= 0 and names[0, slots[slot]] != name:
                     slot = (slot + 1) & (size - 1)
-                if names[slot] < 0:
-                    names[slot], places[slot] = name, n_groups - first
-                    slots[n_groups - first] = slot
-                    groups[n_groups] = name
-                    n_groups += 1
-                codes[i, j] = (np.int64(places[slot]) << bits) + indices[i, j] - (name << bits)
-        for i in range(n_groups - first):
-            names[slots[i]] = -1
-    starts[len(starts) - 1] = n_groups
+                if slots[slot] < 0:
+                    slots[slot], names[0, n], names[1, n], names[2, n] = n, name, 0, slot
+                    n += 1
+                names[1, slots[slot]] += 1
+        for place in range(min(block, n)):  # the groups that occur most often
+            best = 0
+            for i in range(1, n):
+                if names[1, i] > names[1, best]:
+                    best = i
+            groups[b, place] = names[0, best]
+            names[1, best] = min(names[1, best], -1 - place)
+        for i in rows:
+            for j in range(k):
+                name = np.int64(near[i, j]) >> bits
+                slot = name & (size - 1)
+                while names[0, slots[slot]] != name:
+                    slot = (slot + 1) & (size - 1)
+                place = -1 - names[1, slots[slot]]
+                codes[i, j] = (max(place, 0) << bits) + (near[i, j] & last)
+                if place < 0:
+                    far[n_far], places[n_far] = near[i, j], (i - b * block) * k + j
+                    n_far += 1
+        for i in range(n):
+            slots[names[2, i]] = -1
+    return n_far
 
 
 @kernel(cache=True)
-def unpack(codes, groups, starts, block, bits, rows, found):
+def unpack(codes, bits, groups, starts, far, places, rows, found):
     """Fill the first neighbors of rows."""
-    m, k = found.shape
-    last = (1 << bits) - 1
+    (m, k), width, last = found.shape, codes.shape[1], (1 << bits) - 1
     for i in range(m):
-        near, row = codes[rows[i]], found[i]
-        names = groups[starts[rows[i] // block] :]
+        row, block = found[i], rows[i] >> bits
+        near, names = codes[rows[i]], groups[block]
         for j in range(k):
-            code = near[j]
-            row[j] = (names[np.uintp(code >> bits)] << bits) + (code & last)  # of no sign: a vector
+            code = np.int64(near[j])
+            row[j] = (names[code >> bits] << bits) + (code & last)
+        first = (rows[i] & last) * width
+        for f in range(starts[block], starts[block + 1]):
+            j = places[f] - first
+            if 0 <= j < k:
+                row[j] = far[f]

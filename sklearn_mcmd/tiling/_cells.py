@@ -15,7 +15,7 @@ from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
 from sklearn_mcmd.runtime._chunks import slices
-from sklearn_mcmd.tiling._stored_columns import in_place_of
+from sklearn_mcmd.tiling._stored_columns import in_place_of, mapped, write_array
 
 # A point as it is stored, with its place in the order of all inputs.
 RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
@@ -135,6 +135,30 @@ class Cells:
             raise PointFileError(f"{path}: is damaged; begin anew (restart)")
         return records
 
+    def rows(self, cell):
+        """The places of a cell's points in the order of all inputs, ascending, on disk."""
+        path = self._path_of_rows(cell)
+        if path.exists():
+            return mapped(path, "r")
+        return np.memmap(_path(self.folder, self._names[cell]), RECORD, "r")["row"]
+
+    def keep_rows(self, cell):
+        """Free the disk of a cell's coordinates, which sweeps have written elsewhere."""
+        path, rows = self._path_of_rows(cell), self.rows(cell)
+        if not path.exists():
+            with in_place_of(path) as temporary, open(temporary, "wb") as file:
+                write_array(file, rows.astype(np.min_scalar_type(rows[-1])))
+        _path(self.folder, self._names[cell]).unlink(missing_ok=True)
+
+    def restore(self, cell, xyz):
+        """Undo `keep_rows`."""
+        records = np.empty(len(xyz), RECORD)
+        records["xyz"], records["row"] = xyz, self.rows(cell)
+        path = _path(self.folder, self._names[cell])
+        with in_place_of(path) as temporary, open(temporary, "wb") as file:
+            file.write(records.data)
+        self._path_of_rows(cell).unlink(missing_ok=True)
+
     def of(self, points):
         """The cell in whose box each point lies; 0 where there is none, since it would be empty."""
         of = np.zeros(len(points), np.int32)
@@ -148,6 +172,9 @@ class Cells:
     def extent(self, cell):
         """The least and the most coordinates of a cell's points."""
         return self._extents[cell, 0], self._extents[cell, 1]
+
+    def _path_of_rows(self, cell):
+        return self.folder / f"{self._names[cell]}.rows.npy"
 
 
 def _path(folder, name):
@@ -190,7 +217,7 @@ class WholeCloud:
 
     def __init__(self):
         self.single = True
-        self.axes = [_Levels() for _ in range(3)]
+        self.axes = [Levels() for _ in range(3)]
 
     def add(self, xyz):
         """Take some of the points, (n, 3)."""
@@ -210,7 +237,7 @@ class WholeCloud:
         return Constants(dtype.name, float(step))
 
 
-class _Levels:
+class Levels:
     """The values of an axis and how often each occurs; 16 bytes for each value."""
 
     def __init__(self):

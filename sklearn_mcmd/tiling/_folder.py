@@ -13,7 +13,7 @@ from pathlib import Path
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.tiling._cells import Constants
 from sklearn_mcmd.tiling._stored_columns import CellColumns, in_place_of
-from sklearn_mcmd.tiling._sweeps import TilingError
+from sklearn_mcmd.tiling._sweeps import TILES, TilingError, lock_of_tiles
 
 MANIFEST = "manifest.json"
 MOVES = "moves.json"
@@ -49,6 +49,8 @@ class WorkFolder:
         A key tells of inputs and parameters.
         """
         self.key = key
+        with lock_of_tiles(self.path, alone=True):
+            pass
         if anew or read_json(self._manifest).get("key") != key:
             self._empty()
             for folder in self._folders:
@@ -83,6 +85,7 @@ class WorkFolder:
         if os.name == "nt":  # where open files cannot be removed
             self.release()
         with suppress(OSError):  # another run may have begun
+            (self.path / TILES).unlink(missing_ok=True)
             (self.path / LOCK).unlink()
             self.path.rmdir()
         self.release()

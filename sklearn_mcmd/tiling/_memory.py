@@ -13,6 +13,7 @@ from joblib.parallel import get_active_backend
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._validation import check_work
+from sklearn_mcmd.tiling._stored_neighbors import bytes_of_neighbors
 
 SHARE = 0.5  # share of the machine's memory that a run may take if nothing is said
 UNKNOWN = 4e9  # bytes of a machine that does not say how many it has
@@ -22,33 +23,33 @@ class Costs(NamedTuple):
     """Bytes for each point that a work takes, measured; see docs/tiling.rst."""
 
     tile: int  # of a tile
-    stored: int  # of temporary files
+    stored: int  # of temporary files, besides neighbors
     cloud: int  # of a cloud in memory besides what its record has
     whole: int = 0  # of all points, in one process that works on all at once
     does: str = ""  # what that process does
 
 
 COSTS = {
-    "normals": Costs(tile=650, stored=430, cloud=450),
-    "outliers": Costs(tile=450, stored=400, cloud=450, whole=4, does="joins the groups of"),
-    "heights": Costs(tile=450, stored=460, cloud=450, whole=4, does="joins the groups of"),
-    "edges": Costs(tile=750, stored=520, cloud=1100, whole=4, does="joins the groups of"),
-    "tree": Costs(tile=650, stored=480, cloud=850, whole=200, does="holds the tree of"),
-    "regions": Costs(tile=650, stored=550, cloud=720, whole=100, does="joins the regions of"),
+    "normals": Costs(tile=650, stored=180, cloud=450),
+    "outliers": Costs(tile=450, stored=145, cloud=450, whole=4, does="joins the groups of"),
+    "heights": Costs(tile=450, stored=205, cloud=450, whole=4, does="joins the groups of"),
+    "edges": Costs(tile=750, stored=190, cloud=1100, whole=4, does="joins the groups of"),
+    "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
+    "regions": Costs(tile=650, stored=195, cloud=720, whole=100, does="joins the regions of"),
     # Beside these: noise or a share of all tells the cutoff, numbers of neighbors are found, rays
     # are followed, each point has a position.
     "noise": Costs(tile=0, stored=0, cloud=0, whole=40, does="finds the noise of"),
     "share": Costs(tile=0, stored=0, cloud=0, whole=16, does="ranks the scores of"),
-    "auto": Costs(tile=1300, stored=370, cloud=750, whole=80, does="finds neighbors of"),
+    "auto": Costs(tile=1300, stored=300, cloud=750, whole=80, does="finds neighbors of"),
     "rays": Costs(tile=0, stored=155, cloud=650, whole=200, does="follows the rays to"),
+    "light": Costs(tile=0, stored=16, cloud=480, whole=35, does="judges"),
     "positions": Costs(tile=0, stored=50, cloud=500, whole=24, does="holds positions for"),
     "trajectory": Costs(tile=0, stored=50, cloud=500, whole=30, does="keeps the times of"),
     "angles": Costs(tile=0, stored=50, cloud=750, whole=300, does="adjusts the flight lines of"),
 }
 PROCESS = 330e6  # bytes of a process with its compiled code
 FEATURE = 24  # bytes of a feature of a point
-# Neighbors whose costs these are. Each more takes 4 bytes of disk for a point, and 8 of a tile.
-NEIGHBORS = 50
+NEIGHBORS = 50  # whose costs of a tile these are; each more takes 8 bytes for a point
 PART_OF_GRAPH, LINK_OF_PARTS = 60, 80  # bytes of what one process joins across cells
 SMALL_POINT = 400  # bytes of a point of small groups, which one process judges
 BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
@@ -98,13 +99,14 @@ def most_neighbors(n_points, *estimators):
     return max((k for k in sizes if isinstance(k, Integral)), default=NEIGHBORS)
 
 
-def work_of(base, normals=None, detector=None, sensor=None):
-    """The name of some work, as of `costs_of`, with estimators and a `SensorPath`, or None."""
+def work_of(base, normals=None, detector=None, sensor=None, light=False):
+    """The name of some work, as of `costs_of`, with estimators, a `SensorPath`, and intensity."""
     more = ["auto"] * (normals is not None and normals.n_neighbors == "auto")
     if detector is not None:
         more += ["rays"] * (sensor is not None or detector.sensor_origin is not None)
         more += ["noise"] * (detector.false_positive_rate is not None)
         more += ["share"] * (detector.contamination is not None)
+    more += ["light"] * light
     return ", ".join([base, *more, *([] if sensor is None else [sensor.kind])])
 
 
@@ -178,8 +180,9 @@ def plan_run(
     n_points, memory, n_jobs=None, n_features=0, tile_size=None, *, work="normals", n_neighbors=None
 ):
     """Divide points so that all workers stay within the memory; `work` is as of `costs_of`."""
-    costs, more = costs_of(work), 4 * max(0, (n_neighbors or NEIGHBORS) - NEIGHBORS)
-    stored, bytes_a_point = costs.stored + more, costs.tile + FEATURE * n_features + 2 * more
+    costs, more = costs_of(work), max(0, (n_neighbors or NEIGHBORS) - NEIGHBORS)
+    bytes_a_point = costs.tile + FEATURE * n_features + 8 * more
+    stored = costs.stored + 4 * n_features + bytes_of_neighbors(n_neighbors or NEIGHBORS)
     own, least = _least(n_points, work, bytes_a_point, n_neighbors if more else None, memory)
     asked, n_jobs = n_jobs, effective_n_jobs(n_jobs)
     if asked is not None and asked > 0:  # dask counts all of its workers
@@ -214,7 +217,7 @@ def plan_run(
         tile_size=tile_size,
         n_tiles=n_tiles,
         memory=max(own, used),
-        disk=n_points * (stored + 4 * n_features),
+        disk=n_points * stored,
     )
 
 

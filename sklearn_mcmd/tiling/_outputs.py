@@ -106,10 +106,10 @@ def _places_of(targets, folder):
 
 def move_outputs(verb, catalog, targets, folder, report):
     """Move all outputs; a report is kept for a run that has only to move them."""
-    places = _places_of(targets, folder)
+    places = zip(_places_of(targets, folder), targets, strict=True)
     moves = [
         [str(place), os.path.realpath(target), list(stamp_of(place))]
-        for place, target in zip(places, targets, strict=True)
+        for place, target in [*places, *verb.others(folder)]
     ]
     # Files without points, which no run can read again, come last.
     moves.sort(key=lambda move: -move[2][0])

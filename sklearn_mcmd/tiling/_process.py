@@ -46,7 +46,9 @@ def process_files(
     below: float | None = None,
     low_groups: bool = False,
     sensor_origin: Literal["auto"] | Trajectory | ArrayLike | None = None,
+    intensity: bool = False,
     colors: bool | None = None,
+    regions: str | os.PathLike[str] | None = None,
     memory: str | float | None = None,
     n_jobs: int | None = None,
     tile_size: int | None = None,
@@ -104,8 +106,13 @@ def process_files(
         one. "auto" adjusts flight lines to LAS's scan angles, a trajectory is read at the times of
         the points, see :func:`~sklearn_mcmd.io.sensor_origins`; positions are in the order of the
         inputs. One process follows the rays to all points, with 200 bytes for each.
+    intensity : bool, default=False
+        Of outliers: whether the intensity of the points is evidence, see :ref:`intensity`; or their
+        reflectance or reflectivity, if that is the same everywhere.
     colors : bool, default=None
         Of regions and edges: whether to paint them. None paints files that have no colors.
+    regions : str or os.PathLike, default=None
+        Of regions: where to write the table ``regions_``, as ``.csv`` or ``.geojson``.
     memory : str or float, default=None
         What the run may take, such as "2GB" or a number of bytes. None is half of the machine's.
     n_jobs : int, default=None
@@ -167,7 +174,9 @@ def process_files(
         "below": below,
         "low_groups": low_groups,
         "colors": colors,
+        "regions": regions,
         "sensor_origin": sensor_origin,
+        "intensity": intensity,
     }
     verb = next((verb for kind, verb in VERBS.items() if isinstance(estimator, kind)), None)
     if verb is None:

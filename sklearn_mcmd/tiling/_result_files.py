@@ -7,6 +7,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd.tiling._sensor_origins import stored_origins
 from sklearn_mcmd.tiling._stored_columns import mapped
+from sklearn_mcmd.tiling._stored_light import stored_light
 
 NORMAL_COLUMNS = (
     *("normal_x", "normal_y", "normal_z", "surface_variation"),
@@ -21,26 +22,25 @@ MOST_COPIES = 1_000_000
 class Results:
     """The results of all tiles in the order of the points, of which each is asked for once."""
 
-    def __init__(self, columns, n_tiles):
-        self.paths = [columns.path(cell, "results") for cell in range(n_tiles)]
+    def __init__(self, columns, cells):
+        self.paths, self.cells = [columns.path(i, "results") for i in range(len(cells))], cells
         # Of each tile, the first result that was not taken, and the row of its point.
-        self.starts, self.rows = [0] * n_tiles, [0] * n_tiles
+        self.starts, self.rows = [0] * len(cells), [0] * len(cells)
 
     def take(self, first, n, n_expected=None):
         """Results (n, n_columns) of points from the row `first` on; 0 or NaN of those without."""
-        of_row, n_found = mapped(self.paths[0], "r").dtype["values"], 0
-        none = np.nan if of_row.base.kind == "f" else 0
-        values = np.full((n, *of_row.shape), none, of_row.base)
+        some, n_found = mapped(self.paths[0], "r"), 0
+        none = np.nan if some.dtype.kind == "f" else 0
+        values = np.full((n, some.shape[1]), none, some.dtype)
         for tile, path in enumerate(self.paths):
             if self.rows[tile] >= first + n:
                 continue
-            stored, start = mapped(path, "r"), self.starts[tile]
-            stop = bisect_left(stored["row"], first + n, start)
-            part = stored[start:stop]
-            values[part["row"] - first] = part["values"]
-            n_found += len(part)
+            rows, start = self.cells.rows(tile), self.starts[tile]
+            stop = bisect_left(rows, first + n, start)
+            values[rows[start:stop].astype(np.int64) - first] = mapped(path, "r")[start:stop]
+            n_found += stop - start
             self.starts[tile] = stop
-            self.rows[tile] = stored["row"][stop] if stop < len(stored) else np.inf
+            self.rows[tile] = rows[stop] if stop < len(rows) else np.inf
         if n_expected is not None and n_found != n_expected:  # a fault of ours
             raise RuntimeError(f"{n_expected - n_found} of {n_expected} points have no results")
         return values
@@ -62,24 +62,20 @@ def normal_columns(fitted):
 def scores_of(columns, cells):
     """The scores of all points, cell by cell."""
     for cell in range(len(cells)):
-        yield columns.read(cell, "results")["values"][:, 0]
+        yield columns.read(cell, "results")[:, 0]
 
 
-def write_results(columns, cell, rows, values):
-    """Write the results of a tile: (n,) or (n, n_columns), and the rows of these points."""
-    values = values.reshape(len(rows), -1)
-    dtype = [("row", np.int64), ("values", values.dtype, values.shape[1:])]
-    results = np.empty(len(rows), dtype)
-    results["row"], results["values"] = rows, values
-    columns.write(cell, results=results)
+def write_results(columns, cell, values):
+    """Write the results of the points of a tile: (n,) or (n, n_columns)."""
+    columns.write(cell, results=values.reshape(len(values), -1))
 
 
 def write_results_of_places(job, values):
     """Write the results of all points, which are the values of their places."""
-    cells, columns, whole = job.cells, job.columns, job.whole()
-    for cell in range(len(cells)):
+    columns, whole = job.columns, job.whole()
+    for cell in range(whole.n_cells):
         own, place_of = values[whole.rows(cell)], columns.read(cell, "place_of")
-        write_results(columns, cell, cells.read(cell)["row"], own[place_of])
+        write_results(columns, cell, own[place_of])
 
 
 def fit_together(job, estimator, cells, values_of):
@@ -98,10 +94,12 @@ def fit_together(job, estimator, cells, values_of):
     order = np.argsort(rows)
     fitted, origins = clone(estimator), stored_origins(cells.folder)
     given = {} if origins is None else {"sensor_origin": origins[rows[order]]}
+    if (light := stored_light(cells.folder)) is not None:
+        given["intensity"] = light[rows[order]]
     fitted.fit(points[order].astype(job.constants.dtype), **given)
     values = np.empty_like(found := values_of(fitted))
     values[order] = found
     ends = np.cumsum([len(part) for part in records])[:-1]
     for cell, own in enumerate(np.split(values, ends)):
-        write_results(job.columns, cell, records[cell]["row"], own)
+        write_results(job.columns, cell, own)
     return fitted

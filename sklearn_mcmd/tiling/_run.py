@@ -27,6 +27,8 @@ from sklearn_mcmd.tiling._memory import Plan, check_tile_size, parse_memory, pla
 from sklearn_mcmd.tiling._outputs import move_outputs, resume_moves, targets_of, write_outputs
 from sklearn_mcmd.tiling._result_files import Results
 from sklearn_mcmd.tiling._sensor_origins import SensorPath
+from sklearn_mcmd.tiling._stored_columns import StoredColumns
+from sklearn_mcmd.tiling._stored_light import LightWriter
 from sklearn_mcmd.tiling._sweeps import Sweeps, TilingError
 
 SCATTERED = 0.07  # the share of the time after which all points are in cells, for the progress
@@ -104,6 +106,10 @@ class TiledRun(NamedTuple):
         """Threads of a process that works on all places at once."""
         return self.plan.n_workers * self.plan.n_threads
 
+    def xyz(self, cell):
+        """The coordinates of the points of a cell."""
+        return StoredColumns(self.folder.columns, len(self.cells)).xyz(self.cells, cell)
+
     def sweeps(self, steps):
         """The `Sweeps` of these steps."""
         return Sweeps(self.plan.n_workers, steps)
@@ -118,7 +124,9 @@ class TiledVerb(ABC):
     options: tuple[str, ...] = ()  # those of `process_files` that mean something to it
     last_sweep = "normals"  # which has done a tile that an earlier run had finished
     needs_ground = False  # whether the points of the ground get cells of their own
+    needs_light = False  # whether the intensity of all points is kept
     sensor: SensorPath | None = None  # where it was for each point, if at more than one place
+    asked = ""  # what else results depend on that sweeps find
 
     def __init__(self, estimator, content="", choice=None):
         self.estimator, self.content, self.choice = estimator, content, choice
@@ -143,7 +151,11 @@ class TiledVerb(ABC):
 
     def results(self, run):
         """The `Results` of all tiles."""
-        return Results(run.folder.columns, len(run.cells))
+        return Results(run.folder.columns, run.cells)
+
+    def others(self, folder):
+        """Files that are moved with the outputs: where they are, and their names."""
+        return []
 
     def measure(self, values):
         """What is summed up of the results of points."""
@@ -243,7 +255,7 @@ def check_estimator(estimator, kind):
 
 def _put_in_cells(verb, catalog, folder, plan, restart):
     """Read all points once, unless an earlier run has, if that was the same."""
-    used = verb.choice, verb.needs_ground, verb.sensor and verb.sensor.key
+    used = verb.choice, verb.needs_ground, verb.sensor and verb.sensor.key, verb.asked
     paths = [str(path.resolve()) for path in catalog.paths]
     folder.begin(key_of(verb.estimator, paths, catalog.stamps, plan.tile_size, used), restart)
     if folder.constants is not None:
@@ -261,7 +273,7 @@ def _put_in_cells(verb, catalog, folder, plan, restart):
 def _scatter(verb, catalog, folder, capacity):
     """Put all points in cells, and find the constants of the whole cloud."""
     writer, whole, row = CellWriter(folder.cells, capacity), WholeCloud(), 0
-    ground = None
+    ground, light = None, LightWriter(folder.cells, catalog.n_points)
     if verb.needs_ground:
         (folder.cells / GROUND).mkdir()
         ground = GroundWriter(folder.cells / GROUND, capacity)
@@ -275,6 +287,8 @@ def _scatter(verb, catalog, folder, capacity):
             ground.add(cloud)
         if verb.sensor is not None:
             verb.sensor.add(cloud, path)
+        if verb.needs_light:
+            light.add(cloud)
         row += len(cloud)
         report_share(row / catalog.n_points)
     for path in catalog.paths:
@@ -291,4 +305,6 @@ def _scatter(verb, catalog, folder, capacity):
         ground.close()
     if verb.sensor is not None:
         verb.sensor.write(folder.cells, catalog.paths[0])
+    if verb.needs_light:
+        light.close(catalog.paths[0])
     folder.finish_cells(whole.constants())

@@ -15,6 +15,7 @@ from threading import Event, Thread
 from types import SimpleNamespace
 
 import numpy as np
+from numpy.lib.recfunctions import repack_fields
 
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import PointFileError
@@ -44,8 +45,7 @@ class CellColumns:
     def write(self, cell, **arrays):
         for name, values in arrays.items():
             with in_place_of(self.path(cell, name)) as temporary, open(temporary, "wb") as file:
-                # To what is no file NumPy writes so that errors say why it failed.
-                np.lib.format.write_array(SimpleNamespace(write=file.write), np.asarray(values))
+                write_array(file, values)
 
     def finish(self, cell, sweep, **report):
         """Remember that a sweep has written all of a cell, and what it reports of it."""
@@ -97,18 +97,23 @@ class StoredColumns:
         """Those of a cell, a slice."""
         return slice(int(self.starts[cell]), int(self.starts[cell + 1]))
 
-    def join(self, *names):
-        """Put columns of all cells into one file each; those of the cells are removed."""
-        cells = np.flatnonzero(np.diff(self.starts))
-        for name in names:
-            if not self.columns.is_done(ALL, name):
-                first = self.columns.read(cells[0], name)
-                made(self._path(name), first.dtype, (len(self), *first.shape[1:]))
-                for cell in cells:
-                    self.put(cell, **{name: self.columns.read(cell, name)})
-                self.columns.finish(ALL, name)
-            for cell in range(self.n_cells):
-                self.columns.path(cell, name).unlink(missing_ok=True)
+    def join_points(self, cells):
+        """Put the points of all places into one file; those of the cells are removed."""
+        known = np.flatnonzero(np.diff(self.starts))
+        if not self.columns.is_done(ALL, "points"):
+            made(self._path("points"), np.float64, (len(self), 3))
+            for cell in known:
+                self.put(cell, points=self.columns.read(cell, "points"))
+            self.columns.finish(ALL, "points")
+        for cell in range(self.n_cells):
+            self.columns.path(cell, "points").unlink(missing_ok=True)
+            cells.keep_rows(cell)
+
+    def xyz(self, cells, cell):
+        """The coordinates of the points of a cell, wherever they are."""
+        if self.columns.is_done(ALL, "points"):
+            return self.rows_of("points", self.rows(cell))[self.columns.read(cell, "place_of")]
+        return cells.read(cell)["xyz"]
 
     def make(self, n_rows=None, /, **columns):
         """Make files for columns, given as (dtype, shape of a row), for each place or `n_rows`."""
@@ -131,6 +136,48 @@ class StoredColumns:
         with open(self._path(name), "r+b") as file:
             file.seek(stored.offset + stored.strides[0] * int(start))
             file.write(np.ascontiguousarray(values, stored.dtype).data)
+
+    def change(self, cell, **arrays):
+        """Keep beside columns what a cell changes of them, until all cells are done."""
+        own = self.rows(cell)
+        before = {name: self.rows_of(name, own) for name in arrays}
+        parts = [(name, values.dtype, values.shape[1:]) for name, values in before.items()]
+        changes = np.empty(own.stop - own.start, [("row", np.int32), *parts])
+        changes["row"], differs = np.arange(len(changes)), np.zeros(len(changes), bool)
+        for name, values in arrays.items():
+            changes[name] = values
+            bits = changes[name].view(np.int64) != before[name].view(np.int64)
+            differs |= bits.reshape(len(bits), -1).any(axis=1)
+        changes = repack_fields(changes[list(arrays)]) if differs.all() else changes[differs]
+        self.columns.write(cell, changes=changes)
+
+    def changed(self, cell, **arrays):
+        """Fill arrays of all places with what `change` has kept."""
+        changes = self.columns.read(cell, "changes")
+        rows = changes["row"] if "row" in changes.dtype.names else slice(None)
+        for name, values in arrays.items():
+            values[self.rows(cell)][rows] = changes[name]
+
+    def settle(self, step, names):
+        """Put into columns what all cells have changed of them in a step."""
+        if self.columns.is_done(ALL, step):
+            return
+        cells = np.flatnonzero(np.diff(self.starts))
+        for cell in cells:
+            for name in names:
+                values = self.open(name, private=True)
+                self.changed(cell, **{name: values})
+                self.put(cell, **{name: values[self.rows(cell)]})
+        self.columns.finish(ALL, step)
+        for cell in cells:
+            self.columns.path(cell, "changes").unlink()
+
+    def copy(self, **names):
+        """Keep columns under another name, as they are."""
+        for name, other in names.items():
+            if not self.columns.is_done(ALL, other):
+                shutil.copyfile(self._path(name), self._path(other))
+                self.columns.finish(ALL, other)
 
     def has(self, name):
         """Whether the file of a column is there."""
@@ -205,7 +252,7 @@ class StoredColumns:
         """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
         names = ("centroids", "normals", "scale")
         known = {name: self.open(name, changing) for name in names}
-        if self.columns.is_done(ALL, "radius"):
+        if self.has("radius"):
             known["radius"] = self.open("radius")
         return Planes.empty(0, 3)._replace(**known)
 
@@ -224,6 +271,12 @@ class _Column:
 
     def __getitem__(self, rows):
         return self._whole.rows_of(self._name, rows)
+
+
+def write_array(file, values):
+    """Write an array to an open file."""
+    # To what is no file NumPy writes so that errors say why it failed.
+    np.lib.format.write_array(SimpleNamespace(write=file.write), np.asarray(values))
 
 
 def mapped(path, mode):

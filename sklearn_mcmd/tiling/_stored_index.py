@@ -11,6 +11,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
 from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 
 STEP = 1.25  # ratio of numbers of neighbors that are searched at once
 CHUNK = 4096  # rows that are asked for at once
@@ -23,7 +24,7 @@ FAR_AT_ONCE = 8_000_000  # neighbors that are known before other cells are seen
 class StoredIndex(NeighborIndex):
     """A `NeighborIndex` of all places, whose neighbors were searched for and stored.
 
-    It has as many neighbors as the column near, by default. If it is sized, their number is the
+    It has as many neighbors as are stored, by default. If it is sized, their number is the
     largest, and the columns have sizes and what `find_larger` fills. Only searches other than of
     own neighbors need the cells.
     """
@@ -32,17 +33,18 @@ class StoredIndex(NeighborIndex):
 
     def __init__(self, whole, cells=None, n_neighbors=None, radius=None, sized=False, n_jobs=None):
         self._whole, self._cells, self.points = whole, cells, whole.open("points")
-        self._stored = whole.open("near").shape[1]
+        self._near = StoredNeighbors(whole)
+        self._stored = self._near.k
         self.n_neighbors = n_neighbors or self._stored
         self.radius, self.sizes = radius, whole.open("sizes") if sized else None
         self.cloud = _StoredCloud(whole, cells, n_jobs)
 
     def _query_sized(self, rows, keep):
-        sizes, stored = np.array(self.sizes[rows]), self._whole.rows_of("near", rows)
+        sizes = np.array(self.sizes[rows])
         near = np.empty((len(sizes), int(sizes.max(initial=1))), np.int32)
-        width = min(near.shape[1], stored.shape[1])
-        near[:, :width] = stored[:, :width]
-        large = np.flatnonzero(sizes > stored.shape[1])
+        width = min(near.shape[1], self._stored)
+        near[:, :width] = self._near.take(rows, width)
+        large = np.flatnonzero(sizes > self._stored)
         starts = self._whole.rows_of("starts", rows)[large, None]
         last = np.minimum(np.arange(near.shape[1]), sizes[large, None] - 1)
         near[large] = self._whole.rows_of("larger", starts + last)
@@ -82,10 +84,7 @@ class _StoredCloud:
         self._whole, self._cells, self._n_jobs = whole, cells, n_jobs
 
     def neighbors(self, rows, k, _):
-        near = self._whole.rows_of("near", rows)
-        if k > near.shape[1]:
-            raise ValueError(f"{k} neighbors are wanted, and {near.shape[1]} are stored")
-        return np.ascontiguousarray(near[:, :k])
+        return StoredNeighbors(self._whole).take(rows, k)
 
     def nearest(self, queries, k):
         return StoredNearest(self._whole, self._cells).query(queries, k, self._n_jobs)
@@ -94,25 +93,31 @@ class _StoredCloud:
 def find_places(cell, job):
     """Write the distinct points of a cell, near ones together, and what belongs to each.
 
-    Columns: points; counts, of copies of each; place_of, the place of each point of the cell.
+    Columns: points; place_of, the place of each point of the cell.
     """
     columns, points = job.columns, job.cells.read(cell)["xyz"]
     rows, place_of = distinct_rows(points)
     place_of = np.arange(len(points)) if place_of is None else place_of
-    if len(rows) >= ORDER_FROM:
-        order = spatial_order(points[rows])
+    if len(rows) >= COMPILE_FROM:
+        order = SelfSearch(points[rows], overwrite=True).order
         rows, new = rows[order], np.empty_like(order)
         new[order] = np.arange(len(order))
         place_of = new[place_of]
-    counts = np.bincount(place_of, minlength=len(rows)).astype(np.int32)
-    columns.write(cell, points=points[rows], counts=counts, place_of=place_of.astype(np.int32))
+    columns.write(cell, points=points[rows], place_of=place_of.astype(np.int32))
     columns.finish(cell, "places", n_places=len(rows))
 
 
+def count_copies(whole):
+    """Fill counts, how many points lie at each place, if it is made."""
+    for cell in np.flatnonzero(np.diff(whole.starts)):
+        whole.put(cell, counts=np.bincount(whole.columns.read(cell, "place_of")))
+
+
 def find_neighbors(cell, job):
-    """Fill near, the nearest of all places, each its own first, as many as the column holds."""
+    """Store the nearest of all places, each its own first, as many as are to be stored."""
     cells, columns, whole = job.cells, job.columns, job.whole()
-    points, own, k = whole.open("points"), whole.rows(cell), whole.open("near").shape[1]
+    points, own, stored = whole.open("points"), whole.rows(cell), StoredNeighbors(whole)
+    k = stored.k
     queries, near = np.array(points[own]), np.empty((own.stop - own.start, k), np.int32)
     search = StoredNearest(whole, cells)
 
@@ -126,14 +131,14 @@ def find_neighbors(cell, job):
         near[inside] += own.start
     else:
         search.visit_in(cell, queries, k, keep)
-    whole.put(cell, near=near)
+    stored.write(cell, near)
     columns.finish(cell, "neighbors")
 
 
 def find_larger(cell, job):
-    """Fill larger, from `starts` on: the neighbors of places that have more than near holds."""
+    """Fill larger, from `starts` on: the neighbors of places that have more than are stored."""
     cells, columns, whole = job.cells, job.columns, job.whole()
-    own, k = whole.rows(cell), whole.open("near").shape[1]
+    own, k = whole.rows(cell), StoredNeighbors(whole).k
     sizes, points = whole.rows_of("sizes", own), whole.open("points")
     starts = whole.rows_of("starts", own)
     first, larger = int(starts[0]), np.empty(int(sizes[sizes > k].sum()), np.int32)

@@ -1,4 +1,8 @@
-"""Planes on which neighbors agree, on disk: a sweep over the cells for each pass."""
+"""Planes of all places on disk: those on which neighbors agree, pass by pass, then the final ones.
+
+Each place has one plane. A sweep reads those of the sweep before and keeps what it changes beside
+them; when all cells are done, `StoredColumns.settle` puts it in place.
+"""
 
 from functools import partial
 
@@ -9,10 +13,9 @@ from sklearn_mcmd.planes._base import mends_planes
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_slice
 
-COLUMNS = {
-    **dict.fromkeys(("centroids", "normals"), (np.float64, (3,))),
-    **{"scale": (np.float64, ()), "asks": (bool, ())},
-}
+NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
+FACES = {"centroids": VECTOR, "normals": VECTOR, "scale": NUMBER}
+OLD = "offers_"  # before the names of faces that are kept for new points
 
 
 def offer_steps(estimator):
@@ -21,27 +24,24 @@ def offer_steps(estimator):
 
 
 def find_offers(sweep, job):
-    """Fill the columns that `stored_offers` opens; ``sweep(name, work)`` visits all cells."""
-    whole, steps = job.whole(), offer_steps(job.estimator)
-    for before, step in zip([None, *steps], steps, strict=False):
-        whole.make(**{f"{step}_{name}": kind for name, kind in COLUMNS.items()})
+    """Fill `FACES`, and asks, with the `Offers`; ``sweep(name, work)`` visits all cells."""
+    whole, before = job.whole(), False
+    for step in offer_steps(job.estimator):
+        whole.make(asks=(bool, ()), **FACES)
         sweep(step, partial(_offer, step=step, before=before))
-        if before is not None:
-            remove_offers(whole, before)
+        if before:
+            whole.settle(step, FACES)
+        before = True
 
 
-def stored_offers(whole, step, private=False):
-    """The `Offers` of a step; None where these are not found or no longer needed."""
-    if not whole.has(f"{step}_asks"):
+def stored_offers(whole, private=False):
+    """The `Offers` that are stored; None where these are not found or no longer needed."""
+    if not whole.has("asks"):
         return None
-    known = {name: whole.open(f"{step}_{name}", private=private) for name in COLUMNS}
-    asks = known.pop("asks")
+    prefix = OLD * whole.has(f"{OLD}asks")
+    known = {name: whole.open(f"{prefix}{name}", private=private) for name in FACES}
+    asks = whole.open("asks", private=private)
     return Offers(Planes.empty(0, 3)._replace(**known), asks)
-
-
-def remove_offers(whole, *steps):
-    """Free the disk of what nobody asks for any more."""
-    whole.remove(*(f"{step}_{name}" for step in steps for name in COLUMNS))
 
 
 def each_part(rows, model, work, n_threads):
@@ -56,9 +56,12 @@ def each_part(rows, model, work, n_threads):
 def _offer(cell, job, step, before):
     """Fill what the places of a cell offer."""
     model, whole = job.model(), job.whole()
-    own, offers = whole.rows(cell), stored_offers(whole, step, private=True)
-    before = None if before is None else stored_offers(whole, before)
-    each_part(own, model, partial(offer, model, offers, before), job.n_threads)
-    found = {**offers.planes._asdict(), "asks": offers.asks}
-    whole.put(cell, **{f"{step}_{name}": found[name][own] for name in COLUMNS})
+    own, offers = whole.rows(cell), stored_offers(whole, private=True)
+    known = model.offers if before else None
+    each_part(own, model, partial(offer, model, offers, known), job.n_threads)
+    faces = {name: getattr(offers.planes, name)[own] for name in FACES}
+    if before:
+        whole.change(cell, **faces)
+    else:
+        whole.put(cell, asks=offers.asks[own], **faces)
     whole.columns.finish(cell, step)

@@ -2,6 +2,7 @@
 
 import time
 import warnings
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, report_share
 from sklearn_mcmd.tiling._cells import Cells, Constants
 from sklearn_mcmd.tiling._stored_columns import CellColumns, StoredColumns
-from sklearn_mcmd.tiling._stored_offers import offer_steps, stored_offers
+from sklearn_mcmd.tiling._stored_offers import stored_offers
 
 # How long each step of a run takes, for the display of progress: percents of what normals take.
 WEIGHTS = {
@@ -30,6 +31,26 @@ WEIGHTS = {
     **{"edges": 5},
     **{"growth": 14, "joining": 26},
 }
+
+
+TILES = "lock.tiles"  # held while tiles are computed
+
+
+@contextmanager
+def lock_of_tiles(folder, alone=False):
+    """Keep a lock of a folder while a tile is computed; `alone` waits until all have ended.
+
+    So a run waits for tiles that another still computes, on any machine, of which only the process
+    that gave the command was killed.
+    """
+    with ExitStack() as stack, suppress(ImportError, OSError):  # Windows, or a disk without locks
+        import fcntl
+
+        file = stack.enter_context(open(folder / TILES, "a"))
+        fcntl.flock(file, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+        stack = stack.pop_all()
+    with stack:
+        yield
 
 
 class TilingError(ValueError):
@@ -70,8 +91,7 @@ class Job:
         precision, shape = np.finfo(self.constants.dtype).eps, index.points.shape
         estimator = clone(self.estimator)  # which gets the number of trials
         model = model_of(estimator, index, shape, precision, self.constants.step, *more)
-        if steps := offer_steps(estimator):
-            model.offers = stored_offers(self.whole(), steps[-1])
+        model.offers = stored_offers(self.whole())
         return model
 
 
@@ -110,11 +130,12 @@ def compute_cells(task, cells, todo, n_workers):
     n_points = int(cells.counts.sum())
     n_before = n_done = n_points - int(cells.counts[todo].sum())
     begin, n_failed = time.monotonic(), 0
+    folder = cells.folder.parent
     # No more tasks are given than may run: dask has its own number of workers.
     work = Parallel(
         n_jobs=n_workers, pre_dispatch=n_workers, return_as="generator_unordered", batch_size=1
     )
-    for cell, error in work(delayed(_attempt)(task, cell) for cell in todo):
+    for cell, error in work(delayed(_attempt)(task, cell, folder) for cell in todo):
         n_done += int(cells.counts[cell])
         if error is not None:
             n_failed += 1
@@ -133,9 +154,9 @@ def warn_if_coarse(constants, index):
         warn_caller(coarse)
 
 
-def _attempt(task, cell):
+def _attempt(task, cell, folder):
     """Run the task; returns why it failed, in one line."""
-    with warnings.catch_warnings(), listen_to_progress(None):
+    with lock_of_tiles(folder), warnings.catch_warnings(), listen_to_progress(None):
         warnings.simplefilter("ignore")
         try:
             task(cell)

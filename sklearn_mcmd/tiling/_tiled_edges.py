@@ -29,21 +29,19 @@ from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.planes._around import median_of
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import slices
-from sklearn_mcmd.tiling._cells import Cells, WholeCloud
+from sklearn_mcmd.tiling._cells import Cells, Constants, WholeCloud
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of, write_results
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
-from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
+from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER
 from sklearn_mcmd.tiling._tiled_normals import (
-    FACES,
-    NUMBER,
     PlaneJob,
     find_planes,
     fitted_to_new,
     plane_steps,
-    remove_own,
     stored_planes,
     without_sides,
 )
@@ -98,19 +96,20 @@ class TiledEdges(TiledVerb):
         steps = crease_steps() if self.by_distance else ("edges",)
         sweeps = run.sweeps([*cleaning, *plane_steps(self.normals), *steps])
         keep = _keep_faces if self.by_distance else _keep_values
-        job = EdgeJob.of(run, self.normals, keep=keep, edges=self.estimator)
+        later = self.estimator.n_neighbors if self.by_distance else None
+        job = EdgeJob.of(run, self.normals, later=later, keep=keep, edges=self.estimator)
         if self.detector is not None:
             self._clean(run, sweeps)
-            job = replace(job, is_cleaned=True)
-            job = replace(job, constants=_constants_of(job.cells, job.constants.dtype))
+            constants = Constants(**columns.report(ALL, "cleaned"))
+            job = replace(job, is_cleaned=True, constants=constants)
         kept = job.cells
         self.n_kept = int(kept.counts.sum())
-        k, stored = (self.estimator.n_neighbors, FACES) if self.by_distance else (0, {})
-        whole = find_planes(sweeps, job, k, self.estimator.n_neighbors, **stored)
+        k = self.estimator.n_neighbors if self.by_distance else 0
+        whole = find_planes(sweeps, job, k, self.estimator.n_neighbors)
         if whole is None:
             self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
-            remove_own(whole, self.normals)
+            whole.settle("faces", FACES)
             _find_distances(sweeps, job, whole, run.cells)
             self.limit = crease_width(self.estimator)
         else:
@@ -138,7 +137,7 @@ class TiledEdges(TiledVerb):
         """Find which points the detector leaves."""
         scored = CellColumns(run.folder.results / "outliers")
         columns, n_points = run.folder.columns, run.catalog.n_points
-        if not columns.is_done(ALL, "kept"):
+        if not columns.is_done(ALL, "cleaned"):
             scored.folder.mkdir(exist_ok=True)
             job = replace(OutlierJob.of(run, self.detector), found=scored.folder)
             with sweeps.part("outliers", "outliers"):
@@ -147,9 +146,10 @@ class TiledEdges(TiledVerb):
             parts = scores_of(scored, run.cells)
             n_kept = sum(np.count_nonzero(scores <= cutoff) for scores in parts)
             check_n_kept("outlier_detector", self.detector, n_kept, n_points, least=4)
-            known = {"scored": scored, "columns": columns, "cutoff": cutoff}
-            sweeps("kept", _find_kept, run.cells, **known)
-            columns.finish(ALL, "kept")
+            known = {"points": run.folder.cells, "scored": scored, "columns": columns}
+            sweeps("kept", _find_kept, run.cells, cutoff=cutoff, **known)
+            kept, dtype = KeptCells(run.folder.cells, columns), run.folder.constants.dtype
+            columns.finish(ALL, "cleaned", **_constants_of(kept, dtype)._asdict())
         shutil.rmtree(scored.folder, ignore_errors=True)
 
 
@@ -164,6 +164,13 @@ class KeptCells(Cells):
 
     def read(self, cell):
         return super().read(cell)[self.columns.read(cell, "kept")]
+
+    def keep_rows(self, cell):
+        """Keep the coordinates of removed points, too, in the column removed."""
+        if not self._path_of_rows(cell).exists():
+            removed = super().read(cell)[~self.columns.read(cell, "kept")]
+            self.columns.write(cell, removed=removed["xyz"])
+        super().keep_rows(cell)
 
 
 @dataclass(frozen=True)
@@ -211,20 +218,24 @@ class EdgeJob(PlaneJob):
 
     def write_scores(self, cell, of_kept, of_removed):
         """Write the scores of all points of a cell: of those that were kept, and of coordinates."""
-        records, columns = Cells(self.points).read(cell), self.columns
-        kept = columns.read(cell, "kept") if self.is_cleaned else np.ones(len(records), bool)
-        scores = np.empty(len(records))
+        columns = self.columns
+        if not self.is_cleaned:
+            return write_results(columns, cell, of_kept())
+        kept = columns.read(cell, "kept")
+        scores = np.empty(len(kept))
         if kept.any():
             scores[kept] = of_kept()
         if not kept.all():
-            scores[~kept] = of_removed(records["xyz"][~kept])
-        write_results(columns, cell, records["row"], scores)
+            scores[~kept] = of_removed(columns.read(cell, "removed"))
+        write_results(columns, cell, scores)
 
 
-def _find_kept(cell, scored, columns, cutoff):
+def _find_kept(cell, points, scored, columns, cutoff):
     """Write which points of a cell have scores of at most the cutoff, in the column kept."""
-    kept = scored.read(cell, "results")["values"][:, 0] <= cutoff
+    kept = scored.read(cell, "results")[:, 0] <= cutoff
     columns.write(cell, kept=kept)
+    cells = Cells(points)
+    cells.restore(cell, StoredColumns(scored, len(cells)).xyz(cells, cell))
     columns.finish(cell, "kept", count=int(np.count_nonzero(kept)))
 
 
@@ -237,8 +248,8 @@ def _constants_of(kept, dtype):
 
 
 def _keep_faces(cell, job, fitted):
-    """Fill the columns `FACES` of the kept places of a cell."""
-    job.whole().put(cell, **stored_planes(cell, job, fitted)[2])
+    """Change the columns `FACES` of the kept places of a cell."""
+    job.whole().change(cell, **stored_planes(cell, job, fitted)[2])
 
 
 def _find_distances(sweeps, job, whole, all_cells):

@@ -18,6 +18,7 @@ from sklearn_mcmd.tiling._memory import PROCESS, SMALL_POINT
 from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex, StoredNearest
+from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 
 STEPS = "surfaces", "explained", "usual", "groups", "scores"
 OF_PLANES = "centroids", "normals", "scale", "radius", "noise", "usable", "farthest", "explaining"
@@ -108,7 +109,7 @@ def _find_surfaces(cell, job):
 def _join_surfaces(whole, cells, memory):
     """Fill which places are on a surface, whose planes then explain others."""
     limits = SurfaceLimits()
-    least = min(whole.open("near").shape[1], limits.least_share * len(whole))
+    least = min(StoredNeighbors(whole).k, limits.least_share * len(whole))
     joined = JoinedParts(whole, cells, "surface", memory)
     large = np.append(joined.total("sizes") >= least, False)
     for cell, labels in joined.each_cell():
@@ -170,7 +171,7 @@ def _judge_small(job, rest, memory, n_jobs):
     cells = job.cells
     joined = JoinedParts(rest, cells, "group", memory)
     groups = Groups(joined.one(), *(joined.total(name) for name in Groups._fields[1:]))
-    limits, n_neighbors = OffSurfaceLimits(), job.whole().open("near").shape[1]
+    limits, n_neighbors = OffSurfaceLimits(), StoredNeighbors(job.whole()).k
     share = SurfaceLimits().least_share * int(cells.counts.sum())
     least = min(limits.thing * n_neighbors, share)
     few = groups.counts < least
@@ -225,5 +226,5 @@ def _find_scores(cell, job):
     given = distances[off], isolation, separation, rest.rows_of("points", own)
     distances[off] = judged.joined(*given)
     place_of = columns.read(cell, "place_of")
-    write_results(columns, cell, job.cells.read(cell)["row"], distances[place_of])
+    write_results(columns, cell, distances[place_of])
     columns.finish(cell, "scores")

@@ -38,18 +38,21 @@ from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import sensor_path, stored_origins
 from sklearn_mcmd.tiling._stored_columns import ALL
 from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
-from sklearn_mcmd.tiling._stored_offers import each_part, find_offers, offer_steps, remove_offers
+from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
+from sklearn_mcmd.tiling._stored_offers import (
+    FACES,
+    NUMBER,
+    OLD,
+    VECTOR,
+    each_part,
+    find_offers,
+    offer_steps,
+)
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 
-NUMBER, VECTOR = (np.float64, ()), (np.float64, (3,))
-# Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps.
-FIELDS = {
-    **dict.fromkeys(("centroids", "normals", "eigenvalues"), VECTOR),
-    **dict.fromkeys(("scale", "kept", "radius", "normal_error"), NUMBER),
-}
-FACES = {"centroids": VECTOR, "normals": VECTOR, "scale": NUMBER}
+# Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps besides `FACES`.
+FIELDS = {"eigenvalues": VECTOR, **dict.fromkeys(("kept", "radius", "normal_error"), NUMBER)}
 OTHERS = {"forms": (np.int8, ()), "noise": NUMBER, "left": NUMBER}
-OWN = {f"own_{name}": kind for name, kind in {**FIELDS, **OTHERS}.items()}
 
 
 class TiledNormals(TiledVerb):
@@ -82,9 +85,6 @@ class TiledNormals(TiledVerb):
         whole = find_planes(run.sweeps(plane_steps(self.estimator)), job)
         if whole is None:
             fit_together(job, self.estimator, run.cells, lambda fitted: normal_columns(fitted)[1])
-        else:
-            whole.remove("near", "larger")
-            remove_own(whole, self.estimator)
 
     def make(self, cloud, values, xyz):
         columns = dict(zip(self.names, values.T.copy(), strict=True))
@@ -106,18 +106,12 @@ def without_sides(estimator):
     return estimator.set_params(orientation=None, sensor_origin=None)
 
 
-def remove_own(whole, estimator):
-    """Free the disk of what later sweeps and new points do not ask for."""
-    whole.remove(*OWN)
-    remove_offers(whole, *offer_steps(estimator))
-
-
 def _write(cell, job, fitted):
     """Write the results of the points of a cell, from those of its places."""
     _, values = normal_columns(fitted)
     if job.origins() is None:  # else they are of points, not of places
         values = values[job.columns.read(cell, "place_of")]
-    write_results(job.columns, cell, job.cells.read(cell)["row"], values)
+    write_results(job.columns, cell, values)
 
 
 @dataclass(frozen=True)
@@ -125,10 +119,12 @@ class PlaneJob(Job):
     """A job whose estimator is a `RobustNormalEstimator`.
 
     ``keep(cell, job, fitted)`` is called with an estimator that has what is public of the places
-    of a cell.
+    of a cell. `later` is how many neighbors are asked for later; None if new points are, whose
+    planes need all that was found.
     """
 
     keep: object = None
+    later: int | None = 0
 
     @property
     def is_sized(self):
@@ -155,8 +151,11 @@ class PlaneJob(Job):
         if not mends_planes(self.estimator):
             return None
         whole = self.whole()
-        own = {name: whole.open(f"own_{name}", private=True) for name in (*FIELDS, *OTHERS)}
-        planes = Planes(**{name: own[name] for name in FIELDS}, spacing=np.empty(0))
+        own = {
+            name: whole.open(name, private=True) if whole.has(name) else np.empty(0)
+            for name in (*FACES, *FIELDS, *OTHERS)
+        }
+        planes = Planes.empty(0, 3)._replace(**{name: own[name] for name in (*FACES, *FIELDS)})
         members = Surfaces(planes, *(own[name] for name in OTHERS))
         return SurfacePlanes(self.estimator, model, members)
 
@@ -193,37 +192,52 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
     whole = job.whole()
     if len(whole) < max(COMPILE_FROM, 0 if job.is_sized else job.estimator.n_neighbors + 1, least):
         return None
-    whole.join("points")
-    whole.make(**stored)
+    whole.join_points(cells)
     asked = SizeLimits().around if job.is_sized else job.estimator.n_neighbors
     along = TreeLimits().n_neighbors if has_tree(job.estimator) else 0
-    whole.make(near=(np.int32, (max(asked, k, along),)))
+    StoredNeighbors(whole).begin(max(asked, k, along))
     sweep("neighbors", find_neighbors)
     if job.is_sized:
         with sweeps.part("sizes", "sizes of neighborhoods"):
             _find_sizes(whole, cells, sweeps.n_workers * job.n_threads)
         sweep("larger", find_larger)
-    warn_if_coarse(job.constants, job.index())
+    if not whole.columns.is_done(ALL, "neighbors"):
+        warn_if_coarse(job.constants, job.index())
+        whole.columns.finish(ALL, "neighbors")
     if mends_planes(job.estimator):
         find_offers(sweep, job)
-        whole.make(**OWN)
+        whole.make(**FIELDS, **OTHERS)
         sweep("planes", _fit_own)
         sweep("bends", _bend)
-    if not has_tree(job.estimator):
-        sweep("normals", _keep_fitted)
-        return whole
-    whole.make(normals=(job.constants.dtype, (3,)))
+        if job.later is None:
+            whole.copy(asks=f"{OLD}asks", **{name: f"{OLD}{name}" for name in FACES})
+        whole.settle("bends", FACES)
+        if job.later is not None:
+            whole.remove("asks", "noise")
+    if has_tree(job.estimator):
+        _find_tree(whole, job, sweep)
+    whole.make(**stored)
+    last = "sides" if has_tree(job.estimator) else "normals"
+    sweep(last, partial(_keep_fitted, name=last, is_last=True))
+    if job.later is not None:
+        whole.remove("larger", *FIELDS, *OTHERS)
+        StoredNeighbors(whole).finish(job.later)
+    return whole
+
+
+def _find_tree(whole, job, sweep):
+    """Fill signs, by which the sides of normals agree along a tree of all places."""
+    cells = job.cells
+    whole.make(sides=(job.constants.dtype, (3,)))
     sweep("normals", _keep_fitted, job=replace(job, keep=_keep_normals))
     sweep("forest", _find_forest)
-    if not whole.columns.is_done(ALL, "tree"):  # along which the signs of all normals agree
-        points, normals = whole.open("points"), whole.open("normals")
+    if not whole.columns.is_done(ALL, "tree"):
+        points, normals = whole.open("points"), whole.open("sides")
         forests = [whole.columns.read(cell, "forest") for cell in np.flatnonzero(cells.counts)]
         tree = spanning_forest(normals, points, *np.concatenate(forests).T)
         whole.make(signs=(np.float64, ()))
         whole.open("signs")[:] = signs_along(normals, points, *tree)
         whole.columns.finish(ALL, "tree")
-    sweep("sides", partial(_keep_fitted, name="sides"))
-    return whole
 
 
 def stored_planes(cell, job, fitted):
@@ -288,6 +302,9 @@ def _bend(cell, job):
     own, surfaces = whole.rows(cell), job.surfaces(model)
     if whole.columns.is_done(cell, "begun"):
         each_part(own, model, surfaces.fit_own, job.n_threads)
+    else:
+        planes = surfaces.members.planes
+        whole.changed(cell, **{name: getattr(planes, name) for name in FACES})
     each_part(own, model, surfaces.bend, job.n_threads)
     whole.columns.finish(cell, "begun")
     _put(whole, cell, surfaces.members)
@@ -295,13 +312,13 @@ def _bend(cell, job):
 
 
 def _put(whole, cell, members):
-    """Fill what a cell has of the columns `OWN`."""
-    found = {**members.planes._asdict(), **members._asdict()}
-    own = whole.rows(cell)
-    whole.put(cell, **{f"own_{name}": found[name][own] for name in (*FIELDS, *OTHERS)})
+    """Fill what a cell has of the columns, but keep `FACES`, for which others ask, beside them."""
+    found, own = {**members.planes._asdict(), **members._asdict()}, whole.rows(cell)
+    whole.put(cell, **{name: found[name][own] for name in (*FIELDS, *OTHERS)})
+    whole.change(cell, **{name: found[name][own] for name in FACES})
 
 
-def _keep_fitted(cell, job, name="normals"):
+def _keep_fitted(cell, job, name="normals", is_last=False):
     """Find what is public of the places of a cell, and let the job keep it."""
     model, whole = job.model(), job.whole()
     surfaces, own, index = job.surfaces(model), whole.rows(cell), model.index
@@ -319,7 +336,7 @@ def _keep_fitted(cell, job, name="normals"):
     sizes = index.n_neighbors if index.sizes is None else np.array(index.sizes[own])
     origins = job.origins()
     if origins is not None:  # copies of a point may have been measured from elsewhere
-        place_of, origins = columns.read(cell, "place_of"), origins[job.cells.read(cell)["row"]]
+        place_of, origins = columns.read(cell, "place_of"), origins[job.cells.rows(cell)]
         planes, X = planes.take(place_of), X[place_of]
         sizes = sizes if index.sizes is None else sizes[place_of]
 
@@ -339,10 +356,12 @@ def _keep_fitted(cell, job, name="normals"):
     fitted.n_neighbors_ = sizes
     job.keep(cell, job, fitted)
     columns.finish(cell, name)
+    if is_last and job.later is not None:
+        StoredNeighbors(whole).narrow(cell, job.later)
 
 
 def _keep_normals(cell, job, fitted):
-    job.whole().put(cell, normals=fitted.normals_)
+    job.whole().put(cell, sides=fitted.normals_)
 
 
 def _find_forest(cell, job):
@@ -352,7 +371,7 @@ def _find_forest(cell, job):
     known, local = np.unique(near, return_inverse=True)
     local = local.reshape(near.shape).astype(np.int32)
     first = np.repeat(local[:, 0], local.shape[1])
-    normals = whole.open("normals")[known]
+    normals = whole.open("sides")[known]
     edges = spanning_forest(normals, index.points[known], first, local.ravel())
     columns.write(cell, forest=known[np.column_stack(edges)])
     columns.finish(cell, "forest")

@@ -39,18 +39,21 @@ from sklearn_mcmd.tiling._result_files import (
 )
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized, sensor_path, stored_origins
-from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import (
     CHUNK,
     SLACK,
     StoredIndex,
     by_distance,
+    count_copies,
     find_neighbors,
     find_places,
     near_box,
     within_reach,
 )
-from sklearn_mcmd.tiling._stored_offers import find_offers, offer_steps, remove_offers
+from sklearn_mcmd.tiling._stored_light import ranks_of_light, stored_light
+from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
+from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER, find_offers, offer_steps
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 from sklearn_mcmd.tiling._tiled_judging import STEPS, judge_in_cells
 
@@ -63,19 +66,23 @@ class TiledOutliers(TiledVerb):
 
     options = (
         *("mode", "ignore_classes", "only_classes", "above", "below", "low_groups"),
-        "sensor_origin",
+        *("sensor_origin", "intensity"),
     )
     last_sweep = "planes"
 
-    def __init__(self, estimator, mode, ignore_classes, only_classes, sensor_origin, **heights):
+    def __init__(
+        self, estimator, mode, ignore_classes, only_classes, sensor_origin, intensity, **heights
+    ):
         if mode not in choices_of(Mode):
             raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
         check_estimator(estimator, MCMDOutlierDetector)
+        estimator._check_choices(None, True if intensity else None)
         choice = Choice(ignore_classes, only_classes)
         self.mode, self.limits = mode, HeightRange.of(**heights)
-        content = f"{mode} {choice} {self.limits}"
+        content = f"{mode} {choice} {self.limits} {intensity}"
         super().__init__(estimator, content, choice)
-        self.needs_ground = self.limits is not None
+        self.needs_ground, self.needs_light = self.limits is not None, intensity
+        self.asked = "intensity" if intensity else ""
         self.sensor = sensor_path(estimator, sensor_origin)
 
     def prepare(self, catalog):
@@ -89,17 +96,18 @@ class TiledOutliers(TiledVerb):
             self.detector = clone(self.detector).set_params(sensor_origin=origin)
         self.cutoff = cutoff_of(self.detector)
         work = "outliers" if self.limits is None else "heights"
-        return work_of(work, None, self.detector, self.sensor), 0, most
+        return work_of(work, None, self.detector, self.sensor, self.needs_light), 0, most
 
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
         self.scored = run.folder.columns
         job = OutlierJob.of(run, self.detector)
+        steps = outlier_steps(self.detector, self.needs_light)
         if self.limits is None:
-            sweeps = run.sweeps(outlier_steps(self.detector))
+            sweeps = run.sweeps(steps)
             self.cutoff = judge_cells(job, sweeps, self.cutoff, run.memory)
             return
-        sweeps = run.sweeps(["heights", *outlier_steps(self.detector), "verdicts"])
+        sweeps = run.sweeps(["heights", *steps, "verdicts"])
         heights = Heights(run, self.limits, sweeps)
         self.n_judged = heights.find()
         self.cutoff = judge_cells(job, sweeps, self.cutoff, run.memory)
@@ -109,7 +117,7 @@ class TiledOutliers(TiledVerb):
     def results(self, run):
         if self.mode == "mark":
             self.lowest = self._lowest(run)
-        return Results(self.scored, len(run.cells))
+        return Results(self.scored, run.cells)
 
     def make(self, cloud, values, xyz):
         scores, depths = _judged(values)
@@ -130,7 +138,7 @@ class TiledOutliers(TiledVerb):
     def report(self, run, total):
         n_outliers, n_exact = map(int, total)
         return {
-            "together": losses_of(self.estimator, partial(self._removed, run.cells), self.n_used),
+            "together": losses_of(self.estimator, partial(self._removed, run), self.n_used),
             "n_outliers": n_outliers,
             "n_exact": n_exact,
             "removed_fraction": n_outliers / run.catalog.n_points,
@@ -153,7 +161,7 @@ class TiledOutliers(TiledVerb):
 
     def _lowest(self, run):
         """The `LowestPoints` of the ground without outliers; of all kept points if it is little."""
-        results, k, first = Results(self.scored, len(run.cells)), self.estimator.n_neighbors, 0
+        results, k, first = Results(self.scored, run.cells), self.estimator.n_neighbors, 0
         lowest = LowestPoints(run.catalog.n_points, k)
         for _, cloud, _ in parts_of(run.catalog.paths):
             scores = results.take(first, len(cloud))[:, 0]
@@ -162,14 +170,14 @@ class TiledOutliers(TiledVerb):
         if lowest.n_points < k:
             lowest = LowestPoints(self.n_used, k)
             for cell, scores in enumerate(scores_of(self.scored, run.cells)):
-                lowest.add(run.cells.read(cell)["xyz"][scores <= self.cutoff])
+                lowest.add(run.xyz(cell)[scores <= self.cutoff])
         return lowest
 
-    def _removed(self, cells):
+    def _removed(self, run):
         """Points, and which are outliers, but for groups below the ground, tile by tile."""
-        for cell in range(len(cells)):
-            scores, depths = _judged(self.scored.read(cell, "results")["values"])
-            yield cells.read(cell)["xyz"], (scores > self.cutoff) & ~(depths > self.cutoff)
+        for cell in range(len(run.cells)):
+            scores, depths = _judged(self.scored.read(cell, "results"))
+            yield run.xyz(cell), (scores > self.cutoff) & ~(depths > self.cutoff)
 
 
 def _judged(values):
@@ -191,25 +199,28 @@ class OutlierJob(Job):
         """The `LocalPlaneModel` of all places."""
         return self.model_on(StoredIndex(self.whole()))
 
-    def judged(self, index, n_jobs=1, origins=None):
-        """The places of an index, as the detector judges them; `origins` are of `JudgedCloud`."""
-        known = {"origins": origins, "doubted": is_auto(self.estimator.sensor_origin)}
+    def judged(self, index, n_jobs=1, **known):
+        """The places of an index, as the detector judges them; what is `known` as `JudgedCloud`."""
+        known = {**known, "doubted": is_auto(self.estimator.sensor_origin)}
         settings = self.estimator._settings() | {"n_jobs": n_jobs}
         return JudgedCloud(self.model_on(index), **settings, **known)
 
+    def in_one_process(self):
+        """Whether one process judges all: rays go through many cells, and intensity is ranked."""
+        told = self.estimator.sensor_origin is not None or stored_light(self.points) is not None
+        return told and not self.estimator._one_plane
+
     def stored_columns(self):
         """What the sweeps fill: names, dtypes and shapes of a row."""
-        number, detector = (np.float64, ()), self.estimator
-        columns = {"near": (np.int32, (detector.n_neighbors,))}
+        detector = self.estimator
         if detector._one_plane:
-            return columns
-        planes = dict.fromkeys(("centroids", "normals"), (np.float64, (3,)))
-        others = ["scale", "radius", "spacing", "other_spacing"]
-        if detector.sensor_origin is None:
-            others += ["distances", "farthest", "owner_scale"]
-            planes["usable"] = bool, ()
-        noise = ["noise"] * (detector.noise_scale is not None)
-        return {**columns, **planes, **dict.fromkeys([*others, *noise], number)}
+            return {}
+        names, columns = ["radius", "spacing", "other_spacing"], dict(FACES)
+        if not self.in_one_process():
+            names += ["distances", "farthest", "owner_scale"]
+            columns["usable"] = bool, ()
+        names += ["noise"] * (detector.noise_scale is not None)
+        return {**columns, **dict.fromkeys(names, NUMBER)}
 
 
 def cutoff_of(estimator):
@@ -223,9 +234,9 @@ def cutoff_of(estimator):
     return -warm_up(detector).offset_
 
 
-def outlier_steps(detector):
-    """The steps of `judge_cells` in their order, as of `Sweeps`."""
-    last = STEPS if detector.sensor_origin is None else ("rays",)
+def outlier_steps(detector, light=False):
+    """The steps of `judge_cells` in their order, as of `Sweeps`; `light` if intensity tells."""
+    last = STEPS if detector.sensor_origin is None and not light else ("rays",)
     last = () if detector._one_plane else last
     return "places", "neighbors", *offer_steps(detector), "planes", *last
 
@@ -241,16 +252,21 @@ def judge_cells(job, sweeps, cutoff, memory):
         _keep_rays(columns, judged_cloud(fitted))
         return -fitted.offset_
     if not columns.all_have(len(cells), "results"):
-        whole.join("points", "counts")
-        whole.make(**job.stored_columns())
+        whole.join_points(cells)
+        whole.make(counts=(np.int32, ()))
+        StoredNeighbors(whole).begin(job.estimator.n_neighbors)
+        count_copies(whole)
         sweep("neighbors", find_neighbors)
         warn_if_coarse(job.constants, StoredIndex(whole))
         if detector.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
             _calibrate(job, whole)
         find_offers(sweep, job)
+        whole.make(**job.stored_columns())
         sweep("planes", _find_planes)
-        remove_offers(whole, *offer_steps(detector))
-        if "rays" in outlier_steps(detector):
+        if not detector._one_plane:
+            whole.settle("planes", FACES)
+        whole.remove("asks")
+        if job.in_one_process():
             with sweeps.part("rays"), whole.releasing():
                 _judge_by_rays(job, cells, whole, n_jobs)
         elif not detector._one_plane:
@@ -285,12 +301,11 @@ def _find_planes(cell, job):
             found = model.evaluate_neighborhoods(index.points[rows], around)
             distances.append(judged.paper_scores(*found))
         scores = np.concatenate(distances)[columns.read(cell, "place_of")]
-        write_results(columns, cell, job.cells.read(cell)["row"], scores)
+        write_results(columns, cell, scores)
         return columns.finish(cell, "planes")
     judged.counts = whole.open("counts")
     planes, spacing, other_spacing = judged.measure_planes(own)
-    names = ("centroids", "normals", "scale", "radius")
-    found = {name: getattr(planes, name) for name in names}
+    found = {"radius": planes.radius, "spacing": spacing, "other_spacing": other_spacing}
     if whole.has("farthest"):
         measured, farthest = judged.measured(planes), np.empty(len(points))
         measure_farthest(index, surface_width(index, limits), own, farthest, job.n_threads)
@@ -299,15 +314,16 @@ def _find_planes(cell, job):
         found["usable"] = are_usable(planes, found["distances"], limits)
         if whole.has("noise"):
             found["noise"] = measured.scale
-    whole.put(cell, spacing=spacing, other_spacing=other_spacing, **found)
+    whole.put(cell, **found)
+    whole.change(cell, **{name: getattr(planes, name) for name in FACES})
     return columns.finish(cell, "planes")
 
 
 def _judge_by_rays(job, cells, whole, n_threads):
-    """Write the scores of all cells, with the position of the sensor, in this process."""
+    """Write the scores of all cells, with the sensor's position or intensity, in this process."""
     index, spacings = StoredIndex(whole, cells), ("spacing", "other_spacing")
-    judged = job.judged(index, n_threads, _origins(job, cells, whole, index))
-    counts = whole.open("counts")
+    known = {"origins": _origins(job, cells, whole, index), "intensity": ranks_of_light(job)}
+    judged, counts = job.judged(index, n_threads, **known), whole.open("counts")
     judged.judge(counts, int(counts.sum()), lambda: (whole.planes(), *map(whole.open, spacings)))
     _keep_rays(whole.columns, judged)
     write_results_of_places(job, judged.point_scores)
@@ -327,7 +343,7 @@ def _origins(job, cells, whole, index):
         return _one_position(job.estimator, index.points)
     origins = index.empty(index.points.shape)
     for cell in range(len(cells)):
-        own, rows = whole.rows(cell), cells.read(cell)["row"]
+        own, rows = whole.rows(cell), cells.rows(cell)
         first = np.empty(own.stop - own.start, rows.dtype)
         first[whole.columns.read(cell, "place_of")[::-1]] = rows[::-1]
         origins[own] = stored[first]
@@ -352,7 +368,8 @@ class Heights:
 
     def find(self):
         """Find which points are judged, and groups below the ground; returns how many are."""
-        self._sweep("heights", _find_heights, points=self.run.folder.cells)
+        known = {"points": self.run.folder.cells, "scored": self.run.folder.columns}
+        self._sweep("heights", _find_heights, **known)
         reports = [self.columns.report(cell, "heights") for cell in range(len(self.run.cells))]
         n_judged, n_below = (sum(r[name] for r in reports) for name in ("n_judged", "n_below"))
         if not n_judged:
@@ -383,13 +400,14 @@ class Heights:
             self.columns.write(cell, depths=part)
 
 
-def _find_heights(cell, points, columns, limits):
+def _find_heights(cell, points, scored, columns, limits):
     """Write which points of a cell are judged, and those that lie below the ground.
 
     Columns: judged, of all points; below_rows, and below: coordinates, how deep, and the distance
     in plan of the third nearest ground point.
     """
-    xyz = np.ascontiguousarray(Cells(points).read(cell)["xyz"])
+    cells = Cells(points)
+    xyz = np.ascontiguousarray(StoredColumns(scored, len(cells)).xyz(cells, cell))
     away, near = _nearest_ground(Cells(points / GROUND), xyz)
     judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
     columns.write(cell, judged=judged)
@@ -406,12 +424,12 @@ def _find_heights(cell, points, columns, limits):
 def _find_verdicts(cell, scored, columns, limits):
     """Write the scores of a cell's points, or depths below the ground if these are more."""
     results = scored.read(cell, "results")
-    scores, depths = results["values"][:, 0], np.zeros(len(results))
+    scores, depths = results[:, 0], np.zeros(len(results))
     if limits.low_groups:
         depths[columns.read(cell, "below_rows")] = columns.read(cell, "depths")
         scores = np.maximum(scores, depths)
     depths[~columns.read(cell, "judged")] = np.nan
-    write_results(columns, cell, results["row"], np.column_stack([scores, depths]))
+    write_results(columns, cell, np.column_stack([scores, depths]))
     columns.finish(cell, "verdicts")
 
 

@@ -55,6 +55,38 @@ def test_a_file_larger_than_memory_gets_the_output_that_it_has_in_memory(
     same_by_tiles(verb, source, *options)
 
 
+@pytest.mark.parametrize("options", [(), ("--only-class", 1, "--n-neighbors", 16)])
+def test_intensity_is_evidence_by_tiles_as_in_memory(options, small_machine, tmp_path):
+    cloud = street(4_000)
+    rng, off = np.random.default_rng(0), street(4_000).xyz[:, 2] > 101.5
+    cloud.xyz[off] += rng.normal(0, 1.0, (off.sum(), 3))
+    light = np.where(off, rng.integers(0, 9, 4_000), rng.integers(5, 200, 4_000))
+    known = {"intensity": light.astype(np.uint16), "classification": 1 + (rng.random(4_000) < 0.1)}
+    write_points(tmp_path / "in.las", PointCloud(cloud.xyz, known))
+    options = ("--mode", "mark", *options)
+    same_by_tiles("denoise", tmp_path / "in.las", "--intensity", *options)
+    done("denoise", tmp_path / "in.las", tmp_path / "without.las", *options)
+    assert (tmp_path / "without.las").read_bytes() != (tmp_path / "b.las").read_bytes()
+
+
+def test_inputs_without_intensity_are_told(small_machine, tmp_path):
+    write_points(tmp_path / "in.las", street(6_000).xyz)
+    line = error_line(
+        run("denoise", tmp_path / "in.las", tmp_path / "b.las", "--intensity", *TILES)
+    )
+    assert "in.las: intensity is asked for, but the inputs have none" in line
+    assert files_in(tmp_path) == ["in.las"]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".geojson"])
+def test_the_table_of_regions_by_tiles_is_that_of_memory(suffix, small_machine, source, tmp_path):
+    tables = [tmp_path / f"{name}{suffix}" for name in ("memory", "tiles")]
+    done("segment", source, tmp_path / "a.laz", "--regions", tables[0])
+    done("segment", source, tmp_path / "b.laz", "--regions", tables[1], *TILES)
+    assert tables[0].read_bytes() == tables[1].read_bytes()
+    assert len(tables[0].read_bytes()) > 1_000
+
+
 @pytest.mark.parametrize("verb", RESULTS)
 def test_a_folder_becomes_a_folder(verb, source, tmp_path):
     (tmp_path / "in").mkdir()
@@ -118,8 +150,7 @@ def test_too_little_memory_is_told_by_the_name_of_the_option(verb, source, tmp_p
     ("verb", "options", "words"),
     [
         ("normals", ("--orientation", "sensor", "--sensor", "auto"), "no position of the sensor"),
-        ("denoise", ("--intensity",), "tiles take no --intensity"),
-        ("denoise", ("--intensity", "--dry-run"), "tiles take no --intensity"),
+        ("denoise", ("--intensity", "--strictness", "paper"), "--intensity has no meaning where"),
     ],
 )
 def test_what_tiles_cannot_do_is_one_line(verb, options, words, small_machine, source, tmp_path):
@@ -135,8 +166,6 @@ def test_sources_that_cannot_be_divided_are_told(tmp_path, source):
     assert "a.xyz: --dry-run is for LAS and LAZ" in line
     result = done("denoise", tmp_path / "a.xyz", tmp_path / "b.csv", "--memory", "2GB")
     assert "a.xyz: is read as a whole, whatever --memory is" in result.stderr
-    result = run("segment", tmp_path, tmp_path / "out", *TILES, "--regions", tmp_path / "r.csv")
-    assert "for clouds in memory" in " ".join(result.output.split())
 
 
 def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(

@@ -37,15 +37,15 @@ def test_what_comes_out_is_what_went_in(k, spread):
         assert_array_equal(table.query(slice(37, n - 5), fewer), indices[37 : n - 5, :fewer])
 
 
-def test_neighbors_take_half_of_their_size():
-    """Two bytes each, and lists of groups: 44 rows of 64 and their reach of 40 to both sides."""
+def test_neighbors_take_a_third_of_their_size():
+    """One byte each, and lists of groups: 6 of 16 rows and their reach of 40 to both sides."""
     indices = neighbors(20_000, 50, spread=40)
     table = table_of(indices)
     table.query(slice(None), 50)
     assert all(isinstance(part, Packed) for part in table.parts)
-    lists = sum(part.groups.nbytes + part.starts.nbytes for part in table.parts)
-    assert sum(part.codes.nbytes for part in table.parts) == indices.nbytes / 2
-    assert lists < 0.02 * indices.nbytes
+    lists = sum(values.nbytes for part in table.parts for values in part[:-1])
+    assert sum(part.codes.nbytes for part in table.parts) == indices.nbytes / 4
+    assert lists < 0.03 * indices.nbytes
 
 
 def test_parts_hold_as_many_as_their_rows_ask_for():
@@ -60,8 +60,8 @@ def test_parts_hold_as_many_as_their_rows_ask_for():
     assert_array_equal(table.query(np.array([2999, 0]), 300)[0], indices[-1])
 
 
-def test_rows_share_a_list_of_groups_while_two_bytes_can_number_them():
-    """The neighbors of two rows are in 8,192 groups, twice as many as that."""
+def test_rows_whose_neighbors_lie_in_more_groups_than_codes_can_name_keep_them():
+    """The neighbors of two rows are in 8,192 groups."""
 
     def search(rows, k):
         odd = np.arange(rows.start, rows.stop)[:, None] % 2

@@ -2,9 +2,10 @@
 
 import os
 import signal
-import threading
+import socket
+import subprocess
+import sys
 import time
-import warnings
 
 import joblib
 import pytest
@@ -55,32 +56,101 @@ def test_the_memory_is_that_of_the_workers(client):
         assert plan_run(10**9, 8e9, 1).n_workers == plan_run(10**9, 9e8).n_workers == 1
 
 
-def lose_a_worker(folder, pid):
-    """Kill a process once a tile is done."""
+RUN = """
+import sys
+import joblib
+from distributed import Client
+from sklearn_mcmd import *
+from sklearn_mcmd.tiling import process_files
+
+source, target, address, estimator = sys.argv[1:]
+with Client(address), joblib.parallel_config(backend="dask"):
+    process_files(source, target, eval(estimator), tile_size=1_500)
+"""
+
+
+class Cluster:
+    """A scheduler of dask and workers, each a process of its own, as on machines of their own."""
+
+    def __init__(self, folder):
+        self.folder, self.address, self.processes = folder, None, []
+
+    def start(self, *command):
+        with open(self.folder / "log.txt", "a") as log:
+            self.processes.append(subprocess.Popen([sys.executable, *command], stderr=log))
+        return self.processes[-1]
+
+    def start_scheduler(self):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{port}"
+        command = "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1"
+        return self.start(*command, "--port", str(port), "--no-dashboard")
+
+    def start_worker(self):
+        command = "-m", "distributed.cli.dask_worker", self.address, "--nthreads", "1"
+        options = "--no-nanny", "--no-dashboard", "--memory-limit", "2GB", "--local-directory"
+        return self.start(*command, *options, str(self.folder))
+
+    def start_run(self, source, target, estimator=ESTIMATOR):
+        return self.start("-c", RUN, source, target, self.address, repr(estimator))
+
+    def kill(self, process):
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path_factory):
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
+    yield cluster
+    for process in cluster.processes:
+        cluster.kill(process)
+
+
+def wait_for(folder, report, run=None):
+    """Wait until a tile has been through a step, as its report in the folder of a run says."""
     end = time.monotonic() + 600
-    while time.monotonic() < end and not list(folder.glob("*.results.npy")):
+    while not list(folder.glob(f"*.tiles/results/*.{report}.json")):
+        assert time.monotonic() < end
+        assert run is None or run.poll() is None
         time.sleep(0.01)
-    os.kill(pid, signal.SIGKILL)
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
-def test_a_worker_that_is_lost_loses_nothing(street_file, tmp_path):
+def test_workers_that_are_killed_one_by_one_lose_nothing(street_file, tmp_path, cluster):
     source, expected = street_file
-    with (
-        distributed.LocalCluster(n_workers=2, processes=True, **LOCAL) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        pids = client.run(os.getpid)
-        arguments = (tmp_path / "out.laz.tiles" / "results", next(iter(pids.values())))
-        killer = threading.Thread(target=lose_a_worker, args=arguments)
-        killer.start()
-        with joblib.parallel_config(backend="dask"), warnings.catch_warnings():
-            warnings.simplefilter("error")  # no tile fails
-            report = process_files(source, tmp_path / "out.laz", ESTIMATOR, tile_size=1_500)
-        killer.join()
-        assert set(client.run(os.getpid).values()) != set(pids.values())
-    assert report.n_tiles >= 8
+    cluster.start_scheduler()
+    workers = [cluster.start_worker() for _ in range(3)]
+    run = cluster.start_run(source, tmp_path / "out.laz")
+    for step in ("neighbors", "offers1", "bends"):
+        wait_for(tmp_path, step, run)
+        cluster.kill(workers.pop(0))
+        workers.append(cluster.start_worker())
+    assert run.wait(600) == 0
+    assert "failed" not in (cluster.folder / "log.txt").read_text()
+    assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == ["out.laz"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="kill -9")
+@pytest.mark.parametrize("whom", ["scheduler", "run"])
+def test_the_same_command_goes_on_when_all_else_was_killed(street_file, tmp_path, cluster, whom):
+    source, expected = street_file
+    scheduler = cluster.start_scheduler()
+    cluster.start_worker()
+    run = cluster.start_run(source, tmp_path / "out.laz")
+    wait_for(tmp_path, "planes", run)
+    cluster.kill(scheduler if whom == "scheduler" else run)
+    if whom == "scheduler":
+        assert run.wait(120) != 0  # it ends by itself
+        assert "the same run goes on from there" in (cluster.folder / "log.txt").read_text()
+        cluster.start_scheduler()
+        cluster.start_worker()
+    assert cluster.start_run(source, tmp_path / "out.laz").wait(600) == 0
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
     assert [path.name for path in tmp_path.iterdir()] == ["out.laz"]
 

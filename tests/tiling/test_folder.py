@@ -1,7 +1,9 @@
 """The folder in which a run keeps its work: left, in the way, damaged, too small, or locked."""
 
 import io
+import os
 import shutil
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.tiling import TilingError, _sweeps, process_files
 from sklearn_mcmd.tiling._folder import WorkFolder
+from sklearn_mcmd.tiling._sweeps import lock_of_tiles
 from tiled import ESTIMATOR, in_memory, is_killed, names_in
 
 
@@ -79,21 +82,26 @@ def test_a_manifest_that_is_not_as_it_was_written_begins_anew(small_file, ended,
 
 
 @pytest.mark.filterwarnings("ignore:tile . failed")
-@pytest.mark.parametrize(
-    ("name", "damage"),
-    [
-        ("cells/cells.npz", lambda _: b"PK"),
-        ("results/all.near.npy", lambda stored: stored[:40]),
-        ("results/all.points.npy", lambda _: pickled()),
-    ],
-)
-def test_a_damaged_file_is_named_and_to_begin_anew_helps(small_file, ended, tmp_path, name, damage):
-    path = tmp_path / "out.las.tiles" / name
-    path.write_bytes(damage(path.read_bytes()))
+def test_a_damaged_file_is_named_and_to_begin_anew_helps(small_file, ended, tmp_path):
+    path = tmp_path / "out.las.tiles" / "cells" / "cells.npz"
+    path.write_bytes(b"PK")
     with pytest.raises(TilingError, match=f"{path}: cannot be read"):
         process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
     options = {"tile_size": 2_000, "restart": True}
     assert process_files(small_file, ended, ESTIMATOR, **options).n_resumed == 0
+
+
+@pytest.mark.filterwarnings("ignore:tile . failed")
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [("0.near", lambda stored: stored[:400]), ("all.points.npy", lambda _: pickled())],
+)
+def test_a_tile_that_meets_a_damaged_file_names_it(small_file, ended, tmp_path, name, damage):
+    path = tmp_path / "out.las.tiles" / "results" / name
+    path.write_bytes(damage(path.read_bytes()))
+    said = rf"tile \d failed .*{name}: (cannot be read|is damaged)"
+    with pytest.warns(UserWarning, match=said), pytest.raises(TilingError):
+        process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
 
 
 def test_a_cell_that_was_cut_off_is_named(small_file, tmp_path, monkeypatch):
@@ -142,6 +150,7 @@ def test_one_of_many_that_ask_at_once_gets_the_lock(tmp_path):
 KILLED = """
 import os, sys
 from sklearn_mcmd.tiling._folder import WorkFolder
+from sklearn_mcmd.tiling._sweeps import lock_of_tiles
 folder = WorkFolder(sys.argv[1])
 os.kill(os.getpid(), 9)
 """
@@ -151,3 +160,19 @@ def test_the_lock_of_a_process_that_was_killed_keeps_nobody_out(small_file, tmp_
     assert is_killed(KILLED, tmp_path / "out.las")
     process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=3_000)
     assert names_in(tmp_path) == ["out.las", "small.las"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no shared locks")
+def test_a_run_waits_for_tiles_that_one_still_computes_whose_command_was_killed(tmp_path):
+    folder, ended = WorkFolder(tmp_path / "out.las"), threading.Event()
+
+    def begin():
+        folder.begin("key")
+        ended.set()
+
+    with lock_of_tiles(folder.path):
+        threading.Thread(target=begin, daemon=True).start()
+        assert not ended.wait(0.3)
+    assert ended.wait(60)
+    folder.remove()
+    assert names_in(tmp_path) == []

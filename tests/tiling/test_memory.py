@@ -2,7 +2,19 @@
 
 import pytest
 
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
+from sklearn_mcmd.tiling import _run, process_files
 from sklearn_mcmd.tiling._memory import PROCESS, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._stored_columns import CellColumns
+from tiled import street, written
+
+SEED = {"random_state": 0}
+NORMALS = RobustNormalEstimator(40, **SEED)
 
 
 @pytest.mark.parametrize(
@@ -50,3 +62,32 @@ def test_a_hundred_million_points_are_judged_within_a_gigabyte_but_not_by_rays()
 def test_too_little_memory_is_refused_with_what_is_needed():
     with pytest.raises(ValueError, match="at least 4"):
         plan_run(10**6, PROCESS, 1)
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        NORMALS,
+        RobustNormalEstimator(40, orientation="mst", **SEED),
+        MCMDOutlierDetector(40, **SEED),
+        RegionGrowing(30, normal_estimator=NORMALS),
+        SharpFeatureDetector(40, **SEED),
+    ],
+    ids=["normals", "tree", "outliers", "regions", "edges"],
+)
+def test_temporary_files_take_the_disk_that_was_planned(estimator, tmp_path, monkeypatch):
+    planned, taken, finish = [], [], CellColumns.finish
+
+    def plan(*args, **kwargs):
+        planned.append(plan_run(*args, **kwargs))
+        return planned[-1]
+
+    def finish_and_measure(*args, **kwargs):
+        finish(*args, **kwargs)
+        files = (tmp_path / "b.las.tiles").rglob("*.*")
+        taken.append(sum(path.stat().st_size for path in files if path.is_file()))
+
+    monkeypatch.setattr(_run, "plan_run", plan)
+    monkeypatch.setattr(CellColumns, "finish", finish_and_measure)
+    process_files(written(tmp_path, street(12_000)), tmp_path / "b.las", estimator, tile_size=4_000)
+    assert 0.75 * planned[0].disk < max(taken) < 1.02 * planned[0].disk

@@ -1,0 +1,66 @@
+"""The intensity of all points: kept while the inputs are read, and its ranks among all places."""
+
+import os
+
+import numpy as np
+
+from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._sensor import LIGHTS, lights_in
+from sklearn_mcmd.outliers._model import middle_ranks
+from sklearn_mcmd.tiling._cells import Levels
+from sklearn_mcmd.tiling._stored_columns import made, mapped
+from sklearn_mcmd.tiling._stored_offers import NUMBER
+
+LIGHT = "light.npy"
+
+
+class LightWriter:
+    """Keeps the intensity of n points beside their cells; it is 0 where a file has none."""
+
+    def __init__(self, folder, n):
+        self._folder, self._n, self._first, self._stored = folder, n, 0, {}
+
+    def add(self, cloud):
+        """Take the next points in the order of the inputs."""
+        rows = slice(self._first, self._first + len(cloud))
+        for name, values in lights_in(cloud.attributes).items():
+            if name not in self._stored:
+                kept = np.uint16 if values.dtype == np.uint16 else np.float64
+                self._stored[name] = made(self._folder / f"{name}.npy", kept, (self._n,))
+            self._stored[name][rows] = values
+        self._first = rows.stop
+
+    def close(self, path):
+        """Keep the first that tells anything; `path` is for errors."""
+        told = [n for n in LIGHTS if n in self._stored and np.ptp(self._stored[n]) > 0]
+        if not told:
+            raise PointFileError(
+                f"{path}: intensity is asked for, but the inputs have none, or one for all points"
+            )
+        os.replace(self._folder / f"{told[0]}.npy", self._folder / LIGHT)
+
+
+def stored_light(folder):
+    """The intensity of all points in the order of the inputs, on disk; None if it is not kept."""
+    return mapped(folder / LIGHT, "r") if (folder / LIGHT).exists() else None
+
+
+def ranks_of_light(job):
+    """What `ranks_of_intensity` returns, of all places on disk."""
+    whole, cells, stored, levels = job.whole(), job.cells, stored_light(job.points), Levels()
+    if stored is None:
+        return None
+    whole.make(light=NUMBER)
+    for cell in range(len(cells)):
+        own = whole.rows(cell)
+        largest = np.full(own.stop - own.start, -np.inf)
+        np.maximum.at(largest, whole.columns.read(cell, "place_of"), stored[cells.rows(cell)])
+        whole.put(cell, light=largest)
+        levels.add(*np.unique(largest, return_counts=True))
+    values, counts = levels.merged()
+    if len(values) == 1:
+        return None
+    for cell in range(len(cells)):
+        largest = whole.rows_of("light", whole.rows(cell))
+        whole.put(cell, light=middle_ranks(counts)[np.searchsorted(values, largest)])
+    return whole.open("light")
