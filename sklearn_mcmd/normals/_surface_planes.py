@@ -18,12 +18,11 @@ import numpy as np
 from sklearn_mcmd.planes._around import most_noise_around, quantile_around, ratio
 from sklearn_mcmd.planes._base import mends_planes
 from sklearn_mcmd.planes._explaining import ExplainLimits
-from sklearn_mcmd.planes._principal_planes import CONFIDENCE, are_rows
+from sklearn_mcmd.planes._principal_planes import are_rows
 from sklearn_mcmd.planes._quadrics import (
     QuadricLimits,
     are_folded,
     is_smooth,
-    noise_quantiles,
     quadric_normals,
     tangents_of,
     work_arrays,
@@ -159,11 +158,9 @@ class SurfacePlanes:
             lenders[rough] = self._lenders(points, planes, rough, around.take(rough), members)
             borrowing = np.flatnonzero(lenders >= 0)
             lend(planes, borrowing, all_planes, lenders[borrowing])
-        # Of many planes of few members some have little noise by chance: so little, and not less.
+        # Of many planes of few members some have little noise by chance.
         noisier = ratio(quantile_around(members.scale, around, 0.5), planes.scale)
-        most = 1.0 / noise_quantiles(1.0 - CONFIDENCE, around.sizes, points.shape[1])
-        noisier = np.where(planes.scale > 0, np.clip(noisier, 1.0, most), 1.0)
-        errors = noisier * planes.normal_error
+        errors = np.where(planes.scale > 0, np.maximum(noisier, 1.0), 1.0) * planes.normal_error
         planes.normal_error[:] = np.minimum(errors, 90.0)
         queries = np.ascontiguousarray(points, dtype=np.float64)
         planes.normal_error[:] = doubted_errors(

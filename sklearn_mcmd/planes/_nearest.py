@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._chunks import each_slice, slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 # Below this many points SciPy searches: loading compiled code would take longer.
@@ -156,16 +156,19 @@ def query_tree(tree, queries, k, width=0):
     alike = distances[:, 1:] <= ALIKE * distances[:, :-1]
     cut = alike[:, k - 1 :].all(axis=1) & (k < width < tree.n)
     rows = np.flatnonzero(alike[:, :k].any(axis=1) & ~cut)
-    if len(rows):
-        found, squares = tree.data[near[rows]], 0.0
+    for part in slices(len(rows), max(1, AT_ONCE // width)):
+        some = rows[part]
+        found, squares = tree.data[near[some]], 0.0
         for axis in range(queries.shape[1]):
-            squares = squares + np.square(found[..., axis] - queries[rows, axis, None])
+            squares = squares + np.square(found[..., axis] - queries[some, axis, None])
         order = np.lexsort((*np.moveaxis(found, -1, 0)[::-1], squares))
-        near[rows] = np.take_along_axis(near[rows], order, axis=1)
-        distances[rows] = np.sqrt(np.take_along_axis(squares, order, axis=1))
+        near[some] = np.take_along_axis(near[some], order, axis=1)
+        distances[some] = np.sqrt(np.take_along_axis(squares, order, axis=1))
     missing = (0, 0), (0, max(k - width, 0))
     distances = np.pad(distances[:, :k], missing, constant_values=np.inf)
     near = np.pad(near[:, :k], missing, constant_values=tree.n)
-    if cut.any():
-        distances[cut], near[cut] = query_tree(tree, queries[cut], k, 2 * width)
+    cut = np.flatnonzero(cut)
+    for part in slices(len(cut), max(1, AT_ONCE // width)):
+        some = cut[part]
+        distances[some], near[some] = query_tree(tree, queries[some], k, 2 * width)
     return distances, near

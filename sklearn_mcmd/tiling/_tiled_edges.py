@@ -49,17 +49,24 @@ from sklearn_mcmd.tiling._tiled_outliers import OutlierJob, cutoff_of, judge_cel
 
 ANSWER = bool, ()
 FACE_COLUMNS = {"owners": (np.int32, ()), "on_face": ANSWER, "doubtful": ANSWER}
-COLUMNS = {
-    **dict.fromkeys(("spacing", "crease", "off", "evidence"), NUMBER),
-    **dict.fromkeys(("crease_scale", "crease_radius", "crease_kept"), NUMBER),
-    **dict.fromkeys(("flat", "usable"), ANSWER),
-    **{f"face_{name}": kind for name, kind in FACE_COLUMNS.items()},
-}
 
 
 def even_steps():
-    """The steps, and their columns, in which the spacing becomes the mean of those around."""
+    """The steps that even out the spacing, each with a column of its name."""
     return [f"even{n}" for n in range(CreaseLimits().evening_steps)]
+
+
+def crease_steps():
+    """The steps of creases in their order, as of `Sweeps`."""
+    return "spacing", *even_steps(), "flat", "faces", "creases", "edges"
+
+
+def crease_columns():
+    """The columns that these steps fill."""
+    planes = [f"crease_{name}" for name in ("scale", "radius", "kept")]
+    numbers = "spacing", *even_steps(), *planes, "crease", "off", "evidence"
+    faces = {f"face_{name}": kind for name, kind in FACE_COLUMNS.items()}
+    return dict.fromkeys(numbers, NUMBER) | dict.fromkeys(("flat", "usable"), ANSWER) | faces
 
 
 class TiledEdges(TiledVerb):
@@ -86,8 +93,7 @@ class TiledEdges(TiledVerb):
     def find(self, run):
         columns = run.folder.columns
         cleaning = () if self.detector is None else ("outliers", "kept")
-        creases = "spacing", *even_steps(), "flat", "faces", "creases"
-        steps = *(creases if self.by_distance else ()), "edges"
+        steps = crease_steps() if self.by_distance else ("edges",)
         sweeps = run.sweeps([*cleaning, *plane_steps(self.normals), *steps])
         keep = _keep_faces if self.by_distance else _keep_values
         later = self.estimator.n_neighbors if self.by_distance else None
@@ -250,11 +256,10 @@ def _find_distances(sweeps, job, whole, all_cells):
     """Write the scores of all points, by the planes of the kept places: `whole`."""
     columns, sweep = whole.columns, partial(sweeps, cells=job.cells, job=job)
     cells = np.flatnonzero(job.cells.counts)
-    even = even_steps()
-    whole.make(**COLUMNS, **dict.fromkeys(even, NUMBER))
+    whole.make(**crease_columns())
     sweep("spacing", _measure_spacing)
     whole.remove("scale")
-    for before, step in zip(["spacing", *even], even, strict=False):
+    for before, step in zip(["spacing", *even_steps()], even_steps(), strict=False):
         sweep(step, partial(_even, step=step, before=before))
         whole.remove(before)
     if not columns.is_done(ALL, "usual"):
