@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from sklearn_mcmd import MCMDOutlierDetector, SharpFeatureDetector
 from sklearn_mcmd.io import read_points
-from sklearn_mcmd.tiling import _joined_parts, _tiled_judging, process_files
+from sklearn_mcmd.tiling import _memory, process_files
 from tiled import fit_in_memory, written
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -77,13 +77,12 @@ def test_a_cloud_of_nothing_but_surfaces_has_no_points_to_join(level, by_tiles, 
     assert (values[:, 0] <= 3).all()
 
 
-@pytest.mark.parametrize("what", ["bytes_of_parts", "SMALL_POINT"])
+@pytest.mark.parametrize("what", ["LINK_OF_PARTS", "SMALL_POINT"])
 def test_what_one_process_joins_is_refused_where_it_is_more_than_the_memory(
     what, tmp_path, monkeypatch
 ):
-    path, large = written(tmp_path, ribbon()), {"bytes_of_parts": lambda *_: 1e15}
-    place = _joined_parts if what in large else _tiled_judging
-    monkeypatch.setattr(place, what, large.get(what, 1e15))
+    path = written(tmp_path, ribbon())
+    monkeypatch.setattr(_memory, what, 1e15)
     with pytest.raises(ValueError, match=r"which .*take.* about .*MB, more than memory=.*MB"):
         process_files(path, tmp_path / "b.las", DETECTOR, tile_size=300)
 
