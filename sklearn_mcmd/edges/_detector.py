@@ -33,12 +33,16 @@ from sklearn_mcmd.edges._crease_distance import CreaseLimits, find_creases
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.planes._around import median_of
+from sklearn_mcmd.planes._base import warn_if_few
 from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
+
+# What steps within warn of, whose n_neighbors nobody gave.
+TOO_MANY = "n_neighbors=.* is more than the number"
 
 
 class EdgeLimits(NamedTuple):
@@ -269,13 +273,16 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         creases = self.criterion == "crease"
         index = self._index(xyz) if creases else None
         self.inlier_mask_ = kept = self._clean(xyz, detector)
-        if index is not None and not kept.all():
-            index = self._index(xyz[kept])
+        if index is not None:
+            index = index if kept.all() else self._index(xyz[kept])
+            warn_if_few(self, index, int(kept.sum()))
         members = found = table[kept]
         if self.normals == "estimate":
             self.normal_estimator_ = normal_estimator
             fit = normal_estimator.fit if creases else normal_estimator.fit_transform
-            with sub_fit(0.6, 0.8, "normals", normal_estimator):
+            with sub_fit(0.6, 0.8, "normals", normal_estimator), warnings.catch_warnings():
+                if creases and self.normal_estimator is None:
+                    warnings.filterwarnings("ignore", TOO_MANY)
                 found = fit(members)
         if index is not None:
             self.offset_, self.scores_ = crease_width(self), np.empty(len(xyz))
@@ -362,8 +369,8 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             return np.ones(len(xyz), dtype=bool)
         self.outlier_detector_ = detector
         with sub_fit(0.0, 0.6, "outliers", detector), warnings.catch_warnings():
-            if self.outlier_detector is None:  # nobody gave the n_neighbors of the default
-                warnings.filterwarnings("ignore", "n_neighbors=.* is more than the number")
+            if self.outlier_detector is None:
+                warnings.filterwarnings("ignore", TOO_MANY)
             labels = detector.fit_predict(xyz)
         kept = check_inliers("outlier_detector", detector, labels, least=xyz.shape[1] + 1)
         if not kept.all():

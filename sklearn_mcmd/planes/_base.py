@@ -105,12 +105,8 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
         self.n_neighbors_ = n if self.n_neighbors is None else index.n_neighbors
         if index.sizes is not None:
             self.n_neighbors_ = index.sizes[index.places]
-        elif fixed is not None and self.n_neighbors_ < fixed:
-            warn(
-                f"$n_neighbors={self.n_neighbors} is more than the number of distinct points, "
-                f"{index.n_distinct} of $n_samples: neighborhoods of all of them are used.",
-                n_samples=n,
-            )
+        elif fixed is not None:
+            warn_if_few(self, index, n)
         if X.dtype == np.float32 and (coarse := coarse_warning(index)):
             warn_caller(coarse)
         return X, index
@@ -133,6 +129,16 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
                 f"{most} are made. A lower $max_outlier_rate asks for fewer.",
             )
         return min(needed, most)
+
+
+def warn_if_few(estimator, index, n):
+    """Warn if the n points of an index have fewer places than an estimator asks neighbors for."""
+    if index.n_neighbors < estimator.n_neighbors:
+        warn(
+            f"$n_neighbors={estimator.n_neighbors} is more than the number of distinct points, "
+            f"{index.n_distinct} of $n_samples: neighborhoods of all of them are used.",
+            n_samples=n,
+        )
 
 
 class BasePlaneOutliers(FittedScoresMixin, BaseLocalPlanes):
