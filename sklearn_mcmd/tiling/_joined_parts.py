@@ -44,15 +44,21 @@ class JoinedParts:
                 f" which take about {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; "
                 "give more memory"
             )
-        self.roots, pairs = self._read("roots"), self._read("pairs")  # roots ascend
-        ends = np.searchsorted(self.roots, [pairs[:, 0], self._roots_of(pairs[:, 1])])
+        written, pairs = self._read("roots"), self._read("pairs")
+        linked = self._roots_of(pairs[:, 1])
+        # A part that only another cell links to is one row, and was not written.
+        self.roots = np.union1d(written, linked)
+        self._written = np.searchsorted(self.roots, written)
+        ends = np.searchsorted(self.roots, [pairs[:, 0], linked])
         shape = (len(self.roots),) * 2
         graph = coo_array((np.ones(len(pairs), bool), ends), shape=shape)
         self.n, self.labels = connected_components(graph, directed=False)
 
     def total(self, name):
-        """The sum of each joined part."""
-        return np.bincount(self.labels, self._read(name), self.n)
+        """The sum of each joined part; a part that was not written counts as 1."""
+        values = np.ones(len(self.roots))
+        values[self._written] = self._read(name)
+        return np.bincount(self.labels, values, self.n)
 
     def one(self):
         """A row of each joined part."""

@@ -31,8 +31,8 @@ class Costs(NamedTuple):
 
 COSTS = {
     "normals": Costs(tile=650, stored=180, cloud=450),
-    "outliers": Costs(tile=450, stored=145, cloud=450, whole=4, does="joins the groups of"),
-    "heights": Costs(tile=450, stored=205, cloud=450, whole=4, does="joins the groups of"),
+    "outliers": Costs(tile=450, stored=160, cloud=450, whole=4, does="joins the groups of"),
+    "heights": Costs(tile=450, stored=220, cloud=450, whole=4, does="joins the groups of"),
     "edges": Costs(tile=750, stored=190, cloud=1100, whole=4, does="joins the groups of"),
     "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
     "regions": Costs(tile=650, stored=195, cloud=720, whole=100, does="joins the regions of"),

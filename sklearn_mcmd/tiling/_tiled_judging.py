@@ -59,6 +59,12 @@ def off_surfaces(job):
     return StoredColumns(CellColumns(job.found / "rest"), len(job.cells))
 
 
+def _of_rest(cell, job, name):
+    """What a column has of the places of a cell that are off the surfaces."""
+    whole = job.whole()
+    return whole.rows_of(name, whole.rows(cell))[~whole.columns.read(cell, "explained")]
+
+
 class ExplainedNearest(StoredNearest):
     """The places that surfaces explain, `n` of all, which are known by their rows among all."""
 
@@ -135,11 +141,8 @@ def _explain(cell, job):
     if judged.level.off_surfaces:
         whole.put(cell, owner_scale=judged.planes.scale[owners])
     columns.write(cell, explained=explained)
-    of_rest = {"points": points, "counts": whole.rows_of("counts", own)}
-    of_rest["among_all"] = whole.rows_of("spacing", own)
     rest = CellColumns(job.found / "rest")
     rest.folder.mkdir(exist_ok=True)
-    rest.write(cell, **{name: values[~explained] for name, values in of_rest.items()})
     rest.finish(cell, "places", n_places=int(np.count_nonzero(~explained)))
     columns.finish(cell, "explained", n=int(np.count_nonzero(explained)))
 
@@ -147,7 +150,7 @@ def _explain(cell, job):
 def _find_usual(cell, job):
     """Fill the usual spacing around the places of a cell that are off the surfaces."""
     rest = off_surfaces(job)
-    points, counts = (rest.columns.read(cell, name) for name in ("points", "counts"))
+    points, counts = (_of_rest(cell, job, name) for name in ("points", "counts"))
     usual, gaps = _rest_of(job).usual_around(points, job.n_threads)
     rest.put(cell, points=points, counts=counts, usual=usual, gaps=gaps)
     job.columns.finish(cell, "usual")
@@ -158,7 +161,7 @@ def _find_groups(cell, job):
     rest, known = off_surfaces(job), _rest_of(job)
     own, usual = rest.rows(cell), rest.open("usual")
     among_rest, linked = known.neighbors(usual, job.n_threads, own)
-    among_all = rest.columns.read(cell, "among_all")
+    among_all = _of_rest(cell, job, "spacing")
     rest.put(cell, isolation=known.isolated(among_rest, among_all, usual[own]))
     labels, pairs = parts_within(linked, own)
     sums = Groups.of(labels, known.counts[own], usual[own])._asdict()

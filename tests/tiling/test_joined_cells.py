@@ -37,6 +37,20 @@ def test_a_surface_that_runs_through_fifty_cells_is_one_surface(by_tiles, tmp_pa
     assert (scores[20:] <= 3).mean() > 0.98
 
 
+@pytest.mark.parametrize(("seed", "k", "tile_size"), [(134, 8, 900), (206, 16, 350)])
+def test_a_link_to_a_place_that_links_to_nobody_is_that_of_memory(
+    seed, k, tile_size, by_tiles, tmp_path
+):
+    """On a lattice a place may be as far as another's last neighbor, and be none of them."""
+    rng = np.random.default_rng(seed)
+    m = rng.integers(8, 40)
+    plane = rng.integers(0, m, (1_500, 3)) * [2, 2, 0] + [0, 0, m // 2]
+    X = np.unique(np.vstack([plane, rng.integers(0, 2 * m, (900, 3))]), axis=0) * 0.25
+    path, detector = written(tmp_path, X), MCMDOutlierDetector(k, random_state=0)
+    values = by_tiles(path, detector, tile_size=tile_size)[0]
+    assert_array_equal(values[:, 0], -fit_in_memory(read_points(path).xyz, detector).scores_)
+
+
 def test_a_group_on_the_corner_of_eight_cells_is_one_group(by_tiles, tmp_path):
     """Cuts are at medians: so eight clumps of a lattice of them, and one where these cuts meet."""
     corners = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
