@@ -111,7 +111,7 @@ def test_an_edge_that_runs_through_many_cells_is_as_long_as_in_memory(outliers, 
     path = written(tmp_path, X)
     values, verb, report = by_tiles(path, detector, tile_size=300)
     fitted = fit_in_memory(read_points(path).xyz, detector)
-    assert report.n_tiles > 8
+    assert report.n_tiles >= 8
     assert_array_equal(values[:, 0], fitted.scores_)
     along = X[:2_400][values[:2_400, 0] < verb.limit][:, 0]
     assert (np.histogram(along, 20, (0, 10))[0] > 0).all()
