@@ -129,8 +129,7 @@ class NearestPoints:
         `rows` are those of the queries, a slice or an array.
         """
         chunk = max(1, min(CHUNK, AT_ONCE // k))
-        shared = queries.shape[1] == 3 and len(queries) >= COMPILE_FROM
-        if not (shared and self.n >= max(k, COMPILE_FROM)):
+        if queries.shape[1] != 3 or len(queries) < COMPILE_FROM or self.n < k:
 
             def search_tree(rows):
                 work(rows, *query_tree(self.tree, queries[rows], k))

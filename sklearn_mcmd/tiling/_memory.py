@@ -22,9 +22,9 @@ UNKNOWN = 4e9  # bytes of a machine that does not say how many it has
 class Costs(NamedTuple):
     """Bytes for each point that a work takes, measured; see docs/tiling.rst."""
 
-    tile: int  # of a tile
-    stored: int  # of temporary files, besides neighbors
-    cloud: int  # of a cloud in memory besides what its record has
+    tile: int = 0  # of a tile
+    stored: int = 0  # of temporary files, besides neighbors
+    cloud: int = 0  # of a cloud in memory besides what its record has
     whole: int = 0  # of all points, in one process that works on all at once
     does: str = ""  # what that process does
 
@@ -38,14 +38,14 @@ COSTS = {
     "regions": Costs(tile=650, stored=195, cloud=720, whole=100, does="joins the regions of"),
     # Beside these: noise or a share of all tells the cutoff, numbers of neighbors are found, rays
     # are followed, each point has a position.
-    "noise": Costs(tile=0, stored=0, cloud=0, whole=40, does="finds the noise of"),
-    "share": Costs(tile=0, stored=0, cloud=0, whole=16, does="ranks the scores of"),
+    "noise": Costs(whole=40, does="finds the noise of"),
+    "share": Costs(whole=16, does="ranks the scores of"),
     "auto": Costs(tile=1300, stored=300, cloud=750, whole=80, does="finds neighbors of"),
-    "rays": Costs(tile=0, stored=155, cloud=650, whole=200, does="follows the rays to"),
-    "light": Costs(tile=0, stored=16, cloud=480, whole=35, does="judges"),
-    "positions": Costs(tile=0, stored=50, cloud=500, whole=24, does="holds positions for"),
-    "trajectory": Costs(tile=0, stored=50, cloud=500, whole=30, does="keeps the times of"),
-    "angles": Costs(tile=0, stored=50, cloud=750, whole=300, does="adjusts the flight lines of"),
+    "rays": Costs(stored=155, cloud=650, whole=200, does="follows the rays to"),
+    "light": Costs(stored=16, cloud=480, whole=35, does="judges"),
+    "positions": Costs(stored=50, cloud=500, whole=24, does="holds positions for"),
+    "trajectory": Costs(stored=50, cloud=500, whole=30, does="keeps the times of"),
+    "angles": Costs(stored=50, cloud=750, whole=300, does="adjusts the flight lines of"),
 }
 PROCESS = 330e6  # bytes of a process with its compiled code
 FEATURE = 24  # bytes of a feature of a point

@@ -60,7 +60,8 @@ def ranks_of_light(job):
     values, counts = levels.merged()
     if len(values) == 1:
         return None
+    ranks = middle_ranks(counts)
     for cell in range(len(cells)):
         largest = whole.rows_of("light", whole.rows(cell))
-        whole.put(cell, light=middle_ranks(counts)[np.searchsorted(values, largest)])
+        whole.put(cell, light=ranks[np.searchsorted(values, largest)])
     return whole.open("light")
