@@ -32,7 +32,7 @@ from sklearn_mcmd._validation import (
 from sklearn_mcmd.edges._crease_distance import CreaseLimits, find_creases
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
-from sklearn_mcmd.planes._around import median_of
+from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.planes._base import warn_if_few
 from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
@@ -463,8 +463,8 @@ def least_of_edge(parts, threshold, n_std):
         mean = _sum(parts()) / n
         variance = _sum(np.square(values - mean) for values in parts()) / (n - 1)
         return mean + (EdgeLimits().paper_std if n_std is None else n_std) * sqrt(variance)
-    usual = median_of(parts)
-    deviation = median_of(lambda: (np.abs(values - usual) for values in parts()))
+    usual = quantile_of(parts, 0.5)
+    deviation = quantile_of(lambda: (np.abs(values - usual) for values in parts()), 0.5)
     n_std = EdgeLimits().robust_std if n_std is None else n_std
     return float(usual + n_std * MAD_TO_SD * deviation)
 

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.outliers._model import JudgedCloud
-from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._around import at_ranks, ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
@@ -103,11 +103,8 @@ def _matching_noise(model):
     Where noise reaches the size of the neighborhoods these turn from disks into balls, and
     planes follow the noise: scale and cutoff are then different.
     """
-    n, d = model.index.points.shape
-    k = model.index.n_neighbors
-    # Evenly along the first axis, so that neither the order of rows nor the unit matters.
-    rows = np.lexsort(model.index.points.T[::-1])[:: max(1, n // MATCHED)]
-    wanted, (_, least, most) = _roughness(model, rows), CalibrationLimits()
+    k, d = model.index.n_neighbors, model.index.points.shape[1]
+    wanted, (_, least, most) = _roughness(model, _even_rows(model.index)), CalibrationLimits()
     noise = wanted * _radius(k, d)
     for _ in range(MATCHING_STEPS):
         noise = float(np.clip(noise, least, most))
@@ -116,6 +113,18 @@ def _matching_noise(model):
         found = _roughness(simulated, np.flatnonzero(counted[simulated.index.rows]))
         noise *= wanted / found
     return float(np.clip(noise, least, most))
+
+
+def _even_rows(index):
+    """Rows evenly along the first axis, so that neither the order of rows nor the unit matters."""
+    origin = index.points[0, 0]  # near which there are more bins
+
+    def parts():
+        for rows, points in index.in_parts():
+            yield np.column_stack([points[:, 0] - origin, points, rows])
+
+    n = len(index.points)
+    return at_ranks(parts, np.arange(0, n, max(1, n // MATCHED)))[:, -1].astype(np.intp)
 
 
 def _roughness(model, rows):

@@ -338,7 +338,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         self.scores_ = np.negative(found.scores, out=found.scores)
         self.offset_ = -cutoff
         if (share := share_to_flag(self)) is not None:
-            self.offset_ = float(np.percentile(self.scores_, 100 * share))
+            self.offset_ = float(np.quantile(self.scores_, share))
         self.n_by_rays_ = n_by_rays(self._cloud.raised, -self.offset_)
         self.sensor_origin_ = None if self._cloud.rays is None else position
         return self

@@ -8,7 +8,7 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 
 MODULE = "planes._moments_numba"
 LARGEST = 1e300  # of a quotient: the mean of two is finite, as is a small multiple
-LOWER_BITS = 40  # of a number's 64, which do not count when values are sorted into bins
+LOWER_BITS = 36  # of a number's 64, which do not count when values are sorted into bins
 
 
 class NoiseLimits(NamedTuple):
@@ -25,10 +25,18 @@ def quantile_around(values, neighborhoods, q):
     return out
 
 
-def median_of(parts):
-    """The median of all values, float64, of the arrays that ``parts()`` iterates over.
+def quantile_of(parts, q):
+    """What `numpy.quantile` returns of all values, float64, of the arrays of ``parts()``."""
+    n = sum(map(len, parts()))
+    low = int((n - 1) * q)
+    return np.quantile(at_ranks(parts, [low, min(low + 1, n - 1)]), (n - 1) * q - low)
 
-    They are counted in bins, so that only those of the bins in the middle are in memory.
+
+def at_ranks(parts, ranks):
+    """Values, float64 (n,) or (n, d), at ranks among all of the arrays that ``parts()`` iterates
+    over, in ascending order; of rows (n, d) the first column counts first. NaN if one is.
+
+    They are counted in bins, so that only those of the bins of these ranks are in memory.
     """
     keys, counts = np.empty(0, np.int64), np.empty(0, np.int64)
     for values in parts():
@@ -37,19 +45,19 @@ def median_of(parts):
         new = np.unique(_bins(values), return_counts=True)
         keys, places = np.unique(np.concatenate([keys, new[0]]), return_inverse=True)
         counts = np.bincount(places, np.concatenate([counts, new[1]])).astype(np.int64)
-    ends = np.cumsum(counts)
-    middle = np.array([(ends[-1] - 1) // 2, ends[-1] // 2])
-    low, high = np.searchsorted(ends, middle, side="right")
-    some = []
-    for values in parts():
-        bins = _bins(values)
-        some.append(values[(bins >= keys[low]) & (bins <= keys[high])])
-    return np.mean(np.sort(np.concatenate(some))[middle - ends[low] + counts[low]])
+    of = np.searchsorted(np.cumsum(counts), ranks, side="right")
+    chosen = np.zeros(len(keys), bool)
+    chosen[of] = True
+    left_out = np.cumsum(np.where(chosen, 0, counts))
+    found = np.concatenate([v[chosen[np.searchsorted(keys, _bins(v))]] for v in parts()])
+    order = np.lexsort(found.reshape(len(found), -1).T[::-1])
+    return found[order[ranks - left_out[of]]]
 
 
 def _bins(values):
-    """Numbers of 24 bits that ascend as the values do."""
-    bits = (values + 0.0).view(np.int64)  # -0.0 and 0.0 are equal
+    """Numbers of 28 bits that ascend as the values do, or those of the first column."""
+    first = values if values.ndim == 1 else values[:, 0]
+    bits = (first + 0.0).view(np.int64)  # -0.0 and 0.0 are equal
     return (bits ^ (bits >> 63 & np.iinfo(np.int64).max)) >> LOWER_BITS
 
 

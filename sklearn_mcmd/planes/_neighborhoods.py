@@ -124,6 +124,10 @@ class NeighborIndex:
 
         each_slice(len(wanted), self.chunk, task, n_jobs)
 
+    def in_parts(self):
+        """Rows and points (m, d), part by part; only one part is in memory at a time."""
+        yield np.arange(len(self.points)), self.points
+
     def among(self, chosen):
         """The search of those of the points that are chosen, bool (m,): `NearestPoints`."""
         return NearestPoints(self.points, chosen)

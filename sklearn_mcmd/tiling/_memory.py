@@ -36,10 +36,7 @@ COSTS = {
     "edges": Costs(tile=750, stored=190, cloud=1100, whole=4, does="joins the groups of"),
     "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
     "regions": Costs(tile=650, stored=195, cloud=720, whole=100, does="joins the regions of"),
-    # Beside these: noise or a share of all tells the cutoff, numbers of neighbors are found, rays
-    # are followed, each point has a position.
-    "noise": Costs(whole=40, does="finds the noise of"),
-    "share": Costs(whole=16, does="ranks the scores of"),
+    # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=300, cloud=750, whole=80, does="finds neighbors of"),
     "rays": Costs(stored=155, cloud=650, whole=200, does="follows the rays to"),
     "light": Costs(stored=16, cloud=480, whole=35, does="judges"),
@@ -104,8 +101,6 @@ def work_of(base, normals=None, detector=None, sensor=None, light=False):
     more = ["auto"] * (normals is not None and normals.n_neighbors == "auto")
     if detector is not None:
         more += ["rays"] * (sensor is not None or detector.sensor_origin is not None)
-        more += ["noise"] * (detector.false_positive_rate is not None)
-        more += ["share"] * (detector.contamination is not None)
     more += ["light"] * light
     return ", ".join([base, *more, *([] if sensor is None else [sensor.kind])])
 

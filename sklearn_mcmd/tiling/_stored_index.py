@@ -61,6 +61,12 @@ class StoredIndex(NeighborIndex):
 
         self.among(None).visit(self.points[rows], k, found, n_jobs)
 
+    def in_parts(self):
+        """As of `NeighborIndex`."""
+        for cell in range(self._whole.n_cells):
+            own = self._whole.rows(cell)
+            yield np.arange(own.start, own.stop), self._whole.rows_of("points", own)
+
     def among(self, chosen):
         """As of `NeighborIndex`; of all places with None."""
         rows = self._whole.rows

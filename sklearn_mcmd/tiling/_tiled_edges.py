@@ -26,7 +26,7 @@ from sklearn_mcmd.edges._detector import (
 )
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers import MCMDOutlierDetector
-from sklearn_mcmd.planes._around import median_of
+from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.tiling._cells import Cells, Constants, WholeCloud
@@ -263,7 +263,8 @@ def _find_distances(sweeps, job, whole, all_cells):
         sweep(step, partial(_even, step=step, before=before))
         whole.remove(before)
     if not columns.is_done(ALL, "usual"):
-        columns.finish(ALL, "usual", flatness=float(median_of(partial(_flatness, whole, cells))))
+        parts = partial(_flatness, whole, cells)
+        columns.finish(ALL, "usual", flatness=float(quantile_of(parts, 0.5)))
     sweep("flat", _find_flat)
     sweep("faces", _give_faces)
     sweep("creases", _meet)

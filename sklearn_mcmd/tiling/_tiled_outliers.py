@@ -22,6 +22,7 @@ from sklearn_mcmd.outliers._groups import group_depths
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits, are_usable, surface_width
+from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.planes._explaining import measure_farthest
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.report._volumes import losses_of
@@ -259,7 +260,9 @@ def judge_cells(job, sweeps, cutoff, memory):
         sweep("neighbors", find_neighbors)
         warn_if_coarse(job.constants, StoredIndex(whole))
         if detector.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
-            _calibrate(job, whole)
+            with listen_to_progress(None):
+                known = job.model(), detector._settings(), detector.false_positive_rate
+                columns.finish(ALL, "cutoff", cutoff=calibrated_cutoff(*known))
         find_offers(sweep, job)
         whole.make(**job.stored_columns())
         sweep("planes", _find_planes)
@@ -274,19 +277,9 @@ def judge_cells(job, sweeps, cutoff, memory):
     if detector.false_positive_rate is not None:
         return columns.report(ALL, "cutoff")["cutoff"]
     share = share_to_flag(detector)
-    if share is not None:  # all scores are in memory: 16 bytes for each
-        scores = np.concatenate(list(scores_of(columns, cells)))
-        np.negative(scores, out=scores)
-        return -np.percentile(scores, 100 * share, overwrite_input=True)
+    if share is not None:
+        return -float(quantile_of(lambda: map(np.negative, scores_of(columns, cells)), share))
     return cutoff
-
-
-def _calibrate(job, whole):
-    """Find the cutoff of a stated false-positive rate."""
-    rate, settings = job.estimator.false_positive_rate, job.estimator._settings()
-    with listen_to_progress(None), whole.releasing():
-        cutoff = calibrated_cutoff(job.model(), settings, rate)
-    whole.columns.finish(ALL, "cutoff", cutoff=cutoff)
 
 
 def _find_planes(cell, job):

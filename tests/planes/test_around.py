@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.planes._around import are_flat, median_of, most_noise_around
+from sklearn_mcmd.planes._around import are_flat, at_ranks, most_noise_around, quantile_of
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
@@ -44,12 +45,21 @@ def test_a_filled_ball_is_not_flat_and_a_plane_of_no_noise_is_none():
 
 @pytest.mark.parametrize("n", [1, 2, 3, 10, 1_001, 2_000])
 @pytest.mark.parametrize("spread", [0.0, 1e-9, 1.0, 1e9])
-def test_the_median_of_parts_is_that_of_all_values(n, spread):
+@pytest.mark.parametrize("q", [0.0, 0.07, 0.5, 0.999, 1.0])
+def test_a_quantile_of_parts_is_that_of_all_values(n, spread, q):
     rng = np.random.default_rng(n)
     values = rng.choice([-1.0, 0.0, -0.0, 1.0, 5e6], n) + spread * rng.normal(size=n)
     parts = np.array_split(values, [0, n // 3, n // 2])
-    assert median_of(lambda: parts) == np.median(values)
+    assert quantile_of(lambda: parts, q) == np.quantile(values, q)
 
 
-def test_the_median_of_parts_is_no_number_where_one_is_none():
-    assert np.isnan(median_of(lambda: [np.ones(3), np.array([np.nan])]))
+def test_a_quantile_of_parts_is_no_number_where_one_is_none():
+    assert np.isnan(quantile_of(lambda: [np.ones(3), np.array([np.nan])], 0.5))
+
+
+def test_rows_at_ranks_are_those_of_a_sorted_table_however_it_is_divided():
+    rows = np.random.default_rng(0).integers(-3, 4, (500, 3)).astype(float)
+    ordered, ranks = rows[np.lexsort(rows.T[::-1])], np.arange(0, 500, 7)
+    for ends in ([], [0, 1, 400]):
+        parts = np.split(rows, ends)
+        assert_array_equal(at_ranks(lambda parts=parts: parts, ranks), ordered[ranks])
