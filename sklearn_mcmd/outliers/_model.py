@@ -1,5 +1,7 @@
 """A fitted cloud that scores its own points and new ones: planes, surfaces, then all else."""
 
+from itertools import chain
+from math import fsum
 from typing import NamedTuple
 
 import numpy as np
@@ -147,9 +149,8 @@ class JudgedCloud:
                 self.off_surface = off_surface = judge_off_surface(rest, least, self.n_jobs)
         rest, points = off_surface.rest.rows, off_surface.rest.points
         if self.intensity is not None:
-            dark = self.intensity[rest[off_surface.isolation > ExplainLimits().explained]]
-            self.telling = max(0.0, 1 - 2 * np.mean(dark)) if len(dark) else 0.0
-        doubt = self._darkness(rest)
+            self.telling = telling_of([isolated(self.intensity[rest], off_surface.isolation)])
+        doubt = self.darkness(rest)
         apart = off_surface.isolation * doubt, off_surface.separation
         if self.rays is None:
             distances[rest] = self.joined(distances[rest], *apart, points)
@@ -201,14 +202,14 @@ class JudgedCloud:
             isolation[rest], separation[rest], joined[rest] = self.off_surface.measure(
                 queries[rest], spacing[rest]
             )
-        doubt = self._darkness(around.indices[:, 0])
+        doubt = self.darkness(around.indices[:, 0])
         if self.rays is None:
             return self.joined(distances, isolation * doubt, separation, queries)
         apart, planes = (isolation, separation, joined), (self.explained, self.to_planes)
         by_rays = self.rays.judge_new(queries, around, apart, spacing, *planes, doubt)
         return self.joined(distances, *by_rays, queries)
 
-    def _darkness(self, rows):
+    def darkness(self, rows):
         """The factor on the isolation of these points by their intensity: as far as this tells,
         from 0 of the brightest of all to 1.4 of the darkest, 1 in the middle."""
         if self.intensity is None:
@@ -368,6 +369,17 @@ def ranks_of_intensity(intensity, index, n):
     np.maximum.at(largest, index.places, given)
     values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)
     return middle_ranks(counts)[place] if len(values) > 1 else None
+
+
+def isolated(ranks, isolation):
+    """Those of points whose isolation no surface would explain."""
+    return ranks[isolation > ExplainLimits().explained]
+
+
+def telling_of(parts):
+    """How far intensity tells, by the ranks of isolated points, in any parts and order."""
+    n = sum(map(len, parts))
+    return max(0.0, 1 - 2 * fsum(chain.from_iterable(parts)) / n) if n else 0.0
 
 
 def middle_ranks(counts):

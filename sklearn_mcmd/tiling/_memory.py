@@ -39,7 +39,7 @@ COSTS = {
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=300, cloud=750, whole=80, does="finds neighbors of"),
     "rays": Costs(stored=155, cloud=650, whole=200, does="follows the rays to"),
-    "light": Costs(stored=16, cloud=480, whole=35, does="judges"),
+    "light": Costs(stored=16, cloud=480),
     "positions": Costs(stored=50, cloud=500, whole=24, does="holds positions for"),
     "trajectory": Costs(stored=50, cloud=500, whole=30, does="keeps the times of"),
     "angles": Costs(stored=50, cloud=750, whole=300, does="adjusts the flight lines of"),
@@ -48,6 +48,7 @@ PROCESS = 330e6  # bytes of a process with its compiled code
 FEATURE = 24  # bytes of a feature of a point
 NEIGHBORS = 50  # whose costs of a tile these are; each more takes 8 bytes for a point
 PART_OF_GRAPH, LINK_OF_PARTS = 60, 80  # bytes of what one process joins across cells
+LEVEL = 60  # bytes of a value that some coordinate or intensity has
 SMALL_POINT = 400  # bytes of a point of small groups, which one process judges
 BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
 JOINED_POINT = 150  # bytes of a point while regions are joined
@@ -169,6 +170,11 @@ def bytes_of_parts(n_parts, n_links):
 def bytes_of_small(n_points):
     """What so many points of small groups off all surfaces take, about."""
     return PROCESS + SMALL_POINT * n_points
+
+
+def bytes_of_levels(n):
+    """What so many different values take, about."""
+    return PROCESS + LEVEL * n
 
 
 def bytes_of_groups(n_points):

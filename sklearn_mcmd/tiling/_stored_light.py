@@ -4,11 +4,13 @@ import os
 
 import numpy as np
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._sensor import LIGHTS, lights_in
 from sklearn_mcmd.outliers._model import middle_ranks
 from sklearn_mcmd.tiling._cells import Levels
-from sklearn_mcmd.tiling._stored_columns import made, mapped
+from sklearn_mcmd.tiling._memory import bytes_of_levels
+from sklearn_mcmd.tiling._stored_columns import ALL, made, mapped
 from sklearn_mcmd.tiling._stored_offers import NUMBER
 
 LIGHT = "light.npy"
@@ -45,11 +47,11 @@ def stored_light(folder):
     return mapped(folder / LIGHT, "r") if (folder / LIGHT).exists() else None
 
 
-def ranks_of_light(job):
-    """What `ranks_of_intensity` returns, of all places on disk."""
+def rank_light(job, memory):
+    """Fill light with what `ranks_of_intensity` returns; there is none if that is None."""
     whole, cells, stored, levels = job.whole(), job.cells, stored_light(job.points), Levels()
-    if stored is None:
-        return None
+    if stored is None or whole.columns.is_done(ALL, "ranks"):
+        return
     whole.make(light=NUMBER)
     for cell in range(len(cells)):
         own = whole.rows(cell)
@@ -57,11 +59,16 @@ def ranks_of_light(job):
         np.maximum.at(largest, whole.columns.read(cell, "place_of"), stored[cells.rows(cell)])
         whole.put(cell, light=largest)
         levels.add(*np.unique(largest, return_counts=True))
+        if (needed := bytes_of_levels(n := sum(len(part) for part, _ in levels.parts))) > memory:
+            raise ParameterError(
+                f"intensity has more than {n:,} different values, which take about "
+                f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory"
+            )
     values, counts = levels.merged()
-    if len(values) == 1:
-        return None
     ranks = middle_ranks(counts)
     for cell in range(len(cells)):
         largest = whole.rows_of("light", whole.rows(cell))
         whole.put(cell, light=ranks[np.searchsorted(values, largest)])
-    return whole.open("light")
+    if len(values) == 1:  # which tells nothing
+        whole.remove("light")
+    whole.columns.finish(ALL, "ranks")

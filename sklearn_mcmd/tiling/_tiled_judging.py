@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd.outliers._model import isolated, telling_of
 from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Rest
 from sklearn_mcmd.outliers._small_groups import Groups, SmallGroups
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits, surface_links
@@ -50,6 +51,8 @@ def judge_in_cells(sweep, job, memory, n_jobs):
     if not rest.columns.is_done(ALL, "small"):
         with listen_to_progress(None):
             _judge_small(job, rest, memory, n_jobs)
+            telling = telling_of(_isolated_light(job, rest)) if whole.has("light") else 0.0
+        whole.columns.finish(ALL, "light", telling=telling)
         rest.columns.finish(ALL, "small")
     sweep("scores", _find_scores, job=job)
 
@@ -213,16 +216,31 @@ def _judge_small(job, rest, memory, n_jobs):
         rest.columns.write(cell, small_isolation=isolation[own], **found)
 
 
+def _isolation(cell, rest):
+    """How isolated the places of a cell are that are off the surfaces."""
+    isolation = rest.rows_of("isolation", rest.rows(cell))
+    isolation[rest.columns.read(cell, "rows")] = rest.columns.read(cell, "small_isolation")
+    return isolation
+
+
+def _isolated_light(job, rest):
+    """The ranks of intensity of isolated places, cell by cell."""
+    cells = np.flatnonzero(job.cells.counts)
+    return [isolated(_of_rest(cell, job, "light"), _isolation(cell, rest)) for cell in cells]
+
+
 def _find_scores(cell, job):
     """Write the scores of the points of a cell."""
     whole, rest, columns = job.whole(), off_surfaces(job), job.columns
     distances = whole.rows_of("distances", whole.rows(cell))
     off, own = np.flatnonzero(~columns.read(cell, "explained")), rest.rows(cell)
-    isolation, separation = rest.rows_of("isolation", own), np.zeros(len(off))
+    isolation, separation = _isolation(cell, rest), np.zeros(len(off))
     rows = rest.columns.read(cell, "rows")
-    isolation[rows] = rest.columns.read(cell, "small_isolation")
     separation[rows] = rest.columns.read(cell, "separation")
-    judged = job.judged(StoredIndex(whole), job.n_threads)
+    known = {"intensity": _of_rest(cell, job, "light")} if whole.has("light") else {}
+    judged = job.judged(StoredIndex(whole), job.n_threads, **known)
+    judged.telling = columns.report(ALL, "light")["telling"]
+    isolation *= judged.darkness(slice(None))
     if job.n_explained and judged.level.off_surfaces:
         judged.reference = ExplainedNearest(whole, job.cells, job.n_explained)
         judged.explained_scale = whole.open("owner_scale")

@@ -52,7 +52,7 @@ from sklearn_mcmd.tiling._stored_index import (
     near_box,
     within_reach,
 )
-from sklearn_mcmd.tiling._stored_light import ranks_of_light, stored_light
+from sklearn_mcmd.tiling._stored_light import rank_light
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER, find_offers, offer_steps
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
@@ -103,7 +103,7 @@ class TiledOutliers(TiledVerb):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
         self.scored = run.folder.columns
         job = OutlierJob.of(run, self.detector)
-        steps = outlier_steps(self.detector, self.needs_light)
+        steps = outlier_steps(self.detector)
         if self.limits is None:
             sweeps = run.sweeps(steps)
             self.cutoff = judge_cells(job, sweeps, self.cutoff, run.memory)
@@ -207,9 +207,8 @@ class OutlierJob(Job):
         return JudgedCloud(self.model_on(index), **settings, **known)
 
     def in_one_process(self):
-        """Whether one process judges all: rays go through many cells, and intensity is ranked."""
-        told = self.estimator.sensor_origin is not None or stored_light(self.points) is not None
-        return told and not self.estimator._one_plane
+        """Whether one process judges all, as rays go through many cells."""
+        return self.estimator.sensor_origin is not None and not self.estimator._one_plane
 
     def stored_columns(self):
         """What the sweeps fill: names, dtypes and shapes of a row."""
@@ -235,9 +234,9 @@ def cutoff_of(estimator):
     return -warm_up(detector).offset_
 
 
-def outlier_steps(detector, light=False):
-    """The steps of `judge_cells` in their order, as of `Sweeps`; `light` if intensity tells."""
-    last = STEPS if detector.sensor_origin is None and not light else ("rays",)
+def outlier_steps(detector):
+    """The steps of `judge_cells` in their order, as of `Sweeps`."""
+    last = STEPS if detector.sensor_origin is None else ("rays",)
     last = () if detector._one_plane else last
     return "places", "neighbors", *offer_steps(detector), "planes", *last
 
@@ -269,6 +268,7 @@ def judge_cells(job, sweeps, cutoff, memory):
         if not detector._one_plane:
             whole.settle("planes", FACES)
         whole.remove("asks")
+        rank_light(job, memory)
         if job.in_one_process():
             with sweeps.part("rays"), whole.releasing():
                 _judge_by_rays(job, cells, whole, n_jobs)
@@ -313,9 +313,11 @@ def _find_planes(cell, job):
 
 
 def _judge_by_rays(job, cells, whole, n_threads):
-    """Write the scores of all cells, with the sensor's position or intensity, in this process."""
+    """Write the scores of all cells, with the sensor's position, in this process."""
     index, spacings = StoredIndex(whole, cells), ("spacing", "other_spacing")
-    known = {"origins": _origins(job, cells, whole, index), "intensity": ranks_of_light(job)}
+    known = {"origins": _origins(job, cells, whole, index)}
+    if whole.has("light"):
+        known["intensity"] = whole.open("light")
     judged, counts = job.judged(index, n_threads, **known), whole.open("counts")
     judged.judge(counts, int(counts.sum()), lambda: (whole.planes(), *map(whole.open, spacings)))
     _keep_rays(whole.columns, judged)

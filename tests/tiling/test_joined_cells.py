@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from sklearn_mcmd import MCMDOutlierDetector, SharpFeatureDetector
-from sklearn_mcmd.io import read_points
+from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.tiling import _memory, process_files
 from tiled import fit_in_memory, written
 
@@ -91,14 +91,15 @@ def test_a_cloud_of_nothing_but_surfaces_has_no_points_to_join(level, by_tiles, 
     assert (values[:, 0] <= 3).all()
 
 
-@pytest.mark.parametrize("what", ["LINK_OF_PARTS", "SMALL_POINT"])
+@pytest.mark.parametrize("what", ["LINK_OF_PARTS", "SMALL_POINT", "LEVEL"])
 def test_what_one_process_joins_is_refused_where_it_is_more_than_the_memory(
     what, tmp_path, monkeypatch
 ):
-    path = written(tmp_path, ribbon())
+    X = ribbon()
+    path = written(tmp_path, PointCloud(X, {"intensity": np.arange(len(X), dtype=np.uint16)}))
     monkeypatch.setattr(_memory, what, 1e15)
     with pytest.raises(ValueError, match=r"which .*take.* about .*MB, more than memory=.*MB"):
-        process_files(path, tmp_path / "b.las", DETECTOR, tile_size=300)
+        process_files(path, tmp_path / "b.las", DETECTOR, tile_size=300, intensity=True)
 
 
 @pytest.mark.parametrize("outliers", [pytest.param(0, marks=pytest.mark.slow), 40])
