@@ -37,7 +37,7 @@ COSTS = {
     "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
     "regions": Costs(tile=650, stored=195, cloud=720, whole=100, does="joins the regions of"),
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
-    "auto": Costs(tile=1300, stored=300, cloud=750, whole=80, does="finds neighbors of"),
+    "auto": Costs(tile=1300, stored=300, cloud=750),
     "rays": Costs(stored=155, cloud=650, whole=200, does="follows the rays to"),
     "light": Costs(stored=16, cloud=480),
     "positions": Costs(stored=50, cloud=500, whole=24, does="holds positions for"),

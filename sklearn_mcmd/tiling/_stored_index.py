@@ -50,17 +50,6 @@ class StoredIndex(NeighborIndex):
         near[large] = self._whole.rows_of("larger", starts + last)
         return padded(near, sizes), sizes
 
-    def visit_own(self, wanted, k, work, n_jobs=None):
-        """As of `NeighborIndex`."""
-        if k <= self._stored:
-            return super().visit_own(wanted, k, work, n_jobs)
-        rows = np.flatnonzero(wanted)
-
-        def found(some, _, near):
-            work(rows[some], Neighborhoods(near.astype(np.int32), np.full(len(near), k)))
-
-        self.among(None).visit(self.points[rows], k, found, n_jobs)
-
     def in_parts(self):
         """As of `NeighborIndex`."""
         for cell in range(self._whole.n_cells):

@@ -23,7 +23,7 @@ from sklearn_mcmd.tiling._stored_offers import stored_offers
 # How long each step of a run takes, for the display of progress: percents of what normals take.
 WEIGHTS = {
     **{"places": 2, "neighbors": 20, "offers": 25, "planes": 30, "bends": 10, "normals": 15},
-    **{"sizes": 48, "larger": 8},  # of n_neighbors="auto"
+    **{"scale": 21, "settled": 6, "sizes": 7, "larger": 6},  # of n_neighbors="auto"
     **{"forest": 6, "sides": 12},  # of orientation="mst"
     **{"surfaces": 1, "explained": 1, "usual": 12, "groups": 10, "scores": 2},
     **{"rays": 25, "heights": 18, "verdicts": 1},

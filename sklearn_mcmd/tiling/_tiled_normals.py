@@ -11,7 +11,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.normals._adaptive_k import ScaleFinder, SizeLimits
+from sklearn_mcmd.normals._adaptive_k import SizeLimits
 from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
 from sklearn_mcmd.normals._estimator import fitted_of
 from sklearn_mcmd.normals._sides import Sides, TreeLimits
@@ -49,6 +49,7 @@ from sklearn_mcmd.tiling._stored_offers import (
     offer_steps,
 )
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
+from sklearn_mcmd.tiling._tiled_sizes import find_sizes, size_steps
 
 # Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps besides `FACES`.
 FIELDS = {"eigenvalues": VECTOR, **dict.fromkeys(("kept", "radius", "normal_error"), NUMBER)}
@@ -162,7 +163,7 @@ class PlaneJob(Job):
 
 def plane_steps(estimator):
     """The steps of `find_planes` in their order, as of `Sweeps`."""
-    sizes = ("sizes", "larger") if estimator.n_neighbors == "auto" else ()
+    sizes = (*size_steps(), "larger") if estimator.n_neighbors == "auto" else ()
     bends = ("planes", "bends") if mends_planes(estimator) else ()
     tree = ("forest", "sides") if has_tree(estimator) else ()
     return "places", "neighbors", *sizes, *offer_steps(estimator), *bends, "normals", *tree
@@ -198,8 +199,7 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
     StoredNeighbors(whole).begin(max(asked, k, along))
     sweep("neighbors", find_neighbors)
     if job.is_sized:
-        with sweeps.part("sizes", "sizes of neighborhoods"):
-            _find_sizes(whole, cells, sweeps.n_workers * job.n_threads)
+        find_sizes(sweep, job)
         sweep("larger", find_larger)
     if not whole.columns.is_done(ALL, "neighbors"):
         warn_if_coarse(job.constants, job.index())
@@ -268,20 +268,6 @@ def fitted_to_new(job, queries):
 
     each_slice(len(X), model.chunk(), task, None)
     return _fitted(job, model, planes, X, around.take, None)
-
-
-def _find_sizes(whole, cells, n_threads):
-    """Fill sizes, the number of neighbors of each place, and starts, where larger has them."""
-    if whole.columns.is_done(ALL, "numbers"):
-        return
-    index = StoredIndex(whole, cells)
-    with whole.releasing():
-        sizes = ScaleFinder(index, n_threads).sizes()
-    many = np.where(sizes > index.n_neighbors, sizes, 0)
-    whole.make(sizes=(np.int64, ()), starts=(np.int64, ()))
-    whole.open("sizes")[:], whole.open("starts")[:] = sizes, np.cumsum(many) - many
-    whole.make(max(1, int(many.sum())), larger=(np.int32, ()))
-    whole.columns.finish(ALL, "numbers", largest=int(sizes.max()))
 
 
 def _fit_own(cell, job):

@@ -37,6 +37,7 @@ SLOW = [
     (ESTIMATOR, {}, "_run.WorkFolder.finish_cells", 0, 0),
     (ESTIMATOR, {}, "_result_files.Results.take", 0, 4),
     (AUTO, {}, "_tiled_normals._bend", 2, 4),
+    (AUTO, {}, "_tiled_sizes.CellFinder", 9, 0),
     (OUTLIERS, MARK, "_tiled_outliers.find_places", 2, 0),
     (OUTLIERS, MARK, "_tiled_judging._find_groups", 2, 4),
     (OUTLIERS, MARK, "_tiled_judging._judge_small", 0, 4),
