@@ -40,6 +40,16 @@ def slices(n, size, first=0):
     return [slice(start, min(start + size, n)) for start in range(first, n, size)]
 
 
+def ahead(items):
+    """Each of some items, while a thread makes the next."""
+    items, end = iter(items), object()
+    with ThreadPoolExecutor(1) as pool:
+        item = pool.submit(next, items, end)
+        while (made := item.result()) is not end:
+            item = pool.submit(next, items, end)
+            yield made
+
+
 def spatial_order(X):
     """The row order of a coarse tree's leaves: points near in space are near in memory."""
     return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False, compact_nodes=False).indices

@@ -61,8 +61,9 @@ class CellWriter:
                 file.write(records.data)  # unlike tofile, it says why it fails
             self.counts[node] += len(records)
             extent, xyz = self.extents[node], records["xyz"]
-            np.minimum(extent[0], xyz.min(axis=0), out=extent[0])
-            np.maximum(extent[1], xyz.max(axis=0), out=extent[1])
+            # Axis by axis takes a twentieth of the time.
+            np.minimum(extent[0], [axis.min() for axis in xyz.T], out=extent[0])
+            np.maximum(extent[1], [axis.max() for axis in xyz.T], out=extent[1])
             if self.counts[node] > self.capacity:
                 waiting += self._divide(node)
 

@@ -114,6 +114,11 @@ def costs_of(work):
     return Costs(tile=max(tile), stored=sum(stored), cloud=max(cloud), whole=max(whole), does=does)
 
 
+def gives_threads():
+    """Whether tiles get threads; not of an engine with its own processes, maybe elsewhere."""
+    return not hasattr(get_active_backend()[0], "client")
+
+
 def check_tile_size(tile_size):
     """Raise if a cloud cannot be divided like this."""
     is_int = isinstance(tile_size, Integral) and not isinstance(tile_size, bool)
@@ -203,8 +208,7 @@ def plan_run(
         for_tiles = memory - PROCESS * (n_workers + (n_workers > 1))
         return int(for_tiles / n_workers / bytes_a_point)
 
-    # An engine with its own processes, on this machine or others, gives no threads.
-    shares = not hasattr(get_active_backend()[0], "client")
+    shares = gives_threads()
     # Fewer processes with more threads each have tiles that are large enough.
     if tile_size is None and shares:
         while n_workers > 1 and capacity(n_workers) < min(GOOD_TILE, n_points / n_workers):

@@ -17,6 +17,7 @@ from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing
 from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
 from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
+from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import report_share
 from sklearn_mcmd.tiling._catalog import parts_of, stamp_of
 from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
@@ -79,24 +80,29 @@ def write_outputs(run, verb):
             with one_clear_line(catalog.paths[j], "read"):
                 if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
                     raise PointFileError("has changed since it was read")
-        n_written = 0
+        n_written, paths = 0, [catalog.paths[j] for j in inputs]
         with replacing(place) as temporary, writing_parts(temporary) as write:
-            paths = [catalog.paths[j] for j in inputs]
-            for path, cloud, chosen in parts_of(paths, verb.choice):
-                n, xyz = len(cloud), cloud.xyz
-                values = results.take(first, n, n if chosen is None else np.count_nonzero(chosen))
-                first += n
-                total += verb.measure(values)
-                if joined:
-                    with one_clear_line(path, "read"):
-                        cloud = joined_cloud(cloud, header)
-                made, marked = verb.make(cloud, values, xyz)
+            parts = ahead(_made(verb, results, paths, first, header))
+            for n, measured, made, marked in parts:
                 write(made, marked)
+                first, total = first + n, total + measured
                 n_written += len(made)
                 report_share(first / catalog.n_points)
         if n_written == 0:
             warn_caller(f"{targets[i]}: all points are outliers, so the file has none")
     return total
+
+
+def _made(verb, results, paths, first, header):
+    """Of each part of files, from the row `first` on: points, what is measured, what to write."""
+    for path, cloud, chosen in parts_of(paths, verb.choice):
+        n, xyz = len(cloud), cloud.xyz
+        values = results.take(first, n, n if chosen is None else np.count_nonzero(chosen))
+        first += n
+        if header is not None:
+            with one_clear_line(path, "read"):
+                cloud = joined_cloud(cloud, header)
+        yield n, verb.measure(values), *verb.make(cloud, values, xyz)
 
 
 def _places_of(targets, folder):

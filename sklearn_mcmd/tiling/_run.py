@@ -18,6 +18,7 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._ground import check_ground
 from sklearn_mcmd.io._las_parts import no_returns_of
+from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
 from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._catalog import Catalog, parts_of
@@ -277,7 +278,7 @@ def _scatter(verb, catalog, folder, capacity):
     if verb.needs_ground:
         (folder.cells / GROUND).mkdir()
         ground = GroundWriter(folder.cells / GROUND, capacity)
-    for path, cloud, chosen in parts_of(catalog.paths, verb.choice):
+    for path, cloud, chosen in ahead(parts_of(catalog.paths, verb.choice)):
         xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
         rows = np.arange(row, row + len(cloud))
         if len(xyz):

@@ -97,18 +97,6 @@ class StoredColumns:
         """Those of a cell, a slice."""
         return slice(int(self.starts[cell]), int(self.starts[cell + 1]))
 
-    def join_points(self, cells):
-        """Put the points of all places into one file; those of the cells are removed."""
-        known = np.flatnonzero(np.diff(self.starts))
-        if not self.columns.is_done(ALL, "points"):
-            made(self._path("points"), np.float64, (len(self), 3))
-            for cell in known:
-                self.put(cell, points=self.columns.read(cell, "points"))
-            self.columns.finish(ALL, "points")
-        for cell in range(self.n_cells):
-            self.columns.path(cell, "points").unlink(missing_ok=True)
-            cells.keep_rows(cell)
-
     def xyz(self, cells, cell):
         """The coordinates of the points of a cell, wherever they are."""
         if self.columns.is_done(ALL, "points"):
@@ -158,19 +146,16 @@ class StoredColumns:
         for name, values in arrays.items():
             values[self.rows(cell)][rows] = changes[name]
 
-    def settle(self, step, names):
-        """Put into columns what all cells have changed of them in a step."""
-        if self.columns.is_done(ALL, step):
-            return
-        cells = np.flatnonzero(np.diff(self.starts))
-        for cell in cells:
-            for name in names:
-                values = self.open(name, private=True)
-                self.changed(cell, **{name: values})
-                self.put(cell, **{name: values[self.rows(cell)]})
-        self.columns.finish(ALL, step)
-        for cell in cells:
-            self.columns.path(cell, "changes").unlink()
+    def settle(self, step, names, cells=None):
+        """Put into columns what cells, all by default, have changed of them in a step."""
+        for cell in np.flatnonzero(np.diff(self.starts)) if cells is None else cells:
+            if not self.columns.is_done(cell, f"{step}-settled"):
+                for name in names:
+                    values = self.open(name, private=True)
+                    self.changed(cell, **{name: values})
+                    self.put(cell, **{name: values[self.rows(cell)]})
+                self.columns.finish(cell, f"{step}-settled")
+            self.columns.path(cell, "changes").unlink(missing_ok=True)
 
     def copy(self, **names):
         """Keep columns under another name, as they are."""

@@ -11,6 +11,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
 from sklearn_mcmd.runtime._progress import progress_part
+from sklearn_mcmd.tiling._cells import Cells
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 
 STEP = 1.25  # ratio of numbers of neighbors that are searched at once
@@ -100,6 +101,21 @@ def find_places(cell, job):
         place_of = new[place_of]
     columns.write(cell, points=points[rows], place_of=place_of.astype(np.int32))
     columns.finish(cell, "places", n_places=len(rows))
+
+
+def join_points(sweep, job):
+    """Put the points of all places into one column; those of the cells are removed."""
+    job.whole().make(points=(np.float64, (3,)))
+    sweep("joined", _join_points, cells=Cells(job.points))
+
+
+def _join_points(cell, job):
+    whole, path = job.whole(), job.columns.path(cell, "points")
+    if path.exists():
+        whole.put(cell, points=job.columns.read(cell, "points"))
+    job.cells.keep_rows(cell)
+    job.columns.finish(cell, "joined")
+    path.unlink(missing_ok=True)
 
 
 def count_copies(whole):

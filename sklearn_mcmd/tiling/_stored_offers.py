@@ -30,8 +30,17 @@ def find_offers(sweep, job):
         whole.make(asks=(bool, ()), **FACES)
         sweep(step, partial(_offer, step=step, before=before))
         if before:
-            whole.settle(step, FACES)
+            settle(sweep, step)
         before = True
+
+
+def settle(sweep, step):
+    """Put into `FACES` what all cells have changed of them in a step."""
+    sweep(f"{step}-settled", partial(_settle, step=step))
+
+
+def _settle(cell, job, step):
+    job.whole().settle(step, FACES, [cell])
 
 
 def stored_offers(whole, private=False):

@@ -3,7 +3,7 @@
 import time
 import warnings
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from string import digits
@@ -17,6 +17,7 @@ from sklearn_mcmd.planes._base import model_of
 from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, report_share
 from sklearn_mcmd.tiling._cells import Cells, Constants
+from sklearn_mcmd.tiling._memory import gives_threads
 from sklearn_mcmd.tiling._stored_columns import CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_offers import stored_offers
 
@@ -110,12 +111,13 @@ class Sweeps:
     def __call__(self, name, work, cells, **known):
         """Do some work, which takes a cell and what is `known`, on all cells with points.
 
-        The columns of the work, or of its job, know which cells an earlier run has done.
+        The columns of the work, or of its job, know which cells an earlier run has done. What takes
+        hardly any time is none of the steps.
         """
         columns = known["job"].columns if "job" in known else known["columns"]
         todo = np.flatnonzero(cells.counts).tolist()
         todo = [cell for cell in todo if not columns.is_done(cell, name)]
-        with self.part(name, name):
+        with self.part(name, name) if name in self._spans else listen_to_progress(None):
             compute_cells(partial(work, **known), cells, todo, self.n_workers)
 
 
@@ -135,7 +137,11 @@ def compute_cells(task, cells, todo, n_workers):
     work = Parallel(
         n_jobs=n_workers, pre_dispatch=n_workers, return_as="generator_unordered", batch_size=1
     )
-    for cell, error in work(delayed(_attempt)(task, cell, folder) for cell in todo):
+    # Where fewer tiles than processes are left, they have the threads of idle ones.
+    spare = n_workers if gives_threads() else 1
+    given = (max(1, spare // n_left) for n_left in range(len(todo), 0, -1))
+    tasks = zip(todo, given, strict=True)
+    for cell, error in work(delayed(_attempt)(task, *known, folder) for known in tasks):
         n_done += int(cells.counts[cell])
         if error is not None:
             n_failed += 1
@@ -154,8 +160,11 @@ def warn_if_coarse(constants, index):
         warn_caller(coarse)
 
 
-def _attempt(task, cell, folder):
-    """Run the task; returns why it failed, in one line."""
+def _attempt(task, cell, n_times, folder):
+    """Run the task, whose job has n times its threads; returns why it failed, in one line."""
+    if n_times > 1 and "job" in task.keywords:
+        job = task.keywords["job"]
+        task = partial(task, job=replace(job, n_threads=n_times * job.n_threads))
     with lock_of_tiles(folder), warnings.catch_warnings(), listen_to_progress(None):
         warnings.simplefilter("ignore")
         try:

@@ -36,7 +36,7 @@ from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
-from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER
+from sklearn_mcmd.tiling._stored_offers import NUMBER, settle
 from sklearn_mcmd.tiling._tiled_normals import (
     PlaneJob,
     find_planes,
@@ -109,7 +109,7 @@ class TiledEdges(TiledVerb):
         if whole is None:
             self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
-            whole.settle("faces", FACES)
+            settle(partial(sweeps, cells=kept, job=job), "faces")
             _find_distances(sweeps, job, whole, run.cells)
             self.limit = crease_width(self.estimator)
         else:

@@ -37,7 +37,13 @@ from sklearn_mcmd.tiling._result_files import (
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import sensor_path, stored_origins
 from sklearn_mcmd.tiling._stored_columns import ALL
-from sklearn_mcmd.tiling._stored_index import StoredIndex, find_larger, find_neighbors, find_places
+from sklearn_mcmd.tiling._stored_index import (
+    StoredIndex,
+    find_larger,
+    find_neighbors,
+    find_places,
+    join_points,
+)
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 from sklearn_mcmd.tiling._stored_offers import (
     FACES,
@@ -47,6 +53,7 @@ from sklearn_mcmd.tiling._stored_offers import (
     each_part,
     find_offers,
     offer_steps,
+    settle,
 )
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 from sklearn_mcmd.tiling._tiled_sizes import find_sizes, size_steps
@@ -193,7 +200,7 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
     whole = job.whole()
     if len(whole) < max(COMPILE_FROM, 0 if job.is_sized else job.estimator.n_neighbors + 1, least):
         return None
-    whole.join_points(cells)
+    join_points(sweep, job)
     asked = SizeLimits().around if job.is_sized else job.estimator.n_neighbors
     along = TreeLimits().n_neighbors if has_tree(job.estimator) else 0
     StoredNeighbors(whole).begin(max(asked, k, along))
@@ -211,7 +218,7 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
         sweep("bends", _bend)
         if job.later is None:
             whole.copy(asks=f"{OLD}asks", **{name: f"{OLD}{name}" for name in FACES})
-        whole.settle("bends", FACES)
+        settle(sweep, "bends")
         if job.later is not None:
             whole.remove("asks", "noise")
     if has_tree(job.estimator):

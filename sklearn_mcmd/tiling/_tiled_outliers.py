@@ -26,7 +26,7 @@ from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.planes._explaining import measure_farthest
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.report._volumes import losses_of
-from sklearn_mcmd.runtime._chunks import slices
+from sklearn_mcmd.runtime._chunks import ahead, slices
 from sklearn_mcmd.runtime._progress import listen_to_progress
 from sklearn_mcmd.tiling._catalog import parts_of
 from sklearn_mcmd.tiling._cells import GROUND, Cells, flat
@@ -49,12 +49,13 @@ from sklearn_mcmd.tiling._stored_index import (
     count_copies,
     find_neighbors,
     find_places,
+    join_points,
     near_box,
     within_reach,
 )
 from sklearn_mcmd.tiling._stored_light import rank_light
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
-from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER, find_offers, offer_steps
+from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER, find_offers, offer_steps, settle
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 from sklearn_mcmd.tiling._tiled_judging import STEPS, judge_in_cells
 
@@ -139,7 +140,7 @@ class TiledOutliers(TiledVerb):
     def report(self, run, total):
         n_outliers, n_exact = map(int, total)
         return {
-            "together": losses_of(self.estimator, partial(self._removed, run), self.n_used),
+            "together": losses_of(self.estimator, lambda: ahead(self._removed(run)), self.n_used),
             "n_outliers": n_outliers,
             "n_exact": n_exact,
             "removed_fraction": n_outliers / run.catalog.n_points,
@@ -252,7 +253,7 @@ def judge_cells(job, sweeps, cutoff, memory):
         _keep_rays(columns, judged_cloud(fitted))
         return -fitted.offset_
     if not columns.all_have(len(cells), "results"):
-        whole.join_points(cells)
+        join_points(sweep, job)
         whole.make(counts=(np.int32, ()))
         StoredNeighbors(whole).begin(job.estimator.n_neighbors)
         count_copies(whole)
@@ -266,7 +267,7 @@ def judge_cells(job, sweeps, cutoff, memory):
         whole.make(**job.stored_columns())
         sweep("planes", _find_planes)
         if not detector._one_plane:
-            whole.settle("planes", FACES)
+            settle(sweep, "planes")
         whole.remove("asks")
         rank_light(job, memory)
         if job.in_one_process():

@@ -1,7 +1,10 @@
 """Files by tiles are those that memory writes: one or many, with all that their points have."""
 
 import os
+from functools import partial
+from types import SimpleNamespace
 
+import joblib
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -18,6 +21,8 @@ from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.io._point_cloud import without_outliers
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.tiling import TilingError, _memory, _run, _sweeps, process_files
+from sklearn_mcmd.tiling._cells import Constants
+from sklearn_mcmd.tiling._sweeps import Job
 from tiled import ESTIMATOR, columns_of, fit_in_memory, in_memory, names_in, street, two_files
 
 TILE = 5_000
@@ -201,3 +206,17 @@ def test_a_read_only_output_is_refused_before_the_work(small_file, tmp_path):
     target.touch(mode=0o400)
     with pytest.raises(PointFileError, match="write-protected"):
         process_files(small_file, target, ESTIMATOR)
+
+
+@pytest.mark.parametrize(("n_workers", "expected"), [(1, [3] * 5), (4, [3, 3, 3, 6, 12])])
+def test_the_last_tiles_get_the_threads_of_idle_processes(n_workers, expected, tmp_path):
+    counts, given = np.array([50, 20, 40, 10, 30]), {}
+    cells = SimpleNamespace(counts=counts, folder=tmp_path / "cells")
+    job = Job(tmp_path, tmp_path, ESTIMATOR, Constants("float64", 0.0), n_threads=3)
+
+    def work(cell, job):
+        given[cell] = job.n_threads
+
+    with joblib.parallel_config("threading"):
+        _sweeps.compute_cells(partial(work, job=job), cells, range(5), n_workers)
+    assert [given[cell] for cell in np.argsort(-counts)] == expected
