@@ -15,7 +15,6 @@ from threading import Event, Thread
 from types import SimpleNamespace
 
 import numpy as np
-from numpy.lib.recfunctions import repack_fields
 
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import PointFileError
@@ -127,16 +126,20 @@ class StoredColumns:
 
     def change(self, cell, **arrays):
         """Keep beside columns what a cell changes of them, until all cells are done."""
-        own = self.rows(cell)
-        before = {name: self.rows_of(name, own) for name in arrays}
-        parts = [(name, values.dtype, values.shape[1:]) for name, values in before.items()]
-        changes = np.empty(own.stop - own.start, [("row", np.int32), *parts])
-        changes["row"], differs = np.arange(len(changes)), np.zeros(len(changes), bool)
+        own, parts = self.rows(cell), []
+        differs = np.zeros(own.stop - own.start, bool)
         for name, values in arrays.items():
-            changes[name] = values
-            bits = changes[name].view(np.int64) != before[name].view(np.int64)
-            differs |= bits.reshape(len(bits), -1).any(axis=1)
-        changes = repack_fields(changes[list(arrays)]) if differs.all() else changes[differs]
+            before = self.rows_of(name, own)
+            bits = np.ascontiguousarray(values).view(np.int64) != before.view(np.int64)
+            for numbers in bits.reshape(len(bits), -1).T:
+                differs |= numbers
+            parts.append((name, before.dtype, before.shape[1:]))
+        rows = np.flatnonzero(differs)
+        if len(rows) < len(differs):
+            arrays, parts = {"row": np.arange(len(differs)), **arrays}, [("row", "i4"), *parts]
+        changes = np.empty(len(rows), parts)
+        for name, values in arrays.items():
+            changes[name] = values[rows]
         self.columns.write(cell, changes=changes)
 
     def changed(self, cell, **arrays):

@@ -1,5 +1,6 @@
 """Neighbors of all places of a cloud, on disk: an index, and exact searches over all cells."""
 
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -133,15 +134,14 @@ def find_neighbors(cell, job):
     search = StoredNearest(whole, cells)
 
     def keep(rows, _, found):
-        near[rows] = found
+        near[rows] = found - own.start
 
     if len(queries) >= max(k, COMPILE_FROM):
         bounds = _search_own(queries, near, job.n_threads)
-        inside = np.ones(len(near), bool)
-        inside[search.visit_far(cell, queries, bounds, near, keep)] = False
-        near[inside] += own.start
+        search.visit_far(cell, queries, bounds, near, keep)
     else:
         search.visit_in(cell, queries, k, keep)
+    near += own.start
     stored.write(cell, near)
     columns.finish(cell, "neighbors")
 
@@ -252,7 +252,7 @@ class StoredNearest(NearestPoints):
         """As `visit_in` of those queries whose nearest places may not all be in the cell.
 
         The nearest of the cell are its `known` ones (m, k), and `bounds` (m,) the distances of
-        the last of these, inf where there are fewer. Returns the rows of these queries.
+        the last of these, inf where there are fewer.
         """
         far = np.flatnonzero(~(SLACK * bounds < self._to_border(cell, queries)))
         if len(far) >= ORDER_FROM:
@@ -260,7 +260,6 @@ class StoredNearest(NearestPoints):
         n_parts = -(-len(far) * known.shape[1] // AT_ONCE)
         for some in np.array_split(far, n_parts) if len(far) else []:
             work(some, *self._search_all(cell, queries[some], bounds[some], known[some]))
-        return far
 
     def _search_all(self, cell, queries, reach, known):
         """Distances and numbers of the nearest places, of queries as of `visit_far`.
@@ -296,7 +295,9 @@ class StoredNearest(NearestPoints):
     def _to_border(self, cell, queries):
         """Distances of points in a cell's box from its border; inf where it has none."""
         low, high = self._cells.low[cell], self._cells.high[cell]
-        return np.minimum(queries - low, high - queries).min(axis=1)
+        # Axis by axis takes a third of the time.
+        gaps = (np.minimum(x - a, b - x) for x, a, b in zip(queries.T, low, high, strict=True))
+        return reduce(np.minimum, gaps)
 
 
 def _chosen(points, numbers, rows):
@@ -325,4 +326,5 @@ def within_reach(cells, cell, queries, reach):
 def near_box(points, queries, reach):
     """Which points lie in the box of all that is within reach of queries."""
     low, high = (queries - reach[:, None]).min(axis=0), (queries + reach[:, None]).max(axis=0)
-    return ((points >= low) & (points <= high)).all(axis=1)
+    inside = ((x >= a) & (x <= b) for x, a, b in zip(points.T, low, high, strict=True))
+    return reduce(np.logical_and, inside)

@@ -54,7 +54,8 @@ def test_regions_of_many_points_need_memory_however_small_tiles_are():
 
 
 def test_a_hundred_million_points_are_judged_within_a_gigabyte_but_not_by_rays():
-    assert plan_run(10**8, 1e9, 2, work="outliers").memory <= 1e9
+    for work in ("outliers", "normals, auto"):
+        assert plan_run(10**8, 1e9, 2, work=work).memory <= 1e9
     with pytest.raises(ValueError, match=r"one process follows the rays to all 100,000,000 points"):
         plan_run(10**8, 4e9, 2, work="outliers, rays")
 
