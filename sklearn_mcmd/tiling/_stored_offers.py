@@ -30,16 +30,12 @@ def find_offers(sweep, job):
         whole.make(asks=(bool, ()), **FACES)
         sweep(step, partial(_offer, step=step, before=before))
         if before:
-            settle(sweep, step)
+            sweep(f"{step}-settled", partial(settle, step=step))
         before = True
 
 
-def settle(sweep, step):
-    """Put into `FACES` what all cells have changed of them in a step."""
-    sweep(f"{step}-settled", partial(_settle, step=step))
-
-
-def _settle(cell, job, step):
+def settle(cell, job, step):
+    """Put into `FACES` what a cell has changed of them in a step, which all cells have done."""
     job.whole().settle(step, FACES, [cell])
 
 

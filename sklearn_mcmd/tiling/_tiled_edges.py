@@ -109,7 +109,7 @@ class TiledEdges(TiledVerb):
         if whole is None:
             self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
-            settle(partial(sweeps, cells=kept, job=job), "faces")
+            sweeps("faces-settled", partial(settle, step="faces"), kept, job=job)
             _find_distances(sweeps, job, whole, run.cells)
             self.limit = crease_width(self.estimator)
         else:

@@ -218,7 +218,7 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
         sweep("bends", _bend)
         if job.later is None:
             whole.copy(asks=f"{OLD}asks", **{name: f"{OLD}{name}" for name in FACES})
-        settle(sweep, "bends")
+        sweep("bends-settled", partial(settle, step="bends"))
         if job.later is not None:
             whole.remove("asks", "noise")
     if has_tree(job.estimator):

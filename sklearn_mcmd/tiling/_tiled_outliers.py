@@ -267,7 +267,7 @@ def judge_cells(job, sweeps, cutoff, memory):
         whole.make(**job.stored_columns())
         sweep("planes", _find_planes)
         if not detector._one_plane:
-            settle(sweep, "planes")
+            sweep("planes-settled", partial(settle, step="planes"))
         whole.remove("asks")
         rank_light(job, memory)
         if job.in_one_process():
