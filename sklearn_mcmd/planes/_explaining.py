@@ -64,7 +64,7 @@ def connected_planes(index, k, planes, limits, usable, farthest=None, own=None):
         part = links[: rows.stop - rows.start]
         link(slice(first + rows.start, first + rows.stop), part)
         if own is not None:
-            pairs.append(_leaving(part, first + rows.start, own))
+            pairs.append(leaving(part, first + rows.start, own))
         join(part, rows.start, roots)
 
     each_slice(len(roots), index.chunk, task, 1)
@@ -74,9 +74,9 @@ def connected_planes(index, k, planes, limits, usable, farthest=None, own=None):
 def connected(links):
     """Connected parts of a graph; a link in one direction is one in both.
 
-    Links, int32 (n, width), are neighbors, then -1. Returns the part of each point, int32 (n,),
-    from 0 on in the order of their first points, and the sizes of the parts. Which points are one
-    part does not depend on the order of points or links.
+    Links, int32 (n, width), are neighbors, or -1 in their places. Returns the part of each point,
+    int32 (n,), from 0 on in the order of their first points, and the sizes of the parts. Which
+    points are one part does not depend on the order of points or links.
     """
     roots = np.arange(len(links), dtype=np.int32)
     _compiled("join")(links, 0, roots)
@@ -89,11 +89,11 @@ def parts_within(links, own):
     Returns the part of each row, as `connected` does, and the links that lead out of the slice:
     pairs of rows (n, 2).
     """
-    pairs = _leaving(links, own.start, own)
+    pairs = leaving(links, own.start, own)
     return connected(links)[0], pairs
 
 
-def _leaving(links, start, own):
+def leaving(links, start, own):
     """The links of rows from `start` on that lead out of a slice, which become links to the row
     itself; all others count from the first row of the slice."""
     out = (links >= own.stop) | ((links >= 0) & (links < own.start))
@@ -109,13 +109,14 @@ def _parts(roots):
     return labels, np.bincount(labels)
 
 
-def row_linker(index, k, planes, limits, usable, farthest=None):
+def row_linker(index, k, planes, limits, usable=None, farthest=None):
     """What links points to those of their k neighbors that the `LinkLimits` allow.
 
-    Only `usable` points, bool (n,), are linked, and a plane of a negative scale explains nothing.
-    Returns a function that takes a slice of m rows and int32 (m, k), which becomes the neighbors
-    linked, the nearest first, then -1. The point itself is none. Distances of the `farthest` of the
-    k neighbors are found, unless they are given.
+    Only `usable` points, bool (n,), are linked, all of them with None, and a plane of a negative
+    scale explains nothing. Returns a function that takes a slice of m rows and int32 (m, k), which
+    becomes the neighbors, the nearest first, with -1 in the places of those that are not linked.
+    The point itself is none. Distances of the `farthest` of the k neighbors are found, unless they
+    are given.
     """
     own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
     link = _compiled("link_rows")
@@ -124,10 +125,11 @@ def row_linker(index, k, planes, limits, usable, farthest=None):
         with progress_part(0.0, 0.4):
             measure_farthest(index, k, slice(0, len(farthest)), farthest)
     given = np.empty(0) if farthest is None else farthest
+    asked = np.empty(0, bool) if usable is None else usable
 
     def fill(rows, links):
         around = index.query_own(rows, k)
-        link(index.points, around, planes, own, usable, given, rows.start, links)
+        link(index.points, around, planes, own, asked, given, rows.start, links)
 
     return fill
 

@@ -36,14 +36,15 @@ def explain_queries(queries, candidates, planes, usable, least, likely, tie, own
 def link_rows(points, around, planes, limits, usable, farthest, start, links):
     """Fill the links, int32 (m, width), of the points from row `start` on, which `around` has.
 
-    `farthest` (n,) has the distances of the last neighbors, if both must be near.
+    `farthest` (n,) has the distances of the last neighbors, if both must be near. If `usable` is
+    empty, all points are.
     """
     centroids, normals, scale = planes.centroids, planes.normals, planes.scale
-    d = points.shape[1]
+    d, all_are = points.shape[1], len(usable) == 0
     for row in range(len(links)):
         i = start + row
-        n_links = 0
-        n_near = around.sizes[row] if usable[i] else 0
+        links[row] = -1
+        n_near = around.sizes[row] if all_are or usable[i] else 0
         for a in range(n_near):
             j = around.indices[row, a]
             square = cosine = height = back = 0.0
@@ -53,7 +54,7 @@ def link_rows(points, around, planes, limits, usable, farthest, start, links):
                 cosine += normals[i, axis] * normals[j, axis]
                 height += (points[j, axis] - centroids[i, axis]) * normals[i, axis]
                 back += (points[i, axis] - centroids[j, axis]) * normals[j, axis]
-            fits = j != i and usable[j]
+            fits = j != i and (all_are or usable[j])
             fits &= abs(height) <= limits.explained * scale[i]
             fits &= abs(cosine) >= limits.min_cosine
             distance = np.sqrt(square)
@@ -63,9 +64,7 @@ def link_rows(points, around, planes, limits, usable, farthest, start, links):
             if limits.both_near:
                 fits &= distance <= farthest[j]
             if fits:
-                links[row, n_links] = j
-                n_links += 1
-        links[row, n_links:] = -1
+                links[row, a] = j
 
 
 @kernel(cache=True)
@@ -75,7 +74,7 @@ def join(links, start, roots):
     for i in range(n):
         for a in range(width):
             if links[i, a] < 0:
-                break
+                continue
             first, second = _root(roots, start + i), _root(roots, np.int64(links[i, a]))
             # The root is the first point of its part, in whatever order links are followed.
             if first < second:

@@ -23,14 +23,16 @@ class Claims:
         self.index, self.n_jobs = index, n_jobs
         scale, reach, self.cutoff = planes.scale, planes.radius, ExplainLimits().explained
         if rules.max_distance is not None:
-            scale, self.cutoff = np.full(n, float(rules.max_distance)), 1.0
+            scale, self.cutoff = index.empty(n), 1.0
+            scale[:] = rules.max_distance
         if rules.max_gap is not None:
-            reach = np.full(n, float(rules.max_gap))
+            reach = index.empty(n)
+            reach[:] = rules.max_gap
         self.planes = planes._replace(scale=scale, radius=reach)
 
     def absorb_fragments(self, labels):
         """Give regions no larger than a neighborhood, whose normals come from points of others as
-        well, to the region whose planes claim most of their points."""
+        well, to the region whose planes claim most of their points: labels, changed."""
         sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1).astype(np.int64)
         fragment = np.append(sizes <= self.index.n_neighbors, False)  # the last is -1
         rows = rows_of(labels, fragment)
@@ -48,12 +50,12 @@ class Claims:
         return relabeled(labels, number)
 
     def assign_unlabeled(self, labels, content=()):
-        """Give points without a region, -1, to that of the neighbor whose plane is nearest.
+        """Give points without a region, -1, to that of the neighbor whose plane is nearest: labels,
+        changed.
 
         Points claimed in one round may claim others in the next: the outcome depends on no order.
         Regions whose labels are `content` have all their points, and claim none.
         """
-        labels = labels.copy()
         claiming = np.append(np.ones(int(labels.max(initial=-1)) + 1, dtype=bool), False)
         claiming[np.asarray(content, dtype=np.intp)] = False
         usable, fresh = claiming[labels], np.zeros(len(labels), dtype=bool)

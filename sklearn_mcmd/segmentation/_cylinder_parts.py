@@ -127,14 +127,13 @@ class CylinderParts:
     n_jobs: int | None
 
     def grow(self, labels):
-        """Labels (n,), -1 for none, in which parts of one cylinder share their smallest label, and
-        the labels of those that are curved.
+        """Labels (n,), changed, -1 for none, in which parts of one cylinder share their smallest
+        label, and the labels of those that are curved.
 
         Curved regions also take in points without region on their cylinders, and are joined if they
         then touch. The planes of a post's points run off it, onto the ground or into a tree's
         foliage; the cylinder does not.
         """
-        labels = labels.copy()
         parts = self._narrow_parts(labels)
         fresh, tried = set(parts), {}
         while fresh:

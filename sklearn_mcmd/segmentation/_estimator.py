@@ -301,6 +301,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         copies = None  # each point is at a place of its own
         if index.n_distinct < len(xyz):
             copies = np.bincount(index.places, minlength=len(points))
+        labels = renumbered(labels, copies, self.min_region_size)
         with progress_part(0.55, 1.0):
             labels = finish_regions(labels, index, planes, floor, copies, self, self.n_jobs)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
@@ -348,28 +349,29 @@ def rules_of(growing):
     return GrowthRules(cosine, growing.max_distance, growing.max_gap, _steps_of(growing).mutual)
 
 
-def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
+def finish_regions(
+    labels, index, planes, floor, copies, growing, n_jobs=None, divide=divide_at_creases
+):
     """The regions of a `RegionGrowing` from those that have grown; the largest is 0, -1 is none.
 
-    The planes are of ``index.points``; what tells of their faces may be changed. `floor` is as by
-    `least_scales`, `copies` (n,) are the points at each place, None for one, and `growing` has the
-    parameters.
+    Labels are changed, and may lie on disk. The planes are of ``index.points``; what tells of their
+    faces may be changed. `floor` is as by `least_scales`, `copies` (n,) are the points at each
+    place, None for one, and `growing` has the parameters. `divide` is as `divide_at_creases`.
     """
     rules, steps = rules_of(growing), _steps_of(growing)
     in_space = index.points.shape[1] == 3
-    labels = _renumber(labels, copies, growing.min_region_size)
     if steps.find_narrow_faces:
         with progress_part(0.0, 0.45, "narrow faces"):
             faces = NarrowFaces(index=index, planes=planes, floor=floor, rules=rules, n_jobs=n_jobs)
             labels = faces.grow(labels)
-            labels = _renumber(labels, copies, growing.min_region_size)
+            labels = renumbered(labels, copies, growing.min_region_size)
     claims = Claims(index, planes, rules, n_jobs)
     with progress_part(0.45, 0.65, "joining regions"):
         if steps.divide_at_creases and in_space:
-            labels = divide_at_creases(labels, index, planes, rules, n_jobs)
-            labels = _renumber(labels, copies, growing.min_region_size)
+            labels = divide(labels, index, planes, rules, n_jobs)
+            labels = renumbered(labels, copies, growing.min_region_size)
         if steps.assign_unlabeled:
-            labels = _renumber(claims.absorb_fragments(labels), copies)
+            labels = renumbered(claims.absorb_fragments(labels), copies)
         if steps.join_coplanar:
             labels = join_coplanar(index.points, labels, planes, n_jobs)
     curved = []
@@ -382,14 +384,20 @@ def finish_regions(labels, index, planes, floor, copies, growing, n_jobs=None):
             labels, curved = parts.grow(labels)
         if steps.assign_unlabeled:
             labels = claims.assign_unlabeled(labels, curved)
-    return _renumber(labels, copies)
+    return renumbered(labels, copies)
 
 
-def _renumber(labels, copies, min_size=1):
-    """Labels in order of size, 0 for the largest region; -1 for regions below `min_size`."""
+def renumbered(labels, copies, min_size=1):
+    """Labels, changed, in order of size, 0 for the largest region; -1 below `min_size`."""
     sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1, copies)
+    return relabeled(labels, numbers_by_size(sizes, min_size))
+
+
+def numbers_by_size(sizes, min_size=1):
+    """Numbers of regions in order of size, of equal ones the first; -1 of those below `min_size`,
+    and the last, which is that of no region."""
     order = np.argsort(-sizes, kind="stable")
     order = order[sizes[order] >= max(min_size, 1)]
-    number = np.full(len(sizes) + 1, -1, dtype=labels.dtype)  # -1 is the last
+    number = np.full(len(sizes) + 1, -1, np.int32)
     number[order] = np.arange(len(order))
-    return relabeled(labels, number)
+    return number

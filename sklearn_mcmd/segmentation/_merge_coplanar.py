@@ -37,7 +37,7 @@ def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
 
 
 def join_coplanar(points, labels, around, n_jobs=None):
-    """Give one label to regions that are parts of one plane: new labels, by their first parts.
+    """Give one label to regions that are parts of one plane: labels, changed, by first parts.
 
     A smaller region lies in the plane of a larger, flat one if the noise explains its root mean
     square distance to that plane. It is joined to the nearest such plane if the gap between them is

@@ -51,7 +51,8 @@ class NarrowFaces:
     n_jobs: int | None
 
     def grow(self, labels):
-        """Find faces, which come last, and let them take in points around that lie on them best.
+        """Find faces, which come last, and let them take in points around that lie on them best:
+        labels, changed.
 
         Faces are larger than a neighborhood, as are the regions that count as surfaces; the smaller
         ones are part of what growth left over. The points of faces get planes of their own.
@@ -72,7 +73,6 @@ class NarrowFaces:
         if len(rows) == 0:
             return labels
         first = len(sizes)
-        labels = labels.copy()
         labels[rows] = first + face
         self._refit(labels, rows)  # points of other faces were among those asked
         own = median_by_region(planes.scale[rows], face, int(face.max()) + 1)
@@ -149,9 +149,7 @@ class NarrowFaces:
         links, _ = link_neighbors(index, found, self.floor[rows], self.rules, self.n_jobs)
         gaps = index.points[:, None] - index.points[links]
         far = np.square(gaps).sum(axis=-1) > np.square(reach * planes.radius[rows])[:, None]
-        far |= links < 0
-        links = np.where(far, -1, links)
-        links = np.take_along_axis(links, np.argsort(far, axis=1, kind="stable"), axis=1)
+        links[far] = -1
         face = grow_regions(links, np.argsort(found.scale, kind="stable"))
         face = join_coplanar(index.points, face, found._replace(radius=planes.radius[rows]))
         large = np.bincount(face) > self.k

@@ -1,6 +1,6 @@
 """Regions that are several surfaces: what growth led across a crease is divided there."""
 
-from functools import cache
+from functools import lru_cache
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -10,49 +10,163 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._around import quantile_around, ratio
 from sklearn_mcmd.planes._quadrics import work_arrays
-from sklearn_mcmd.runtime._chunks import each_slice, run
+from sklearn_mcmd.runtime._chunks import each_slice, run, slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, GrowthLimits, n_linked
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
+from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments, relabeled
 
 UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in its nine
 WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
 CHUNK = 64  # borders whose points are parted at once; it limits the memory
+PAIRS = 2**20  # of cells that are named at once; it limits the memory
 ROWS = 2**14  # whose neighbors are looked at at once; it limits the memory
+NO_PAIRS = np.empty((0, 2), np.int32)
+TREES = 256  # of patches, which are kept for their next border; it limits the memory
 
 
 class VoteLimits(NamedTuple):
-    """When borders vote."""
+    """When borders vote, and whose cells are joined before."""
 
     # Share of the largest angle by which a surface turns between neighbors. Planes that differ by
     # less are one surface: a road, and a roof that falls to its drains, stay whole. They may be a
     # step, as at a kerb.
     blunt: float = 0.2
+    # How often cells are gathered to blocks, within which they are joined before all are.
+    rings: int = 3
 
 
-class _Cells(NamedTuple):
-    """Small neighborhoods that divide the regions, in the order in which they were begun."""
+class Sums(NamedTuple):
+    """What is known of cells, or of patches, in units of noise; scatters are the upper halves."""
 
-    members: np.ndarray  # int32, rows of the points, cell after cell
-    starts: np.ndarray  # int (n_cells + 1,), where each begins
-    of: np.ndarray  # int32 (n,), cell of each point, -1 for none
+    sizes: np.ndarray
+    weights: np.ndarray
+    means: np.ndarray  # (m, 3)
+    scatters: np.ndarray  # (m, 6)
 
-    @classmethod
-    def gather(cls, order, near, labels):
-        """The cells that begin at points in an order; see `gather_cells`."""
-        members, starts = np.empty(len(order), np.int32), np.empty(len(order) + 1, np.int64)
-        of = np.full(len(labels), -1, np.int32)
-        n_cells = _compiled("gather_cells")(order, near, labels, members, starts, of)
-        return cls(members, starts[: n_cells + 1].copy(), of)
 
-    def rows(self, cells):
-        """Rows of the points of some cells, and the cell of each."""
-        sizes = self.starts[cells + 1] - self.starts[cells]
-        before = np.cumsum(sizes) - sizes
-        places = np.arange(sizes.sum()) + np.repeat(self.starts[cells] - before, sizes)
-        return self.members[places], np.repeat(cells, sizes)
+class Points:
+    """The points whose regions are divided, in memory or on disk; a step takes some of their rows.
+
+    `noise` (n,) is what `usual_noise` finds, and `cell` (n,), int32, names the cell of each point
+    by the point at which it begins; -1 for none.
+    """
+
+    def __init__(self, index, planes, rules, labels, noise, cell, n_jobs=None):
+        self.index, self.planes, self.labels, self.n_jobs = index, planes, labels, n_jobs
+        self.noise, self.cell, self.size = noise, cell, n_linked(index, rules)
+        self.bend = GrowthLimits().bent * np.arccos(min(rules.min_cosine, 1.0))
+        self.unit, self.low = 1.0, np.zeros(3)
+
+    def usual_noise(self, own):
+        """Standard deviation that is usual around the points of a slice."""
+        usual = np.empty(own.stop - own.start)
+
+        def measure(part):
+            rows = slice(own.start + part.start, own.start + part.stop)
+            around = self.index.query_own(rows, self.size)
+            found = quantile_around(self.planes.scale, around, GrowthLimits().usual)
+            usual[part] = np.hypot(found, self.bend * self.planes.radius[rows])
+
+        each_slice(len(usual), self.index.chunk, measure, self.n_jobs)
+        return usual
+
+    def scale(self, least, most, low):
+        """Choose units, by the least and most noise and a corner; whether there are any."""
+        self.unit = float(np.exp2(np.frexp(most)[1]))  # no square leaves the numbers
+        self.low = low
+        return least * self.unit > 0
+
+    def noise_of(self, rows):
+        """The noise of some points in the unit."""
+        return np.maximum(self.noise[rows] / self.unit, FitLimits().ridge)
+
+    def in_order(self, rows):
+        """The flattest come first. Their order depends on no rounding error, and on no rows."""
+        flatness = ratio(self.planes.scale[rows] / self.unit, self.noise_of(rows))
+        flatness = np.rint(np.ldexp(flatness, HEIGHT_BITS))
+        return np.lexsort((*self.index.points[rows].T, flatness))
+
+    def gather(self, own, links=NO_PAIRS):
+        """The points (m,) at which the cells of those of a slice begin, as of `gather`; -1 or less
+        for none, or as long as nobody knows.
+
+        A link is a point of the slice, and one from elsewhere, whose cell it would be in.
+        """
+        cell = self.cell[links[:, 1]]
+        links = links[(cell == links[:, 1]) | (cell == -1)]  # those that may begin a cell
+        links = links[np.argsort(links[:, 1], kind="stable")]
+        rivals, starts = np.unique(links[:, 1], return_index=True)
+        names = np.concatenate([np.arange(own.start, own.stop, dtype=np.int32), rivals])
+        n, k = own.stop - own.start, self.size
+        lists = np.empty(n * k + len(links), np.int32)
+        near, lists[n * k :] = lists[: n * k].reshape(n, k), links[:, 0]
+
+        def find(rows):
+            near[rows] = self.near(slice(own.start + rows.start, own.start + rows.stop))
+
+        each_slice(n, self.index.chunk, find, self.n_jobs)
+        starts = np.concatenate([k * np.arange(n), n * k + np.append(starts, len(links))])
+        unsure = np.append(np.zeros(n), self.cell[rivals] == -1).astype(np.int8)
+        labels, first = np.array(self.labels[names]), np.array(self.cell[own])
+        order = np.flatnonzero(labels >= 0)
+        order = order[self.in_order(names[order])]
+        _compiled("gather")(order, starts, lists, own.start, labels, names, first, unsure)
+        return first
+
+    def near(self, rows):
+        """The neighbors of some points that may be in their cells."""
+        return self.index.query_own(rows, self.size).indices
+
+    def members(self, begins):
+        """Rows of the points of the cells that begin at some points, and how many each has."""
+        near = self.near(begins)
+        own = self.cell[near] == begins[:, None]
+        return near[own], own.sum(axis=1)
+
+    def sums(self, begins):
+        """The `Sums` of the cells that begin at some points."""
+        n, parts = len(begins), [self.members(begins[some]) for some in slices(len(begins), ROWS)]
+        rows, sizes = map(np.concatenate, zip(*parts, strict=True))
+        of = np.repeat(np.arange(n, dtype=np.int32), sizes)
+        found = region_moments(self.index.points[rows], of, n, n_jobs=self.n_jobs)
+        weights = found.sizes / np.square(median_by_region(self.noise_of(rows), of, n))
+        return Sums(
+            sizes=found.sizes,
+            weights=weights,
+            means=(found.centroids - self.low) / self.unit,
+            scatters=found.covariances.reshape(-1, 9)[:, UPPER] * (weights / self.unit**2)[:, None],
+        )
+
+    def pairs(self, own):
+        """Pairs (m, 2) of cells of one region, by their names: a point of a slice has a neighbor in
+        the other."""
+        keys = []
+        for rows in slices(own.stop, ROWS, own.start):
+            near = self.near(rows)
+            cell, other = self.cell[rows, None], self.cell[near]
+            beside = (self.labels[near] == self.labels[rows, None]) & (other != cell) & (cell >= 0)
+            cell = np.broadcast_to(cell, near.shape)
+            keys.append(_keys(cell[beside], other[beside]))
+        return _pairs(keys)
+
+
+def unique_pairs(pairs, names):
+    """Pairs (m, 2), each named anew, once if they differ, the lower first; they ascend."""
+    return _pairs([_keys(*names[pairs[rows]].T) for rows in slices(len(pairs), PAIRS)])
+
+
+def _keys(one, other):
+    """Numbers of 64 bits, ascending, that stand for pairs of different ones, each once."""
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    return np.unique((low.astype(np.int64) << 32 | high)[low != high])
+
+
+def _pairs(keys):
+    """The pairs of parts of such numbers: int32 (m, 2)."""
+    keys = np.unique(np.concatenate([*keys, np.empty(0, np.int64)]))
+    return np.column_stack([(keys >> 32).astype(np.int32), keys.astype(np.int32)])
 
 
 def divide_at_creases(labels, index, planes, rules, n_jobs=None):
@@ -60,90 +174,100 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
 
     Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
     first, while one plane explains two as well as two planes do, by the Bayesian information
-    criterion (BIC). Each border of two patches votes (`vote`), and patches become groups. A patch
-    or a group is a surface of its own if it is wide (`_are_wide`): only borders of wide patches
-    part, and those of others only join. What is narrow then goes to the groups beside it
-    (`_settled`). Last, where a border parts two groups, its points go to the side on which its
-    crease has them. Points of patches that are of both sides get label -1.
+    criterion (BIC): first within blocks of cells, then all. Each border of two patches votes
+    (`vote`), and patches become groups. A patch or a group is a surface of its own if it is wide
+    (`_are_wide`): only borders of wide patches part, and those of others only join. What is narrow
+    then goes to the groups beside it (`_settled`). Last, where a border parts two groups, its
+    points go to the side on which its crease has them. Points of patches that are of both sides get
+    label -1.
     """
-    noise, near = _noise_and_neighbors(index, planes, rules, n_jobs)
-    unit = float(np.exp2(np.frexp(noise.max(initial=0.0))[1]))  # no square leaves the numbers
-    if not (labels >= 0).any() or not noise.min() * unit > 0:
+    n, own = len(labels), slice(0, len(labels))
+    points = Points(index, planes, rules, labels, index.empty(n), index.empty(n, np.int32), n_jobs)
+    points.noise[:], points.cell[:] = points.usual_noise(own), -1
+    bounds = points.noise.min(), points.noise.max(), np.min(index.points, axis=0)
+    if not (labels >= 0).any() or not points.scale(*bounds):
         return labels
-    noise[:] = np.maximum(noise / unit, FitLimits().ridge)
-    # The flattest begin. Their order depends on no rounding error, and on no order of rows.
-    flatness = np.rint(np.ldexp(ratio(planes.scale / unit, noise), HEIGHT_BITS))
-    order = np.lexsort((*index.points.T, flatness))
-    cells = _Cells.gather(order[labels[order] >= 0], near, labels)
-    del order, flatness
-    edges = _edges(cells, near, labels)
-    size = near.shape[1]
-    del near
-    found = region_moments(index.points, cells.of, len(cells.starts) - 1, n_jobs=n_jobs)
-    weights = found.sizes / np.square(median_by_region(noise, cells.of, len(found.sizes)))
-    means = (found.centroids - found.centroids[0]) / unit
-    scatters = found.covariances.reshape(-1, 9)[:, UPPER] * (weights / unit**2)[:, None]
-    patch = _joined_cells(found.sizes, weights, means, scatters, edges)
-    first, patch = np.unique(patch, return_inverse=True)
-    if len(first) == len(np.unique(labels[labels >= 0])):
+    points.cell[:] = points.gather(own)
+    begins = np.flatnonzero(points.cell == np.arange(n)).astype(np.int32)
+    begins = begins[points.in_order(begins)]
+    number = numbers(index, begins)
+    edges = unique_pairs(points.pairs(own), number)
+    inside = edges[np.equal(*blocks(edges, len(begins))[edges].T)]
+    roots, first, sums = joined(points.sums(begins), inside)
+    return divided(points, rules, begins, number, roots, first, sums, edges)
+
+
+def numbers(index, begins):
+    """The number (n,) of each cell, at the point that names it; -1 elsewhere."""
+    number = index.empty(len(index.points), np.int32)
+    number[:] = -1
+    number[begins] = np.arange(len(begins))
+    return number
+
+
+def blocks(edges, n):
+    """The block (n,) of each cell, named by its first.
+
+    Blocks are gathered of cells as cells are of points, in the same order, then of such blocks, and
+    so on.
+    """
+    names, same = np.arange(n, dtype=np.int32), np.zeros(n, np.int32)
+    block = names
+    for _ in range(VoteLimits().rings):
+        low, high = unique_pairs(edges, block).T
+        graph = coo_array((np.ones(len(low), bool), (low, high)), (n, n)).tocsr()
+        graph, found = graph + graph.T, np.full(n, -1, np.int32)
+        known = graph.indptr.astype(np.int64), graph.indices, 0, same, names
+        _compiled("gather")(np.arange(n), *known, found, np.zeros(n, np.int8))
+        block = found[block]
+    return block
+
+
+def joined(sums, edges):
+    """Cells joined to patches, see `join_cells`: the first cell of each patch, the patch (m,) of
+    each cell, and the `Sums` of patches."""
+    m = len(sums.sizes)
+    left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
+    _compiled("join_cells")(*sums, edges.astype(np.int64), left, turn, root)
+    first, patch = np.unique(root, return_inverse=True)
+    return first, patch, Sums(*(values[first] for values in sums))
+
+
+def divided(points, rules, begins, number, first, patch, sums, edges):
+    """The labels of points, divided, once cells are joined in blocks; see `divide_at_creases`.
+
+    Cells begin at the points `begins`, in order, and have `number`; edges are between them. The
+    rest is as by `joined`.
+    """
+    index, labels, n_jobs = points.index, points.labels, points.n_jobs
+    borders = unique_pairs(edges, patch)
+    last, of, sums = joined(sums, borders)
+    regions, n = labels[begins[first[last]]], len(last)
+    if n == len(np.unique(regions)):
         return labels
-    normals = np.linalg.eigh(scatters[first][:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
-    own = np.append(patch, -1)[cells.of]
-    wide = _are_wide(index.points, own, len(first), size, n_jobs)
-    borders = patch[edges]
-    borders = np.unique(np.sort(borders[borders[:, 0] != borders[:, 1]], axis=1), axis=0)
-    strips = _Strips(index.points, noise, unit, cells, patch, normals, wide, rules.min_cosine)
+    borders, patch = unique_pairs(borders, of), of[patch]
+    normals = np.linalg.eigh(sums.scatters[:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
+    own, found = (index.empty(len(labels), np.int32) for _ in range(2))
+    for rows in slices(len(labels), ROWS):
+        cell = points.cell[rows]
+        own[rows] = np.where(cell < 0, -1, patch[number[cell]])
+    wide = _are_wide(index.points, own, n, points.size, n_jobs)
+    strips = _Strips(points, begins, patch, normals, wide, rules.min_cosine)
     votes = strips.votes(borders, n_jobs)
-    regions = labels[cells.members[cells.starts[first]]]
     counts = wide[borders].all(axis=1) | (votes > 0)
     group = _joined(borders[counts], votes[counts], regions)
-    wide = _are_wide(index.points, np.append(group, -1)[own], len(first), size, n_jobs)[group]
+    found[:] = own
+    relabeled(found, np.append(group, -1))
+    wide = _are_wide(index.points, found, n, points.size, n_jobs)[group]
     both = wide[borders].all(axis=1)
     group, mixed = _settled(group, borders, wide, regions)
-    divided = np.append(np.where(mixed, -1, group), -1)[own].astype(labels.dtype)
+    found[:] = own
+    relabeled(found, np.append(np.where(mixed, -1, group), -1))
     parted = both & (votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]])
     parting = np.flatnonzero(parted)
     parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
-    strips.part(borders[parting], group, divided, n_jobs)
-    return divided
-
-
-def _noise_and_neighbors(index, planes, rules, n_jobs):
-    """Standard deviation (n,) that is usual around each point, and its neighbors (n, k)."""
-    n, k = len(index.points), n_linked(index, rules)
-    noise, near = index.empty(n), index.empty((n, k), np.int32)
-    limits = GrowthLimits()
-    bend = limits.bent * np.arccos(min(rules.min_cosine, 1.0))
-
-    def measure(rows):
-        around = index.query_own(rows, k)
-        near[rows] = around.indices
-        usual = quantile_around(planes.scale, around, limits.usual)
-        noise[rows] = np.hypot(usual, bend * planes.radius[rows])
-
-    each_slice(n, index.chunk, measure, n_jobs)
-    return noise, near
-
-
-def _joined_cells(sizes, weights, means, scatters, edges):
-    """The first cell of the patch of each cell; see `join_cells`."""
-    m = len(sizes)
-    left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
-    _compiled("join_cells")(sizes, weights, means, scatters, edges, left, turn, root)
-    return root
-
-
-def _edges(cells, near, labels):
-    """Pairs (m, 2) of cells of one region of which a point of one has a neighbor in the other."""
-    pairs, n = [np.empty(0, np.int64)], len(cells.starts) - 1
-    for start in range(0, len(near), ROWS):
-        part = slice(start, start + ROWS)
-        own, other = cells.of[part, None].astype(np.int64), cells.of[near[part]]
-        beside = (labels[near[part]] == labels[part, None]) & (other != own) & (own >= 0)
-        keys = np.minimum(own, other) * n + np.maximum(own, other)
-        pairs.append(np.unique(keys[beside]))
-    keys = np.unique(np.concatenate(pairs))
-    return np.column_stack([keys // n, keys % n])
+    strips.part(borders[parting], group, found, n_jobs)
+    return found
 
 
 def _are_wide(points, labels, n, size, n_jobs):
@@ -161,14 +285,12 @@ class _Strips:
     (n_patches, 3) are those of patches' planes.
     """
 
-    def __init__(self, points, noise, unit, cells, patch, normals, wide, min_cosine):
-        self.points, self.noise, self.unit = points, noise, unit
-        self.cells, self.normals, self.wide, self.min_cosine = cells, normals, wide, min_cosine
+    def __init__(self, points, begins, patch, normals, wide, min_cosine):
+        self.points, self.normals, self.wide, self.min_cosine = points, normals, wide, min_cosine
         self.blunt = np.cos(VoteLimits().blunt * np.arccos(min(min_cosine, 1.0)))
-        self.centers = centers = points[cells.members[cells.starts[:-1]]]
         order = np.argsort(patch, kind="stable")
-        self.groups = groups = np.split(order, np.flatnonzero(np.diff(patch[order])) + 1)
-        self.tree = cache(lambda name: cKDTree(centers[groups[name]]))
+        self.groups = np.split(begins[order], np.flatnonzero(np.diff(patch[order])) + 1)
+        self.tree = lru_cache(TREES)(lambda name: cKDTree(points.index.points[self.groups[name]]))
 
     def votes(self, borders, n_jobs):
         """The vote of each pair of patches; see `vote`."""
@@ -199,12 +321,12 @@ class _Strips:
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
         names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
         small, large = (self.groups[name] for name in names)
-        large = large[_strip(*map(self.tree, names))]
-        rows, cell = self.cells.rows(np.concatenate([small, large]))
-        local = ((self.points[rows] - self.centers[small[0]]) / self.unit).T.copy()
-        n_first = (self.cells.starts[small + 1] - self.cells.starts[small]).sum()
+        large, points = large[_strip(*map(self.tree, names))], self.points
+        rows, sizes = points.members(np.concatenate([small, large]))
+        local = ((points.index.points[rows] - self.tree(names[0]).data[0]) / points.unit).T.copy()
+        n_first, cell = sizes[: len(small)].sum(), np.repeat(np.arange(len(sizes)), sizes)
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
-        sides, weights = np.stack([first] * 3), 1.0 / np.square(self.noise[rows])
+        sides, weights = np.stack([first] * 3), 1.0 / np.square(points.noise_of(rows))
         normals, most_noise = self.normals[names], JoinLimits().most_noise
         cosine = abs(normals[0] @ normals[1])
         blunt, steep = bool(cosine > self.blunt), bool(cosine < self.min_cosine)

@@ -41,11 +41,10 @@ def region_sizes(labels, n_regions, weights=None):
 
 
 def relabeled(labels, number):
-    """The new number of each point's region: the last of `number` is that of -1."""
-    found = np.empty(len(labels), labels.dtype)
+    """Labels, changed: the new number of each point's region. The last of `number` is for -1."""
     for rows in slices(len(labels), PART):
-        found[rows] = number[labels[rows]]
-    return found
+        labels[rows] = number[labels[rows]]
+    return labels
 
 
 def rows_of(labels, wanted):

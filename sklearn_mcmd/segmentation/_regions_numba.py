@@ -28,6 +28,7 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 # Parameters; with plain numbers, what takes them is compiled for each.
 N_CIRCLE, N_CYLINDER = np.int64(3), np.int64(5)
+IN_ANOTHER, PASSED = np.int32(-2), np.int8(2)  # see `gather`
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
 
 
@@ -49,9 +50,7 @@ def grow(links, seeds, waiting, labels):
             i = waiting[n_waiting]
             for a in range(links.shape[1]):
                 j = links[i, a]
-                if j < 0:
-                    break
-                if labels[j] < 0:
+                if j >= 0 and labels[j] < 0:
                     labels[j] = region
                     waiting[n_waiting] = j
                     n_waiting += 1
@@ -170,26 +169,33 @@ def _solve(equations, n, ridge):
 
 
 @kernel(cache=True)
-def gather_cells(order, near, labels, members, starts, cell):
-    """Fill cells of the nearest points of the same region that no cell has, around points in order.
+def gather(order, starts, near, start, labels, names, first, unsure):
+    """Fill `first`, in which cell each of n nodes is, named by the node that began it.
 
-    That is the members, cell after cell; where each cell starts; and the cell of each point, -1 at
-    first. Returns the number of cells.
+    Of the nodes in order, each that no cell has begins one, of all in its list that have its label
+    and no cell. The list of node i is near[starts[i] : starts[i + 1]], less `start`. Nodes after
+    the n are rivals from elsewhere, of some of which it is `unsure` (1) whether they begin a cell.
+    What depends on these stays -1, or IN_ANOTHER if it begins none, until more is known.
     """
-    n_cells = n_members = 0
-    starts[0] = 0
+    n = len(first)
     for i in order:
-        if cell[i] >= 0:
-            continue
-        for a in range(near.shape[1]):
-            j = near[i, a]
-            if cell[j] < 0 and labels[j] == labels[i]:
-                cell[j] = n_cells
-                members[n_members] = j
-                n_members += 1
-        n_cells += 1
-        starts[n_cells] = n_members
-    return n_cells
+        if i < n:
+            if first[i] != -1 and first[i] != names[i]:
+                continue
+            if unsure[i]:
+                unsure[i] = PASSED
+            else:
+                first[i] = names[i]
+        for a in range(starts[i], starts[i + 1]):
+            j = near[a] - start
+            if j < 0 or j >= n or first[j] >= 0 or labels[j] != labels[i]:
+                continue
+            if unsure[i]:
+                unsure[j] = max(unsure[j], 1)
+            elif not unsure[j]:
+                first[j] = names[i]
+            elif unsure[j] != PASSED:
+                first[j] = IN_ANOTHER
 
 
 @kernel(cache=True)

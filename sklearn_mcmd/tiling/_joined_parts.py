@@ -11,9 +11,9 @@ from sklearn_mcmd.tiling._memory import bytes_of_parts
 def write_parts(whole, cell, name, labels, pairs, known=None, **sums):
     """Write what a cell has found of its parts, of which each row has the number, `labels`.
 
-    `pairs` (n, 2) are links from its rows to those of other cells. Of each part there are `sums`.
-    Only parts that are `known`, bool, or linked to other cells are written; of the others nobody
-    asks. A part is named by its first row in the cell, its root.
+    `pairs` (n, 2) are links from its rows to those of other cells or parts. Of each part there are
+    `sums`. Only parts that are `known`, bool, or that such links leave are written; of the others
+    nobody asks. A part is named by its first row in the cell, its root.
     """
     first = whole.rows(cell).start
     roots = np.empty(labels.max(initial=-1) + 1, np.int64)
@@ -40,7 +40,7 @@ class JoinedParts:
         n_pairs = sum(len(whole.columns.mapped(cell, f"{name}_pairs")) for cell in self._cells)
         if (needed := bytes_of_parts(sum(sizes), n_pairs)) > memory:
             raise ParameterError(
-                f"{sum(sizes):,} parts of surfaces and groups have {n_pairs:,} links between tiles,"
+                f"{sum(sizes):,} parts of surfaces, groups or regions have {n_pairs:,} links,"
                 f" which take about {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; "
                 "give more memory"
             )
@@ -49,9 +49,11 @@ class JoinedParts:
         # A part that only another cell links to is one row, and was not written.
         self.roots = np.union1d(written, linked)
         self._written = np.searchsorted(self.roots, written)
-        ends = np.searchsorted(self.roots, [pairs[:, 0], linked])
+        self._join(np.searchsorted(self.roots, [pairs[:, 0], linked]))
+
+    def _join(self, ends):
         shape = (len(self.roots),) * 2
-        graph = coo_array((np.ones(len(pairs), bool), ends), shape=shape)
+        graph = coo_array((np.ones(ends.shape[1], bool), ends), shape=shape)
         self.n, self.labels = connected_components(graph, directed=False)
 
     def total(self, name):
@@ -68,13 +70,11 @@ class JoinedParts:
 
     def each_cell(self):
         """Each cell with the joined parts of its rows, -1 of those of which nobody asks."""
+        known, labels = np.append(self.roots, -1), np.append(self.labels, -1)
         for cell in self._cells:
             roots = self._roots_of(self._whole.rows(cell))
-            at = np.minimum(np.searchsorted(self.roots, roots), max(len(self.roots) - 1, 0))
-            if len(self.roots):
-                yield cell, np.where(self.roots[at] == roots, self.labels[at], -1)
-            else:
-                yield cell, np.full(len(roots), -1)
+            at = np.searchsorted(self.roots, roots)
+            yield cell, np.where(known[at] == roots, labels[at], -1)
 
     def rows(self, chosen):
         """The rows of the chosen parts, bool, ascending, and their parts."""

@@ -35,7 +35,7 @@ COSTS = {
     "heights": Costs(tile=450, stored=220, cloud=450, whole=4, does="joins the groups of"),
     "edges": Costs(tile=750, stored=190, cloud=1100, whole=4, does="joins the groups of"),
     "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
-    "regions": Costs(tile=650, stored=195, cloud=720, whole=100, does="joins the regions of"),
+    "regions": Costs(tile=650, stored=195, cloud=720, whole=35, does="joins the regions of"),
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=300, cloud=750),
     "rays": Costs(stored=155, cloud=650, whole=200, does="follows the rays to"),
@@ -47,13 +47,14 @@ COSTS = {
 PROCESS = 330e6  # bytes of a process with its compiled code
 FEATURE = 24  # bytes of a feature of a point
 NEIGHBORS = 50  # whose costs of a tile these are; each more takes 8 bytes for a point
-PART_OF_GRAPH, LINK_OF_PARTS = 60, 80  # bytes of what one process joins across cells
+PART_OR_LINK = 80  # bytes of each that one process joins across cells
+CELL_OF_REGION, BORDER_OF_CELLS = 100, 40  # bytes of what divides regions, in one process
 LEVEL = 60  # bytes of a value that some coordinate or intensity has
 SMALL_POINT = 400  # bytes of a point of small groups, which one process judges
 BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
 JOINED_POINT = 150  # bytes of a point while regions are joined
 JOINED_AT_ONCE = 1_000_000  # points of regions that are joined at once
-GROWN_LEAST = 26  # bytes of a point of regions
+GROWN_LEAST = 7  # bytes of a point of regions
 REST_POINT = 200  # bytes of a point that growth left over
 PART = 250_000  # points read or written at once
 PART_POINT = 400  # bytes of a point while it is read or written
@@ -168,8 +169,13 @@ def bytes_to_join(n_points, n_rest):
 
 
 def bytes_of_parts(n_parts, n_links):
-    """What parts of surfaces or groups, and links of these between cells, take, about."""
-    return PROCESS + PART_OF_GRAPH * n_parts + LINK_OF_PARTS * n_links
+    """What parts of surfaces, groups or regions, and links between these, take, about."""
+    return PROCESS + PART_OR_LINK * (n_parts + n_links)
+
+
+def bytes_to_divide(n_cells, n_borders):
+    """What the small cells of regions take, and their borders, about."""
+    return PROCESS + CELL_OF_REGION * n_cells + BORDER_OF_CELLS * n_borders
 
 
 def bytes_of_small(n_points):

@@ -149,16 +149,14 @@ class StoredColumns:
         for name, values in arrays.items():
             values[self.rows(cell)][rows] = changes[name]
 
-    def settle(self, step, names, cells=None):
-        """Put into columns what cells, all by default, have changed of them in a step."""
-        for cell in np.flatnonzero(np.diff(self.starts)) if cells is None else cells:
-            if not self.columns.is_done(cell, f"{step}-settled"):
-                for name in names:
-                    values = self.open(name, private=True)
-                    self.changed(cell, **{name: values})
-                    self.put(cell, **{name: values[self.rows(cell)]})
-                self.columns.finish(cell, f"{step}-settled")
-            self.columns.path(cell, "changes").unlink(missing_ok=True)
+    def settle(self, cell, step, names):
+        """Put into columns what a cell has changed of them in a step."""
+        for name in names:
+            values = self.open(name, private=True)
+            self.changed(cell, **{name: values})
+            self.put(cell, **{name: values[self.rows(cell)]})
+        self.columns.finish(cell, f"{step}-settled")
+        self.columns.path(cell, "changes").unlink(missing_ok=True)
 
     def copy(self, **names):
         """Keep columns under another name, as they are."""
@@ -185,7 +183,14 @@ class StoredColumns:
         """
         path = self._path(name)
         if changing:
-            path = shutil.copyfile(path, path.with_suffix(".changed"))
+            path = shutil.copyfile(path, self._path_of_copy(name))
+        return self._mapped(path, private)
+
+    def open_copy(self, name):
+        """The array of the copy that was made with `changing`, in any process."""
+        return self._mapped(self._path_of_copy(name))
+
+    def _mapped(self, path, private=False):
         stored = mapped(path, "c" if private else "r+")
         if not private:  # to free it would undo what was written
             self._open.append(stored)
@@ -222,6 +227,11 @@ class StoredColumns:
             done.set()
             thread.join()
 
+    def flush(self):
+        """Let other machines read what was written to open arrays."""
+        for stored in self._open:
+            stored.flush()
+
     def release(self):
         """Free the memory of what was read or written of open arrays."""
         for stored in list(self._open):
@@ -246,6 +256,9 @@ class StoredColumns:
 
     def _path(self, name):
         return self.columns.path(ALL, name)
+
+    def _path_of_copy(self, name):
+        return self._path(name).with_suffix(".changed")
 
 
 class _Column:

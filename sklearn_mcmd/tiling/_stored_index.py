@@ -119,12 +119,6 @@ def _join_points(cell, job):
     path.unlink(missing_ok=True)
 
 
-def count_copies(whole):
-    """Fill counts, how many points lie at each place, if it is made."""
-    for cell in np.flatnonzero(np.diff(whole.starts)):
-        whole.put(cell, counts=np.bincount(whole.columns.read(cell, "place_of")))
-
-
 def find_neighbors(cell, job):
     """Store the nearest of all places, each its own first, as many as are to be stored."""
     cells, columns, whole = job.cells, job.columns, job.whole()

@@ -36,7 +36,7 @@ def find_offers(sweep, job):
 
 def settle(cell, job, step):
     """Put into `FACES` what a cell has changed of them in a step, which all cells have done."""
-    job.whole().settle(step, FACES, [cell])
+    job.whole().settle(cell, step, FACES)
 
 
 def stored_offers(whole, private=False):

@@ -30,7 +30,8 @@ WEIGHTS = {
     **{"rays": 25, "heights": 18, "verdicts": 1},
     **{"outliers": 135, "kept": 3, "spacing": 2, "even": 1, "flat": 1, "faces": 9, "creases": 20},
     **{"edges": 5},
-    **{"growth": 14, "joining": 26},
+    **{"reach": 5, "links": 7, "growth": 3, "joining": 26},
+    **{"noise": 5, "gathered": 10, "summed": 10, "joined": 2},  # of joining
 }
 
 

@@ -46,7 +46,6 @@ from sklearn_mcmd.tiling._stored_index import (
     SLACK,
     StoredIndex,
     by_distance,
-    count_copies,
     find_neighbors,
     find_places,
     join_points,
@@ -256,7 +255,8 @@ def judge_cells(job, sweeps, cutoff, memory):
         join_points(sweep, job)
         whole.make(counts=(np.int32, ()))
         StoredNeighbors(whole).begin(job.estimator.n_neighbors)
-        count_copies(whole)
+        for cell in np.flatnonzero(cells.counts):
+            whole.put(cell, counts=np.bincount(columns.read(cell, "place_of")))
         sweep("neighbors", find_neighbors)
         warn_if_coarse(job.constants, StoredIndex(whole))
         if detector.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):

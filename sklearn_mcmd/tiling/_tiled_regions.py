@@ -1,5 +1,7 @@
-"""Regions of clouds larger than memory: planes and links by tiles, growth along links on disk."""
+"""Regions of clouds larger than memory: they grow in cells, one process does all that follows."""
 
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +11,7 @@ from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._resolution import least_scales
-from sklearn_mcmd.segmentation._estimator import finish_regions, rules_of
-from sklearn_mcmd.segmentation._graph import grow_regions, link_neighbors, seed_order
+from sklearn_mcmd.segmentation._estimator import RegionGrowing, finish_regions
 from sklearn_mcmd.segmentation._merge_coplanar import region_planes
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.segmentation._region_table import region_table
@@ -18,8 +19,10 @@ from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import fit_together, write_results_of_places
 from sklearn_mcmd.tiling._run import TiledVerb, warm_up
 from sklearn_mcmd.tiling._stored_columns import ALL
-from sklearn_mcmd.tiling._stored_index import StoredIndex, count_copies
-from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER
+from sklearn_mcmd.tiling._stored_index import StoredIndex
+from sklearn_mcmd.tiling._stored_offers import settle
+from sklearn_mcmd.tiling._tiled_division import divide_in_tiles
+from sklearn_mcmd.tiling._tiled_growing import STEPS, grow_in_cells
 from sklearn_mcmd.tiling._tiled_normals import (
     PlaneJob,
     find_planes,
@@ -32,7 +35,7 @@ LARGEST = 20  # regions whose points are counted in the report
 
 
 class TiledRegions(TiledVerb):
-    """Regions: links by tiles, and growth of all in this process."""
+    """Regions, which grow by tiles; all steps that follow are of this process."""
 
     options = ("colors", "regions")
 
@@ -80,26 +83,35 @@ class TiledRegions(TiledVerb):
         return {"removed_fraction": 0.0, **run.folder.columns.report(ALL, "regions")}
 
 
+@dataclass(frozen=True)
+class RegionJob(PlaneJob):
+    """A job on the normals that a `RegionGrowing` asks for."""
+
+    growing: RegionGrowing | None = None
+
+    def floor(self, points):
+        """The least scales of points, by their rounding."""
+        return least_scales(points, np.finfo(self.constants.dtype).eps, self.constants.step)
+
+
 def _segment(growing, run):
     """Write the region of all points of a run for each cell.
 
     Returns the sizes of regions, and a function that makes their table.
     """
-    k = growing.n_neighbors
-    job = PlaneJob.of(run, growing.normal_estimator, keep=_keep_planes, later=k)
-    sweeps = run.sweeps([*plane_steps(job.estimator), "growth", "joining"])
+    k, normals = growing.n_neighbors, growing.normal_estimator
+    job = RegionJob.of(run, normals, keep=_keep_planes, later=k, growing=growing)
+    sweeps = run.sweeps([*plane_steps(job.estimator), *STEPS, "joining"])
     variation = job.constants.dtype, ()
     whole = find_planes(sweeps, job, k, k, variation=variation)
     if whole is None:
         fitted = fit_together(job, growing, run.cells, lambda fitted: fitted.labels_)
         return fitted.region_sizes_, lambda: fitted.regions_
-    whole.settle("faces", FACES)
-    whole.make(counts=(np.int32, ()), floor=NUMBER)
-    for cell in np.flatnonzero(np.diff(whole.starts)):
-        whole.put(cell, floor=_floor(job, whole.rows_of("points", whole.rows(cell))))
-    count_copies(whole)
-    with whole.releasing():
-        labels, planes = _find_regions(growing, run, whole, sweeps)
+    sweep = partial(sweeps, cells=run.cells, job=job)
+    sweep("faces-settled", partial(settle, step="faces"))
+    grow_in_cells(sweep, job, run.memory)
+    with whole.releasing(), sweeps.part("joining"):
+        labels, planes = _finish(run, whole, job)
     write_results_of_places(job, labels)
     counts, n = whole.open("counts"), int(labels.max(initial=-1)) + 1
 
@@ -115,29 +127,20 @@ def _segment(growing, run):
 def _keep_planes(cell, job, fitted):
     """Fill variation, and change the columns `FACES`."""
     points, columns, faces = stored_planes(cell, job, fitted)
-    faces["scale"] = np.maximum(faces["scale"], _floor(job, points))
+    faces["scale"] = np.maximum(faces["scale"], job.floor(points))
     job.whole().put(cell, variation=columns.surface_variation)
     job.whole().change(cell, **faces)
 
 
-def _floor(job, points):
-    """The least scales of points, by their rounding."""
-    return least_scales(points, np.finfo(job.constants.dtype).eps, job.constants.step)
-
-
-def _find_regions(growing, run, whole, sweeps):
-    """Regions of all places, once their planes and neighbors are known; and the planes then."""
-    index, n_threads = StoredIndex(whole, run.cells, growing.n_neighbors), run.n_threads
-    planes, points, floor = whole.planes(changing=True), index.points, whole.open("floor")
-    with sweeps.part("growth", "growing regions"):
-        links, radius = link_neighbors(index, planes, floor, rules_of(growing), n_threads)
-        planes = planes._replace(radius=radius)
-        labels = grow_regions(links, seed_order(whole.open("variation"), points, planes))
-        del links
+def _finish(run, whole, job):
+    """Regions of all places, once they have grown; and the planes then."""
+    growing, n_threads, labels = job.growing, run.n_threads, whole.open("labels", changing=True)
     _warn_if_much(labels, growing.n_neighbors, run.memory)
-    with sweeps.part("joining"):
-        counts = whole.open("counts")
-        return finish_regions(labels, index, planes, floor, counts, growing, n_threads), planes
+    planes = whole.planes(changing=True)._replace(radius=whole.open("reach"))
+    index = StoredIndex(whole, run.cells, growing.n_neighbors)
+    given = labels, index, planes, whole.open("floor"), whole.open("counts"), growing, n_threads
+    divide = partial(divide_in_tiles, job=job, n_workers=run.plan.n_workers, memory=run.memory)
+    return finish_regions(*given, divide), planes
 
 
 def _warn_if_much(labels, n_neighbors, memory):

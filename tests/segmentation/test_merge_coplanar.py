@@ -88,10 +88,10 @@ def test_parts_whose_neighborhoods_hide_the_noise_are_joined_by_the_noise_that_t
     X = rng.uniform(0, 1, (6000, 3)) * [2, 1, 0]
     X[:, 2] = np.round(rng.normal(0, 0.003, 6000) / 0.004) * 0.004
     part, quiet = (X[:, 0] > 1.0).astype(int), np.full(6000, 1e-5)
-    assert len(np.unique(join_coplanar(X, part, planes_of(quiet)))) == 2
-    assert len(np.unique(join_coplanar(X, part, planes_of(quiet, radius=0.04)))) == 1
+    assert len(np.unique(join_coplanar(X, part.copy(), planes_of(quiet)))) == 2
+    assert len(np.unique(join_coplanar(X, part.copy(), planes_of(quiet, radius=0.04)))) == 1
     X[part == 1, 2] += 0.01  # three times the noise
-    assert len(np.unique(join_coplanar(X, part, planes_of(quiet, radius=0.04)))) == 2
+    assert len(np.unique(join_coplanar(X, part.copy(), planes_of(quiet, radius=0.04)))) == 2
 
 
 def test_a_small_part_in_two_planes_is_no_bridge_between_them():

@@ -12,8 +12,8 @@ from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.planes._quadrics import work_arrays
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._region_division import _Cells, _joined, _joined_cells, _settled
-from sklearn_mcmd.segmentation._regions_numba import vote
+from sklearn_mcmd.segmentation._region_division import Sums, _joined, _settled, joined
+from sklearn_mcmd.segmentation._regions_numba import gather, vote
 
 FIT, MOST_NOISE = FitLimits(), JoinLimits().most_noise
 
@@ -129,26 +129,47 @@ def test_rings_that_a_given_gap_joins_are_not_torn_without_a_vote():
     assert divided.region_sizes_[0] >= 0.96 * whole.region_sizes_[0] > 0.7 * len(X)
 
 
-def test_cells_hold_each_point_once_and_no_points_of_two_regions():
+def gathered(order, near, labels, parts=1):
+    """The first of the cell of each node, found in parts that know of others what was found before,
+    and how often each part was asked."""
+    n = len(labels)
+    first, names = np.full(n, -1, np.int32), np.arange(n, dtype=np.int32)
+    for times in range(1, n + 1):
+        for own in np.array_split(names, parts):
+            begin, end, found = own[0], own[-1] + 1, first.copy()
+            theirs = np.setdiff1d(names, own)
+            theirs = theirs[(found[theirs] == theirs) | (found[theirs] == -1)]  # may begin a cell
+            nodes = np.concatenate([own, theirs])
+            place = np.full(n, -1)
+            place[nodes] = np.arange(len(nodes))
+            unsure = np.append(np.zeros(len(own)), found[theirs] == -1).astype(np.int8)
+            some, starts = place[order], np.arange(len(nodes) + 1) * near.shape[1]
+            known = starts, near[nodes].ravel(), begin, labels[nodes], nodes.astype(np.int32)
+            gather(some[some >= 0], *known, first[begin:end], unsure)
+        if (first[labels >= 0] >= 0).all():
+            return first, times
+    raise AssertionError("it does not end")
+
+
+@pytest.mark.parametrize("parts", [1, 2, 7, 40])
+def test_cells_are_gathered_in_order_wherever_their_points_lie(parts):
+    """A cell begins at each point in order that no cell has, of the near ones of its region that
+    none has. Parts that ask each other for what they have found come to the same."""
     rng = np.random.default_rng(0)
-    points, labels = rng.uniform(size=(200, 3)), rng.integers(-1, 2, 200).astype(np.int32)
-    gaps = np.linalg.norm(points[:, None] - points, axis=2)
-    near = np.argsort(gaps, axis=1)[:, :7].astype(np.int32)
-    order = rng.permutation(np.flatnonzero(labels >= 0))
-    members, starts, cell = _Cells.gather(order, near, labels)
-    expected, n_cells = np.full(200, -1), 0
-    for i in order:
-        if expected[i] < 0:
-            free = [j for j in near[i] if expected[j] < 0 and labels[j] == labels[i]]
-            expected[free] = n_cells
-            n_cells += 1
-    assert_array_equal(cell, expected)
-    assert_array_equal(cell[members], np.repeat(np.arange(n_cells), np.diff(starts)))
-    assert len(members) == len(order)
-    # A cell of each point alone.
-    members, starts, cell = _Cells.gather(order, near[:, :1], labels)
-    assert_array_equal(members, order)
-    assert_array_equal(starts, np.arange(len(order) + 1))
+    for _ in range(10):
+        points, labels = rng.uniform(size=(200, 3)), rng.integers(-1, 2, 200).astype(np.int32)
+        points = points[np.argsort(points[:, 0])]
+        gaps = np.linalg.norm(points[:, None] - points, axis=2)
+        near = np.argsort(gaps, axis=1)[:, :7].astype(np.int32)
+        order, expected = rng.permutation(np.flatnonzero(labels >= 0)), np.full(200, -1)
+        for i in order:
+            if expected[i] < 0:
+                expected[[j for j in near[i] if expected[j] < 0 and labels[j] == labels[i]]] = i
+        first, times = gathered(order, near, labels, parts)
+        assert_array_equal(first, expected)
+        assert times <= (1 if parts == 1 else 12)
+    first, _ = gathered(order, near[:, :1], labels, parts)  # a cell of each point alone
+    assert_array_equal(first, np.where(labels < 0, -1, np.arange(200)))
 
 
 def join_by_numpy(points, edges):
@@ -193,10 +214,11 @@ def test_cells_are_joined_as_literally_from_their_points(seed):
     a, b = np.triu_indices(36, 1)
     beside = np.abs(corner[a, 0] - corner[b, 0]).sum(axis=1) == 1
     edges = np.column_stack([a, b])[beside]
-    patch = _joined_cells(np.full(36, 8.0), np.full(36, 8.0), means, scatters, edges)
+    sums = Sums(np.full(36, 8.0), np.full(36, 8.0), means, scatters)
+    first, patch, _ = joined(sums, edges)
     expected = join_by_numpy(points, edges.tolist())
     assert 2 < len(np.unique(expected)) < 20
-    assert_array_equal(patch, expected)
+    assert_array_equal(first[patch], expected)
 
 
 def vote_by_numpy(points, weights, cells, first, blunt, steep):

@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd import MCMDOutlierDetector, SharpFeatureDetector
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
+from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.io import PointCloud, read_points
-from sklearn_mcmd.tiling import _memory, process_files
+from sklearn_mcmd.tiling import _memory, _tiled_division, process_files
 from tiled import fit_in_memory, written
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -91,7 +97,7 @@ def test_a_cloud_of_nothing_but_surfaces_has_no_points_to_join(level, by_tiles, 
     assert (values[:, 0] <= 3).all()
 
 
-@pytest.mark.parametrize("what", ["LINK_OF_PARTS", "SMALL_POINT", "LEVEL"])
+@pytest.mark.parametrize("what", ["PART_OR_LINK", "SMALL_POINT", "LEVEL"])
 def test_what_one_process_joins_is_refused_where_it_is_more_than_the_memory(
     what, tmp_path, monkeypatch
 ):
@@ -116,3 +122,35 @@ def test_an_edge_that_runs_through_many_cells_is_as_long_as_in_memory(outliers, 
     assert_array_equal(values[:, 0], fitted.scores_)
     along = X[:2_400][values[:2_400, 0] < verb.limit][:, 0]
     assert (np.histogram(along, 20, (0, 10))[0] > 0).all()
+
+
+GROWING = RegionGrowing(normal_estimator=RobustNormalEstimator(16, random_state=0))
+
+
+def test_small_cells_and_patches_of_regions_cross_tiles(by_tiles, monkeypatch, tmp_path):
+    path, seen = written(tmp_path, make_crown_roof(4_000, random_state=0).data), []
+
+    def divide(points, rules, begins, number, roots, patch, *others, of=_tiled_division.divided):
+        starts = points.index._whole.starts
+        tile = np.searchsorted(starts, begins, side="right")
+        cell = np.array(points.cell)
+        own = np.searchsorted(starts, np.flatnonzero(cell >= 0), side="right")
+        n_crossing = np.count_nonzero(own != tile[number[cell[cell >= 0]]])
+        seen.append((n_crossing, np.count_nonzero(tile != tile[roots][patch])))
+        return of(points, rules, begins, number, roots, patch, *others)
+
+    monkeypatch.setattr(_tiled_division, "divided", divide)
+    values, _, report = by_tiles(path, GROWING, tile_size=300)
+    assert_array_equal(values[:, 0], fit_in_memory(read_points(path).xyz, GROWING).labels_)
+    ((n_points, n_cells),) = seen
+    assert report.n_tiles > 13
+    assert report.n_regions > 2
+    assert n_points > 100
+    assert n_cells > 20
+
+
+def test_parts_of_regions_that_take_more_than_the_memory_are_refused(monkeypatch, tmp_path):
+    path = written(tmp_path, make_crown_roof(2_000, random_state=0).data)
+    monkeypatch.setattr(_memory, "CELL_OF_REGION", 1e9)
+    with pytest.raises(ValueError, match=r"small parts of regions have .* give more memory"):
+        process_files(path, tmp_path / "b.las", GROWING, tile_size=500)

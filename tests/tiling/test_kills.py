@@ -31,6 +31,7 @@ FAST = [
     (OUTLIERS, MARK, "_tiled_outliers._find_planes", 2, 2),
     (OUTLIERS, HEIGHTS, "_tiled_outliers._find_verdicts", 2, 4),
     (REGIONS, {}, "_tiled_regions._keep_planes", 2, 2),
+    (REGIONS, {}, "_tiled_growing._grow", 2, 4),
     (EDGES, {}, "_tiled_normals._keep_fitted", 2, 2),
 ]
 SLOW = [
@@ -43,6 +44,10 @@ SLOW = [
     (OUTLIERS, MARK, "_tiled_judging._judge_small", 0, 4),
     (OUTLIERS, MARK, "_tiled_judging.write_results", 2, 4),
     (OUTLIERS, HEIGHTS, "_tiled_outliers._find_heights", 2, 0),
+    (REGIONS, {}, "_tiled_growing._find_links", 2, 4),
+    (REGIONS, {}, "_tiled_growing.GrownParts.write_seeds", 0, 4),
+    (REGIONS, {}, "_tiled_growing._number_regions", 0, 4),
+    (REGIONS, {}, "_tiled_regions.write_results_of_places", 0, 4),
     (REGIONS, {}, "_tiled_regions.finish_regions", 0, 4),
     (EDGES, {}, "_tiled_edges._find_kept", 2, 0),
     (EDGES, {}, "_tiled_edges._constants_of", 0, 0),
