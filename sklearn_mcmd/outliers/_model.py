@@ -11,19 +11,18 @@ from sklearn_mcmd._errors import warn
 from sklearn_mcmd.outliers._off_surface import (
     OffSurfaceLimits,
     Rest,
-    chosen_rows,
     judge_off_surface,
     mean_distance,
 )
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits, find_surfaces, own_distances
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits, are_usable, find_surfaces, own_distances
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
 from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
 from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.sensors._rays import distances_between
+from sklearn_mcmd.sensors._rays import RayLimits, distances_between
 
 UNUSED = "eigenvalues", "spacing", "normal_error"  # fields of planes that no later step asks for
 USED = "Look at what goes by it, or give another $sensor_origin, or none"
@@ -120,24 +119,19 @@ class JudgedCloud:
         group[rest] = np.argsort(np.argsort(first))[own]
         return np.append(off.isolation, 0.0)[at], np.append(off.separation, 0.0)[at], group
 
-    def judge(self, counts, n_points, measured=None):
+    def judge(self, counts, n_points):
         """Find `point_scores`, those of all points of the index; returns the rows that explain.
 
         `counts` (n,) are the measurements at each of these points, `n_points` all of them.
-        ``measured()`` gives what `measure_planes` returns of all points, where it is known.
         """
         self.counts, index = counts, self.model.index
-        begin = FITTING if measured is None else 0.0
-        with progress_part(0.0, begin, "planes"):
-            if measured is None:
-                with progress_part(0.0, 0.8):
-                    self.model.agree(self.n_jobs)
-                with progress_part(0.8, 1.0):
-                    planes, *spacings = self.measure_planes()
-            else:
-                planes, *spacings = measured()
-            self.model.offers = None  # nobody asks any more
-        with progress_part(begin, 1.0, "outliers"):
+        with progress_part(0.0, FITTING, "planes"):
+            with progress_part(0.0, 0.8):
+                self.model.agree(self.n_jobs)
+            with progress_part(0.8, 1.0):
+                planes, *spacings = self.measure_planes()
+        self.model.offers = None  # nobody asks any more
+        with progress_part(FITTING, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
                 owners, distances = self._find_surfaces(planes)
             share = self.surface_limits.least_share * n_points
@@ -155,14 +149,11 @@ class JudgedCloud:
         if self.rays is None:
             distances[rest] = self.joined(distances[rest], *apart, points)
         else:
-            known = off_surface.rest.among_all, self.explained, self.to_planes
+            known = off_surface.rest.among_all, self.explained, self.to_planes, index
             by_rays = self.rays.judge(off_surface, *known, doubt)
-            # To coordinates, sheets of rays are surfaces.
-            without = np.where(self.rays.rest.of_sheets, 0.0, distances[rest])
-            without = self.joined(without, *apart, points)
-            distances[rest] = with_rays = self.joined(distances[rest], *by_rays, points)
-            raised, apart = np.column_stack([with_rays, without, off_surface.rest.counts]), by_rays
-            self.raised = raised[with_rays > without]
+            given = apart, by_rays, self.rays.rest.of_sheets, points, off_surface.rest.counts
+            distances[rest], self.raised = self.by_rays(distances[rest], *given)
+            apart = by_rays
         off_surface.isolation, off_surface.separation = apart
         self.point_scores = distances
         return owners
@@ -259,28 +250,30 @@ class JudgedCloud:
         points, n, k = index.points, len(index.points), index.n_neighbors
         limits, chunk = self.surface_limits, self.model.chunk()
         self.planes = self.measured(planes).without("kept")
-        owners, distances = np.arange(n, dtype=np.int32), index.empty(n)
+        owners, distances = np.arange(n, dtype=np.int32), np.empty(n)
 
         def measure(rows):
             distances[rows] = self.from_own_planes(points[rows], self.planes.take(rows))
 
         run([(rows,) for rows in slices(n, chunk)], measure, self.n_jobs)
-        least, barred = min(k, limits.least_share * n), None
+        least, usable = min(k, limits.least_share * n), are_usable(planes, distances, limits)
+        free = usable
         if self.origins is not None:
-            self.rays = RayEvidence(index, self.origins, self.planes, limits, self.n_jobs)
-            barred = self.rays.on_sheet
+            given = self.planes, usable, limits, self.n_jobs
+            self.rays, free, ends = RayEvidence.of(index, self.origins, *given)
         with progress_part(0.0, 0.6):
-            self.explaining = find_surfaces(index, planes, distances, least, limits, barred)
+            self.explaining = find_surfaces(index, planes, free, least, limits)
         if self.rays is not None:
-            self.rays.find_sheets(planes, distances, least)
+            least_sheet = least * RayLimits().sheet
+            self.rays.on_sheet = find_surfaces(index, planes, ends, least_sheet, limits)
             self.ray_doubt = self.rays.doubt(self.explaining, self.counts)
             if self.ray_doubt and self.doubted:
                 self.rays = None
-                self.explaining = find_surfaces(index, planes, distances, least, limits)
+                self.explaining = find_surfaces(index, planes, usable, least, limits)
             if self.ray_doubt:
                 warn(f"{self.ray_doubt}. {NOT_USED if self.doubted else USED}")
         others = np.flatnonzero(~self.explaining)
-        queries = chosen_rows(index, points, ~self.explaining)
+        queries = points[others]
         with progress_part(0.6, 1.0):
             found, distances[others] = self.to_planes(
                 queries, lambda rows: index.query_own(others[rows]), self.explaining
@@ -345,6 +338,14 @@ class JudgedCloud:
             beside = ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
             scores[lost] = np.maximum(beside, apart[lost])
         return scores
+
+    def by_rays(self, distances, apart, by_rays, of_sheets, points, counts):
+        """Scores of points off the surfaces by their isolation and separation as rays have it, and
+        the `raised`; `apart` are both without rays."""
+        without = np.where(of_sheets, 0.0, distances)  # to coordinates, sheets are surfaces
+        without = self.joined(without, *apart, points)
+        scores = self.joined(distances, *by_rays, points)
+        return scores, np.column_stack([scores, without, counts])[scores > without]
 
 
 def n_by_rays(raised, cutoff):

@@ -1,6 +1,5 @@
 """Points that no surface explains: how far each, or its group, stands off from all that is real."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -8,12 +7,10 @@ import numpy as np
 
 from sklearn_mcmd.outliers._small_groups import Groups, SmallGroups, gaps_to
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
-from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._around import known_at, ratio
 from sklearn_mcmd.planes._explaining import connected
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.runtime._progress import progress_part
-
-AT_ONCE = 1_000_000  # rows that are copied at once; it limits the memory
 
 
 class OffSurfaceLimits(NamedTuple):
@@ -75,7 +72,6 @@ class OffSurface:
 class Rest(NamedTuple):
     """The m points that no surface explains, and what is asked around them."""
 
-    empty: Callable  # makes arrays for what is found of many points
     limits: OffSurfaceLimits
     box: tuple  # low and high corner of the cloud
     reference: NearestPoints  # of points on surfaces, of all points if there are none
@@ -97,18 +93,17 @@ class Rest(NamedTuple):
         """
         rows, any_explained = np.flatnonzero(~explained), explained.any()
         if any_explained:
-            other_spacing = chosen_rows(index, other_spacing, explained)
+            other_spacing = other_spacing[explained]
         return cls(
-            empty=index.empty,
             limits=limits,
             box=(index.points.min(axis=0), index.points.max(axis=0)),
-            reference=index.among(explained if any_explained else ~explained),
+            reference=NearestPoints(index.points, explained if any_explained else ~explained),
             reference_spacing=other_spacing,
             quantile=limits.usual if any_explained else limits.half,
             has_surface=bool(any_explained),
-            others=index.among(~explained),
+            others=NearestPoints(index.points, ~explained),
             rows=rows,
-            points=chosen_rows(index, index.points, ~explained),
+            points=index.points[rows],
             counts=counts[rows],
             among_all=spacing[rows],
         )
@@ -131,7 +126,7 @@ class Rest(NamedTuple):
         points, near_usual, first = self.points[own], usual[own], own.start or 0
         m, n_links = len(points), max(SurfaceLimits().n_links, self.limits.n_near)
         rows_of = np.arange(first, first + m, dtype=np.int32)  # as `connected` takes them
-        among_rest, linked = np.empty(m), self.empty((m, n_links), np.int32)
+        among_rest, linked = np.empty(m), np.empty((m, n_links), np.int32)
 
         def measure(rows, distances, near):
             among_rest[rows] = self.spacing(points[rows], distances, near, itself=True)
@@ -144,7 +139,7 @@ class Rest(NamedTuple):
 
     def spacing(self, queries, distances, near, itself):
         """Mean distance of queries to off-surface points, `itself` among these or not."""
-        counts = _known(self.counts, near, self.limits.n_near)  # of a missing one: all
+        counts = known_at(self.counts, near, self.limits.n_near)  # of a missing one: all
         counts[:, 0] -= itself
         # Those that are missing are as far away as the cloud with the query in it is large.
         extent = np.maximum(queries, self.box[1]) - np.minimum(queries, self.box[0])
@@ -193,7 +188,7 @@ def judge_off_surface(rest, least, n_jobs):
         real = small.judge()
     separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
     straight[small.rows] = small.straight
-    judged, *found = small.verdict(isolation)
+    judged, *found, _ = small.verdict(isolation)
     isolation[judged], separation[judged] = found
     groups = np.cumsum(~few, dtype=np.int32)[groups] - 1
     groups[small.rows] = len(large) + small.groups
@@ -210,16 +205,7 @@ def judge_off_surface(rest, least, n_jobs):
 
 def _steps(usual, usual_of_rest, distances, near):
     """Distances (m, w) to neighbors in usual spacings, the smaller of both points'."""
-    return ratio(distances, np.minimum(usual[:, None], _known(usual_of_rest, near, np.inf)))
-
-
-def _known(values, near, missing):
-    """The values of these rows, and another of rows that are missing: the number of all."""
-    if not len(values):
-        return np.full(near.shape, missing)
-    found = values[np.minimum(near, len(values) - 1)]
-    found[near == len(values)] = missing
-    return found
+    return ratio(distances, np.minimum(usual[:, None], known_at(usual_of_rest, near, np.inf)))
 
 
 def mean_distance(distances, counts, n_near):
@@ -228,13 +214,3 @@ def mean_distance(distances, counts, n_near):
     reached = np.minimum(np.cumsum(counts, axis=1), n_near)
     taken = np.diff(reached, axis=1, prepend=0)
     return (taken * distances).sum(axis=1) / np.maximum(reached[:, -1], 1)
-
-
-def chosen_rows(index, values, chosen):
-    """Those of the values (n, ...) that are chosen, bool (n,), as an array of the index."""
-    rows = index.empty((np.count_nonzero(chosen), *values.shape[1:]), values.dtype)
-    end = 0
-    for first in range(0, len(values), AT_ONCE):  # so that no more is in memory
-        part = values[first : first + AT_ONCE][chosen[first : first + AT_ONCE]]
-        rows[end : end + len(part)], end = part, end + len(part)
-    return rows

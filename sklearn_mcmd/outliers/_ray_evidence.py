@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.outliers._surfaces import find_surfaces
-from sklearn_mcmd.planes._around import are_flat, ratio
+from sklearn_mcmd.planes._around import are_flat, known_at, ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.runtime._chunks import each_slice
@@ -25,52 +24,66 @@ class RestByRays(NamedTuple):
 
 
 class RayEvidence:
-    """The rays to the points of a cloud, and the planes that contain them.
+    """The `Rays` to the n points of a cloud, and the planes that contain them.
 
-    `origins`, float64 (n, d), tells where the sensor stood when it measured each point of the
-    index, and `planes` has the plane of each. `scatter` (n,) is as by `Rays.measure`. Points
-    `on_sheet`, bool (n,), have planes that contain the rays to them and do not go on, which are
-    part of no surface. `judge` finds the `rest`.
+    Where `approximate`, as by `one_far_position`, no plane does. `limits` are those of surfaces.
+    `scatter` (n,) is as by `Rays.scatter`. Points `on_sheet`, bool (n,), have planes that contain
+    the rays to them and do not go on, which are part of no surface. `judge` finds the `rest`.
     """
 
-    def __init__(self, index, origins, planes, limits, n_jobs):
-        self.index, self.limits, self.n_jobs, self.rest = index, limits, n_jobs, None
-        self.rays = Rays(index.points, origins, RayLimits(), n_jobs, index.empty)
-        self.scatter = self.rays.measure(index, planes)
-        self.on_sheet = self.scatter > ExplainLimits().explained
-        self.approximate = one_far_position(index.points, origins)
-        if self.approximate:
-            self.on_sheet[:] = False
-        self._leave_grazed(planes)
+    def __init__(self, rays, limits, approximate, n_jobs, scatter=None, on_sheet=None):
+        self.rays, self.limits, self.approximate, self.n_jobs = rays, limits, approximate, n_jobs
+        self.scatter, self.on_sheet, self.rest = scatter, on_sheet, None
 
-    def _leave_grazed(self, planes):
-        """Keep of `on_sheet` the flat planes that end beside surfaces which face elsewhere. Grazed
-        ground contains the rays as well, but it goes on: beams beside it end on it, too."""
-        index, rays, flat = self.index, self.rays, are_flat(planes, self.limits.flat)
-        surface, rows = flat & ~self.on_sheet, np.flatnonzero(flat & self.on_sheet)
-        going_on = np.zeros(len(flat), np.int8)
-        self.on_sheet[:] = False
+    @classmethod
+    def of(cls, index, origins, planes, usable, limits, n_jobs):
+        """Of an index, whose points were measured from `origins` (n, d), and have `planes`, which
+        are `usable`, bool (n,); and which of them `end` finds free, and ending."""
+        rays, n = Rays.of(index.points, origins, RayLimits(), n_jobs), len(index.points)
+        self = cls(rays, limits, one_far_position(index.points, origins), n_jobs)
+        known = {name: np.empty(n, dtype) for name, dtype in FOUND.items()} | {"usable": usable}
+        for ask in ASKS:
 
-        def look(part):
-            own = rows[part]
-            going_on[own] = rays.going_on(own, planes, surface, self.limits.angle)
+            def task(rows, ask=ask):
+                for name, values in ask(self, rows, index, planes, known).items():
+                    known[name][rows] = values
 
-        def settle(part):
-            near = index.query_own(rows[part]).indices
-            self.on_sheet[rows[part]] = going_on[near].sum(axis=1) <= 0
+            each_slice(n, index.chunk, task, n_jobs)
+        self.scatter = known["scatter"]
+        return self, known["free"], known["ends"]
 
-        each_slice(len(rows), index.chunk, look, self.n_jobs)
-        each_slice(len(rows), index.chunk, settle, self.n_jobs)
+    def look(self, rows, index, planes, known):
+        """As of `Rays`, of a slice of the points."""
+        return dict(zip(("left", "alone"), self.rays.look(rows, planes.take(rows)), strict=True))
 
-    def find_sheets(self, planes, distances, least):
-        """Keep of `on_sheet` what is large enough, where a surface has `least` points."""
-        least, barred = least * self.rays.limits.sheet, ~self.on_sheet
-        self.on_sheet = find_surfaces(self.index, planes, distances, least, self.limits, barred)
+    def face(self, rows, index, planes, known):
+        """Which flat planes contain the rays to their points, and which others face the sensor."""
+        scatter = self.rays.scatter(index, rows, known["left"], known["alone"])
+        contain = (scatter > ExplainLimits().explained) & (not self.approximate)
+        flat = are_flat(planes.take(rows), self.limits.flat)
+        return {"scatter": scatter, "grazed": flat & contain, "faces": flat & ~contain}
+
+    def go_on(self, rows, index, planes, known):
+        """As `Rays.going_on`, of the grazed planes."""
+        own, going_on = np.flatnonzero(known["grazed"][rows]), np.zeros(rows.stop - rows.start)
+        given = planes, known["faces"], self.limits.angle
+        going_on[own] = self.rays.going_on(rows.start + own, *given)
+        return {"going_on": going_on}
+
+    def end(self, rows, index, planes, known):
+        """Which planes may be of sheets: grazed, they end beside surfaces that face elsewhere; and
+        which are free to be of surfaces. Grazed ground contains the rays as well, but it goes on:
+        beams beside it end on it, too."""
+        ends = np.array(known["grazed"][rows])
+        if len(own := np.flatnonzero(ends)):
+            near = index.query_own(rows.start + own).indices
+            ends[own] = known["going_on"][near].sum(axis=1) <= 0
+        return {"free": known["usable"][rows] & ~ends, "ends": known["usable"][rows] & ends}
 
     def doubt(self, on_surface, counts):
         """What speaks against the position, in words: that sheets of rays would have a large share
         of all that is flat. Surfaces are bool (n,), `counts` (n,) measurements at the points."""
-        sheets, surfaces = counts[self.on_sheet].sum(), counts[on_surface].sum()
+        sheets, surfaces = counts.sum(where=self.on_sheet), counts.sum(where=on_surface)
         share = sheets / max(1, sheets + surfaces)
         if share <= self.rays.limits.mistaken:
             return ""
@@ -79,42 +92,57 @@ class RayEvidence:
             "rays. Mixed pixels are fewer: it seems to have stood elsewhere"
         )
 
-    def judge(self, off_surface, spacing, explained, to_planes, doubt=1.0):
+    def judge(self, off_surface, spacing, explained, to_planes, index, doubt=1.0):
         """Isolation and separation of all m points that no surface explains.
 
         `spacing` (m,) is the mean distance of each to its nearest measurements, `explained` is bool
         (n,), and `to_planes` as `JudgedCloud.to_planes`. `doubt`, a number or (m,), is a factor on
         how isolated points are, which does not touch sheets of rays.
         """
-        rest, rays, index = off_surface.rest.rows, self.rays, self.index
-        groups, step = off_surface.groups, rays.step[rest]
-        others, empty = off_surface.rest.others, rays.next_to(rest, explained)
-        apart = _in_steps(off_surface.isolation, spacing, step)
-        isolation = np.empty(len(rest))
-
-        def judge(rows, _, near):
-            around = _around(empty.take(rows), apart[rows], empty, apart, near[:, 1:])
-            isolation[rows] = self._isolation(off_surface.isolation[rows], *around, step[rows])
-
-        others.visit(off_surface.rest.points, self.limits.n_links + 1, judge, self.n_jobs)
-        others.release()
-        isolation *= doubt
-        on_sheet = self._on_sheets(
-            index.points[rest], lambda r: index.query_own(rest[r]), to_planes
-        )
-        rows = np.flatnonzero(off_surface.separation > 0)
-        around = rays.around(rest[rows], groups[rows], explained)
-        together = np.ones(len(rest))
-        together[rows] = around.pooled(groups[rows], index.points[rest[rows]]).together()
-        rays.release()
+        rest, company = off_surface.rest, (off_surface.isolation, off_surface.separation)
+        rows, points, stand_off = rest.rows, rest.points, off_surface.separation > 0
+        group, groups = np.zeros(len(explained), np.int32), off_surface.groups[stand_off]
+        group[rows[stand_off]] = groups + 1
+        empty, apart, around = self.hear(rows, company[0], spacing, group, explained)
+        together = around.pooled(groups, points[stand_off]).together()
+        heard = empty, apart, together
+        isolation, separation = self.verdict(rows, points, rest.others, company, heard)
+        rest.others.release()
+        isolation = doubt * isolation
+        on_sheet = self.on_sheets(points, lambda some: index.query_own(rows[some]), to_planes)
+        self.rays.release()
         self.rest = RestByRays(
-            others=others,
+            others=rest.others,
             empty=empty,
             apart=apart,
             of_sheets=on_sheet > 0,
             by_sheet=on_sheet > isolation,
         )
-        return np.maximum(isolation, on_sheet), _separation(off_surface.separation, together, step)
+        return np.maximum(isolation, on_sheet), separation
+
+    def hear(self, rows, isolation, spacing, group, explained):
+        """What beams say of places `rows` off the surfaces: the `Emptiness` by those next to each,
+        how far apart each is from others, and the `Emptiness` around those whose groups stand off,
+        which have numbers from 1 on, `group` (n,)."""
+        empty = self.rays.next_to(rows, explained)
+        apart = in_steps(isolation, spacing, self.rays.steps(rows))
+        return empty, apart, self.rays.around(rows[group[rows] > 0], group, explained)
+
+    def verdict(self, rows, points, others, company, heard, own=slice(None)):
+        """Isolation and separation of a slice of the m places off the surfaces, which `others`
+        search. `company` is both of the slice without rays, and `heard` of all m the first two that
+        `hear` returns, and `Emptiness.together` of those in the slice that stand off."""
+        isolation, separation, (empty, apart, together) = company[0], company[1].copy(), heard
+        found, step, stand_off = np.empty(len(rows)), self.rays.steps(rows), separation > 0
+        own_empty, own_apart = empty.take(own), apart[own]
+
+        def judge(some, _, near):
+            around = _around(own_empty.take(some), own_apart[some], empty, apart, near[:, 1:])
+            found[some] = self._isolation(isolation[some], *around, step[some])
+
+        others.visit(points, self.limits.n_links + 1, judge, self.n_jobs)
+        separation[stand_off] = separation_of(separation[stand_off], together, step[stand_off])
+        return found, separation
 
     def judge_new(self, queries, around, apart, spacing, explained, to_planes, doubt=1.0):
         """The same of new points (m, d) and their neighborhoods, each for itself; `apart` is as
@@ -122,12 +150,12 @@ class RayEvidence:
         isolation, separation, joined = apart
         witnesses, strange = self.rays.new_witnesses(queries, around.indices[:, 0])
         empty, beside = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
-        in_steps = _in_steps(isolation, spacing, witnesses.step)
+        apart = in_steps(isolation, spacing, witnesses.step)
         near = self.rest.others.query(queries, self.limits.n_links, self.n_jobs)[1]
-        with_others = _around(empty, in_steps, self.rest.empty, self.rest.apart, near)
+        with_others = _around(empty, apart, self.rest.empty, self.rest.apart, near)
         isolation = doubt * self._isolation(isolation, *with_others, witnesses.step)
-        alone = _separation(separation, beside.together(), witnesses.step)
-        on_sheet = self._on_sheets(queries, around.take, to_planes)
+        alone = separation_of(separation, beside.together(), witnesses.step)
+        on_sheet = self.on_sheets(queries, around.take, to_planes)
         return np.maximum(isolation, on_sheet), np.where(joined, separation, alone)
 
     def _isolation(self, isolation, share, apart, step):
@@ -139,10 +167,19 @@ class RayEvidence:
             by_beams = np.minimum(by_beams, isolation)
         return np.where(step > 0, by_beams, isolation)
 
-    def _on_sheets(self, queries, neighbors_of, to_planes):
+    def on_sheets(self, queries, neighbors_of, to_planes):
         """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""
         owners, off = to_planes(queries, neighbors_of, self.on_sheet)
         return np.where(off <= ExplainLimits().explained, self.scatter[owners], 0.0)
+
+
+# The steps that find these of all points, each of which asks for what those before have found.
+ASKS = RayEvidence.look, RayEvidence.face, RayEvidence.go_on, RayEvidence.end
+FOUND = {
+    **dict.fromkeys(("left", "alone", "scatter"), np.float64),
+    **dict.fromkeys(("grazed", "faces", "free", "ends"), bool),
+    "going_on": np.int8,
+}
 
 
 def _around(empty, apart, all_empty, all_apart, near):
@@ -150,12 +187,12 @@ def _around(empty, apart, all_empty, all_apart, near):
     far apart all of these are: errors in quantity are near each other, and each of them is in empty
     space. `all_empty` and `all_apart` are of all off-surface points."""
     around = empty.with_nearest(all_empty, near)
-    logs = np.log(np.append(all_apart, 1.0)[near]).sum(axis=1) + np.log(apart)
+    logs = np.log(known_at(all_apart, near, 1.0)).sum(axis=1) + np.log(apart)
     around_apart = np.exp(logs / (1 + np.count_nonzero(near < len(all_apart), axis=1)))
     return np.minimum(empty.alone(), around.alone()), np.sqrt(apart * around_apart)
 
 
-def _in_steps(isolation, spacing, step):
+def in_steps(isolation, spacing, step):
     """The spacing of a point counts as much in steps as in usual spacings. Points where the sensor
     is have no ray, and what coordinates say."""
     with np.errstate(over="ignore"):
@@ -163,6 +200,6 @@ def _in_steps(isolation, spacing, step):
     return np.clip(both, TINY, 1 / TINY)
 
 
-def _separation(separation, together, step):
+def separation_of(separation, together, step):
     """A group stands off by as much as the beams around it say that its place is empty."""
     return np.where(step > 0, together * separation, separation)

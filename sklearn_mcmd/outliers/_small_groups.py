@@ -67,7 +67,8 @@ class SmallGroups:
         self.large, self.members = large, members
         # What `judge` finds of these points, and the separation of some large groups' points.
         self.in_row, self.separation, self.straight = np.zeros(len(rows), bool), None, None
-        self.apart, self.separation_apart = np.empty(0, np.intp), np.empty(0)
+        self.apart, self.groups_apart = np.empty((2, 0), np.intp)
+        self.separation_apart = np.empty(0)
 
     def judge(self):
         """Find which groups are rows, pieces of one thing, or a thing; how far others stand off."""
@@ -89,7 +90,8 @@ class SmallGroups:
         return real
 
     def verdict(self, isolation):
-        """The rows of points whose isolation or separation `judge` tells, ascending, and both.
+        """The rows of points whose isolation or separation `judge` tells, ascending, both, and
+        their groups.
 
         What is in a row keeps company with it, however far apart its points are.
         """
@@ -98,8 +100,10 @@ class SmallGroups:
         own, in_row = np.searchsorted(rows, self.rows), self.in_row | self.straight
         separation[own] = self.separation
         isolation[own[in_row]] = np.minimum(isolation[own], self.separation)[in_row]
-        separation[np.searchsorted(rows, self.apart)] = self.separation_apart
-        return rows, isolation, separation
+        apart, groups = np.searchsorted(rows, self.apart), np.empty(len(rows), np.int32)
+        separation[apart] = self.separation_apart
+        groups[own], groups[apart] = self.groups, self.groups_apart
+        return rows, isolation, separation, groups
 
     def _are_small(self):
         """Which points are in groups too small for a thing, bool."""
@@ -234,7 +238,8 @@ class SmallGroups:
                     near = search.query(points[rows[asked]], 1, self.n_jobs)[0][:, 0]
                     gaps[asked] = np.minimum(gaps[asked], near)
         separation, _ = self._separation(rows, groups, gaps)
-        self.apart, self.separation_apart = rows, separation * weight[groups]
+        self.apart, self.groups_apart = rows, groups
+        self.separation_apart = separation * weight[groups]
 
 
 def _numbered(groups):

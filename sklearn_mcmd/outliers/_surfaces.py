@@ -21,23 +21,20 @@ class SurfaceLimits(NamedTuple):
     least_share: float = 1 / 5
 
 
-def find_surfaces(index, planes, distances, least, limits, barred=None):
+def find_surfaces(index, planes, usable, least, limits):
     """Which points form surfaces: bool (n,).
 
-    A point may be part of a surface if its plane is flat and explains the point itself: `distances`
-    (n,) are those from their own planes, in standard deviations. Two such points are linked if they
-    are near each other, their planes explain each other's point and their normals agree. A surface
-    is a connected part of at least `least` points. Those that are barred can be part of none.
+    Two points, which are `usable`, bool (n,), are linked if they are near each other, their planes
+    explain each other's point and their normals agree. A surface is a connected part of at least
+    `least` points.
     """
-    usable = are_usable(planes, distances, limits)
-    if barred is not None:
-        usable &= ~barred
     labels, sizes = connected_planes(index, *surface_links(index, planes, limits), usable)
     return usable & (sizes >= least)[labels]
 
 
 def are_usable(planes, distances, limits):
-    """Which points may be part of a surface: bool (n,)."""
+    """Which points may be part of a surface, bool (n,): their planes are flat and explain the point
+    itself. `distances` (n,) are those from their own planes, in standard deviations."""
     return are_flat(planes, limits.flat) & (distances <= ExplainLimits().explained)
 
 

@@ -76,6 +76,15 @@ def ratio(numerator, denominator):
     return np.nan_to_num(quotient, nan=0.0, posinf=LARGEST, neginf=-LARGEST)
 
 
+def known_at(values, rows, missing):
+    """The values of these rows, and another of rows that are missing: the number of all."""
+    if not len(values):
+        return np.full(rows.shape, missing)
+    found = values[np.minimum(rows, len(values) - 1)]
+    found[rows == len(values)] = missing
+    return found
+
+
 def most_noise_around(noise, around, sizes, quiet, bend=0.0):
     """The largest standard deviation of planes (m,) that are as flat as those around them.
 

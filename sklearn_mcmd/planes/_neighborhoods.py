@@ -3,7 +3,6 @@
 import numpy as np
 
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
-from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._neighbor_table import NeighborTable, part_size
 from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import each_slice
@@ -127,10 +126,6 @@ class NeighborIndex:
     def in_parts(self):
         """Rows and points (m, d), part by part; only one part is in memory at a time."""
         yield np.arange(len(self.points)), self.points
-
-    def among(self, chosen):
-        """The search of those of the points that are chosen, bool (m,): `NearestPoints`."""
-        return NearestPoints(self.points, chosen)
 
     def empty(self, shape, dtype=np.float64):
         """An array for what is found of many points."""

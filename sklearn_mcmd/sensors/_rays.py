@@ -4,11 +4,12 @@ A sensor sends its beams in directions that lie close together. What follows is 
 the distance between a point's ray and those next to it, at the range of the point.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import ratio
+from sklearn_mcmd.planes._around import known_at, ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.runtime._chunks import each_slice
@@ -83,7 +84,7 @@ class Emptiness(NamedTuple):
         """The beams of each place (m,) and of the nearest places to it, rows (m, k) of others."""
         return Emptiness(
             *(
-                own + np.append(part, 0.0)[near].sum(axis=1)
+                own + known_at(part, near, 0.0).sum(axis=1)
                 for own, part in zip(self, others, strict=True)
             )
         )
@@ -107,93 +108,104 @@ class Emptiness(NamedTuple):
         return np.clip(evidence, 0.0, 1.0)
 
 
+@dataclass
 class Rays:
-    """The rays from where the sensor stood, `origins` (n, d), to the points of a cloud.
+    """The rays from where the sensor stood to the n points of a cloud; see `of`."""
 
-    Of points in one direction, the farthest tells where the beam ends. `empty` makes arrays for
-    what is found of all points. `ranges` (n,) are distances from the sensor, `step` (n,) is 0 where
-    it is, and `usual_angle` is the median angle between rays that are next to each other.
-    """
+    points: np.ndarray  # (n, d)
+    ranges: np.ndarray  # (n,), from the sensor
+    cloud: IndexedCloud  # of directions, and positions where there are several: each once, a beam
+    met: np.ndarray  # int32 (n_beams,), of the points in one direction the farthest
+    near: np.ndarray  # int32 (n_beams, k + 1), the beams next to each, itself first
+    angles: np.ndarray  # (n_beams,), the mean angle to these
+    usual_angle: float  # its median, over the points
+    limits: RayLimits
+    n_jobs: int | None
+    beam_of: np.ndarray  # int32 (n,)
+    origins: np.ndarray | None = None  # (n, d)
+    unit: float | None = None  # of positions, where there are several
 
-    def __init__(self, points, origins, limits, n_jobs, empty=np.empty):
-        self.points, self.origins, self.limits, self.n_jobs = points, origins, limits, n_jobs
+    @classmethod
+    def of(cls, points, origins, limits, n_jobs):
+        """Those from `origins` (n, d). Of points in one direction, the farthest tells where the
+        beam ends."""
         n = len(points)
-        self.ranges, self.directions = empty(n, float), empty(points.shape, float)
+        ranges, directions = np.empty(n), np.empty(points.shape)
 
         def look(rows):
-            self.ranges[rows], self.directions[rows] = _polar(points[rows], origins[rows])
+            ranges[rows], directions[rows] = polar(points[rows], origins[rows])
 
         each_slice(n, CHUNK, look, n_jobs)
-        seen = self.ranges > 0
-        self.unit = None if (origins == origins[0]).all() else np.median(self.ranges[seen])
-        # In an order that does not depend on that of the points.
-        places = self._places(self.directions, origins)
-        order = np.lexsort((-self.ranges, *places.T[::-1])).astype(np.int32)
-        self.cloud = IndexedCloud(places[order])
-        self.rows = order[self.cloud.rows]  # of the points that tell where the beams end
-        self._place_of = np.empty(n, np.int32)
-        self._place_of[order] = self.cloud.places
-        self.n_beams = k = min(limits.n_beams, len(self.cloud.points) - 1)
-        self._beams, means = empty((n, k), np.int32), empty(n, float)
-        self._search(k, empty, means)
-        self.usual_angle = float(np.median(means[seen]))
-        self.step = self._steps(means, self.ranges)
-
-    def _search(self, k, empty, means):
-        """Find the k beams next to each ray; the means of their angles are filled, too."""
-        cloud, n_places = self.cloud, len(self.cloud.points)
-        beams, of_places = empty((n_places, k), np.int32), empty(n_places, float)
+        seen = ranges > 0
+        unit = None if (origins == origins[0]).all() else np.median(ranges[seen])
+        order = np.argsort(-ranges, kind="stable").astype(np.int32)
+        cloud = IndexedCloud(beams_of(directions, origins, unit)[order])
+        beam_of, n_beams = np.empty(n, np.int32), len(cloud.points)
+        beam_of[order] = cloud.places
+        k = min(limits.n_beams, n_beams - 1)
+        near, angles = np.empty((n_beams, k + 1), np.int32), np.empty(n_beams)
 
         def search(rows):
-            found = cloud.neighbors(rows, k + 1, 0)[:, 1:]
-            beams[rows] = self.rows[found]
-            angles = distances_between(cloud.points[found], cloud.points[rows])
-            of_places[rows] = angles.mean(axis=1)
+            near[rows] = cloud.neighbors(rows, k + 1, 0)
+            angles[rows] = mean_angles(cloud.points, rows, near[rows])
 
-        def spread(rows):
-            places = self._place_of[rows]
-            self._beams[rows], means[rows] = beams[places], of_places[places]
-
-        each_slice(n_places, CHUNK, search, self.n_jobs)
-        each_slice(len(means), CHUNK, spread, self.n_jobs)
-
-    def _places(self, directions, origins):
-        """Rays are next to each other if their directions are, and the sensor's positions too."""
-        if self.unit is None:
-            return directions
-        return np.hstack([directions, origins / self.unit])
+        each_slice(n_beams, CHUNK, search, n_jobs)
+        return cls(
+            points=points,
+            ranges=ranges,
+            cloud=cloud,
+            met=order[cloud.rows],
+            near=near,
+            angles=angles,
+            usual_angle=float(np.median(angles[beam_of[seen]])),
+            limits=limits,
+            n_jobs=n_jobs,
+            beam_of=beam_of,
+            origins=origins,
+            unit=unit,
+        )
 
     def release(self):
         """Forget what only the points themselves ask for."""
-        self._beams = self.step = self._place_of = None
+        self.near = self.angles = self.beam_of = None
+
+    def _n_next(self):
+        return min(self.limits.n_beams, len(self.cloud.points) - 1)
+
+    def steps(self, rows):
+        """The steps at some of the points, 0 of those where the sensor is."""
+        return self._steps(self.angles[self.beam_of[rows]], self.ranges[rows])
+
+    def _beams(self, rows):
+        """Of some of the points the beams next to them."""
+        return self.near[self.beam_of[rows]][:, 1:]
 
     def next_to(self, rows, on_surface):
         """The `Emptiness` of the places of some of the points."""
 
         def witnesses(part):
             own = rows[part]
-            return self._witnesses(self._beams[own], self.ranges[own], self.step[own])
+            return self._witnesses(self._beams(own), self.ranges[own], self.steps(own))
 
         return self._sums(len(rows), witnesses, on_surface)
 
-    def around(self, rows, groups, on_surface):
+    def around(self, rows, group, on_surface):
         """The `Emptiness` around whole groups, of points `rows` (m,): the beams next to them that
-        are of others."""
-        group = np.full(len(self.points), -1, np.int32)
-        group[rows] = groups
-        cloud, k, ranges = self.cloud, self.n_beams, self.ranges[rows]
-        n_searched = min(int(self.limits.searched * k), len(cloud.points) - 1)
+        are of others. `group` (n,) are numbers from 1 on, 0 of points in none."""
+        k, order = self._n_next(), np.argsort(self.beam_of[rows])  # like ones are asked together
+        rows, ranges = rows[order], self.ranges[rows[order]]
+        n_searched = min(int(self.limits.searched * k), len(self.cloud.points) - 1)
 
         def witnesses(part):
             own = rows[part]
-            angles, found = cloud.nearest(cloud.points[self._place_of[own]], n_searched + 1)
-            angles, beams = angles[:, 1:], self.rows[found[:, 1:]]
-            strange = group[beams] != group[own][:, None]
+            queries = self.cloud.points[self.beam_of[own]]
+            angles, beams = (found[:, 1:] for found in self.cloud.nearest(queries, n_searched + 1))
+            strange = group[self.met[beams]] != group[own][:, None]
             strange &= np.cumsum(strange, axis=1) <= k
-            found = self._witnesses(beams, ranges[part], self.step[own], angles)
+            found = self._witnesses(beams, ranges[part], self.steps(own), angles)
             return found._replace(asked=strange)
 
-        return self._sums(len(rows), witnesses, on_surface)
+        return self._sums(len(rows), witnesses, on_surface).take(np.argsort(order))
 
     def _sums(self, m, witnesses, on_surface):
         """The `Emptiness` of m points, from the `Witnesses` that a function gives of a slice."""
@@ -210,12 +222,10 @@ class Rays:
         """`Witnesses` of new points, each measured from where its nearest point was: as `next_to`
         asks them, and as `around` does, each point being a group."""
         origins = self.origins[nearest]
-        ranges, directions = _polar(queries, origins)
-        ranks = np.arange(1, self.n_beams + 1)
-        angles, near = self.cloud.tree.query(self._places(directions, origins), k=ranks)
-        step = self._steps(angles.mean(axis=1), ranges)
-        beams = self.rows[near]
-        given = beams, ranges, step
+        ranges, directions = polar(queries, origins)
+        ranks = np.arange(1, self._n_next() + 1)
+        angles, near = self.cloud.tree.query(beams_of(directions, origins, self.unit), k=ranks)
+        given = near, ranges, self._steps(angles.mean(axis=1), ranges)
         return self._witnesses(*given), self._witnesses(*given, angles)
 
     def _steps(self, mean_angles, ranges):
@@ -224,59 +234,52 @@ class Rays:
     def _witnesses(self, beams, ranges, step, angles=0.0):
         """What these beams tell, all of which are asked. Where the angles to the next ones are
         unusual, nearer beams had no echo."""
-        farther = self.ranges[beams] - ranges[:, None]
+        rows = self.met[beams]
+        farther = self.ranges[rows] - ranges[:, None]
         farther = ratio(farther, ExplainLimits().explained * step[:, None])
         farther = np.clip(farther, -1.0, 1.0)
         farther = np.where(angles > self.limits.usual * self.usual_angle, 1.0, farther)
-        return Witnesses(beams, np.ones(beams.shape, bool), farther, step)
+        return Witnesses(rows, np.ones(rows.shape, bool), farther, step)
 
-    def measure(self, index, planes):
-        """What the tilt of each point's plane leaves of the ranges of the beams that meet it.
+    def look(self, rows, planes):
+        """What the tilt of the planes of some of the points leaves of the ranges of the beams that
+        meet them, in steps; and how far the nearest beam's point is.
 
         The range to a plane changes from beam to beam with its tilt. An outline that cuts beams
         makes mixed pixels, which lie between it and what is behind: a plane too, but it contains
-        the rays, and its ranges follow no tilt. What is left is in steps: the median of the points
-        nearby, less where most have a beam's point at hand.
+        the rays, and its ranges follow no tilt.
         """
-        n, limits, explained = len(self.points), self.limits, ExplainLimits().explained
-        scatter, alone, agreed = (index.empty(n) for _ in range(3))
+        beams, step, explained = self._beams(rows), self.steps(rows), ExplainLimits().explained
+        ends, d = self.met[beams], self.points.shape[1]
+        away = distances_between(self.points[ends], self.points[rows])
+        heights = self.points[ends] - planes.centroids[:, None]
+        heights = np.einsum("mkd,md->mk", heights, planes.normals)
+        met = np.abs(heights) <= explained * planes.scale[:, None]
+        directions = self.cloud.points
+        tilt = directions[beams] - directions[self.beam_of[rows]][:, None]
+        tilt = np.einsum("mkd,md->mk", tilt[..., :d], planes.normals)
+        farther = self.ranges[ends] - self.ranges[rows][:, None]
+        left = np.where(step > 0, _left_by_line(tilt, farther, met), 0.0)
+        return ratio(left, step), ratio(away.min(axis=1), step)
 
-        def look(rows):
-            scatter[rows], alone[rows] = self._look(rows, planes.take(rows), explained)
-
-        each_slice(n, CHUNK, look, self.n_jobs)
-
-        def agree(rows):
-            near = index.query_own(rows, min(limits.n_beams + 1, index.n_neighbors)).indices
-            beams_apart = np.median(alone[near], axis=1) * (explained / limits.alone)
-            agreed[rows] = np.minimum(np.median(scatter[near], axis=1), beams_apart)
-
-        each_slice(n, index.chunk, agree, self.n_jobs)
-        return agreed
+    def scatter(self, index, rows, left, alone):
+        """How much ranges scatter around a slice of the points: the median of what `look` found of
+        those nearby, less where most have a beam's point at hand."""
+        near = index.query_own(rows, min(self.limits.n_beams + 1, index.n_neighbors)).indices
+        apart = np.median(alone[near], axis=1) * (ExplainLimits().explained / self.limits.alone)
+        return np.minimum(np.median(left[near], axis=1), apart)
 
     def going_on(self, rows, planes, on_surface, max_angle):
         """Of the planes of surfaces where beams next to some of the points end, how many more go on
         through the point, and explain it, than face elsewhere."""
-        beams = self._beams[rows]
-        normals = planes.normals[beams]
-        away = self.points[rows][:, None] - planes.centroids[beams]
+        ends = self.met[self._beams(rows)]
+        normals = planes.normals[ends]
+        away = self.points[rows][:, None] - planes.centroids[ends]
         heights = np.abs(np.einsum("mkd,mkd->mk", away, normals))
-        explains = heights <= ExplainLimits().explained * planes.scale[beams]
+        explains = heights <= ExplainLimits().explained * planes.scale[ends]
         cosines = np.abs(np.einsum("mkd,md->mk", normals, planes.normals[rows]))
         told = np.where(cosines < np.cos(np.radians(max_angle)), -1, explains)
-        return np.where(on_surface[beams], told, 0).sum(axis=1)
-
-    def _look(self, rows, planes, explained):
-        beams, step = self._beams[rows], self.step[rows]
-        away = distances_between(self.points[beams], self.points[rows])
-        heights = self.points[beams] - planes.centroids[:, None]
-        heights = np.einsum("mkd,md->mk", heights, planes.normals)
-        met = np.abs(heights) <= explained * planes.scale[:, None]
-        tilt = self.directions[beams] - self.directions[rows][:, None]
-        tilt = np.einsum("mkd,md->mk", tilt, planes.normals)
-        farther = self.ranges[beams] - self.ranges[rows][:, None]
-        left = np.where(step > 0, _left_by_line(tilt, farther, met), 0.0)
-        return ratio(left, step), ratio(away.min(axis=1), step)
+        return np.where(on_surface[ends], told, 0).sum(axis=1)
 
 
 def one_far_position(points, origins):
@@ -293,7 +296,17 @@ def one_far_position(points, origins):
     return bool(np.linalg.norm(outside) > np.linalg.norm(high - low))
 
 
-def _polar(points, origins):
+def beams_of(directions, origins, unit):
+    """Rays are next to each other if their directions are, and the sensor's positions too."""
+    return directions if unit is None else np.hstack([directions, origins / unit])
+
+
+def mean_angles(beams, rows, near):
+    """The mean angle of some of the beams to those next to them, `near` without the first."""
+    return distances_between(beams[near[:, 1:]], beams[rows]).mean(axis=1)
+
+
+def polar(points, origins):
     """Ranges and directions; points where the sensor is have none."""
     rays = points - origins
     ranges = np.sqrt(np.einsum("nd,nd->n", rays, rays))

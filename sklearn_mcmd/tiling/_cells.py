@@ -17,8 +17,6 @@ from sklearn_mcmd.planes._resolution import is_single, step_of_levels
 from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.tiling._stored_columns import in_place_of, mapped, write_array
 
-# A point as it is stored, with its place in the order of all inputs.
-RECORD = np.dtype([("xyz", np.float64, 3), ("row", np.int64)])
 BOXES = "cells.npz"
 GROUND = "ground"  # the folder of the cells of the ground, which are divided in plan
 LOCATED_AT_ONCE = 2**16  # points whose cells are found at once
@@ -31,20 +29,21 @@ STRAY = 0.05  # share of the points at each end that do not count for the length
 class CellWriter:
     """Scatters points to the files of cells in an empty folder.
 
-    No cell has more than `capacity` points, but that copies of one are never divided.
+    No cell has more than `capacity` points, of d coordinates each, but that copies of one are never
+    divided.
     """
 
-    def __init__(self, folder, capacity):
-        self.folder, self.capacity = Path(folder), capacity
+    def __init__(self, folder, capacity, d=3):
+        self.folder, self.capacity, self.record = Path(folder), capacity, _record(d)
         # Of each node, the axis, the place of the cut, and the first of two children; -1 of a leaf.
         self.nodes = [(-1, 0.0, -1)]
         self.counts, self.n_points = [0], 0
-        self.boxes = [np.array([[-np.inf] * 3, [np.inf] * 3])]
-        self.extents = [_no_extent()]
+        self.boxes = [np.array([[-np.inf] * d, [np.inf] * d])]
+        self.extents = [-self.boxes[0]]
 
     def add(self, xyz, rows):
         """Take points (n, 3); `rows` are their places in the order of all inputs."""
-        records = np.empty(len(xyz), RECORD)
+        records = np.empty(len(xyz), self.record)
         records["xyz"], records["row"] = xyz, rows
         self.n_points += len(xyz)
         waiting = [(0, records)]
@@ -79,7 +78,7 @@ class CellWriter:
     def _divide(self, node):
         """Make a leaf an inner node; returns its points, which are to be put below it."""
         path = _path(self.folder, node)
-        records = np.fromfile(path, RECORD)
+        records = np.fromfile(path, self.record)
         axis, cut = _best_cut(records["xyz"])
         if cut is None:
             return []
@@ -92,7 +91,7 @@ class CellWriter:
             self.nodes.append((-1, 0.0, -1))
             self.counts.append(0)
             self.boxes.append(box)
-            self.extents.append(_no_extent())
+            self.extents.append(-self.boxes[0])
         return [(node, records)]
 
 
@@ -114,7 +113,7 @@ def flat(xyz):
 class Cells:
     """The points that a `CellWriter` has scattered.
 
-    The boxes of cells, ``low <= x < high`` (n_cells, 3), together are all of space.
+    The boxes of cells, ``low <= x < high`` (n_cells, d), together are all of space.
     """
 
     def __init__(self, folder):
@@ -124,6 +123,7 @@ class Cells:
             boxes, self.counts = stored["boxes"], stored["counts"]
             self._names, self._extents = stored["names"], stored["extents"]
         self.low, self.high, self._stored = boxes[:, 0], boxes[:, 1], self.counts
+        self._record = _record(self.low.shape[1])
 
     def __len__(self):
         return len(self.counts)
@@ -131,7 +131,7 @@ class Cells:
     def read(self, cell):
         """The points of a cell, as records in the order of the inputs."""
         path = _path(self.folder, self._names[cell])
-        records = np.fromfile(path, RECORD)
+        records = np.fromfile(path, self._record)
         if len(records) != self._stored[cell]:
             raise PointFileError(f"{path}: is damaged; begin anew (restart)")
         return records
@@ -141,7 +141,7 @@ class Cells:
         path = self._path_of_rows(cell)
         if path.exists():
             return mapped(path, "r")
-        return np.memmap(_path(self.folder, self._names[cell]), RECORD, "r")["row"]
+        return np.memmap(_path(self.folder, self._names[cell]), self._record, "r")["row"]
 
     def keep_rows(self, cell):
         """Free the disk of a cell's coordinates, which sweeps have written elsewhere."""
@@ -153,7 +153,7 @@ class Cells:
 
     def restore(self, cell, xyz):
         """Undo `keep_rows`."""
-        records = np.empty(len(xyz), RECORD)
+        records = np.empty(len(xyz), self._record)
         records["xyz"], records["row"] = xyz, self.rows(cell)
         path = _path(self.folder, self._names[cell])
         with in_place_of(path) as temporary, open(temporary, "wb") as file:
@@ -182,8 +182,9 @@ def _path(folder, name):
     return folder / f"{name}.points"
 
 
-def _no_extent():
-    return np.array([[np.inf] * 3, [-np.inf] * 3])
+def _record(d):
+    """A point as it is stored, with its place in the order of all inputs."""
+    return np.dtype([("xyz", np.float64, d), ("row", np.int64)])
 
 
 def _best_cut(points):

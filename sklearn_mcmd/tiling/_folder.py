@@ -18,7 +18,7 @@ from sklearn_mcmd.tiling._sweeps import TILES, TilingError, lock_of_tiles
 MANIFEST = "manifest.json"
 MOVES = "moves.json"
 LOCK = "lock"
-OURS = re.compile(rf"cells|results|outputs|({LOCK}|{MANIFEST}|{MOVES})(\..*)?")  # names in it
+OURS = re.compile(rf"cells|rays|results|outputs|({LOCK}|{MANIFEST}|{MOVES})(\..*)?")  # names in it
 
 
 class WorkFolder:
@@ -30,8 +30,9 @@ class WorkFolder:
 
     def __init__(self, target):
         self.path, self.key = self.path_of(target), None
-        names = "cells", "results", "outputs"
-        self._folders = self.cells, self.results, self.outputs = [self.path / n for n in names]
+        names = "cells", "results", "outputs", "rays"
+        self._folders = [self.path / name for name in names]
+        self.cells, self.results, self.outputs, _ = self._folders
         self._manifest, self.moves = self.path / MANIFEST, self.path / MOVES
         # What a run left that ended before its manifest, or while it was removed, is ours, too.
         if self.path.exists() and not (

@@ -38,7 +38,7 @@ COSTS = {
     "regions": Costs(tile=650, stored=195, cloud=720, whole=35, does="joins the regions of"),
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=300, cloud=750),
-    "rays": Costs(stored=155, cloud=650, whole=200, does="follows the rays to"),
+    "rays": Costs(stored=115, cloud=650),
     "light": Costs(stored=16, cloud=480),
     "positions": Costs(stored=50, cloud=500, whole=24, does="holds positions for"),
     "trajectory": Costs(stored=50, cloud=500, whole=30, does="keeps the times of"),

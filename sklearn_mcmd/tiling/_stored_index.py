@@ -34,12 +34,13 @@ class StoredIndex(NeighborIndex):
     chunk = CHUNK
 
     def __init__(self, whole, cells=None, n_neighbors=None, radius=None, sized=False, n_jobs=None):
-        self._whole, self._cells, self.points = whole, cells, whole.open("points")
+        self._whole, self._cells = whole, cells
         self._near = StoredNeighbors(whole)
         self._stored = self._near.k
         self.n_neighbors = n_neighbors or self._stored
         self.radius, self.sizes = radius, whole.open("sizes") if sized else None
-        self.cloud = _StoredCloud(whole, cells, n_jobs)
+        self.cloud = StoredCloud(whole, cells, n_jobs)
+        self.points = self.cloud.points
 
     def _query_sized(self, rows, keep):
         sizes = np.array(self.sizes[rows])
@@ -58,27 +59,21 @@ class StoredIndex(NeighborIndex):
             own = self._whole.rows(cell)
             yield np.arange(own.start, own.stop), self._whole.rows_of("points", own)
 
-    def among(self, chosen):
-        """As of `NeighborIndex`; of all places with None."""
-        rows = self._whole.rows
-        return StoredNearest(
-            self._whole, self._cells, chosen if chosen is None else lambda cell: chosen[rows(cell)]
-        )
-
     def nearest(self, queries, n_jobs=None):
         """As of `NeighborIndex`."""
-        return self.among(None).query(queries, 1, n_jobs)[1][:, 0]
+        return StoredNearest(self._whole, self._cells).query(queries, 1, n_jobs)[1][:, 0]
 
     def empty(self, shape, dtype=np.float64):
         """As of `NeighborIndex`, on disk."""
         return self._whole.scratch(shape, dtype)
 
 
-class _StoredCloud:
+class StoredCloud:
     """What a `NeighborIndex` asks an `IndexedCloud` for."""
 
     def __init__(self, whole, cells, n_jobs):
         self._whole, self._cells, self._n_jobs = whole, cells, n_jobs
+        self.points = whole.open("points")
 
     def neighbors(self, rows, k, _):
         return StoredNeighbors(self._whole).take(rows, k)
@@ -96,7 +91,9 @@ def find_places(cell, job):
     rows, place_of = distinct_rows(points)
     place_of = np.arange(len(points)) if place_of is None else place_of
     if len(rows) >= COMPILE_FROM:
-        order = SelfSearch(points[rows], overwrite=True).order
+        found = points[rows]
+        in_space = points.shape[1] == 3
+        order = SelfSearch(found, overwrite=True).order if in_space else spatial_order(found)
         rows, new = rows[order], np.empty_like(order)
         new[order] = np.arange(len(order))
         place_of = new[place_of]
@@ -106,7 +103,7 @@ def find_places(cell, job):
 
 def join_points(sweep, job):
     """Put the points of all places into one column; those of the cells are removed."""
-    job.whole().make(points=(np.float64, (3,)))
+    job.whole().make(points=(np.float64, job.cells.low.shape[1:]))
     sweep("joined", _join_points, cells=Cells(job.points))
 
 
@@ -130,7 +127,7 @@ def find_neighbors(cell, job):
     def keep(rows, _, found):
         near[rows] = found - own.start
 
-    if len(queries) >= max(k, COMPILE_FROM):
+    if len(queries) >= max(k, COMPILE_FROM) and queries.shape[1] == 3:
         bounds = _search_own(queries, near, job.n_threads)
         search.visit_far(cell, queries, bounds, near, keep)
     else:

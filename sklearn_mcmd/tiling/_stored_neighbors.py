@@ -67,6 +67,10 @@ class StoredNeighbors:
             found[some] = self._take(cell, rows[some] - self._whole.starts[cell], k)
         return found
 
+    def __getitem__(self, rows):
+        """All that are stored of some places."""
+        return self.take(rows, self.k)
+
     def _take(self, cell, rows, k):
         own, path, parts, end = self._whole.rows(cell), self._path(cell), [], 8
         with one_clear_line(path, "read"):

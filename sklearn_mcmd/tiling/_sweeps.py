@@ -27,7 +27,7 @@ WEIGHTS = {
     **{"scale": 21, "settled": 6, "sizes": 7, "larger": 6},  # of n_neighbors="auto"
     **{"forest": 6, "sides": 12},  # of orientation="mst"
     **{"surfaces": 1, "explained": 1, "usual": 12, "groups": 10, "scores": 2},
-    **{"rays": 25, "heights": 18, "verdicts": 1},
+    **{"rays": 3, "heights": 18, "verdicts": 1},
     **{"outliers": 135, "kept": 3, "spacing": 2, "even": 1, "flat": 1, "faces": 9, "creases": 20},
     **{"edges": 5},
     **{"reach": 5, "links": 7, "growth": 3, "joining": 26},

@@ -3,27 +3,51 @@
 Each sweep fills columns, of places or of those off the surfaces, which are places of their own.
 """
 
+import shutil
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd.outliers._model import isolated, telling_of
+from sklearn_mcmd._errors import ParameterError, warn
+from sklearn_mcmd._validation import is_auto
+from sklearn_mcmd.outliers._model import NOT_USED, USED, isolated, telling_of
 from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Rest
+from sklearn_mcmd.outliers._ray_evidence import FOUND
 from sklearn_mcmd.outliers._small_groups import Groups, SmallGroups
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits, surface_links
 from sklearn_mcmd.planes._explaining import ExplainLimits, connected_planes, parts_within
 from sklearn_mcmd.runtime._progress import listen_to_progress
+from sklearn_mcmd.sensors._rays import Emptiness, RayLimits
 from sklearn_mcmd.tiling._joined_parts import JoinedParts, write_parts
 from sklearn_mcmd.tiling._memory import bytes_of_small
 from sklearn_mcmd.tiling._result_files import write_results
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex, StoredNearest
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
+from sklearn_mcmd.tiling._tiled_rays import (
+    ANSWER,
+    NUMBER,
+    PLANE_STEPS,
+    RAYS,
+    ROW,
+    ask_planes,
+    beam_job,
+    stored_evidence,
+)
 
 STEPS = "surfaces", "explained", "usual", "groups", "scores"
-OF_PLANES = "centroids", "normals", "scale", "radius", "noise", "usable", "farthest", "explaining"
-NUMBER, ROW, ANSWER = (np.float64, ()), (np.int32, ()), (bool, ())
+HEARD = f"rays{len(PLANE_STEPS)}"
+N_SUMS = len(Emptiness._fields)
+RAY_STEPS = *PLANE_STEPS, "surfaces", "surfaces0", *STEPS[1:-1], HEARD, "scores"
+# Names of parts, and the columns of places that may be of them, and that are of large ones.
+SURFACES = (("surface", "usable", "explaining"),)
+WITH_SHEETS = ("surface", "free", "explaining"), ("sheet", "ends", "on_sheet")
+OF_PLANES = (
+    *("centroids", "normals", "scale", "radius", "noise", "usable", "farthest", "explaining"),
+    *FOUND,
+    "on_sheet",
+)
 
 
 def judge_in_cells(sweep, job, memory, n_jobs):
@@ -32,12 +56,16 @@ def judge_in_cells(sweep, job, memory, n_jobs):
     ``sweep(name, work)`` visits all cells; one process joins what these find.
     """
     whole, cells = job.whole(), job.cells
-    whole.make(surface_root=ROW, explaining=ANSWER)
-    sweep("surfaces", _find_surfaces)
-    if not whole.columns.is_done(ALL, "surfaces"):
-        _join_surfaces(whole, cells, memory)
-        whole.columns.finish(ALL, "surfaces")
-    sweep("explained", _explain)
+    whole.make(surface_root=ROW, explaining=ANSWER, explained=ANSWER)
+    by_rays = job.by_rays
+    if by_rays:
+        whole.make(sheet_root=ROW, on_sheet=ANSWER, group=ROW)
+        ask_planes(sweep, job)
+        _find_surfaces(sweep, job, "surfaces", WITH_SHEETS, memory)
+        job = replace(job, by_rays=_are_used(job))
+    if not job.by_rays:
+        _find_surfaces(sweep, job, "surfaces0" if by_rays else "surfaces", SURFACES, memory)
+    sweep("explained", _explain, job=job)
     whole.remove(*OF_PLANES)
     rest = off_surfaces(job)
     n_explained = sum(
@@ -45,16 +73,20 @@ def judge_in_cells(sweep, job, memory, n_jobs):
     )
     job = replace(job, n_explained=n_explained)
     rest.make(points=(np.float64, (3,)), counts=ROW, group_root=ROW)
-    rest.make(usual=NUMBER, gaps=NUMBER, isolation=NUMBER)
+    rest.make(usual=NUMBER, gaps=NUMBER, isolation=NUMBER, separation=NUMBER)
     sweep("usual", _find_usual, job=job)
     sweep("groups", _find_groups, job=job)
     if not rest.columns.is_done(ALL, "small"):
         with listen_to_progress(None):
             _judge_small(job, rest, memory, n_jobs)
-            telling = telling_of(_isolated_light(job, rest)) if whole.has("light") else 0.0
+            telling = telling_of(list(_isolated_light(job, rest))) if whole.has("light") else 0.0
         whole.columns.finish(ALL, "light", telling=telling)
         rest.columns.finish(ALL, "small")
+    if job.by_rays:
+        _ask_places(sweep, job, rest)
     sweep("scores", _find_scores, job=job)
+    if by_rays:
+        shutil.rmtree(beam_job(job).found)  # of which nobody asks any more
 
 
 def off_surfaces(job):
@@ -65,7 +97,13 @@ def off_surfaces(job):
 def _of_rest(cell, job, name):
     """What a column has of the places of a cell that are off the surfaces."""
     whole = job.whole()
-    return whole.rows_of(name, whole.rows(cell))[~whole.columns.read(cell, "explained")]
+    return whole.rows_of(name, _rows_of_rest(cell, whole))
+
+
+def _rows_of_rest(cell, whole):
+    """The places of a cell that are off the surfaces."""
+    own = whole.rows(cell)
+    return own.start + np.flatnonzero(~whole.rows_of("explained", own))
 
 
 class ExplainedNearest(StoredNearest):
@@ -77,7 +115,7 @@ class ExplainedNearest(StoredNearest):
 
     def _load(self, cell):
         points, numbers = super()._load(cell)
-        explained = self._whole.columns.read(cell, "explained")
+        explained = self._whole.rows_of("explained", self._whole.rows(cell))
         return points[explained], numbers[explained]
 
 
@@ -89,7 +127,6 @@ def _rest_of(job, column=StoredColumns.open):
     if job.n_explained:
         reference = ExplainedNearest(whole, cells, job.n_explained)
     return Rest(
-        empty=np.empty,
         limits=limits,
         box=(low.min(axis=0), high.max(axis=0)),
         reference=reference,
@@ -104,25 +141,45 @@ def _rest_of(job, column=StoredColumns.open):
     )
 
 
-def _find_surfaces(cell, job):
+def _find_surfaces(sweep, job, step, kinds, memory):
+    """Fill which places are on surfaces, of some kinds as `SURFACES` has them."""
+    sweep(step, partial(_link_surfaces, step=step, kinds=kinds))
+    whole, limits = job.whole(), SurfaceLimits()
+    if whole.columns.is_done(ALL, step):
+        return
+    least = min(StoredNeighbors(whole).k, limits.least_share * len(whole))
+    for name, _, column in kinds:
+        joined = JoinedParts(whole, job.cells, name, memory)
+        enough = least * RayLimits().sheet if name == "sheet" else least
+        large = np.append(joined.total("sizes") >= enough, False)
+        for cell, labels in joined.each_cell():
+            whole.put(cell, **{column: large[labels]})
+    whole.columns.finish(ALL, step)
+
+
+def _link_surfaces(cell, job, step, kinds):
     """Link the places of a cell whose planes explain each other."""
     whole, limits = job.whole(), SurfaceLimits()
-    index, own, usable = StoredIndex(whole), whole.rows(cell), whole.open("usable")
+    index, own, farthest = StoredIndex(whole), whole.rows(cell), whole.open("farthest")
     links = surface_links(index, whole.planes(), limits)
-    labels, pairs = connected_planes(index, *links, usable, whole.open("farthest"), own)
-    sizes = np.bincount(labels)
-    write_parts(whole, cell, "surface", labels, pairs, known=sizes > 1, sizes=sizes)
-    whole.columns.finish(cell, "surfaces")
+    for name, usable, _ in kinds:
+        labels, pairs = connected_planes(index, *links, whole.open(usable), farthest, own)
+        sizes = np.bincount(labels)
+        write_parts(whole, cell, name, labels, pairs, known=sizes > 1, sizes=sizes)
+    whole.columns.finish(cell, step)
 
 
-def _join_surfaces(whole, cells, memory):
-    """Fill which places are on a surface, whose planes then explain others."""
-    limits = SurfaceLimits()
-    least = min(StoredNeighbors(whole).k, limits.least_share * len(whole))
-    joined = JoinedParts(whole, cells, "surface", memory)
-    large = np.append(joined.total("sizes") >= least, False)
-    for cell, labels in joined.each_cell():
-        whole.put(cell, explaining=large[labels])
+def _are_used(job):
+    """Whether rays tell: where the position of the sensor is doubted, only if it was given."""
+    whole = job.whole()
+    if not whole.columns.is_done(ALL, RAYS):
+        doubt = stored_evidence(job).doubt(whole.open("explaining"), whole.open("counts"))
+        used = not (doubt and is_auto(job.estimator.sensor_origin))
+        whole.columns.finish(ALL, RAYS, used=used, doubt=doubt)
+    report = whole.columns.report(ALL, RAYS)
+    if report["doubt"]:
+        warn(f"{report['doubt']}. {USED if report['used'] else NOT_USED}")
+    return report["used"]
 
 
 def _explain(cell, job):
@@ -130,9 +187,7 @@ def _explain(cell, job):
     whole, columns = job.whole(), job.columns
     index, own, explaining = StoredIndex(whole), whole.rows(cell), whole.open("explaining")
     judged, points = job.judged(index, job.n_threads), whole.rows_of("points", own)
-    judged.planes = whole.planes()
-    if whole.has("noise"):
-        judged.planes = judged.planes._replace(scale=whole.open("noise"))
+    judged.planes = job.planes()
     distances, rows = whole.rows_of("distances", own), np.flatnonzero(~explaining[own])
     owners = np.arange(own.start, own.stop)
     found, distances[rows] = judged.to_planes(
@@ -140,10 +195,13 @@ def _explain(cell, job):
     )
     owners[rows] = np.where(found < 0, owners[rows], found)
     explained = distances <= ExplainLimits().explained
-    whole.put(cell, distances=distances)
+    whole.put(cell, distances=distances, explained=explained)
     if judged.level.off_surfaces:
         whole.put(cell, owner_scale=judged.planes.scale[owners])
-    columns.write(cell, explained=explained)
+    if job.by_rays:
+        off = own.start + np.flatnonzero(~explained)
+        asked = points[~explained], lambda some: index.query_own(off[some]), judged.to_planes
+        columns.write(cell, by_sheet=stored_evidence(job).on_sheets(*asked))
     rest = CellColumns(job.found / "rest")
     rest.folder.mkdir(exist_ok=True)
     rest.finish(cell, "places", n_places=int(np.count_nonzero(~explained)))
@@ -208,44 +266,83 @@ def _judge_small(job, rest, memory, n_jobs):
         n_jobs=n_jobs,
     )
     small.judge()
-    rows, isolation, separation = small.verdict(rest.column("isolation"))
-    ends = np.searchsorted(rows, rest.starts)
+    rows, isolation, separation, groups = small.verdict(rest.column("isolation"))
+    whole, ends = job.whole(), np.searchsorted(rows, rest.starts)
     for cell in range(len(cells)):
-        own = slice(ends[cell], ends[cell + 1])
-        found = {"rows": rows[own] - rest.starts[cell], "separation": separation[own]}
-        rest.columns.write(cell, small_isolation=isolation[own], **found)
-
-
-def _isolation(cell, rest):
-    """How isolated the places of a cell are that are off the surfaces."""
-    isolation = rest.rows_of("isolation", rest.rows(cell))
-    isolation[rest.columns.read(cell, "rows")] = rest.columns.read(cell, "small_isolation")
-    return isolation
+        some, own = slice(ends[cell], ends[cell + 1]), rest.rows(cell)
+        at, found = rows[some] - own.start, np.zeros((2, own.stop - own.start))
+        found[0] = rest.rows_of("isolation", own)
+        found[:, at] = isolation[some], separation[some]
+        rest.put(cell, isolation=found[0], separation=found[1])
+        if job.by_rays:
+            group = whole.rows_of("group", whole.rows(cell))
+            stand_off = np.where(separation[some] > 0, groups[some] + 1, 0)
+            group[_rows_of_rest(cell, whole)[at] - whole.rows(cell).start] = stand_off
+            whole.put(cell, group=group)
 
 
 def _isolated_light(job, rest):
     """The ranks of intensity of isolated places, cell by cell."""
-    cells = np.flatnonzero(job.cells.counts)
-    return [isolated(_of_rest(cell, job, "light"), _isolation(cell, rest)) for cell in cells]
+    for cell in np.flatnonzero(job.cells.counts):
+        yield isolated(_of_rest(cell, job, "light"), rest.rows_of("isolation", rest.rows(cell)))
+
+
+def _ask_places(sweep, job, rest):
+    """Find what rays say of the places off the surfaces, and of the groups that stand off."""
+    columns, cells = rest.columns, np.flatnonzero(job.cells.counts)
+    rest.make(apart=NUMBER, heard=(np.float64, (N_SUMS,)))
+    sweep(HEARD, _hear, job=job)
+    if not columns.is_done(ALL, "together"):
+        parts = [columns.read(cell, "around") for cell in cells]
+        around, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
+        groups, points = around[:, N_SUMS].astype(np.intp), around[:, N_SUMS + 1 :]
+        together = Emptiness(*around.T[:N_SUMS]).pooled(groups, points).together()
+        for cell, found in zip(cells, np.split(together, ends[:-1]), strict=True):
+            columns.write(cell, together=found)
+        columns.finish(ALL, "together")
+
+
+def _hear(cell, job):
+    """Fill what the beams next to the places of a cell that are off the surfaces say; and write
+    what those around the groups that stand off say, with the groups and points of these."""
+    whole, rest, group = job.whole(), off_surfaces(job), job.whole().open("group")
+    rows, isolation = _rows_of_rest(cell, whole), rest.rows_of("isolation", rest.rows(cell))
+    known = isolation, whole.rows_of("spacing", rows), group, whole.open("explained")
+    empty, apart, around = stored_evidence(job).hear(rows, *known)
+    rest.put(cell, apart=apart, heard=np.stack(empty, axis=1))
+    rows = rows[group[rows] > 0]
+    around = np.column_stack([*around, group[rows], whole.rows_of("points", rows)])
+    rest.columns.write(cell, around=around)
+    job.columns.finish(cell, HEARD)
 
 
 def _find_scores(cell, job):
     """Write the scores of the points of a cell."""
     whole, rest, columns = job.whole(), off_surfaces(job), job.columns
-    distances = whole.rows_of("distances", whole.rows(cell))
-    off, own = np.flatnonzero(~columns.read(cell, "explained")), rest.rows(cell)
-    isolation, separation = _isolation(cell, rest), np.zeros(len(off))
-    rows = rest.columns.read(cell, "rows")
-    separation[rows] = rest.columns.read(cell, "separation")
+    distances, rows = whole.rows_of("distances", whole.rows(cell)), _rows_of_rest(cell, whole)
+    off, own = rows - whole.rows(cell).start, rest.rows(cell)
+    names = "points", "counts", "isolation", "separation"
+    points, counts, isolation, separation = (rest.rows_of(name, own) for name in names)
     known = {"intensity": _of_rest(cell, job, "light")} if whole.has("light") else {}
     judged = job.judged(StoredIndex(whole), job.n_threads, **known)
     judged.telling = columns.report(ALL, "light")["telling"]
-    isolation *= judged.darkness(slice(None))
     if job.n_explained and judged.level.off_surfaces:
         judged.reference = ExplainedNearest(whole, job.cells, job.n_explained)
         judged.explained_scale = whole.open("owner_scale")
-    given = distances[off], isolation, separation, rest.rows_of("points", own)
-    distances[off] = judged.joined(*given)
+    doubt = judged.darkness(slice(None))
+    apart = isolation * doubt, separation
+    if job.by_rays:
+        heard = Emptiness(*rest.open("heard").T), rest.open("apart")
+        heard = *heard, rest.columns.read(cell, "together")
+        given = rows, points, StoredNearest(rest, job.cells), (isolation, separation), heard, own
+        by_beams, separation = stored_evidence(job).verdict(*given)
+        by_sheet = columns.read(cell, "by_sheet")
+        by_rays = np.maximum(doubt * by_beams, by_sheet), separation
+        given = distances[off], apart, by_rays, by_sheet > 0, points, counts
+        distances[off], raised = judged.by_rays(*given)
+        columns.write(cell, raised=raised)
+    else:
+        distances[off] = judged.joined(distances[off], *apart, points)
     place_of = columns.read(cell, "place_of")
     write_results(columns, cell, distances[place_of])
     columns.finish(cell, "scores")

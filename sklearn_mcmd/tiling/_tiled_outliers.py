@@ -1,6 +1,6 @@
 """Outliers of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -8,7 +8,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd._choices import Mode, choices_of
 from sklearn_mcmd._errors import ParameterError, warn_caller
-from sklearn_mcmd._validation import check_sensor_origin, is_auto
+from sklearn_mcmd._validation import is_auto
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise, ground_in
 from sklearn_mcmd.io._ground import NONE_JUDGED, Ground, GroundLimits, HeightRange
@@ -36,7 +36,6 @@ from sklearn_mcmd.tiling._result_files import (
     fit_together,
     scores_of,
     write_results,
-    write_results_of_places,
 )
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized, sensor_path, stored_origins
@@ -56,9 +55,9 @@ from sklearn_mcmd.tiling._stored_light import rank_light
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER, find_offers, offer_steps, settle
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
-from sklearn_mcmd.tiling._tiled_judging import STEPS, judge_in_cells
+from sklearn_mcmd.tiling._tiled_judging import RAY_STEPS, STEPS, judge_in_cells
+from sklearn_mcmd.tiling._tiled_rays import RAYS, origins_of
 
-RAYS = "by_rays"  # the name of what rays say of a cloud
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
 
 
@@ -155,8 +154,10 @@ class TiledOutliers(TiledVerb):
             return {}
         words = self.seen_as or SOURCES[self.sensor and self.sensor.kind]
         if positions is None:
-            positions = _one_position(self.detector, np.full((1, 3), np.nan))
-        report, n = columns.report(ALL, RAYS), n_by_rays(columns.read(ALL, RAYS), self.cutoff)
+            positions = origins_of(np.full((1, 3), np.nan), self.detector)
+        report, cells = columns.report(ALL, RAYS), range(len(run.cells))
+        raised = (columns.read(cell, "raised") for cell in cells if report["used"])
+        n = sum(n_by_rays(part, self.cutoff) for part in raised)
         where = place_words(positions, words) if report["used"] else ""
         return rows_of_sensor(where, report["doubt"], n)
 
@@ -195,6 +196,7 @@ class OutlierJob(Job):
     """A job whose estimator is an `MCMDOutlierDetector`."""
 
     n_explained: int = 0  # places that surfaces explain, once these are known
+    by_rays: bool = False  # whether rays are followed
 
     def model(self):
         """The `LocalPlaneModel` of all places."""
@@ -206,21 +208,20 @@ class OutlierJob(Job):
         settings = self.estimator._settings() | {"n_jobs": n_jobs}
         return JudgedCloud(self.model_on(index), **settings, **known)
 
-    def in_one_process(self):
-        """Whether one process judges all, as rays go through many cells."""
-        return self.estimator.sensor_origin is not None and not self.estimator._one_plane
+    def planes(self):
+        """The planes of all places, with the noise by which distances are measured."""
+        whole = self.whole()
+        planes = whole.planes()
+        return planes._replace(scale=whole.open("noise")) if whole.has("noise") else planes
 
     def stored_columns(self):
         """What the sweeps fill: names, dtypes and shapes of a row."""
         detector = self.estimator
         if detector._one_plane:
             return {}
-        names, columns = ["radius", "spacing", "other_spacing"], dict(FACES)
-        if not self.in_one_process():
-            names += ["distances", "farthest", "owner_scale"]
-            columns["usable"] = bool, ()
+        names = ["radius", "spacing", "other_spacing", "distances", "farthest", "owner_scale"]
         names += ["noise"] * (detector.noise_scale is not None)
-        return {**columns, **dict.fromkeys(names, NUMBER)}
+        return {**FACES, "usable": (bool, ()), **dict.fromkeys(names, NUMBER)}
 
 
 def cutoff_of(estimator):
@@ -236,7 +237,7 @@ def cutoff_of(estimator):
 
 def outlier_steps(detector):
     """The steps of `judge_cells` in their order, as of `Sweeps`."""
-    last = STEPS if detector.sensor_origin is None else ("rays",)
+    last = STEPS if detector.sensor_origin is None else RAY_STEPS
     last = () if detector._one_plane else last
     return "places", "neighbors", *offer_steps(detector), "planes", *last
 
@@ -249,7 +250,7 @@ def judge_cells(job, sweeps, cutoff, memory):
     whole = job.whole()
     if len(whole) < max(COMPILE_FROM, detector.n_neighbors + 1):
         fitted = fit_together(job, detector, cells, lambda fitted: -fitted.scores_)
-        _keep_rays(columns, judged_cloud(fitted))
+        _keep_rays(columns, len(cells), judged_cloud(fitted))
         return -fitted.offset_
     if not columns.all_have(len(cells), "results"):
         join_points(sweep, job)
@@ -270,10 +271,8 @@ def judge_cells(job, sweeps, cutoff, memory):
             sweep("planes-settled", partial(settle, step="planes"))
         whole.remove("asks")
         rank_light(job, memory)
-        if job.in_one_process():
-            with sweeps.part("rays"), whole.releasing():
-                _judge_by_rays(job, cells, whole, n_jobs)
-        elif not detector._one_plane:
+        if not detector._one_plane:
+            job = replace(job, by_rays=detector.sensor_origin is not None)
             judge_in_cells(sweep, job, memory, n_jobs)
     if detector.false_positive_rate is not None:
         return columns.report(ALL, "cutoff")["cutoff"]
@@ -313,43 +312,12 @@ def _find_planes(cell, job):
     return columns.finish(cell, "planes")
 
 
-def _judge_by_rays(job, cells, whole, n_threads):
-    """Write the scores of all cells, with the sensor's position, in this process."""
-    index, spacings = StoredIndex(whole, cells), ("spacing", "other_spacing")
-    known = {"origins": _origins(job, cells, whole, index)}
-    if whole.has("light"):
-        known["intensity"] = whole.open("light")
-    judged, counts = job.judged(index, n_threads, **known), whole.open("counts")
-    judged.judge(counts, int(counts.sum()), lambda: (whole.planes(), *map(whole.open, spacings)))
-    _keep_rays(whole.columns, judged)
-    write_results_of_places(job, judged.point_scores)
-
-
-def _keep_rays(columns, judged):
+def _keep_rays(columns, n_cells, judged):
     """Keep what a `JudgedCloud` found by rays, where it knew of any."""
     if judged.rays is not None or judged.ray_doubt:
-        columns.write(ALL, **{RAYS: judged.raised})
+        for cell, part in enumerate(np.array_split(judged.raised, n_cells)):
+            columns.write(cell, raised=part)
         columns.finish(ALL, RAYS, used=judged.rays is not None, doubt=judged.ray_doubt)
-
-
-def _origins(job, cells, whole, index):
-    """Where the sensor was for each place, by the first point there; None if it is not known."""
-    stored = stored_origins(job.points)
-    if stored is None:
-        return _one_position(job.estimator, index.points)
-    origins = index.empty(index.points.shape)
-    for cell in range(len(cells)):
-        own, rows = whole.rows(cell), cells.rows(cell)
-        first = np.empty(own.stop - own.start, rows.dtype)
-        first[whole.columns.read(cell, "place_of")[::-1]] = rows[::-1]
-        origins[own] = stored[first]
-    return check_sensor_origin(origins, index.points)
-
-
-def _one_position(detector, points):
-    """That of a detector, whose "auto" `recognized` has left where it is the origin."""
-    origin = detector.sensor_origin
-    return check_sensor_origin("origin" if is_auto(origin) else origin, points)
 
 
 class Heights:

@@ -10,7 +10,6 @@ from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Rest, judge_off_surface
-from sklearn_mcmd.planes._nearest import NearestPoints
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
 LATTICE = (4 + 4 * np.sqrt(2)) / 8
@@ -28,10 +27,7 @@ def spacing_of(points, counts, others_only=False):
 
 
 def index_of(points):
-    def among(chosen):
-        return NearestPoints(points, chosen)
-
-    return SimpleNamespace(points=points, among=among, empty=np.empty)
+    return SimpleNamespace(points=points)
 
 
 def company(points, n_explained, least=100, counts=None, n_jobs=None):

@@ -7,6 +7,7 @@ from numpy.testing import assert_array_equal
 from reference import GivenNeighbors
 from sklearn_mcmd.outliers._surfaces import (
     SurfaceLimits,
+    are_usable,
     find_surfaces,
 )
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -36,7 +37,8 @@ def face(n, rng, side=1.0):
 
 
 def surfaces(points, neighbors, planes, least=K, own=OWN):
-    return find_surfaces(GivenNeighbors(points, neighbors), planes, own, least, SurfaceLimits())
+    usable, index = are_usable(planes, own, SurfaceLimits()), GivenNeighbors(points, neighbors)
+    return find_surfaces(index, planes, usable, least, SurfaceLimits())
 
 
 @pytest.fixture

@@ -11,7 +11,8 @@ from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatur
 from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import PointCloud, Trajectory, read_points, sensor_origins, write_points
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
-from sklearn_mcmd.outliers._ray_evidence import RayEvidence
+from sklearn_mcmd.outliers._ray_evidence import ASKS, RayEvidence
+from sklearn_mcmd.sensors._rays import beams_of
 from sklearn_mcmd.tiling import TilingError, process_files
 from tiled import in_memory
 
@@ -75,6 +76,71 @@ def test_a_turn_is_recognized_as_in_memory(tmp_path, strictness):
     assert (fitted.sensor_origin_ is None) == (strictness is None)
     report = assert_scores_by_tiles(path, tmp_path / "b.las", fitted)
     assert report.sensor.get("sensor", "") == words
+
+
+def test_points_in_exactly_one_direction_and_at_the_sensor_are_judged_as_in_memory(turn, tmp_path):
+    directions = np.random.default_rng(0).integers(-3, 4, (20, 3))
+    sensor, lines = np.array([0.5, 0.0, -0.25]), directions[:, None] * np.arange(1, 9)[:, None] / 4
+    xyz = read_points(turn).xyz
+    xyz = xyz[np.linalg.norm(xyz, axis=1) > 0.01]  # without silent rays
+    xyz = np.vstack([xyz, sensor + lines.reshape(-1, 3), [sensor, sensor]])
+    write_points(path := tmp_path / "a.las", PointCloud(xyz))
+    fitted = clone(DETECTOR).set_params(sensor_origin=sensor).fit(read_points(path).xyz)
+    rays = fitted._cloud.rays.rays
+    assert len(rays.met) < len(rays.points) - 50
+    assert np.count_nonzero(rays.ranges == 0) == 1
+    report = assert_scores_by_tiles(path, tmp_path / "b.las", fitted, tile_size=300)
+    assert report.n_tiles > 10
+
+
+def test_intensity_with_rays_is_judged_as_in_memory(turn, tmp_path):
+    xyz = read_points(turn).xyz
+    xyz = xyz[np.linalg.norm(xyz, axis=1) > 0.01]  # without silent rays
+    light = np.random.default_rng(0).integers(0, 300, len(xyz)).astype(np.uint16)
+    light[np.linalg.norm(xyz, axis=1) < 5] //= 3
+    write_points(path := tmp_path / "a.las", PointCloud(xyz, {"intensity": light}))
+    detector, xyz = clone(DETECTOR).set_params(sensor_origin="origin"), read_points(path).xyz
+    fitted, without = (clone(detector).fit(xyz, intensity=given) for given in (light, None))
+    assert (fitted.scores_ != without.scores_).any()
+    assert_scores_by_tiles(path, tmp_path / "b.las", fitted, tile_size=300, intensity=True)
+
+
+@pytest.mark.filterwarnings("ignore:tile . failed")
+@pytest.mark.parametrize("step", ["of", "look", "end", "on_sheets", "hear", "verdict"])
+def test_a_run_that_fails_while_it_follows_rays_goes_on(turn, tmp_path, monkeypatch, step):
+    fitted = clone(DETECTOR).set_params(sensor_origin="origin").fit(read_points(turn).xyz)
+    options, calls = {"tile_size": 900, "n_jobs": 1, "mode": "mark"}, []
+
+    def fail(name, original):
+        def work(*given):
+            calls.append(name)
+            if len(calls) == 3:  # in the third tile
+                raise MemoryError("enough")
+            return original(*given)
+
+        return work
+
+    with monkeypatch.context() as patch:
+        if step == "of":  # directions are put into cells
+            name = "sklearn_mcmd.tiling._tiled_rays.beams_of"
+            patch.setattr(name, fail(step, beams_of))
+        elif step in ("look", "end"):
+            table = [fail(step, ask) if ask.__name__ == step else ask for ask in ASKS]
+            patch.setattr("sklearn_mcmd.tiling._tiled_rays.ASKS", table)
+        else:
+            patch.setattr(RayEvidence, step, fail(step, getattr(RayEvidence, step)))
+        with pytest.raises(TilingError, match="same run goes on"):
+            process_files(turn, tmp_path / "b.las", clone(fitted), **options)
+    report = assert_scores_by_tiles(turn, tmp_path / "b.las", fitted, n_jobs=1)
+    assert report.n_resumed == report.n_tiles
+
+
+def test_points_in_three_directions_are_refused(tmp_path):
+    xyz = np.kron(np.arange(1, 401)[:, None], np.eye(3))
+    write_points(path := tmp_path / "a.las", PointCloud(xyz))
+    detector = clone(DETECTOR).set_params(sensor_origin="origin")
+    with pytest.raises(TilingError, match="all points lie in 3 directions from sensor_origin"):
+        process_files(path, tmp_path / "b.las", detector, tile_size=300)
 
 
 def test_scores_along_a_trajectory_are_those_of_memory(drive, tmp_path):
