@@ -94,10 +94,12 @@ class Points:
 
         A link is a point of the slice, and one from elsewhere, whose cell it would be in.
         """
-        cell = self.cell[links[:, 1]]
-        links = links[(cell == links[:, 1]) | (cell == -1)]  # those that may begin a cell
         links = links[np.argsort(links[:, 1], kind="stable")]
+        cell = self.cell[links[:, 1]]  # once: other processes fill it meanwhile
+        may_begin = (cell == links[:, 1]) | (cell == -1)
+        links, cell = links[may_begin], cell[may_begin]
         rivals, starts = np.unique(links[:, 1], return_index=True)
+        unsure = np.append(np.zeros(own.stop - own.start), cell[starts] == -1).astype(np.int8)
         names = np.concatenate([np.arange(own.start, own.stop, dtype=np.int32), rivals])
         n, k = own.stop - own.start, self.size
         lists = np.empty(n * k + len(links), np.int32)
@@ -108,7 +110,6 @@ class Points:
 
         each_slice(n, self.index.chunk, find, self.n_jobs)
         starts = np.concatenate([k * np.arange(n), n * k + np.append(starts, len(links))])
-        unsure = np.append(np.zeros(n), self.cell[rivals] == -1).astype(np.int8)
         labels, first = np.array(self.labels[names]), np.array(self.cell[own])
         order = np.flatnonzero(labels >= 0)
         order = order[self.in_order(names[order])]

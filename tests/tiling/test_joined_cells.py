@@ -1,5 +1,7 @@
 """Surfaces and groups that run through many cells are whole, as in memory."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -10,8 +12,9 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.datasets import make_crown_roof
+from sklearn_mcmd.datasets import make_crown_roof, make_street
 from sklearn_mcmd.io import PointCloud, read_points
+from sklearn_mcmd.segmentation._region_division import Points
 from sklearn_mcmd.tiling import _memory, _tiled_division, process_files
 from tiled import fit_in_memory, written
 
@@ -147,6 +150,30 @@ def test_small_cells_and_patches_of_regions_cross_tiles(by_tiles, monkeypatch, t
     assert report.n_regions > 2
     assert n_points > 100
     assert n_cells > 20
+
+
+def test_cells_of_regions_may_be_found_while_a_tile_asks_for_them(by_tiles, monkeypatch, tmp_path):
+    """As by other processes: all other tiles gather theirs after this one has looked at them."""
+    X = np.round(make_street(2_500, outlier_share=0.03, tree=True, random_state=0).data, 4)
+    asking, gather, near = [], _tiled_division._gather_in, Points.near
+
+    def gather_meanwhile(tile, columns, of, step):
+        asking.append(partial(gather, columns=columns, of=of, step=step))
+        gather(tile, columns, of, step)
+        asking.clear()
+
+    def near_when_others_have_gathered(points, rows):
+        while asking:
+            work = asking.pop()
+            for tile in np.flatnonzero(work.keywords["of"].cells.counts):
+                work(tile)
+        return near(points, rows)
+
+    monkeypatch.setattr(_tiled_division, "_gather_in", gather_meanwhile)
+    monkeypatch.setattr(Points, "near", near_when_others_have_gathered)
+    path = written(tmp_path, X)
+    values, _, _ = by_tiles(path, GROWING, tile_size=300)
+    assert_array_equal(values[:, 0], fit_in_memory(read_points(path).xyz, GROWING).labels_)
 
 
 def test_parts_of_regions_that_take_more_than_the_memory_are_refused(monkeypatch, tmp_path):
