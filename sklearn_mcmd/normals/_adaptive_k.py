@@ -77,7 +77,7 @@ class ScaleFinder:
         `wanted` (n,), and the fits of k, are what the step before has found; at first inf and None.
         """
         least, d = self.limits.least, self.index.points.shape[1]
-        wanted = self._evened(wanted) if fits else wanted[: self.n_own].copy()
+        wanted = self._evened(wanted)
         todo = wanted == np.inf
         if not todo.any():
             return wanted, None
@@ -110,7 +110,8 @@ class ScaleFinder:
         """What own points want: by those around where it is inf."""
         own = wanted[: self.n_own].copy()
         todo = own == np.inf
-        own[todo] = self._quiet(wanted, todo)
+        if (wanted < np.inf).any():
+            own[todo] = self._quiet(wanted, todo)
         return own
 
     def across_rows(self):

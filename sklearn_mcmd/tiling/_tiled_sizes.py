@@ -97,7 +97,8 @@ def _find(cell, job, step, before):
         known = columns.path(cell, used[-1]).exists()
         fits = tuple(columns.read(cell, name) for name in used) if known else None
         found[step], larger = finder.step(k, wanted, fits)
-        columns.write(cell, **dict(zip(new, larger or (), strict=False)))
+        if larger and f"scale{2 * k}" in size_steps():
+            columns.write(cell, **dict(zip(new, larger, strict=True)))
     job.whole().put(cell, **found)
     columns.finish(cell, step)
     for name in used:

@@ -15,7 +15,8 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.runtime import _interrupts
-from sklearn_mcmd.tiling import TilingError, _run, _tiled_normals, process_files
+from sklearn_mcmd.tiling import TilingError, _run, _tiled_normals, _tiled_sizes, process_files
+from sklearn_mcmd.tiling._stored_columns import ALL
 from tiled import ESTIMATOR, in_memory, names_in, run_is_killed, street
 
 OUTLIERS = MCMDOutlierDetector(16, random_state=0)
@@ -118,6 +119,32 @@ def test_planes_that_were_bent_in_part_are_found_anew(small_file, tmp_path, monk
     process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert len(bent) == 4
     assert (tmp_path / "out.las").read_bytes() == expected
+
+
+def test_sizes_that_are_found_twice_are_the_same_and_leave_no_fits(tmp_path, monkeypatch):
+    """As dask does where it loses a worker that was done with a tile."""
+    source, largest, left = tmp_path / "a.las", [], []
+    X = np.random.default_rng(0).uniform(0, 4, (2_200, 3)) * [1, 1, 0]
+    X[:, 2] = np.random.default_rng(1).normal(0, np.where(X[:, 0] < 2, 0.05, 0.005))
+    X[1_600:] = np.random.default_rng(2).uniform(9, 12, (600, 3))  # of no surface
+    write_points(source, np.round(X, 4))
+    expected = in_memory(source, tmp_path / "expected.las", AUTO).read_bytes()
+
+    def find_twice(cell, job, find=_tiled_sizes._find, **known):
+        find(cell, job, **known)
+        find(cell, job, **known)
+
+    def find_larger(cell, job, find=_tiled_normals.find_larger):
+        largest.append(job.columns.report(ALL, "numbers")["largest"])
+        left.extend(path for path in job.found.iterdir() if ".errors" in path.name)
+        find(cell, job)
+
+    monkeypatch.setattr(_tiled_sizes, "_find", find_twice)
+    monkeypatch.setattr(_tiled_normals, "find_larger", find_larger)
+    process_files(source, tmp_path / "out.las", AUTO, tile_size=500)
+    assert (tmp_path / "out.las").read_bytes() == expected
+    assert max(largest) == 256
+    assert not left
 
 
 @pytest.mark.parametrize("change", ["parameters", "input", "restart"])
