@@ -115,11 +115,22 @@ class Sweeps:
         The columns of the work, or of its job, know which cells an earlier run has done. What takes
         hardly any time is none of the steps.
         """
-        columns = known["job"].columns if "job" in known else known["columns"]
+        columns = _columns_of(**known)
         todo = np.flatnonzero(cells.counts).tolist()
         todo = [cell for cell in todo if not columns.is_done(cell, name)]
+        task = partial(_unless_done, name=name, work=work, **known)
         with self.part(name, name) if name in self._spans else listen_to_progress(None):
-            compute_cells(partial(work, **known), cells, todo, self.n_workers)
+            compute_cells(task, cells, todo, self.n_workers)
+
+
+def _columns_of(job=None, columns=None, **_):
+    return columns if job is None else job.columns
+
+
+def _unless_done(cell, name, work, **known):
+    """Do the work on a cell once: dask gives it again if it loses the worker that has done it."""
+    if not _columns_of(**known).is_done(cell, name):
+        work(cell, **known)
 
 
 def compute_cells(task, cells, todo, n_workers):

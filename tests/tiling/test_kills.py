@@ -15,7 +15,14 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.runtime import _interrupts
-from sklearn_mcmd.tiling import TilingError, _run, _tiled_normals, _tiled_sizes, process_files
+from sklearn_mcmd.tiling import (
+    TilingError,
+    _run,
+    _sweeps,
+    _tiled_normals,
+    _tiled_sizes,
+    process_files,
+)
 from sklearn_mcmd.tiling._stored_columns import ALL
 from tiled import ESTIMATOR, in_memory, names_in, run_is_killed, street
 
@@ -121,8 +128,24 @@ def test_planes_that_were_bent_in_part_are_found_anew(small_file, tmp_path, monk
     assert (tmp_path / "out.las").read_bytes() == expected
 
 
+def test_tiles_that_are_given_again_when_they_are_done_are_left_alone(
+    small_file, tmp_path, monkeypatch
+):
+    """As dask does where it loses a worker; what a tile asked for may be removed by then."""
+    regions = RegionGrowing(20, normal_estimator=AUTO, random_state=0)
+    process_files(small_file, tmp_path / "expected.las", regions, tile_size=2_000)
+
+    def compute_twice(task, *others, compute=_sweeps.compute_cells):
+        compute(task, *others)
+        compute(task, *others)
+
+    monkeypatch.setattr(_sweeps, "compute_cells", compute_twice)
+    process_files(small_file, tmp_path / "out.las", regions, tile_size=2_000)
+    assert (tmp_path / "out.las").read_bytes() == (tmp_path / "expected.las").read_bytes()
+
+
 def test_sizes_that_are_found_twice_are_the_same_and_leave_no_fits(tmp_path, monkeypatch):
-    """As dask does where it loses a worker that was done with a tile."""
+    """As two workers do that dask gives one tile."""
     source, largest, left = tmp_path / "a.las", [], []
     X = np.random.default_rng(0).uniform(0, 4, (2_200, 3)) * [1, 1, 0]
     X[:, 2] = np.random.default_rng(1).normal(0, np.where(X[:, 0] < 2, 0.05, 0.005))
