@@ -105,7 +105,8 @@ def process_files(
         measured each point, if it had more than one position; an estimator's own parameter has
         one. "auto" adjusts flight lines to LAS's scan angles, a trajectory is read at the times of
         the points, see :func:`~sklearn_mcmd.io.sensor_origins`; positions are in the order of the
-        inputs. One process follows the rays to all points, with 200 bytes for each.
+        inputs. One process has 24 bytes of each point for positions, 30 for a trajectory, and 300
+        for "auto".
     intensity : bool, default=False
         Of outliers: whether the intensity of the points is evidence, see :ref:`intensity`; or their
         reflectance or reflectivity, if that is the same everywhere.

@@ -1,4 +1,4 @@
-"""Regions of clouds larger than memory: they grow in cells, one process does all that follows."""
+"""Regions of clouds larger than memory: they grow and are divided by tiles, one process joins."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -35,7 +35,7 @@ LARGEST = 20  # regions whose points are counted in the report
 
 
 class TiledRegions(TiledVerb):
-    """Regions, which grow by tiles; all steps that follow are of this process."""
+    """Regions, which grow and are divided by tiles; the other steps are of this process."""
 
     options = ("colors", "regions")
 
