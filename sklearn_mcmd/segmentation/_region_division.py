@@ -24,6 +24,8 @@ PAIRS = 2**20  # of cells that are named at once; it limits the memory
 ROWS = 2**14  # whose neighbors are looked at at once; it limits the memory
 NO_PAIRS = np.empty((0, 2), np.int32)
 TREES = 256  # of patches, which are kept for their next border; it limits the memory
+PLACE_BITS = 20  # of a place, as a share of the extent, by which equally flat points are scrambled
+SCRAMBLING = 0x9E3779B97F4A7C15  # an odd number without a pattern, as of Fibonacci hashing
 
 
 class VoteLimits(NamedTuple):
@@ -57,7 +59,7 @@ class Points:
         self.index, self.planes, self.labels, self.n_jobs = index, planes, labels, n_jobs
         self.noise, self.cell, self.size = noise, cell, n_linked(index, rules)
         self.bend = GrowthLimits().bent * np.arccos(min(rules.min_cosine, 1.0))
-        self.unit, self.low = 1.0, np.zeros(3)
+        self.unit, self.low, self.extent = 1.0, np.zeros(3), 1.0
 
     def usual_noise(self, own):
         """Standard deviation that is usual around the points of a slice."""
@@ -72,10 +74,10 @@ class Points:
         each_slice(len(usual), self.index.chunk, measure, self.n_jobs)
         return usual
 
-    def scale(self, least, most, low):
-        """Choose units, by the least and most noise and a corner; whether there are any."""
+    def scale(self, least, most, low, high):
+        """Choose units, by the least and most noise and two corners; whether there are any."""
         self.unit = float(np.exp2(np.frexp(most)[1]))  # no square leaves the numbers
-        self.low = low
+        self.low, self.extent = low, np.max(high - low)
         return least * self.unit > 0
 
     def noise_of(self, rows):
@@ -83,10 +85,15 @@ class Points:
         return np.maximum(self.noise[rows] / self.unit, FitLimits().ridge)
 
     def in_order(self, rows):
-        """The flattest come first. Their order depends on no rounding error, and on no rows."""
+        """The flattest come first. Their order depends on no rounding error, and on no rows.
+
+        Those that are as flat come scrambled: in the order of coordinates, each cell of an exact
+        plane would depend on the one before, from end to end, however many tiles these cross.
+        """
         flatness = ratio(self.planes.scale[rows] / self.unit, self.noise_of(rows))
-        flatness = np.rint(np.ldexp(flatness, HEIGHT_BITS))
-        return np.lexsort((*self.index.points[rows].T, flatness))
+        flatness, points = np.rint(np.ldexp(flatness, HEIGHT_BITS)), self.index.points[rows]
+        places = np.rint(np.ldexp((points - self.low) / self.extent, PLACE_BITS))
+        return np.lexsort((*points.T, scrambled(places), flatness))
 
     def gather(self, own, links=NO_PAIRS):
         """The points (m,) at which the cells of those of a slice begin, as of `gather`; -1 or less
@@ -185,7 +192,8 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     n, own = len(labels), slice(0, len(labels))
     points = Points(index, planes, rules, labels, index.empty(n), index.empty(n, np.int32), n_jobs)
     points.noise[:], points.cell[:] = points.usual_noise(own), -1
-    bounds = points.noise.min(), points.noise.max(), np.min(index.points, axis=0)
+    ends = (f(index.points, axis=0) for f in (np.min, np.max))
+    bounds = points.noise.min(), points.noise.max(), *ends
     if not (labels >= 0).any() or not points.scale(*bounds):
         return labels
     points.cell[:] = points.gather(own)
@@ -196,6 +204,15 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     inside = edges[np.equal(*blocks(edges, len(begins))[edges].T)]
     roots, first, sums = joined(points.sums(begins), inside)
     return divided(points, rules, begins, number, roots, first, sums, edges)
+
+
+def scrambled(places):
+    """A number by each row of whole numbers (m, d), which grows in no direction."""
+    found = np.zeros(len(places), np.uint64)
+    for column in places.T:
+        found = (found ^ column.astype(np.uint64)) * np.uint64(SCRAMBLING)
+        found ^= found >> np.uint64(29)
+    return found
 
 
 def numbers(index, begins):

@@ -41,9 +41,8 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, mem
     sweeps, known = Sweeps(n_workers, STEPS), {"columns": columns, "of": job}
     sweeps("noise", _find_noise, job.cells, **known)
     reports = [columns.report(tile, "noise") for tile in tiles]
-    low = np.min([report["low"] for report in reports], axis=0).tolist()
     least, most = (f(report[f.__name__] for report in reports) for f in (min, max))
-    columns.finish(ALL, "units", bounds=(least, most, low))
+    columns.finish(ALL, "units", bounds=(least, most))
     points, has_units = _points(
         **known, stored=stored, opened=(index, planes, labels), n_jobs=n_jobs
     )
@@ -84,7 +83,8 @@ def _points(columns, of, stored=None, opened=None, n_jobs=None):
     noise, begin = map(stored.open, COLUMNS)
     points = Points(index, planes, rules_of(of.growing), labels, noise, begin, n_jobs)
     known = columns.is_done(ALL, "units") and columns.report(ALL, "units")["bounds"]
-    return points, bool(known) and points.scale(*known)
+    low, high = of.cells.extent(slice(None))
+    return points, bool(known) and points.scale(*known, low.min(axis=0), high.max(axis=0))
 
 
 def _read(columns, tiles, name):
@@ -104,8 +104,8 @@ def _find_noise(tile, columns, of):
     links = np.column_stack([near[rows, at], own.start + rows]).astype(np.int32)
     links = links[points.labels[links[:, 0]] == labels[rows]]
     columns.write(tile, links=links[np.argsort(links[:, 0], kind="stable")])
-    low, n = points.index.points[own].min(axis=0).tolist(), np.count_nonzero(labels >= 0)
-    columns.finish(tile, "noise", n=int(n), min=noise.min(), max=noise.max(), low=low)
+    n = int(np.count_nonzero(labels >= 0))
+    columns.finish(tile, "noise", n=n, min=noise.min(), max=noise.max())
 
 
 def _gather(sweeps, tiles, columns, **known):

@@ -16,6 +16,7 @@ from sklearn_mcmd.datasets import make_crown_roof, make_street
 from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.segmentation._region_division import Points
 from sklearn_mcmd.tiling import _memory, _tiled_division, process_files
+from sklearn_mcmd.tiling._stored_columns import CellColumns
 from tiled import fit_in_memory, written
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -150,6 +151,21 @@ def test_small_cells_and_patches_of_regions_cross_tiles(by_tiles, monkeypatch, t
     assert report.n_regions > 2
     assert n_points > 100
     assert n_cells > 20
+
+
+def test_cells_of_an_exact_plane_are_found_in_a_few_sweeps(by_tiles, monkeypatch, tmp_path):
+    X, seen, finish = np.indices((50, 50, 1)).reshape(3, -1).T * 0.1, set(), CellColumns.finish
+    path = written(tmp_path, X)
+
+    def finish_and_count(columns, cell, sweep, **report):
+        seen.add(sweep)
+        finish(columns, cell, sweep, **report)
+
+    monkeypatch.setattr(CellColumns, "finish", finish_and_count)
+    values, _, report = by_tiles(path, GROWING, tile_size=300)
+    assert_array_equal(values[:, 0], fit_in_memory(read_points(path).xyz, GROWING).labels_)
+    assert report.n_tiles > 8
+    assert 2 <= sum(sweep.startswith("gathered") for sweep in seen) <= 5
 
 
 def test_cells_of_regions_may_be_found_while_a_tile_asks_for_them(by_tiles, monkeypatch, tmp_path):
