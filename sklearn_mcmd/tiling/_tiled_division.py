@@ -4,7 +4,6 @@ Tiles are what is a cell elsewhere: here cells are the small neighborhoods that 
 """
 
 import shutil
-from functools import partial
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._sweeps import Sweeps
 
 STEPS = "noise", "gathered", "summed", "joined"
-COLUMNS = {"noise": (np.float64, ()), "begin": (np.int32, ())}
+ROW = np.int32, ()
 
 
 def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, memory):
@@ -36,20 +35,20 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, mem
     columns.folder.mkdir(exist_ok=True)
     stored, tiles = StoredColumns(columns, 0), np.flatnonzero(job.cells.counts)
     stored.starts = whole.starts
-    stored.make(**COLUMNS)
+    stored.make(noise=(np.float64, ()), begin0=ROW)
     whole.flush()
     sweeps, known = Sweeps(n_workers, STEPS), {"columns": columns, "of": job}
     sweeps("noise", _find_noise, job.cells, **known)
     reports = [columns.report(tile, "noise") for tile in tiles]
     least, most = (f(report[f.__name__] for report in reports) for f in (min, max))
     columns.finish(ALL, "units", bounds=(least, most))
-    points, has_units = _points(
-        **known, stored=stored, opened=(index, planes, labels), n_jobs=n_jobs
-    )
+    opened = {"stored": stored, "opened": (index, planes, labels), "n_jobs": n_jobs}
+    _, has_units = _points(**known, **opened)
     if has_units and any(report["n"] for report in reports):
         with sweeps.part("gathered"):
-            _gather(sweeps, tiles, **known)
-        sweeps("summed", _find_sums, job.cells, **known)
+            step = _gather(sweeps, stored, tiles, **known)
+        points, _ = _points(**known, step=step, **opened)
+        sweeps("summed", _find_sums, job.cells, **known, step=step)
         begins, number, edges = _cells(points, columns, tiles, memory)
         if not columns.is_done(ALL, "blocks"):
             _write_blocks(whole, columns, begins, edges)
@@ -68,8 +67,8 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, mem
     return labels
 
 
-def _points(columns, of, stored=None, opened=None, n_jobs=None):
-    """The `Points` of all places, and whether their noise has a unit.
+def _points(columns, of, step=0, stored=None, opened=None, n_jobs=None):
+    """The `Points` of all places before a step of `_gather`, and whether their noise has a unit.
 
     This process has `stored` columns and `opened` index, planes and labels; others open them.
     """
@@ -80,7 +79,7 @@ def _points(columns, of, stored=None, opened=None, n_jobs=None):
         opened = StoredIndex(whole, of.cells, of.growing.n_neighbors), planes, labels
         stored, n_jobs = StoredColumns(columns, 0), of.n_threads
     index, planes, labels = opened
-    noise, begin = map(stored.open, COLUMNS)
+    noise, begin = map(stored.open, ("noise", f"begin{step}"))
     points = Points(index, planes, rules_of(of.growing), labels, noise, begin, n_jobs)
     known = columns.is_done(ALL, "units") and columns.report(ALL, "units")["bounds"]
     low, high = of.cells.extent(slice(None))
@@ -98,7 +97,7 @@ def _find_noise(tile, columns, of):
     """
     own, (points, _) = of.whole().rows(tile), _points(columns, of)
     noise, labels, near = points.usual_noise(own), np.array(points.labels[own]), points.near(own)
-    StoredColumns(columns, 0).put(tile, noise=noise, begin=np.full(len(noise), -1, np.int32))
+    StoredColumns(columns, 0).put(tile, noise=noise, begin0=np.full(len(noise), -1, np.int32))
     beyond = (labels[:, None] >= 0) & ((near < own.start) | (near >= own.stop))
     rows, at = np.nonzero(beyond)
     links = np.column_stack([near[rows, at], own.start + rows]).astype(np.int32)
@@ -108,35 +107,43 @@ def _find_noise(tile, columns, of):
     columns.finish(tile, "noise", n=n, min=noise.min(), max=noise.max())
 
 
-def _gather(sweeps, tiles, columns, **known):
-    """Gather cells, in as many sweeps as places wait for those of other tiles."""
-    n, n_open = 0, 1
+def _gather(sweeps, stored, tiles, columns, of):
+    """Gather cells, in as many steps as places wait for those of other tiles; how many these were.
+
+    Each asks for what others knew before it, so that it matters neither which tile comes first, nor
+    whether two workers have the same.
+    """
+    step, n_open = 0, 1
     while n_open:
-        step = f"gathered{n}"
-        work, cells = partial(_gather_in, step=step), known["of"].cells
-        sweeps(step, work, cells, columns=columns, **known)
-        n_open = sum(columns.report(tile, step)["n_open"] for tile in tiles)
-        n += 1
+        stored.make(**{f"begin{step + 1}": ROW})
+        name = f"gathered{step}"
+        sweeps(name, _gather_in, of.cells, columns=columns, of=of, step=step)
+        n_open = sum(columns.report(tile, name)["n_open"] for tile in tiles)
+        if step > 1:  # a run that goes on opens the first
+            stored.remove(f"begin{step - 1}")
+        step += 1
+    return step
 
 
 def _gather_in(tile, columns, of, step):
     """Fill the cells of the places of a tile, as far as those of others tell."""
-    own, (points, _) = of.whole().rows(tile), _points(columns, of)
-    is_open = (points.cell[own] < 0) & (points.labels[own] >= 0)
+    own, (points, _) = of.whole().rows(tile), _points(columns, of, step)
+    cell = np.array(points.cell[own])
+    is_open = (cell < 0) & (points.labels[own] >= 0)
     if is_open.any():
         parts = []
         for other in np.flatnonzero(of.cells.counts):
             links = columns.mapped(other, "links")
             parts.append(links[slice(*np.searchsorted(links[:, 0], [own.start, own.stop]))])
         cell = points.gather(own, np.concatenate(parts))
-        StoredColumns(columns, 0).put(tile, begin=cell)
         is_open &= cell < 0
-    columns.finish(tile, step, n_open=int(np.count_nonzero(is_open)))
+    StoredColumns(columns, 0).put(tile, **{f"begin{step + 1}": cell})
+    columns.finish(tile, f"gathered{step}", n_open=int(np.count_nonzero(is_open)))
 
 
-def _find_sums(tile, columns, of):
+def _find_sums(tile, columns, of, step):
     """Write the cells that begin in a tile, their sums, and which cells are neighbors in it."""
-    own, (points, _) = of.whole().rows(tile), _points(columns, of)
+    own, (points, _) = of.whole().rows(tile), _points(columns, of, step)
     rows = np.arange(own.start, own.stop, dtype=np.int32)
     begins = rows[points.cell[own] == rows]
     sums = np.column_stack(points.sums(begins)) if len(begins) else np.empty((0, 11))
