@@ -2,6 +2,7 @@
 
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.runtime import _interrupts
-from sklearn_mcmd.tiling import TilingError, _run, _tiled_normals, process_files
+from sklearn_mcmd.tiling import TilingError, _run, _sweeps, _tiled_normals, process_files
 from tiled import ESTIMATOR, in_memory, names_in, run_is_killed, street
 
 OUTLIERS = MCMDOutlierDetector(16, random_state=0)
@@ -118,6 +119,26 @@ def test_planes_that_were_bent_in_part_are_found_anew(small_file, tmp_path, monk
     process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert len(bent) == 4
     assert (tmp_path / "out.las").read_bytes() == expected
+
+
+@pytest.mark.filterwarnings("ignore")  # threads share their filters, and leave them in any order
+@pytest.mark.skipif(os.name != "posix", reason="locks")
+def test_a_tile_that_is_given_to_several_workers_is_computed_once(tmp_path, monkeypatch):
+    """Two at once, and one that has lost its result: each leaves files that another needs."""
+    write_points(source := tmp_path / "a.las", street(3_000))
+    estimator = SharpFeatureDetector(12, normal_estimator=AUTO, random_state=0)
+    options, attempt = {"tile_size": 1_000, "n_jobs": 1}, _sweeps._attempt
+    process_files(source, tmp_path / "b.las", estimator, **options)
+
+    def attempt_thrice(*given):
+        with ThreadPoolExecutor(2) as pool:
+            found = [task.result() for task in [pool.submit(attempt, *given) for _ in range(2)]]
+        assert {*found, attempt(*given)} == {(given[1], None)}
+        return found[0]
+
+    monkeypatch.setattr(_sweeps, "_attempt", attempt_thrice)
+    process_files(source, tmp_path / "c.las", estimator, **options)
+    assert (tmp_path / "c.las").read_bytes() == (tmp_path / "b.las").read_bytes()
 
 
 @pytest.mark.parametrize("change", ["parameters", "input", "restart"])
