@@ -78,6 +78,6 @@ def rank_light(job, memory):
     for cell in range(len(cells)):
         largest = whole.rows_of("light", whole.rows(cell))
         whole.put(cell, light=ranks[np.searchsorted(values, largest)])
+    whole.columns.finish(ALL, "ranks")
     if len(values) == 1:  # which tells nothing
         whole.remove("light")
-    whole.columns.finish(ALL, "ranks")

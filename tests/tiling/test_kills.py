@@ -14,9 +14,10 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.io import write_points
+from sklearn_mcmd.io import PointCloud, write_points
 from sklearn_mcmd.runtime import _interrupts
 from sklearn_mcmd.tiling import TilingError, _run, _sweeps, _tiled_normals, process_files
+from sklearn_mcmd.tiling._stored_columns import StoredColumns
 from tiled import ESTIMATOR, in_memory, names_in, run_is_killed, street
 
 OUTLIERS = MCMDOutlierDetector(16, random_state=0)
@@ -102,6 +103,27 @@ def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatc
     report = process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
     assert report.n_resumed == report.n_tiles
     assert (tmp_path / "out.las").read_bytes() == expected
+
+
+def test_a_run_that_fails_where_intensity_proves_to_tell_nothing_goes_on(tmp_path, monkeypatch):
+    """It differs between copies alone, and the largest of each place are all the same."""
+    source, target, expected = (tmp_path / name for name in ("a.las", "b.las", "c.las"))
+    light = np.where(np.arange(3_000) < 2_950, 9, 7).astype(np.uint16)  # the last are copies
+    write_points(source, PointCloud(street(3_000).xyz, {"intensity": light}))
+    options, remove = {**MARK, "intensity": True, "tile_size": 1_000}, StoredColumns.remove
+    process_files(source, expected, OUTLIERS, **options)
+
+    def remove_and_fail(whole, *names):
+        remove(whole, *names)
+        if names == ("light",):
+            raise MemoryError("enough")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(StoredColumns, "remove", remove_and_fail)
+        with pytest.raises(TilingError, match="enough"):
+            process_files(source, target, OUTLIERS, **options)
+    process_files(source, target, OUTLIERS, **options)
+    assert target.read_bytes() == expected.read_bytes()
 
 
 def test_planes_that_were_bent_in_part_are_found_anew(small_file, tmp_path, monkeypatch):
