@@ -40,7 +40,8 @@ TILES = "lock.tiles"  # held while tiles are computed
 
 @contextmanager
 def lock_of_tiles(folder, alone=False, name=TILES):
-    """Keep a lock of a folder while a tile is computed; `alone` waits until all have ended.
+    """Keep a lock of a folder, a file of this name, while a tile is computed; `alone` waits until
+    all have ended.
 
     So a run waits for tiles that another still computes, on any machine, of which only the process
     that gave the command was killed.
