@@ -2,9 +2,12 @@
 
 import sys
 import warnings
+from contextvars import ContextVar
 from string import Template
 
 OWN = ("sklearn_mcmd.", "sklearn.", "contextlib")  # modules between a warning and who called
+
+works_for = ContextVar("works_for", default=None)  # the frame of who waits for a thread
 
 
 class _Message(Template):
@@ -45,11 +48,19 @@ def warn(message, **fields):
 
 
 def warn_caller(message, category=UserWarning):
-    """Warn at the nearest line outside of this package and scikit-learn, however deep the work."""
-    frame, level = sys._getframe(1), 2
-    while frame is not None and frame.f_globals.get("__name__", "").startswith(OWN):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(message, category, stacklevel=level)
+    """Warn at the line of the `caller`, however deep the work."""
+    frame = caller()
+    known, place = frame.f_globals, (frame.f_code.co_filename, frame.f_lineno)
+    registry = known.setdefault("__warningregistry__", {})
+    warnings.warn_explicit(message, category, *place, known.get("__name__"), registry)
+
+
+def caller():
+    """The nearest frame outside of this package and scikit-learn, of who waits for a thread."""
+    frame = works_for.get() or sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(OWN):
+        frame = frame.f_back
+    return frame
 
 
 def counted(n, noun):

@@ -2,11 +2,13 @@
 
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import Context
 from threading import Lock
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd._errors import caller, works_for
 from sklearn_mcmd.runtime._progress import current_span
 
 ORDER_FROM = 10_000  # below this many points the order of memory does not matter
@@ -42,11 +44,12 @@ def slices(n, size, first=0):
 
 def ahead(items):
     """Each of some items, while a thread makes the next."""
-    items, end = iter(items), object()
+    items, end, context = iter(items), object(), Context()
+    context.run(works_for.set, caller())
     with ThreadPoolExecutor(1) as pool:
-        item = pool.submit(next, items, end)
+        item = pool.submit(context.run, next, items, end)
         while (made := item.result()) is not end:
-            item = pool.submit(next, items, end)
+            item = pool.submit(context.run, next, items, end)
             yield made
 
 

@@ -40,9 +40,9 @@ COSTS = {
     "auto": Costs(tile=1300, stored=300, cloud=750),
     "rays": Costs(stored=115, cloud=650),
     "light": Costs(stored=16, cloud=480),
-    "positions": Costs(stored=50, cloud=500, whole=24, does="holds positions for"),
-    "trajectory": Costs(stored=50, cloud=500, whole=30, does="keeps the times of"),
-    "angles": Costs(stored=50, cloud=750, whole=300, does="adjusts the flight lines of"),
+    "positions": Costs(stored=100, cloud=500, whole=24, does="holds positions for"),
+    "trajectory": Costs(stored=100, cloud=500, whole=30, does="keeps the times of"),
+    "angles": Costs(stored=100, cloud=750, whole=300, does="adjusts the flight lines of"),
 }
 PROCESS = 330e6  # bytes of a process with its compiled code
 FEATURE = 24  # bytes of a feature of a point

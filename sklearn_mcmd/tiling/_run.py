@@ -289,7 +289,7 @@ def _scatter(verb, catalog, folder, capacity):
         if verb.sensor is not None:
             verb.sensor.add(cloud, path)
         if verb.needs_light:
-            light.add(cloud)
+            light.add(cloud, chosen)
         row += len(cloud)
         report_share(row / catalog.n_points)
     for path in catalog.paths:

@@ -98,9 +98,13 @@ class StoredColumns:
 
     def xyz(self, cells, cell):
         """The coordinates of the points of a cell, wherever they are."""
-        if self.columns.is_done(ALL, "points"):
-            return self.rows_of("points", self.rows(cell))[self.columns.read(cell, "place_of")]
-        return cells.read(cell)["xyz"]
+        if not self.columns.is_done(cell, "places"):
+            return cells.read(cell)["xyz"]
+        if self.columns.is_done(cell, "joined"):  # as by `join_points`
+            points = self.rows_of("points", self.rows(cell))
+        else:
+            points = self.columns.read(cell, "points")
+        return points[self.columns.read(cell, "place_of")]
 
     def make(self, n_rows=None, /, **columns):
         """Make files for columns, given as (dtype, shape of a row), for each place or `n_rows`."""

@@ -21,23 +21,32 @@ class LightWriter:
 
     def __init__(self, folder, n):
         self._folder, self._n, self._first, self._stored = folder, n, 0, {}
+        self._not_finite = set()
 
-    def add(self, cloud):
-        """Take the next points in the order of the inputs."""
+    def add(self, cloud, chosen):
+        """Take the next points in the order of the inputs; those `chosen`, or all, are judged."""
         rows = slice(self._first, self._first + len(cloud))
         for name, values in lights_in(cloud.attributes).items():
             if name not in self._stored:
                 kept = np.uint16 if values.dtype == np.uint16 else np.float64
                 self._stored[name] = made(self._folder / f"{name}.npy", kept, (self._n,))
             self._stored[name][rows] = values
+            if not np.isfinite(values if chosen is None else values[chosen]).all():
+                self._not_finite.add(name)
         self._first = rows.stop
 
     def close(self, path):
         """Keep the first that tells anything; `path` is for errors."""
-        told = [n for n in LIGHTS if n in self._stored and np.ptp(self._stored[n]) > 0]
+        told = [n for n in LIGHTS if n in self._stored]
+        told = [n for n in told if self._stored[n].min() != self._stored[n].max()]
         if not told:
             raise PointFileError(
                 f"{path}: intensity is asked for, but the inputs have none, or one for all points"
+            )
+        if told[0] in self._not_finite:
+            raise PointFileError(
+                f"{path}: intensity is asked for, but {told[0]} of some points is not finite; "
+                "leave these points out, or do without intensity"
             )
         os.replace(self._folder / f"{told[0]}.npy", self._folder / LIGHT)
 
@@ -69,6 +78,6 @@ def rank_light(job, memory):
     for cell in range(len(cells)):
         largest = whole.rows_of("light", whole.rows(cell))
         whole.put(cell, light=ranks[np.searchsorted(values, largest)])
+    whole.columns.finish(ALL, "ranks")
     if len(values) == 1:  # which tells nothing
         whole.remove("light")
-    whole.columns.finish(ALL, "ranks")

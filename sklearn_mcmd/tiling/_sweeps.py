@@ -39,8 +39,9 @@ TILES = "lock.tiles"  # held while tiles are computed
 
 
 @contextmanager
-def lock_of_tiles(folder, alone=False):
-    """Keep a lock of a folder while a tile is computed; `alone` waits until all have ended.
+def lock_of_tiles(folder, alone=False, name=TILES):
+    """Keep a lock of a folder, a file of this name, while a tile is computed; `alone` waits until
+    all have ended.
 
     So a run waits for tiles that another still computes, on any machine, of which only the process
     that gave the command was killed.
@@ -48,7 +49,7 @@ def lock_of_tiles(folder, alone=False):
     with ExitStack() as stack, suppress(ImportError, OSError):  # Windows, or a disk without locks
         import fcntl
 
-        file = stack.enter_context(open(folder / TILES, "a"))
+        file = stack.enter_context(open(folder / name, "a"))
         fcntl.flock(file, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
         stack = stack.pop_all()
     with stack:
@@ -118,19 +119,23 @@ class Sweeps:
         columns = _columns_of(**known)
         todo = np.flatnonzero(cells.counts).tolist()
         todo = [cell for cell in todo if not columns.is_done(cell, name)]
-        task = partial(_unless_done, name=name, work=work, **known)
         with self.part(name, name) if name in self._spans else listen_to_progress(None):
-            compute_cells(task, cells, todo, self.n_workers)
+            compute_cells(partial(_once, name, work, **known), cells, todo, self.n_workers)
 
 
 def _columns_of(job=None, columns=None, **_):
     return columns if job is None else job.columns
 
 
-def _unless_done(cell, name, work, **known):
-    """Do the work on a cell once: dask gives it again if it loses the worker that has done it."""
-    if not _columns_of(**known).is_done(cell, name):
-        work(cell, **known)
+def _once(name, work, cell, **known):
+    """Do the work of a sweep on a cell, unless that is done.
+
+    Dask gives a tile to another worker when it loses one, which may have done it, or still does.
+    """
+    columns = _columns_of(**known)
+    with lock_of_tiles(columns.folder, alone=True, name=f"{cell}.lock"):
+        if not columns.is_done(cell, name):
+            work(cell, **known)
 
 
 def compute_cells(task, cells, todo, n_workers):

@@ -12,7 +12,8 @@ from sklearn_mcmd.cli._denoise import Denoise, _verdict, judged_points
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.tiling import TilingError, _memory, _tiled_outliers, process_files
-from tiled import fit_in_memory, names_in
+from sklearn_mcmd.tiling._stored_columns import CellColumns
+from tiled import fit_in_memory, names_in, run_is_killed
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
 NEAR = {"above": -0.5, "below": 6.0}
@@ -163,6 +164,18 @@ def test_other_heights_need_no_new_scores(files, monkeypatch):
     in_memory(a, b, **NEAR)
     report = process_files(a, c, DETECTOR, mode="mark", tile_size=900, **NEAR)
     assert report.n_resumed == report.n_tiles
+    assert c.read_bytes() == b.read_bytes()
+
+
+def test_other_heights_are_right_where_points_are_in_one_column_of_some_tiles(files):
+    a, b, c = files
+    write_points(a, site())
+    options = {"mode": "mark", "tile_size": 900, "n_jobs": 1}
+    n_tiles = process_files(a, b, DETECTOR, **options, **NEAR).n_tiles
+    assert run_is_killed(a, c, "_stored_columns.StoredColumns.put", 2, DETECTOR, **options, **ALL)
+    found = CellColumns(c.with_name("c.las.tiles") / "results")
+    assert sum(found.is_done(cell, "joined") for cell in range(n_tiles)) == 2
+    process_files(a, c, DETECTOR, **options, **NEAR)
     assert c.read_bytes() == b.read_bytes()
 
 

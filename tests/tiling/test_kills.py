@@ -2,6 +2,7 @@
 
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.io import write_points
+from sklearn_mcmd.io import PointCloud, write_points
 from sklearn_mcmd.runtime import _interrupts
 from sklearn_mcmd.tiling import (
     TilingError,
@@ -23,7 +24,7 @@ from sklearn_mcmd.tiling import (
     _tiled_sizes,
     process_files,
 )
-from sklearn_mcmd.tiling._stored_columns import ALL
+from sklearn_mcmd.tiling._stored_columns import ALL, StoredColumns
 from tiled import ESTIMATOR, in_memory, names_in, run_is_killed, street
 
 OUTLIERS = MCMDOutlierDetector(16, random_state=0)
@@ -116,6 +117,27 @@ def test_a_run_along_a_tree_that_failed_goes_on(small_file, tmp_path, monkeypatc
     assert (tmp_path / "out.las").read_bytes() == expected
 
 
+def test_a_run_that_fails_where_intensity_proves_to_tell_nothing_goes_on(tmp_path, monkeypatch):
+    """It differs between copies alone, and the largest of each place are all the same."""
+    source, target, expected = (tmp_path / name for name in ("a.las", "b.las", "c.las"))
+    light = np.where(np.arange(3_000) < 2_950, 9, 7).astype(np.uint16)  # the last are copies
+    write_points(source, PointCloud(street(3_000).xyz, {"intensity": light}))
+    options, remove = {**MARK, "intensity": True, "tile_size": 1_000}, StoredColumns.remove
+    process_files(source, expected, OUTLIERS, **options)
+
+    def remove_and_fail(whole, *names):
+        remove(whole, *names)
+        if names == ("light",):
+            raise MemoryError("enough")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(StoredColumns, "remove", remove_and_fail)
+        with pytest.raises(TilingError, match="enough"):
+            process_files(source, target, OUTLIERS, **options)
+    process_files(source, target, OUTLIERS, **options)
+    assert target.read_bytes() == expected.read_bytes()
+
+
 def test_planes_that_were_bent_in_part_are_found_anew(small_file, tmp_path, monkeypatch):
     """Planes are changed in place, and a run may end amid that."""
     expected = in_memory(small_file, tmp_path / "expected.las").read_bytes()
@@ -131,22 +153,6 @@ def test_planes_that_were_bent_in_part_are_found_anew(small_file, tmp_path, monk
     process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert len(bent) == 4
     assert (tmp_path / "out.las").read_bytes() == expected
-
-
-def test_tiles_that_are_given_again_when_they_are_done_are_left_alone(
-    small_file, tmp_path, monkeypatch
-):
-    """As dask does where it loses a worker; what a tile asked for may be removed by then."""
-    regions = RegionGrowing(20, normal_estimator=AUTO, random_state=0)
-    process_files(small_file, tmp_path / "expected.las", regions, tile_size=2_000)
-
-    def compute_twice(task, *others, compute=_sweeps.compute_cells):
-        compute(task, *others)
-        compute(task, *others)
-
-    monkeypatch.setattr(_sweeps, "compute_cells", compute_twice)
-    process_files(small_file, tmp_path / "out.las", regions, tile_size=2_000)
-    assert (tmp_path / "out.las").read_bytes() == (tmp_path / "expected.las").read_bytes()
 
 
 def test_sizes_that_are_found_twice_are_the_same_and_leave_no_fits(tmp_path, monkeypatch):
@@ -173,6 +179,26 @@ def test_sizes_that_are_found_twice_are_the_same_and_leave_no_fits(tmp_path, mon
     assert (tmp_path / "out.las").read_bytes() == expected
     assert max(largest) == 256
     assert not left
+
+
+@pytest.mark.filterwarnings("ignore")  # threads share their filters, and leave them in any order
+@pytest.mark.skipif(os.name != "posix", reason="locks")
+def test_a_tile_that_is_given_to_several_workers_is_computed_once(tmp_path, monkeypatch):
+    """Two at once, and one that has lost its result: each leaves files that another needs."""
+    write_points(source := tmp_path / "a.las", street(3_000))
+    estimator = SharpFeatureDetector(12, normal_estimator=AUTO, random_state=0)
+    options, attempt = {"tile_size": 1_000, "n_jobs": 1}, _sweeps._attempt
+    process_files(source, tmp_path / "b.las", estimator, **options)
+
+    def attempt_thrice(*given):
+        with ThreadPoolExecutor(2) as pool:
+            found = [task.result() for task in [pool.submit(attempt, *given) for _ in range(2)]]
+        assert {*found, attempt(*given)} == {(given[1], None)}
+        return found[0]
+
+    monkeypatch.setattr(_sweeps, "_attempt", attempt_thrice)
+    process_files(source, tmp_path / "c.las", estimator, **options)
+    assert (tmp_path / "c.las").read_bytes() == (tmp_path / "b.las").read_bytes()
 
 
 @pytest.mark.parametrize("change", ["parameters", "input", "restart"])

@@ -1,5 +1,6 @@
 """Plans stay within the memory."""
 
+import numpy as np
 import pytest
 
 from sklearn_mcmd import (
@@ -15,6 +16,7 @@ from tiled import street, written
 
 SEED = {"random_state": 0}
 NORMALS = RobustNormalEstimator(40, **SEED)
+POSITIONS = np.array([362_000, 5_157_000, 130]) + np.linspace(0, 1, 36_000).reshape(-1, 3)
 
 
 @pytest.mark.parametrize(
@@ -64,18 +66,19 @@ def test_too_little_memory_is_refused_with_what_is_needed():
 
 
 @pytest.mark.parametrize(
-    "estimator",
+    ("estimator", "options"),
     [
-        NORMALS,
-        RobustNormalEstimator(40, orientation="mst", **SEED),
-        MCMDOutlierDetector(40, **SEED),
-        MCMDOutlierDetector(40, sensor_origin=[0.0, 0.0, 5_000.0], **SEED),
-        RegionGrowing(30, normal_estimator=NORMALS),
-        SharpFeatureDetector(40, **SEED),
+        (NORMALS, {}),
+        (RobustNormalEstimator(40, orientation="mst", **SEED), {}),
+        (MCMDOutlierDetector(40, **SEED), {}),
+        (MCMDOutlierDetector(40, sensor_origin=[0.0, 0.0, 5_000.0], **SEED), {}),
+        (MCMDOutlierDetector(40, **SEED), {"sensor_origin": POSITIONS, "intensity": True}),
+        (RegionGrowing(30, normal_estimator=NORMALS), {}),
+        (SharpFeatureDetector(40, **SEED), {}),
     ],
-    ids=["normals", "tree", "outliers", "rays", "regions", "edges"],
+    ids=["normals", "tree", "outliers", "rays", "positions", "regions", "edges"],
 )
-def test_temporary_files_take_the_disk_that_was_planned(estimator, tmp_path, monkeypatch):
+def test_temporary_files_take_the_disk_that_was_planned(estimator, options, tmp_path, monkeypatch):
     planned, taken, finish = [], [], CellColumns.finish
 
     def plan(*args, **kwargs):
@@ -89,5 +92,6 @@ def test_temporary_files_take_the_disk_that_was_planned(estimator, tmp_path, mon
 
     monkeypatch.setattr(_run, "plan_run", plan)
     monkeypatch.setattr(CellColumns, "finish", finish_and_measure)
-    process_files(written(tmp_path, street(12_000)), tmp_path / "b.las", estimator, tile_size=4_000)
+    path, options = written(tmp_path, street(12_000)), {"tile_size": 4_000, **options}
+    process_files(path, tmp_path / "b.las", estimator, **options)
     assert 0.75 * planned[0].disk < max(taken) < 1.02 * planned[0].disk

@@ -10,7 +10,7 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io import PointCloud, PointFileError
 from sklearn_mcmd.tiling import process_files
 from tiled import ESTIMATOR, names_in, street, written
 
@@ -101,3 +101,17 @@ def test_a_run_whose_points_are_all_left_out_is_refused(size, tmp_path):
     with pytest.raises(PointFileError, match=r"a\.las: no points are judged: all are withheld"):
         process_files(path, tmp_path / "b.las", OUTLIERS, only_classes=[2], tile_size=size)
     assert names_in(tmp_path) == ["a.las"]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_intensity_that_is_not_finite_is_refused_if_its_points_are_judged(value, tmp_path):
+    light, withheld = np.arange(3_000.0), np.arange(3_000) == 7
+    light[7] = value
+    known = {"reflectance": light, "withheld": withheld}
+    path = written(tmp_path, PointCloud(street(3_000).xyz, known))
+    options = {"intensity": True, "tile_size": 1_000, "n_jobs": 1}
+    process_files(path, tmp_path / "b.las", OUTLIERS, **options)
+    written(tmp_path, PointCloud(street(3_000).xyz, {"reflectance": light}))
+    with pytest.raises(PointFileError, match="reflectance of some points is not finite; leave"):
+        process_files(path, tmp_path / "c.las", OUTLIERS, **options)
+    assert names_in(tmp_path) == ["a.las", "b.las"]

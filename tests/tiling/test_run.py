@@ -5,6 +5,7 @@ from functools import partial
 from types import SimpleNamespace
 
 import joblib
+import laspy
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -220,3 +221,13 @@ def test_the_last_tiles_get_the_threads_of_idle_processes(n_workers, expected, t
     with joblib.parallel_config("threading"):
         _sweeps.compute_cells(partial(work, job=job), cells, range(5), n_workers)
     assert [given[cell] for cell in np.argsort(-counts)] == expected
+
+
+def test_a_warning_of_the_thread_that_reads_ahead_names_the_line_of_the_caller(tmp_path):
+    write_points(path := tmp_path / "a.las", street(3_000))
+    las = laspy.read(path)
+    las.add_extra_dim(laspy.ExtraBytesParams("normals", "3f8"))
+    las.write(path)
+    with pytest.warns(match="the results replace what the input calls normals") as caught:
+        process_files(path, tmp_path / "b.las", ESTIMATOR, tile_size=1_000, n_jobs=1)
+    assert [warning.filename for warning in caught] == [__file__]
