@@ -77,7 +77,7 @@ class Points:
     def scale(self, least, most, low, high):
         """Choose units, by the least and most noise and two corners; whether there are any."""
         self.unit = float(np.exp2(np.frexp(most)[1]))  # no square leaves the numbers
-        self.low, self.extent = low, np.max(high - low)
+        self.low, self.extent = low, np.max(high - low) or 1.0
         return least * self.unit > 0
 
     def noise_of(self, rows):
