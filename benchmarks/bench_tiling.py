@@ -7,7 +7,7 @@ memory is the peak of all processes together, as proportional set sizes (Linux),
 temporary files.
 
     python benchmarks/bench_tiling.py
-    python benchmarks/bench_tiling.py --points 100_000_000 --street 100_000 --memory 4GiB \\
+    python benchmarks/bench_tiling.py --points 100_000_000 --street 100_000 --memory 6GB \\
         --verbs normals denoise segment --only-tiles --folder /large/disk
 """
 

@@ -35,7 +35,7 @@ COSTS = {
     "heights": Costs(tile=450, stored=220, cloud=450, whole=4, does="joins the groups of"),
     "edges": Costs(tile=750, stored=190, cloud=1100, whole=4, does="joins the groups of"),
     "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
-    "regions": Costs(tile=650, stored=195, cloud=720, whole=35, does="joins the regions of"),
+    "regions": Costs(tile=650, stored=195, cloud=720, whole=55, does="joins the regions of"),
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=300, cloud=750),
     "rays": Costs(stored=115, cloud=650),
@@ -48,7 +48,7 @@ PROCESS = 330e6  # bytes of a process with its compiled code
 FEATURE = 24  # bytes of a feature of a point
 NEIGHBORS = 50  # whose costs of a tile these are; each more takes 8 bytes for a point
 PART_OR_LINK = 160  # bytes of each that one process joins across cells
-CELL_OF_REGION, BORDER_OF_CELLS = 100, 40  # bytes of what divides regions, in one process
+CELL_OF_REGION, BORDER_OF_CELLS = 200, 80  # bytes of what divides regions, in one process
 LEVEL = 60  # bytes of a value that some coordinate or intensity has
 SMALL_POINT = 400  # bytes of a point of small groups, which one process judges
 BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
