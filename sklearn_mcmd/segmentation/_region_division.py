@@ -1,6 +1,6 @@
 """Regions that are several surfaces: what growth led across a crease is divided there."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
 CHUNK = 64  # borders whose points are parted at once; it limits the memory
 PAIRS = 2**20  # of cells that are named at once; it limits the memory
 ROWS = 2**14  # whose neighbors are looked at at once; it limits the memory
-NO_PAIRS = np.empty((0, 2), np.int32)
+NO_KEYS = np.empty(0, np.int64)
 TREES = 256  # of patches, which are kept for their next border; it limits the memory
 PLACE_BITS = 20  # of a place, as a share of the extent, by which equally flat points are scrambled
 SCRAMBLING = 0x9E3779B97F4A7C15  # an odd number without a pattern, as of Fibonacci hashing
@@ -95,32 +95,60 @@ class Points:
         places = np.rint(np.ldexp((points - self.low) / self.extent, PLACE_BITS))
         return np.lexsort((*points.T, scrambled(places), flatness))
 
-    def gather(self, own, links=NO_PAIRS):
+    def gather(self, own, beside=NO_KEYS):
         """The points (m,) at which the cells of those of a slice begin, as of `gather`; -1 or less
         for none, or as long as nobody knows.
 
-        A link is a point of the slice, and one from elsewhere, whose cell it would be in.
+        `beside` are `keys` of points of the slice, each with one from elsewhere in whose cell it
+        would be.
         """
-        links = links[np.argsort(links[:, 1], kind="stable")]
-        cell = self.cell[links[:, 1]]  # once: other processes fill it meanwhile
-        may_begin = (cell == links[:, 1]) | (cell == -1)
-        links, cell = links[may_begin], cell[may_begin]
-        rivals, starts = np.unique(links[:, 1], return_index=True)
-        unsure = np.append(np.zeros(own.stop - own.start), cell[starts] == -1).astype(np.int8)
-        names = np.concatenate([np.arange(own.start, own.stop, dtype=np.int32), rivals])
         n, k = own.stop - own.start, self.size
-        lists = np.empty(n * k + len(links), np.int32)
-        near, lists[n * k :] = lists[: n * k].reshape(n, k), links[:, 0]
+        lists = np.empty(n * k + len(beside), np.int32)
+        near = lists[: n * k].reshape(n, k)
 
         def find(rows):
             near[rows] = self.near(slice(own.start + rows.start, own.start + rows.stop))
 
         each_slice(n, self.index.chunk, find, self.n_jobs)
-        starts = np.concatenate([k * np.arange(n), n * k + np.append(starts, len(links))])
-        labels, first = np.array(self.labels[names]), np.array(self.cell[own])
+        near -= own.start
+        names = np.arange(own.start, own.stop, dtype=np.int32)
+        return self._gathered(names, k * np.arange(n + 1), lists, pairs_of(beside), self.cell)
+
+    def gather_blocks(self, names, beside, known):
+        """The blocks (m,) of some cells, or of smaller blocks, by their names, which ascend; as of
+        `gather`.
+
+        `beside` are `keys` of these and of those beside them. What an earlier call has found is
+        `known` (n,) at the points that name them; -1 of what none has.
+        """
+        pairs = pairs_of(beside)
+        at = np.searchsorted(names, pairs[:, 1])
+        inside = np.append(names, -1)[at] == pairs[:, 1]
+        lists = np.concatenate([at[inside], np.zeros(np.count_nonzero(~inside))]).astype(np.int32)
+        starts = np.append(np.searchsorted(pairs[inside, 0], names), np.count_nonzero(inside))
+        return self._gathered(names, starts, lists, pairs[~inside], known)
+
+    def _gathered(self, names, starts, lists, links, known):
+        """The groups (m,) of nodes, by their names, which ascend and are rows of points.
+
+        The list of node i is lists[starts[i] : starts[i + 1]]; behind all there is room for links.
+        A link is a node and one from elsewhere that has it in its list. What an earlier call has
+        found is `known`, by name.
+        """
+        links = links[np.argsort(links[:, 1], kind="stable")]
+        group = known[links[:, 1]]  # once: other processes fill it meanwhile
+        may_begin = (group == links[:, 1]) | (group == -1)
+        links, group = links[may_begin], group[may_begin]
+        rivals, begins = np.unique(links[:, 1], return_index=True)
+        unsure = np.append(np.zeros(len(names)), group[begins] == -1).astype(np.int8)
+        end = int(starts[-1])
+        lists[end : end + len(links)] = np.searchsorted(names, links[:, 0])
+        starts = np.concatenate([starts[:-1], end + np.append(begins, len(links))])
+        names, first = np.concatenate([names, rivals]), np.array(known[names])
+        labels = np.array(self.labels[names])
         order = np.flatnonzero(labels >= 0)
         order = order[self.in_order(names[order])]
-        _compiled("gather")(order, starts, lists, own.start, labels, names, first, unsure)
+        _compiled("gather")(order, starts, lists, labels, names, first, unsure)
         return first
 
     def near(self, rows):
@@ -147,34 +175,55 @@ class Points:
             scatters=found.covariances.reshape(-1, 9)[:, UPPER] * (weights / self.unit**2)[:, None],
         )
 
-    def pairs(self, own):
-        """Pairs (m, 2) of cells of one region, by their names: a point of a slice has a neighbor in
-        the other."""
-        keys = []
+    def beside(self, own):
+        """`keys` of cells of one region: a point of a slice has a neighbor in the other."""
+        found = []
         for rows in slices(own.stop, ROWS, own.start):
             near = self.near(rows)
             cell, other = self.cell[rows, None], self.cell[near]
             beside = (self.labels[near] == self.labels[rows, None]) & (other != cell) & (cell >= 0)
             cell = np.broadcast_to(cell, near.shape)
-            keys.append(_keys(cell[beside], other[beside]))
-        return _pairs(keys)
+            found.append(keys(np.column_stack([cell[beside], other[beside]])))
+        return once(found)
+
+    def joined(self, begins, sums, beside):
+        """Cells, or patches, joined to patches, as of `joined`: where these begin, in order, the
+        patch (m,) of each, and the `Sums`; `beside` are `keys` of them."""
+        order = self.in_order(begins)
+        number = np.empty_like(order)
+        number[order] = np.arange(len(order))
+        pairs = number[places(begins, pairs_of(beside))]
+        edges = pairs[pairs[:, 0] < pairs[:, 1]]
+        first, patch, sums = joined(Sums(*(values[order] for values in sums)), edges)
+        return begins[order[first]], patch[number], sums
 
 
-def unique_pairs(pairs, names):
-    """Pairs (m, 2), each named anew, once if they differ, the lower first; they ascend."""
-    return _pairs([_keys(*names[pairs[rows]].T) for rows in slices(len(pairs), PAIRS)])
+def keys(pairs):
+    """Numbers of 64 bits, ascending, that stand for pairs (m, 2) of different names, both ways."""
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]].astype(np.int64)
+    return np.unique(pairs << 32 | pairs[:, ::-1])
 
 
-def _keys(one, other):
-    """Numbers of 64 bits, ascending, that stand for pairs of different ones, each once."""
-    low, high = np.minimum(one, other), np.maximum(one, other)
-    return np.unique((low.astype(np.int64) << 32 | high)[low != high])
+def once(parts):
+    """The numbers of all parts, each once; they ascend."""
+    return np.unique(np.concatenate([*parts, NO_KEYS]))
 
 
-def _pairs(keys):
-    """The pairs of parts of such numbers: int32 (m, 2)."""
-    keys = np.unique(np.concatenate([*keys, np.empty(0, np.int64)]))
+def pairs_of(keys):
+    """The pairs, int32 (m, 2), for which keys stand."""
     return np.column_stack([(keys >> 32).astype(np.int32), keys.astype(np.int32)])
+
+
+def named(keys_before, name):
+    """`keys` by other names, which a function has for an array of those before."""
+    rows = slices(len(keys_before), PAIRS)
+    return once([keys(name(pairs_of(keys_before[part]))) for part in rows])
+
+
+def places(names, wanted):
+    """Where the wanted ones are among all names."""
+    order = np.argsort(names)
+    return order[np.searchsorted(names, wanted, sorter=order)]
 
 
 def divide_at_creases(labels, index, planes, rules, n_jobs=None):
@@ -198,12 +247,20 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
         return labels
     points.cell[:] = points.gather(own)
     begins = np.flatnonzero(points.cell == np.arange(n)).astype(np.int32)
-    begins = begins[points.in_order(begins)]
-    number = numbers(index, begins)
-    edges = unique_pairs(points.pairs(own), number)
-    inside = edges[np.equal(*blocks(edges, len(begins))[edges].T)]
-    roots, first, sums = joined(points.sums(begins), inside)
-    return divided(points, rules, begins, number, roots, first, sums, edges)
+    beside = points.beside(own)
+    block = blocks(points, begins, beside)
+    inside = beside[np.equal(*block[np.searchsorted(begins, pairs_of(beside))].T)]
+    roots, of, sums = points.joined(begins, points.sums(begins), inside)
+    borders = named(beside, lambda cells: roots[of[np.searchsorted(begins, cells)]])
+    last, of_root, sums = points.joined(roots, sums, borders)
+    if are_whole(labels, last):
+        return labels
+    borders = pairs_of(named(borders, lambda names: of_root[places(roots, names)]))
+    patch, own = of_root[of], index.empty(n, np.int32)
+    for rows in slices(n, ROWS):
+        cell = points.cell[rows]
+        own[rows] = np.where(cell < 0, -1, patch[np.searchsorted(begins, cell)])
+    return divided(points, rules, begins, patch, own, last, sums, borders)
 
 
 def scrambled(places):
@@ -215,30 +272,29 @@ def scrambled(places):
     return found
 
 
-def numbers(index, begins):
-    """The number (n,) of each cell, at the point that names it; -1 elsewhere."""
-    number = index.empty(len(index.points), np.int32)
-    number[:] = -1
-    number[begins] = np.arange(len(begins))
-    return number
-
-
-def blocks(edges, n):
-    """The block (n,) of each cell, named by its first.
+def blocks(points, begins, beside):
+    """The block (m,) of each cell, by its name, that of its first.
 
     Blocks are gathered of cells as cells are of points, in the same order, then of such blocks, and
-    so on.
+    so on. `beside` are `keys` of the cells.
     """
-    names, same = np.arange(n, dtype=np.int32), np.zeros(n, np.int32)
-    block = names
+    names, block = begins, begins
+    known = points.index.empty(len(points.noise), np.int32)
+    known[:] = -1
     for _ in range(VoteLimits().rings):
-        low, high = unique_pairs(edges, block).T
-        graph = coo_array((np.ones(len(low), bool), (low, high)), (n, n)).tocsr()
-        graph, found = graph + graph.T, np.full(n, -1, np.int32)
-        known = graph.indptr.astype(np.int64), graph.indices, 0, same, names
-        _compiled("gather")(np.arange(n), *known, found, np.zeros(n, np.int8))
-        block = found[block]
+        found = points.gather_blocks(names, beside, known)
+        of = partial(_looked_up, names, found)
+        block, beside, names = of(block), named(beside, of), np.unique(found)
     return block
+
+
+def _looked_up(names, values, wanted):
+    return values[np.searchsorted(names, wanted)]
+
+
+def are_whole(labels, last):
+    """Whether each region is one patch; these begin at some points."""
+    return len(last) == len(np.unique(labels[last]))
 
 
 def joined(sums, edges):
@@ -251,24 +307,16 @@ def joined(sums, edges):
     return first, patch, Sums(*(values[first] for values in sums))
 
 
-def divided(points, rules, begins, number, first, patch, sums, edges):
-    """The labels of points, divided, once cells are joined in blocks; see `divide_at_creases`.
+def divided(points, rules, begins, patch, own, last, sums, borders):
+    """The labels of points, divided, once cells are joined to patches; see `divide_at_creases`.
 
-    Cells begin at the points `begins`, in order, and have `number`; edges are between them. The
-    rest is as by `joined`.
+    Cells begin at the points `begins` and have a patch each, as points have, `own` (n,). Patches
+    begin at the points `last`, in order. Borders (m, 2) are between them, both ways.
     """
-    index, labels, n_jobs = points.index, points.labels, points.n_jobs
-    borders = unique_pairs(edges, patch)
-    last, of, sums = joined(sums, borders)
-    regions, n = labels[begins[first[last]]], len(last)
-    if n == len(np.unique(regions)):
-        return labels
-    borders, patch = unique_pairs(borders, of), of[patch]
+    index, labels, n_jobs, n = points.index, points.labels, points.n_jobs, len(last)
+    regions, borders = labels[last], borders[borders[:, 0] < borders[:, 1]]
     normals = np.linalg.eigh(sums.scatters[:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
-    own, found = (index.empty(len(labels), np.int32) for _ in range(2))
-    for rows in slices(len(labels), ROWS):
-        cell = points.cell[rows]
-        own[rows] = np.where(cell < 0, -1, patch[number[cell]])
+    found = index.empty(len(labels), np.int32)
     wide = _are_wide(index.points, own, n, points.size, n_jobs)
     strips = _Strips(points, begins, patch, normals, wide, rules.min_cosine)
     votes = strips.votes(borders, n_jobs)
@@ -306,9 +354,16 @@ class _Strips:
     def __init__(self, points, begins, patch, normals, wide, min_cosine):
         self.points, self.normals, self.wide, self.min_cosine = points, normals, wide, min_cosine
         self.blunt = np.cos(VoteLimits().blunt * np.arccos(min(min_cosine, 1.0)))
-        order = np.argsort(patch, kind="stable")
-        self.groups = np.split(begins[order], np.flatnonzero(np.diff(patch[order])) + 1)
-        self.tree = lru_cache(TREES)(lambda name: cKDTree(points.index.points[self.groups[name]]))
+        self.begins = begins[np.argsort(patch, kind="stable")]
+        self.sizes = np.bincount(patch)
+        self.ends = np.cumsum(self.sizes)
+        self.group = lru_cache(TREES)(self._group)
+
+    def _group(self, name):
+        """Where the cells of a patch begin, in order, and the tree of these points."""
+        begins = self.begins[self.ends[name] - self.sizes[name] : self.ends[name]]
+        begins = begins[self.points.in_order(begins)]
+        return begins, cKDTree(self.points.index.points[begins])
 
     def votes(self, borders, n_jobs):
         """The vote of each pair of patches; see `vote`."""
@@ -337,11 +392,11 @@ class _Strips:
 
     def vote_on(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
-        names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
-        small, large = (self.groups[name] for name in names)
-        large, points = large[_strip(*map(self.tree, names))], self.points
+        names = sorted(border.tolist(), key=self.sizes.__getitem__)
+        (small, tree), (large, others) = map(self.group, names)
+        large, points = large[_strip(tree, others)], self.points
         rows, sizes = points.members(np.concatenate([small, large]))
-        local = ((points.index.points[rows] - self.tree(names[0]).data[0]) / points.unit).T.copy()
+        local = ((points.index.points[rows] - tree.data[0]) / points.unit).T.copy()
         n_first, cell = sizes[: len(small)].sum(), np.repeat(np.arange(len(sizes)), sizes)
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
         sides, weights = np.stack([first] * 3), 1.0 / np.square(points.noise_of(rows))

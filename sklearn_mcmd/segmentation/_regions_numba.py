@@ -169,13 +169,13 @@ def _solve(equations, n, ridge):
 
 
 @kernel(cache=True)
-def gather(order, starts, near, start, labels, names, first, unsure):
+def gather(order, starts, near, labels, names, first, unsure):
     """Fill `first`, in which cell each of n nodes is, named by the node that began it.
 
     Of the nodes in order, each that no cell has begins one, of all in its list that have its label
-    and no cell. The list of node i is near[starts[i] : starts[i + 1]], less `start`. Nodes after
-    the n are rivals from elsewhere, of some of which it is `unsure` (1) whether they begin a cell.
-    What depends on these stays -1, or IN_ANOTHER if it begins none, until more is known.
+    and no cell. The list of node i is near[starts[i] : starts[i + 1]]. Nodes after the n are rivals
+    from elsewhere, of some of which it is `unsure` (1) whether they begin a cell. What depends on
+    these stays -1, or IN_ANOTHER if it begins none, until more is known.
     """
     n = len(first)
     for i in order:
@@ -187,7 +187,7 @@ def gather(order, starts, near, start, labels, names, first, unsure):
             else:
                 first[i] = names[i]
         for a in range(starts[i], starts[i + 1]):
-            j = near[a] - start
+            j = near[a]
             if j < 0 or j >= n or first[j] >= 0 or labels[j] != labels[i]:
                 continue
             if unsure[i]:

@@ -35,7 +35,7 @@ COSTS = {
     "heights": Costs(tile=450, stored=220, cloud=450, whole=4, does="joins the groups of"),
     "edges": Costs(tile=750, stored=190, cloud=1100, whole=4, does="joins the groups of"),
     "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
-    "regions": Costs(tile=650, stored=195, cloud=720, whole=55, does="joins the regions of"),
+    "regions": Costs(tile=650, stored=195, cloud=720, whole=4, does="joins the regions of"),
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=300, cloud=750),
     "rays": Costs(stored=115, cloud=650),

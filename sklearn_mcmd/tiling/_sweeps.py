@@ -31,7 +31,8 @@ WEIGHTS = {
     **{"outliers": 135, "kept": 3, "spacing": 2, "even": 1, "flat": 1, "faces": 9, "creases": 20},
     **{"edges": 5},
     **{"reach": 5, "links": 7, "growth": 3, "joining": 26},
-    **{"noise": 5, "gathered": 10, "summed": 10, "joined": 2},  # of joining
+    **{"noise": 5, "gathered": 8, "summed": 10, "blocked": 1},
+    **{"joined": 2, "bordered": 1, "patched": 2},  # of joining
 }
 
 

@@ -1,9 +1,13 @@
-"""Regions divided at creases: all is found tile by tile, but what is asked of whole patches.
+"""Regions divided at creases: all is found tile by tile, but how patches are joined to groups.
 
 Tiles are what is a cell elsewhere: here cells are the small neighborhoods that divide regions.
+Cells, blocks and patches are named by the place at which they begin, and belong to its tile.
 """
 
 import shutil
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,182 +17,294 @@ from sklearn_mcmd.segmentation._estimator import rules_of
 from sklearn_mcmd.segmentation._region_division import (
     Points,
     Sums,
-    blocks,
+    VoteLimits,
+    are_whole,
     divided,
-    joined,
-    numbers,
-    unique_pairs,
+    named,
+    once,
+    pairs_of,
+    places,
 )
 from sklearn_mcmd.tiling._memory import bytes_to_divide
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex
-from sklearn_mcmd.tiling._sweeps import Sweeps
+from sklearn_mcmd.tiling._sweeps import Job, Sweeps
 
-STEPS = "noise", "gathered", "summed", "joined"
+STEPS = "noise", "gathered", "summed", "blocked", "joined", "bordered", "patched"
 ROW = np.int32, ()
 
 
 def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, memory):
     """As `divide_at_creases`, of the places of a job."""
-    whole, columns, done = job.whole(), CellColumns(job.found / "division"), job.found / "divided"
+    whole, done = job.whole(), job.found / "divided"
+    job = DivisionJob(job, n_threads=job.n_threads)
+    columns, tiles = job.columns, np.flatnonzero(job.cells.counts)
     shutil.rmtree(done, ignore_errors=True)  # an earlier run may have ended while it was removed
     columns.folder.mkdir(exist_ok=True)
-    stored, tiles = StoredColumns(columns, 0), np.flatnonzero(job.cells.counts)
+    stored = StoredColumns(columns, 0)
     stored.starts = whole.starts
-    stored.make(noise=(np.float64, ()), begin0=ROW)
+    stored.make(noise=(np.float64, ()))
     whole.flush()
-    sweeps, known = Sweeps(n_workers, STEPS), {"columns": columns, "of": job}
-    sweeps("noise", _find_noise, job.cells, **known)
+    sweeps = Sweeps(n_workers, STEPS)
+    sweeps("noise", _find_noise, job.cells, job=job)
     reports = [columns.report(tile, "noise") for tile in tiles]
     least, most = (f(report[f.__name__] for report in reports) for f in (min, max))
     columns.finish(ALL, "units", bounds=(least, most))
-    opened = {"stored": stored, "opened": (index, planes, labels), "n_jobs": n_jobs}
-    _, has_units = _points(**known, **opened)
-    if has_units and any(report["n"] for report in reports):
-        with sweeps.part("gathered"):
-            step = _gather(sweeps, stored, tiles, **known)
-        points, _ = _points(**known, step=step, **opened)
-        sweeps("summed", _find_sums, job.cells, **known, step=step)
-        begins, number, edges = _cells(points, columns, tiles, memory)
-        if not columns.is_done(ALL, "blocks"):
-            _write_blocks(whole, columns, begins, edges)
-            columns.finish(ALL, "blocks")
-        sweeps("joined", _join_blocks, job.cells, **known)
-        members, first, roots, sums = (
-            _read(columns, tiles, name) for name in ("members", "first", "roots", "of_roots")
-        )
-        order, patch = np.argsort(number[roots]), np.empty(len(begins), np.int32)
-        roots = number[roots][order]
-        patch[number[members]] = np.searchsorted(roots, number[first])
-        patches = roots, patch, _sums(sums[order]), edges
-        with stored.releasing():
-            labels[:] = divided(points, rules, begins, number, *patches)
+    opened = index, planes, labels, n_jobs, stored
+    if any(report["n"] for report in reports) and job.points(opened) is not None:
+        job = _in_blocks(sweeps, job, stored)
+        for name, work in (("joined", _join_blocks), ("bordered", _find_borders)):
+            sweeps(name, work, job.cells, job=job)
+        points, roots, borders = job.points(opened), *_patches(columns, tiles, memory)
+        last, patch, sums = points.joined(roots, _sums(_read(columns, tiles, "of_roots")), borders)
+        if not are_whole(labels, last):
+            borders = pairs_of(named(borders, lambda names: patch[places(roots, names)]))
+            columns.write(ALL, patches=np.sort(roots.astype(np.int64) << 32 | patch))
+            stored.make(patch=ROW)
+            sweeps("patched", _name_patches, job.cells, job=job)
+            cells = (_read(columns, tiles, name) for name in ("begins", "patch_of"))
+            with stored.releasing():
+                known = *cells, stored.open("patch"), last, sums, borders
+                labels[:] = divided(points, rules, *known)
     shutil.rmtree(columns.folder.rename(done), ignore_errors=True)
     return labels
 
 
-def _points(columns, of, step=0, stored=None, opened=None, n_jobs=None):
-    """The `Points` of all places before a step of `_gather`, and whether their noise has a unit.
+@dataclass(frozen=True)
+class DivisionJob:
+    """What the sweeps over the tiles know, as of a `Job`."""
 
-    This process has `stored` columns and `opened` index, planes and labels; others open them.
-    """
-    if opened is None:
-        whole = of.whole()
-        labels, scale = map(whole.open_copy, ("labels", "scale"))
-        planes = Planes.empty(0, 3)._replace(scale=scale, radius=whole.open("reach"))
-        opened = StoredIndex(whole, of.cells, of.growing.n_neighbors), planes, labels
-        stored, n_jobs = StoredColumns(columns, 0), of.n_threads
-    index, planes, labels = opened
-    noise, begin = map(stored.open, ("noise", f"begin{step}"))
-    points = Points(index, planes, rules_of(of.growing), labels, noise, begin, n_jobs)
-    known = columns.is_done(ALL, "units") and columns.report(ALL, "units")["bounds"]
-    low, high = of.cells.extent(slice(None))
-    return points, bool(known) and points.scale(*known, low.min(axis=0), high.max(axis=0))
+    of: Job  # with `growing`, the `RegionGrowing`
+    levels: tuple[str, ...] = ()  # columns: the cell of each place, the block of each cell, ...
+    n_threads: int = 1
+
+    @property
+    def cells(self):
+        return self.of.cells
+
+    @property
+    def columns(self):
+        return CellColumns(self.of.found / "division")
+
+    def stored(self):
+        """The columns of all places that only the division has."""
+        return StoredColumns(self.columns, 0)
+
+    def points(self, opened=None, cell=None):
+        """The `Points` of all places; None if their noise has no unit.
+
+        This process has `opened` index, planes, labels, threads and columns; others open them.
+        """
+        if opened is None:
+            whole = self.of.whole()
+            labels, scale = map(whole.open_copy, ("labels", "scale"))
+            planes = Planes.empty(0, 3)._replace(scale=scale, radius=whole.open("reach"))
+            index = StoredIndex(whole, self.cells, self.of.growing.n_neighbors)
+            opened = index, planes, labels, self.n_threads, self.stored()
+        index, planes, labels, n_jobs, stored = opened
+        if cell is None and self.levels:
+            cell = stored.open(self.levels[0])
+        noise = stored.open("noise")
+        points = Points(index, planes, rules_of(self.of.growing), labels, noise, cell, n_jobs)
+        low, high = self.cells.extent(slice(None))
+        ends = low.min(axis=0), high.max(axis=0)
+        if not self.columns.is_done(ALL, "units"):
+            return points
+        return points if points.scale(*self.columns.report(ALL, "units")["bounds"], *ends) else None
+
+    def named_in(self, tile, level):
+        """The names of the cells, or of the blocks of a level, that a tile has."""
+        own = self.of.whole().rows(tile)
+        rows = np.arange(own.start, own.stop, dtype=np.int32)
+        return rows[self.stored().open(self.levels[level])[own] == rows]
+
+    def blocks_of(self, names, above=0):
+        """The blocks of cells, or of the blocks of a level; they are as far as these are known."""
+        for level in self.levels[above + 1 :]:
+            names = self.stored().open(level)[names]
+        return names
+
+    def collected(self, name, tile):
+        """Numbers, as of `keys`, whose first names are of a tile, of the columns of all tiles."""
+        parts, own = [], self.of.whole().rows(tile)
+        for other in np.flatnonzero(self.cells.counts):
+            found = self.columns.mapped(other, name)
+            ends = np.array([own.start, own.stop], np.int64) << 32
+            parts.append(found[slice(*np.searchsorted(found, ends))])
+        return once(parts)
 
 
-def _read(columns, tiles, name):
-    return np.concatenate([columns.read(tile, name) for tile in tiles])
+def _in_blocks(sweeps, job, stored):
+    """The job, once all tiles know the cells of their places, and blocks of these."""
+    tiles = np.flatnonzero(job.cells.counts)
+    for level in range(1 + VoteLimits().rings):
+        if level > 0:
+            name, work = ("summed", _find_sums) if level == 1 else (f"named{level}", _name_blocks)
+            sweeps(name, work, job.cells, job=job)
+        step, n_open = 0, 1
+        while n_open:  # as many steps as some wait for those of other tiles
+            stored.make(**{_column(level, step + 1): ROW})
+            name, known = f"gathered{level}_{step}", {"level": level, "step": step}
+            with sweeps.part("gathered") if (level, step) == (0, 0) else nullcontext():
+                sweeps(name, _gather, job.cells, job=job, **known)
+            n_open = sum(job.columns.report(tile, name)["n_open"] for tile in tiles)
+            stored.remove(_column(level, step))
+            step += 1
+        job = replace(job, levels=(*job.levels, _column(level, step)))
+    sweeps("blocked", _find_members, job.cells, job=job)
+    return job
 
 
-def _find_noise(tile, columns, of):
+def _column(level, step):
+    """What is known before a step of the cells of places, or of the blocks of a level."""
+    return f"blocks{level}_{step}"
+
+
+def _find_noise(tile, job):
     """Fill the noise of a tile, and write which of its places have neighbors in other tiles.
 
     A link is a place of another tile, and one of this that has it among its neighbors.
     """
-    own, (points, _) = of.whole().rows(tile), _points(columns, of)
+    own, points = job.of.whole().rows(tile), job.points()
     noise, labels, near = points.usual_noise(own), np.array(points.labels[own]), points.near(own)
-    StoredColumns(columns, 0).put(tile, noise=noise, begin0=np.full(len(noise), -1, np.int32))
-    beyond = (labels[:, None] >= 0) & ((near < own.start) | (near >= own.stop))
-    rows, at = np.nonzero(beyond)
-    links = np.column_stack([near[rows, at], own.start + rows]).astype(np.int32)
-    links = links[points.labels[links[:, 0]] == labels[rows]]
-    columns.write(tile, links=links[np.argsort(links[:, 0], kind="stable")])
+    job.stored().put(tile, noise=noise)
+    rows, at = np.nonzero((labels[:, None] >= 0) & ((near < own.start) | (near >= own.stop)))
+    links = np.column_stack([near[rows, at], own.start + rows])
+    links = links[points.labels[links[:, 0]] == labels[rows]].astype(np.int64)
+    job.columns.write(tile, beside0=np.sort(links[:, 0] << 32 | links[:, 1]))
     n = int(np.count_nonzero(labels >= 0))
-    columns.finish(tile, "noise", n=n, min=noise.min(), max=noise.max())
+    job.columns.finish(tile, "noise", n=n, min=noise.min(), max=noise.max())
 
 
-def _gather(sweeps, stored, tiles, columns, of):
-    """Gather cells, in as many steps as places wait for those of other tiles; how many these were.
+def _gather(tile, job, level, step):
+    """Fill the cells of the places of a tile, or the blocks of these, as far as those of others
+    tell.
 
-    Each asks for what others knew before it, so that it matters neither which tile comes first, nor
-    whether two workers have the same.
+    It asks for what others knew before the step, so that it matters neither which tile comes
+    first, nor whether two workers have the same.
     """
-    step, n_open = 0, 1
-    while n_open:
-        stored.make(**{f"begin{step + 1}": ROW})
-        name = f"gathered{step}"
-        sweeps(name, _gather_in, of.cells, columns=columns, of=of, step=step)
-        n_open = sum(columns.report(tile, name)["n_open"] for tile in tiles)
-        if step > 1:  # a run that goes on opens the first
-            stored.remove(f"begin{step - 1}")
-        step += 1
-    return step
+    own, stored, name = job.of.whole().rows(tile), job.stored(), _column(level, step)
+    known = stored.open(name) if step else np.broadcast_to(np.int32(-1), len(job.of.whole()))
+    points, group = job.points(cell=None if level else known), np.array(known[own])
+    if level == 0:
+        names = own.start + np.flatnonzero(points.labels[own] >= 0)
+    else:
+        names = job.named_in(tile, level - 1)
+    if (group[names - own.start] < 0).any():
+        beside = job.collected(f"beside{level}", tile)
+        if level == 0:
+            group = points.gather(own, beside)
+        else:
+            group[names - own.start] = points.gather_blocks(names, beside, known)
+    stored.put(tile, **{_column(level, step + 1): group})
+    n_open = int(np.count_nonzero(group[names - own.start] < 0))
+    job.columns.finish(tile, f"gathered{level}_{step}", n_open=n_open)
 
 
-def _gather_in(tile, columns, of, step):
-    """Fill the cells of the places of a tile, as far as those of others tell."""
-    own, (points, _) = of.whole().rows(tile), _points(columns, of, step)
-    cell = np.array(points.cell[own])
-    is_open = (cell < 0) & (points.labels[own] >= 0)
-    if is_open.any():
-        parts = []
-        for other in np.flatnonzero(of.cells.counts):
-            links = columns.mapped(other, "links")
-            parts.append(links[slice(*np.searchsorted(links[:, 0], [own.start, own.stop]))])
-        cell = points.gather(own, np.concatenate(parts))
-        is_open &= cell < 0
-    StoredColumns(columns, 0).put(tile, **{f"begin{step + 1}": cell})
-    columns.finish(tile, f"gathered{step}", n_open=int(np.count_nonzero(is_open)))
-
-
-def _find_sums(tile, columns, of, step):
+def _find_sums(tile, job):
     """Write the cells that begin in a tile, their sums, and which cells are neighbors in it."""
-    own, (points, _) = of.whole().rows(tile), _points(columns, of, step)
-    rows = np.arange(own.start, own.stop, dtype=np.int32)
-    begins = rows[points.cell[own] == rows]
+    points, begins = job.points(), job.named_in(tile, 0)
     sums = np.column_stack(points.sums(begins)) if len(begins) else np.empty((0, 11))
-    columns.write(tile, begins=begins, sums=sums, pairs=points.pairs(own))
-    columns.finish(tile, "summed")
+    beside = points.beside(job.of.whole().rows(tile))
+    job.columns.write(tile, begins=begins, sums=sums, beside1=beside)
+    job.columns.finish(tile, "summed")
 
 
-def _cells(points, columns, tiles, memory):
-    """Where cells begin, in order, their numbers, and edges; raises if these take too much."""
-    n, n_pairs = (
-        sum(len(columns.mapped(tile, name)) for tile in tiles) for name in ("begins", "pairs")
-    )
-    if (needed := bytes_to_divide(n, n_pairs)) > memory:
-        raise ParameterError(
-            f"{n:,} small parts of regions have {n_pairs:,} borders, which take about "
-            f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory"
-        )
-    begins = _read(columns, tiles, "begins")
-    begins = begins[points.in_order(begins)]
-    number = numbers(points.index, begins)
-    return begins, number, unique_pairs(_read(columns, tiles, "pairs"), number)
+def _name_blocks(tile, job):
+    """Write which of the blocks found last are neighbors, as far as those before were of a tile."""
+    level = len(job.levels)
+    before = job.collected(f"beside{level - 1}", tile)
+    known = job.stored().open(job.levels[-1])
+    job.columns.write(tile, **{f"beside{level}": named(before, known.__getitem__)})
+    job.columns.finish(tile, f"named{level}")
 
 
-def _write_blocks(whole, columns, begins, edges):
-    """Write for each tile the cells of the blocks that begin in it, and the edges within these."""
-    block = blocks(edges, len(begins))
-    tile_of = np.searchsorted(whole.starts, begins[block], side="right") - 1
-    inside = edges[np.equal(*block[edges].T)]
-    for tile in np.flatnonzero(np.diff(whole.starts)):
-        members = np.flatnonzero(tile_of == tile)
-        own = np.searchsorted(members, inside[tile_of[inside[:, 0]] == tile])
-        columns.write(tile, members=begins[members], inside=own)
+def _find_members(tile, job):
+    """Write the blocks of the cells of a tile, by blocks, and all neighbors of these cells."""
+    begins = job.columns.read(tile, "begins")
+    members = np.sort(job.blocks_of(begins).astype(np.int64) << 32 | begins)
+    job.columns.write(tile, members=members, beside=job.collected("beside1", tile))
+    job.columns.finish(tile, "blocked")
 
 
-def _join_blocks(tile, columns, of):
+def _join_blocks(tile, job):
     """Join the cells of the blocks that begin in a tile, and write the patch of each."""
-    begins, edges = (columns.read(tile, name) for name in ("members", "inside"))
-    sums, tile_of = np.empty((len(begins), 11)), np.searchsorted(of.whole().starts, begins, "right")
-    for other in np.unique(tile_of) - 1:
-        some, known = np.flatnonzero(tile_of == other + 1), columns.mapped(other, "begins")
+    members, columns = pairs_of(job.collected("members", tile)), job.columns
+    members = members[np.argsort(members[:, 1])]
+    blocks, begins = members.T
+    sums, beside = np.empty((len(begins), 11)), []
+    for other, some in _by_tile(job, begins):
+        known = columns.mapped(other, "begins")
         sums[some] = columns.mapped(other, "sums")[np.searchsorted(known, begins[some])]
-    roots, patch, sums = joined(_sums(sums), edges)
-    roots = begins[roots]
-    columns.write(tile, roots=roots, first=roots[patch], of_roots=np.column_stack(sums))
+        found = columns.mapped(other, "beside")
+        beside.append(found[np.isin(found >> 32, begins[some])])
+    beside = once(beside)
+    pairs = pairs_of(beside)
+    at = np.searchsorted(begins, pairs)
+    inside = np.append(begins, -1)[at[:, 1]] == pairs[:, 1]
+    inside[inside] = np.equal(*blocks[at[inside]].T)
+    roots, patch, sums = job.points().joined(begins, _sums(sums), beside[inside])
+    roots_of = begins.astype(np.int64) << 32 | roots[patch]
+    columns.write(tile, roots=roots, roots_of=roots_of, of_roots=np.column_stack(sums))
     columns.finish(tile, "joined")
+
+
+def _find_borders(tile, job):
+    """Write which patches are neighbors, as far as cells of a tile tell."""
+    beside = job.columns.read(tile, "beside")
+    job.columns.write(tile, borders=named(beside, partial(_roots_of, job)))
+    job.columns.finish(tile, "bordered")
+
+
+def _roots_of(job, cells):
+    """The cells at which the patches of cells begin, once these are joined in blocks."""
+    names, of = np.unique(cells, return_inverse=True)
+    roots = np.empty_like(names)
+    for other, some in _by_tile(job, job.blocks_of(names)):
+        known = job.columns.mapped(other, "roots_of")
+        at = np.searchsorted(known, names[some].astype(np.int64) << 32)
+        roots[some] = known[at].astype(np.int32)
+    return roots[of].reshape(cells.shape)
+
+
+def _name_patches(tile, job):
+    """Fill the patches of the places of a tile, and write those of its cells."""
+    begins, known = job.columns.read(tile, "begins"), pairs_of(job.columns.read(ALL, "patches"))
+    cell = job.stored().open(job.levels[0])[job.of.whole().rows(tile)]
+    names, of = np.unique(np.append(begins, cell), return_inverse=True)
+    patch, inside = np.full(len(names), -1, np.int32), names >= 0
+    roots = _roots_of(job, names[inside])
+    patch[inside] = known[np.searchsorted(known[:, 0], roots), 1]
+    patch = patch[of.ravel()]
+    job.stored().put(tile, patch=patch[len(begins) :])
+    job.columns.write(tile, patch_of=patch[: len(begins)])
+    job.columns.finish(tile, "patched")
+
+
+def _by_tile(job, names):
+    """Each tile that has some of the names, and which these are."""
+    tile_of = np.searchsorted(job.of.whole().starts, names, side="right") - 1
+    for tile in np.unique(tile_of):
+        yield tile, np.flatnonzero(tile_of == tile)
+
+
+def _patches(columns, tiles, memory):
+    """Where patches begin, and `keys` of neighbors; raises if these take too much."""
+    roots, borders = _read(columns, tiles, "roots"), once(_parts(columns, tiles, "borders"))
+    if (needed := bytes_to_divide(len(roots), len(borders) // 2)) > memory:
+        raise ParameterError(
+            f"{len(roots):,} small parts of regions have {len(borders) // 2:,} borders, which take "
+            f"about {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory"
+        )
+    return roots, borders
+
+
+def _parts(columns, tiles, name):
+    return [columns.read(tile, name) for tile in tiles]
+
+
+def _read(columns, tiles, name):
+    return np.concatenate(_parts(columns, tiles, name))
 
 
 def _sums(rows):

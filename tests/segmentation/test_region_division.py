@@ -144,7 +144,7 @@ def gathered(order, near, labels, parts=1):
             place[nodes] = np.arange(len(nodes))
             unsure = np.append(np.zeros(len(own)), found[theirs] == -1).astype(np.int8)
             some, starts = place[order], np.arange(len(nodes) + 1) * near.shape[1]
-            known = starts, near[nodes].ravel(), begin, labels[nodes], nodes.astype(np.int32)
+            known = starts, near[nodes].ravel() - begin, labels[nodes], nodes.astype(np.int32)
             gather(some[some >= 0], *known, first[begin:end], unsure)
         if (first[labels >= 0] >= 0).all():
             return first, times

@@ -134,14 +134,15 @@ GROWING = RegionGrowing(normal_estimator=RobustNormalEstimator(16, random_state=
 def test_small_cells_and_patches_of_regions_cross_tiles(by_tiles, monkeypatch, tmp_path):
     path, seen = written(tmp_path, make_crown_roof(4_000, random_state=0).data), []
 
-    def divide(points, rules, begins, number, roots, patch, *others, of=_tiled_division.divided):
+    def divide(points, rules, begins, patch, own, last, *others, of=_tiled_division.divided):
         starts = points.index._whole.starts
-        tile = np.searchsorted(starts, begins, side="right")
-        cell = np.array(points.cell)
-        own = np.searchsorted(starts, np.flatnonzero(cell >= 0), side="right")
-        n_crossing = np.count_nonzero(own != tile[number[cell[cell >= 0]]])
-        seen.append((n_crossing, np.count_nonzero(tile != tile[roots][patch])))
-        return of(points, rules, begins, number, roots, patch, *others)
+        rows = np.flatnonzero(points.cell >= 0)
+        tiles = (np.searchsorted(starts, of, side="right") for of in (rows, points.cell[rows]))
+        n_crossing = np.count_nonzero(np.not_equal(*tiles))
+        tiles = (np.searchsorted(starts, of, side="right") for of in (begins, last[patch]))
+        seen.append((n_crossing, np.count_nonzero(np.not_equal(*tiles))))
+        assert_array_equal(own[begins], patch)
+        return of(points, rules, begins, patch, own, last, *others)
 
     monkeypatch.setattr(_tiled_division, "divided", divide)
     values, _, report = by_tiles(path, GROWING, tile_size=300)
@@ -165,28 +166,28 @@ def test_cells_of_an_exact_plane_are_found_in_a_few_sweeps(by_tiles, monkeypatch
     values, _, report = by_tiles(path, GROWING, tile_size=300)
     assert_array_equal(values[:, 0], fit_in_memory(read_points(path).xyz, GROWING).labels_)
     assert report.n_tiles > 8
-    assert 2 <= sum(sweep.startswith("gathered") for sweep in seen) <= 5
+    assert 2 <= sum(sweep.startswith("gathered0") for sweep in seen) <= 5
 
 
 def test_cells_of_regions_may_be_found_while_a_tile_asks_for_them(by_tiles, monkeypatch, tmp_path):
     """As by other processes: all other tiles gather theirs after this one has looked at them."""
     X = np.round(make_street(2_500, outlier_share=0.03, tree=True, random_state=0).data, 4)
-    asking, gather, near = [], _tiled_division._gather_in, Points.near
+    asking, gather, in_order = [], _tiled_division._gather, Points.in_order
 
-    def gather_meanwhile(tile, columns, of, step):
-        asking.append(partial(gather, columns=columns, of=of, step=step))
-        gather(tile, columns, of, step)
+    def gather_meanwhile(tile, job, level, step):
+        asking.append(partial(gather, job=job, level=level, step=step))
+        gather(tile, job, level, step)
         asking.clear()
 
-    def near_when_others_have_gathered(points, rows):
+    def in_order_when_others_have_gathered(points, rows):
         while asking:
             work = asking.pop()
-            for tile in np.flatnonzero(work.keywords["of"].cells.counts):
+            for tile in np.flatnonzero(work.keywords["job"].cells.counts):
                 work(tile)
-        return near(points, rows)
+        return in_order(points, rows)
 
-    monkeypatch.setattr(_tiled_division, "_gather_in", gather_meanwhile)
-    monkeypatch.setattr(Points, "near", near_when_others_have_gathered)
+    monkeypatch.setattr(_tiled_division, "_gather", gather_meanwhile)
+    monkeypatch.setattr(Points, "in_order", in_order_when_others_have_gathered)
     path = written(tmp_path, X)
     values, _, _ = by_tiles(path, GROWING, tile_size=300)
     assert_array_equal(values[:, 0], fit_in_memory(read_points(path).xyz, GROWING).labels_)
