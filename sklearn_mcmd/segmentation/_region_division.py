@@ -48,6 +48,22 @@ class Sums(NamedTuple):
     scatters: np.ndarray  # (m, 6)
 
 
+class Patches(NamedTuple):
+    """What votes ask of patches."""
+
+    begins: np.ndarray  # points at which their cells begin, patch by patch
+    sizes: np.ndarray  # cells of each
+    normals: np.ndarray  # (n, 3) of their planes
+    wide: np.ndarray  # whether they are
+
+    @classmethod
+    def of(cls, begins, patch, sums, wide):
+        """By the patch of each cell, and the `Sums` of patches."""
+        normals = np.linalg.eigh(sums.scatters[:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
+        order, sizes = np.argsort(patch, kind="stable"), np.bincount(patch)
+        return cls(begins[order], sizes, normals, wide)
+
+
 class Points:
     """The points whose regions are divided, in memory or on disk; a step takes some of their rows.
 
@@ -92,8 +108,13 @@ class Points:
         """
         flatness = ratio(self.planes.scale[rows] / self.unit, self.noise_of(rows))
         flatness, points = np.rint(np.ldexp(flatness, HEIGHT_BITS)), self.index.points[rows]
-        places = np.rint(np.ldexp((points - self.low) / self.extent, PLACE_BITS))
-        return np.lexsort((*points.T, scrambled(places), flatness))
+        chance = scrambled(np.rint(np.ldexp((points - self.low) / self.extent, PLACE_BITS)))
+        order = np.lexsort((chance, flatness))
+        same = (np.diff(flatness[order]) == 0) & (np.diff(chance[order]) == 0)
+        tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
+        equal = order[tied]
+        order[tied] = equal[np.lexsort((*points[equal].T, chance[equal], flatness[equal]))]
+        return order
 
     def gather(self, own, beside=NO_KEYS):
         """The points (m,) at which the cells of those of a slice begin, as of `gather`; -1 or less
@@ -307,19 +328,20 @@ def joined(sums, edges):
     return first, patch, Sums(*(values[first] for values in sums))
 
 
-def divided(points, rules, begins, patch, own, last, sums, borders):
+def divided(points, rules, begins, patch, own, last, sums, borders, vote=None):
     """The labels of points, divided, once cells are joined to patches; see `divide_at_creases`.
 
     Cells begin at the points `begins` and have a patch each, as points have, `own` (n,). Patches
-    begin at the points `last`, in order. Borders (m, 2) are between them, both ways.
+    begin at the points `last`, in order. Borders (m, 2) are between them, both ways. `vote` returns
+    the votes of borders of `Patches`; by default this process asks for them.
     """
     index, labels, n_jobs, n = points.index, points.labels, points.n_jobs, len(last)
     regions, borders = labels[last], borders[borders[:, 0] < borders[:, 1]]
-    normals = np.linalg.eigh(sums.scatters[:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
     found = index.empty(len(labels), np.int32)
     wide = _are_wide(index.points, own, n, points.size, n_jobs)
-    strips = _Strips(points, begins, patch, normals, wide, rules.min_cosine)
-    votes = strips.votes(borders, n_jobs)
+    patches = Patches.of(begins, patch, sums, wide)
+    strips = Strips(points, patches, rules.min_cosine)
+    votes = strips.votes(borders, n_jobs) if vote is None else vote(patches, borders)
     counts = wide[borders].all(axis=1) | (votes > 0)
     group = _joined(borders[counts], votes[counts], regions)
     found[:] = own
@@ -344,24 +366,22 @@ def _are_wide(points, labels, n, size, n_jobs):
     return found.sizes**2 * values[:, 1] > (size + points.shape[1]) ** 2 * values[:, 2]
 
 
-class _Strips:
+class Strips:
     """The points of two patches near to their border, what they vote, and on which side they are.
 
-    A strip reaches on both sides as far as the smaller patch, so that both weigh alike. Normals
-    (n_patches, 3) are those of patches' planes.
+    A strip reaches on both sides as far as the smaller patch, so that both weigh alike.
     """
 
-    def __init__(self, points, begins, patch, normals, wide, min_cosine):
-        self.points, self.normals, self.wide, self.min_cosine = points, normals, wide, min_cosine
+    def __init__(self, points, patches, min_cosine):
+        self.points, self.patches, self.min_cosine = points, patches, min_cosine
         self.blunt = np.cos(VoteLimits().blunt * np.arccos(min(min_cosine, 1.0)))
-        self.begins = begins[np.argsort(patch, kind="stable")]
-        self.sizes = np.bincount(patch)
-        self.ends = np.cumsum(self.sizes)
+        self.ends = np.cumsum(patches.sizes)
         self.group = lru_cache(TREES)(self._group)
 
     def _group(self, name):
         """Where the cells of a patch begin, in order, and the tree of these points."""
-        begins = self.begins[self.ends[name] - self.sizes[name] : self.ends[name]]
+        end, size = self.ends[name], self.patches.sizes[name]
+        begins = self.patches.begins[end - size : end]
         begins = begins[self.points.in_order(begins)]
         return begins, cKDTree(self.points.index.points[begins])
 
@@ -392,7 +412,7 @@ class _Strips:
 
     def vote_on(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
-        names = sorted(border.tolist(), key=self.sizes.__getitem__)
+        names = sorted(border.tolist(), key=self.patches.sizes.__getitem__)
         (small, tree), (large, others) = map(self.group, names)
         large, points = large[_strip(tree, others)], self.points
         rows, sizes = points.members(np.concatenate([small, large]))
@@ -400,10 +420,10 @@ class _Strips:
         n_first, cell = sizes[: len(small)].sum(), np.repeat(np.arange(len(sizes)), sizes)
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
         sides, weights = np.stack([first] * 3), 1.0 / np.square(points.noise_of(rows))
-        normals, most_noise = self.normals[names], JoinLimits().most_noise
+        normals, most_noise = self.patches.normals[names], JoinLimits().most_noise
         cosine = abs(normals[0] @ normals[1])
         blunt, steep = bool(cosine > self.blunt), bool(cosine < self.min_cosine)
-        steep &= not self.wide[names].all()
+        steep &= not self.patches.wide[names].all()
         room, equations = work_arrays(6, len(rows))
         known = local, weights, cell, normals, fit, most_noise, blunt, steep
         value = _compiled("vote")(*known, room, equations, sides)

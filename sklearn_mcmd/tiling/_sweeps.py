@@ -32,7 +32,7 @@ WEIGHTS = {
     **{"edges": 5},
     **{"reach": 5, "links": 7, "growth": 3, "joining": 26},
     **{"noise": 5, "gathered": 8, "summed": 10, "blocked": 1},
-    **{"joined": 2, "bordered": 1, "patched": 2},  # of joining
+    **{"joined": 2, "bordered": 1, "patched": 2, "voted": 5},  # of joining
 }
 
 

@@ -15,7 +15,9 @@ from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._estimator import rules_of
 from sklearn_mcmd.segmentation._region_division import (
+    Patches,
     Points,
+    Strips,
     Sums,
     VoteLimits,
     are_whole,
@@ -30,7 +32,7 @@ from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._sweeps import Job, Sweeps
 
-STEPS = "noise", "gathered", "summed", "blocked", "joined", "bordered", "patched"
+STEPS = "noise", "gathered", "summed", "blocked", "joined", "bordered", "patched", "voted"
 ROW = np.int32, ()
 
 
@@ -49,7 +51,9 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, mem
     sweeps("noise", _find_noise, job.cells, job=job)
     reports = [columns.report(tile, "noise") for tile in tiles]
     least, most = (f(report[f.__name__] for report in reports) for f in (min, max))
-    columns.finish(ALL, "units", bounds=(least, most))
+    low, high = job.cells.extent(slice(None))
+    ends = low.min(axis=0).tolist(), high.max(axis=0).tolist()
+    columns.finish(ALL, "units", least=least, most=most, ends=ends)
     opened = index, planes, labels, n_jobs, stored
     if any(report["n"] for report in reports) and job.points(opened) is not None:
         job = _in_blocks(sweeps, job, stored)
@@ -63,8 +67,9 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, mem
             stored.make(patch=ROW)
             sweeps("patched", _name_patches, job.cells, job=job)
             cells = (_read(columns, tiles, name) for name in ("begins", "patch_of"))
+            vote = partial(_vote, sweeps, job, last)
             with stored.releasing():
-                known = *cells, stored.open("patch"), last, sums, borders
+                known = *cells, stored.open("patch"), last, sums, borders, vote
                 labels[:] = divided(points, rules, *known)
     shutil.rmtree(columns.folder.rename(done), ignore_errors=True)
     return labels
@@ -99,37 +104,37 @@ class DivisionJob:
             whole = self.of.whole()
             labels, scale = map(whole.open_copy, ("labels", "scale"))
             planes = Planes.empty(0, 3)._replace(scale=scale, radius=whole.open("reach"))
-            index = StoredIndex(whole, self.cells, self.of.growing.n_neighbors)
+            index = StoredIndex(whole, n_neighbors=self.of.growing.n_neighbors)
             opened = index, planes, labels, self.n_threads, self.stored()
         index, planes, labels, n_jobs, stored = opened
         if cell is None and self.levels:
             cell = stored.open(self.levels[0])
-        noise = stored.open("noise")
-        points = Points(index, planes, rules_of(self.of.growing), labels, noise, cell, n_jobs)
-        low, high = self.cells.extent(slice(None))
-        ends = low.min(axis=0), high.max(axis=0)
+        known = labels, stored.open("noise"), cell, n_jobs
+        points = Points(index, planes, rules_of(self.of.growing), *known)
         if not self.columns.is_done(ALL, "units"):
             return points
-        return points if points.scale(*self.columns.report(ALL, "units")["bounds"], *ends) else None
+        units = self.columns.report(ALL, "units")
+        has_units = points.scale(units["least"], units["most"], *np.array(units["ends"]))
+        return points if has_units else None
 
-    def named_in(self, tile, level):
-        """The names of the cells, or of the blocks of a level, that a tile has."""
+    def names(self, tile):
+        """The names of the cells, or of the blocks found last, that a tile has."""
         own = self.of.whole().rows(tile)
         rows = np.arange(own.start, own.stop, dtype=np.int32)
-        return rows[self.stored().open(self.levels[level])[own] == rows]
+        return rows[self.stored().open(self.levels[-1])[own] == rows]
 
-    def blocks_of(self, names, above=0):
-        """The blocks of cells, or of the blocks of a level; they are as far as these are known."""
-        for level in self.levels[above + 1 :]:
+    def blocks_of(self, names):
+        """The blocks of cells, of the last level."""
+        for level in self.levels[1:]:
             names = self.stored().open(level)[names]
         return names
 
     def collected(self, name, tile):
         """Numbers, as of `keys`, whose first names are of a tile, of the columns of all tiles."""
-        parts, own = [], self.of.whole().rows(tile)
-        for other in np.flatnonzero(self.cells.counts):
+        parts, starts = [], self.of.whole().starts
+        ends = starts[tile : tile + 2] << 32
+        for other in np.flatnonzero(np.diff(starts)):
             found = self.columns.mapped(other, name)
-            ends = np.array([own.start, own.stop], np.int64) << 32
             parts.append(found[slice(*np.searchsorted(found, ends))])
         return once(parts)
 
@@ -186,12 +191,12 @@ def _gather(tile, job, level, step):
     own, stored, name = job.of.whole().rows(tile), job.stored(), _column(level, step)
     known = stored.open(name) if step else np.broadcast_to(np.int32(-1), len(job.of.whole()))
     points, group = job.points(cell=None if level else known), np.array(known[own])
-    if level == 0:
-        names = own.start + np.flatnonzero(points.labels[own] >= 0)
-    else:
-        names = job.named_in(tile, level - 1)
+    in_regions = own.start + np.flatnonzero(points.labels[own] >= 0)
+    names, around = job.names(tile) if level else in_regions, f"around{level}"
+    if step == 0:
+        job.columns.write(tile, **{around: job.collected(f"beside{level}", tile)})
     if (group[names - own.start] < 0).any():
-        beside = job.collected(f"beside{level}", tile)
+        beside = job.columns.read(tile, around)
         if level == 0:
             group = points.gather(own, beside)
         else:
@@ -203,7 +208,7 @@ def _gather(tile, job, level, step):
 
 def _find_sums(tile, job):
     """Write the cells that begin in a tile, their sums, and which cells are neighbors in it."""
-    points, begins = job.points(), job.named_in(tile, 0)
+    points, begins = job.points(), job.names(tile)
     sums = np.column_stack(points.sums(begins)) if len(begins) else np.empty((0, 11))
     beside = points.beside(job.of.whole().rows(tile))
     job.columns.write(tile, begins=begins, sums=sums, beside1=beside)
@@ -213,17 +218,17 @@ def _find_sums(tile, job):
 def _name_blocks(tile, job):
     """Write which of the blocks found last are neighbors, as far as those before were of a tile."""
     level = len(job.levels)
-    before = job.collected(f"beside{level - 1}", tile)
+    before = job.columns.read(tile, f"around{level - 1}")
     known = job.stored().open(job.levels[-1])
     job.columns.write(tile, **{f"beside{level}": named(before, known.__getitem__)})
     job.columns.finish(tile, f"named{level}")
 
 
 def _find_members(tile, job):
-    """Write the blocks of the cells of a tile, by blocks, and all neighbors of these cells."""
+    """Write the cells of a tile, by their blocks."""
     begins = job.columns.read(tile, "begins")
     members = np.sort(job.blocks_of(begins).astype(np.int64) << 32 | begins)
-    job.columns.write(tile, members=members, beside=job.collected("beside1", tile))
+    job.columns.write(tile, members=members)
     job.columns.finish(tile, "blocked")
 
 
@@ -236,7 +241,7 @@ def _join_blocks(tile, job):
     for other, some in _by_tile(job, begins):
         known = columns.mapped(other, "begins")
         sums[some] = columns.mapped(other, "sums")[np.searchsorted(known, begins[some])]
-        found = columns.mapped(other, "beside")
+        found = columns.mapped(other, "around1")
         beside.append(found[np.isin(found >> 32, begins[some])])
     beside = once(beside)
     pairs = pairs_of(beside)
@@ -251,8 +256,8 @@ def _join_blocks(tile, job):
 
 def _find_borders(tile, job):
     """Write which patches are neighbors, as far as cells of a tile tell."""
-    beside = job.columns.read(tile, "beside")
-    job.columns.write(tile, borders=named(beside, partial(_roots_of, job)))
+    around = job.columns.read(tile, "around1")
+    job.columns.write(tile, borders=named(around, partial(_roots_of, job)))
     job.columns.finish(tile, "bordered")
 
 
@@ -279,6 +284,29 @@ def _name_patches(tile, job):
     job.stored().put(tile, patch=patch[len(begins) :])
     job.columns.write(tile, patch_of=patch[: len(begins)])
     job.columns.finish(tile, "patched")
+
+
+def _vote(sweeps, job, last, patches, borders):
+    """The vote of each border of `Patches`, in the tile at which the first begins; see `vote`."""
+    columns, starts = job.columns, job.of.whole().starts
+    tile_of = np.searchsorted(starts, last[borders[:, 0]], side="right") - 1
+    columns.write(ALL, **patches._asdict())
+    for tile in np.flatnonzero(np.diff(starts)):
+        columns.write(tile, between=borders[tile_of == tile])
+    sweeps("voted", _find_votes, job.cells, job=job)
+    votes = np.empty(len(borders))
+    for tile in np.flatnonzero(np.diff(starts)):
+        votes[tile_of == tile] = columns.read(tile, "votes")
+    return votes
+
+
+def _find_votes(tile, job):
+    """Write the votes of borders that belong to a tile."""
+    patches = Patches(*(job.columns.mapped(ALL, name) for name in Patches._fields))
+    strips = Strips(job.points(), patches, rules_of(job.of.growing).min_cosine)
+    votes = strips.votes(job.columns.read(tile, "between"), job.n_threads)
+    job.columns.write(tile, votes=votes)
+    job.columns.finish(tile, "voted")
 
 
 def _by_tile(job, names):
