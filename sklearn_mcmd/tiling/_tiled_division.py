@@ -155,6 +155,8 @@ def _in_blocks(sweeps, job, stored):
             n_open = sum(job.columns.report(tile, name)["n_open"] for tile in tiles)
             stored.remove(_column(level, step))
             step += 1
+        for tile in tiles:
+            job.columns.path(tile, f"beside{level}").unlink(missing_ok=True)
         job = replace(job, levels=(*job.levels, _column(level, step)))
     sweeps("blocked", _find_members, job.cells, job=job)
     return job
