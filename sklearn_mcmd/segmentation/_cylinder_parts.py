@@ -1,6 +1,7 @@
 """Narrow regions that are parts of one cylinder, such as strips of posts, trunks and bins."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,13 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._graph import by_place, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaceLimits
-from sklearn_mcmd.segmentation._region_sums import region_moments, rows_of, sums_by_region
+from sklearn_mcmd.segmentation._parts import Parts
+from sklearn_mcmd.segmentation._region_sums import (
+    n_regions_of,
+    region_moments,
+    rows_of,
+    sums_by_region,
+)
 
 N_PARAMETERS = 5  # of a cylinder
 
@@ -83,6 +90,25 @@ def fit_cylinder(points, normals):
     return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])
 
 
+class _Members(NamedTuple):
+    """Points of a part, in an order that depends on nothing but their places."""
+
+    rows: np.ndarray
+    around: np.ndarray  # their neighbors, (n, n_around)
+    points: np.ndarray  # (n, 3)
+    normals: np.ndarray  # of their planes, (n, 3)
+    floor: np.ndarray  # (n,), the least standard deviations of these,
+    radius: np.ndarray  # and how far they reach
+
+    @classmethod
+    def joined(cls, parts):
+        """The members of some parts, one after the other."""
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def take(self, some):
+        return _Members(*(values[some] for values in self))
+
+
 @dataclass
 class _Part:
     """A narrow region, or several joined.
@@ -92,13 +118,16 @@ class _Part:
     neighborhoods' radius: this distinguishes a surface from a volume, such as foliage.
     """
 
-    members: np.ndarray  # rows of the points, in an order that depends on nothing but their places
-    around: np.ndarray  # their neighbors, (n, n_around)
+    members: _Members
     floor: float  # mean square below which deviations are rounding
     ceiling: float  # mean square above which they are those of a volume
     plane: float  # mean square about the plane, by degrees of freedom,
     curve: float  # and about the cylinder
     cylinder: Cylinder | None  # None where there are too few points
+
+    @property
+    def size(self):
+        return len(self.members.rows)
 
     @property
     def curved(self):
@@ -124,6 +153,7 @@ class CylinderParts:
     planes: Planes
     floor: np.ndarray  # (n,), the least standard deviation of a plane: what rounding amounts to
     max_gap: float  # largest distance of points that touch, which also are near neighbors
+    parts: Parts
     n_jobs: int | None
 
     def grow(self, labels):
@@ -143,9 +173,9 @@ class CylinderParts:
 
     def _narrow_parts(self, labels):
         """The parts that may be joined, by label."""
-        n_regions, points = int(labels.max(initial=-1)) + 1, self.index.points
-        found = region_moments(points, labels, n_regions, n_jobs=self.n_jobs)
-        reach = sums_by_region(self.planes.radius, labels, n_regions, n_jobs=self.n_jobs)
+        n_regions, points = n_regions_of(labels), self.index.points
+        found = region_moments(points, labels, n_regions, parts=self.parts)
+        reach = sums_by_region(self.planes.radius, labels, n_regions, self.parts)
         reach /= np.maximum(found.sizes, 1)
         values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
         # Those wider than a disk that reaches as far as a strip's points have good normals, and
@@ -153,11 +183,12 @@ class CylinderParts:
         wide = np.sqrt(12 * values[:, 1]) > 2 * NarrowFaceLimits().reach * reach
         rows = rows_of(labels, np.append(~wide & (found.sizes >= 4), False))
         rows = by_place(points, rows)
-        rows = rows[np.argsort(labels[rows], kind="stable")]
-        names, starts = np.unique(labels[rows], return_index=True)
-        groups = np.split(rows, starts[1:]) if len(rows) else []
-        parts = self._each(lambda group: self._part(group, self._around(group)), groups)
-        return dict(zip(names.tolist(), parts, strict=True))
+        own = labels[rows]
+        order = np.argsort(own, kind="stable")
+        names, starts = np.unique(own[order], return_index=True)
+        members, ends = self._members(rows[order]), np.append(starts, len(rows))
+        groups = [members.take(slice(*some)) for some in pairwise(ends)]
+        return dict(zip(names.tolist(), self._each(_part_of, groups), strict=True))
 
     def _each(self, function, items):
         """The answers of a function to all items, found in threads."""
@@ -179,24 +210,15 @@ class CylinderParts:
         near = np.sqrt(np.square(gaps).sum(axis=-1)) <= self.max_gap  # as links are
         return np.where(near, around, rows[:, None]).astype(np.int32)
 
-    def _part(self, members, around):
-        points, n = self.index.points[members], len(members)
-        deviations = points - points.mean(axis=0)
-        plane = max(np.linalg.eigvalsh(deviations.T @ deviations)[0], 0.0) / (n - 3)
-        curve, cylinder = np.inf, None
-        if n >= CylinderLimits().least_size:
-            curve, cylinder = fit_cylinder(points, self.planes.normals[members])
-            curve /= n - N_PARAMETERS
-        floor = self.floor[members].max() ** 2
-        ceiling = (self.planes.radius[members].mean() / (2 * ExplainLimits().explained)) ** 2
-        return _Part(
-            members=members,
-            around=around,
-            floor=floor,
-            ceiling=ceiling,
-            plane=plane,
-            curve=curve,
-            cylinder=cylinder,
+    def _members(self, rows):
+        """What is known of some rows."""
+        return _Members(
+            rows=rows,
+            around=self._around(rows),
+            points=self.index.points[rows],
+            normals=self.planes.normals[rows],
+            floor=self.floor[rows],
+            radius=self.planes.radius[rows],
         )
 
     def _join(self, labels, parts, fresh, tried):
@@ -205,7 +227,7 @@ class CylinderParts:
         while True:  # each round joins at least two parts
             pairs = []
             for pair in self._touching(labels, parts, fresh):
-                key = tuple(len(parts[name].members) for name in pair)  # parts only gain points
+                key = tuple(parts[name].size for name in pair)  # parts only gain points
                 if tried.get(pair) != key:
                     tried[pair] = key
                     pairs.append(pair)
@@ -222,36 +244,36 @@ class CylinderParts:
         names = sorted(fresh & set(parts))
         if not names:
             return []
-        around = np.concatenate([parts[name].around for name in names])
-        own = np.repeat(names, [len(parts[name].around) for name in names])
+        around = np.concatenate([parts[name].members.around for name in names])
+        own = np.repeat(names, [parts[name].size for name in names])
         other = labels[around]
         row, column = np.nonzero((other != own[:, None]) & (other >= 0))
         first, second = own[row].astype(np.int64), other[row, column].astype(np.int64)
-        n = int(labels.max()) + 1
+        n = max(names[-1], int(second.max(initial=0))) + 1
         # Pairs are sorted as single numbers, which is much faster than as rows.
         pairs = np.unique(np.minimum(first, second) * n + np.maximum(first, second))
         pairs = zip((pairs // n).tolist(), (pairs % n).tolist(), strict=True)
         return [(a, b) for a, b in pairs if a in parts and b in parts]
 
     def _are_one(self, first, second):
-        rows = np.concatenate([first.members, second.members])
-        n, limits = len(rows), CylinderLimits()
+        n, limits = first.size + second.size, CylinderLimits()
         if n < limits.least_size:
             return False
-        small, large = sorted((first, second), key=lambda part: len(part.members))
-        if large.curved and len(large.members) >= limits.growth * len(small.members):
+        small, large = sorted((first, second), key=lambda part: part.size)
+        if large.curved and large.size >= limits.growth * small.size:
             # A small part hardly moves the cylinder of a large one. If most of it lies off that
             # cylinder, no fit is needed. This saves a fit of the large part for each neighbor.
-            near = large.shares(self.index.points[small.members]) <= 1
+            near = large.shares(small.members.points) <= 1
             if 2 * np.count_nonzero(near) <= len(near):
                 return False
         floor, ceiling = max(first.floor, second.floor), max(first.ceiling, second.ceiling)
-        total, cylinder = fit_cylinder(self.index.points[rows], self.planes.normals[rows])
-        apart = sum(part.plane * (len(part.members) - 3) for part in (first, second)) / (n - 6)
+        both = _Members.joined([first.members, second.members])
+        total, cylinder = fit_cylinder(both.points, both.normals)
+        apart = sum(part.plane * (part.size - 3) for part in (first, second)) / (n - 6)
         if not total / (n - N_PARAMETERS) <= min(max(apart, floor), ceiling):
             return False
         for part in (first, second):
-            left = np.square(cylinder.distances(self.index.points[part.members])).mean()
+            left = np.square(cylinder.distances(part.members.points)).mean()
             if left > JoinLimits().most_noise ** 2 * max(min(part.plane, part.curve), floor):
                 return False
         return True
@@ -265,35 +287,32 @@ class CylinderParts:
         pooled = set()
         for number in range(chain.max() + 1):
             group = [parts.pop(name) for name in names[chain == number].tolist()]
-            members = np.concatenate([part.members for part in group])
+            members = _Members.joined([part.members for part in group])
             name = int(names[chain == number][0])
-            labels[members] = name
-            parts[name] = self._part(members, np.concatenate([part.around for part in group]))
+            labels[members.rows] = name
+            parts[name] = _part_of(members)
             pooled.add(name)
         return pooled
 
     def _claim(self, labels, parts, fresh):
         """Give points without region to the cylinder that they touch and lie on best: the names of
         the parts that grew. Claimed points lead to others, until a part has grown enough."""
-        edges = {name: parts[name].around for name in sorted(fresh) if parts[name].curved}
+        edges = {name: parts[name].members.around for name in sorted(fresh) if parts[name].curved}
         gained = {name: [] for name in edges}
         while edges:
             claimed, owner = self._claims_of(labels, parts, edges)
             labels[claimed] = owner
-            spreading = {}
+            order = np.lexsort(self.index.points[claimed].T)  # as `by_place`
+            claimed, owner, edges = self._members(claimed[order]), owner[order], {}
             for name in np.unique(owner).tolist():
-                rows = by_place(self.index.points, claimed[owner == name])
-                gained[name].append(rows)
-                size = len(parts[name].members)
-                if sum(map(len, gained[name])) < (CylinderLimits().growth - 1) * size:
-                    spreading[name] = self._around(rows)
-            edges = spreading
-        grown = [name for name, rows in gained.items() if rows]
+                gained[name].append(claimed.take(owner == name))
+                n_gained = sum(len(members.rows) for members in gained[name])
+                if n_gained < (CylinderLimits().growth - 1) * parts[name].size:
+                    edges[name] = gained[name][-1].around
+        grown = [name for name, members in gained.items() if members]
 
         def fit(name):
-            rows, part = np.concatenate(gained[name]), parts[name]
-            around = np.concatenate([part.around, self._around(rows)])
-            return self._part(np.concatenate([part.members, rows]), around)
+            return _part_of(_Members.joined([parts[name].members, *gained[name]]))
 
         parts.update(zip(grown, self._each(fit, grown), strict=True))
         return set(grown)
@@ -301,14 +320,37 @@ class CylinderParts:
     def _claims_of(self, labels, parts, edges):
         """Rows without region among `edges`, name -> rows, and the part that each lies on best."""
         rows, names, shares = [np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)]
+        free = np.unique(np.concatenate(list(map(np.ravel, edges.values()))))
+        free = free[labels[free] < 0]
+        points = self.index.points[free]
         for name, edge in edges.items():
-            free = np.unique(edge)
-            free = free[labels[free] < 0]
-            share = parts[name].shares(self.index.points[free])
-            rows.append(free[share <= 1])
+            own = np.unique(edge)
+            some = np.searchsorted(free, own)
+            some = some[np.append(free, -1)[some] == own]
+            share = parts[name].shares(points[some])
+            rows.append(free[some[share <= 1]])
             shares.append(share[share <= 1])
             names.append(np.full(len(rows[-1]), name))
         rows, names, shares = np.concatenate(rows), np.concatenate(names), np.concatenate(shares)
         order = np.lexsort((names, shares, rows))
         first = order[np.flatnonzero(np.diff(rows[order], prepend=-1))]
         return rows[first], names[first]
+
+
+def _part_of(members):
+    """The `_Part` that some points are."""
+    points, n = members.points, len(members.rows)
+    deviations = points - points.mean(axis=0)
+    plane = max(np.linalg.eigvalsh(deviations.T @ deviations)[0], 0.0) / (n - 3)
+    curve, cylinder = np.inf, None
+    if n >= CylinderLimits().least_size:
+        curve, cylinder = fit_cylinder(points, members.normals)
+        curve /= n - N_PARAMETERS
+    return _Part(
+        members=members,
+        floor=members.floor.max() ** 2,
+        ceiling=(members.radius.mean() / (2 * ExplainLimits().explained)) ** 2,
+        plane=plane,
+        curve=curve,
+        cylinder=cylinder,
+    )

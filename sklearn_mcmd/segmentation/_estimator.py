@@ -32,8 +32,9 @@ from sklearn_mcmd.segmentation._graph import (
 )
 from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar, region_planes
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaces
+from sklearn_mcmd.segmentation._parts import Parts
 from sklearn_mcmd.segmentation._region_division import divide_at_creases
-from sklearn_mcmd.segmentation._region_sums import region_sizes, relabeled
+from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes, relabeled
 from sklearn_mcmd.segmentation._region_table import region_table
 
 
@@ -298,15 +299,16 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
             seeds = seed_order(columns.surface_variation[rows], points, planes)
             labels = grow_regions(links, seeds)
             del links, seeds
-        copies = None  # each point is at a place of its own
+        parts, copies = Parts(len(points), self.n_jobs), None  # each has a place of its own
         if index.n_distinct < len(xyz):
             copies = np.bincount(index.places, minlength=len(points))
         labels = renumbered(labels, copies, self.min_region_size)
         with progress_part(0.55, 1.0):
-            labels = finish_regions(labels, index, planes, floor, copies, self, self.n_jobs)
+            known = labels, index, planes, floor, copies, self, parts, self.n_jobs
+            labels = finish_regions(*known)
         self.n_regions_ = int(labels.max(initial=-1)) + 1
         weights = copies if len(points) < len(xyz) else None
-        moments = region_planes(points, labels, self.n_regions_, weights, self.n_jobs)
+        moments = region_planes(points, labels, self.n_regions_, weights, parts)
         sizes, centroids, _, values, axes = moments
         self.region_sizes_ = sizes.astype(np.int64)
         self.region_centroids_ = centroids
@@ -314,7 +316,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         self.region_errors_ = np.sqrt(values[:, 0])
         self.regions_ = None
         if points.shape[1] == 3:
-            self.regions_ = region_table(points, labels, planes, moments)
+            self.regions_ = region_table(points, labels, planes, moments, parts)
         self.labels_ = labels[index.places].astype(np.int64)
         return self
 
@@ -350,22 +352,25 @@ def rules_of(growing):
 
 
 def finish_regions(
-    labels, index, planes, floor, copies, growing, n_jobs=None, divide=divide_at_creases
+    labels, index, planes, floor, copies, growing, parts, n_jobs=None, divide=divide_at_creases
 ):
     """The regions of a `RegionGrowing` from those that have grown; the largest is 0, -1 is none.
 
-    Labels are changed, and may lie on disk. The planes are of ``index.points``; what tells of their
-    faces may be changed. `floor` is as by `least_scales`, `copies` (n,) are the points at each
-    place, None for one, and `growing` has the parameters. `divide` is as `divide_at_creases`.
+    Labels are changed. The planes are of ``index.points``; what tells of their faces may be
+    changed. `floor` is as by `least_scales`, `copies` (n,) are the points at each place, None for
+    one, and `growing` has the parameters. All these may lie on disk, where `parts`, as `Parts`,
+    visit the points. `divide` is as `divide_at_creases`.
     """
     rules, steps = rules_of(growing), _steps_of(growing)
     in_space = index.points.shape[1] == 3
     if steps.find_narrow_faces:
         with progress_part(0.0, 0.45, "narrow faces"):
-            faces = NarrowFaces(index=index, planes=planes, floor=floor, rules=rules, n_jobs=n_jobs)
+            faces = NarrowFaces(
+                index=index, planes=planes, floor=floor, rules=rules, parts=parts, n_jobs=n_jobs
+            )
             labels = faces.grow(labels)
             labels = renumbered(labels, copies, growing.min_region_size)
-    claims = Claims(index, planes, rules, n_jobs)
+    claims = Claims(index, planes, rules, parts)
     with progress_part(0.45, 0.65, "joining regions"):
         if steps.divide_at_creases and in_space:
             labels = divide(labels, index, planes, rules, n_jobs)
@@ -373,15 +378,15 @@ def finish_regions(
         if steps.assign_unlabeled:
             labels = renumbered(claims.absorb_fragments(labels), copies)
         if steps.join_coplanar:
-            labels = join_coplanar(index.points, labels, planes, n_jobs)
+            labels = join_coplanar(index.points, labels, planes, n_jobs, parts)
     curved = []
     with progress_part(0.65, 1.0, "cylinders and the rest"):
         if steps.join_curved and in_space:
             gap = growing.max_gap or np.inf
-            parts = CylinderParts(
-                index=index, planes=planes, floor=floor, max_gap=gap, n_jobs=n_jobs
+            cylinders = CylinderParts(
+                index=index, planes=planes, floor=floor, max_gap=gap, parts=parts, n_jobs=n_jobs
             )
-            labels, curved = parts.grow(labels)
+            labels, curved = cylinders.grow(labels)
         if steps.assign_unlabeled:
             labels = claims.assign_unlabeled(labels, curved)
     return renumbered(labels, copies)
@@ -389,7 +394,7 @@ def finish_regions(
 
 def renumbered(labels, copies, min_size=1):
     """Labels, changed, in order of size, 0 for the largest region; -1 below `min_size`."""
-    sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1, copies)
+    sizes = region_sizes(labels, n_regions_of(labels), copies)
     return relabeled(labels, numbers_by_size(sizes, min_size))
 
 

@@ -9,7 +9,13 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._chunks import run, slices
-from sklearn_mcmd.segmentation._region_sums import PART, median_by_region, region_moments, relabeled
+from sklearn_mcmd.segmentation._parts import Parts
+from sklearn_mcmd.segmentation._region_sums import (
+    medians_by_region,
+    n_regions_of,
+    region_moments,
+    relabeled,
+)
 
 ROUNDING = 16 * np.finfo(np.float64).eps  # of a least eigenvalue, as a share of the largest one
 CHUNK = 256  # regions whose pairs are tried at once; it limits the memory
@@ -28,38 +34,34 @@ class JoinLimits(NamedTuple):
     most_gap: float = 0.5  # parts are joined over a gap of this share of the smaller one's length
 
 
-def region_planes(points, labels, n_regions, weights=None, n_jobs=None):
+def region_planes(points, labels, n_regions, weights=None, parts=None):
     """Sizes, centroids (n_regions, d), covariances, eigenvalues, ascending, and axes as columns, of
     which the first is the normal; the parameters are those of `region_moments`."""
-    found = region_moments(points, labels, n_regions, weights, n_jobs=n_jobs)
+    found = region_moments(points, labels, n_regions, weights, parts=parts)
     eigenvalues, axes = np.linalg.eigh(found.covariances)
     return *found[:3], np.maximum(eigenvalues, 0.0), axes
 
 
-def join_coplanar(points, labels, around, n_jobs=None):
+def join_coplanar(points, labels, around, n_jobs=None, parts=None):
     """Give one label to regions that are parts of one plane: labels, changed, by first parts.
 
     A smaller region lies in the plane of a larger, flat one if the noise explains its root mean
     square distance to that plane. It is joined to the nearest such plane if the gap between them is
     small. Labels are from 0 on without gaps, -1 for none; `around` are the planes of the points.
     """
-    n_regions = int(labels.max(initial=-1)) + 1
+    n_regions, parts = n_regions_of(labels), parts or Parts(len(labels), n_jobs)
     if n_regions < 2:
         return labels
-    found = region_moments(points, labels, n_regions, n_jobs=n_jobs)
+    found = region_moments(points, labels, n_regions, parts=parts)
     planes, boxes = found[:3], (found.low, found.high)
-    noise = np.column_stack(
-        [
-            median_by_region(around.scale, labels, n_regions),
-            own_noise(found.covariances, median_by_region(around.radius, labels, n_regions)),
-        ]
-    )
+    noise, reach = medians_by_region([around.scale, around.radius], labels, n_regions, parts)
+    noise = np.column_stack([noise, own_noise(found.covariances, reach)])
     whole = np.append(np.arange(n_regions), -1)  # the joined region to which each region belongs
     while True:  # each round joins at least two parts
         pairs, most = _pairs_in_a_plane(*planes, noise, n_jobs)
         if len(pairs) > 0:
-            parts = _parts(points, labels, whole, pairs, most, boxes)
-            pairs = pairs[_near(parts, pairs, most, n_jobs)]
+            near = _near_points(parts, points, labels, whole, pairs, most, boxes)
+            pairs = pairs[_near(near, pairs, most, n_jobs)]
             # A small part that lies in two planes joins the nearer: it is no bridge between them.
             pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]
         if len(pairs) == 0:
@@ -145,7 +147,7 @@ def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
     return np.column_stack([small, large])[order].astype(int), most_gap * length
 
 
-def _parts(points, labels, whole, pairs, most, boxes):
+def _near_points(parts, points, labels, whole, pairs, most, boxes):
     """Points of the regions in pairs, by region: those that another of a pair may be near to."""
     small, large = pairs.T
     low, high = boxes
@@ -156,34 +158,40 @@ def _parts(points, labels, whole, pairs, most, boxes):
         np.minimum.at(least, one, low[other] - reach)
         np.maximum.at(highest, one, high[other] + reach)
     asked = np.append(np.isfinite(least[:, 0]), False)
-    parts = {region: [] for region in np.flatnonzero(asked).tolist()}
-    for rows in slices(len(labels), PART):
-        region = whole[labels[rows]]
-        inside = np.flatnonzero(asked[region])
-        some, region = points[rows][inside], region[inside]
-        near = ((some >= least[region]) & (some <= highest[region])).all(axis=1)
-        some, region = some[near], region[near]
-        order = np.argsort(region, kind="stable")
-        regions, starts = np.unique(region[order], return_index=True)
-        groups = np.split(some[order], starts[1:]) if len(regions) else []
-        for name, group in zip(regions.tolist(), groups, strict=True):
-            parts[name].append(group)
-    nothing = np.empty((0, points.shape[1]))
-    return {name: np.concatenate([nothing, *groups]) for name, groups in parts.items()}
+    found = {region: [np.empty((0, points.shape[1]))] for region in np.flatnonzero(asked).tolist()}
+    for some in parts.each(_points_in, points, labels, whole, asked, least, highest):
+        for name, group in some:
+            found[name].append(group)
+    return {name: np.concatenate(groups) for name, groups in found.items()}
 
 
-def _near(parts, pairs, most, n_jobs=None):
+def _points_in(part, points, labels, whole, asked, least, highest):
+    """Regions that are asked for, each with those of its points that lie in its box."""
+    region = whole[labels[part]]
+    inside = np.flatnonzero(asked[region])
+    if not len(inside):
+        return []
+    some, region = points[part][inside], region[inside]
+    near = ((some >= least[region]) & (some <= highest[region])).all(axis=1)
+    some, region = some[near], region[near]
+    order = np.argsort(region, kind="stable")
+    regions, starts = np.unique(region[order], return_index=True)
+    groups = np.split(some[order], starts[1:]) if len(regions) else []
+    return list(zip(regions.tolist(), groups, strict=True))
+
+
+def _near(points, pairs, most, n_jobs=None):
     """Whether the gap between the regions of each pair is small enough for the first region."""
     near = np.zeros(len(pairs), dtype=bool)
 
     def search(large):
-        own, tree = parts[large], None
+        own, tree = points[large], None
         if len(own) == 0:
             return
         low, high = own.min(axis=0), own.max(axis=0)
         rounding = ROUNDING * np.maximum(np.abs(low), np.abs(high))
         for row in np.flatnonzero(pairs[:, 1] == large).tolist():
-            queries, gap = parts[pairs[row, 0]], most[pairs[row, 0]]
+            queries, gap = points[pairs[row, 0]], most[pairs[row, 0]]
             reach = WIDER * gap + rounding  # those beyond the box are too far away
             queries = queries[((queries >= low - reach) & (queries <= high + reach)).all(axis=1)]
             if len(queries) == 0:

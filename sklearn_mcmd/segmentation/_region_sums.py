@@ -6,18 +6,15 @@ Transactions on Computers 64, 2015). So they are exact in any order, and nearly 
 themselves. Points are taken in parts, whose arrays may lie on disk.
 """
 
-from functools import partial
-from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
 
-from sklearn_mcmd.runtime._chunks import run, slices
+from sklearn_mcmd.runtime._chunks import slices
+from sklearn_mcmd.segmentation._parts import PART, Parts
 
-PART = 2**18  # points at once; it limits the memory
-AT_ONCE = 2_000_000  # values whose medians are sought at once, or of one region with more,
-PASSES = 4  # and in so many passes at least
+SAMPLES = 64  # values that a part shows of a region of which others have points, too
 BITS = 52  # of a number of double precision
 
 
@@ -29,6 +26,11 @@ class Moments(NamedTuple):
     covariances: np.ndarray  # (n_regions, d, d)
     low: np.ndarray  # corners of their boxes
     high: np.ndarray
+
+
+def n_regions_of(labels):
+    """How many regions there are, if these are numbered without gaps."""
+    return max((int(labels[rows].max()) + 1 for rows in slices(len(labels), PART)), default=0)
 
 
 def region_sizes(labels, n_regions, weights=None):
@@ -55,13 +57,13 @@ def rows_of(labels, wanted):
     return np.concatenate(rows)
 
 
-def region_moments(points, labels, n_regions, weights=None, n_jobs=None):
+def region_moments(points, labels, n_regions, weights=None, n_jobs=None, parts=None):
     """The `Moments` of regions; points of label -1 belong to none.
 
     Weights (n,) of int are copies.
     """
-    d, visit = points.shape[1], partial(_visit, labels, n_jobs)
-    sizes, low, high = _boxes(points, visit, n_regions, weights)
+    d, parts = points.shape[1], parts or Parts(len(labels), n_jobs)
+    sizes, low, high = _boxes(parts, points, labels, n_regions, weights)
     inside = np.isfinite(low[0])
     low[:, ~inside] = high[:, ~inside] = 0.0
     # A power of two is the unit, so that squares are near 1.
@@ -69,29 +71,13 @@ def region_moments(points, labels, n_regions, weights=None, n_jobs=None):
     factor, extent = 2.0**-unit, np.frexp(np.ldexp(high - low, -unit))[1]
     divisor = np.maximum(sizes, 1.0)
     bits = np.frexp(divisor)[1] + (weights is not None)
-
-    def local(groups, i):
-        gaps = groups.take(points[:, i]) - np.repeat(low[i, groups.regions], groups.counts)
-        gaps *= factor
-        return gaps
-
-    def weighted(groups, values):
-        return values if weights is None else values * groups.take(weights)
-
-    def columns(groups):
-        return (weighted(groups, local(groups, i)) for i in range(d))
-
-    means = _sums(visit, n_regions, columns, extent, bits) / divisor
+    known = points, weights, low, factor
+    means = _sums(parts, labels, n_regions, _coordinates, known, extent, bits) / divisor
     pairs = [(i, j) for i in range(d) for j in range(i + 1)]
-
-    def products(groups):
-        of_mean = [np.repeat(means[i, groups.regions], groups.counts) for i in range(d)]
-        gaps = [local(groups, i) - of_mean[i] for i in range(d)]
-        return (weighted(groups, gaps[i] * gaps[j]) for i, j in pairs)
-
     # Rounding may make a deviation longer than the extent.
     extents = [extent[i] + extent[j] + 2 for i, j in pairs]
-    moments = _sums(visit, n_regions, products, extents, bits) / divisor
+    known = *known, means, pairs
+    moments = _sums(parts, labels, n_regions, _products, known, extents, bits) / divisor
     covariances = np.empty((n_regions, d, d))
     with np.errstate(over="ignore"):
         for (i, j), moment in zip(pairs, moments, strict=True):
@@ -106,85 +92,168 @@ def region_moments(points, labels, n_regions, weights=None, n_jobs=None):
     )
 
 
-def _boxes(points, visit, n_regions, weights):
+def _boxes(parts, points, labels, n_regions, weights):
     """Sizes of regions, and the low and high corners (d, n_regions) of their boxes."""
     d, sizes = points.shape[1], np.zeros(n_regions)
     low, high = np.full((d, n_regions), np.inf), np.full((d, n_regions), -np.inf)
-
-    def measure(groups, lock):
-        weight = groups.counts
-        if weights is not None:
-            weight = np.add.reduceat(groups.take(weights) * 1.0, groups.starts)
-        own, there = [groups.take(points[:, i]) for i in range(d)], groups.regions
-        least = [np.minimum.reduceat(column, groups.starts) for column in own]
-        most = [np.maximum.reduceat(column, groups.starts) for column in own]
-        with lock:
-            sizes[there] += weight
-            low[:, there] = np.minimum(low[:, there], least)
-            high[:, there] = np.maximum(high[:, there], most)
-
-    visit(measure)
+    for there, weight, least, most in filter(None, parts.each(_box, points, labels, weights)):
+        sizes[there] += weight
+        low[:, there] = np.minimum(low[:, there], least)
+        high[:, there] = np.maximum(high[:, there], most)
     return sizes, low, high
 
 
-def sums_by_region(values, labels, n_regions, n_jobs=None):
+def _box(part, points, labels, weights):
+    """Regions, and of each its size and corners; None if there are none."""
+    if (groups := _grouped(labels[part], part)) is None:
+        return None
+    weight, own = groups.counts, list(groups.columns_of(points))
+    if weights is not None:
+        weight = np.add.reduceat(groups.take(weights) * 1.0, groups.starts)
+    least, most = ([f.reduceat(x, groups.starts) for x in own] for f in (np.minimum, np.maximum))
+    return groups.regions, weight, least, most
+
+
+def _coordinates(groups, points, weights, low, factor):
+    """Each coordinate from the corner of its region, times a factor, and times the weight."""
+    return _weighted(groups, weights, _local(groups, points, low, factor))
+
+
+def _products(groups, points, weights, low, factor, means, pairs):
+    """Products of such coordinates, less their means, times the weight."""
+    gaps = _local(groups, points, low, factor)
+    gaps = [x - groups.spread(mean) for x, mean in zip(gaps, means, strict=True)]
+    return _weighted(groups, weights, (gaps[i] * gaps[j] for i, j in pairs))
+
+
+def _local(groups, points, low, factor):
+    own = groups.columns_of(points)
+    return ((x - groups.spread(a)) * factor for x, a in zip(own, low, strict=True))
+
+
+def _weighted(groups, weights, values):
+    if weights is None:
+        return values
+    own = groups.take(weights)
+    return (some * own for some in values)
+
+
+def sums_by_region(values, labels, n_regions, parts=None):
     """Sums (n_regions,) of values that are not negative."""
-    most = max((float(values[rows].max()) for rows in slices(len(labels), PART)), default=0.0)
-    extent = np.full(n_regions, np.frexp(most)[1])
+    parts = parts or Parts(len(labels))
+    extent = np.full(n_regions, np.frexp(max(parts.each(_largest, values), default=0.0))[1])
     bits = np.full(n_regions, np.frexp(float(max(len(labels), 1)))[1])
-    visit = partial(_visit, labels, n_jobs)
-    return _sums(visit, n_regions, lambda groups: [groups.take(values)], [extent], bits)[0]
+    return _sums(parts, labels, n_regions, _themselves, (values,), [extent], bits)[0]
 
 
-def _sums(visit, n_regions, columns, extents, bits):
-    """Sums by region of the values that ``columns(groups)`` gives; for the rest see `_two_sums`."""
+def _largest(part, values):
+    return float(values[part].max())
+
+
+def _themselves(groups, values):
+    return [groups.take(values)]
+
+
+def _sums(parts, labels, n_regions, values_of, known, extents, bits):
+    """Sums by region of the values that ``values_of(groups, *known)`` gives, one after the other;
+    for the rest see `_two_sums`."""
     sums = np.zeros((len(extents), 2, n_regions))
-
-    def add(groups, lock):
-        pairs = zip(columns(groups), extents, strict=True)
-        found = [_two_sums(groups, values, extent, bits) for values, extent in pairs]
-        with lock:
-            for total, pair in zip(sums, found, strict=True):
-                total[:, groups.regions] += pair
-
-    visit(add)
+    for regions, found in filter(None, parts.each(_sum, labels, values_of, known, extents, bits)):
+        sums[..., regions] += found
     return sums.sum(axis=1)
 
 
-def median_by_region(values, labels, n_regions):
+def _sum(part, labels, values_of, known, extents, bits):
+    """Regions, and two sums of each kind of their values; None if there are none."""
+    if (groups := _grouped(labels[part], part)) is None:
+        return None
+    pairs = zip(values_of(groups, *known), extents, strict=True)
+    return groups.regions, np.stack([_two_sums(groups, *pair, bits) for pair in pairs])
+
+
+def median_by_region(values, labels, n_regions, parts=None):
     """Median of the values of each region, for an even number the upper one."""
-    sizes = region_sizes(labels, n_regions).astype(np.int64)
-    medians, first, most = np.empty(n_regions), 0, min(AT_ONCE, len(labels) // PASSES)
-    before = np.concatenate([[0], np.cumsum(sizes)])
-    while first < n_regions:  # as many regions as have few enough points, or one with more
-        last = int(np.searchsorted(before, before[first] + most, side="right")) - 1
-        last = max(last, first + 1)
-        number = np.full(n_regions + 1, -1, np.int64)
-        number[first:last] = np.arange(last - first)
-        medians[first:last] = _medians(values, labels, number, last - first)
-        first = last
+    return medians_by_region([values], labels, n_regions, parts)[0]
+
+
+def medians_by_region(columns, labels, n_regions, parts=None):
+    """Medians (m, n_regions) of m columns of values.
+
+    Of a region in several parts each shows some of its sorted values, which bound the median; what
+    lies between the bounds is then sorted.
+    """
+    parts, sizes = parts or Parts(len(labels)), region_sizes(labels, n_regions).astype(np.int64)
+    medians, shown = np.full((len(columns), n_regions), np.nan), {}
+    for regions, found, samples in filter(None, parts.each(_show, columns, labels, sizes)):
+        medians[:, regions] = found
+        for key, sample in samples.items():
+            shown.setdefault(key, []).append(sample)
+    if not shown:
+        return medians
+    bounds, between = np.full((2, *medians.shape), np.nan), {key: [] for key in shown}
+    for (column, region), samples in shown.items():
+        bounds[:, column, region] = _bounds(samples, sizes[region] // 2)
+    for found in parts.each(_between, columns, labels, bounds):
+        for key, counts_and_values in found.items():
+            between[key].append(counts_and_values)
+    for (column, region), found in between.items():
+        below, equal, some = zip(*found, strict=True)
+        place, some = sizes[region] // 2 - sum(below), np.concatenate(some)
+        low, high = bounds[:, column, region]
+        if place < sum(equal):
+            medians[column, region] = low
+        elif (place := place - sum(equal)) < len(some):
+            medians[column, region] = np.partition(some, place)[place]
+        else:
+            medians[column, region] = high
     return medians
 
 
-def _medians(values, labels, number, n_regions):
-    """Medians of some regions, which `number` numbers anew."""
-    own, numbers = [], []
-    for rows in slices(len(labels), PART):
-        some = number[labels[rows]]
-        inside = np.flatnonzero(some >= 0)
-        own.append(values[rows][inside])
-        if n_regions > 1:
-            numbers.append(some[inside].astype(np.int32))
-    own, regions, medians = np.concatenate(own), [0], np.full(n_regions, np.nan)
-    if n_regions > 1:
-        groups = _grouped(np.concatenate(numbers))
-        regions, own = groups.regions, np.split(own[groups.rows], groups.starts[1:])
-    else:
-        own = [own]
-    for region, some in zip(regions, own, strict=True):
-        some.partition(len(some) // 2)
-        medians[region] = some[len(some) // 2]
-    return medians
+def _show(part, columns, labels, sizes):
+    """Regions of which the part has all points, their medians, and samples of all others: places
+    and values, by column and region; None if there are none."""
+    if (groups := _grouped(labels[part], part)) is None:
+        return None
+    complete, samples = groups.counts == sizes[groups.regions], {}
+    medians = np.empty((len(columns), len(complete)))
+    for column, values in enumerate(columns):
+        own = np.split(groups.take(values), groups.starts[1:])
+        for i, some in enumerate(own):
+            if complete[i]:
+                some.partition(len(some) // 2)
+                medians[column, i] = some[len(some) // 2]
+                continue
+            some.sort()
+            places = np.append(np.arange(0, len(some), -(-len(some) // SAMPLES)), len(some) - 1)
+            samples[column, int(groups.regions[i])] = places, some[places]
+    return groups.regions[complete], medians[:, complete], samples
+
+
+def _bounds(samples, middle):
+    """Two of the values between which that of a place is, if samples show some of each part."""
+    values = np.unique(np.concatenate([some for _, some in samples]))
+    least, most = np.zeros(len(values), np.int64), np.zeros(len(values), np.int64)
+    for places, some in samples:
+        ends = np.append(places, places[-1] + 1)  # at most so many are less than a value,
+        most += ends[np.searchsorted(some, values)]
+        least += np.append(0, places + 1)[np.searchsorted(some, values, side="right")]
+    return values[np.flatnonzero(most <= middle)[-1]], values[np.argmax(least > middle)]
+
+
+def _between(part, columns, labels, bounds):
+    """Of each column and region with bounds: how many values are less, or equal to the lower one,
+    and those between both."""
+    found = {}
+    if (groups := _grouped(labels[part], part)) is None:
+        return found
+    for column, values in enumerate(columns):
+        own = groups.take(values)
+        for i in np.flatnonzero(~np.isnan(bounds[0, column, groups.regions])):
+            region, some = int(groups.regions[i]), own[groups.starts[i] :][: groups.counts[i]]
+            low, high = bounds[:, column, region]
+            less, equal = np.count_nonzero(some < low), np.count_nonzero(some == low)
+            found[column, region] = less, equal, some[(some > low) & (some < high)]
+    return found
 
 
 class _Groups(NamedTuple):
@@ -199,6 +268,14 @@ class _Groups(NamedTuple):
     def take(self, values):
         return values[self.part][self.rows]
 
+    def columns_of(self, values):
+        """Each column of values (n, d), one after the other."""
+        return (column[self.rows] for column in values[self.part].T)
+
+    def spread(self, values):
+        """The value of its region, for each row."""
+        return np.repeat(values[self.regions], self.counts)
+
 
 def _grouped(labels, part=slice(None)):
     """The `_Groups` of labels, sorted by counting; None if there are none."""
@@ -212,18 +289,6 @@ def _grouped(labels, part=slice(None)):
     counts = np.diff(groups.indptr)
     some = np.flatnonzero(counts)
     return _Groups(groups.indices, some + least, groups.indptr[some], counts[some], part)
-
-
-def _visit(labels, n_jobs, work):
-    """Call ``work(groups, lock)`` for the groups of each part of labels."""
-    lock = Lock()
-
-    def task(part):
-        groups = _grouped(labels[part], part)
-        if groups is not None:
-            work(groups, lock)
-
-    run([(part,) for part in slices(len(labels), PART)], task, n_jobs)
 
 
 def _two_sums(groups, values, extent, bits):

@@ -9,7 +9,7 @@ from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE, student_factor
 from sklearn_mcmd.segmentation._cylinder_parts import N_PARAMETERS, CylinderLimits, fit_cylinder
 from sklearn_mcmd.segmentation._graph import by_place
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, own_noise
-from sklearn_mcmd.segmentation._region_sums import median_by_region, rows_of
+from sklearn_mcmd.segmentation._region_sums import medians_by_region, region_sizes, rows_of
 
 N_PLANE = 3  # parameters of a plane
 NAMES = "kind points area centroid normal dip dip_direction rms height_error normal_error"
@@ -20,7 +20,7 @@ FIELDS = [
 ]
 
 
-def region_table(points, labels, around, moments):
+def region_table(points, labels, around, moments, parts=None):
     """The `regions_` of a `RegionGrowing` in 3D, by the planes `around` points and the moments that
     `region_planes` returns."""
     sizes, centroids, covariances, values, axes = moments
@@ -29,7 +29,7 @@ def region_table(points, labels, around, moments):
     table["normal"] = normals = point_up(axes[..., 0].copy())
     table["dip"] = np.degrees(np.arccos(np.clip(normals[:, 2], 0.0, 1.0)))
     table["dip_direction"] = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
-    distinct = np.bincount(labels[labels >= 0], minlength=len(sizes))  # copies tell nothing more
+    distinct = region_sizes(labels, len(sizes))  # copies tell nothing more
     noise = np.sqrt(values[:, 0] * distinct / np.maximum(distinct - N_PLANE, 1))
     table["height_error"] = noise / np.sqrt(np.maximum(distinct, 1))
     # Along the narrower axis; 90 where that is none.
@@ -43,14 +43,16 @@ def region_table(points, labels, around, moments):
     if len(sizes) == 0:
         return table
     most_noise, least_size = JoinLimits().most_noise, CylinderLimits().least_size
-    usual = median_by_region(around.scale, labels, len(sizes))
+    known = [around.scale, around.radius], labels, len(sizes)
+    usual, reach = medians_by_region(*known, parts)
     # What eigenvalues round is no bend, and no cylinder about a line.
     flat, thin = (values[:, i] <= RANK_TOLERANCE * values[:, 2] for i in (0, 1))
     flat |= table["rms"] <= most_noise * usual
-    flat |= own_noise(covariances, median_by_region(around.radius, labels, len(sizes))) > 0
+    flat |= own_noise(covariances, reach) > 0
     rows = rows_of(labels, np.append(np.ones(len(sizes), bool), False))
-    rows = rows[np.argsort(labels[rows], kind="stable")]
-    groups = np.split(rows, np.flatnonzero(np.diff(labels[rows])) + 1)
+    region = labels[rows]
+    order = np.argsort(region, kind="stable")
+    groups = np.split(rows[order], np.flatnonzero(np.diff(region[order])) + 1)
     for region, (own, group) in enumerate(zip(table, groups, strict=True)):
         group = by_place(points, group)
         own["kind"] = "plane" if flat[region] else "curved"

@@ -54,7 +54,6 @@ SMALL_POINT = 400  # bytes of a point of small groups, which one process judges
 BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
 JOINED_POINT = 150  # bytes of a point while regions are joined
 JOINED_AT_ONCE = 1_000_000  # points of regions that are joined at once
-GROWN_LEAST = 7  # bytes of a point of regions
 REST_POINT = 200  # bytes of a point that growth left over
 PART = 250_000  # points read or written at once
 PART_POINT = 400  # bytes of a point while it is read or written
@@ -165,7 +164,7 @@ def bytes_in_memory(catalog, n_features=0, *, work="normals"):
 def bytes_to_join(n_points, n_rest):
     """What the joining of regions takes, about, if growth left over so many of the points."""
     at_once = JOINED_POINT * min(n_points, JOINED_AT_ONCE)
-    return PROCESS + at_once + GROWN_LEAST * n_points + REST_POINT * n_rest
+    return PROCESS + at_once + REST_POINT * n_rest
 
 
 def bytes_of_parts(n_parts, n_links):

@@ -123,10 +123,7 @@ class StoredColumns:
 
     def write(self, name, start, values):
         """Fill rows of a column, from one on; no other bytes are written."""
-        stored = mapped(self._path(name), "r")
-        with open(self._path(name), "r+b") as file:
-            file.seek(stored.offset + stored.strides[0] * int(start))
-            file.write(np.ascontiguousarray(values, stored.dtype).data)
+        self.column(name)[start : start + len(values)] = values
 
     def change(self, cell, **arrays):
         """Keep beside columns what a cell changes of them, until all cells are done."""
@@ -162,10 +159,10 @@ class StoredColumns:
         self.columns.finish(cell, f"{step}-settled")
         self.columns.path(cell, "changes").unlink(missing_ok=True)
 
-    def copy(self, **names):
-        """Keep columns under another name, as they are."""
+    def copy(self, again=False, /, **names):
+        """Keep columns under another name, as they are; once, or `again`."""
         for name, other in names.items():
-            if not self.columns.is_done(ALL, other):
+            if again or not self.columns.is_done(ALL, other):
                 shutil.copyfile(self._path(name), self._path(other))
                 self.columns.finish(ALL, other)
 
@@ -178,24 +175,13 @@ class StoredColumns:
         for name in names:
             self._path(name).unlink(missing_ok=True)
 
-    def open(self, name, changing=False, private=False):
+    def open(self, name, private=False):
         """The array of a column, as a file that is mapped into memory.
 
-        With `private`, what is written stays in the memory of this process. With `changing`, it is
-        the array of a copy, which may be written to. The column itself may not, but is opened as
-        if: of an array that is read only Numba would compile everything anew.
+        With `private`, what is written stays in the memory of this process. It is opened as if it
+        were to be written to: of an array that is read only Numba would compile everything anew.
         """
-        path = self._path(name)
-        if changing:
-            path = shutil.copyfile(path, self._path_of_copy(name))
-        return self._mapped(path, private)
-
-    def open_copy(self, name):
-        """The array of the copy that was made with `changing`, in any process."""
-        return self._mapped(self._path_of_copy(name))
-
-    def _mapped(self, path, private=False):
-        stored = mapped(path, "c" if private else "r+")
+        stored = mapped(self._path(name), "c" if private else "r+")
         if not private:  # to free it would undo what was written
             self._open.append(stored)
         return np.asarray(stored)
@@ -244,16 +230,16 @@ class StoredColumns:
 
     def rows_of(self, name, rows):
         """Some rows of a column, of which nothing else stays in memory."""
-        return np.array(mapped(self._path(name), "r")[rows])
+        return self.column(name)[rows]
 
     def column(self, name):
-        """A column of which nothing stays in memory but what is asked for, by `rows_of`."""
-        return _Column(self, name)
+        """The `Column` of this name."""
+        return Column(self._path(name))
 
-    def planes(self, changing=False):
-        """The planes of all places, as `RegionGrowing` knows them; `changing` as of `open`."""
+    def planes(self):
+        """The planes of all places, as `RegionGrowing` knows them."""
         names = ("centroids", "normals", "scale")
-        known = {name: self.open(name, changing) for name in names}
+        known = {name: self.open(name) for name in names}
         if self.has("radius"):
             known["radius"] = self.open("radius")
         return Planes.empty(0, 3)._replace(**known)
@@ -261,21 +247,57 @@ class StoredColumns:
     def _path(self, name):
         return self.columns.path(ALL, name)
 
-    def _path_of_copy(self, name):
-        return self._path(name).with_suffix(".changed")
 
+class Column:
+    """A column by its rows, in any process: what is asked for comes into memory, and is written to
+    the file, and nothing else."""
 
-class _Column:
-    """A column by its rows."""
-
-    def __init__(self, whole, name):
-        self._whole, self._name = whole, name
+    def __init__(self, path):
+        self.path = path
 
     def __len__(self):
-        return len(self._whole)
+        return self.shape[0]
+
+    @property
+    def shape(self):
+        return mapped(self.path, "r").shape
 
     def __getitem__(self, rows):
-        return self._whole.rows_of(self._name, rows)
+        return np.array(mapped(self.path, "r")[rows])
+
+    def __setitem__(self, rows, values):
+        stored = mapped(self.path, "r")
+        if isinstance(rows, slice):
+            parts = [(rows.indices(len(stored))[0], values)] * (len(values) > 0)
+        else:
+            order = np.argsort(rows)
+            rows, values = rows[order], np.broadcast_to(values, rows.shape + stored.shape[1:])
+            ends = np.flatnonzero(np.diff(rows, prepend=-2) != 1)  # one part for each run of rows
+            parts = zip(rows[ends].tolist(), np.split(values[order], ends[1:]), strict=False)
+        with open(self.path, "r+b") as file:
+            for start, some in parts:
+                file.seek(stored.offset + stored.strides[0] * start)
+                file.write(np.ascontiguousarray(some, stored.dtype).data)
+
+
+class RevisedColumn(Column):
+    """A column that is changed once; what it was is kept beside it, for `restore`."""
+
+    def __setitem__(self, rows, values):
+        with in_place_of(self._before) as temporary, open(temporary, "wb") as file:
+            np.savez(file, rows=rows, values=self[rows])
+        super().__setitem__(rows, values)
+
+    def restore(self):
+        """Make it what it was, if a run has ended after it was changed."""
+        if self._before.exists():
+            with np.load(self._before) as before:
+                super().__setitem__(before["rows"], before["values"])
+            self._before.unlink()
+
+    @property
+    def _before(self):
+        return self.path.with_suffix(".before")
 
 
 def write_array(file, values):

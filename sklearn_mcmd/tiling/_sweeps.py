@@ -143,13 +143,13 @@ def compute_cells(task, cells, todo, n_workers):
     """Run a task for the cells `todo`, the largest first; all others count as done.
 
     It takes the number of a cell and leaves its results in a file, so that they are kept whatever
-    happens to other cells. When all have been tried and some failed, TilingError is raised; a
-    warning for each says why.
+    happens to other cells, or it answers. When all have been tried and some failed, TilingError is
+    raised; a warning for each says why. Returns the answers by cell.
     """
     todo = sorted(todo, key=lambda cell: -cells.counts[cell])
     n_points = int(cells.counts.sum())
     n_before = n_done = n_points - int(cells.counts[todo].sum())
-    begin, n_failed = time.monotonic(), 0
+    begin, n_failed, answers = time.monotonic(), 0, {}
     folder = cells.folder.parent
     # No more tasks are given than may run: dask has its own number of workers.
     work = Parallel(
@@ -159,7 +159,9 @@ def compute_cells(task, cells, todo, n_workers):
     spare = n_workers if gives_threads() else 1
     given = (max(1, spare // n_left) for n_left in range(len(todo), 0, -1))
     tasks = zip(todo, given, strict=True)
-    for cell, error in work(delayed(_attempt)(task, *known, folder) for known in tasks):
+    for cell, answers[cell], error in work(
+        delayed(_attempt)(task, *known, folder) for known in tasks
+    ):
         n_done += int(cells.counts[cell])
         if error is not None:
             n_failed += 1
@@ -170,6 +172,7 @@ def compute_cells(task, cells, todo, n_workers):
         report_share(n_done / n_points, f"{rate:,.0f} points/s")
     if n_failed:
         raise TilingError(f"{n_failed} of {len(cells)} tiles failed")
+    return answers
 
 
 def warn_if_coarse(constants, index):
@@ -179,14 +182,15 @@ def warn_if_coarse(constants, index):
 
 
 def _attempt(task, cell, n_times, folder):
-    """Run the task, whose job has n times its threads; returns why it failed, in one line."""
+    """Run the task, whose job has n times its threads: the cell, the answer, and why it failed, in
+    one line."""
     if n_times > 1 and "job" in task.keywords:
         job = task.keywords["job"]
         task = partial(task, job=replace(job, n_threads=n_times * job.n_threads))
     with lock_of_tiles(folder), warnings.catch_warnings(), listen_to_progress(None):
         warnings.simplefilter("ignore")
         try:
-            task(cell)
+            return cell, task(cell), None
         except Exception as err:
-            return cell, f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
-    return cell, None
+            said = f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
+            return cell, None, said

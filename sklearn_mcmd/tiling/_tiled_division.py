@@ -102,7 +102,7 @@ class DivisionJob:
         """
         if opened is None:
             whole = self.of.whole()
-            labels, scale = map(whole.open_copy, ("labels", "scale"))
+            labels, scale = map(whole.open, ("region_of", "scale"))
             planes = Planes.empty(0, 3)._replace(scale=scale, radius=whole.open("reach"))
             index = StoredIndex(whole, n_neighbors=self.of.growing.n_neighbors)
             opened = index, planes, labels, self.n_threads, self.stored()

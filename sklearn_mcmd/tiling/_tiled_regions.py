@@ -10,17 +10,19 @@ from sklearn_mcmd._errors import warn
 from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._resolution import least_scales
 from sklearn_mcmd.segmentation._estimator import RegionGrowing, finish_regions
 from sklearn_mcmd.segmentation._merge_coplanar import region_planes
-from sklearn_mcmd.segmentation._region_sums import region_sizes
+from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes
 from sklearn_mcmd.segmentation._region_table import region_table
+from sklearn_mcmd.tiling._cell_parts import CellParts, OwnNeighbors
 from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import fit_together, write_results_of_places
 from sklearn_mcmd.tiling._run import TiledVerb, warm_up
-from sklearn_mcmd.tiling._stored_columns import ALL
+from sklearn_mcmd.tiling._stored_columns import ALL, RevisedColumn
 from sklearn_mcmd.tiling._stored_index import StoredIndex
-from sklearn_mcmd.tiling._stored_offers import settle
+from sklearn_mcmd.tiling._stored_offers import FACES, settle
 from sklearn_mcmd.tiling._tiled_division import divide_in_tiles
 from sklearn_mcmd.tiling._tiled_growing import STEPS, grow_in_cells
 from sklearn_mcmd.tiling._tiled_normals import (
@@ -110,16 +112,16 @@ def _segment(growing, run):
     sweep = partial(sweeps, cells=run.cells, job=job)
     sweep("faces-settled", partial(settle, step="faces"))
     grow_in_cells(sweep, job, run.memory)
-    with whole.releasing(), sweeps.part("joining"):
-        labels, planes = _finish(run, whole, job)
+    parts = CellParts(job, run.plan.n_workers)
+    with sweeps.part("joining"):
+        labels, planes = _finish(run, job, parts)
     write_results_of_places(job, labels)
-    counts, n = whole.open("counts"), int(labels.max(initial=-1)) + 1
+    points, counts, n = whole.column("points"), whole.column("counts"), n_regions_of(labels)
 
     def table():
-        points, weights = whole.open("points"), counts if counts.max() > 1 else None
-        with whole.releasing():
-            moments = region_planes(points, labels, n, weights, run.n_threads)
-            return region_table(points, labels, planes, moments)
+        weights = counts if len(whole) < run.cells.counts.sum() else None
+        moments = region_planes(points, labels, n, weights, parts)
+        return region_table(points, labels, planes, moments, parts)
 
     return region_sizes(labels, n, counts), table
 
@@ -132,20 +134,35 @@ def _keep_planes(cell, job, fitted):
     job.whole().change(cell, **faces)
 
 
-def _finish(run, whole, job):
+def _finish(run, job, parts):
     """Regions of all places, once they have grown; and the planes then."""
-    growing, n_threads, labels = job.growing, run.n_threads, whole.open("labels", changing=True)
+    growing, whole = job.growing, job.whole()
+    faces = [RevisedColumn(whole.column(name).path) for name in FACES]
+    for column in faces:  # an earlier run may have ended amid these steps, which begin anew
+        column.restore()
+    whole.copy(True, labels="region_of")
+    labels, floor, counts, reach = map(whole.column, ("region_of", "floor", "counts", "reach"))
     _warn_if_much(labels, growing.n_neighbors, run.memory)
-    planes = whole.planes(changing=True)._replace(radius=whole.open("reach"))
-    index = StoredIndex(whole, run.cells, growing.n_neighbors)
-    given = labels, index, planes, whole.open("floor"), whole.open("counts"), growing, n_threads
-    divide = partial(divide_in_tiles, job=job, n_workers=run.plan.n_workers, memory=run.memory)
-    return finish_regions(*given, divide), planes
+    index = OwnNeighbors(whole, growing.n_neighbors)
+    planes = Planes.empty(0, 3)._replace(**dict(zip(FACES, faces, strict=True)), radius=reach)
+    divide = partial(_divide, job=job, n_workers=run.plan.n_workers, memory=run.memory)
+    known = labels, index, planes, floor, counts, growing, parts, run.n_threads
+    return finish_regions(*known, divide), planes
+
+
+def _divide(labels, index, planes, rules, n_jobs, *, job, **known):
+    """Divide labels, which lie on disk, as the arrays that `divide_in_tiles` takes."""
+    whole = job.whole()
+    index = StoredIndex(whole, job.cells, index.n_neighbors)
+    planes = whole.planes()._replace(radius=whole.open("reach"))
+    with whole.releasing():
+        divide_in_tiles(whole.open("region_of"), index, planes, rules, n_jobs, job=job, **known)
+    return labels
 
 
 def _warn_if_much(labels, n_neighbors, memory):
     """Warn if so many points are on no surface that the next steps take more than the memory."""
-    sizes = region_sizes(labels, int(labels.max(initial=-1)) + 1)
+    sizes = region_sizes(labels, n_regions_of(labels))
     n_rest = len(labels) - int(sizes[sizes > n_neighbors].sum())
     needed = bytes_to_join(len(labels), n_rest)
     if needed > memory:

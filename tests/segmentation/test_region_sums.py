@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sklearn_mcmd.segmentation import _region_sums
+from sklearn_mcmd.segmentation import _parts, _region_sums
 from sklearn_mcmd.segmentation._region_sums import (
     median_by_region,
     region_moments,
@@ -36,7 +36,7 @@ def test_neither_order_nor_parts_nor_threads_change_a_bit(cloud, monkeypatch):
     weights = np.arange(len(labels)) % 5 + 1
     weighted = region_moments(points, labels, N_REGIONS, weights)
     for part in (2**18, 617):
-        monkeypatch.setattr(_region_sums, "PART", part)
+        set_parts(monkeypatch, part)
         order = np.random.default_rng(part).permutation(len(labels))
         P, L = points[order], labels[order]
         found = (
@@ -65,14 +65,21 @@ def test_moments_are_those_of_each_region(cloud):
         assert_allclose(found.covariances[region], expected, atol=1e-12 * expected.max())
 
 
-@pytest.mark.parametrize("at_once", [2_000_000, 100, 1])
-def test_medians_are_the_upper_ones_whatever_is_sought_at_once(cloud, at_once, monkeypatch):
+@pytest.mark.parametrize("part", [2**18, 999, 30, 1])
+@pytest.mark.parametrize("samples", [64, 3, 1])
+def test_medians_are_the_upper_ones_whatever_parts_are(cloud, part, samples, monkeypatch):
     _, labels, values = cloud
     labels = relabeled(labels.copy(), np.append(np.arange(N_REGIONS) // 2, -1))
     n_regions = labels.max() + 1
-    monkeypatch.setattr(_region_sums, "AT_ONCE", at_once)
-    monkeypatch.setattr(_region_sums, "PART", 999)
+    values[labels == 1], values[labels == 2] = 0.5, np.rint(3 * values[labels == 2])
+    monkeypatch.setattr(_region_sums, "SAMPLES", samples)
+    set_parts(monkeypatch, part)
     found = median_by_region(values, labels, n_regions)
     for region in range(n_regions):
         own = np.sort(values[labels == region])
         assert found[region] == own[len(own) // 2]
+
+
+def set_parts(monkeypatch, size):
+    for module in (_parts, _region_sums):
+        monkeypatch.setattr(module, "PART", size)

@@ -193,7 +193,7 @@ def test_a_tile_that_is_given_to_several_workers_is_computed_once(tmp_path, monk
     def attempt_thrice(*given):
         with ThreadPoolExecutor(2) as pool:
             found = [task.result() for task in [pool.submit(attempt, *given) for _ in range(2)]]
-        assert {*found, attempt(*given)} == {(given[1], None)}
+        assert {*found, attempt(*given)} == {(given[1], None, None)}
         return found[0]
 
     monkeypatch.setattr(_sweeps, "_attempt", attempt_thrice)

@@ -1,0 +1,47 @@
+"""What works on the parts of a cloud in memory works on cells: they answer, this process joins."""
+
+from functools import partial
+
+import numpy as np
+
+from sklearn_mcmd.planes._record import Neighborhoods
+from sklearn_mcmd.runtime._progress import listen_to_progress
+from sklearn_mcmd.segmentation._parts import answers
+from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
+from sklearn_mcmd.tiling._sweeps import compute_cells
+
+
+class CellParts:
+    """As `Parts`, of all places: each cell is divided into parts.
+
+    No file says which cells have answered: a run that goes on asks all of them anew.
+    """
+
+    def __init__(self, job, n_workers):
+        self._job, self._n_workers = job, n_workers
+
+    def each(self, work, *known, size=None):
+        """As of `Parts`; columns may be known, and `OwnNeighbors`."""
+        cells = self._job.cells
+        todo = np.flatnonzero(cells.counts).tolist()
+        task = partial(_answers, job=self._job, work=work, known=known, size=size)
+        with listen_to_progress(None):
+            found = compute_cells(task, cells, todo, self._n_workers)
+        return [answer for cell in todo for answer in found[cell]]
+
+
+def _answers(cell, job, work, known, size):
+    return answers(work, job.whole().rows(cell), known, size, job.n_threads)
+
+
+class OwnNeighbors:
+    """A `NeighborIndex` that answers nothing but `query_own`, in any process."""
+
+    def __init__(self, whole, n_neighbors):
+        self.points, self.n_neighbors = whole.column("points"), n_neighbors
+        self._near = StoredNeighbors(whole)
+
+    def query_own(self, rows, k=None):
+        """As of `NeighborIndex`."""
+        near = self._near.take(rows, k or self.n_neighbors)
+        return Neighborhoods(near, np.full(len(near), near.shape[1]))
