@@ -68,7 +68,7 @@ def find_creases(index, planes, min_angle, n_jobs=None):
     with progress_part(0.0, MEASURED):
         _measure_spacing(index, planes, n_jobs)
     n = len(index.points)
-    faces = Faces(index.empty(n, np.int32), *(index.empty(n, bool) for _ in range(2)))
+    faces = Faces(np.empty(n, np.int32), *(np.empty(n, bool) for _ in range(2)))
     creases = Creases(
         index=index,
         planes=planes,
@@ -77,7 +77,7 @@ def find_creases(index, planes, min_angle, n_jobs=None):
         cosine=cosine_of(min_angle),
         n_jobs=n_jobs,
         faces=faces,
-        evidence=index.empty(n),
+        evidence=np.empty(n),
     )
     return creases, creases.measure(index.points, index.query_own, faces, creases.evidence)
 
@@ -126,7 +126,7 @@ class Creases:
         Where the planes of neighbors differ, the one that explains the query best is given, and
         else that of the nearest neighbor.
         """
-        distance, planes = self.index.empty(len(queries)), self.planes
+        distance, planes = np.empty(len(queries)), self.planes
         usable, far = self.usable, CreaseLimits().far
         # Of two planes that differ by an angle, one differs from any third by half of it.
         half_turn = np.sqrt(0.5 * (1.0 + self.cosine))
@@ -153,7 +153,7 @@ class Creases:
         the evidence: half of the BIC of the best two or three faces less that of the best surface
         without a crease, negative where there is an edge."""
         (m, d), k = queries.shape, self.index.n_neighbors
-        distance, planes = self.index.empty(m), self.planes
+        distance, planes = np.empty(m), self.planes
         told = CreaseLimits(), self.cosine, ExplainLimits().explained
         fill = compiled_function("edges._crease_distance_numba", "meet_faces")
 
@@ -211,7 +211,7 @@ def _search(index, queries, n_jobs):
 def _measure_spacing(index, planes, n_jobs):
     """Fill radius, spacing (the side of the cell that one point of a surface takes), and noise of
     the planes, which is not known better."""
-    m, even = len(index.points), index.empty(len(index.points))
+    m, even = len(index.points), np.empty(len(index.points))
 
     def measure(part, around):
         found = spacing_of(index, part, around, planes.scale[part])

@@ -121,7 +121,7 @@ def row_linker(index, k, planes, limits, usable=None, farthest=None):
     own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
     link = _compiled("link_rows")
     if farthest is None and own.both_near:
-        farthest = index.empty(len(index.points))
+        farthest = np.empty(len(index.points))
         with progress_part(0.0, 0.4):
             measure_farthest(index, k, slice(0, len(farthest)), farthest)
     given = np.empty(0) if farthest is None else farthest

@@ -127,10 +127,6 @@ class NeighborIndex:
         """Rows and points (m, d), part by part; only one part is in memory at a time."""
         yield np.arange(len(self.points)), self.points
 
-    def empty(self, shape, dtype=np.float64):
-        """An array for what is found of many points."""
-        return np.empty(shape, dtype)
-
     def nearest(self, queries, n_workers=1):
         """Row of `points` nearest to each query; 0 with one neighborhood of all points."""
         if self.n_neighbors is None:

@@ -373,7 +373,7 @@ def finish_regions(
     claims = Claims(index, planes, rules, parts)
     with progress_part(0.45, 0.65, "joining regions"):
         if steps.divide_at_creases and in_space:
-            labels = divide(labels, index, planes, rules, n_jobs)
+            labels = divide(labels, index, planes, rules, n_jobs, parts)
             labels = renumbered(labels, copies, growing.min_region_size)
         if steps.assign_unlabeled:
             labels = renumbered(claims.absorb_fragments(labels), copies)

@@ -1,5 +1,6 @@
 """Regions that are several surfaces: what growth led across a crease is divided there."""
 
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
@@ -15,7 +16,8 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, GrowthLimits, n_linked
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments, relabeled
+from sklearn_mcmd.segmentation._parts import PART, Parts
+from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
 
 UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in its nine
 WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # and the reverse
@@ -247,7 +249,7 @@ def places(names, wanted):
     return order[np.searchsorted(names, wanted, sorter=order)]
 
 
-def divide_at_creases(labels, index, planes, rules, n_jobs=None):
+def divide_at_creases(labels, index, planes, rules, n_jobs=None, parts=None):
     """Divide regions where two planes that meet in a crease explain them better than one surface.
 
     Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
@@ -260,7 +262,7 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     label -1.
     """
     n, own = len(labels), slice(0, len(labels))
-    points = Points(index, planes, rules, labels, index.empty(n), index.empty(n, np.int32), n_jobs)
+    points = Points(index, planes, rules, labels, np.empty(n), np.empty(n, np.int32), n_jobs)
     points.noise[:], points.cell[:] = points.usual_noise(own), -1
     ends = (f(index.points, axis=0) for f in (np.min, np.max))
     bounds = points.noise.min(), points.noise.max(), *ends
@@ -277,11 +279,11 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     if are_whole(labels, last):
         return labels
     borders = pairs_of(named(borders, lambda names: of_root[places(roots, names)]))
-    patch, own = of_root[of], index.empty(n, np.int32)
+    patch, own = of_root[of], np.empty(n, np.int32)
     for rows in slices(n, ROWS):
         cell = points.cell[rows]
         own[rows] = np.where(cell < 0, -1, patch[np.searchsorted(begins, cell)])
-    return divided(points, rules, begins, patch, own, last, sums, borders)
+    return divided(points, rules, begins, patch, own, last, sums, borders, parts=parts)
 
 
 def scrambled(places):
@@ -300,8 +302,7 @@ def blocks(points, begins, beside):
     so on. `beside` are `keys` of the cells.
     """
     names, block = begins, begins
-    known = points.index.empty(len(points.noise), np.int32)
-    known[:] = -1
+    known = np.full(len(points.noise), -1, np.int32)
     for _ in range(VoteLimits().rings):
         found = points.gather_blocks(names, beside, known)
         of = partial(_looked_up, names, found)
@@ -328,42 +329,57 @@ def joined(sums, edges):
     return first, patch, Sums(*(values[first] for values in sums))
 
 
-def divided(points, rules, begins, patch, own, last, sums, borders, vote=None):
-    """The labels of points, divided, once cells are joined to patches; see `divide_at_creases`.
+def divided(points, rules, begins, patch, own, last, sums, borders, vote=None, parts=None):
+    """The labels of points, changed, once cells are joined to patches; see `divide_at_creases`.
 
     Cells begin at the points `begins` and have a patch each, as points have, `own` (n,). Patches
     begin at the points `last`, in order. Borders (m, 2) are between them, both ways. `vote` returns
-    the votes of borders of `Patches`; by default this process asks for them.
+    the votes of borders of `Patches`; by default this process asks for them. `parts` are as of
+    `divide_at_creases`.
     """
-    index, labels, n_jobs, n = points.index, points.labels, points.n_jobs, len(last)
+    labels, n_jobs, shape = points.labels, points.n_jobs, (len(last), points.size)
     regions, borders = labels[last], borders[borders[:, 0] < borders[:, 1]]
-    found = index.empty(len(labels), np.int32)
-    wide = _are_wide(index.points, own, n, points.size, n_jobs)
+    parts = parts or Parts(len(labels), n_jobs)
+    wide = _are_wide(points.index.points, own, *shape, parts)
     patches = Patches.of(begins, patch, sums, wide)
     strips = Strips(points, patches, rules.min_cosine)
     votes = strips.votes(borders, n_jobs) if vote is None else vote(patches, borders)
     counts = wide[borders].all(axis=1) | (votes > 0)
     group = _joined(borders[counts], votes[counts], regions)
-    found[:] = own
-    relabeled(found, np.append(group, -1))
-    wide = _are_wide(index.points, found, n, points.size, n_jobs)[group]
+    grouped = Renamed(own, np.append(group, -1))
+    wide = _are_wide(points.index.points, grouped, *shape, parts)[group]
     both = wide[borders].all(axis=1)
     group, mixed = _settled(group, borders, wide, regions)
-    found[:] = own
-    relabeled(found, np.append(np.where(mixed, -1, group), -1))
+    grouped = Renamed(own, np.append(np.where(mixed, -1, group), -1))
+    for rows in slices(len(labels), PART):
+        labels[rows] = grouped[rows]
     parted = both & (votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]])
     parting = np.flatnonzero(parted)
     parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
-    strips.part(borders[parting], group, found, n_jobs)
-    return found
+    strips.part(borders[parting], group, labels, n_jobs)
+    return labels
 
 
-def _are_wide(points, labels, n, size, n_jobs):
+def _are_wide(points, labels, n, size, parts):
     """Which of n surfaces are wide: the plane of a piece as long as wide leaves more degrees of
     freedom than a cell of `size` has points."""
-    found = region_moments(points, labels, n, n_jobs=n_jobs)
+    found = region_moments(points, labels, n, parts=parts)
     values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
     return found.sizes**2 * values[:, 1] > (size + points.shape[1]) ** 2 * values[:, 2]
+
+
+@dataclass(frozen=True)
+class Renamed:
+    """Labels of points by new numbers, of which the last is for -1, as some rows are asked for."""
+
+    labels: np.ndarray
+    number: np.ndarray
+
+    def __len__(self):
+        return len(self.labels)
+
+    def __getitem__(self, rows):
+        return self.number[self.labels[rows]]
 
 
 class Strips:

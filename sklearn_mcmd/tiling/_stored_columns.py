@@ -5,13 +5,11 @@ cell and column, `StoredColumns` one for each column of all cells.
 """
 
 import json
-import mmap
 import os
 import secrets
 import shutil
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from threading import Event, Thread
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +18,6 @@ from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import PointFileError
 from sklearn_mcmd.planes._record import Planes
 
-RELEASE_SECONDS = 0.2  # after which what was read of mapped files is freed
 MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
 STARTS = "first_rows"  # the column of the first row of each cell
 ALL = "all"  # stands for all cells, in the place of a cell's number
@@ -79,7 +76,7 @@ class StoredColumns:
     """
 
     def __init__(self, columns, n_cells):
-        self.columns, self.n_cells, self._open = columns, n_cells, []
+        self.columns, self.n_cells = columns, n_cells
         if columns.path(ALL, STARTS).exists():
             self.starts = columns.read(ALL, STARTS)
             return
@@ -181,52 +178,7 @@ class StoredColumns:
         With `private`, what is written stays in the memory of this process. It is opened as if it
         were to be written to: of an array that is read only Numba would compile everything anew.
         """
-        stored = mapped(self._path(name), "c" if private else "r+")
-        if not private:  # to free it would undo what was written
-            self._open.append(stored)
-        return np.asarray(stored)
-
-    def scratch(self, shape, dtype):
-        """An array on disk for the work on what is open; its file has no name."""
-        if 0 in np.atleast_1d(shape):
-            return np.empty(shape, dtype)
-        path = self._path(f"scratch.{secrets.token_hex(4)}")
-        self._open.append(made(path, dtype, np.atleast_1d(shape)))
-        with suppress(PermissionError):  # Windows, where it stays while it is mapped
-            path.unlink()
-        return np.asarray(self._open[-1])
-
-    @contextmanager
-    def releasing(self):
-        """Free what was read of open arrays, time and again, while the work goes on.
-
-        Without this the system does so when others need the memory. It takes a thread of its own:
-        compiled code that works for minutes calls nobody, and joblib has no timer.
-        """
-        done = Event()
-
-        def release():
-            while not done.wait(RELEASE_SECONDS):
-                self.release()
-
-        thread = Thread(target=release, daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            done.set()
-            thread.join()
-
-    def flush(self):
-        """Let other machines read what was written to open arrays."""
-        for stored in self._open:
-            stored.flush()
-
-    def release(self):
-        """Free the memory of what was read or written of open arrays."""
-        for stored in list(self._open):
-            if hasattr(mmap, "MADV_DONTNEED"):  # not on Windows; files keep what was written
-                stored._mmap.madvise(mmap.MADV_DONTNEED)
+        return np.asarray(mapped(self._path(name), "c" if private else "r+"))
 
     def rows_of(self, name, rows):
         """Some rows of a column, of which nothing else stays in memory."""

@@ -63,10 +63,6 @@ class StoredIndex(NeighborIndex):
         """As of `NeighborIndex`."""
         return StoredNearest(self._whole, self._cells).query(queries, 1, n_jobs)[1][:, 0]
 
-    def empty(self, shape, dtype=np.float64):
-        """As of `NeighborIndex`, on disk."""
-        return self._whole.scratch(shape, dtype)
-
 
 class StoredCloud:
     """What a `NeighborIndex` asks an `IndexedCloud` for."""

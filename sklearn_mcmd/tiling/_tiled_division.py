@@ -36,8 +36,8 @@ STEPS = "noise", "gathered", "summed", "blocked", "joined", "bordered", "patched
 ROW = np.int32, ()
 
 
-def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, memory):
-    """As `divide_at_creases`, of the places of a job."""
+def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_workers, memory):
+    """As `divide_at_creases`, of the places of a job; what is known of all are columns."""
     whole, done = job.whole(), job.found / "divided"
     job = DivisionJob(job, n_threads=job.n_threads)
     columns, tiles = job.columns, np.flatnonzero(job.cells.counts)
@@ -46,7 +46,6 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, mem
     stored = StoredColumns(columns, 0)
     stored.starts = whole.starts
     stored.make(noise=(np.float64, ()))
-    whole.flush()
     sweeps = Sweeps(n_workers, STEPS)
     sweeps("noise", _find_noise, job.cells, job=job)
     reports = [columns.report(tile, "noise") for tile in tiles]
@@ -54,12 +53,12 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, mem
     low, high = job.cells.extent(slice(None))
     ends = low.min(axis=0).tolist(), high.max(axis=0).tolist()
     columns.finish(ALL, "units", least=least, most=most, ends=ends)
-    opened = index, planes, labels, n_jobs, stored
-    if any(report["n"] for report in reports) and job.points(opened) is not None:
+    known = index, planes, labels, n_jobs
+    if any(report["n"] for report in reports) and job.points(known) is not None:
         job = _in_blocks(sweeps, job, stored)
         for name, work in (("joined", _join_blocks), ("bordered", _find_borders)):
             sweeps(name, work, job.cells, job=job)
-        points, roots, borders = job.points(opened), *_patches(columns, tiles, memory)
+        points, roots, borders = job.points(known), *_patches(columns, tiles, memory)
         last, patch, sums = points.joined(roots, _sums(_read(columns, tiles, "of_roots")), borders)
         if not are_whole(labels, last):
             borders = pairs_of(named(borders, lambda names: patch[places(roots, names)]))
@@ -67,10 +66,8 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, *, job, n_workers, mem
             stored.make(patch=ROW)
             sweeps("patched", _name_patches, job.cells, job=job)
             cells = (_read(columns, tiles, name) for name in ("begins", "patch_of"))
-            vote = partial(_vote, sweeps, job, last)
-            with stored.releasing():
-                known = *cells, stored.open("patch"), last, sums, borders, vote
-                labels[:] = divided(points, rules, *known)
+            known = *cells, stored.column("patch"), last, sums, borders
+            divided(points, rules, *known, partial(_vote, sweeps, job, last), parts)
     shutil.rmtree(columns.folder.rename(done), ignore_errors=True)
     return labels
 
@@ -95,21 +92,24 @@ class DivisionJob:
         """The columns of all places that only the division has."""
         return StoredColumns(self.columns, 0)
 
-    def points(self, opened=None, cell=None):
+    def points(self, known=None, cell=None):
         """The `Points` of all places; None if their noise has no unit.
 
-        This process has `opened` index, planes, labels, threads and columns; others open them.
+        This process knows columns, of which it asks for few rows: index, planes, labels, and how
+        many threads it has. The work on a tile opens all.
         """
-        if opened is None:
+        stored = self.stored()
+        open_one = stored.open if known is None else stored.column
+        if known is None:
             whole = self.of.whole()
             labels, scale = map(whole.open, ("region_of", "scale"))
             planes = Planes.empty(0, 3)._replace(scale=scale, radius=whole.open("reach"))
             index = StoredIndex(whole, n_neighbors=self.of.growing.n_neighbors)
-            opened = index, planes, labels, self.n_threads, self.stored()
-        index, planes, labels, n_jobs, stored = opened
+            known = index, planes, labels, self.n_threads
+        index, planes, labels, n_jobs = known
         if cell is None and self.levels:
-            cell = stored.open(self.levels[0])
-        known = labels, stored.open("noise"), cell, n_jobs
+            cell = open_one(self.levels[0])
+        known = labels, open_one("noise"), cell, n_jobs
         points = Points(index, planes, rules_of(self.of.growing), *known)
         if not self.columns.is_done(ALL, "units"):
             return points

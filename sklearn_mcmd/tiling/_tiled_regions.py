@@ -21,7 +21,6 @@ from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import fit_together, write_results_of_places
 from sklearn_mcmd.tiling._run import TiledVerb, warm_up
 from sklearn_mcmd.tiling._stored_columns import ALL, RevisedColumn
-from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._stored_offers import FACES, settle
 from sklearn_mcmd.tiling._tiled_division import divide_in_tiles
 from sklearn_mcmd.tiling._tiled_growing import STEPS, grow_in_cells
@@ -145,19 +144,9 @@ def _finish(run, job, parts):
     _warn_if_much(labels, growing.n_neighbors, run.memory)
     index = OwnNeighbors(whole, growing.n_neighbors)
     planes = Planes.empty(0, 3)._replace(**dict(zip(FACES, faces, strict=True)), radius=reach)
-    divide = partial(_divide, job=job, n_workers=run.plan.n_workers, memory=run.memory)
+    divide = partial(divide_in_tiles, job=job, n_workers=run.plan.n_workers, memory=run.memory)
     known = labels, index, planes, floor, counts, growing, parts, run.n_threads
     return finish_regions(*known, divide), planes
-
-
-def _divide(labels, index, planes, rules, n_jobs, *, job, **known):
-    """Divide labels, which lie on disk, as the arrays that `divide_in_tiles` takes."""
-    whole = job.whole()
-    index = StoredIndex(whole, job.cells, index.n_neighbors)
-    planes = whole.planes()._replace(radius=whole.open("reach"))
-    with whole.releasing():
-        divide_in_tiles(whole.open("region_of"), index, planes, rules, n_jobs, job=job, **known)
-    return labels
 
 
 def _warn_if_much(labels, n_neighbors, memory):
