@@ -58,7 +58,8 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_worke
         job = _in_blocks(sweeps, job, stored)
         for name, work in (("joined", _join_blocks), ("bordered", _find_borders)):
             sweeps(name, work, job.cells, job=job)
-        points, roots, borders = job.points(known), *_patches(columns, tiles, memory)
+        roots, borders = _patches(columns, tiles, memory)
+        points = job.points(known)
         last, patch, sums = points.joined(roots, _sums(_read(columns, tiles, "of_roots")), borders)
         if not are_whole(labels, last):
             borders = pairs_of(named(borders, lambda names: patch[places(roots, names)]))

@@ -135,8 +135,8 @@ def test_small_cells_and_patches_of_regions_cross_tiles(by_tiles, monkeypatch, t
     path, seen = written(tmp_path, make_crown_roof(4_000, random_state=0).data), []
 
     def divide(points, rules, begins, patch, own, last, *others, of=_tiled_division.divided):
-        starts = points.index._whole.starts
-        rows = np.flatnonzero(points.cell >= 0)
+        starts = points.index._near._whole.starts
+        rows = np.flatnonzero(points.cell[:] >= 0)
         tiles = (np.searchsorted(starts, of, side="right") for of in (rows, points.cell[rows]))
         n_crossing = np.count_nonzero(np.not_equal(*tiles))
         tiles = (np.searchsorted(starts, of, side="right") for of in (begins, last[patch]))
