@@ -18,20 +18,21 @@ class CellParts:
     """
 
     def __init__(self, job, n_workers):
-        self._job, self._n_workers = job, n_workers
+        self._job, self._cells, self._n_workers = job, job.cells, n_workers
+        self._starts = job.whole().starts
 
     def each(self, work, *known, size=None):
         """As of `Parts`; columns may be known, and `OwnNeighbors`."""
-        cells = self._job.cells
-        todo = np.flatnonzero(cells.counts).tolist()
-        task = partial(_answers, job=self._job, work=work, known=known, size=size)
+        todo, given = np.flatnonzero(self._cells.counts).tolist(), (work, self._starts, known, size)
         with listen_to_progress(None):
-            found = compute_cells(task, cells, todo, self._n_workers)
+            task = partial(_answers, job=self._job, given=given)
+            found = compute_cells(task, self._cells, todo, self._n_workers)
         return [answer for cell in todo for answer in found[cell]]
 
 
-def _answers(cell, job, work, known, size):
-    return answers(work, job.whole().rows(cell), known, size, job.n_threads)
+def _answers(cell, job, given):
+    work, starts, known, size = given
+    return answers(work, slice(*starts[cell : cell + 2].tolist()), known, size, job.n_threads)
 
 
 class OwnNeighbors:

@@ -9,6 +9,7 @@ import os
 import secrets
 import shutil
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -212,24 +213,39 @@ class Column:
 
     @property
     def shape(self):
-        return mapped(self.path, "r").shape
+        return self._known[2]
+
+    @cached_property
+    def _known(self):
+        """Where the values begin in the file, their type, and the shape."""
+        stored = mapped(self.path, "r")
+        return stored.offset, stored.dtype, stored.shape
 
     def __getitem__(self, rows):
-        return np.array(mapped(self.path, "r")[rows])
+        offset, dtype, shape = self._known
+        with one_clear_line(self.path, "read"):
+            if isinstance(rows, slice):  # read, which is faster than mapped and copied
+                start, stop, _ = rows.indices(shape[0])
+                width = int(np.prod(shape[1:]))
+                offset += start * width * dtype.itemsize
+                found = np.fromfile(self.path, dtype, max(0, stop - start) * width, offset=offset)
+                return found.reshape(max(0, stop - start), *shape[1:])
+            return np.array(np.memmap(str(self.path), dtype, "r", offset, shape)[rows])
 
     def __setitem__(self, rows, values):
-        stored = mapped(self.path, "r")
+        offset, dtype, shape = self._known
         if isinstance(rows, slice):
-            parts = [(rows.indices(len(stored))[0], values)] * (len(values) > 0)
+            parts = [(rows.indices(shape[0])[0], values)] * (len(values) > 0)
         else:
             order = np.argsort(rows)
-            rows, values = rows[order], np.broadcast_to(values, rows.shape + stored.shape[1:])
+            rows, values = rows[order], np.broadcast_to(values, rows.shape + shape[1:])
             ends = np.flatnonzero(np.diff(rows, prepend=-2) != 1)  # one part for each run of rows
             parts = zip(rows[ends].tolist(), np.split(values[order], ends[1:]), strict=False)
+        width = int(np.prod(shape[1:])) * dtype.itemsize
         with open(self.path, "r+b") as file:
             for start, some in parts:
-                file.seek(stored.offset + stored.strides[0] * start)
-                file.write(np.ascontiguousarray(some, stored.dtype).data)
+                file.seek(offset + width * start)
+                file.write(np.ascontiguousarray(some, dtype).data)
 
 
 class RevisedColumn(Column):
