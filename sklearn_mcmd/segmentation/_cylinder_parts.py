@@ -12,7 +12,7 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._quadrics import n_terms, work_arrays
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import run
+from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._graph import by_place, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
@@ -26,6 +26,7 @@ from sklearn_mcmd.segmentation._region_sums import (
 )
 
 N_PARAMETERS = 5  # of a cylinder
+AT_ONCE = 256  # regions whose points are asked for at once; it limits the memory
 
 
 class FitLimits(NamedTuple):
@@ -106,7 +107,7 @@ class _Members(NamedTuple):
         return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
     def take(self, some):
-        return _Members(*(values[some] for values in self))
+        return _Members(*(np.array(values[some]) for values in self))  # no views: others are freed
 
 
 @dataclass
@@ -186,9 +187,13 @@ class CylinderParts:
         own = labels[rows]
         order = np.argsort(own, kind="stable")
         names, starts = np.unique(own[order], return_index=True)
-        members, ends = self._members(rows[order]), np.append(starts, len(rows))
-        groups = [members.take(slice(*some)) for some in pairwise(ends)]
-        return dict(zip(names.tolist(), self._each(_part_of, groups), strict=True))
+        rows, ends, parts = rows[order], np.append(starts, len(rows)), []
+        for some in slices(len(names), AT_ONCE):
+            own = ends[some.start : some.stop + 1]
+            members = self._members(rows[own[0] : own[-1]])
+            groups = [members.take(slice(*ends)) for ends in pairwise(own - own[0])]
+            parts += self._each(_part_of, groups)
+        return dict(zip(names.tolist(), parts, strict=True))
 
     def _each(self, function, items):
         """The answers of a function to all items, found in threads."""

@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
-from sklearn_mcmd.runtime._chunks import run, slices
+from sklearn_mcmd.runtime._chunks import run, slices, spatial_order
 from sklearn_mcmd.segmentation._parts import Parts
 from sklearn_mcmd.segmentation._region_sums import (
     medians_by_region,
@@ -18,7 +18,8 @@ from sklearn_mcmd.segmentation._region_sums import (
 )
 
 ROUNDING = 16 * np.finfo(np.float64).eps  # of a least eigenvalue, as a share of the largest one
-CHUNK = 256  # regions whose pairs are tried at once; it limits the memory
+CHUNK = 64  # regions whose pairs are sought at once,
+PAIRS = 2**16  # and pairs that are tried at once; both limit the memory
 FEW = 128  # one point in so many is asked first whether a region is near
 WIDER = 1.0 + 1e-9  # a search reaches farther than the largest gap by more than rounding
 
@@ -118,33 +119,51 @@ def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
     rank = np.argsort(np.argsort(sizes[flat], kind="stable"), kind="stable")
     centroids, covariances, normals = centroids[flat], covariances[flat], normals[flat]
     (scale, own), rounding, reach = noise[flat].T, rounding[flat], length[flat]
-    parts = slices(len(flat), CHUNK)
+    # Regions of one length that are near each other are searched at once: few others are near.
+    order, place = spatial_order(centroids), np.empty(len(flat), np.intp)
+    place[order] = np.arange(len(flat))
+    order = np.lexsort((place, np.frexp(reach)[1]))
+    parts, beside = slices(len(flat), CHUNK), WIDER * (1.0 + most_gap) * reach
     found = [np.empty((0, 3))] * (len(parts) + 1)
 
-    def search(place, rows):
-        apart = centroids[None] - centroids[rows][:, None]
-        normal = normals[rows]
-        heights = np.einsum("rsd,rd->rs", apart, normal)
-        tilted = np.einsum("sde,rd,re->rs", covariances, normal, normal, optimize=True)
-        thin = np.where(own[rows] > 0, own[rows], -np.inf)[:, None]
-        thin = np.where(own > 0, np.maximum(own, thin), 0.0) * (thin > 0)
-        limit = np.maximum(np.minimum(scale, scale[rows][:, None]), thin)
-        limit = (most_noise * limit) ** 2
-        limit += np.maximum(rounding[None], rounding[rows][:, None])
-        square = heights**2 + tilted
-        candidate = square <= limit
-        candidate &= rank[None] < rank[rows][:, None]
-        r, s = np.nonzero(candidate)
+    def search(place, part):
+        rows = order[part]
+        r, s = _near_pairs(centroids, WIDER * reach[rows], beside, rows)
+        smaller = rank[s] < rank[r]
+        r, s = r[smaller], s[smaller]
+        pairs = [candidates(r[some], s[some]) for some in slices(len(r), PAIRS)]
+        found[place] = np.concatenate([found[0], *pairs])
+
+    def candidates(r, s):
+        apart, normal = centroids[s] - centroids[r], normals[r]
         # This is a lower bound of the gap: no point is farther from its centroid than the length.
-        beyond = np.linalg.norm(apart[r, s], axis=-1) - reach[rows][r] - reach[s]
-        near = beyond <= most_gap * reach[s]
-        r, s = r[near], s[near]
-        found[place] = np.column_stack([flat[s], flat[rows][r], square[r, s]])
+        near = np.linalg.norm(apart, axis=-1) - reach[r] - reach[s] <= most_gap * reach[s]
+        tilted = np.einsum("pde,pd,pe->p", covariances[s], normal, normal)
+        square = np.einsum("pd,pd->p", apart, normal) ** 2 + tilted
+        thin = np.where((own[r] > 0) & (own[s] > 0), np.maximum(own[r], own[s]), 0.0)
+        limit = (most_noise * np.maximum(np.minimum(scale[r], scale[s]), thin)) ** 2
+        near &= square <= limit + np.maximum(rounding[r], rounding[s])
+        return np.column_stack([flat[s], flat[r], square])[near]
 
     run(list(enumerate(parts, 1)), search, n_jobs)
     small, large, square = np.concatenate(found).T
     order = np.lexsort((large, square, small))
     return np.column_stack([small, large])[order].astype(int), most_gap * length
+
+
+def _near_pairs(centers, reach, beside, rows):
+    """Pairs of one of some rows, which reach so far, and any row, that are no farther apart than
+    this and how far from the other is `beside` it; and perhaps some more."""
+    rounding = ROUNDING * np.abs(centers).max(initial=0.0)
+    low = (centers[rows] - reach[:, None]).min(axis=0) - rounding
+    high = (centers[rows] + reach[:, None]).max(axis=0) + rounding
+    near = (centers + beside[:, None] >= low) & (centers - beside[:, None] <= high)
+    near = np.flatnonzero(near.all(axis=1))
+    square = np.zeros((len(rows), len(near)))
+    for axis in range(centers.shape[1]):
+        square += np.square(centers[near, axis] - centers[rows, axis][:, None])
+    r, s = np.nonzero(square <= np.square(reach[:, None] + beside[near] + rounding))
+    return rows[r], near[s]
 
 
 def _near_points(parts, points, labels, whole, pairs, most, boxes):

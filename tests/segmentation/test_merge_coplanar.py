@@ -1,15 +1,18 @@
 """Which regions are parts of one plane, and which are not."""
 
 import tracemalloc
+from itertools import permutations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from sklearn.metrics import adjusted_rand_score
 
 from growth import fitted_without
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.segmentation import _merge_coplanar
 from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar
 
 
@@ -47,6 +50,36 @@ def test_parts_of_one_plane_are_joined_across_short_gaps_only(second, n_regions)
     assert apart.n_regions_ == 2
     assert adjusted_rand_score(part, apart.labels_) > 0.99
     assert RegionGrowing(random_state=0).fit(X).n_regions_ == n_regions
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_pairs_in_a_plane_are_found_wherever_regions_are_and_however_long(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    n = 150
+    monkeypatch.setattr(_merge_coplanar, "CHUNK", 7)
+    monkeypatch.setattr(_merge_coplanar, "PAIRS", 11)
+    centroids = rng.uniform(-40, 40, (n, 3)) * [1, 1, 5e-4] + [4e5, 5e6, 0]
+    axes = Rotation.from_euler("z", rng.uniform(0, 360, (n, 1)), degrees=True).as_matrix()
+    axes = axes[:, :, [2, 0, 1]]  # all are level
+    values = np.column_stack([np.full(n, 1e-6), 10 ** rng.uniform(-2, 1, (2, n)).T])
+    covariances = np.einsum("nij,nj,nkj->nik", axes, values, axes)
+    sizes = rng.integers(10, 200, n).astype(float)
+    noise = np.column_stack([rng.uniform(1e-3, 0.02, n), rng.choice([0, 0.02], n)])
+    pairs, gap = _merge_coplanar._pairs_in_a_plane(sizes, centroids, covariances, noise)
+    eigenvalues, vectors = np.linalg.eigh(covariances)
+    length, expected = np.sqrt(12 * eigenvalues[:, 2]), []
+    assert_allclose(gap, 0.5 * length)
+    flat = eigenvalues[:, 0] <= (1.5 * noise.max(axis=1)) ** 2
+    for r, s in permutations(np.flatnonzero(flat).tolist(), 2):
+        apart, normal = centroids[s] - centroids[r], vectors[r, :, 0]
+        thin = max(noise[r, 1], noise[s, 1]) if min(noise[r, 1], noise[s, 1]) > 0 else 0
+        square = (apart @ normal) ** 2 + normal @ covariances[s] @ normal
+        may_be = np.linalg.norm(apart) <= length[r] + 1.5 * length[s]
+        may_be &= square <= (1.5 * max(noise[[r, s], 0].min(), thin)) ** 2
+        if may_be and (sizes[s], s) < (sizes[r], r):
+            expected.append((s, r))
+    assert len(expected) > 20
+    assert sorted(map(tuple, pairs.tolist())) == sorted(expected)
 
 
 def test_curved_regions_are_not_joined():

@@ -10,7 +10,7 @@ import time
 import joblib
 import pytest
 
-from sklearn_mcmd import RobustNormalEstimator, SharpFeatureDetector
+from sklearn_mcmd import RegionGrowing, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.tiling import TilingError, _tiled_normals, process_files
 from sklearn_mcmd.tiling._memory import plan_run, usual_memory
 from tiled import ESTIMATOR, in_memory
@@ -41,10 +41,11 @@ def client():
 # These workers are threads of one process, which leave their filters of warnings in any order: what
 # a tile ignores would be an error now and then.
 @pytest.mark.filterwarnings("ignore")
-def test_sweeps_on_dask_give_the_output_of_this_process(client, small_file, tmp_path):
+@pytest.mark.parametrize("kind", [SharpFeatureDetector, RegionGrowing])
+def test_sweeps_on_dask_give_the_output_of_this_process(client, small_file, tmp_path, kind):
     a, b = tmp_path / "a.las", tmp_path / "b.las"
     normals = RobustNormalEstimator("auto", random_state=0)
-    estimator = SharpFeatureDetector(12, normal_estimator=normals, random_state=0)
+    estimator = kind(12, normal_estimator=normals, random_state=0)
     process_files(small_file, a, estimator, tile_size=2_000)
     with joblib.parallel_config(backend="dask"):
         report = process_files(small_file, b, estimator, tile_size=2_000)
