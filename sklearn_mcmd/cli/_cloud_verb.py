@@ -15,7 +15,6 @@ from sklearn_mcmd.cli._options import option
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._formats import TILED, TILED_NAMES
 from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.io._point_cloud import has_colors
 from sklearn_mcmd.io._rehearsal import rehearse
 
 SAMPLE = 50_000  # points whose time is measured
@@ -111,10 +110,6 @@ class CloudVerb:
 
     def write(self, cloud, found):
         _files.write(self.target, *self.written(cloud, found))
-
-    def colored(self, cloud):
-        """Whether to write colors, for verbs with an option for that."""
-        return not has_colors(cloud) if self.colors is None else self.colors
 
     def in_memory(self, estimator):
         cloud = _files.read(self.source, self.target, self.results, columns=self.columns)

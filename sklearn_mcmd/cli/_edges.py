@@ -10,7 +10,6 @@ from sklearn_mcmd.cli import _options
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._options import command_of, made, option
-from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
 
 
@@ -58,12 +57,12 @@ class Edges(CloudVerb):
         }
 
     def written(self, cloud, found=None):
-        from sklearn_mcmd.plotting._still import edge_columns
+        from sklearn_mcmd.plotting._still import with_edges
 
         is_edge, score = np.zeros(len(cloud), bool), np.zeros(len(cloud), np.float32)
         if found is not None:
             is_edge, score = found.is_edge, found.score
-        return with_results(cloud, edge_columns(is_edge, score, self.colored(cloud))), None
+        return with_edges(cloud, is_edge, score, self.colors), None
 
     def rows(self, told):
         return tiles_row(told) | {"edges": number_and_share(told.n_edges, told.n_points)}
@@ -75,7 +74,7 @@ class Edges(CloudVerb):
 
         detector = found.detector
         scales = getattr(detector.normal_estimator_, "plane_scale_", None)
-        results = edge_columns(found.is_edge, found.score, False)
+        results = edge_columns(found.is_edge, found.score)
         shown = Shown.of_memory(cloud, detector.n_neighbors, scales, **results)
         limit = float(detector.offset_ if detector.criterion == "crease" else -detector.offset_)
         n_outliers = np.count_nonzero(~detector.inlier_mask_)

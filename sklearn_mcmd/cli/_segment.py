@@ -13,7 +13,6 @@ from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._options import command_of, length, made, option
 from sklearn_mcmd.io._files import replacing
-from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.io._rehearsal import standing_in
 from sklearn_mcmd.planes._resolution import in_own_precision
@@ -84,10 +83,10 @@ class Segment(CloudVerb):
         }
 
     def written(self, cloud, found=None):
-        from sklearn_mcmd.plotting._still import region_columns
+        from sklearn_mcmd.plotting._still import with_regions
 
         labels = np.zeros(len(cloud), np.int64) if found is None else found.growing.labels_
-        return with_results(cloud, region_columns(labels, self.colored(cloud))), None
+        return with_regions(cloud, labels, self.colors), None
 
     def write(self, cloud, found):
         if self.regions is None:

@@ -172,10 +172,6 @@ def flat_columns(attributes):
     return columns
 
 
-def has_colors(cloud):
-    return not cloud.attributes.keys().isdisjoint(COLORS)
-
-
 def colors_of_bytes(columns):
     """Columns with colors of 16 bits as 8, and whether that rounds them."""
     if not all(c in columns and columns[c].dtype == np.uint16 for c in COLORS):

@@ -12,6 +12,7 @@ from sklearn_mcmd.outliers._off_surface import (
     OffSurfaceLimits,
     Rest,
     judge_off_surface,
+    least_thing,
     mean_distance,
 )
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
@@ -134,8 +135,7 @@ class JudgedCloud:
         with progress_part(FITTING, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
                 owners, distances = self._find_surfaces(planes)
-            share = self.surface_limits.least_share * n_points
-            least = min(self.off_surface_limits.thing * index.n_neighbors, share)
+            least = least_thing(index.n_neighbors, n_points)
             rest = Rest.of(index, counts, self.explained, *spacings, self.off_surface_limits)
             self.reference = rest.reference if rest.has_surface else None
             del planes, spacings
@@ -250,7 +250,7 @@ class JudgedCloud:
         points, n, k = index.points, len(index.points), index.n_neighbors
         limits, chunk = self.surface_limits, self.model.chunk()
         self.planes = self.measured(planes).without("kept")
-        owners, distances = np.arange(n, dtype=np.int32), np.empty(n)
+        distances = np.empty(n)
 
         def measure(rows):
             distances[rows] = self.from_own_planes(points[rows], self.planes.take(rows))
@@ -272,17 +272,23 @@ class JudgedCloud:
                 self.explaining = find_surfaces(index, planes, usable, least, limits)
             if self.ray_doubt:
                 warn(f"{self.ray_doubt}. {NOT_USED if self.doubted else USED}")
-        others = np.flatnonzero(~self.explaining)
-        queries = points[others]
         with progress_part(0.6, 1.0):
-            found, distances[others] = self.to_planes(
-                queries, lambda rows: index.query_own(others[rows]), self.explaining
-            )
-        owners[others] = np.where(found < 0, others, found)
+            owners = self.explain_others(slice(0, n), distances)
         self.explained = distances <= ExplainLimits().explained
         if self.level.off_surfaces:
             self.explained_scale = self.planes.scale[owners[self.explained]]
         return owners, distances
+
+    def explain_others(self, own, distances):
+        """The rows whose planes explain points of a slice, and, filled in, the distances of those
+        that are on no surface from these planes."""
+        index, owners = self.model.index, np.arange(own.start, own.stop, dtype=np.int32)
+        others = owners[~self.explaining[own]]
+        found, distances[others - own.start] = self.to_planes(
+            index.points[others], lambda rows: index.query_own(others[rows]), self.explaining
+        )
+        owners[others - own.start] = np.where(found < 0, others, found)
+        return owners
 
     def from_own_planes(self, points, planes):
         """Distances of points from the planes of the same rows, in standard deviations."""

@@ -153,6 +153,12 @@ class Rest(NamedTuple):
         return ratio(among_rest**weight * among_all ** (1 - weight), usual)
 
 
+def least_thing(n_neighbors, n_points):
+    """Measurements that a thing has at least, of neighborhoods in a cloud of so many points."""
+    share = SurfaceLimits().least_share * n_points
+    return min(OffSurfaceLimits().thing * n_neighbors, share)
+
+
 def judge_off_surface(rest, least, n_jobs):
     """The `OffSurface` of the `Rest`, where a thing has `least` measurements."""
     with progress_part(0.0, 0.2):
@@ -162,36 +168,22 @@ def judge_off_surface(rest, least, n_jobs):
     isolation = rest.isolated(among_rest, rest.among_all, usual)
     groups = connected(linked)[0]
     del linked
-    known = Groups.of(groups, rest.counts, usual)
-    few = known.counts < least
-    rows, large = np.flatnonzero(few[groups]), np.flatnonzero(~few)
 
     def members(chosen):
-        wanted = np.zeros(len(few), bool)
-        wanted[large[chosen]] = True
-        rows = np.flatnonzero(wanted[groups])
-        return rows, np.searchsorted(large, groups[rows])
+        rows = np.flatnonzero(chosen[groups])
+        return rows, groups[rows]
 
-    small = SmallGroups(
-        rest=rest,
-        usual=usual,
-        gaps=gaps,
-        rows=rows,
-        groups=groups[rows],
-        least=least,
-        large=known.take(large),
-        members=members,
-        n_jobs=n_jobs,
-    )
-    del known, rows
+    known = Groups.of(groups, rest.counts, usual)
+    small = SmallGroups(rest, usual, gaps, known, members, least, n_jobs)
+    del known
     with progress_part(0.7, 1.0):
         real = small.judge()
     separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
     straight[small.rows] = small.straight
     judged, *found, _ = small.verdict(isolation)
     isolation[judged], separation[judged] = found
-    groups = np.cumsum(~few, dtype=np.int32)[groups] - 1
-    groups[small.rows] = len(large) + small.groups
+    groups = np.cumsum(~small.are_few, dtype=np.int32)[groups] - 1
+    groups[small.rows] = len(small.large.counts) + small.groups
     return OffSurface(
         rest=rest,
         usual=usual,

@@ -42,29 +42,19 @@ class Groups(NamedTuple):
 class SmallGroups:
     """The points of all groups off the surfaces that have fewer than `least` measurements.
 
-    `rest` is the `Rest`, of whose m points `rows` are these, ascending, and `groups` theirs.
-    `usual` (m,) are the usual spacings, and `gaps` (m,) the distances from surfaces. The `large`
-    are all other groups, and ``members(chosen)`` finds the points of some of these: their rows, and
-    the groups' places among `large`.
+    `rest` is the `Rest`, of whose m points `usual` (m,) are the usual spacings, and `gaps` (m,) the
+    distances from surfaces. `known` are all groups, and ``members(chosen)`` finds the points of
+    some of these, bool (g,): their rows, ascending, and the group of each.
     """
 
-    def __init__(
-        self,
-        rest,
-        usual,
-        gaps,
-        rows,
-        groups,
-        least: float,
-        large: Groups,
-        members: Callable,
-        n_jobs: int | None,
-    ):
+    def __init__(self, rest, usual, gaps, known: Groups, members: Callable, least: float, n_jobs):
         self.rest, self.least, self.n_jobs = rest, least, n_jobs
+        self.are_few = known.counts < least
+        rows, groups = members(self.are_few)
         self.rows = rows.astype(np.int32)
         self.points, self.counts = np.array(rest.points[rows]), np.array(rest.counts[rows])
         self.usual, self.gaps, self.groups = usual, gaps, _numbered(groups)
-        self.large, self.members = large, members
+        self.large, self._members = known.take(~self.are_few), members
         # What `judge` finds of these points, and the separation of some large groups' points.
         self.in_row, self.separation, self.straight = np.zeros(len(rows), bool), None, None
         self.apart, self.groups_apart = np.empty((2, 0), np.intp)
@@ -220,7 +210,10 @@ class SmallGroups:
         stands_off = ExplainLimits().explained
         large[large] = ratio(gaps, size) * weight[large] > (1 - 1e-9) * stands_off
         inside = np.flatnonzero(large[self.groups])
-        rows, groups = self.members(large[n_own:])
+        chosen = ~self.are_few
+        chosen[chosen] = large[n_own:]
+        rows, of = self._members(chosen)
+        groups = (np.cumsum(~self.are_few) - 1)[of]  # their places among the large ones
         rows = np.concatenate([self.rows[inside], rows])
         groups = np.concatenate([self.groups[inside], n_own + groups])
 

@@ -1,12 +1,13 @@
 """Still pictures of point clouds, drawn from far to near."""
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd.io._point_cloud import COLORS
+from sklearn_mcmd.io._point_cloud import COLORS, with_results
 from sklearn_mcmd.plotting._views import VIEW, camera, draw_scale_bar, look
 
 if TYPE_CHECKING:
@@ -203,22 +204,31 @@ def region_colors(labels: ArrayLike) -> NDArray[np.float64]:
     return np.where((number < 0)[:, None], 0.3, colors)
 
 
-def region_columns(labels, paints):
-    """The columns of regions in a file: their numbers, and colors of 8 bits if wanted."""
+def with_regions(cloud, labels, colors=None):
+    """A cloud with the numbers of regions, painted if `colors`, or if None and it has no colors."""
     columns = {"region": labels.astype(np.int32)}
-    if paints:
-        bits = np.rint(255 * region_colors(labels)).astype(np.uint8)
-        columns |= dict(zip(COLORS, bits.T.copy(), strict=True))
-    return columns
+    return _painted(cloud, columns, colors, lambda: np.rint(255 * region_colors(labels)))
 
 
-def edge_columns(is_edge, score, paints):
-    """Labels and scores of points (n,), and colors of 8 bits if it `paints`."""
-    columns = {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
-    if paints:
-        bits = np.where(is_edge[:, None], EDGE_COLOR, SURFACE_COLOR).astype(np.uint8)
+def with_edges(cloud, is_edge, score, colors=None):
+    """A cloud with labels and scores of edges, painted likewise."""
+    columns = edge_columns(is_edge, score)
+    paint = partial(np.where, is_edge[:, None], EDGE_COLOR, SURFACE_COLOR)
+    return _painted(cloud, columns, colors, paint)
+
+
+def edge_columns(is_edge, score):
+    """Labels and scores of points (n,), as in files."""
+    return {"edge": is_edge.astype(np.uint8), "edge_score": score.astype(np.float32)}
+
+
+def _painted(cloud, columns, colors, paint):
+    if colors is None:
+        colors = cloud.attributes.keys().isdisjoint(COLORS)
+    if colors:
+        bits = paint().astype(np.uint8)
         columns |= dict(zip(COLORS, bits.T.copy(), strict=True))
-    return columns
+    return with_results(cloud, columns)
 
 
 def distance_colors(depth, far=FAR, near=NEAR):

@@ -13,9 +13,10 @@ import numpy as np
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._ground import check_ground
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
 from sklearn_mcmd.runtime._chunks import slices
-from sklearn_mcmd.tiling._stored_columns import in_place_of, mapped, write_array
+from sklearn_mcmd.tiling._stored_columns import in_place_of
 
 BOXES = "cells.npz"
 GROUND = "ground"  # the folder of the cells of the ground, which are divided in plan
@@ -30,11 +31,11 @@ class CellWriter:
     """Scatters points to the files of cells in an empty folder.
 
     No cell has more than `capacity` points, of d coordinates each, but that copies of one are never
-    divided.
+    divided. Each has a number of a dtype, its row in the inputs by default.
     """
 
-    def __init__(self, folder, capacity, d=3):
-        self.folder, self.capacity, self.record = Path(folder), capacity, _record(d)
+    def __init__(self, folder, capacity, d=3, dtype=np.int64):
+        self.folder, self.capacity, self.d, self.dtype = Path(folder), capacity, d, np.dtype(dtype)
         # Of each node, the axis, the place of the cut, and the first of two children; -1 of a leaf.
         self.nodes = [(-1, 0.0, -1)]
         self.counts, self.n_points = [0], 0
@@ -42,24 +43,21 @@ class CellWriter:
         self.extents = [-self.boxes[0]]
 
     def add(self, xyz, rows):
-        """Take points (n, 3); `rows` are their places in the order of all inputs."""
-        records = np.empty(len(xyz), self.record)
-        records["xyz"], records["row"] = xyz, rows
+        """Take points (n, d), and the number of each."""
         self.n_points += len(xyz)
-        waiting = [(0, records)]
+        waiting = [(0, xyz, rows)]
         while waiting:
-            node, records = waiting.pop()
+            node, xyz, rows = waiting.pop()
             axis, cut, child = self.nodes[node]
             if child >= 0:
-                left = records["xyz"][:, axis] < cut
-                parts = (child, records[left]), (child + 1, records[~left])
+                left = xyz[:, axis] < cut
+                parts = (child, xyz[left], rows[left]), (child + 1, xyz[~left], rows[~left])
                 waiting += [part for part in parts if len(part[1])]
                 continue
-            path = _path(self.folder, node)
-            with one_clear_line(path, "written"), open(path, "ab") as file:
-                file.write(records.data)  # unlike tofile, it says why it fails
-            self.counts[node] += len(records)
-            extent, xyz = self.extents[node], records["xyz"]
+            _append(_points(self.folder, node), xyz, np.float64)
+            _append(_rows(self.folder, node), rows, self.dtype)
+            self.counts[node] += len(xyz)
+            extent = self.extents[node]
             # Axis by axis takes a twentieth of the time.
             np.minimum(extent[0], [axis.min() for axis in xyz.T], out=extent[0])
             np.maximum(extent[1], [axis.max() for axis in xyz.T], out=extent[1])
@@ -67,22 +65,24 @@ class CellWriter:
                 waiting += self._divide(node)
 
     def close(self):
-        """Write what the cells are; returns these as `Cells`."""
+        """Write what the cells are."""
         leaves = np.flatnonzero(self.counts)
         boxes, extents = np.array(self.boxes)[leaves], np.array(self.extents)[leaves]
         known = {"names": leaves, "counts": np.array(self.counts)[leaves]}
+        known["no_rows"] = np.empty(0, self.dtype)
         with in_place_of(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
             np.savez(file, boxes=boxes, extents=extents, **known)
-        return Cells(self.folder)
 
     def _divide(self, node):
         """Make a leaf an inner node; returns its points, which are to be put below it."""
-        path = _path(self.folder, node)
-        records = np.fromfile(path, self.record)
-        axis, cut = _best_cut(records["xyz"])
+        paths = _points(self.folder, node), _rows(self.folder, node)
+        xyz = np.fromfile(paths[0]).reshape(-1, self.d)
+        rows = np.fromfile(paths[1], self.dtype)
+        axis, cut = _best_cut(xyz)
         if cut is None:
             return []
-        path.unlink()
+        for path in paths:
+            path.unlink()
         child = len(self.nodes)
         self.nodes[node], self.counts[node] = (axis, cut, child), 0
         for side in (1, 0):
@@ -92,17 +92,27 @@ class CellWriter:
             self.counts.append(0)
             self.boxes.append(box)
             self.extents.append(-self.boxes[0])
-        return [(node, records)]
+        return [(node, xyz, rows)]
 
 
 class GroundWriter(CellWriter):
-    """Scatters the points of the ground to cells in plan, with heights in the place of rows."""
+    """Scatters the points of the ground to cells in plan, with their heights as numbers."""
 
-    def add(self, cloud):
+    def __init__(self, folder, capacity):
+        folder.mkdir()
+        super().__init__(folder, capacity, dtype=np.float64)
+
+    def take(self, cloud, chosen, path):
         """Take the ground of a part of the cloud."""
         xyz = cloud.xyz[ground_in(cloud)]
         if len(xyz):
-            super().add(flat(xyz), xyz[:, 2].copy().view(np.int64))
+            self.add(flat(xyz), xyz[:, 2])
+
+    def close(self, path):
+        """As above; an error that names the path, if there is too little ground."""
+        with one_clear_line(path, "read"):
+            check_ground(self.n_points)
+        super().close()
 
 
 def flat(xyz):
@@ -122,43 +132,34 @@ class Cells:
         with one_clear_line(path, "read"), np.load(path) as stored:
             boxes, self.counts = stored["boxes"], stored["counts"]
             self._names, self._extents = stored["names"], stored["extents"]
+            self._dtype = stored["no_rows"].dtype
         self.low, self.high, self._stored = boxes[:, 0], boxes[:, 1], self.counts
-        self._record = _record(self.low.shape[1])
 
     def __len__(self):
         return len(self.counts)
 
-    def read(self, cell):
-        """The points of a cell, as records in the order of the inputs."""
-        path = _path(self.folder, self._names[cell])
-        records = np.fromfile(path, self._record)
-        if len(records) != self._stored[cell]:
+    def points(self, cell):
+        """The points of a cell in the order of the inputs."""
+        path = _points(self.folder, self._names[cell])
+        xyz = np.fromfile(path)
+        if len(xyz) != self._stored[cell] * self.low.shape[1]:
             raise PointFileError(f"{path}: is damaged; begin anew (restart)")
-        return records
+        return xyz.reshape(-1, self.low.shape[1])
 
     def rows(self, cell):
-        """The places of a cell's points in the order of all inputs, ascending, on disk."""
-        path = self._path_of_rows(cell)
-        if path.exists():
-            return mapped(path, "r")
-        return np.memmap(_path(self.folder, self._names[cell]), self._record, "r")["row"]
+        """The numbers of a cell's points, on disk: their rows in the inputs, ascending."""
+        path = _rows(self.folder, self._names[cell])
+        with one_clear_line(path, "read"):
+            return np.memmap(path, self._dtype, "r", shape=(self._stored[cell],))
 
-    def keep_rows(self, cell):
+    def free(self, cell):
         """Free the disk of a cell's coordinates, which sweeps have written elsewhere."""
-        path, rows = self._path_of_rows(cell), self.rows(cell)
-        if not path.exists():
-            with in_place_of(path) as temporary, open(temporary, "wb") as file:
-                write_array(file, rows.astype(np.min_scalar_type(rows[-1])))
-        _path(self.folder, self._names[cell]).unlink(missing_ok=True)
+        _points(self.folder, self._names[cell]).unlink(missing_ok=True)
 
     def restore(self, cell, xyz):
-        """Undo `keep_rows`."""
-        records = np.empty(len(xyz), self._record)
-        records["xyz"], records["row"] = xyz, self.rows(cell)
-        path = _path(self.folder, self._names[cell])
-        with in_place_of(path) as temporary, open(temporary, "wb") as file:
-            file.write(records.data)
-        self._path_of_rows(cell).unlink(missing_ok=True)
+        """Undo `free`."""
+        with in_place_of(_points(self.folder, self._names[cell])) as temporary:
+            _append(temporary, xyz, np.float64)
 
     def of(self, points):
         """The cell in whose box each point lies; 0 where there is none, since it would be empty."""
@@ -174,17 +175,18 @@ class Cells:
         """The least and the most coordinates of a cell's points."""
         return self._extents[cell, 0], self._extents[cell, 1]
 
-    def _path_of_rows(self, cell):
-        return self.folder / f"{self._names[cell]}.rows.npy"
 
-
-def _path(folder, name):
+def _points(folder, name):
     return folder / f"{name}.points"
 
 
-def _record(d):
-    """A point as it is stored, with its place in the order of all inputs."""
-    return np.dtype([("xyz", np.float64, d), ("row", np.int64)])
+def _rows(folder, name):
+    return folder / f"{name}.rows"
+
+
+def _append(path, values, dtype):
+    with one_clear_line(path, "written"), open(path, "ab") as file:
+        file.write(np.ascontiguousarray(values, dtype).data)  # unlike tofile, it says why it fails
 
 
 def _best_cut(points):

@@ -4,8 +4,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd.tiling._memory import bytes_of_parts
+from sklearn_mcmd.tiling._memory import check_parts
 
 
 def write_parts(whole, cell, name, labels, pairs, known=None, **sums):
@@ -38,12 +37,7 @@ class JoinedParts:
         self._cells = [int(cell) for cell in np.flatnonzero(cells.counts)]
         sizes = [len(whole.columns.mapped(cell, f"{name}_roots")) for cell in self._cells]
         n_pairs = sum(len(whole.columns.mapped(cell, f"{name}_pairs")) for cell in self._cells)
-        if (needed := bytes_of_parts(sum(sizes), n_pairs)) > memory:
-            raise ParameterError(
-                f"{sum(sizes):,} parts of surfaces, groups or regions have {n_pairs:,} links,"
-                f" which take about {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; "
-                "give more memory"
-            )
+        check_parts(sum(sizes), n_pairs, memory)
         written, pairs = self._read("roots"), self._read("pairs")
         linked = self._roots_of(pairs[:, 1])
         # A part that only another cell links to is one row, and was not written.
@@ -86,8 +80,7 @@ class JoinedParts:
         return np.concatenate(rows), np.concatenate(parts)
 
     def _read(self, name):
-        name = f"{self._name}_{name}"
-        return np.concatenate([self._whole.columns.read(cell, name) for cell in self._cells])
+        return self._whole.columns.gather(self._cells, f"{self._name}_{name}")
 
     def _roots_of(self, rows):
         return self._whole.rows_of(f"{self._name}_root", rows)

@@ -167,29 +167,43 @@ def bytes_to_join(n_points, n_rest):
     return PROCESS + at_once + REST_POINT * n_rest
 
 
-def bytes_of_parts(n_parts, n_links):
-    """What parts of surfaces, groups or regions, and links between these, take, about."""
-    return PROCESS + PART_OR_LINK * (n_parts + n_links)
+def check_parts(n_parts, n_links, memory):
+    """Raise if what one process joins takes more than the memory, as all below."""
+    what = f"{n_parts:,} parts of surfaces, groups or regions have {n_links:,} links, which"
+    _check(what, PART_OR_LINK * (n_parts + n_links), memory)
 
 
-def bytes_to_divide(n_cells, n_borders):
-    """What the small cells of regions take, and their borders, about."""
-    return PROCESS + CELL_OF_REGION * n_cells + BORDER_OF_CELLS * n_borders
+def check_cells_of_regions(n_cells, n_borders, memory):
+    """Raise if the small cells of regions, and their borders, take too much."""
+    what = f"{n_cells:,} small parts of regions have {n_borders:,} borders, which"
+    _check(what, CELL_OF_REGION * n_cells + BORDER_OF_CELLS * n_borders, memory)
 
 
-def bytes_of_small(n_points):
-    """What so many points of small groups off all surfaces take, about."""
-    return PROCESS + SMALL_POINT * n_points
+def check_small_groups(n_points, memory):
+    """Raise if points of small groups off all surfaces take too much."""
+    what = f"{n_points:,} points lie in small groups off all surfaces, which"
+    _check(what, SMALL_POINT * n_points, memory)
 
 
-def bytes_of_levels(n):
-    """What so many different values take, about."""
-    return PROCESS + LEVEL * n
+def check_levels(n, memory):
+    """Raise if so many different values of intensity take too much."""
+    _check(f"intensity has more than {n:,} different values, which", LEVEL * n, memory)
 
 
-def bytes_of_groups(n_points):
-    """What groups of so many points below the ground take, about."""
-    return PROCESS + BELOW_POINT * n_points
+def check_groups_below(n_points, memory):
+    """Raise if groups of so many points below the ground take too much."""
+    remedy = "check the ground (class 2), or leave groups below it out (low_groups)"
+    what = f"{n_points:,} points lie below the ground, whose groups"
+    _check(what, BELOW_POINT * n_points, memory, f", {remedy}")
+
+
+def _check(what, needed, memory, remedy=""):
+    needed += PROCESS
+    if needed > memory:
+        raise ParameterError(
+            f"{what} take about {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; "
+            f"give more memory{remedy}"
+        )
 
 
 def plan_run(

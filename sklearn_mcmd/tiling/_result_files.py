@@ -65,17 +65,12 @@ def scores_of(columns, cells):
         yield columns.read(cell, "results")[:, 0]
 
 
-def write_results(columns, cell, values):
-    """Write the results of the points of a tile: (n,) or (n, n_columns)."""
-    columns.write(cell, results=values.reshape(len(values), -1))
-
-
 def write_results_of_places(job, values):
     """Write the results of all points, which are the values of their places."""
     columns, whole = job.columns, job.whole()
     for cell in range(whole.n_cells):
-        own, place_of = values[whole.rows(cell)], columns.read(cell, "place_of")
-        write_results(columns, cell, own[place_of])
+        place_of = columns.read(cell, "place_of")
+        columns.write(cell, results=values[whole.rows(cell)][place_of, None])
 
 
 def fit_together(job, estimator, cells, values_of):
@@ -89,8 +84,8 @@ def fit_together(job, estimator, cells, values_of):
             f"{n_points:,} points at {len(job.whole()):,} places are no cloud to be divided into "
             "tiles; leave copies out"
         )
-    records = [cells.read(cell) for cell in range(len(cells))]
-    rows, points = (np.concatenate([part[name] for part in records]) for name in ("row", "xyz"))
+    parts = range(len(cells))
+    rows, points = (np.concatenate(list(map(of, parts))) for of in (cells.rows, cells.points))
     order = np.argsort(rows)
     fitted, origins = clone(estimator), stored_origins(cells.folder)
     given = {} if origins is None else {"sensor_origin": origins[rows[order]]}
@@ -99,7 +94,6 @@ def fit_together(job, estimator, cells, values_of):
     fitted.fit(points[order].astype(job.constants.dtype), **given)
     values = np.empty_like(found := values_of(fitted))
     values[order] = found
-    ends = np.cumsum([len(part) for part in records])[:-1]
-    for cell, own in enumerate(np.split(values, ends)):
-        write_results(job.columns, cell, own)
+    for cell, own in enumerate(np.split(values, np.cumsum(cells.counts)[:-1])):
+        job.columns.write(cell, results=own.reshape(len(own), -1))
     return fitted

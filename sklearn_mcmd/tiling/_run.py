@@ -15,8 +15,6 @@ from sklearn.base import clone
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._files import one_clear_line
-from sklearn_mcmd.io._ground import check_ground
 from sklearn_mcmd.io._las_parts import no_returns_of
 from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
@@ -273,23 +271,24 @@ def _put_in_cells(verb, catalog, folder, plan, restart):
 
 def _scatter(verb, catalog, folder, capacity):
     """Put all points in cells, and find the constants of the whole cloud."""
-    writer, whole, row = CellWriter(folder.cells, capacity), WholeCloud(), 0
-    ground, light = None, LightWriter(folder.cells, catalog.n_points)
+    dtype = np.min_scalar_type(catalog.n_points)
+    writer, whole, row = CellWriter(folder.cells, capacity, dtype=dtype), WholeCloud(), 0
+    beside = []  # what else is kept of the points
     if verb.needs_ground:
-        (folder.cells / GROUND).mkdir()
-        ground = GroundWriter(folder.cells / GROUND, capacity)
+        beside.append(GroundWriter(folder.cells / GROUND, capacity))
+    if verb.sensor is not None:
+        verb.sensor.folder = folder.cells
+        beside.append(verb.sensor)
+    if verb.needs_light:
+        beside.append(LightWriter(folder.cells, catalog.n_points))
     for path, cloud, chosen in ahead(parts_of(catalog.paths, verb.choice)):
         xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
         rows = np.arange(row, row + len(cloud))
         if len(xyz):
             writer.add(xyz, rows if chosen is None else rows[chosen])
             whole.add(xyz)
-        if ground is not None:
-            ground.add(cloud)
-        if verb.sensor is not None:
-            verb.sensor.add(cloud, path)
-        if verb.needs_light:
-            light.add(cloud, chosen)
+        for other in beside:
+            other.take(cloud, chosen, path)
         row += len(cloud)
         report_share(row / catalog.n_points)
     for path in catalog.paths:
@@ -300,12 +299,6 @@ def _scatter(verb, catalog, folder, capacity):
             f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
         )
     writer.close()
-    if ground is not None:
-        with one_clear_line(catalog.paths[0], "read"):
-            check_ground(ground.n_points)
-        ground.close()
-    if verb.sensor is not None:
-        verb.sensor.write(folder.cells, catalog.paths[0])
-    if verb.needs_light:
-        light.close(catalog.paths[0])
+    for other in beside:
+        other.close(catalog.paths[0])
     folder.finish_cells(whole.constants())

@@ -72,7 +72,7 @@ class SensorPath:
                 f"{n_points:,} points."
             )
 
-    def add(self, cloud, path):
+    def take(self, cloud, chosen, path):
         """Take the next points in the order of the inputs, of one that errors name."""
         rows, self._n = slice(self._n, self._n + len(cloud)), self._n + len(cloud)
         if self.kind == "positions":
@@ -87,7 +87,7 @@ class SensorPath:
             known = {name: np.array(cloud.attributes[name]) for name in names}
             self._parts.append(PointCloud(cloud.xyz, known))
 
-    def write(self, folder, path):
+    def close(self, path):
         """Write the positions of all points beside their cells; `path` is what errors name."""
         if self.kind == "positions" and not self._sees:
             raise ValueError("sensor_origin is where all points are: there are no rays to them.")
@@ -95,7 +95,7 @@ class SensorPath:
             warnings.simplefilter("always")
             with one_clear_line(path, "read"):
                 positions_of = self._positions()
-            stored = made(folder / ORIGINS, float, (self._n, 3))
+            stored = made(self.folder / ORIGINS, float, (self._n, 3))
             for rows in slices(self._n, PART):
                 stored[rows] = positions_of(rows)
             if self.kind == "trajectory":

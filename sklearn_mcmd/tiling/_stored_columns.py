@@ -35,6 +35,17 @@ class CellColumns:
         with one_clear_line(path, "read"):
             return np.load(path)
 
+    def gather(self, cells, name):
+        """What `read` returns of some cells, one after the other."""
+        return np.concatenate([self.read(cell, name) for cell in cells])
+
+    def share(self, cells, like, **arrays):
+        """Write for each of some cells its part, of as many rows as it has of the column `like`."""
+        ends = np.cumsum([len(self.mapped(cell, like)) for cell in cells])
+        for name, values in arrays.items():
+            for cell, part in zip(cells, np.split(values, ends[:-1]), strict=True):
+                self.write(cell, **{name: part})
+
     def mapped(self, cell, name):
         """What `read` returns, of which only what is asked for comes into memory."""
         return mapped(self.path(cell, name), "r")
@@ -43,6 +54,27 @@ class CellColumns:
         for name, values in arrays.items():
             with in_place_of(self.path(cell, name)) as temporary, open(temporary, "wb") as file:
                 write_array(file, values)
+
+    def keep(self, cell, sweep, found):
+        """Write what a sweep has found of a cell, by names; what is no array is its report.
+
+        An array fills its part of the column of all places, if there is one, else it has a file.
+        """
+        whole, report = StoredColumns(self), {}
+        for name, values in found.items():
+            if not isinstance(values, np.ndarray):
+                report[name] = values
+            elif whole.has(name):
+                whole.put(cell, **{name: values})
+            else:
+                self.write(cell, **{name: values})
+        self.finish(cell, sweep, **report)
+
+    def once(self, sweep, find):
+        """What one process reports of all cells, which is found once."""
+        if not self.is_done(ALL, sweep):
+            self.finish(ALL, sweep, **(find() or {}))
+        return self.report(ALL, sweep)
 
     def finish(self, cell, sweep, **report):
         """Remember that a sweep has written all of a cell, and what it reports of it."""
@@ -61,6 +93,11 @@ class CellColumns:
         """Whether each cell has a column."""
         return all(self.path(cell, name).exists() for cell in range(n_cells))
 
+    def drop(self, cell, *names):
+        """Free the disk of what no later sweep asks for."""
+        for name in names:
+            self.path(cell, name).unlink(missing_ok=True)
+
     def path(self, cell, name):
         return self.folder / f"{cell}.{name}.npy"
 
@@ -76,7 +113,7 @@ class StoredColumns:
     of cells have the reports of `find_places`, how many each cell has.
     """
 
-    def __init__(self, columns, n_cells):
+    def __init__(self, columns, n_cells=0):
         self.columns, self.n_cells = columns, n_cells
         if columns.path(ALL, STARTS).exists():
             self.starts = columns.read(ALL, STARTS)
@@ -96,22 +133,25 @@ class StoredColumns:
 
     def xyz(self, cells, cell):
         """The coordinates of the points of a cell, wherever they are."""
-        if not self.columns.is_done(cell, "places"):
-            return cells.read(cell)["xyz"]
-        if self.columns.is_done(cell, "joined"):  # as by `join_points`
-            points = self.rows_of("points", self.rows(cell))
+        columns = self.columns
+        if not columns.is_done(cell, "places"):
+            return cells.points(cell)
+        if columns.path(cell, "points").exists():  # until `join_points` has been there
+            points = columns.read(cell, "points")
         else:
-            points = self.columns.read(cell, "points")
-        return points[self.columns.read(cell, "place_of")]
+            points = self.rows_of("points", self.rows(cell))
+        return points[columns.read(cell, "place_of")]
 
     def make(self, n_rows=None, /, **columns):
-        """Make files for columns, given as (dtype, shape of a row), for each place or `n_rows`."""
+        """Make files for columns, given as the dtype of a row, for each place or `n_rows`."""
         if len(self) > MOST_PLACES:
             raise ValueError(f"{len(self):,} different points are more than {MOST_PLACES:,}")
         self.columns.write(ALL, **{STARTS: self.starts})  # so that nobody asks all cells again
-        for name, (dtype, shape) in columns.items():
+        n_rows = len(self) if n_rows is None else n_rows
+        for name, row in columns.items():
             if not self.columns.is_done(ALL, name):
-                made(self._path(name), dtype, (len(self) if n_rows is None else n_rows, *shape))
+                dtype = np.dtype(row)
+                made(self._path(name), dtype.base, (n_rows, *dtype.shape))
                 self.columns.finish(ALL, name)
 
     def put(self, cell, **arrays):
@@ -148,15 +188,6 @@ class StoredColumns:
         for name, values in arrays.items():
             values[self.rows(cell)][rows] = changes[name]
 
-    def settle(self, cell, step, names):
-        """Put into columns what a cell has changed of them in a step."""
-        for name in names:
-            values = self.open(name, private=True)
-            self.changed(cell, **{name: values})
-            self.put(cell, **{name: values[self.rows(cell)]})
-        self.columns.finish(cell, f"{step}-settled")
-        self.columns.path(cell, "changes").unlink(missing_ok=True)
-
     def copy(self, again=False, /, **names):
         """Keep columns under another name, as they are; once, or `again`."""
         for name, other in names.items():
@@ -170,8 +201,7 @@ class StoredColumns:
 
     def remove(self, *names):
         """Free the disk of columns that no later sweep asks for."""
-        for name in names:
-            self._path(name).unlink(missing_ok=True)
+        self.columns.drop(ALL, *names)
 
     def open(self, name, private=False):
         """The array of a column, as a file that is mapped into memory.

@@ -78,12 +78,22 @@ class StoredCloud:
         return StoredNearest(self._whole, self._cells).query(queries, k, self._n_jobs)
 
 
-def find_places(cell, job):
-    """Write the distinct points of a cell, near ones together, and what belongs to each.
+def find_index(sweep, job, k, least):
+    """Find the places of a job's points, and k neighbors of each; returns their `StoredColumns`, or
+    None if there are fewer than `least` places, whose neighbors are not sought."""
+    sweep("places", find_places)
+    whole = job.whole()
+    if len(whole) < least:
+        return None
+    join_points(sweep, job)
+    StoredNeighbors(whole).begin(k)
+    sweep("neighbors", find_neighbors)
+    return whole
 
-    Columns: points; place_of, the place of each point of the cell.
-    """
-    columns, points = job.columns, job.cells.read(cell)["xyz"]
+
+def find_places(cell, job):
+    """Find the distinct points of a cell, near ones together, and the place_of each point."""
+    points = job.cells.points(cell)
     rows, place_of = distinct_rows(points)
     place_of = np.arange(len(points)) if place_of is None else place_of
     if len(rows) >= COMPILE_FROM:
@@ -93,28 +103,26 @@ def find_places(cell, job):
         rows, new = rows[order], np.empty_like(order)
         new[order] = np.arange(len(order))
         place_of = new[place_of]
-    columns.write(cell, points=points[rows], place_of=place_of.astype(np.int32))
-    columns.finish(cell, "places", n_places=len(rows))
+    return {"points": points[rows], "place_of": place_of.astype(np.int32), "n_places": len(rows)}
 
 
 def join_points(sweep, job):
     """Put the points of all places into one column; those of the cells are removed."""
-    job.whole().make(points=(np.float64, job.cells.low.shape[1:]))
+    job.whole().make(points=(float, job.cells.low.shape[1:]))
     sweep("joined", _join_points, cells=Cells(job.points))
 
 
 def _join_points(cell, job):
-    whole, path = job.whole(), job.columns.path(cell, "points")
-    if path.exists():
-        whole.put(cell, points=job.columns.read(cell, "points"))
-    job.cells.keep_rows(cell)
-    job.columns.finish(cell, "joined")
-    path.unlink(missing_ok=True)
+    columns = job.columns
+    if columns.path(cell, "points").exists():  # else an earlier run has put it there
+        job.whole().put(cell, points=columns.read(cell, "points"))
+    job.cells.free(cell)
+    columns.drop(cell, "points")
 
 
 def find_neighbors(cell, job):
     """Store the nearest of all places, each its own first, as many as are to be stored."""
-    cells, columns, whole = job.cells, job.columns, job.whole()
+    cells, whole = job.cells, job.whole()
     points, own, stored = whole.open("points"), whole.rows(cell), StoredNeighbors(whole)
     k = stored.k
     queries, near = np.array(points[own]), np.empty((own.stop - own.start, k), np.int32)
@@ -130,12 +138,11 @@ def find_neighbors(cell, job):
         search.visit_in(cell, queries, k, keep)
     near += own.start
     stored.write(cell, near)
-    columns.finish(cell, "neighbors")
 
 
 def find_larger(cell, job):
     """Fill larger, from `starts` on: the neighbors of places that have more than are stored."""
-    cells, columns, whole = job.cells, job.columns, job.whole()
+    whole, cells = job.whole(), job.cells
     own, k = whole.rows(cell), StoredNeighbors(whole).k
     sizes, points = whole.rows_of("sizes", own), whole.open("points")
     starts = whole.rows_of("starts", own)
@@ -151,7 +158,6 @@ def find_larger(cell, job):
 
         StoredNearest(whole, cells).visit_in(cell, points[own.start + some], k, keep)
     whole.write("larger", first, larger)
-    columns.finish(cell, "larger")
 
 
 def _search_own(points, near, n_threads):

@@ -1,17 +1,16 @@
 """The intensity of all points: kept while the inputs are read, and its ranks among all places."""
 
 import os
+from functools import partial
 
 import numpy as np
 
-from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._sensor import LIGHTS, lights_in
 from sklearn_mcmd.outliers._model import middle_ranks
 from sklearn_mcmd.tiling._cells import Levels
-from sklearn_mcmd.tiling._memory import bytes_of_levels
-from sklearn_mcmd.tiling._stored_columns import ALL, made, mapped
-from sklearn_mcmd.tiling._stored_offers import NUMBER
+from sklearn_mcmd.tiling._memory import check_levels
+from sklearn_mcmd.tiling._stored_columns import made, mapped
 
 LIGHT = "light.npy"
 
@@ -23,7 +22,7 @@ class LightWriter:
         self._folder, self._n, self._first, self._stored = folder, n, 0, {}
         self._not_finite = set()
 
-    def add(self, cloud, chosen):
+    def take(self, cloud, chosen, path):
         """Take the next points in the order of the inputs; those `chosen`, or all, are judged."""
         rows = slice(self._first, self._first + len(cloud))
         for name, values in lights_in(cloud.attributes).items():
@@ -58,26 +57,26 @@ def stored_light(folder):
 
 def rank_light(job, memory):
     """Fill light with what `ranks_of_intensity` returns; there is none if that is None."""
-    whole, cells, stored, levels = job.whole(), job.cells, stored_light(job.points), Levels()
-    if stored is None or whole.columns.is_done(ALL, "ranks"):
-        return
-    whole.make(light=NUMBER)
+    whole, stored = job.whole(), stored_light(job.points)
+    if stored is not None:
+        report = job.columns.once("ranks", partial(_rank, job, whole, stored, memory))
+        if report["n"] == 1:  # which tells nothing
+            whole.remove("light")
+
+
+def _rank(job, whole, stored, memory):
+    cells, levels = job.cells, Levels()
+    whole.make(light=float)
     for cell in range(len(cells)):
         own = whole.rows(cell)
         largest = np.full(own.stop - own.start, -np.inf)
         np.maximum.at(largest, whole.columns.read(cell, "place_of"), stored[cells.rows(cell)])
         whole.put(cell, light=largest)
         levels.add(*np.unique(largest, return_counts=True))
-        if (needed := bytes_of_levels(n := sum(len(part) for part, _ in levels.parts))) > memory:
-            raise ParameterError(
-                f"intensity has more than {n:,} different values, which take about "
-                f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory"
-            )
+        check_levels(sum(len(part) for part, _ in levels.parts), memory)
     values, counts = levels.merged()
     ranks = middle_ranks(counts)
     for cell in range(len(cells)):
         largest = whole.rows_of("light", whole.rows(cell))
         whole.put(cell, light=ranks[np.searchsorted(values, largest)])
-    whole.columns.finish(ALL, "ranks")
-    if len(values) == 1:  # which tells nothing
-        whole.remove("light")
+    return {"n": len(values)}

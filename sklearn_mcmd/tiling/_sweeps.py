@@ -111,32 +111,31 @@ class Sweeps:
         """The part of the progress that a step makes; `stage` is as of `progress_part`."""
         return progress_part(*map(float, self._spans[name]), stage)
 
-    def __call__(self, name, work, cells, **known):
+    def __call__(self, name, work, cells, then=None, **known):
         """Do some work, which takes a cell and what is `known`, on all cells with points.
 
-        The columns of the work, or of its job, know which cells an earlier run has done. What takes
-        hardly any time is none of the steps.
+        The columns of the work, or of its job, keep what it returns, and know which cells an
+        earlier run has done; `then` frees what was needed until then. What takes hardly any time is
+        none of the steps.
         """
-        columns = _columns_of(**known)
+        columns = known["job"].columns if "job" in known else known["columns"]
         todo = np.flatnonzero(cells.counts).tolist()
         todo = [cell for cell in todo if not columns.is_done(cell, name)]
         with self.part(name, name) if name in self._spans else listen_to_progress(None):
-            compute_cells(partial(_once, name, work, **known), cells, todo, self.n_workers)
+            task = partial(_once, columns, name, work, then, **known)
+            compute_cells(task, cells, todo, self.n_workers)
 
 
-def _columns_of(job=None, columns=None, **_):
-    return columns if job is None else job.columns
-
-
-def _once(name, work, cell, **known):
+def _once(columns, name, work, then, cell, /, **known):
     """Do the work of a sweep on a cell, unless that is done.
 
     Dask gives a tile to another worker when it loses one, which may have done it, or still does.
     """
-    columns = _columns_of(**known)
     with lock_of_tiles(columns.folder, alone=True, name=f"{cell}.lock"):
         if not columns.is_done(cell, name):
-            work(cell, **known)
+            columns.keep(cell, name, work(cell, **known) or {})
+            if then is not None:
+                then(cell, **known)
 
 
 def compute_cells(task, cells, todo, n_workers):

@@ -11,7 +11,6 @@ from functools import partial
 
 import numpy as np
 
-from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._estimator import rules_of
 from sklearn_mcmd.segmentation._region_division import (
@@ -27,13 +26,12 @@ from sklearn_mcmd.segmentation._region_division import (
     pairs_of,
     places,
 )
-from sklearn_mcmd.tiling._memory import bytes_to_divide
+from sklearn_mcmd.tiling._memory import check_cells_of_regions
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._sweeps import Job, Sweeps
 
 STEPS = "noise", "gathered", "summed", "blocked", "joined", "bordered", "patched", "voted"
-ROW = np.int32, ()
 
 
 def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_workers, memory):
@@ -43,9 +41,9 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_worke
     columns, tiles = job.columns, np.flatnonzero(job.cells.counts)
     shutil.rmtree(done, ignore_errors=True)  # an earlier run may have ended while it was removed
     columns.folder.mkdir(exist_ok=True)
-    stored = StoredColumns(columns, 0)
+    stored = StoredColumns(columns)
     stored.starts = whole.starts
-    stored.make(noise=(np.float64, ()))
+    stored.make(noise=float)
     sweeps = Sweeps(n_workers, STEPS)
     sweeps("noise", _find_noise, job.cells, job=job)
     reports = [columns.report(tile, "noise") for tile in tiles]
@@ -60,13 +58,13 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_worke
             sweeps(name, work, job.cells, job=job)
         roots, borders = _patches(columns, tiles, memory)
         points = job.points(known)
-        last, patch, sums = points.joined(roots, _sums(_read(columns, tiles, "of_roots")), borders)
+        last, patch, sums = points.joined(roots, _sums(columns.gather(tiles, "of_roots")), borders)
         if not are_whole(labels, last):
             borders = pairs_of(named(borders, lambda names: patch[places(roots, names)]))
             columns.write(ALL, patches=np.sort(roots.astype(np.int64) << 32 | patch))
-            stored.make(patch=ROW)
+            stored.make(patch=np.int32)
             sweeps("patched", _name_patches, job.cells, job=job)
-            cells = (_read(columns, tiles, name) for name in ("begins", "patch_of"))
+            cells = (columns.gather(tiles, name) for name in ("begins", "patch_of"))
             known = *cells, stored.column("patch"), last, sums, borders
             divided(points, rules, *known, partial(_vote, sweeps, job, last), parts)
     shutil.rmtree(columns.folder.rename(done), ignore_errors=True)
@@ -91,7 +89,7 @@ class DivisionJob:
 
     def stored(self):
         """The columns of all places that only the division has."""
-        return StoredColumns(self.columns, 0)
+        return StoredColumns(self.columns)
 
     def points(self, known=None, cell=None):
         """The `Points` of all places; None if their noise has no unit.
@@ -149,7 +147,7 @@ def _in_blocks(sweeps, job, stored):
             sweeps(name, work, job.cells, job=job)
         step, n_open = 0, 1
         while n_open:  # as many steps as some wait for those of other tiles
-            stored.make(**{_column(level, step + 1): ROW})
+            stored.make(**{_column(level, step + 1): np.int32})
             name, known = f"gathered{level}_{step}", {"level": level, "step": step}
             with sweeps.part("gathered") if (level, step) == (0, 0) else nullcontext():
                 sweeps(name, _gather, job.cells, job=job, **known)
@@ -157,7 +155,7 @@ def _in_blocks(sweeps, job, stored):
             stored.remove(_column(level, step))
             step += 1
         for tile in tiles:
-            job.columns.path(tile, f"beside{level}").unlink(missing_ok=True)
+            job.columns.drop(tile, f"beside{level}")
         job = replace(job, levels=(*job.levels, _column(level, step)))
     sweeps("blocked", _find_members, job.cells, job=job)
     return job
@@ -169,24 +167,21 @@ def _column(level, step):
 
 
 def _find_noise(tile, job):
-    """Fill the noise of a tile, and write which of its places have neighbors in other tiles.
+    """The noise of a tile, and which of its places have neighbors in other tiles.
 
     A link is a place of another tile, and one of this that has it among its neighbors.
     """
     own, points = job.of.whole().rows(tile), job.points()
     noise, labels, near = points.usual_noise(own), np.array(points.labels[own]), points.near(own)
-    job.stored().put(tile, noise=noise)
     rows, at = np.nonzero((labels[:, None] >= 0) & ((near < own.start) | (near >= own.stop)))
     links = np.column_stack([near[rows, at], own.start + rows])
     links = links[points.labels[links[:, 0]] == labels[rows]].astype(np.int64)
-    job.columns.write(tile, beside0=np.sort(links[:, 0] << 32 | links[:, 1]))
-    n = int(np.count_nonzero(labels >= 0))
-    job.columns.finish(tile, "noise", n=n, min=noise.min(), max=noise.max())
+    report = {"n": int(np.count_nonzero(labels >= 0)), "min": noise.min(), "max": noise.max()}
+    return {"noise": noise, "beside0": np.sort(links[:, 0] << 32 | links[:, 1]), **report}
 
 
 def _gather(tile, job, level, step):
-    """Fill the cells of the places of a tile, or the blocks of these, as far as those of others
-    tell.
+    """The cells of the places of a tile, or the blocks of these, as far as those of others tell.
 
     It asks for what others knew before the step, so that it matters neither which tile comes
     first, nor whether two workers have the same.
@@ -204,39 +199,34 @@ def _gather(tile, job, level, step):
             group = points.gather(own, beside)
         else:
             group[names - own.start] = points.gather_blocks(names, beside, known)
-    stored.put(tile, **{_column(level, step + 1): group})
     n_open = int(np.count_nonzero(group[names - own.start] < 0))
-    job.columns.finish(tile, f"gathered{level}_{step}", n_open=n_open)
+    return {_column(level, step + 1): group, "n_open": n_open}
 
 
 def _find_sums(tile, job):
-    """Write the cells that begin in a tile, their sums, and which cells are neighbors in it."""
+    """The cells that begin in a tile, their sums, and which cells are neighbors in it."""
     points, begins = job.points(), job.names(tile)
     sums = np.column_stack(points.sums(begins)) if len(begins) else np.empty((0, 11))
     beside = points.beside(job.of.whole().rows(tile))
-    job.columns.write(tile, begins=begins, sums=sums, beside1=beside)
-    job.columns.finish(tile, "summed")
+    return {"begins": begins, "sums": sums, "beside1": beside}
 
 
 def _name_blocks(tile, job):
-    """Write which of the blocks found last are neighbors, as far as those before were of a tile."""
+    """Which of the blocks found last are neighbors, as far as those before were of a tile."""
     level = len(job.levels)
     before = job.columns.read(tile, f"around{level - 1}")
     known = job.stored().open(job.levels[-1])
-    job.columns.write(tile, **{f"beside{level}": named(before, known.__getitem__)})
-    job.columns.finish(tile, f"named{level}")
+    return {f"beside{level}": named(before, known.__getitem__)}
 
 
 def _find_members(tile, job):
-    """Write the cells of a tile, by their blocks."""
+    """The cells of a tile, by their blocks."""
     begins = job.columns.read(tile, "begins")
-    members = np.sort(job.blocks_of(begins).astype(np.int64) << 32 | begins)
-    job.columns.write(tile, members=members)
-    job.columns.finish(tile, "blocked")
+    return {"members": np.sort(job.blocks_of(begins).astype(np.int64) << 32 | begins)}
 
 
 def _join_blocks(tile, job):
-    """Join the cells of the blocks that begin in a tile, and write the patch of each."""
+    """The patches of the cells of the blocks that begin in a tile, and the `Sums` of patches."""
     members, columns = pairs_of(job.collected("members", tile)), job.columns
     members = members[np.argsort(members[:, 1])]
     blocks, begins = members.T
@@ -253,15 +243,13 @@ def _join_blocks(tile, job):
     inside[inside] = np.equal(*blocks[at[inside]].T)
     roots, patch, sums = job.points().joined(begins, _sums(sums), beside[inside])
     roots_of = begins.astype(np.int64) << 32 | roots[patch]
-    columns.write(tile, roots=roots, roots_of=roots_of, of_roots=np.column_stack(sums))
-    columns.finish(tile, "joined")
+    return {"roots": roots, "roots_of": roots_of, "of_roots": np.column_stack(sums)}
 
 
 def _find_borders(tile, job):
-    """Write which patches are neighbors, as far as cells of a tile tell."""
+    """Which patches are neighbors, as far as cells of a tile tell."""
     around = job.columns.read(tile, "around1")
-    job.columns.write(tile, borders=named(around, partial(_roots_of, job)))
-    job.columns.finish(tile, "bordered")
+    return {"borders": named(around, partial(_roots_of, job))}
 
 
 def _roots_of(job, cells):
@@ -276,7 +264,7 @@ def _roots_of(job, cells):
 
 
 def _name_patches(tile, job):
-    """Fill the patches of the places of a tile, and write those of its cells."""
+    """The patches of the places of a tile, and those of its cells."""
     begins, known = job.columns.read(tile, "begins"), pairs_of(job.columns.read(ALL, "patches"))
     cell = job.stored().open(job.levels[0])[job.of.whole().rows(tile)]
     names, of = np.unique(np.append(begins, cell), return_inverse=True)
@@ -284,9 +272,7 @@ def _name_patches(tile, job):
     roots = _roots_of(job, names[inside])
     patch[inside] = known[np.searchsorted(known[:, 0], roots), 1]
     patch = patch[of.ravel()]
-    job.stored().put(tile, patch=patch[len(begins) :])
-    job.columns.write(tile, patch_of=patch[: len(begins)])
-    job.columns.finish(tile, "patched")
+    return {"patch": patch[len(begins) :], "patch_of": patch[: len(begins)]}
 
 
 def _vote(sweeps, job, last, patches, borders):
@@ -304,12 +290,10 @@ def _vote(sweeps, job, last, patches, borders):
 
 
 def _find_votes(tile, job):
-    """Write the votes of borders that belong to a tile."""
+    """The votes of borders that belong to a tile."""
     patches = Patches(*(job.columns.mapped(ALL, name) for name in Patches._fields))
     strips = Strips(job.points(), patches, rules_of(job.of.growing).min_cosine)
-    votes = strips.votes(job.columns.read(tile, "between"), job.n_threads)
-    job.columns.write(tile, votes=votes)
-    job.columns.finish(tile, "voted")
+    return {"votes": strips.votes(job.columns.read(tile, "between"), job.n_threads)}
 
 
 def _by_tile(job, names):
@@ -321,21 +305,10 @@ def _by_tile(job, names):
 
 def _patches(columns, tiles, memory):
     """Where patches begin, and `keys` of neighbors; raises if these take too much."""
-    roots, borders = _read(columns, tiles, "roots"), once(_parts(columns, tiles, "borders"))
-    if (needed := bytes_to_divide(len(roots), len(borders) // 2)) > memory:
-        raise ParameterError(
-            f"{len(roots):,} small parts of regions have {len(borders) // 2:,} borders, which take "
-            f"about {needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory"
-        )
+    roots, borders = (columns.gather(tiles, name) for name in ("roots", "borders"))
+    borders = once([borders])
+    check_cells_of_regions(len(roots), len(borders) // 2, memory)
     return roots, borders
-
-
-def _parts(columns, tiles, name):
-    return [columns.read(tile, name) for tile in tiles]
-
-
-def _read(columns, tiles, name):
-    return np.concatenate(_parts(columns, tiles, name))
 
 
 def _sums(rows):

@@ -24,19 +24,18 @@ from sklearn_mcmd.edges._detector import (
     least_of_edge,
     steps_of,
 )
-from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.tiling._cells import Cells, Constants, WholeCloud
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
-from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of, write_results
+from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
-from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
+from sklearn_mcmd.tiling._stored_columns import CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
-from sklearn_mcmd.tiling._stored_offers import NUMBER, settle
+from sklearn_mcmd.tiling._stored_offers import settle
 from sklearn_mcmd.tiling._tiled_normals import (
     PlaneJob,
     find_planes,
@@ -47,8 +46,7 @@ from sklearn_mcmd.tiling._tiled_normals import (
 )
 from sklearn_mcmd.tiling._tiled_outliers import OutlierJob, cutoff_of, judge_cells, outlier_steps
 
-ANSWER = bool, ()
-FACE_COLUMNS = {"owners": (np.int32, ()), "on_face": ANSWER, "doubtful": ANSWER}
+FACE_COLUMNS = {"owners": np.int32, "on_face": bool, "doubtful": bool}
 
 
 def even_steps():
@@ -66,7 +64,7 @@ def crease_columns():
     planes = [f"crease_{name}" for name in ("scale", "radius", "kept")]
     numbers = "spacing", *even_steps(), *planes, "crease", "off", "evidence"
     faces = {f"face_{name}": kind for name, kind in FACE_COLUMNS.items()}
-    return dict.fromkeys(numbers, NUMBER) | dict.fromkeys(("flat", "usable"), ANSWER) | faces
+    return dict.fromkeys(numbers, float) | dict.fromkeys(("flat", "usable"), bool) | faces
 
 
 class TiledEdges(TiledVerb):
@@ -99,8 +97,8 @@ class TiledEdges(TiledVerb):
         later = self.estimator.n_neighbors if self.by_distance else None
         job = EdgeJob.of(run, self.normals, later=later, keep=keep, edges=self.estimator)
         if self.detector is not None:
-            self._clean(run, sweeps)
-            constants = Constants(**columns.report(ALL, "cleaned"))
+            constants = Constants(**columns.once("cleaned", partial(self._clean, run, sweeps)))
+            shutil.rmtree(_scored(run).folder, ignore_errors=True)
             job = replace(job, is_cleaned=True, constants=constants)
         kept = job.cells
         self.n_kept = int(kept.counts.sum())
@@ -109,7 +107,7 @@ class TiledEdges(TiledVerb):
         if whole is None:
             self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
-            sweeps("faces-settled", partial(settle, step="faces"), kept, job=job)
+            sweeps("faces-settled", settle, kept, job=job)
             _find_distances(sweeps, job, whole, run.cells)
             self.limit = crease_width(self.estimator)
         else:
@@ -118,12 +116,11 @@ class TiledEdges(TiledVerb):
             self.limit = -least_of_edge(parts, self.estimator.threshold, self.estimator.n_std)
 
     def make(self, cloud, values, xyz):
-        from sklearn_mcmd.plotting._still import edge_columns
+        from sklearn_mcmd.plotting._still import with_edges
 
         scores = values[:, 0]
-        paints = not has_colors(cloud) if self.colors is None else self.colors
         shown = scores if self.by_distance else -scores
-        return with_results(cloud, edge_columns(scores < self.limit, shown, paints)), None
+        return with_edges(cloud, scores < self.limit, shown, self.colors), None
 
     def measure(self, values):
         return np.count_nonzero(values < self.limit)
@@ -134,23 +131,23 @@ class TiledEdges(TiledVerb):
         return {"n_edges": int(total), "n_outliers": n_removed, "removed_fraction": share}
 
     def _clean(self, run, sweeps):
-        """Find which points the detector leaves."""
-        scored = CellColumns(run.folder.results / "outliers")
-        columns, n_points = run.folder.columns, run.catalog.n_points
-        if not columns.is_done(ALL, "cleaned"):
-            scored.folder.mkdir(exist_ok=True)
-            job = replace(OutlierJob.of(run, self.detector), found=scored.folder)
-            with sweeps.part("outliers", "outliers"):
-                inner = run.sweeps(outlier_steps(self.detector))
-                cutoff = judge_cells(job, inner, cutoff_of(self.detector), run.memory)
-            parts = scores_of(scored, run.cells)
-            n_kept = sum(np.count_nonzero(scores <= cutoff) for scores in parts)
-            check_n_kept("outlier_detector", self.detector, n_kept, n_points, least=4)
-            known = {"points": run.folder.cells, "scored": scored, "columns": columns}
-            sweeps("kept", _find_kept, run.cells, cutoff=cutoff, **known)
-            kept, dtype = KeptCells(run.folder.cells, columns), run.folder.constants.dtype
-            columns.finish(ALL, "cleaned", **_constants_of(kept, dtype)._asdict())
-        shutil.rmtree(scored.folder, ignore_errors=True)
+        """Find which points the detector leaves; returns the `Constants` of these."""
+        scored, job = _scored(run), OutlierJob.of(run, self.detector)
+        scored.folder.mkdir(exist_ok=True)
+        with sweeps.part("outliers", "outliers"):
+            inner, cutoff = run.sweeps(outlier_steps(self.detector)), cutoff_of(self.detector)
+            cutoff = judge_cells(replace(job, found=scored.folder), inner, cutoff, run.memory)
+        parts = scores_of(scored, run.cells)
+        n_kept = sum(np.count_nonzero(scores <= cutoff) for scores in parts)
+        check_n_kept("outlier_detector", self.detector, n_kept, run.catalog.n_points, least=4)
+        sweeps("kept", _find_kept, run.cells, job=job, scored=scored, cutoff=cutoff)
+        kept = KeptCells(run.folder.cells, run.folder.columns)
+        return _constants_of(kept, run.folder.constants.dtype)._asdict()
+
+
+def _scored(run):
+    """The scores by which points are kept."""
+    return CellColumns(run.folder.results / "outliers")
 
 
 class KeptCells(Cells):
@@ -162,15 +159,15 @@ class KeptCells(Cells):
         reports = [columns.report(cell, "kept") for cell in range(len(self))]
         self.counts = np.array([report["count"] for report in reports])
 
-    def read(self, cell):
-        return super().read(cell)[self.columns.read(cell, "kept")]
+    def points(self, cell):
+        return super().points(cell)[self.columns.read(cell, "kept")]
 
-    def keep_rows(self, cell):
+    def free(self, cell):
         """Keep the coordinates of removed points, too, in the column removed."""
-        if not self._path_of_rows(cell).exists():
-            removed = super().read(cell)[~self.columns.read(cell, "kept")]
-            self.columns.write(cell, removed=removed["xyz"])
-        super().keep_rows(cell)
+        if not self.columns.path(cell, "removed").exists():
+            removed = ~self.columns.read(cell, "kept")
+            self.columns.write(cell, removed=super().points(cell)[removed])
+        super().free(cell)
 
 
 @dataclass(frozen=True)
@@ -216,34 +213,32 @@ class EdgeJob(PlaneJob):
             evidence=whole.open("evidence"),
         )
 
-    def write_scores(self, cell, of_kept, of_removed):
-        """Write the scores of all points of a cell: of those that were kept, and of coordinates."""
+    def scores(self, cell, of_kept, of_removed):
+        """The scores of all points of a cell: of those that were kept, and of coordinates."""
         columns = self.columns
         if not self.is_cleaned:
-            return write_results(columns, cell, of_kept())
+            return {"results": of_kept()[:, None]}
         kept = columns.read(cell, "kept")
         scores = np.empty(len(kept))
         if kept.any():
             scores[kept] = of_kept()
         if not kept.all():
             scores[~kept] = of_removed(columns.read(cell, "removed"))
-        write_results(columns, cell, scores)
+        return {"results": scores[:, None]}
 
 
-def _find_kept(cell, points, scored, columns, cutoff):
-    """Write which points of a cell have scores of at most the cutoff, in the column kept."""
-    kept = scored.read(cell, "results")[:, 0] <= cutoff
-    columns.write(cell, kept=kept)
-    cells = Cells(points)
+def _find_kept(cell, job, scored, cutoff):
+    """Find which points of a cell have scores of at most the cutoff, and restore its points."""
+    kept, cells = scored.read(cell, "results")[:, 0] <= cutoff, job.cells
     cells.restore(cell, StoredColumns(scored, len(cells)).xyz(cells, cell))
-    columns.finish(cell, "kept", count=int(np.count_nonzero(kept)))
+    return {"kept": kept, "count": int(np.count_nonzero(kept))}
 
 
 def _constants_of(kept, dtype):
     """The `Constants` of the kept points, in the precision of the whole cloud."""
     whole = WholeCloud()
     for cell in np.flatnonzero(kept.counts):
-        whole.add(kept.read(cell)["xyz"])
+        whole.add(kept.points(cell))
     return whole.constants(dtype)
 
 
@@ -254,7 +249,7 @@ def _keep_faces(cell, job, fitted):
 
 def _find_distances(sweeps, job, whole, all_cells):
     """Write the scores of all points, by the planes of the kept places: `whole`."""
-    columns, sweep = whole.columns, partial(sweeps, cells=job.cells, job=job)
+    sweep = partial(sweeps, cells=job.cells, job=job)
     cells = np.flatnonzero(job.cells.counts)
     whole.make(**crease_columns())
     sweep("spacing", _measure_spacing)
@@ -262,10 +257,9 @@ def _find_distances(sweeps, job, whole, all_cells):
     for before, step in zip(["spacing", *even_steps()], even_steps(), strict=False):
         sweep(step, partial(_even, step=step, before=before))
         whole.remove(before)
-    if not columns.is_done(ALL, "usual"):
-        parts = partial(_flatness, whole, cells)
-        columns.finish(ALL, "usual", flatness=float(quantile_of(parts, 0.5)))
-    sweep("flat", _find_flat)
+    parts = partial(_flatness, whole, cells)
+    report = whole.columns.once("usual", lambda: {"flatness": float(quantile_of(parts, 0.5))})
+    sweep("flat", partial(_find_flat, usual=report["flatness"]))
     sweep("faces", _give_faces)
     sweep("creases", _meet)
     sweeps("edges", _find_scores, all_cells, job=job)
@@ -285,7 +279,7 @@ def _own_planes(whole, cell):
 
 
 def _measure_spacing(cell, job):
-    """Fill what is measured of the planes of a cell, and the planes from the origin."""
+    """Find what is measured of the planes of a cell."""
     whole, index = job.whole(), job.index_of_creases()
     own, found = whole.rows(cell), []
     for part in slices(own.stop, CHUNK, own.start):
@@ -293,51 +287,45 @@ def _measure_spacing(cell, job):
         found.append(spacing_of(index, part, index.query_own(part), scale))
     radius, spacing, scale = map(np.concatenate, zip(*found, strict=True))
     known = {"scale": scale, "radius": radius, "kept": np.ones(len(scale))}
-    whole.put(cell, spacing=spacing, **{f"crease_{name}": of for name, of in known.items()})
-    job.columns.finish(cell, "spacing")
+    return {"spacing": spacing, **{f"crease_{name}": of for name, of in known.items()}}
 
 
 def _even(cell, job, step, before):
-    """Fill the mean spacing around the places of a cell."""
+    """Find the mean spacing around the places of a cell."""
     whole, index = job.whole(), job.index_of_creases()
     own, spacing = whole.rows(cell), whole.open(before)
     means = np.empty(own.stop - own.start)
     for part in slices(own.stop, CHUNK, own.start):
         rows = slice(part.start - own.start, part.stop - own.start)
         average_around(spacing, index.query_own(part), means[rows])
-    whole.put(cell, **{step: means})
-    job.columns.finish(cell, step)
+    return {step: means}
 
 
-def _find_flat(cell, job):
-    """Fill which planes of a cell are those of faces."""
-    usual = job.columns.report(ALL, "usual")["flatness"]
+def _find_flat(cell, job, usual):
+    """Find which planes of a cell are those of faces."""
     flat = are_faces(_own_planes(job.whole(), cell), usual)
-    job.whole().put(cell, flat=flat, usable=np.ones(len(flat), bool))
-    job.columns.finish(cell, "flat")
+    return {"flat": flat, "usable": np.ones(len(flat), bool)}
 
 
 def _give_faces(cell, job):
-    """Fill the planes that are given to the places of a cell, and distances without a crease."""
+    """Find the planes that are given to the places of a cell, and distances without a crease."""
     points, around = job.own_places(cell)
-    faces = Faces(*(np.empty(len(points), kind) for kind, _ in FACE_COLUMNS.values()))
+    faces = Faces(*(np.empty(len(points), kind) for kind in FACE_COLUMNS.values()))
     distance = job.creases().give_planes(points, around, faces)
     found = {f"face_{name}": values for name, values in faces._asdict().items()}
-    job.whole().put(cell, crease=distance, **found)
-    job.columns.finish(cell, "faces")
+    return {"crease": distance, **found}
 
 
 def _meet(cell, job):
-    """Fill how far the places of a cell are from where two planes meet, and the evidence."""
+    """Find how far the places of a cell are from where two planes meet, and the evidence."""
     creases, own, (points, around) = job.creases(), job.whole().rows(cell), job.own_places(cell)
     faces, evidence = Faces(*(part[own] for part in creases.faces)), np.empty(len(points))
     off = creases.meet(points, around, faces, evidence)
-    job.whole().put(cell, off=off, evidence=evidence)
-    job.columns.finish(cell, "creases")
+    return {"off": off, "evidence": evidence}
 
 
 def _find_scores(cell, job):
-    """Write the scores of all points of a cell: their distances from a crease."""
+    """Find the scores of all points of a cell: their distances from a crease."""
     creases, whole = job.creases(), job.whole()
 
     def of_kept():
@@ -349,13 +337,12 @@ def _find_scores(cell, job):
     def of_removed(queries):
         return creases.distance(queries, creases.index.query(queries))
 
-    job.write_scores(cell, of_kept, of_removed)
-    job.columns.finish(cell, "edges")
+    return job.scores(cell, of_kept, of_removed)
 
 
 def _keep_values(cell, job, fitted):
-    """Write the values of the criterion, of the places of a cell."""
-    job.columns.write(cell, values=_values(job, fitted))
+    """The values of the criterion, of the places of a cell."""
+    return {"values": _values(job, fitted)}
 
 
 def _values(job, fitted):
@@ -378,10 +365,9 @@ def _values_in_parts(columns, cells):
 
 
 def _find_values(cell, job):
-    """Write the scores of all points of a cell, once the values of the kept places are known."""
+    """Find the scores of all points of a cell, once the values of the kept places are known."""
 
     def of_removed(queries):
         return -_values(job, fitted_to_new(job, queries))
 
-    job.write_scores(cell, lambda: -next(_values_in_parts(job.columns, [cell])), of_removed)
-    job.columns.finish(cell, "edges")
+    return job.scores(cell, lambda: -next(_values_in_parts(job.columns, [cell])), of_removed)

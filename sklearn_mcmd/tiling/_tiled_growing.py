@@ -21,12 +21,11 @@ from sklearn_mcmd.segmentation._graph import (
 )
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.tiling._joined_parts import JoinedParts, write_parts
-from sklearn_mcmd.tiling._stored_columns import ALL
 from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
-from sklearn_mcmd.tiling._stored_offers import NUMBER
 
 STEPS = "reach", "links", "growth"
-ROW = np.int32, ()
+# What cells write for each other.
+OF_CELLS = "links", "seeds", "grown", "growth_pairs", "growth_roots", "growth_seeds"
 
 
 def grow_in_cells(sweep, job, memory):
@@ -35,21 +34,19 @@ def grow_in_cells(sweep, job, memory):
     ``sweep(name, work)`` visits all cells; one process joins what these find.
     """
     whole, cells = job.whole(), np.flatnonzero(job.cells.counts)
-    whole.make(counts=ROW, labels=ROW, growth_root=ROW)
-    whole.make(floor=NUMBER, reach=NUMBER, limit=NUMBER)
+    whole.make(counts=np.int32, labels=np.int32, growth_root=np.int32)
+    whole.make(floor=float, reach=float, limit=float)
     sweep("reach", _find_reach)
     sweep("links", _find_links)
-    if not whole.columns.is_done(ALL, "links"):
-        GrownParts(whole, job.cells, "growth", memory).write_seeds()
-        whole.columns.finish(ALL, "links")
+    whole.columns.once(
+        "links", lambda: GrownParts(whole, job.cells, "growth", memory).write_seeds()
+    )
     sweep("growth", _grow)
-    if not whole.columns.is_done(ALL, "growth"):
-        _number_regions(whole, cells, job.growing.min_region_size)
-        whole.columns.finish(ALL, "growth")
+    min_size = job.growing.min_region_size
+    whole.columns.once("growth", lambda: _number_regions(whole, cells, min_size))
     whole.remove("limit", "variation", "growth_root")
     for cell in cells:
-        for name in ("links", "seeds", "grown", "growth_pairs", "growth_roots", "growth_seeds"):
-            whole.columns.path(cell, name).unlink(missing_ok=True)
+        whole.columns.drop(cell, *OF_CELLS)
 
 
 def _index_of(job):
@@ -63,24 +60,23 @@ def _order_of(whole, rows):
 
 
 def _find_reach(cell, job):
-    """Fill what growth asks of each place of a cell."""
-    whole, columns = job.whole(), job.columns
+    """Find what growth asks of each place of a cell."""
+    whole = job.whole()
     own, rules = whole.rows(cell), rules_of(job.growing)
     floor = job.floor(whole.rows_of("points", own))
     known = _index_of(job), whole.planes(), floor, rules, own
     radius, limit = measure_reach(*known, job.n_threads)
-    counts = np.bincount(columns.read(cell, "place_of"))
-    whole.put(cell, floor=floor, reach=radius, limit=limit, counts=counts)
-    columns.finish(cell, "reach")
+    counts = np.bincount(job.columns.read(cell, "place_of"))
+    return {"floor": floor, "reach": radius, "limit": limit, "counts": counts}
 
 
 def _find_links(cell, job):
     """Write the links of a cell, of each place one bit a neighbor, and its parts that lead out."""
-    whole, columns = job.whole(), job.columns
+    whole = job.whole()
     own, planes = whole.rows(cell), whole.planes()._replace(radius=whole.open("reach"))
     known = _index_of(job), planes, whole.open("limit"), rules_of(job.growing), own
     links = links_of(*known, job.n_threads)
-    columns.write(cell, links=np.packbits(links >= 0, axis=1))
+    bits = np.packbits(links >= 0, axis=1)
     pairs = leaving(links, own.start, own)
     part, between = strong_parts(links)
     del links
@@ -92,7 +88,7 @@ def _find_links(cell, job):
     seeds[part[rows]] = own.start + rows  # the first comes last, and stays
     pairs = np.concatenate([pairs, seeds[between[:, leads_out[between[1]]].T]])
     write_parts(whole, cell, "growth", part, pairs, known=leads_out, seeds=seeds)
-    columns.finish(cell, "links")
+    return {"links": bits}
 
 
 class GrownParts(JoinedParts):
@@ -136,9 +132,8 @@ def _grow(cell, job):
     sizes = region_sizes(labels, len(found), whole.rows_of("counts", own))
     kept = (sizes >= job.growing.min_region_size) | (np.isin(found, seeds) & (sizes > 0))
     number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
-    columns.write(cell, grown=number[labels].astype(np.int32))
-    columns.write(cell, regions=np.stack([found[kept], sizes[kept].astype(np.int64)]))
-    columns.finish(cell, "growth")
+    regions = np.stack([found[kept], sizes[kept].astype(np.int64)])
+    return {"grown": number[labels].astype(np.int32), "regions": regions}
 
 
 def _number_regions(whole, cells, min_size):

@@ -9,10 +9,10 @@ from functools import partial
 
 import numpy as np
 
-from sklearn_mcmd._errors import ParameterError, warn
+from sklearn_mcmd._errors import warn
 from sklearn_mcmd._validation import is_auto
 from sklearn_mcmd.outliers._model import NOT_USED, USED, isolated, telling_of
-from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Rest
+from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Rest, least_thing
 from sklearn_mcmd.outliers._ray_evidence import FOUND
 from sklearn_mcmd.outliers._small_groups import Groups, SmallGroups
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits, surface_links
@@ -20,17 +20,13 @@ from sklearn_mcmd.planes._explaining import ExplainLimits, connected_planes, par
 from sklearn_mcmd.runtime._progress import listen_to_progress
 from sklearn_mcmd.sensors._rays import Emptiness, RayLimits
 from sklearn_mcmd.tiling._joined_parts import JoinedParts, write_parts
-from sklearn_mcmd.tiling._memory import bytes_of_small
-from sklearn_mcmd.tiling._result_files import write_results
+from sklearn_mcmd.tiling._memory import check_small_groups
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex, StoredNearest
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 from sklearn_mcmd.tiling._tiled_rays import (
-    ANSWER,
-    NUMBER,
     PLANE_STEPS,
     RAYS,
-    ROW,
     ask_planes,
     beam_job,
     stored_evidence,
@@ -56,10 +52,10 @@ def judge_in_cells(sweep, job, memory, n_jobs):
     ``sweep(name, work)`` visits all cells; one process joins what these find.
     """
     whole, cells = job.whole(), job.cells
-    whole.make(surface_root=ROW, explaining=ANSWER, explained=ANSWER)
+    whole.make(surface_root=np.int32, explaining=bool, explained=bool)
     by_rays = job.by_rays
     if by_rays:
-        whole.make(sheet_root=ROW, on_sheet=ANSWER, group=ROW)
+        whole.make(sheet_root=np.int32, on_sheet=bool, group=np.int32)
         ask_planes(sweep, job)
         _find_surfaces(sweep, job, "surfaces", WITH_SHEETS, memory)
         job = replace(job, by_rays=_are_used(job))
@@ -72,16 +68,11 @@ def judge_in_cells(sweep, job, memory, n_jobs):
         whole.columns.report(cell, "explained")["n"] for cell in np.flatnonzero(cells.counts)
     )
     job = replace(job, n_explained=n_explained)
-    rest.make(points=(np.float64, (3,)), counts=ROW, group_root=ROW)
-    rest.make(usual=NUMBER, gaps=NUMBER, isolation=NUMBER, separation=NUMBER)
+    rest.make(points=(float, 3), counts=np.int32, group_root=np.int32)
+    rest.make(usual=float, gaps=float, isolation=float, separation=float)
     sweep("usual", _find_usual, job=job)
     sweep("groups", _find_groups, job=job)
-    if not rest.columns.is_done(ALL, "small"):
-        with listen_to_progress(None):
-            _judge_small(job, rest, memory, n_jobs)
-            telling = telling_of(list(_isolated_light(job, rest))) if whole.has("light") else 0.0
-        whole.columns.finish(ALL, "light", telling=telling)
-        rest.columns.finish(ALL, "small")
+    whole.columns.once("small", partial(_judge_small, job, rest, memory, n_jobs))
     if job.by_rays:
         _ask_places(sweep, job, rest)
     sweep("scores", _find_scores, job=job)
@@ -143,10 +134,12 @@ def _rest_of(job, column=StoredColumns.open):
 
 def _find_surfaces(sweep, job, step, kinds, memory):
     """Fill which places are on surfaces, of some kinds as `SURFACES` has them."""
-    sweep(step, partial(_link_surfaces, step=step, kinds=kinds))
+    sweep(step, partial(_link_surfaces, kinds=kinds))
+    job.columns.once(step, partial(_join_surfaces, job, kinds, memory))
+
+
+def _join_surfaces(job, kinds, memory):
     whole, limits = job.whole(), SurfaceLimits()
-    if whole.columns.is_done(ALL, step):
-        return
     least = min(StoredNeighbors(whole).k, limits.least_share * len(whole))
     for name, _, column in kinds:
         joined = JoinedParts(whole, job.cells, name, memory)
@@ -154,10 +147,9 @@ def _find_surfaces(sweep, job, step, kinds, memory):
         large = np.append(joined.total("sizes") >= enough, False)
         for cell, labels in joined.each_cell():
             whole.put(cell, **{column: large[labels]})
-    whole.columns.finish(ALL, step)
 
 
-def _link_surfaces(cell, job, step, kinds):
+def _link_surfaces(cell, job, kinds):
     """Link the places of a cell whose planes explain each other."""
     whole, limits = job.whole(), SurfaceLimits()
     index, own, farthest = StoredIndex(whole), whole.rows(cell), whole.open("farthest")
@@ -166,46 +158,42 @@ def _link_surfaces(cell, job, step, kinds):
         labels, pairs = connected_planes(index, *links, whole.open(usable), farthest, own)
         sizes = np.bincount(labels)
         write_parts(whole, cell, name, labels, pairs, known=sizes > 1, sizes=sizes)
-    whole.columns.finish(cell, step)
 
 
 def _are_used(job):
     """Whether rays tell: where the position of the sensor is doubted, only if it was given."""
-    whole = job.whole()
-    if not whole.columns.is_done(ALL, RAYS):
+
+    def ask():
+        whole = job.whole()
         doubt = stored_evidence(job).doubt(whole.open("explaining"), whole.open("counts"))
-        used = not (doubt and is_auto(job.estimator.sensor_origin))
-        whole.columns.finish(ALL, RAYS, used=used, doubt=doubt)
-    report = whole.columns.report(ALL, RAYS)
+        return {"used": not (doubt and is_auto(job.estimator.sensor_origin)), "doubt": doubt}
+
+    report = job.columns.once(RAYS, ask)
     if report["doubt"]:
         warn(f"{report['doubt']}. {USED if report['used'] else NOT_USED}")
     return report["used"]
 
 
 def _explain(cell, job):
-    """Find which places of a cell are on no surface, and fill the distances from the nearest."""
-    whole, columns = job.whole(), job.columns
-    index, own, explaining = StoredIndex(whole), whole.rows(cell), whole.open("explaining")
-    judged, points = job.judged(index, job.n_threads), whole.rows_of("points", own)
-    judged.planes = job.planes()
-    distances, rows = whole.rows_of("distances", own), np.flatnonzero(~explaining[own])
-    owners = np.arange(own.start, own.stop)
-    found, distances[rows] = judged.to_planes(
-        points[rows], lambda some: index.query_own(own.start + rows[some]), explaining
-    )
-    owners[rows] = np.where(found < 0, owners[rows], found)
+    """Find which places of a cell are on no surface, and the distances from the nearest."""
+    whole = job.whole()
+    index, own = StoredIndex(whole), whole.rows(cell)
+    judged, distances = job.judged(index, job.n_threads), whole.rows_of("distances", own)
+    judged.planes, judged.explaining = job.planes(), whole.open("explaining")
+    owners = judged.explain_others(own, distances)
     explained = distances <= ExplainLimits().explained
-    whole.put(cell, distances=distances, explained=explained)
+    n_explained = int(np.count_nonzero(explained))
+    answer = {"distances": distances, "explained": explained, "n": n_explained}
     if judged.level.off_surfaces:
-        whole.put(cell, owner_scale=judged.planes.scale[owners])
+        answer["owner_scale"] = judged.planes.scale[owners]
     if job.by_rays:
         off = own.start + np.flatnonzero(~explained)
-        asked = points[~explained], lambda some: index.query_own(off[some]), judged.to_planes
-        columns.write(cell, by_sheet=stored_evidence(job).on_sheets(*asked))
+        asked = index.points[off], lambda some: index.query_own(off[some]), judged.to_planes
+        answer["by_sheet"] = stored_evidence(job).on_sheets(*asked)
     rest = CellColumns(job.found / "rest")
     rest.folder.mkdir(exist_ok=True)
-    rest.finish(cell, "places", n_places=int(np.count_nonzero(~explained)))
-    columns.finish(cell, "explained", n=int(np.count_nonzero(explained)))
+    rest.finish(cell, "places", n_places=len(explained) - n_explained)
+    return answer
 
 
 def _find_usual(cell, job):
@@ -214,7 +202,6 @@ def _find_usual(cell, job):
     points, counts = (_of_rest(cell, job, name) for name in ("points", "counts"))
     usual, gaps = _rest_of(job).usual_around(points, job.n_threads)
     rest.put(cell, points=points, counts=counts, usual=usual, gaps=gaps)
-    job.columns.finish(cell, "usual")
 
 
 def _find_groups(cell, job):
@@ -227,45 +214,20 @@ def _find_groups(cell, job):
     labels, pairs = parts_within(linked, own)
     sums = Groups.of(labels, known.counts[own], usual[own])._asdict()
     write_parts(rest, cell, "group", labels, pairs, **{n: sums[n] for n in Groups._fields[1:]})
-    job.columns.finish(cell, "groups")
 
 
 def _judge_small(job, rest, memory, n_jobs):
-    """Write how isolated points of small groups are, and how far the groups stand off."""
+    """Write how isolated points of small groups are, and how far the groups stand off; returns how
+    far intensity tells."""
     cells = job.cells
     joined = JoinedParts(rest, cells, "group", memory)
     groups = Groups(joined.one(), *(joined.total(name) for name in Groups._fields[1:]))
-    limits, n_neighbors = OffSurfaceLimits(), StoredNeighbors(job.whole()).k
-    share = SurfaceLimits().least_share * int(cells.counts.sum())
-    least = min(limits.thing * n_neighbors, share)
-    few = groups.counts < least
-    n_small = int(groups.sizes[few].sum())
-    if (needed := bytes_of_small(n_small)) > memory:
-        raise ParameterError(
-            f"{n_small:,} points lie in small groups off all surfaces, which take about "
-            f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory"
-        )
-    rows, of = joined.rows(few)
-    large = np.flatnonzero(~few)
-
-    def members(chosen):
-        wanted = np.zeros(len(few), bool)
-        wanted[large[chosen]] = True
-        found, of = joined.rows(wanted)
-        return found, np.searchsorted(large, of)
-
-    small = SmallGroups(
-        rest=_rest_of(job, StoredColumns.column),
-        usual=rest.column("usual"),
-        gaps=rest.column("gaps"),
-        rows=rows,
-        groups=of,
-        least=least,
-        large=groups.take(large),
-        members=members,
-        n_jobs=n_jobs,
-    )
-    small.judge()
+    least = least_thing(StoredNeighbors(job.whole()).k, int(cells.counts.sum()))
+    check_small_groups(int(groups.sizes[groups.counts < least].sum()), memory)
+    known = _rest_of(job, StoredColumns.column), rest.column("usual"), rest.column("gaps")
+    small = SmallGroups(*known, groups, joined.rows, least, n_jobs)
+    with listen_to_progress(None):
+        small.judge()
     rows, isolation, separation, groups = small.verdict(rest.column("isolation"))
     whole, ends = job.whole(), np.searchsorted(rows, rest.starts)
     for cell in range(len(cells)):
@@ -279,6 +241,8 @@ def _judge_small(job, rest, memory, n_jobs):
             stand_off = np.where(separation[some] > 0, groups[some] + 1, 0)
             group[_rows_of_rest(cell, whole)[at] - whole.rows(cell).start] = stand_off
             whole.put(cell, group=group)
+    light = list(_isolated_light(job, rest)) if whole.has("light") else []
+    return {"telling": telling_of(light)}
 
 
 def _isolated_light(job, rest):
@@ -289,21 +253,21 @@ def _isolated_light(job, rest):
 
 def _ask_places(sweep, job, rest):
     """Find what rays say of the places off the surfaces, and of the groups that stand off."""
-    columns, cells = rest.columns, np.flatnonzero(job.cells.counts)
-    rest.make(apart=NUMBER, heard=(np.float64, (N_SUMS,)))
+    columns, cells = job.columns, np.flatnonzero(job.cells.counts)
+    rest.make(apart=float, heard=(float, N_SUMS))
     sweep(HEARD, _hear, job=job)
-    if not columns.is_done(ALL, "together"):
-        parts = [columns.read(cell, "around") for cell in cells]
-        around, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
+
+    def put_together():
+        around = columns.gather(cells, "around")
         groups, points = around[:, N_SUMS].astype(np.intp), around[:, N_SUMS + 1 :]
         together = Emptiness(*around.T[:N_SUMS]).pooled(groups, points).together()
-        for cell, found in zip(cells, np.split(together, ends[:-1]), strict=True):
-            columns.write(cell, together=found)
-        columns.finish(ALL, "together")
+        columns.share(cells, "around", together=together)
+
+    columns.once("together", put_together)
 
 
 def _hear(cell, job):
-    """Fill what the beams next to the places of a cell that are off the surfaces say; and write
+    """Fill what the beams next to the places of a cell that are off the surfaces say; and find
     what those around the groups that stand off say, with the groups and points of these."""
     whole, rest, group = job.whole(), off_surfaces(job), job.whole().open("group")
     rows, isolation = _rows_of_rest(cell, whole), rest.rows_of("isolation", rest.rows(cell))
@@ -311,21 +275,19 @@ def _hear(cell, job):
     empty, apart, around = stored_evidence(job).hear(rows, *known)
     rest.put(cell, apart=apart, heard=np.stack(empty, axis=1))
     rows = rows[group[rows] > 0]
-    around = np.column_stack([*around, group[rows], whole.rows_of("points", rows)])
-    rest.columns.write(cell, around=around)
-    job.columns.finish(cell, HEARD)
+    return {"around": np.column_stack([*around, group[rows], whole.rows_of("points", rows)])}
 
 
 def _find_scores(cell, job):
-    """Write the scores of the points of a cell."""
+    """Find the scores of the points of a cell."""
     whole, rest, columns = job.whole(), off_surfaces(job), job.columns
     distances, rows = whole.rows_of("distances", whole.rows(cell)), _rows_of_rest(cell, whole)
     off, own = rows - whole.rows(cell).start, rest.rows(cell)
     names = "points", "counts", "isolation", "separation"
     points, counts, isolation, separation = (rest.rows_of(name, own) for name in names)
     known = {"intensity": _of_rest(cell, job, "light")} if whole.has("light") else {}
-    judged = job.judged(StoredIndex(whole), job.n_threads, **known)
-    judged.telling = columns.report(ALL, "light")["telling"]
+    judged, found = job.judged(StoredIndex(whole), job.n_threads, **known), {}
+    judged.telling = columns.report(ALL, "small")["telling"]
     if job.n_explained and judged.level.off_surfaces:
         judged.reference = ExplainedNearest(whole, job.cells, job.n_explained)
         judged.explained_scale = whole.open("owner_scale")
@@ -333,16 +295,13 @@ def _find_scores(cell, job):
     apart = isolation * doubt, separation
     if job.by_rays:
         heard = Emptiness(*rest.open("heard").T), rest.open("apart")
-        heard = *heard, rest.columns.read(cell, "together")
+        heard = *heard, columns.read(cell, "together")
         given = rows, points, StoredNearest(rest, job.cells), (isolation, separation), heard, own
         by_beams, separation = stored_evidence(job).verdict(*given)
         by_sheet = columns.read(cell, "by_sheet")
         by_rays = np.maximum(doubt * by_beams, by_sheet), separation
         given = distances[off], apart, by_rays, by_sheet > 0, points, counts
-        distances[off], raised = judged.by_rays(*given)
-        columns.write(cell, raised=raised)
+        distances[off], found["raised"] = judged.by_rays(*given)
     else:
         distances[off] = judged.joined(distances[off], *apart, points)
-    place_of = columns.read(cell, "place_of")
-    write_results(columns, cell, distances[place_of])
-    columns.finish(cell, "scores")
+    return {**found, "results": distances[columns.read(cell, "place_of"), None]}

@@ -12,7 +12,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.normals._adaptive_k import SizeLimits
-from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each
+from sklearn_mcmd.normals._curvature import Curvatures, curvatures_of_each, curvatures_of_new
 from sklearn_mcmd.normals._estimator import fitted_of
 from sklearn_mcmd.normals._sides import Sides, TreeLimits
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces
@@ -32,22 +32,14 @@ from sklearn_mcmd.tiling._result_files import (
     NORMAL_COLUMNS,
     fit_together,
     normal_columns,
-    write_results,
 )
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import sensor_path, stored_origins
 from sklearn_mcmd.tiling._stored_columns import ALL
-from sklearn_mcmd.tiling._stored_index import (
-    StoredIndex,
-    find_larger,
-    find_neighbors,
-    find_places,
-    join_points,
-)
+from sklearn_mcmd.tiling._stored_index import StoredIndex, find_index, find_larger
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 from sklearn_mcmd.tiling._stored_offers import (
     FACES,
-    NUMBER,
     OLD,
     VECTOR,
     each_part,
@@ -59,8 +51,8 @@ from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 from sklearn_mcmd.tiling._tiled_sizes import find_sizes, size_steps
 
 # Fields of `Planes`, and of `Surfaces`, that are stored between the sweeps besides `FACES`.
-FIELDS = {"eigenvalues": VECTOR, **dict.fromkeys(("kept", "radius", "normal_error"), NUMBER)}
-OTHERS = {"forms": (np.int8, ()), "noise": NUMBER, "left": NUMBER}
+FIELDS = {"eigenvalues": VECTOR, **dict.fromkeys(("kept", "radius", "normal_error"), float)}
+OTHERS = {"forms": np.int8, "noise": float, "left": float}
 
 
 class TiledNormals(TiledVerb):
@@ -119,16 +111,16 @@ def _write(cell, job, fitted):
     _, values = normal_columns(fitted)
     if job.origins() is None:  # else they are of points, not of places
         values = values[job.columns.read(cell, "place_of")]
-    write_results(job.columns, cell, values)
+    return {"results": values}
 
 
 @dataclass(frozen=True)
 class PlaneJob(Job):
     """A job whose estimator is a `RobustNormalEstimator`.
 
-    ``keep(cell, job, fitted)`` is called with an estimator that has what is public of the places
-    of a cell. `later` is how many neighbors are asked for later; None if new points are, whose
-    planes need all that was found.
+    ``keep(cell, job, fitted)`` returns what is kept of an estimator that has what is public of
+    the places of a cell. `later` is how many neighbors are asked for later; None if new points are,
+    whose planes need all that was found.
     """
 
     keep: object = None
@@ -141,7 +133,8 @@ class PlaneJob(Job):
 
     def origins(self):
         """Where the sensor was for each point of the inputs, if it matters; else None."""
-        return stored_origins(self.points) if _has_sides(self.estimator, "sensor") else None
+        by_sensor = str(self.estimator.orientation) == "sensor"
+        return stored_origins(self.points) if by_sensor else None
 
     def index(self):
         """The `StoredIndex` of the estimator's neighborhoods."""
@@ -178,11 +171,7 @@ def plane_steps(estimator):
 
 def has_tree(estimator):
     """Whether a tree of all places decides the sides of normals."""
-    return _has_sides(estimator, "mst")
-
-
-def _has_sides(estimator, orientation):
-    return isinstance(estimator.orientation, str) and estimator.orientation == orientation
+    return str(estimator.orientation) == "mst"  # a direction is an array
 
 
 def find_planes(sweeps, job, k=0, least=0, **stored):
@@ -192,25 +181,20 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
     code works on them than on tiles.
 
     The column near stores k neighbors or more. Later steps need the `least` places. ``job.keep``
-    fills the columns `stored`, given as (dtype, shape of a row).
+    fills the columns `stored`, as of `StoredColumns.make`.
     """
     cells = job.cells
     sweep = partial(sweeps, cells=cells, job=job)
-    sweep("places", find_places)
-    whole = job.whole()
-    if len(whole) < max(COMPILE_FROM, 0 if job.is_sized else job.estimator.n_neighbors + 1, least):
-        return None
-    join_points(sweep, job)
     asked = SizeLimits().around if job.is_sized else job.estimator.n_neighbors
     along = TreeLimits().n_neighbors if has_tree(job.estimator) else 0
-    StoredNeighbors(whole).begin(max(asked, k, along))
-    sweep("neighbors", find_neighbors)
+    least = max(COMPILE_FROM, 0 if job.is_sized else asked + 1, least)
+    whole = find_index(sweep, job, max(asked, k, along), least)
+    if whole is None:
+        return None
     if job.is_sized:
         find_sizes(sweep, job)
         sweep("larger", find_larger)
-    if not whole.columns.is_done(ALL, "neighbors"):
-        warn_if_coarse(job.constants, job.index())
-        whole.columns.finish(ALL, "neighbors")
+    whole.columns.once("neighbors", lambda: warn_if_coarse(job.constants, job.index()))
     if mends_planes(job.estimator):
         find_offers(sweep, job)
         whole.make(**FIELDS, **OTHERS)
@@ -218,33 +202,31 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
         sweep("bends", _bend)
         if job.later is None:
             whole.copy(asks=f"{OLD}asks", **{name: f"{OLD}{name}" for name in FACES})
-        sweep("bends-settled", partial(settle, step="bends"))
+        sweep("bends-settled", settle)
         if job.later is not None:
             whole.remove("asks", "noise")
-    if has_tree(job.estimator):
-        _find_tree(whole, job, sweep)
     whole.make(**stored)
-    last = "sides" if has_tree(job.estimator) else "normals"
-    sweep(last, partial(_keep_fitted, name=last, is_last=True))
+    if not has_tree(job.estimator):
+        sweep("normals", _keep_fitted, then=_narrow)
+    else:
+        whole.make(sides=(job.constants.dtype, 3))
+        sweep("normals", _keep_fitted, job=replace(job, keep=_keep_normals))
+        sweep("forest", _find_forest)
+        whole.columns.once("tree", partial(_join_forests, whole, np.flatnonzero(cells.counts)))
+        sweep("sides", _keep_fitted, then=_narrow)
     if job.later is not None:
         whole.remove("larger", *FIELDS, *OTHERS)
         StoredNeighbors(whole).finish(job.later)
     return whole
 
 
-def _find_tree(whole, job, sweep):
+def _join_forests(whole, cells):
     """Fill signs, by which the sides of normals agree along a tree of all places."""
-    cells = job.cells
-    whole.make(sides=(job.constants.dtype, (3,)))
-    sweep("normals", _keep_fitted, job=replace(job, keep=_keep_normals))
-    sweep("forest", _find_forest)
-    if not whole.columns.is_done(ALL, "tree"):
-        points, normals = whole.open("points"), whole.open("sides")
-        forests = [whole.columns.read(cell, "forest") for cell in np.flatnonzero(cells.counts)]
-        tree = spanning_forest(normals, points, *np.concatenate(forests).T)
-        whole.make(signs=(np.float64, ()))
-        whole.open("signs")[:] = signs_along(normals, points, *tree)
-        whole.columns.finish(ALL, "tree")
+    points, normals = whole.open("points"), whole.open("sides")
+    forests = np.concatenate([whole.columns.read(cell, "forest") for cell in cells])
+    whole.make(signs=float)
+    tree = spanning_forest(normals, points, *forests.T)
+    whole.open("signs")[:] = signs_along(normals, points, *tree)
 
 
 def stored_planes(cell, job, fitted):
@@ -261,8 +243,7 @@ def stored_planes(cell, job, fitted):
 def fitted_to_new(job, queries):
     """An estimator that has what is public of new points (m, 3), once planes are found."""
     model, X = job.model(), queries.astype(job.constants.dtype)
-    surfaces = job.surfaces(model)
-    around = model.index.query(queries)
+    surfaces, around = job.surfaces(model), model.index.query(queries)  # at once, which is faster
     planes = Planes.empty(*X.shape)
 
     def task(rows):
@@ -274,7 +255,8 @@ def fitted_to_new(job, queries):
         planes.put(rows, found)
 
     each_slice(len(X), model.chunk(), task, None)
-    return _fitted(job, model, planes, X, around.take, None)
+    # Normals point up, and have no sides.
+    return fitted_of(job.estimator, model, planes, X, lambda normals: None, curvatures_of_new, None)
 
 
 def _fit_own(cell, job):
@@ -283,7 +265,6 @@ def _fit_own(cell, job):
     surfaces = job.surfaces(model)
     each_part(whole.rows(cell), model, surfaces.fit_own, job.n_threads)
     _put(whole, cell, surfaces.members)
-    whole.columns.finish(cell, "planes")
 
 
 def _bend(cell, job):
@@ -301,7 +282,6 @@ def _bend(cell, job):
     each_part(own, model, surfaces.bend, job.n_threads)
     whole.columns.finish(cell, "begun")
     _put(whole, cell, surfaces.members)
-    whole.columns.finish(cell, "bends")
 
 
 def _put(whole, cell, members):
@@ -311,8 +291,8 @@ def _put(whole, cell, members):
     whole.change(cell, **{name: found[name][own] for name in FACES})
 
 
-def _keep_fitted(cell, job, name="normals", is_last=False):
-    """Find what is public of the places of a cell, and let the job keep it."""
+def _keep_fitted(cell, job):
+    """Find what is public of the places of a cell; returns what the job keeps of it."""
     model, whole = job.model(), job.whole()
     surfaces, own, index = job.surfaces(model), whole.rows(cell), model.index
     planes = Planes.empty(own.stop - own.start, 3).without("spacing")
@@ -325,69 +305,55 @@ def _keep_fitted(cell, job, name="normals", is_last=False):
         planes.put(part, surfaces.last(rows)[1])
 
     each_part(own, model, find, job.n_threads)
-    X, columns = index.points[own].astype(job.constants.dtype), job.columns
-    sizes = index.n_neighbors if index.sizes is None else np.array(index.sizes[own])
-    origins = job.origins()
+    rows_of, origins = np.arange(own.start, own.stop), job.origins()
     if origins is not None:  # copies of a point may have been measured from elsewhere
-        place_of, origins = columns.read(cell, "place_of"), origins[job.cells.rows(cell)]
-        planes, X = planes.take(place_of), X[place_of]
-        sizes = sizes if index.sizes is None else sizes[place_of]
-
-    def around(rows):
-        if origins is None:
-            return index.query_own(slice(own.start + rows.start, own.start + rows.stop))
-        return index.query_own(own.start + place_of[rows])
+        place_of, origins = job.columns.read(cell, "place_of"), origins[job.cells.rows(cell)]
+        rows_of, planes = rows_of[place_of], planes.take(place_of)
+    X = index.points[rows_of].astype(job.constants.dtype)
 
     def orient(normals):
         if origins is not None:
             orient_toward(normals, origins - X)
-        elif columns.is_done(ALL, "tree"):
+        elif not has_tree(job.estimator):
+            sides = Sides(job.estimator.orientation, job.estimator.sensor_origin, X)
+            sides.orient(None, normals, X, job.n_threads)
+        elif job.columns.is_done(ALL, "tree"):
             normals *= whole.open("signs")[own, None]
 
-    is_alone = origins is None and not has_tree(job.estimator)
-    fitted = _fitted(job, model, planes, X, around, job.n_threads, None if is_alone else orient)
-    fitted.n_neighbors_ = sizes
-    job.keep(cell, job, fitted)
-    columns.finish(cell, name)
-    if is_last and job.later is not None:
-        StoredNeighbors(whole).narrow(cell, job.later)
+    def curvatures(model, planes, X, n_jobs):
+        found = Curvatures.empty(len(X))
+
+        def task(part):
+            given = index.points[rows_of[part]], index.query_own(rows_of[part])
+            found.put(part, curvatures_of_each(model, planes.take(part), *given))
+
+        each_slice(len(X), model.chunk(), task, n_jobs)
+        return found
+
+    fitted = fitted_of(job.estimator, model, planes, X, orient, curvatures, job.n_threads)
+    fitted.n_neighbors_ = index.n_neighbors
+    if index.sizes is not None:
+        fitted.n_neighbors_ = index.sizes[rows_of]
+    return job.keep(cell, job, fitted)
+
+
+def _narrow(cell, job):
+    """Free neighbors that nobody asks for later."""
+    if job.later is not None:
+        StoredNeighbors(job.whole()).narrow(cell, job.later)
 
 
 def _keep_normals(cell, job, fitted):
-    job.whole().put(cell, sides=fitted.normals_)
+    return {"sides": fitted.normals_}
 
 
 def _find_forest(cell, job):
-    """Write the edges of the forest of the places of a cell and their neighbors, by rows."""
-    whole, columns, index = job.whole(), job.columns, job.index()
+    """Find the edges of the forest of the places of a cell and their neighbors, by rows."""
+    whole, index = job.whole(), job.index()
     near = index.query_own(whole.rows(cell), min(TreeLimits().n_neighbors, len(whole))).indices
     known, local = np.unique(near, return_inverse=True)
     local = local.reshape(near.shape).astype(np.int32)
     first = np.repeat(local[:, 0], local.shape[1])
     normals = whole.open("sides")[known]
     edges = spanning_forest(normals, index.points[known], first, local.ravel())
-    columns.write(cell, forest=known[np.column_stack(edges)])
-    columns.finish(cell, "forest")
-
-
-def _fitted(job, model, planes, X, around, n_jobs, orient=None):
-    """An estimator with what is public of points X (n, 3) and their planes.
-
-    `around` returns the neighborhoods of a slice of these. `orient` flips normals that point up, in
-    place, where more than the points decides their sides: a tree, or positions of the sensor.
-    """
-    if orient is None:
-        sides = Sides(job.estimator.orientation, job.estimator.sensor_origin, X)
-        orient = partial(sides.orient, None, X=X, n_jobs=n_jobs)
-
-    def curvatures(model, planes, X, n_jobs):
-        found = Curvatures.empty(len(X))
-
-        def task(rows):
-            queries = X[rows].astype(np.float64)
-            found.put(rows, curvatures_of_each(model, planes.take(rows), queries, around(rows)))
-
-        each_slice(len(X), model.chunk(), task, n_jobs)
-        return found
-
-    return fitted_of(job.estimator, model, planes, X, orient, curvatures, n_jobs)
+    return {"forest": known[np.column_stack(edges)]}

@@ -7,7 +7,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd._choices import Mode, choices_of
-from sklearn_mcmd._errors import ParameterError, warn_caller
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._validation import is_auto
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise, ground_in
@@ -30,30 +30,22 @@ from sklearn_mcmd.runtime._chunks import ahead, slices
 from sklearn_mcmd.runtime._progress import listen_to_progress
 from sklearn_mcmd.tiling._catalog import parts_of
 from sklearn_mcmd.tiling._cells import GROUND, Cells, flat
-from sklearn_mcmd.tiling._memory import bytes_of_groups, most_neighbors, work_of
-from sklearn_mcmd.tiling._result_files import (
-    Results,
-    fit_together,
-    scores_of,
-    write_results,
-)
+from sklearn_mcmd.tiling._memory import check_groups_below, most_neighbors, work_of
+from sklearn_mcmd.tiling._result_files import Results, fit_together, scores_of
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized, sensor_path, stored_origins
-from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
+from sklearn_mcmd.tiling._stored_columns import ALL, StoredColumns
 from sklearn_mcmd.tiling._stored_index import (
     CHUNK,
     SLACK,
     StoredIndex,
     by_distance,
-    find_neighbors,
-    find_places,
-    join_points,
+    find_index,
     near_box,
     within_reach,
 )
 from sklearn_mcmd.tiling._stored_light import rank_light
-from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
-from sklearn_mcmd.tiling._stored_offers import FACES, NUMBER, find_offers, offer_steps, settle
+from sklearn_mcmd.tiling._stored_offers import FACES, find_offers, offer_steps, settle
 from sklearn_mcmd.tiling._sweeps import Job, warn_if_coarse
 from sklearn_mcmd.tiling._tiled_judging import RAY_STEPS, STEPS, judge_in_cells
 from sklearn_mcmd.tiling._tiled_rays import RAYS, origins_of
@@ -101,18 +93,16 @@ class TiledOutliers(TiledVerb):
     def find(self, run):
         self.n_used = self.n_judged = int(run.cells.counts.sum())
         self.scored = run.folder.columns
-        job = OutlierJob.of(run, self.detector)
-        steps = outlier_steps(self.detector)
-        if self.limits is None:
-            sweeps = run.sweeps(steps)
-            self.cutoff = judge_cells(job, sweeps, self.cutoff, run.memory)
-            return
-        sweeps = run.sweeps(["heights", *steps, "verdicts"])
-        heights = Heights(run, self.limits, sweeps)
-        self.n_judged = heights.find()
+        job, steps = OutlierJob.of(run, self.detector), outlier_steps(self.detector)
+        by_height = self.limits is not None
+        sweeps = run.sweeps(["heights", *steps, "verdicts"] if by_height else steps)
+        if by_height:
+            heights = Heights(run, self.limits, sweeps)
+            self.n_judged = heights.find()
         self.cutoff = judge_cells(job, sweeps, self.cutoff, run.memory)
-        heights.find_verdicts()
-        self.scored = heights.columns
+        if by_height:
+            heights.find_verdicts()
+            self.scored = heights.columns
 
     def results(self, run):
         if self.mode == "mark":
@@ -215,13 +205,13 @@ class OutlierJob(Job):
         return planes._replace(scale=whole.open("noise")) if whole.has("noise") else planes
 
     def stored_columns(self):
-        """What the sweeps fill: names, dtypes and shapes of a row."""
+        """What the sweeps fill: names and dtypes."""
         detector = self.estimator
         if detector._one_plane:
             return {}
         names = ["radius", "spacing", "other_spacing", "distances", "farthest", "owner_scale"]
         names += ["noise"] * (detector.noise_scale is not None)
-        return {**FACES, "usable": (bool, ()), **dict.fromkeys(names, NUMBER)}
+        return {**FACES, "usable": bool, **dict.fromkeys(names, float)}
 
 
 def cutoff_of(estimator):
@@ -246,29 +236,24 @@ def judge_cells(job, sweeps, cutoff, memory):
     """Write the scores of all points; returns the score beyond which points are outliers."""
     cells, columns, sweep = job.cells, job.columns, partial(sweeps, cells=job.cells, job=job)
     detector, n_jobs = job.estimator, sweeps.n_workers * job.n_threads
-    sweep("places", find_places)
-    whole = job.whole()
-    if len(whole) < max(COMPILE_FROM, detector.n_neighbors + 1):
+    least = max(COMPILE_FROM, detector.n_neighbors + 1)
+    whole = find_index(sweep, job, detector.n_neighbors, least)
+    if whole is None:
         fitted = fit_together(job, detector, cells, lambda fitted: -fitted.scores_)
         _keep_rays(columns, len(cells), judged_cloud(fitted))
         return -fitted.offset_
     if not columns.all_have(len(cells), "results"):
-        join_points(sweep, job)
-        whole.make(counts=(np.int32, ()))
-        StoredNeighbors(whole).begin(job.estimator.n_neighbors)
+        whole.make(counts=np.int32)
         for cell in np.flatnonzero(cells.counts):
             whole.put(cell, counts=np.bincount(columns.read(cell, "place_of")))
-        sweep("neighbors", find_neighbors)
         warn_if_coarse(job.constants, StoredIndex(whole))
-        if detector.false_positive_rate is not None and not columns.is_done(ALL, "cutoff"):
-            with listen_to_progress(None):
-                known = job.model(), detector._settings(), detector.false_positive_rate
-                columns.finish(ALL, "cutoff", cutoff=calibrated_cutoff(*known))
+        if detector.false_positive_rate is not None:
+            columns.once("cutoff", partial(_calibrate, job))
         find_offers(sweep, job)
         whole.make(**job.stored_columns())
         sweep("planes", _find_planes)
         if not detector._one_plane:
-            sweep("planes-settled", partial(settle, step="planes"))
+            sweep("planes-settled", settle)
         whole.remove("asks")
         rank_light(job, memory)
         if not detector._one_plane:
@@ -282,9 +267,17 @@ def judge_cells(job, sweeps, cutoff, memory):
     return cutoff
 
 
+def _calibrate(job):
+    """The cutoff by which the false positive rate is met."""
+    detector = job.estimator
+    with listen_to_progress(None):
+        known = job.model(), detector._settings(), detector.false_positive_rate
+        return {"cutoff": calibrated_cutoff(*known)}
+
+
 def _find_planes(cell, job):
-    """Fill the columns of a cell that `OutlierJob.stored_columns` names."""
-    whole, columns, limits = job.whole(), job.columns, SurfaceLimits()
+    """Find the columns of a cell that `OutlierJob.stored_columns` names."""
+    whole, limits = job.whole(), SurfaceLimits()
     own, index = whole.rows(cell), StoredIndex(whole)
     judged, points = job.judged(index, job.n_threads), index.points[own]
     if judged.own_planes_only:
@@ -293,23 +286,22 @@ def _find_planes(cell, job):
             around = index.query_own(rows)
             found = model.evaluate_neighborhoods(index.points[rows], around)
             distances.append(judged.paper_scores(*found))
-        scores = np.concatenate(distances)[columns.read(cell, "place_of")]
-        write_results(columns, cell, scores)
-        return columns.finish(cell, "planes")
+        return {"results": np.concatenate(distances)[job.columns.read(cell, "place_of"), None]}
     judged.counts = whole.open("counts")
     planes, spacing, other_spacing = judged.measure_planes(own)
-    found = {"radius": planes.radius, "spacing": spacing, "other_spacing": other_spacing}
-    if whole.has("farthest"):
-        measured, farthest = judged.measured(planes), np.empty(len(points))
-        measure_farthest(index, surface_width(index, limits), own, farthest, job.n_threads)
-        found["farthest"] = farthest
-        found["distances"] = judged.from_own_planes(points, measured)
-        found["usable"] = are_usable(planes, found["distances"], limits)
-        if whole.has("noise"):
-            found["noise"] = measured.scale
-    whole.put(cell, **found)
+    measured, farthest = judged.measured(planes), np.empty(len(points))
+    measure_farthest(index, surface_width(index, limits), own, farthest, job.n_threads)
+    distances = judged.from_own_planes(points, measured)
     whole.change(cell, **{name: getattr(planes, name) for name in FACES})
-    return columns.finish(cell, "planes")
+    return {
+        "radius": planes.radius,
+        "spacing": spacing,
+        "other_spacing": other_spacing,
+        "farthest": farthest,
+        "distances": distances,
+        "usable": are_usable(planes, distances, limits),
+        **({"noise": measured.scale} if whole.has("noise") else {}),
+    }
 
 
 def _keep_rays(columns, n_cells, judged):
@@ -326,75 +318,65 @@ class Heights:
     def __init__(self, run, limits, sweeps):
         self.run, self.limits = run, limits
         # Other limits have another folder.
-        self.columns = CellColumns(run.folder.results / "heights {} {} {}".format(*limits))
-        self.columns.folder.mkdir(exist_ok=True)
-        self._sweep = partial(sweeps, cells=run.cells, columns=self.columns, limits=limits)
+        found = run.folder.results / "heights {} {} {}".format(*limits)
+        found.mkdir(exist_ok=True)
+        job = replace(Job.of(run, None), found=found)
+        known = {"scored": run.folder.columns, "limits": limits}
+        self.columns, self._sweep = job.columns, partial(sweeps, cells=run.cells, job=job, **known)
 
     def find(self):
         """Find which points are judged, and groups below the ground; returns how many are."""
-        known = {"points": self.run.folder.cells, "scored": self.run.folder.columns}
-        self._sweep("heights", _find_heights, **known)
-        reports = [self.columns.report(cell, "heights") for cell in range(len(self.run.cells))]
-        n_judged, n_below = (sum(r[name] for r in reports) for name in ("n_judged", "n_below"))
+        self._sweep("heights", _find_heights)
+        cells = range(len(self.run.cells))
+        n_judged = sum(self.columns.report(cell, "heights")["n_judged"] for cell in cells)
         if not n_judged:
             raise PointFileError(f"{self.run.catalog.paths[0]}: {NONE_JUDGED}")
-        if self.limits.low_groups and not self.columns.is_done(ALL, "groups"):
-            self._find_groups(n_below)
-            self.columns.finish(ALL, "groups")
+        if self.limits.low_groups:
+            self.columns.once("groups", partial(self._find_groups, cells))
         return n_judged
 
     def find_verdicts(self):
-        """Write what heights say of each score, as results of their own."""
-        self._sweep("verdicts", _find_verdicts, scored=self.run.folder.columns)
+        """Find what heights say of each score, as results of their own."""
+        self._sweep("verdicts", _find_verdicts)
 
-    def _find_groups(self, n_below):
+    def _find_groups(self, cells):
         """Write how deep the groups of points below the ground lie; all are in memory at once."""
-        needed = bytes_of_groups(n_below)
-        if needed > self.run.memory:
-            raise ParameterError(
-                f"{n_below:,} points lie below the ground, whose groups take about "
-                f"{needed / 1e6:.0f}MB, more than $memory={self.run.memory / 1e6:.0f}MB; give more "
-                "memory, check the ground (class 2), or leave groups below it out (low_groups)"
-            )
-        parts = [self.columns.read(cell, "below") for cell in range(len(self.run.cells))]
-        below = np.concatenate(parts)
+        columns = self.columns
+        n_below = sum(len(columns.mapped(cell, "below")) for cell in cells)
+        check_groups_below(n_below, self.run.memory)
+        below = columns.gather(cells, "below")
         depths = group_depths(below[:, :3], below[:, 3], below[:, 4])
-        ends = np.cumsum([len(part) for part in parts])[:-1]
-        for cell, part in enumerate(np.split(depths, ends)):
-            self.columns.write(cell, depths=part)
+        columns.share(cells, "below", depths=depths)
 
 
-def _find_heights(cell, points, scored, columns, limits):
-    """Write which points of a cell are judged, and those that lie below the ground.
+def _find_heights(cell, job, scored, limits):
+    """Find which points of a cell are judged, and those that lie below the ground.
 
     Columns: judged, of all points; below_rows, and below: coordinates, how deep, and the distance
     in plan of the third nearest ground point.
     """
-    cells = Cells(points)
+    cells = job.cells
     xyz = np.ascontiguousarray(StoredColumns(scored, len(cells)).xyz(cells, cell))
-    away, near = _nearest_ground(Cells(points / GROUND), xyz)
+    away, near = _nearest_ground(Cells(job.points / GROUND), xyz)
     judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
-    columns.write(cell, judged=judged)
-    n_below = 0
+    found = {"judged": judged, "n_judged": int(np.count_nonzero(judged))}
     if limits.low_groups:
         depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]
         rows = np.flatnonzero(judged & (depth > away))
         below = np.column_stack([xyz[rows], depth[rows], away[rows]])
-        columns.write(cell, below_rows=rows, below=below)
-        n_below = len(rows)
-    columns.finish(cell, "heights", n_judged=int(np.count_nonzero(judged)), n_below=n_below)
+        found |= {"below_rows": rows, "below": below}
+    return found
 
 
-def _find_verdicts(cell, scored, columns, limits):
-    """Write the scores of a cell's points, or depths below the ground if these are more."""
-    results = scored.read(cell, "results")
+def _find_verdicts(cell, job, scored, limits):
+    """Find the scores of a cell's points, or depths below the ground if these are more."""
+    results, columns = scored.read(cell, "results"), job.columns
     scores, depths = results[:, 0], np.zeros(len(results))
     if limits.low_groups:
         depths[columns.read(cell, "below_rows")] = columns.read(cell, "depths")
         scores = np.maximum(scores, depths)
     depths[~columns.read(cell, "judged")] = np.nan
-    write_results(columns, cell, np.column_stack([scores, depths]))
-    columns.finish(cell, "verdicts")
+    return {"results": np.column_stack([scores, depths])}
 
 
 def _nearest_ground(cells, xyz):
@@ -404,11 +386,11 @@ def _nearest_ground(cells, xyz):
     own = cells.of(plan)
 
     def nearest_in(cell, asked):
-        records, reach = cells.read(cell), SLACK * found[0, asked, -1]
+        ground, reach = cells.points(cell), SLACK * found[0, asked, -1]
+        ground[:, 2] = cells.rows(cell)  # heights
         if np.isfinite(reach).all():
-            records = records[near_box(records["xyz"], plan[asked], reach)]
-        flat, heights = records["xyz"], records["row"].view(np.float64)
-        return np.array(Ground(np.column_stack([flat[:, :2], heights])).nearest(xyz[asked]))
+            ground = ground[near_box(flat(ground), plan[asked], reach)]
+        return np.array(Ground(ground).nearest(xyz[asked]))
 
     for cell in np.unique(own):
         asked = np.flatnonzero(own == cell)

@@ -38,16 +38,13 @@ from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 RAYS = "by_rays"  # the name of what rays say of a cloud
 PLANE_STEPS = tuple(f"rays{n}" for n in range(2 + len(ASKS)))
 PLACES, BEAMS, *LATER = PLANE_STEPS
-NUMBER, ROW, ANSWER = (np.float64, ()), (np.int32, ()), (bool, ())
 
 
 def ask_planes(sweep, job):
     """Fill what is `FOUND` of all places, and ranges and beam_of."""
-    found = {name: (dtype, ()) for name, dtype in FOUND.items()}
-    job.whole().make(ranges=NUMBER, beam_of=ROW, **found)
+    job.whole().make(ranges=float, beam_of=np.int32, **FOUND)
     beams = beam_job(job)
-    if not job.columns.is_done(ALL, PLACES):
-        _put_beams_in_cells(job, beams)
+    job.columns.once(PLACES, partial(_put_beams_in_cells, job, beams))
     sweep_beams = partial(sweep, cells=beams.cells, job=beams)
     sweep_beams(PLACES, _find_places)
     whole, k = beams.whole(), RayLimits().n_beams
@@ -56,13 +53,12 @@ def ask_planes(sweep, job):
             f"all points lie in {len(whole)} directions from $sensor_origin, which are too few"
         )
     join_points(sweep_beams, beams)
-    whole.make(met=ROW, angles=NUMBER)
+    whole.make(met=np.int32, angles=float)
     StoredNeighbors(whole).begin(min(k + 1, len(whole)))
     sweep_beams(BEAMS, _find_beams, ranges=job.whole().column("ranges"))
-    if not job.columns.is_done(ALL, BEAMS):
-        job.columns.finish(ALL, BEAMS, usual=_median(partial(_angles, beams)))
+    job.columns.once(BEAMS, lambda: {"usual": _median(partial(_angles, beams))})
     for step, ask in zip(LATER, ASKS, strict=True):
-        sweep(step, partial(_ask, step=step, ask=ask))
+        sweep(step, partial(_ask, is_first=step == LATER[0], ask=ask))
 
 
 def stored_evidence(job):
@@ -142,16 +138,15 @@ def _put_beams_in_cells(job, beams):
     unit = None if same else _median(ranges)
     shutil.rmtree(beams.points, ignore_errors=True)
     beams.points.mkdir()
-    writer = CellWriter(beams.points, cells.counts.max(), 3 if same else 6)
+    writer = CellWriter(beams.points, cells.counts.max(), 3 if same else 6, np.int32)
     for rows, origins, _, directions in each_part():
         writer.add(beams_of(directions, origins, unit), np.arange(rows.start, rows.stop))
     writer.close()
-    job.columns.finish(ALL, PLACES, approximate=approximate)
+    return {"approximate": approximate}
 
 
 def _find_places(cell, job):
-    find_places(cell, job)
-    job.columns.finish(cell, PLACES)
+    job.columns.keep(cell, "places", find_places(cell, job))
 
 
 def _find_beams(cell, job, ranges):
@@ -165,7 +160,6 @@ def _find_beams(cell, job, ranges):
     points, near = whole.open("points"), StoredNeighbors(whole)
     for some in slices(own.stop, CHUNK, own.start):
         whole.write("angles", some.start, mean_angles(points, some, near[some]))
-    job.columns.finish(cell, BEAMS)
 
 
 def _angles(beams):
@@ -189,9 +183,9 @@ def _find_own_beams(cell, job):
     job.whole().put(cell, beam_of=beam_of)
 
 
-def _ask(cell, job, step, ask):
+def _ask(cell, job, is_first, ask):
     """Fill what one of `ASKS` finds of the places of a cell."""
-    if step == LATER[0]:
+    if is_first:
         _find_own_beams(cell, job)
     whole, evidence, planes = job.whole(), stored_evidence(job), job.planes()
     own, index = whole.rows(cell), StoredIndex(whole)
@@ -203,4 +197,3 @@ def _ask(cell, job, step, ask):
             whole.write(name, rows.start, values)
 
     each_slice(own.stop - own.start, CHUNK, task, job.n_threads)
-    whole.columns.finish(cell, step)

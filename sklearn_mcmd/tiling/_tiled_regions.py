@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from sklearn_mcmd._errors import warn
-from sklearn_mcmd.io._point_cloud import has_colors, with_results
 from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.planes._record import Planes
@@ -20,7 +19,7 @@ from sklearn_mcmd.tiling._cell_parts import CellParts, OwnNeighbors
 from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import fit_together, write_results_of_places
 from sklearn_mcmd.tiling._run import TiledVerb, warm_up
-from sklearn_mcmd.tiling._stored_columns import ALL, RevisedColumn
+from sklearn_mcmd.tiling._stored_columns import RevisedColumn
 from sklearn_mcmd.tiling._stored_offers import FACES, settle
 from sklearn_mcmd.tiling._tiled_division import divide_in_tiles
 from sklearn_mcmd.tiling._tiled_growing import STEPS, grow_in_cells
@@ -59,19 +58,19 @@ class TiledRegions(TiledVerb):
         return work_of("regions", normals), 0, most
 
     def find(self, run):
-        if not run.folder.columns.is_done(ALL, "regions"):
-            sizes, table = _segment(self.estimator, run)
-            if self.table:
-                write_regions(self._place(run.folder), table())
-            sizes = [int(size) for size in sizes]
-            found = {"n_regions": len(sizes), "n_inside": sum(sizes), "largest": sizes[:LARGEST]}
-            run.folder.columns.finish(ALL, "regions", **found)
+        self.found = run.folder.columns.once("regions", partial(self._find, run))
+
+    def _find(self, run):
+        sizes, table = _segment(self.estimator, run)
+        if self.table:
+            write_regions(self._place(run.folder), table())
+        sizes = [int(size) for size in sizes]
+        return {"n_regions": len(sizes), "n_inside": sum(sizes), "largest": sizes[:LARGEST]}
 
     def make(self, cloud, values, xyz):
-        from sklearn_mcmd.plotting._still import region_columns
+        from sklearn_mcmd.plotting._still import with_regions
 
-        paints = not has_colors(cloud) if self.colors is None else self.colors
-        return with_results(cloud, region_columns(values[:, 0], paints)), None
+        return with_regions(cloud, values[:, 0], self.colors), None
 
     def others(self, folder):
         return [(self._place(folder), self.table)] if self.table else []
@@ -81,7 +80,7 @@ class TiledRegions(TiledVerb):
         return folder.results / f"regions{self.asked}"
 
     def report(self, run, total):
-        return {"removed_fraction": 0.0, **run.folder.columns.report(ALL, "regions")}
+        return {"removed_fraction": 0.0, **self.found}
 
 
 @dataclass(frozen=True)
@@ -103,13 +102,12 @@ def _segment(growing, run):
     k, normals = growing.n_neighbors, growing.normal_estimator
     job = RegionJob.of(run, normals, keep=_keep_planes, later=k, growing=growing)
     sweeps = run.sweeps([*plane_steps(job.estimator), *STEPS, "joining"])
-    variation = job.constants.dtype, ()
-    whole = find_planes(sweeps, job, k, k, variation=variation)
+    whole = find_planes(sweeps, job, k, k, variation=job.constants.dtype)
     if whole is None:
         fitted = fit_together(job, growing, run.cells, lambda fitted: fitted.labels_)
         return fitted.region_sizes_, lambda: fitted.regions_
     sweep = partial(sweeps, cells=run.cells, job=job)
-    sweep("faces-settled", partial(settle, step="faces"))
+    sweep("faces-settled", settle)
     grow_in_cells(sweep, job, run.memory)
     parts = CellParts(job, run.plan.n_workers)
     with sweeps.part("joining"):
@@ -126,11 +124,11 @@ def _segment(growing, run):
 
 
 def _keep_planes(cell, job, fitted):
-    """Fill variation, and change the columns `FACES`."""
+    """The variation of a cell's places; changes the columns `FACES`."""
     points, columns, faces = stored_planes(cell, job, fitted)
     faces["scale"] = np.maximum(faces["scale"], job.floor(points))
-    job.whole().put(cell, variation=columns.surface_variation)
     job.whole().change(cell, **faces)
+    return {"variation": columns.surface_variation}
 
 
 def _finish(run, job, parts):

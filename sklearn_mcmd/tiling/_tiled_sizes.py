@@ -10,7 +10,6 @@ from sklearn_mcmd.runtime._chunks import each_slice, slices
 from sklearn_mcmd.tiling._stored_columns import ALL
 from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex, StoredNearest
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
-from sklearn_mcmd.tiling._stored_offers import NUMBER
 
 
 def size_steps():
@@ -23,9 +22,9 @@ def find_sizes(sweep, job):
     whole, before = job.whole(), None
     if whole.columns.is_done(ALL, "numbers"):
         return
-    whole.make(across=NUMBER, sizes=(np.int64, ()), starts=(np.int64, ()))
+    whole.make(across=float, sizes=np.int64, starts=np.int64)
     for step in size_steps():
-        whole.make(**{step: NUMBER})
+        whole.make(**{step: float})
         sweep(step, partial(_find, step=step, before=before))
         whole.remove(*filter(None, [before]))
         before = step
@@ -36,7 +35,7 @@ def find_sizes(sweep, job):
         many = np.where(sizes > k, sizes, 0)
         whole.put(cell, starts=n + np.cumsum(many) - many)
         n, largest = n + int(many.sum()), max(largest, int(sizes.max(initial=0)))
-    whole.make(max(1, n), larger=(np.int32, ()))
+    whole.make(max(1, n), larger=np.int32)
     whole.columns.finish(ALL, "numbers", largest=largest)
 
 
@@ -83,7 +82,7 @@ class CellFinder(ScaleFinder):
 
 
 def _find(cell, job, step, before):
-    """Fill the columns of a step for the places of a cell."""
+    """Find the columns of a step for the places of a cell."""
     finder, columns = CellFinder(cell, job), job.columns
     wanted = finder.known(before) if before else np.full(finder.n, np.inf)
     found, used = {}, ()
@@ -98,8 +97,6 @@ def _find(cell, job, step, before):
         fits = tuple(columns.read(cell, name) for name in used) if known else None
         found[step], larger = finder.step(k, wanted, fits)
         if larger and f"scale{2 * k}" in size_steps():
-            columns.write(cell, **dict(zip(new, larger, strict=True)))
-    job.whole().put(cell, **found)
-    columns.finish(cell, step)
-    for name in used:
-        columns.path(cell, name).unlink(missing_ok=True)
+            found |= dict(zip(new, larger, strict=True))
+    columns.drop(cell, *used)  # which are found again if need be
+    return found

@@ -5,6 +5,7 @@ import os
 import shutil
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -104,14 +105,21 @@ def test_a_tile_that_meets_a_damaged_file_names_it(small_file, ended, tmp_path, 
         process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
 
 
-def test_a_cell_that_was_cut_off_is_named(small_file, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [("points", "points: is damaged; begin anew"), ("rows", r"rows: cannot be read")],
+)
+def test_a_cell_that_was_cut_off_is_named(files, said, small_file, tmp_path, monkeypatch):
     def cut_off(folder, constants, finish=WorkFolder.finish_cells):
         finish(folder, constants)
-        for path in folder.cells.glob("*.points"):
+        for path in folder.cells.glob(f"*.{files}"):
             path.write_bytes(path.read_bytes()[:-3])
 
     monkeypatch.setattr(WorkFolder, "finish_cells", cut_off)
-    with pytest.warns(match="points: is damaged; begin anew"), pytest.raises(TilingError):
+    with (
+        pytest.warns(match=said) if files == "points" else nullcontext(),
+        pytest.raises(TilingError, match="kept" if files == "points" else said),
+    ):
         process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
 
 

@@ -176,14 +176,16 @@ def test_cells_of_regions_may_be_found_while_a_tile_asks_for_them(by_tiles, monk
 
     def gather_meanwhile(tile, job, level, step):
         asking.append(partial(gather, job=job, level=level, step=step))
-        gather(tile, job, level, step)
+        found = gather(tile, job, level, step)
         asking.clear()
+        return found
 
     def in_order_when_others_have_gathered(points, rows):
         while asking:
             work = asking.pop()
-            for tile in np.flatnonzero(work.keywords["job"].cells.counts):
-                work(tile)
+            job = work.keywords["job"]
+            for tile in np.flatnonzero(job.cells.counts):
+                job.columns.keep(tile, "meanwhile", work(tile))
         return in_order(points, rows)
 
     monkeypatch.setattr(_tiled_division, "_gather", gather_meanwhile)

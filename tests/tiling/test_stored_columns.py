@@ -1,0 +1,67 @@
+"""What sweeps leave on disk: a column of all places, or a file for each cell."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from sklearn_mcmd.tiling import TilingError, process_files
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
+from tiled import ESTIMATOR, in_memory
+
+
+@pytest.fixture
+def columns(tmp_path):
+    """Of two cells, of 2 and 3 places."""
+    columns = CellColumns(tmp_path)
+    for cell, n in enumerate([2, 3]):
+        columns.finish(cell, "places", n_places=n)
+    return columns
+
+
+def test_what_a_sweep_finds_fills_a_column_has_a_file_or_is_reported(columns):
+    whole = StoredColumns(columns, 2)
+    whole.make(height=float)
+    columns.keep(0, "heights", {"height": np.zeros(2), "rows": np.arange(5), "n": 7})
+    columns.keep(1, "heights", {"height": np.ones(3), "n": 8})
+    assert_array_equal(whole.rows_of("height", slice(None)), [0, 0, 1, 1, 1])
+    assert_array_equal(columns.read(0, "rows"), np.arange(5))
+    assert [columns.report(cell, "heights") for cell in (0, 1)] == [{"n": 7}, {"n": 8}]
+    assert sorted(path.name for path in columns.folder.glob("*height.npy")) == ["all.height.npy"]
+
+
+def test_what_one_process_has_found_it_does_not_find_again(columns):
+    calls = []
+    found = [columns.once("usual", lambda: calls.append(0) or {"usual": 3}) for _ in range(2)]
+    assert found == [{"usual": 3}] * 2
+    assert len(calls) == 1
+    assert columns.once("joined", lambda: None) == {}
+    assert columns.is_done(ALL, "joined")
+
+
+def test_each_cell_gets_its_part_of_what_was_found_of_all(columns):
+    for cell, n in enumerate([2, 0, 3]):
+        columns.write(cell, seen=np.full(n, cell))
+    seen = columns.gather(range(3), "seen")
+    columns.share(range(3), "seen", twice=2 * seen, rows=np.arange(5))
+    assert_array_equal(columns.gather([0, 2], "twice"), [0, 0, 4, 4, 4])
+    assert [columns.read(cell, "rows").tolist() for cell in range(3)] == [[0, 1], [], [2, 3, 4]]
+
+
+@pytest.mark.parametrize("step", ["joined", "offers1-settled", "bends-settled", "normals"])
+def test_a_run_that_ends_before_it_notes_what_a_sweep_did_goes_on(
+    step, small_file, tmp_path, monkeypatch
+):
+    """What was put elsewhere is not there any more."""
+
+    def fail(columns, cell, sweep, finish=CellColumns.finish, **report):
+        if (cell, sweep) == (1, step):
+            raise MemoryError("enough")
+        finish(columns, cell, sweep, **report)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(CellColumns, "finish", fail)
+        with pytest.warns(match="tile 1 failed .* enough"), pytest.raises(TilingError):
+            process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    expected = in_memory(small_file, tmp_path / "expected.las")
+    assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
