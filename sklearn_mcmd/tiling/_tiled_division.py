@@ -13,18 +13,13 @@ import numpy as np
 
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._estimator import rules_of
+from sklearn_mcmd.segmentation._region_cells import Points, Sums, named, once, pairs_of, places
 from sklearn_mcmd.segmentation._region_division import (
     Patches,
-    Points,
     Strips,
-    Sums,
     VoteLimits,
     are_whole,
     divided,
-    named,
-    once,
-    pairs_of,
-    places,
 )
 from sklearn_mcmd.tiling._memory import check_cells_of_regions
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns

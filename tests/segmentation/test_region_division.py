@@ -12,7 +12,8 @@ from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.planes._quadrics import work_arrays
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._region_division import Sums, _joined, _settled, joined
+from sklearn_mcmd.segmentation._region_cells import Sums, joined
+from sklearn_mcmd.segmentation._region_division import _joined, _settled
 from sklearn_mcmd.segmentation._regions_numba import gather, vote
 
 FIT, MOST_NOISE = FitLimits(), JoinLimits().most_noise

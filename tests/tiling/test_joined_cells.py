@@ -14,7 +14,7 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.datasets import make_crown_roof, make_street
 from sklearn_mcmd.io import PointCloud, read_points
-from sklearn_mcmd.segmentation._region_division import Points
+from sklearn_mcmd.segmentation._region_cells import Points
 from sklearn_mcmd.tiling import _memory, _tiled_division, process_files
 from sklearn_mcmd.tiling._stored_columns import CellColumns
 from tiled import fit_in_memory, written
