@@ -167,36 +167,37 @@ def _near_pairs(centers, reach, beside, rows):
 
 
 def _near_points(parts, points, labels, whole, pairs, most, boxes):
-    """Points of the regions in pairs, by region: those that another of a pair may be near to."""
-    small, large = pairs.T
+    """Points of the regions in pairs, by region: those that the other of a pair may be near to."""
     low, high = boxes
-    reach = WIDER * most[small][:, None]
-    reach = reach + ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(initial=0.0)
-    least, highest = np.full(low.shape, np.inf), np.full(low.shape, -np.inf)
-    for one, other in ((small, large), (large, small)):
-        np.minimum.at(least, one, low[other] - reach)
-        np.maximum.at(highest, one, high[other] + reach)
-    asked = np.append(np.isfinite(least[:, 0]), False)
-    found = {region: [np.empty((0, points.shape[1]))] for region in np.flatnonzero(asked).tolist()}
-    for some in parts.each(_points_in, points, labels, whole, asked, least, highest):
+    reach = WIDER * most[pairs[:, 0]] + ROUNDING * np.abs(boxes).max(initial=0.0)
+    regions, others = np.concatenate([pairs, pairs[:, ::-1]]).T
+    order, reach = np.argsort(regions, kind="stable"), np.tile(reach, 2)[:, None]
+    around = (low[others] - reach)[order], (high[others] + reach)[order]
+    starts = np.searchsorted(regions[order], np.arange(len(low) + 1))
+    found = {region: [np.empty((0, points.shape[1]))] for region in np.unique(regions).tolist()}
+    for some in parts.each(_points_in, points, labels, whole, starts, around):
         for name, group in some:
             found[name].append(group)
     return {name: np.concatenate(groups) for name, groups in found.items()}
 
 
-def _points_in(part, points, labels, whole, asked, least, highest):
-    """Regions that are asked for, each with those of its points that lie in its box."""
-    region = whole[labels[part]]
-    inside = np.flatnonzero(asked[region])
-    if not len(inside):
-        return []
-    some, region = points[part][inside], region[inside]
-    near = ((some >= least[region]) & (some <= highest[region])).all(axis=1)
-    some, region = some[near], region[near]
-    order = np.argsort(region, kind="stable")
-    regions, starts = np.unique(region[order], return_index=True)
-    groups = np.split(some[order], starts[1:]) if len(regions) else []
-    return list(zip(regions.tolist(), groups, strict=True))
+def _points_in(part, points, labels, whole, starts, around):
+    """Regions with boxes around others, and those of their points that lie in any of these."""
+    region, own, found = whole[labels[part]], points[part], []
+    inside = np.flatnonzero(np.append(np.diff(starts) > 0, False)[region])
+    inside = inside[np.argsort(region[inside], kind="stable")]
+    names, begins = np.unique(region[inside], return_index=True)
+    for name, rows in zip(names.tolist(), np.split(inside, begins[1:]), strict=False):
+        low, high = (ends[starts[name] : starts[name + 1]] for ends in around)
+        some, groups = own[rows], []
+        near = (low <= some.max(axis=0)).all(axis=1) & (high >= some.min(axis=0)).all(axis=1)
+        for a, b in zip(low[near], high[near], strict=True):
+            lies = ((some >= a) & (some <= b)).all(axis=1)
+            groups.append(some[lies])
+            some = some[~lies]
+        if sum(map(len, groups)):
+            found.append((name, np.concatenate(groups)))
+    return found
 
 
 def _near(points, pairs, most, n_jobs=None):

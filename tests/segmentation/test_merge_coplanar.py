@@ -13,7 +13,8 @@ from growth import fitted_without
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation import _merge_coplanar
-from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar
+from sklearn_mcmd.segmentation._merge_coplanar import _near_points, join_coplanar
+from sklearn_mcmd.segmentation._parts import Parts
 
 
 def walls(rng, *boxes, noise=0.003, density=3000):
@@ -152,3 +153,20 @@ def test_a_wall_that_a_projecting_part_cuts_is_one_region_or_two(joined, n_regio
     assert found.n_regions_ == n_regions
     wall = np.where(part == 1, 0, part) if joined else part
     assert adjusted_rand_score(wall, found.labels_) > 0.97
+
+
+def test_of_a_large_region_only_points_near_to_the_other_ones_of_pairs_are_gathered():
+    """A strip of 3,000, and two patches beside its ends; the boxes around these hold few of it."""
+    rng = np.random.default_rng(0)
+    strip = rng.uniform(0, 1, (3_000, 3)) * [100, 1, 0]
+    patches = rng.uniform(0, 1, (200, 3)) * [1, 1, 0] + np.repeat(
+        [[0, 1.1, 0], [99, 1.1, 0]], 100, 0
+    )
+    X, labels = np.vstack([strip, patches]), np.repeat([0, 1, 2], [3_000, 100, 100])
+    boxes = [np.array([f(X[labels == i], axis=0) for i in range(3)]) for f in (np.min, np.max)]
+    whole, pairs, most = np.array([0, 1, 2, -1]), np.array([[1, 0], [2, 0]]), np.full(3, 0.5)
+    found = _near_points(Parts(len(X)), X, labels, whole, pairs, most, boxes)
+    near = (strip[:, 0] < 1.6) | (strip[:, 0] > 98.4)
+    assert {name: len(points) for name, points in found.items()}.keys() == {0, 1, 2}
+    assert 60 < len(found[0]) <= near.sum() < 150
+    assert len(found[1]) == len(found[2]) == 100
