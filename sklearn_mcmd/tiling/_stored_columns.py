@@ -114,7 +114,7 @@ class StoredColumns:
     """
 
     def __init__(self, columns, n_cells=0):
-        self.columns, self.n_cells = columns, n_cells
+        self.columns, self.n_cells, self._known = columns, n_cells, {}
         if columns.path(ALL, STARTS).exists():
             self.starts = columns.read(ALL, STARTS)
             return
@@ -217,7 +217,7 @@ class StoredColumns:
 
     def column(self, name):
         """The `Column` of this name."""
-        return Column(self._path(name))
+        return self._known.setdefault(name, Column(self._path(name)))
 
     def planes(self):
         """The planes of all places, as `RegionGrowing` knows them."""

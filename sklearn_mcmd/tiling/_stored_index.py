@@ -2,14 +2,13 @@
 
 from functools import reduce
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import extents
 from sklearn_mcmd.planes._indexed_cloud import distinct_rows
 from sklearn_mcmd.planes._nearest import COMPILE_FROM, NearestPoints, SelfSearch
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded
-from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._cells import Cells
@@ -21,6 +20,7 @@ CHUNK = 4096  # rows that are asked for at once
 SLACK = 1.0 + 1e-12
 AT_ONCE = 1_000_000  # distances that are kept at once, what bounds the memory
 FAR_AT_ONCE = 8_000_000  # neighbors that are known before other cells are seen
+AROUND = 0.95  # share of queries that are searched for once; only the time depends on it
 
 
 class StoredIndex(NeighborIndex):
@@ -35,11 +35,11 @@ class StoredIndex(NeighborIndex):
 
     def __init__(self, whole, cells=None, n_neighbors=None, radius=None, sized=False, n_jobs=None):
         self._whole, self._cells = whole, cells
-        self._near = StoredNeighbors(whole)
+        self.cloud = StoredCloud(whole, cells, n_jobs)
+        self._near = self.cloud.near
         self._stored = self._near.k
         self.n_neighbors = n_neighbors or self._stored
         self.radius, self.sizes = radius, whole.open("sizes") if sized else None
-        self.cloud = StoredCloud(whole, cells, n_jobs)
         self.points = self.cloud.points
 
     def _query_sized(self, rows, keep):
@@ -69,13 +69,16 @@ class StoredCloud:
 
     def __init__(self, whole, cells, n_jobs):
         self._whole, self._cells, self._n_jobs = whole, cells, n_jobs
-        self.points = whole.open("points")
+        self.points, self.near = whole.open("points"), StoredNeighbors(whole)
+        self._nearest = None
 
     def neighbors(self, rows, k, _):
-        return StoredNeighbors(self._whole).take(rows, k)
+        return self.near.take(rows, k)
 
     def nearest(self, queries, k):
-        return StoredNearest(self._whole, self._cells).query(queries, k, self._n_jobs)
+        if self._nearest is None:
+            self._nearest = StoredNearest(self._whole, self._cells)
+        return self._nearest.query(queries, k, self._n_jobs)
 
 
 def find_index(sweep, job, k, least):
@@ -166,10 +169,9 @@ def _search_own(points, near, n_threads):
     bounds = np.empty(len(points))
 
     def task(rows):
-        found = Neighborhoods(search.query(rows, k), np.full(rows.stop - rows.start, k))
-        own = search.order[rows]
-        bounds[own] = extents(search.points, search.points[rows], found)[1]
-        near[own] = search.order[found.indices]
+        found, own = search.query(rows, k), search.order[rows]
+        bounds[own] = search.distances(rows, found[:, -1:], search)[:, 0]
+        near[own] = search.order[found]
 
     each_slice(len(points), CHUNK, task, n_threads)
     return bounds
@@ -189,7 +191,11 @@ class StoredNearest(NearestPoints):
         if chosen is not None:
             sizes = [np.count_nonzero(chosen(cell)) for cell in range(len(cells))]
             self._starts = np.concatenate([[0], np.cumsum(sizes)])
-        self.n = int(self._starts[-1])
+        self.n, self._last = int(self._starts[-1]), (None, None)  # the cell searched last
+
+    def release(self):
+        """As of `NearestPoints`."""
+        self._last = None, None
 
     def without(self, rows):
         """As of `NearestPoints`."""
@@ -220,8 +226,8 @@ class StoredNearest(NearestPoints):
 
     def visit_in(self, cell, queries, k, work, n_jobs=None):
         """As `visit`, of queries most of which lie in one cell."""
-        (points, numbers), inside = self._load(cell), self._to_border(cell, queries)
-        search = NearestPoints(points)
+        around = self._around(cell, queries, k, n_jobs)
+        inside = self._to_border(cell, queries) + around.width
         for some in slices(len(queries), max(1, FAR_AT_ONCE // k)):
             all_rows = np.arange(some.start, some.stop)
             left = [(np.empty(0, np.intp), np.empty((0, k), np.int32), np.empty(0))]
@@ -229,40 +235,44 @@ class StoredNearest(NearestPoints):
             def answer(rows, distances, near, all_rows=all_rows, left=left):
                 rows = all_rows[rows]
                 is_near = SLACK * distances[:, -1] < inside[rows]
-                work(rows[is_near], distances[is_near], numbers[near[is_near]])
-                known, bounds = near[~is_near].astype(np.int32), distances[~is_near, -1]
-                left.append((rows[~is_near], known, bounds))  # of any thread, in any order
+                if not is_near.all():
+                    known, bounds = near[~is_near].astype(np.int32), distances[~is_near, -1]
+                    left.append((rows[~is_near], known, bounds))  # of any thread, in any order
+                    rows, distances, near = rows[is_near], distances[is_near], near[is_near]
+                work(rows, distances, around.numbers[near])
 
-            search.visit(queries[some], k, answer, n_jobs)
+            around.search.visit(queries[some], k, answer, n_jobs)
             far, known, bounds = map(np.concatenate, zip(*left, strict=True))
 
             def answer_far(rows, *found, far=far):
                 work(far[rows], *found)
 
-            self.visit_far(cell, queries[far], bounds, known, answer_far)
+            self.visit_far(cell, queries[far], bounds, known, answer_far, around)
 
-    def visit_far(self, cell, queries, bounds, known, work):
-        """As `visit_in` of those queries whose nearest places may not all be in the cell.
+    def visit_far(self, cell, queries, bounds, known, work, around=None):
+        """As `visit_in` of those queries whose nearest places may not all be `around` the cell, or
+        in it by default.
 
-        The nearest of the cell are its `known` ones (m, k), and `bounds` (m,) the distances of
-        the last of these, inf where there are fewer.
+        The nearest of these are the `known` ones (m, k), and `bounds` (m,) the distances of the
+        last of them, inf where there are fewer.
         """
-        far = np.flatnonzero(~(SLACK * bounds < self._to_border(cell, queries)))
+        around = self._around(cell) if around is None else around
+        inside = self._to_border(cell, queries) + around.width
+        far = np.flatnonzero(~(SLACK * bounds < inside))
         if len(far) >= ORDER_FROM:
             far = far[spatial_order(queries[far])]
         n_parts = -(-len(far) * known.shape[1] // AT_ONCE)
         for some in np.array_split(far, n_parts) if len(far) else []:
-            work(some, *self._search_all(cell, queries[some], bounds[some], known[some]))
+            work(some, *self._search_all(cell, around, queries[some], bounds[some], known[some]))
 
-    def _search_all(self, cell, queries, reach, known):
+    def _search_all(self, cell, around, queries, reach, known):
         """Distances and numbers of the nearest places, of queries as of `visit_far`.
 
         The nearest of each cell that may have some are put together, and searched once more.
         """
         k, reach = known.shape[1], SLACK * reach
-        parts = [
-            _chosen(*self._load(cell), known) if np.isfinite(reach).all() else self._load(cell)
-        ]
+        inner = around.points, around.numbers
+        parts = [_chosen(*inner, known) if np.isfinite(reach).all() else inner]
         for other in by_distance(self._cells, queries, reach):
             asked = within_reach(self._cells, other, queries, reach)
             if len(asked) == 0 or other == cell:
@@ -270,7 +280,10 @@ class StoredNearest(NearestPoints):
             points, numbers = self._load(other)
             near = near_box(points, queries[asked], reach[asked])
             points, numbers = points[near], numbers[near]
-            if len(points) > k:
+            if around.width:
+                beyond = self._to_border(cell, points) <= -around.width
+                points, numbers = points[beyond], numbers[beyond]
+            if len(points) > k * len(asked):  # else no more than these would be chosen
                 distances, near = NearestPoints(points).query(queries[asked], k, 1)
                 reach[asked] = np.minimum(reach[asked], SLACK * distances[:, -1])
                 points, numbers = _chosen(points, numbers, near)
@@ -278,6 +291,38 @@ class StoredNearest(NearestPoints):
         points, numbers = map(np.concatenate, zip(*parts, strict=True))
         distances, near = NearestPoints(points).query(queries, k, 1)
         return distances, np.append(numbers, self.n)[near]
+
+    def _around(self, cell, queries=(), k=0, n_jobs=None):
+        """What lies `Around` a cell, as far as most of the queries in it need for their k nearest,
+        but no more places of other cells than queries."""
+        own, width = self._own(cell), 0.0
+        if len(queries) >= ORDER_FROM and len(self._cells) > 1:
+            some = queries[:: len(queries) // COMPILE_FROM]
+            needs = own.search.query(some, k, n_jobs)[0][:, -1] - self._to_border(cell, some)
+            width = max(0.0, np.quantile(needs, AROUND, method="lower"))
+        if width == 0.0:
+            return own
+        outer = own.points[:0], own.numbers[:0]
+        least, most = self._cells.extent(slice(None))
+        away = np.maximum(least - self._cells.high[cell], self._cells.low[cell] - most).max(axis=1)
+        for other in np.argsort(away):
+            if other != cell and away[other] < width:
+                outer = tuple(map(np.concatenate, zip(outer, self._load(other), strict=True)))
+                gaps = -self._to_border(cell, outer[0])
+                if len(gaps) > len(queries):
+                    width = min(width, np.partition(gaps, len(queries))[len(queries)])
+                outer = tuple(part[gaps < width] for part in outer)
+        points, numbers = map(np.concatenate, zip(own[:2], outer, strict=True))
+        return Around(points, numbers, width, NearestPoints(points))
+
+    def _own(self, cell):
+        """The places of a cell, `Around` which nothing is known; those asked last are kept."""
+        last, own = self._last
+        if last != cell:
+            points, numbers = self._load(cell)
+            own = Around(points, numbers, 0.0, NearestPoints(points))
+            self._last = cell, own
+        return own
 
     def _load(self, cell):
         """The places of a cell, and their numbers among all that are chosen."""
@@ -291,6 +336,15 @@ class StoredNearest(NearestPoints):
         # Axis by axis takes a third of the time.
         gaps = (np.minimum(x - a, b - x) for x, a, b in zip(queries.T, low, high, strict=True))
         return reduce(np.minimum, gaps)
+
+
+class Around(NamedTuple):
+    """The places of a cell, and all others that are less than some width from its box."""
+
+    points: np.ndarray  # (m, d)
+    numbers: np.ndarray  # (m,), among all
+    width: float  # along any axis
+    search: NearestPoints  # of these
 
 
 def _chosen(points, numbers, rows):

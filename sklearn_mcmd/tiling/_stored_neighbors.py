@@ -25,7 +25,7 @@ class StoredNeighbors:
     """
 
     def __init__(self, whole):
-        self._whole = whole
+        self._whole, self._last = whole, (-1, None)  # the cell asked last, and its neighbors
 
     @property
     def k(self):
@@ -59,11 +59,16 @@ class StoredNeighbors:
         """The first k neighbors of some places: int32 (m, k)."""
         if isinstance(rows, slice):
             rows = np.arange(*rows.indices(len(self._whole)))
+        starts = self._whole.starts
+        if len(rows):
+            first, last = np.searchsorted(starts, [rows.min(), rows.max()], side="right") - 1
+            if first == last:
+                return self._take(first, rows - starts[first], k)
         found = np.empty((len(rows), k), np.int32)
-        of = np.searchsorted(self._whole.starts, rows, side="right") - 1
+        of = np.searchsorted(starts, rows, side="right") - 1
         for cell in np.unique(of):
             some = np.flatnonzero(of == cell)
-            found[some] = self._take(cell, rows[some] - self._whole.starts[cell], k)
+            found[some] = self._take(cell, rows[some] - starts[cell], k)
         return found
 
     def __getitem__(self, rows):
@@ -71,19 +76,26 @@ class StoredNeighbors:
         return self.take(rows, self.k)
 
     def _take(self, cell, rows, k):
+        last, packed = self._last
+        if last != cell:
+            packed = self._open(cell)
+            self._last = cell, packed
+        if k > (width := packed.codes.shape[1]):
+            raise ValueError(f"{k} neighbors are wanted, and {width} are stored")
+        return packed.take(rows, k)
+
+    def _open(self, cell):
         own, path, parts, end = self._whole.rows(cell), self._path(cell), [], 8
         with one_clear_line(path, "read"):
             # An array that is read only would be compiled for anew.
             stored = np.asarray(np.memmap(path, np.uint8, "c"))
             width, n_far = stored[:8].view(np.int32)
-            if k > width:
-                raise ValueError(f"{k} neighbors are wanted, and {width} are stored")
             for dtype, shape in _shapes(own.stop - own.start, int(width), n_far):
                 begin, end = end, end + np.dtype(dtype).itemsize * int(np.prod(shape))
                 parts.append(stored[begin:end].view(dtype).reshape(shape))
             if end != len(stored):
                 raise PointFileError("is damaged; begin anew (restart)")
-        return Packed(*parts).take(rows, k)
+        return Packed(*parts)
 
     def _write(self, cell, k, near_of):
         own, path = self._whole.rows(cell), self._path(cell)
@@ -98,6 +110,7 @@ class StoredNeighbors:
             file.write(np.array([k, n_far[-1]], np.int32).data)
             for values in (part for name in Packed._fields for part in known[name]):
                 file.write(values.data)
+        self._last = -1, None
 
     def _path(self, cell):
         return self._whole.columns.folder / f"{cell}.near"

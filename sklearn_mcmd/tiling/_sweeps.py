@@ -4,7 +4,7 @@ import time
 import warnings
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from string import digits
 
@@ -78,8 +78,9 @@ class Job:
         known = folder.cells, folder.results, estimator, folder.constants
         return cls(*known, n_threads=n_threads, **others)
 
-    @property
+    @cached_property
     def cells(self):
+        """The `Cells` of the points, which are read once."""
         return Cells(self.points)
 
     @property

@@ -2,7 +2,7 @@
 
 import shutil
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -177,7 +177,7 @@ class EdgeJob(PlaneJob):
     edges: SharpFeatureDetector | None = None
     is_cleaned: bool = False
 
-    @property
+    @cached_property
     def cells(self):
         return KeptCells(self.points, self.columns) if self.is_cleaned else Cells(self.points)
 

@@ -65,12 +65,13 @@ def stored_evidence(job):
     """The `RayEvidence` of all places, as far as it is known."""
     whole, beams = job.whole(), beam_job(job)
     known, stored = job.columns.report(ALL, PLACES), beams.whole()
+    cloud = StoredCloud(stored, beams.cells, 1)
     rays = Rays(
         points=whole.open("points"),
         ranges=whole.open("ranges"),
-        cloud=StoredCloud(stored, beams.cells, 1),
+        cloud=cloud,
         met=stored.open("met"),
-        near=StoredNeighbors(stored),
+        near=cloud.near,
         angles=stored.open("angles"),
         usual_angle=job.columns.report(ALL, BEAMS)["usual"],
         limits=RayLimits(),
