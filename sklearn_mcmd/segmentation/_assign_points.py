@@ -13,9 +13,7 @@ from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes, r
 
 ROWS = 2**16  # points at once, of which some are asked who claims them
 CHUNK = 30_000  # neighbors looked at at once: what they need stays in the processor's cache
-SLACK = (
-    1.0 + 1e-6
-)  # planes that claim no point by more than rounding errors are not looked at again
+SLACK = 1.0 + 1e-6  # by which planes may miss a point that is asked again whether they claim it
 
 
 @dataclass(frozen=True)

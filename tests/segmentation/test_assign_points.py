@@ -50,6 +50,20 @@ def test_points_are_claimed_round_by_round(seed, rows, monkeypatch):
     assert_array_equal(Claims(index, planes, RULES).assign_unlabeled(labels, [1]), expected)
 
 
+def test_of_equal_planes_the_nearest_is_asked_in_each_round():
+    """It claims the point by no rounding error; the next would, once it is claimed itself."""
+    index = NeighborIndex(np.array([[0, 0, 0.03], [0.1, 0, 0], [0.25, 0, 0], [9, 9, 9]]), 3)
+    row, near, next_one, far = np.argsort(index.points[:, 0])
+    planes = Planes.unknown(4, 3)
+    planes.centroids[:], planes.normals[:], planes.radius[:] = index.points, [0, 0, 1], 1.0
+    planes.scale[[row, near, next_one, far]] = 1e-9, 0.01 * (1 - 1e-12), 0.01 * (1 + 1e-12), 1e-9
+    labels = np.full(4, -1, np.int32)
+    labels[near] = 0
+    expected, n_rounds = literally(index, planes, labels)
+    assert (n_rounds, expected[next_one], expected[row]) == (1, 0, -1)
+    assert_array_equal(Claims(index, planes, RULES).assign_unlabeled(labels), expected)
+
+
 def test_limits_that_are_given_take_the_place_of_those_of_planes():
     index, planes, labels = strip(0)
     rules = RULES._replace(max_distance=0.004, max_gap=0.3)
