@@ -170,4 +170,4 @@ def test_of_a_large_region_only_points_near_to_the_other_ones_of_pairs_are_gathe
     near = ((strip >= low) & (strip <= high)).all(axis=2).any(axis=0)
     assert 20 < near.sum() < 60
     assert_array_equal(np.sort(found[0], axis=0), np.sort(strip[near], axis=0))
-    assert [len(found[1]), len(found[2])] == [100, 100]
+    assert all((found[i] <= boxes[1][0] + 0.5 + 1e-6).all() and len(found[i]) for i in (1, 2))
