@@ -159,17 +159,20 @@ def compute_cells(task, cells, todo, n_workers):
     spare = n_workers if gives_threads() else 1
     given = (max(1, spare // n_left) for n_left in range(len(todo), 0, -1))
     tasks = zip(todo, given, strict=True)
-    for cell, answers[cell], error in work(
-        delayed(_attempt)(task, *known, folder) for known in tasks
-    ):
-        n_done += int(cells.counts[cell])
-        if error is not None:
-            n_failed += 1
-            ends = zip("xyz", *cells.extent(cell), strict=True)
-            between = ", ".join(f"{axis} {low:.6g} to {high:.6g}" for axis, low, high in ends)
-            warn_caller(f"tile {cell} failed ({between}): {error}")
-        rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
-        report_share(n_done / n_points, f"{rate:,.0f} points/s")
+    with warnings.catch_warnings():
+        # A process that holds much more than at first is replaced, and joblib warns of a leak.
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+        for cell, answers[cell], error in work(
+            delayed(_attempt)(task, *known, folder) for known in tasks
+        ):
+            n_done += int(cells.counts[cell])
+            if error is not None:
+                n_failed += 1
+                ends = zip("xyz", *cells.extent(cell), strict=True)
+                between = ", ".join(f"{axis} {low:.6g} to {high:.6g}" for axis, low, high in ends)
+                warn_caller(f"tile {cell} failed ({between}): {error}")
+            rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
+            report_share(n_done / n_points, f"{rate:,.0f} points/s")
     if n_failed:
         raise TilingError(f"{n_failed} of {len(cells)} tiles failed")
     return answers

@@ -1,6 +1,7 @@
 """Files by tiles are those that memory writes: one or many, with all that their points have."""
 
 import os
+import warnings
 from functools import partial
 from types import SimpleNamespace
 
@@ -221,6 +222,23 @@ def test_the_last_tiles_get_the_threads_of_idle_processes(n_workers, expected, t
     with joblib.parallel_config("threading"):
         _sweeps.compute_cells(partial(work, job=job), cells, range(5), n_workers)
     assert [given[cell] for cell in np.argsort(-counts)] == expected
+
+
+def test_a_process_that_is_replaced_as_it_holds_much_is_no_leak_to_warn_of(monkeypatch, tmp_path):
+    """Joblib says so of processes that hold 300 MB more than at first, as those of tiles may."""
+
+    def parallel(**_):
+        def work_off(tasks):
+            for function, known, _ in tasks:
+                text = "A worker stopped while some jobs were given to the executor."
+                warnings.warn(text, UserWarning, stacklevel=1)
+                yield function(*known)
+
+        return work_off
+
+    monkeypatch.setattr(_sweeps, "Parallel", parallel)
+    cells = SimpleNamespace(counts=np.array([2, 1]), folder=tmp_path / "cells")
+    assert _sweeps.compute_cells(lambda cell: 10 * cell, cells, range(2), 2) == {0: 0, 1: 10}
 
 
 def test_a_warning_of_the_thread_that_reads_ahead_names_the_line_of_the_caller(tmp_path):
