@@ -10,8 +10,10 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.runtime._chunks import slices
 
 AT_ONCE = 100_000  # points whose nearest are asked for at once; it limits the memory
+GROUPS_AT_ONCE = 4096  # whose axes are found at once, in 500 bytes each
 LENGTH = np.sqrt(12)  # of a line, in standard deviations of points that lie evenly on it
 
 
@@ -38,10 +40,19 @@ class Shapes(NamedTuple):
     @classmethod
     def of(cls, points, group):
         """Of points whose order is settled, since sums depend on it. `group` is from 0 on."""
+        rounding = 8 * np.finfo(float).eps * np.abs(points).max(initial=0.0)
+        order, parts = np.argsort(group, kind="stable"), []
+        ends = np.append(0, np.cumsum(np.bincount(group)))
+        for some in slices(max(len(ends) - 1, 1), GROUPS_AT_ONCE):
+            rows = order[ends[some.start] : ends[min(some.stop, len(ends) - 1)]]
+            parts.append(cls._of(points[rows], group[rows] - some.start, rounding))
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
+
+    @classmethod
+    def _of(cls, points, group, rounding):
         counts, d = np.bincount(group), points.shape[1]
         centers, deviations, axes = _axes(points, group, counts)
         thickness = _with_error(deviations[:, 0], counts, d)
-        rounding = 8 * np.finfo(float).eps * np.abs(points).max(initial=0.0)
         straight, along = are_straight(deviations, counts), deviations[:, -1]
         normals = np.where(straight[:, None], np.nan, axes[:, :, 0])
         rows = np.flatnonzero(straight[group])
