@@ -238,7 +238,7 @@ def test_a_process_that_is_replaced_as_it_holds_much_is_no_leak_to_warn_of(monke
 
     monkeypatch.setattr(_sweeps, "Parallel", parallel)
     cells = SimpleNamespace(counts=np.array([2, 1]), folder=tmp_path / "cells")
-    assert _sweeps.compute_cells(lambda cell: 10 * cell, cells, range(2), 2) == {0: 0, 1: 10}
+    assert _sweeps.compute_cells(partial(pow, 10), cells, range(2), 2) == {0: 1, 1: 10}
 
 
 def test_a_warning_of_the_thread_that_reads_ahead_names_the_line_of_the_caller(tmp_path):
