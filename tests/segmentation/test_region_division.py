@@ -12,9 +12,8 @@ from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.planes._quadrics import work_arrays
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._region_cells import Sums, joined
 from sklearn_mcmd.segmentation._region_division import _joined, _settled
-from sklearn_mcmd.segmentation._regions_numba import gather, vote
+from sklearn_mcmd.segmentation._regions_numba import vote
 
 FIT, MOST_NOISE = FitLimits(), JoinLimits().most_noise
 
@@ -128,98 +127,6 @@ def test_rings_that_a_given_gap_joins_are_not_torn_without_a_vote():
     whole = fitted_without(X, "divide_at_creases", max_gap=0.5)
     divided = RegionGrowing(max_gap=0.5, random_state=0).fit(X)
     assert divided.region_sizes_[0] >= 0.96 * whole.region_sizes_[0] > 0.7 * len(X)
-
-
-def gathered(order, near, labels, parts=1):
-    """The first of the cell of each node, found in parts that know of others what was found before,
-    and how often each part was asked."""
-    n = len(labels)
-    first, names = np.full(n, -1, np.int32), np.arange(n, dtype=np.int32)
-    for times in range(1, n + 1):
-        for own in np.array_split(names, parts):
-            begin, end, found = own[0], own[-1] + 1, first.copy()
-            theirs = np.setdiff1d(names, own)
-            theirs = theirs[(found[theirs] == theirs) | (found[theirs] == -1)]  # may begin a cell
-            nodes = np.concatenate([own, theirs])
-            place = np.full(n, -1)
-            place[nodes] = np.arange(len(nodes))
-            unsure = np.append(np.zeros(len(own)), found[theirs] == -1).astype(np.int8)
-            some, starts = place[order], np.arange(len(nodes) + 1) * near.shape[1]
-            known = starts, near[nodes].ravel() - begin, labels[nodes], nodes.astype(np.int32)
-            gather(some[some >= 0], *known, first[begin:end], unsure)
-        if (first[labels >= 0] >= 0).all():
-            return first, times
-    raise AssertionError("it does not end")
-
-
-@pytest.mark.parametrize("parts", [1, 2, 7, 40])
-def test_cells_are_gathered_in_order_wherever_their_points_lie(parts):
-    """A cell begins at each point in order that no cell has, of the near ones of its region that
-    none has. Parts that ask each other for what they have found come to the same."""
-    rng = np.random.default_rng(0)
-    for _ in range(10):
-        points, labels = rng.uniform(size=(200, 3)), rng.integers(-1, 2, 200).astype(np.int32)
-        points = points[np.argsort(points[:, 0])]
-        gaps = np.linalg.norm(points[:, None] - points, axis=2)
-        near = np.argsort(gaps, axis=1)[:, :7].astype(np.int32)
-        order, expected = rng.permutation(np.flatnonzero(labels >= 0)), np.full(200, -1)
-        for i in order:
-            if expected[i] < 0:
-                expected[[j for j in near[i] if expected[j] < 0 and labels[j] == labels[i]]] = i
-        first, times = gathered(order, near, labels, parts)
-        assert_array_equal(first, expected)
-        assert times <= (1 if parts == 1 else 12)
-    first, _ = gathered(order, near[:, :1], labels, parts)  # a cell of each point alone
-    assert_array_equal(first, np.where(labels < 0, -1, np.arange(200)))
-
-
-def join_by_numpy(points, edges):
-    """Patches of cells (m, k, 3) in units of noise: the frozen set of cells of each."""
-
-    def rest(cells):
-        some = points[sorted(cells)].reshape(-1, 3)
-        return np.linalg.eigvalsh((some - some.mean(axis=0)).T @ (some - some.mean(axis=0)))[0]
-
-    def candidate(one, other):
-        apart, n = rest(one) + rest(other), len(one | other) * points.shape[1]
-        factor = max(1.0, apart / max(n - 6, 1))
-        return (rest(one | other) - apart) / factor, 3 * np.log(n)
-
-    patch = {c: frozenset([c]) for c in range(len(points))}
-    waiting = [(a, b, patch[a], patch[b], *candidate(patch[a], patch[b])) for a, b in edges]
-    while waiting := [entry for entry in waiting if entry[4] <= entry[5]]:
-        best = min(range(len(waiting)), key=lambda i: waiting[i][4])
-        a, b, one, other, _, _ = waiting.pop(best)
-        if patch[a] is patch[b]:
-            continue
-        if {one, other} != {patch[a], patch[b]}:  # judged before one of them grew
-            one, other = patch[a], patch[b]
-            waiting.append((a, b, one, other, *candidate(one, other)))
-            continue
-        patch |= dict.fromkeys(one | other, one | other)
-    return np.array([min(patch[c]) for c in range(len(points))])
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_cells_are_joined_as_literally_from_their_points(seed):
-    """Lattices of 6 by 6 cells on a bent surface, whose noise lets some join and others not."""
-    rng = np.random.default_rng(seed)
-    corner = np.stack(np.meshgrid(range(6), range(6)), axis=-1).reshape(-1, 1, 2)
-    x, y = np.moveaxis(corner + rng.uniform(size=(36, 8, 2)), 2, 0)
-    points = np.stack(
-        [9 * x, 9 * y, np.abs(x - 3) * 3 + y * y / 4 + rng.normal(size=x.shape)], axis=2
-    )
-    means = points.mean(axis=1)
-    gaps = points - means[:, None]
-    scatters = np.einsum("nki,nkj->nij", gaps, gaps)[:, *np.triu_indices(3)]
-    a, b = np.triu_indices(36, 1)
-    beside = np.abs(corner[a, 0] - corner[b, 0]).sum(axis=1) == 1
-    edges = np.column_stack([a, b])[beside]
-    sums = Sums(np.full(36, 8.0), np.full(36, 8.0), means, scatters)
-    first, patch, _ = joined(sums, edges)
-    expected = join_by_numpy(points, edges.tolist())
-    assert 2 < len(np.unique(expected)) < 20
-    assert_array_equal(first[patch], expected)
 
 
 def vote_by_numpy(points, weights, cells, first, blunt, steep):
