@@ -57,7 +57,7 @@ SLOW = [
     (REGIONS, {}, "_tiled_growing.GrownParts.write_seeds", 0, 4),
     (REGIONS, {}, "_tiled_growing._number_regions", 0, 4),
     (REGIONS, {}, "_tiled_division._find_noise", 2, 4),
-    (REGIONS, {}, "_tiled_division._gather_in", 6, 4),
+    (REGIONS, {}, "_tiled_division._gather", 6, 4),
     (REGIONS, {}, "_tiled_division._find_sums", 2, 4),
     (REGIONS, {}, "_tiled_division._join_blocks", 2, 4),
     (REGIONS, {}, "_tiled_division.divided", 0, 4),
