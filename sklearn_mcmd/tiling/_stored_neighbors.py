@@ -27,6 +27,9 @@ class StoredNeighbors:
     def __init__(self, whole):
         self._whole, self._last = whole, (-1, None)  # the cell asked last, and its neighbors
 
+    def __reduce__(self):
+        return StoredNeighbors, (self._whole,)  # processes find neighbors in the files
+
     @property
     def k(self):
         return self._whole.columns.report(ALL, "near")["k"]

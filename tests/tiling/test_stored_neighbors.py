@@ -1,5 +1,7 @@
 """Neighbors packed in a file, against those that went into it."""
 
+import pickle
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -43,3 +45,14 @@ def test_neighbors_near_each_other_take_less_than_half_of_their_size(stored, tmp
     stored.write(1, neighbors(3_007, 50, 60)[7:])
     size = (tmp_path / "1.near").stat().st_size / 3_000
     assert size <= bytes_of_neighbors(50) < 0.5 * 4 * 50
+
+
+def test_other_processes_are_sent_no_neighbors(stored):
+    near = neighbors(3_007, 50, 60)
+    stored.write(1, near[7:])
+    before = len(pickle.dumps(stored))
+    rows = np.arange(7, 3_007)
+    assert_array_equal(stored.take(rows, 50), near[7:])
+    sent = pickle.dumps(stored)
+    assert len(sent) < 2 * before
+    assert_array_equal(pickle.loads(sent).take(rows, 50), near[7:])
