@@ -7,12 +7,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.tiling import _cells, process_files
 from tiled import ESTIMATOR
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
+REGIONS = RegionGrowing(16, normal_estimator=ESTIMATOR)
 
 
 @pytest.fixture
@@ -35,7 +36,7 @@ def disk(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("estimator", [DETECTOR, ESTIMATOR], ids=lambda e: type(e).__name__)
+@pytest.mark.parametrize("estimator", [DETECTOR, ESTIMATOR, REGIONS], ids=lambda e: type(e).__name__)
 def test_a_full_disk_is_said_and_more_room_helps(disk, small_file, monkeypatch, estimator):
     folder, remount = disk
     expected, target = small_file.with_name("expected.las"), folder / "out.las"
