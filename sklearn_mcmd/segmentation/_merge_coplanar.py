@@ -19,7 +19,7 @@ from sklearn_mcmd.segmentation._region_sums import (
 
 ROUNDING = 16 * np.finfo(np.float64).eps  # of a least eigenvalue, as a share of the largest one
 CHUNK = 64  # regions whose pairs are sought at once,
-PAIRS = 2**16  # and pairs that are tried at once; both limit the memory
+PAIRS = 2**16  # and pairs that are tried at once, or points and boxes; both limit the memory
 FEW = 128  # one point in so many is asked first whether a region is near
 WIDER = 1.0 + 1e-9  # a search reaches farther than the largest gap by more than rounding
 
@@ -189,15 +189,30 @@ def _points_in(part, points, labels, whole, starts, around):
     names, begins = np.unique(region[inside], return_index=True)
     for name, rows in zip(names.tolist(), np.split(inside, begins[1:]), strict=False):
         low, high = (ends[starts[name] : starts[name + 1]] for ends in around)
-        some, groups = own[rows], []
-        near = (low <= some.max(axis=0)).all(axis=1) & (high >= some.min(axis=0)).all(axis=1)
-        for a, b in zip(low[near], high[near], strict=True):
-            lies = ((some >= a) & (some <= b)).all(axis=1)
-            groups.append(some[lies])
-            some = some[~lies]
-        if sum(map(len, groups)):
-            found.append((name, np.concatenate(groups)))
+        some = own[rows]
+        near = some[_lie_in(some, low, high)]
+        if len(near):
+            found.append((name, near))
     return found
+
+
+def _lie_in(points, low, high):
+    """Whether each point lies in any of some boxes; points are halved until few are near these."""
+    lies, todo = np.zeros(len(points), bool), [(np.arange(len(points)), np.arange(len(low)))]
+    while todo:
+        rows, boxes = todo.pop()
+        some = points[rows]
+        least, most = some.min(axis=0), some.max(axis=0)
+        boxes = boxes[((low[boxes] <= most) & (high[boxes] >= least)).all(axis=1)]
+        if len(rows) == 1 or len(rows) * len(boxes) <= PAIRS:
+            ends = low[boxes, None], high[boxes, None]
+            lies[rows] = ((some >= ends[0]) & (some <= ends[1])).all(axis=2).any(axis=0)
+        elif ((low[boxes] <= least) & (high[boxes] >= most)).all(axis=1).any():
+            lies[rows] = True
+        else:
+            order = np.argpartition(some[:, np.argmax(most - least)], len(rows) // 2)
+            todo += [(half, boxes) for half in np.split(rows[order], [len(rows) // 2])]
+    return lies
 
 
 def _near(points, pairs, most, n_jobs=None):

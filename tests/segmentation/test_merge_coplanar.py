@@ -1,5 +1,6 @@
 """Which regions are parts of one plane, and which are not."""
 
+import time
 import tracemalloc
 from itertools import permutations
 
@@ -13,7 +14,7 @@ from growth import fitted_without
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation import _merge_coplanar
-from sklearn_mcmd.segmentation._merge_coplanar import _near_points, join_coplanar
+from sklearn_mcmd.segmentation._merge_coplanar import _lie_in, _near_points, join_coplanar
 from sklearn_mcmd.segmentation._parts import Parts
 
 
@@ -171,3 +172,41 @@ def test_of_a_large_region_only_points_near_to_the_other_ones_of_pairs_are_gathe
     assert 20 < near.sum() < 60
     assert_array_equal(np.sort(found[0], axis=0), np.sort(strip[near], axis=0))
     assert all((found[i] <= boxes[1][0] + 0.5 + 1e-6).all() and len(found[i]) for i in (1, 2))
+
+
+@pytest.mark.parametrize("n_pairs", [1, 50, 10_000_000])
+def test_points_lie_in_the_boxes_in_which_they_are_however_few_are_compared_at_once(
+    n_pairs, monkeypatch
+):
+    rng = np.random.default_rng(0)
+    points = rng.integers(0, 30, (400, 3)).astype(float)
+    low = rng.integers(0, 30, (20, 3)).astype(float)
+    high = low + rng.integers(0, 9, low.shape)
+    expected = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2).any(axis=1)
+    monkeypatch.setattr(_merge_coplanar, "PAIRS", n_pairs)
+    assert 20 < expected.sum() < 300
+    assert_array_equal(_lie_in(points, low, high), expected)
+    assert not _lie_in(points, low[:0], high[:0]).any()
+    assert _lie_in(points, low[:1] - 30, high[:1] + 30).all()
+
+
+def test_thousands_of_boxes_are_not_compared_with_each_point():
+    rng = np.random.default_rng(0)
+    points, low = rng.uniform(0, 1, (100_000, 3)), rng.uniform(0, 1, (2_000, 3))
+
+    def seconds(find):
+        before = time.process_time()
+        return find(), time.process_time() - before
+
+    def one_by_one():
+        lies = np.zeros(len(points), bool)
+        for a in low:
+            lies |= ((points >= a) & (points <= a + 0.02)).all(axis=1)
+        return lies
+
+    (found, few), (expected, many) = (
+        seconds(lambda: _lie_in(points, low, low + 0.02)),
+        seconds(one_by_one),
+    )
+    assert_array_equal(found, expected)
+    assert few < many / 4
