@@ -61,8 +61,13 @@ def join_coplanar(points, labels, around, n_jobs=None, parts=None):
     while True:  # each round joins at least two parts
         pairs, most = _pairs_in_a_plane(*planes, noise, n_jobs)
         if len(pairs) > 0:
-            near = _near_points(parts, points, labels, whole, pairs, most, boxes)
-            pairs = pairs[_near(near, pairs, most, n_jobs)]
+            are_near = np.zeros(len(pairs), bool)
+            for step in (FEW, 1):  # few points mostly tell
+                if len(left := np.flatnonzero(~are_near)):
+                    known = whole, pairs[left], most, boxes, step
+                    near = _near_points(parts, points, labels, *known)
+                    are_near[left] = _near(near, pairs[left], most, n_jobs)
+            pairs = pairs[are_near]
             # A small part that lies in two planes joins the nearer: it is no bridge between them.
             pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]
         if len(pairs) == 0:
@@ -166,8 +171,9 @@ def _near_pairs(centers, reach, beside, rows):
     return rows[r], near[s]
 
 
-def _near_points(parts, points, labels, whole, pairs, most, boxes):
-    """Points of the regions in pairs, by region: those that the other of a pair may be near to."""
+def _near_points(parts, points, labels, whole, pairs, most, boxes, step):
+    """Points of the regions in pairs, by region: those that the other of a pair may be near to, of
+    one in `step` points of each."""
     low, high = boxes
     reach = WIDER * most[pairs[:, 0]] + ROUNDING * np.abs(boxes).max(initial=0.0)
     regions, others = np.concatenate([pairs, pairs[:, ::-1]]).T
@@ -175,13 +181,13 @@ def _near_points(parts, points, labels, whole, pairs, most, boxes):
     around = (low[others] - reach)[order], (high[others] + reach)[order]
     starts = np.searchsorted(regions[order], np.arange(len(low) + 1))
     found = {region: [np.empty((0, points.shape[1]))] for region in np.unique(regions).tolist()}
-    for some in parts.each(_points_in, points, labels, whole, starts, around):
+    for some in parts.each(_points_in, points, labels, whole, starts, around, step):
         for name, group in some:
             found[name].append(group)
     return {name: np.concatenate(groups) for name, groups in found.items()}
 
 
-def _points_in(part, points, labels, whole, starts, around):
+def _points_in(part, points, labels, whole, starts, around, step):
     """Regions with boxes around others, and those of their points that lie in any of these."""
     region, own, found = whole[labels[part]], points[part], []
     inside = np.flatnonzero(np.append(np.diff(starts) > 0, False)[region])
@@ -189,7 +195,7 @@ def _points_in(part, points, labels, whole, starts, around):
     names, begins = np.unique(region[inside], return_index=True)
     for name, rows in zip(names.tolist(), np.split(inside, begins[1:]), strict=False):
         low, high = (ends[starts[name] : starts[name + 1]] for ends in around)
-        some = own[rows]
+        some = own[rows[::step]]
         near = some[_lie_in(some, low, high)]
         if len(near):
             found.append((name, near))
@@ -232,11 +238,8 @@ def _near(points, pairs, most, n_jobs=None):
             if len(queries) == 0:
                 continue
             tree = cKDTree(own, balanced_tree=False) if tree is None else tree
-            # A few mostly tell.
-            near[row] = any(
-                (tree.query(some, distance_upper_bound=WIDER * gap)[0] <= gap).any()
-                for some in (queries[::FEW], queries)
-            )
+            found, _ = tree.query(queries, distance_upper_bound=WIDER * gap)
+            near[row] = (found <= gap).any()
 
     run([(large,) for large in np.unique(pairs[:, 1]).tolist()], search, n_jobs)
     return near

@@ -166,7 +166,7 @@ def test_of_a_large_region_only_points_near_to_the_other_ones_of_pairs_are_gathe
     X, labels = np.vstack([strip, patches]), np.repeat([0, 1, 2], [3_000, 100, 100])
     boxes = [np.array([f(X[labels == i], axis=0) for i in range(3)]) for f in (np.min, np.max)]
     whole, pairs, most = np.array([0, 1, 2, -1]), np.array([[1, 0], [2, 0]]), np.full(3, 0.5)
-    found = _near_points(Parts(len(X)), X, labels, whole, pairs, most, boxes)
+    found = _near_points(Parts(len(X)), X, labels, whole, pairs, most, boxes, 1)
     low, high = boxes[0][1:, None] - 0.5, boxes[1][1:, None] + 0.5
     near = ((strip >= low) & (strip <= high)).all(axis=2).any(axis=0)
     assert 20 < near.sum() < 60
@@ -210,3 +210,19 @@ def test_thousands_of_boxes_are_not_compared_with_each_point():
     )
     assert_array_equal(found, expected)
     assert few < many / 4
+
+
+def test_where_few_points_tell_that_large_regions_are_near_no_others_are_gathered(monkeypatch):
+    found, gather = [], _merge_coplanar._near_points
+
+    def counted(*known):
+        found.append(gather(*known))
+        return found[-1]
+
+    monkeypatch.setattr(_merge_coplanar, "_near_points", counted)
+    x = np.random.default_rng(0).uniform(0, 1, (20_000, 2)) * [4, 1]
+    X, labels = np.insert(x, 2, 0.0, axis=1), (x[:, 0] > 2).astype(np.int32)
+    planes = Planes.unknown(len(X), 3)._replace(scale=np.ones(len(X)), radius=np.ones(len(X)))
+    assert_array_equal(join_coplanar(X, labels, planes), 0)
+    (points,) = found
+    assert 0 < sum(map(len, points.values())) <= 20_000 / 128 + 2

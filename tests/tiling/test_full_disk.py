@@ -36,7 +36,9 @@ def disk(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("estimator", [DETECTOR, ESTIMATOR, REGIONS], ids=lambda e: type(e).__name__)
+@pytest.mark.parametrize(
+    "estimator", [DETECTOR, ESTIMATOR, REGIONS], ids=lambda e: type(e).__name__
+)
 def test_a_full_disk_is_said_and_more_room_helps(disk, small_file, monkeypatch, estimator):
     folder, remount = disk
     expected, target = small_file.with_name("expected.las"), folder / "out.las"

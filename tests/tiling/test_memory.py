@@ -47,12 +47,12 @@ def test_all_processes_together_stay_within_the_memory(n_jobs, memory):
 
 
 def test_regions_of_many_points_need_memory_however_small_tiles_are():
-    with pytest.raises(ValueError, match=r"at least 5980MB .*regions of all 100,000,000 points"):
-        plan_run(10**8, 5.9e9, 4, work="regions")
-    plan = plan_run(10**8, 7e9, 2, work="regions")
+    with pytest.raises(ValueError, match=r"at least 880MB .*regions of all 100,000,000 points"):
+        plan_run(10**8, 8.7e8, 4, work="regions")
+    plan = plan_run(10**8, 4e9, 2, work="regions")
     assert plan.n_workers == 2
-    assert plan.memory <= 7e9
-    assert plan_run(10**8, 6.3e9, 2, work="regions").n_workers == 1
+    assert plan.memory <= 4e9
+    assert plan_run(10**8, 1.2e9, 2, work="regions").n_workers == 1
 
 
 @pytest.mark.parametrize("work", ["outliers", "outliers, rays", "normals, auto"])
