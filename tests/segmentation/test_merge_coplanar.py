@@ -192,7 +192,7 @@ def test_points_lie_in_the_boxes_in_which_they_are_however_few_are_compared_at_o
 
 def test_thousands_of_boxes_are_not_compared_with_each_point():
     rng = np.random.default_rng(0)
-    points, low = rng.uniform(0, 1, (100_000, 3)), rng.uniform(0, 1, (2_000, 3))
+    points, low = rng.uniform(0, 1, (20_000, 3)), rng.uniform(0, 1, (1_000, 3))
 
     def seconds(find):
         before = time.process_time()
@@ -201,11 +201,11 @@ def test_thousands_of_boxes_are_not_compared_with_each_point():
     def one_by_one():
         lies = np.zeros(len(points), bool)
         for a in low:
-            lies |= ((points >= a) & (points <= a + 0.02)).all(axis=1)
+            lies |= ((points >= a) & (points <= a + 0.05)).all(axis=1)
         return lies
 
     (found, few), (expected, many) = (
-        seconds(lambda: _lie_in(points, low, low + 0.02)),
+        seconds(lambda: _lie_in(points, low, low + 0.05)),
         seconds(one_by_one),
     )
     assert_array_equal(found, expected)

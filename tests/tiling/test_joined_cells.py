@@ -14,6 +14,7 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.datasets import make_crown_roof, make_street
 from sklearn_mcmd.io import PointCloud, read_points
+from sklearn_mcmd.segmentation import _region_division
 from sklearn_mcmd.segmentation._region_cells import Points
 from sklearn_mcmd.tiling import _memory, _tiled_division, process_files
 from sklearn_mcmd.tiling._stored_columns import CellColumns
@@ -152,6 +153,38 @@ def test_small_cells_and_patches_of_regions_cross_tiles(by_tiles, monkeypatch, t
     assert report.n_regions > 2
     assert n_points > 100
     assert n_cells > 20
+
+
+def known_of_division(monkeypatch, module, work):
+    """What is known by places when groups are sought, in an order that depends on no rows."""
+    seen, of = [], module.divided
+
+    def divide(points, rules, begins, patch, own, last, sums, borders, *others, **parts):
+        xyz, patches = np.array(points.index.points[:]), points.index.points[last]
+        order, rows = np.lexsort(points.index.points[begins].T), np.lexsort(xyz.T)
+        pairs = np.column_stack([patches[borders[:, 0]], patches[borders[:, 1]]])
+        cells = points.index.points[begins][order]
+        known = cells, patch[order], np.array(own[:])[rows], patches, *sums
+        seen.append((*known, pairs[np.lexsort(pairs.T)]))
+        return of(points, rules, begins, patch, own, last, sums, borders, *others, **parts)
+
+    with monkeypatch.context() as changed:
+        changed.setattr(module, "divided", divide)
+        work()
+    return seen[0]
+
+
+def test_cells_patches_and_their_borders_are_those_of_memory(monkeypatch, tmp_path):
+    """Not only labels, which few of them decide."""
+    X = np.round(make_street(4_000, outlier_share=0.03, tree=True, random_state=0).data, 4)
+    path, target = written(tmp_path, X), tmp_path / "b.las"
+    work = partial(fit_in_memory, read_points(path).xyz, GROWING)
+    expected = known_of_division(monkeypatch, _region_division, work)
+    work = partial(process_files, path, target, GROWING, tile_size=300, n_jobs=1)
+    found = known_of_division(monkeypatch, _tiled_division, work)
+    assert len(expected[3]) > 20
+    for some, others in zip(found, expected, strict=True):
+        assert_array_equal(some, others)
 
 
 def test_cells_of_an_exact_plane_are_found_in_a_few_sweeps(by_tiles, monkeypatch, tmp_path):
