@@ -16,6 +16,7 @@ from sklearn_mcmd.datasets import make_crown_roof, make_street
 from sklearn_mcmd.io import PointCloud, read_points
 from sklearn_mcmd.segmentation import _region_division
 from sklearn_mcmd.segmentation._region_cells import Points
+from sklearn_mcmd.segmentation._region_division import VoteLimits
 from sklearn_mcmd.tiling import _memory, _tiled_division, process_files
 from sklearn_mcmd.tiling._stored_columns import CellColumns
 from tiled import fit_in_memory, written
@@ -174,8 +175,10 @@ def known_of_division(monkeypatch, module, work):
     return seen[0]
 
 
-def test_cells_patches_and_their_borders_are_those_of_memory(monkeypatch, tmp_path):
-    """Not only labels, which few of them decide."""
+@pytest.mark.parametrize("rings", [1, 3])
+def test_cells_patches_and_their_borders_are_those_of_memory(rings, monkeypatch, tmp_path):
+    """Not only labels, which few of them decide; small blocks end amid regions."""
+    monkeypatch.setattr(VoteLimits.__new__, "__defaults__", (VoteLimits().blunt, rings))
     X = np.round(make_street(4_000, outlier_share=0.03, tree=True, random_state=0).data, 4)
     path, target = written(tmp_path, X), tmp_path / "b.las"
     work = partial(fit_in_memory, read_points(path).xyz, GROWING)
