@@ -274,7 +274,7 @@ def _vote(sweeps, job, last, patches, borders):
     """The vote of each border of `Patches`, in the tile at which the first begins; see `vote`."""
     columns, starts = job.columns, job.of.whole().starts
     tile_of = np.searchsorted(starts, last[borders[:, 0]], side="right") - 1
-    columns.write(ALL, **patches._asdict())
+    columns.write(ALL, **{f"all_{name}": of for name, of in patches._asdict().items()})
     for tile in np.flatnonzero(np.diff(starts)):
         columns.write(tile, between=borders[tile_of == tile])
     sweeps("voted", _find_votes, job.cells, job=job)
@@ -286,7 +286,7 @@ def _vote(sweeps, job, last, patches, borders):
 
 def _find_votes(tile, job):
     """The votes of borders that belong to a tile."""
-    patches = Patches(*(job.columns.mapped(ALL, name) for name in Patches._fields))
+    patches = Patches(*(job.columns.mapped(ALL, f"all_{name}") for name in Patches._fields))
     strips = Strips(job.points(), patches, rules_of(job.of.growing).min_cosine)
     return {"votes": strips.votes(job.columns.read(tile, "between"), job.n_threads)}
 

@@ -35,7 +35,7 @@ LARGEST = 20  # regions whose points are counted in the report
 
 
 class TiledRegions(TiledVerb):
-    """Regions, which grow and are divided by tiles; the other steps are of this process."""
+    """Regions, which grow and are divided by tiles; this process joins what tiles find."""
 
     options = ("colors", "regions")
 

@@ -1,5 +1,7 @@
 """Cells, blocks of cells and patches, against literal forms."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -151,3 +153,20 @@ def test_keys_stand_for_pairs_of_different_names_both_ways():
     again = named(found, lambda old: new[np.searchsorted(names, old)])
     assert_array_equal(pairs_of(again), [[1, 4], [4, 1]])
     assert_array_equal(places(np.array([5, 2, 9]), np.array([[9, 2]])), [[2, 1]])
+
+
+def test_points_as_flat_and_so_near_that_chance_is_equal_too_come_by_their_coordinates():
+    rng = np.random.default_rng(0)
+    points = np.vstack([np.repeat(rng.uniform(0, 1, (50, 3)), 2, axis=0), [[0, 0, 0], [1, 1, 1]]])
+    points[1:100:2] += 1e-9  # of an extent of 1, less than 2 ** -20
+
+    def in_order(rows):
+        known = Points.__new__(Points)
+        known.unit, known.low, known.extent = 1.0, np.zeros(3), 1.0
+        known.index, known.noise = SimpleNamespace(points=points[rows]), np.ones(len(rows))
+        known.planes = SimpleNamespace(scale=np.ones(len(rows)))
+        return rows[known.in_order(np.arange(len(rows)))]
+
+    order = in_order(np.arange(102))
+    for _ in range(3):
+        assert_array_equal(in_order(rng.permutation(102)), order)
