@@ -21,6 +21,7 @@ from sklearn_mcmd.segmentation._region_division import (
     are_whole,
     divided,
 )
+from sklearn_mcmd.tiling._cell_parts import OwnNeighbors
 from sklearn_mcmd.tiling._memory import check_cells_of_regions
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex
@@ -287,7 +288,13 @@ def _vote(sweeps, job, last, patches, borders):
 def _find_votes(tile, job):
     """The votes of borders that belong to a tile."""
     patches = Patches(*(job.columns.mapped(ALL, f"all_{name}") for name in Patches._fields))
-    strips = Strips(job.points(), patches, rules_of(job.of.growing).min_cosine)
+    whole = job.of.whole()
+    labels, scale, reach = map(whole.column, ("region_of", "scale", "reach"))
+    planes = Planes.empty(0, 3)._replace(scale=scale, radius=reach)
+    # Patches may reach through the whole cloud, of which nothing stays in memory.
+    index = OwnNeighbors(whole, job.of.growing.n_neighbors)
+    points = job.points((index, planes, labels, job.n_threads))
+    strips = Strips(points, patches, rules_of(job.of.growing).min_cosine)
     return {"votes": strips.votes(job.columns.read(tile, "between"), job.n_threads)}
 
 
