@@ -115,8 +115,8 @@ def divided(points, rules, begins, patch, own, last, sums, borders, vote=None, p
 
     Cells begin at the points `begins` and have a patch each, as points have, `own` (n,). Patches
     begin at the points `last`, in order. Borders (m, 2) are between them, both ways. `vote` returns
-    the votes of borders of `Patches`; by default this process asks for them. `parts` are as of
-    `divide_at_creases`.
+    the votes of borders of `Patches`, ordered by the places of the first; by default this process
+    asks for them. `parts` are as of `divide_at_creases`.
     """
     labels, n_jobs, shape = points.labels, points.n_jobs, (len(last), points.size)
     regions, borders = labels[last], borders[borders[:, 0] < borders[:, 1]]
@@ -124,7 +124,10 @@ def divided(points, rules, begins, patch, own, last, sums, borders, vote=None, p
     wide = _are_wide(points.index.points, own, *shape, parts)
     patches = Patches.of(begins, patch, sums, wide)
     strips = Strips(points, patches, rules.min_cosine)
-    votes = strips.votes(borders, n_jobs) if vote is None else vote(patches, borders)
+    # One place after the other, so that the trees of a patch serve all of its borders.
+    order, votes = np.argsort(last[borders[:, 0]], kind="stable"), np.empty(len(borders))
+    known = borders[order]
+    votes[order] = strips.votes(known, n_jobs) if vote is None else vote(patches, known)
     counts = wide[borders].all(axis=1) | (votes > 0)
     group = _joined(borders[counts], votes[counts], regions)
     grouped = Renamed(own, np.append(group, -1))

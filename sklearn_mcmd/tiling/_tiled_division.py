@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.segmentation._estimator import rules_of
 from sklearn_mcmd.segmentation._region_cells import Points, Sums, named, once, pairs_of, places
 from sklearn_mcmd.segmentation._region_division import (
@@ -21,13 +22,13 @@ from sklearn_mcmd.segmentation._region_division import (
     are_whole,
     divided,
 )
-from sklearn_mcmd.tiling._cell_parts import OwnNeighbors
 from sklearn_mcmd.tiling._memory import check_cells_of_regions
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._sweeps import Job, Sweeps
 
 STEPS = "noise", "gathered", "summed", "blocked", "joined", "bordered", "patched", "voted"
+VOTES = 1024  # borders that are asked at once; it limits the memory
 
 
 def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_workers, memory):
@@ -274,28 +275,23 @@ def _name_patches(tile, job):
 def _vote(sweeps, job, last, patches, borders):
     """The vote of each border of `Patches`, in the tile at which the first begins; see `vote`."""
     columns, starts = job.columns, job.of.whole().starts
-    tile_of = np.searchsorted(starts, last[borders[:, 0]], side="right") - 1
+    tiles, first = np.flatnonzero(np.diff(starts)), last[borders[:, 0]]
     columns.write(ALL, **{f"all_{name}": of for name, of in patches._asdict().items()})
-    for tile in np.flatnonzero(np.diff(starts)):
-        columns.write(tile, between=borders[tile_of == tile])
+    for tile in tiles:
+        own = slice(*np.searchsorted(first, starts[tile : tile + 2]))
+        columns.write(tile, between=borders[own])
     sweeps("voted", _find_votes, job.cells, job=job)
-    votes = np.empty(len(borders))
-    for tile in np.flatnonzero(np.diff(starts)):
-        votes[tile_of == tile] = columns.read(tile, "votes")
-    return votes
+    return columns.gather(tiles, "votes")
 
 
 def _find_votes(tile, job):
     """The votes of borders that belong to a tile."""
     patches = Patches(*(job.columns.mapped(ALL, f"all_{name}") for name in Patches._fields))
-    whole = job.of.whole()
-    labels, scale, reach = map(whole.column, ("region_of", "scale", "reach"))
-    planes = Planes.empty(0, 3)._replace(scale=scale, radius=reach)
-    # Patches may reach through the whole cloud, of which nothing stays in memory.
-    index = OwnNeighbors(whole, job.of.growing.n_neighbors)
-    points = job.points((index, planes, labels, job.n_threads))
-    strips = Strips(points, patches, rules_of(job.of.growing).min_cosine)
-    return {"votes": strips.votes(job.columns.read(tile, "between"), job.n_threads)}
+    between, votes = job.columns.read(tile, "between"), [np.empty(0)]
+    for some in slices(len(between), VOTES):  # all is opened anew, and what was read is freed
+        strips = Strips(job.points(), patches, rules_of(job.of.growing).min_cosine)
+        votes.append(strips.votes(between[some], job.n_threads))
+    return {"votes": np.concatenate(votes)}
 
 
 def _by_tile(job, names):
