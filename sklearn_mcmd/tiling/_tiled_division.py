@@ -33,10 +33,12 @@ VOTES = 1024  # borders that are asked at once; it limits the memory
 
 def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_workers, memory):
     """As `divide_at_creases`, of the places of a job; what is known of all are columns."""
-    whole, done = job.whole(), job.found / "divided"
+    whole = job.whole()
+    if whole.columns.is_done(ALL, "divided"):  # by a run that ended later on
+        whole.copy(True, divided="region_of")
+        return labels
     job = DivisionJob(job, n_threads=job.n_threads)
     columns, tiles = job.columns, np.flatnonzero(job.cells.counts)
-    shutil.rmtree(done, ignore_errors=True)  # an earlier run may have ended while it was removed
     columns.folder.mkdir(exist_ok=True)
     stored = StoredColumns(columns)
     stored.starts = whole.starts
@@ -64,7 +66,8 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_worke
             cells = (columns.gather(tiles, name) for name in ("begins", "patch_of"))
             known = *cells, stored.column("patch"), last, sums, borders
             divided(points, rules, *known, partial(_vote, sweeps, job, last), parts)
-    shutil.rmtree(columns.folder.rename(done), ignore_errors=True)
+    whole.copy(region_of="divided")
+    shutil.rmtree(columns.folder, ignore_errors=True)
     return labels
 
 

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from sklearn.base import clone
 
 from sklearn_mcmd import (
     MCMDOutlierDetector,
@@ -14,8 +15,9 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.io import PointCloud, write_points
+from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.runtime import _interrupts
+from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
 from sklearn_mcmd.tiling import (
     TilingError,
     _run,
@@ -24,7 +26,7 @@ from sklearn_mcmd.tiling import (
     _tiled_sizes,
     process_files,
 )
-from sklearn_mcmd.tiling._stored_columns import ALL, StoredColumns
+from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from tiled import ESTIMATOR, in_memory, names_in, run_is_killed, street
 
 OUTLIERS = MCMDOutlierDetector(16, random_state=0)
@@ -228,3 +230,31 @@ def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp
     estimator = RobustNormalEstimator(method="pca", random_state=0)
     process_files(small_file, tmp_path / "out.las", estimator)
     assert names_in(tmp_path) == ["out.las", "small.las"]
+
+
+def test_regions_that_were_divided_are_not_divided_again(monkeypatch, tmp_path):
+    source, target = tmp_path / "a.las", tmp_path / "b.las"
+    write_points(source, street(5_000))
+    seen, finish, grow = [], CellColumns.finish, CylinderParts.grow
+
+    def finish_and_note(columns, cell, sweep, **report):
+        seen.append(sweep)
+        finish(columns, cell, sweep, **report)
+
+    def fail_by_tiles(parts, labels):
+        if "divided" in seen:
+            raise OSError("no cylinders")
+        return grow(parts, labels)
+
+    monkeypatch.setattr(CellColumns, "finish", finish_and_note)
+    monkeypatch.setattr(CylinderParts, "grow", fail_by_tiles)
+    with pytest.raises(TilingError, match="goes on from there"):
+        process_files(source, target, REGIONS, tile_size=1_000, n_jobs=1)
+    assert {"noise", "divided"} <= set(seen)
+    seen.clear()
+    monkeypatch.setattr(CylinderParts, "grow", grow)
+    process_files(source, target, REGIONS, tile_size=1_000, n_jobs=1)
+    assert "regions" in seen
+    assert "noise" not in seen
+    labels = clone(REGIONS).fit(read_points(source).xyz).labels_
+    assert_array_equal(read_points(target).attributes["region"], labels)
