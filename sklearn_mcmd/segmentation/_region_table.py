@@ -49,14 +49,12 @@ def region_table(points, labels, around, moments, parts=None):
     flat, thin = (values[:, i] <= RANK_TOLERANCE * values[:, 2] for i in (0, 1))
     flat |= table["rms"] <= most_noise * usual
     flat |= own_noise(covariances, reach) > 0
-    rows = rows_of(labels, np.append(np.ones(len(sizes), bool), False))
-    region = labels[rows]
-    order = np.argsort(region, kind="stable")
-    groups = np.split(rows[order], np.flatnonzero(np.diff(region[order])) + 1)
+    groups = _by_region(labels, len(sizes))
     for region, (own, group) in enumerate(zip(table, groups, strict=True)):
         group = by_place(points, group)
         own["kind"] = "plane" if flat[region] else "curved"
-        local = points[group] - own["centroid"]
+        local = points[group]
+        local -= own["centroid"]
         places, heights = local @ _frame(own["normal"]).T, local @ own["normal"]
         own["area"], own["outline"] = _outline(places, own["centroid"], own["normal"])
         form = form_of(local @ axes[region][:, 1:], heights)
@@ -65,6 +63,7 @@ def region_table(points, labels, around, moments, parts=None):
             student = student_factors(np.array([form.n_bows]), 2)[0]
             own["height_error"] *= (effect := student * form.bow_deviation / noise[region])
             own["normal_error"] = min(effect * own["normal_error"], 90.0)
+        del local, places, heights  # of the largest region these take the most memory
         if len(group) >= least_size and not thin[region]:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
             left = np.sqrt(total / (len(group) - N_PARAMETERS))
@@ -75,6 +74,14 @@ def region_table(points, labels, around, moments, parts=None):
                 gap = own["centroid"] - cylinder.point
                 own["axis_point"] = cylinder.point + (gap @ axis) * axis
     return table
+
+
+def _by_region(labels, n_regions):
+    """The rows of each region."""
+    rows = rows_of(labels, np.append(np.ones(n_regions, bool), False))
+    region = labels[rows]
+    order = np.argsort(region, kind="stable")
+    return np.split(rows[order], np.flatnonzero(np.diff(region[order])) + 1)
 
 
 def _frame(normal):

@@ -40,6 +40,7 @@ COSTS = {
     "auto": Costs(tile=1300, stored=300, cloud=750),
     "rays": Costs(stored=115, cloud=650),
     "light": Costs(stored=16, cloud=480),
+    "table": Costs(cloud=720, whole=130, does="describes the regions of"),
     "positions": Costs(stored=100, cloud=500, whole=24, does="holds positions for"),
     "trajectory": Costs(stored=100, cloud=500, whole=30, does="keeps the times of"),
     "angles": Costs(stored=100, cloud=750, whole=300, does="adjusts the flight lines of"),
@@ -97,12 +98,13 @@ def most_neighbors(n_points, *estimators):
     return max((k for k in sizes if isinstance(k, Integral)), default=NEIGHBORS)
 
 
-def work_of(base, normals=None, detector=None, sensor=None, light=False):
-    """The name of some work, as of `costs_of`, with estimators, a `SensorPath`, and intensity."""
+def work_of(base, normals=None, detector=None, sensor=None, light=False, table=False):
+    """The name of some work, as of `costs_of`, with estimators, a `SensorPath`, intensity, and a
+    table of regions."""
     more = ["auto"] * (normals is not None and normals.n_neighbors == "auto")
     if detector is not None:
         more += ["rays"] * (sensor is not None or detector.sensor_origin is not None)
-    more += ["light"] * light
+    more += ["light"] * light + ["table"] * table
     return ", ".join([base, *more, *([] if sensor is None else [sensor.kind])])
 
 

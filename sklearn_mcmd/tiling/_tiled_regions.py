@@ -55,7 +55,7 @@ class TiledRegions(TiledVerb):
         normals = self.estimator.normal_estimator
         most = most_neighbors(catalog.n_points, self.estimator, normals)
         warm_up(self.estimator)
-        return work_of("regions", normals), 0, most
+        return work_of("regions", normals, table=bool(self.table)), 0, most
 
     def find(self, run):
         self.found = run.folder.columns.once("regions", partial(self._find, run))

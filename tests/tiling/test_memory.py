@@ -10,8 +10,10 @@ from sklearn_mcmd import (
     SharpFeatureDetector,
 )
 from sklearn_mcmd.tiling import _run, process_files
-from sklearn_mcmd.tiling._memory import PROCESS, parse_memory, plan_run, usual_memory
+from sklearn_mcmd.tiling._catalog import Catalog
+from sklearn_mcmd.tiling._memory import PROCESS, parse_memory, plan_run, usual_memory, work_of
 from sklearn_mcmd.tiling._stored_columns import CellColumns
+from sklearn_mcmd.tiling._tiled_regions import TiledRegions
 from tiled import street, written
 
 SEED = {"random_state": 0}
@@ -53,6 +55,16 @@ def test_regions_of_many_points_need_memory_however_small_tiles_are():
     assert plan.n_workers == 2
     assert plan.memory <= 4e9
     assert plan_run(10**8, 1.2e9, 2, work="regions").n_workers == 1
+
+
+def test_a_table_of_regions_needs_memory_for_each_point(tmp_path):
+    """Of one plane the process that makes the table holds all points."""
+    with pytest.raises(ValueError, match=r"at least 13480MB .* describes the regions of all"):
+        plan_run(10**8, 1e10, work=work_of("regions", table=True))
+    catalog = Catalog(written(tmp_path, street(2_000).xyz))
+    for table, asked in ((None, False), (tmp_path / "regions.csv", True)):
+        verb = TiledRegions(RegionGrowing(16, **SEED), None, table)
+        assert ("table" in verb.prepare(catalog)[0]) == asked
 
 
 @pytest.mark.parametrize("work", ["outliers", "outliers, rays", "normals, auto"])
