@@ -18,9 +18,11 @@ import numpy as np
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import PointFileError
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import slices
 
 MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
 STARTS = "first_rows"  # the column of the first row of each cell
+FEW = 2**15  # rows that come into memory at once
 ALL = "all"  # stands for all cells, in the place of a cell's number
 
 
@@ -219,6 +221,10 @@ class StoredColumns:
         """The `Column` of this name."""
         return self._known.setdefault(name, Column(self._path(name)))
 
+    def open_column(self, name):
+        """The `OpenColumn` of this name."""
+        return OpenColumn(self._path(name))
+
     def planes(self):
         """The planes of all places, as `RegionGrowing` knows them."""
         names = ("centroids", "normals", "scale")
@@ -260,7 +266,15 @@ class Column:
                 offset += start * width * dtype.itemsize
                 found = np.fromfile(self.path, dtype, max(0, stop - start) * width, offset=offset)
                 return found.reshape(max(0, stop - start), *shape[1:])
-            return np.array(np.memmap(str(self.path), dtype, "r", offset, shape)[rows])
+            return self._of_rows(rows)
+
+    def _of_rows(self, rows):
+        """What it has of some rows, in pieces: the pages of one are free before the next."""
+        offset, dtype, shape = self._known
+        found = np.empty((*rows.shape, *shape[1:]), dtype)
+        for piece in slices(len(rows), FEW):
+            found[piece] = np.memmap(str(self.path), dtype, "r", offset, shape)[rows[piece]]
+        return found
 
     def __setitem__(self, rows, values):
         offset, dtype, shape = self._known
@@ -276,6 +290,18 @@ class Column:
             for start, some in parts:
                 file.seek(offset + width * start)
                 file.write(np.ascontiguousarray(some, dtype).data)
+
+
+class OpenColumn(Column):
+    """A column that is opened once, for few rows at a time; what more of them bring into memory is
+    freed."""
+
+    @cached_property
+    def _mapped(self):
+        return np.asarray(mapped(self.path, "r"))
+
+    def __getitem__(self, rows):
+        return self._mapped[rows] if np.size(rows) <= FEW else super().__getitem__(rows)
 
 
 class RevisedColumn(Column):

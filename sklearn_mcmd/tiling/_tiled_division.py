@@ -91,24 +91,26 @@ class DivisionJob:
         """The columns of all places that only the division has."""
         return StoredColumns(self.columns)
 
-    def points(self, known=None, cell=None):
+    def points(self, known=None, cell=None, column=StoredColumns.open):
         """The `Points` of all places; None if their noise has no unit.
 
         This process knows columns, of which it asks for few rows: index, planes, labels, and how
-        many threads it has. The work on a tile opens all.
+        many threads it has. The work on a tile opens all, by `column`.
         """
         stored = self.stored()
-        open_one = stored.open if known is None else stored.column
         if known is None:
             whole = self.of.whole()
-            labels, scale = map(whole.open, ("region_of", "scale"))
-            planes = Planes.empty(0, 3)._replace(scale=scale, radius=whole.open("reach"))
+            labels, scale, reach = (column(whole, name) for name in ("region_of", "scale", "reach"))
+            planes = Planes.empty(0, 3)._replace(scale=scale, radius=reach)
             index = StoredIndex(whole, n_neighbors=self.of.growing.n_neighbors)
+            index.points = column(whole, "points")
             known = index, planes, labels, self.n_threads
+        else:
+            column = StoredColumns.column
         index, planes, labels, n_jobs = known
         if cell is None and self.levels:
-            cell = open_one(self.levels[0])
-        known = labels, open_one("noise"), cell, n_jobs
+            cell = column(stored, self.levels[0])
+        known = labels, column(stored, "noise"), cell, n_jobs
         points = Points(index, planes, rules_of(self.of.growing), *known)
         if not self.columns.is_done(ALL, "units"):
             return points
@@ -292,7 +294,8 @@ def _find_votes(tile, job):
     patches = Patches(*(job.columns.mapped(ALL, f"all_{name}") for name in Patches._fields))
     between, votes = job.columns.read(tile, "between"), [np.empty(0)]
     for some in slices(len(between), VOTES):  # all is opened anew, and what was read is freed
-        strips = Strips(job.points(), patches, rules_of(job.of.growing).min_cosine)
+        points = job.points(column=StoredColumns.open_column)
+        strips = Strips(points, patches, rules_of(job.of.growing).min_cosine)
         votes.append(strips.votes(between[some], job.n_threads))
     return {"votes": np.concatenate(votes)}
 
