@@ -16,7 +16,13 @@ from sklearn_mcmd.outliers._off_surface import (
     mean_distance,
 )
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits, are_usable, find_surfaces, own_distances
+from sklearn_mcmd.outliers._surfaces import (
+    SurfaceLimits,
+    are_usable,
+    find_surfaces,
+    least_surface,
+    own_distances,
+)
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._record import Planes
@@ -79,8 +85,6 @@ class JudgedCloud:
             self.level = self.level._replace(off_surfaces=False)
         self.noise_scale = noise_scale
         self.n_jobs = n_jobs
-        self.surface_limits = SurfaceLimits()
-        self.off_surface_limits = OffSurfaceLimits()
         self.origins = origins
         self.intensity, self.telling, self.doubted = intensity, 0.0, doubted
         self.rays, self.ray_doubt, self.raised = None, "", np.empty((0, 3))
@@ -136,7 +140,7 @@ class JudgedCloud:
             with progress_part(0.0, 0.4):
                 owners, distances = self._find_surfaces(planes)
             least = least_thing(index.n_neighbors, n_points)
-            rest = Rest.of(index, counts, self.explained, *spacings, self.off_surface_limits)
+            rest = Rest.of(index, counts, self.explained, *spacings)
             self.reference = rest.reference if rest.has_surface else None
             del planes, spacings
             with progress_part(0.4, 1.0):
@@ -183,9 +187,10 @@ class JudgedCloud:
 
     def _score_new(self, queries, around, precision):
         _, distances = self.to_planes(queries, around.take, self.explaining, precision)
-        near = around.indices[:, : self.off_surface_limits.n_near]
+        n_near = OffSurfaceLimits().n_near
+        near = around.indices[:, :n_near]
         gaps = distances_between(self.model.index.points[near], queries)
-        spacing = mean_distance(gaps, self.counts[near], self.off_surface_limits.n_near)
+        spacing = mean_distance(gaps, self.counts[near], n_near)
         isolation, separation = np.zeros((2, len(queries)))
         joined = np.zeros(len(queries), bool)
         rest = np.flatnonzero(distances > ExplainLimits().explained)
@@ -235,7 +240,7 @@ class JudgedCloud:
 
     def _spacings(self, queries, near):
         """Mean distances of points to the nearest measurements, and to those at other places."""
-        n_near = self.off_surface_limits.n_near
+        n_near = OffSurfaceLimits().n_near
         near = near[:, : n_near + 1]
         distances = distances_between(self.model.index.points[near], queries)
         counts = self.counts[near]
@@ -247,8 +252,7 @@ class JudgedCloud:
     def _find_surfaces(self, planes):
         """What explains points: its rows, and how far from it they are."""
         index = self.model.index
-        points, n, k = index.points, len(index.points), index.n_neighbors
-        limits, chunk = self.surface_limits, self.model.chunk()
+        points, n, chunk = index.points, len(index.points), self.model.chunk()
         self.planes = self.measured(planes).without("kept")
         distances = np.empty(n)
 
@@ -256,22 +260,21 @@ class JudgedCloud:
             distances[rows] = self.from_own_planes(points[rows], self.planes.take(rows))
 
         run([(rows,) for rows in slices(n, chunk)], measure, self.n_jobs)
-        least, usable = min(k, limits.least_share * n), are_usable(planes, distances, limits)
+        least, usable = least_surface(index.n_neighbors, n), are_usable(planes, distances)
         free = usable
         if self.origins is not None:
-            given = self.planes, usable, limits, self.n_jobs
+            given = self.planes, usable, SurfaceLimits(), self.n_jobs
             self.rays, free, ends = RayEvidence.of(index, self.origins, *given)
         with progress_part(0.0, 0.6):
-            self.explaining = find_surfaces(index, planes, free, least, limits)
+            self.explaining = find_surfaces(index, planes, free, least)
         if self.rays is not None:
             least_sheet = least * RayLimits().sheet
-            self.rays.on_sheet = find_surfaces(index, planes, ends, least_sheet, limits)
+            self.rays.on_sheet = find_surfaces(index, planes, ends, least_sheet)
             self.ray_doubt = self.rays.doubt(self.explaining, self.counts)
             if self.ray_doubt and self.doubted:
                 self.rays = None
-                self.explaining = find_surfaces(index, planes, usable, least, limits)
-            if self.ray_doubt:
-                warn(f"{self.ray_doubt}. {NOT_USED if self.doubted else USED}")
+                self.explaining = find_surfaces(index, planes, usable, least)
+            warn_of_doubt(self.ray_doubt, not self.doubted)
         with progress_part(0.6, 1.0):
             owners = self.explain_others(slice(0, n), distances)
         self.explained = distances <= ExplainLimits().explained
@@ -352,6 +355,12 @@ class JudgedCloud:
         without = self.joined(without, *apart, points)
         scores = self.joined(distances, *by_rays, points)
         return scores, np.column_stack([scores, without, counts])[scores > without]
+
+
+def warn_of_doubt(doubt, used):
+    """Warn of what speaks against the position of the sensor, which is used or not."""
+    if doubt:
+        warn(f"{doubt}. {USED if used else NOT_USED}")
 
 
 def n_by_rays(raised, cutoff):

@@ -72,11 +72,9 @@ class OffSurface:
 class Rest(NamedTuple):
     """The m points that no surface explains, and what is asked around them."""
 
-    limits: OffSurfaceLimits
     box: tuple  # low and high corner of the cloud
     reference: NearestPoints  # of points on surfaces, of all points if there are none
     reference_spacing: np.ndarray  # theirs
-    quantile: float  # of these spacings, which is usual
     has_surface: bool  # whether any point is on a surface
     others: NearestPoints  # of the points themselves
     rows: np.ndarray  # (m,), in the cloud
@@ -85,7 +83,7 @@ class Rest(NamedTuple):
     among_all: np.ndarray  # (m,), the mean distance to the nearest measurements
 
     @classmethod
-    def of(cls, index, counts, explained, spacing, other_spacing, limits):
+    def of(cls, index, counts, explained, spacing, other_spacing):
         """Of the n distinct points of an index those that are not `explained`, bool (n,).
 
         `counts` (n,) are measurements: a place measured often is near to itself. Spacings (n,) are
@@ -95,11 +93,9 @@ class Rest(NamedTuple):
         if any_explained:
             other_spacing = other_spacing[explained]
         return cls(
-            limits=limits,
             box=(index.points.min(axis=0), index.points.max(axis=0)),
             reference=NearestPoints(index.points, explained if any_explained else ~explained),
             reference_spacing=other_spacing,
-            quantile=limits.usual if any_explained else limits.half,
             has_surface=bool(any_explained),
             others=NearestPoints(index.points, ~explained),
             rows=rows,
@@ -108,10 +104,16 @@ class Rest(NamedTuple):
             among_all=spacing[rows],
         )
 
+    @property
+    def limits(self):
+        return OffSurfaceLimits()
+
     def usual_around(self, queries, n_jobs):
         """Spacing that is usual on the surfaces around queries, and how far the nearest is."""
-        n_usual = min(self.limits.n_usual, self.reference.n)
-        (usual, gaps), place = np.empty((2, len(queries))), int(self.quantile * n_usual)
+        limits = self.limits
+        n_usual = min(limits.n_usual, self.reference.n)
+        quantile = limits.usual if self.has_surface else limits.half
+        (usual, gaps), place = np.empty((2, len(queries))), int(quantile * n_usual)
 
         def measure(rows, distances, near):
             spacings = self.reference_spacing[near]

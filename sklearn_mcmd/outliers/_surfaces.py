@@ -21,38 +21,43 @@ class SurfaceLimits(NamedTuple):
     least_share: float = 1 / 5
 
 
-def find_surfaces(index, planes, usable, least, limits):
+def find_surfaces(index, planes, usable, least):
     """Which points form surfaces: bool (n,).
 
     Two points, which are `usable`, bool (n,), are linked if they are near each other, their planes
     explain each other's point and their normals agree. A surface is a connected part of at least
     `least` points.
     """
-    labels, sizes = connected_planes(index, *surface_links(index, planes, limits), usable)
+    labels, sizes = connected_planes(index, *surface_links(index, planes), usable)
     return usable & (sizes >= least)[labels]
 
 
-def are_usable(planes, distances, limits):
+def least_surface(n_neighbors, n):
+    """Points that a surface has at least, of neighborhoods among n points."""
+    return min(n_neighbors, SurfaceLimits().least_share * n)
+
+
+def are_usable(planes, distances):
     """Which points may be part of a surface, bool (n,): their planes are flat and explain the point
     itself. `distances` (n,) are those from their own planes, in standard deviations."""
-    return are_flat(planes, limits.flat) & (distances <= ExplainLimits().explained)
+    return are_flat(planes, SurfaceLimits().flat) & (distances <= ExplainLimits().explained)
 
 
-def surface_links(index, planes, limits):
+def surface_links(index, planes):
     """What links the points of surfaces, as `connected_planes` takes it."""
     links = LinkLimits(
-        min_cosine=float(np.cos(np.radians(limits.angle))),
+        min_cosine=float(np.cos(np.radians(SurfaceLimits().angle))),
         explained=ExplainLimits().explained,
         max_gap=np.inf,
         mutual=True,
         both_near=True,
     )
-    return surface_width(index, limits), planes, links
+    return surface_width(index), planes, links
 
 
-def surface_width(index, limits):
+def surface_width(index):
     """How many neighbors of a point may be linked to it."""
-    return min(limits.n_links, index.n_neighbors)
+    return min(SurfaceLimits().n_links, index.n_neighbors)
 
 
 def own_distances(queries, planes, floor):

@@ -9,13 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from sklearn_mcmd._errors import warn
 from sklearn_mcmd._validation import is_auto
-from sklearn_mcmd.outliers._model import NOT_USED, USED, isolated, telling_of
-from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Rest, least_thing
+from sklearn_mcmd.outliers._model import isolated, telling_of, warn_of_doubt
+from sklearn_mcmd.outliers._off_surface import Rest, least_thing
 from sklearn_mcmd.outliers._ray_evidence import FOUND
 from sklearn_mcmd.outliers._small_groups import Groups, SmallGroups
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits, surface_links
+from sklearn_mcmd.outliers._surfaces import least_surface, surface_links
 from sklearn_mcmd.planes._explaining import ExplainLimits, connected_planes, parts_within
 from sklearn_mcmd.runtime._progress import listen_to_progress
 from sklearn_mcmd.sensors._rays import Emptiness, RayLimits
@@ -112,17 +111,15 @@ class ExplainedNearest(StoredNearest):
 
 def _rest_of(job, column=StoredColumns.open):
     """The `Rest` of a cloud in cells, whose values are opened by `column`."""
-    whole, rest, cells, limits = job.whole(), off_surfaces(job), job.cells, OffSurfaceLimits()
+    whole, rest, cells = job.whole(), off_surfaces(job), job.cells
     low, high = cells.extent(slice(None))
     reference = StoredNearest(whole, cells)
     if job.n_explained:
         reference = ExplainedNearest(whole, cells, job.n_explained)
     return Rest(
-        limits=limits,
         box=(low.min(axis=0), high.max(axis=0)),
         reference=reference,
         reference_spacing=column(whole, "other_spacing"),
-        quantile=limits.usual if job.n_explained else limits.half,
         has_surface=job.n_explained > 0,
         others=StoredNearest(rest, cells),
         rows=None,
@@ -139,8 +136,8 @@ def _find_surfaces(sweep, job, step, kinds, memory):
 
 
 def _join_surfaces(job, kinds, memory):
-    whole, limits = job.whole(), SurfaceLimits()
-    least = min(StoredNeighbors(whole).k, limits.least_share * len(whole))
+    whole = job.whole()
+    least = least_surface(StoredNeighbors(whole).k, len(whole))
     for name, _, column in kinds:
         joined = JoinedParts(whole, job.cells, name, memory)
         enough = least * RayLimits().sheet if name == "sheet" else least
@@ -151,9 +148,9 @@ def _join_surfaces(job, kinds, memory):
 
 def _link_surfaces(cell, job, kinds):
     """Link the places of a cell whose planes explain each other."""
-    whole, limits = job.whole(), SurfaceLimits()
+    whole = job.whole()
     index, own, farthest = StoredIndex(whole), whole.rows(cell), whole.open("farthest")
-    links = surface_links(index, whole.planes(), limits)
+    links = surface_links(index, whole.planes())
     for name, usable, _ in kinds:
         labels, pairs = connected_planes(index, *links, whole.open(usable), farthest, own)
         sizes = np.bincount(labels)
@@ -169,8 +166,7 @@ def _are_used(job):
         return {"used": not (doubt and is_auto(job.estimator.sensor_origin)), "doubt": doubt}
 
     report = job.columns.once(RAYS, ask)
-    if report["doubt"]:
-        warn(f"{report['doubt']}. {USED if report['used'] else NOT_USED}")
+    warn_of_doubt(report["doubt"], report["used"])
     return report["used"]
 
 

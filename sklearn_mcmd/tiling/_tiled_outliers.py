@@ -21,7 +21,7 @@ from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, sha
 from sklearn_mcmd.outliers._groups import group_depths
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits, are_usable, surface_width
+from sklearn_mcmd.outliers._surfaces import are_usable, surface_width
 from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.planes._explaining import measure_farthest
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
@@ -277,7 +277,7 @@ def _calibrate(job):
 
 def _find_planes(cell, job):
     """Find the columns of a cell that `OutlierJob.stored_columns` names."""
-    whole, limits = job.whole(), SurfaceLimits()
+    whole = job.whole()
     own, index = whole.rows(cell), StoredIndex(whole)
     judged, points = job.judged(index, job.n_threads), index.points[own]
     if judged.own_planes_only:
@@ -290,7 +290,7 @@ def _find_planes(cell, job):
     judged.counts = whole.open("counts")
     planes, spacing, other_spacing = judged.measure_planes(own)
     measured, farthest = judged.measured(planes), np.empty(len(points))
-    measure_farthest(index, surface_width(index, limits), own, farthest, job.n_threads)
+    measure_farthest(index, surface_width(index), own, farthest, job.n_threads)
     distances = judged.from_own_planes(points, measured)
     whole.change(cell, **{name: getattr(planes, name) for name in FACES})
     return {
@@ -299,7 +299,7 @@ def _find_planes(cell, job):
         "other_spacing": other_spacing,
         "farthest": farthest,
         "distances": distances,
-        "usable": are_usable(planes, distances, limits),
+        "usable": are_usable(planes, distances),
         **({"noise": measured.scale} if whole.has("noise") else {}),
     }
 

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits, Rest, judge_off_surface
+from sklearn_mcmd.outliers._off_surface import Rest, judge_off_surface
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
 LATTICE = (4 + 4 * np.sqrt(2)) / 8
@@ -35,7 +35,7 @@ def company(points, n_explained, least=100, counts=None, n_jobs=None):
     counts = np.ones(len(points), dtype=int) if counts is None else counts
     explained = np.arange(len(points)) < n_explained
     spacings = (spacing_of(points, counts, others_only=only) for only in (False, True))
-    rest = Rest.of(index_of(points), counts, explained, *spacings, OffSurfaceLimits())
+    rest = Rest.of(index_of(points), counts, explained, *spacings)
     found = judge_off_surface(rest, least, n_jobs)
     assert_array_equal(found.rest.rows, np.flatnonzero(~explained))
     isolation, separation = np.zeros(len(points)), np.zeros(len(points))
@@ -224,7 +224,7 @@ def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
 def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
     X = np.zeros((4, 3))
     counts, explained = np.ones(4, dtype=int), np.ones(4, dtype=bool)
-    rest = Rest.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4), OffSurfaceLimits())
+    rest = Rest.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4))
     fitted = judge_off_surface(rest, 2, None)
     isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
     assert isolation >= 1e300

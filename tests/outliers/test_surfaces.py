@@ -6,7 +6,6 @@ from numpy.testing import assert_array_equal
 
 from reference import GivenNeighbors
 from sklearn_mcmd.outliers._surfaces import (
-    SurfaceLimits,
     are_usable,
     find_surfaces,
 )
@@ -37,8 +36,8 @@ def face(n, rng, side=1.0):
 
 
 def surfaces(points, neighbors, planes, least=K, own=OWN):
-    usable, index = are_usable(planes, own, SurfaceLimits()), GivenNeighbors(points, neighbors)
-    return find_surfaces(index, planes, usable, least, SurfaceLimits())
+    usable, index = are_usable(planes, own), GivenNeighbors(points, neighbors)
+    return find_surfaces(index, planes, usable, least)
 
 
 @pytest.fixture
