@@ -75,8 +75,8 @@ def process_files(
         - :class:`~sklearn_mcmd.MCMDOutlierDetector` removes outliers, or marks them: see `mode`;
         - :class:`~sklearn_mcmd.RobustNormalEstimator` adds normals and what else it finds;
         - :class:`~sklearn_mcmd.RegionGrowing` adds an attribute ``region``. It takes
-          ``normals="estimate"``. One process joins regions, with about 55 bytes a point of the
-          whole cloud;
+          ``normals="estimate"``. One process joins regions, with 4 bytes a point of the whole
+          cloud, and up to 130 for the table `regions`;
         - :class:`~sklearn_mcmd.SharpFeatureDetector` adds ``edge``, 1 or 0, and ``edge_score``: the
           distance to the nearest crease in spacings, or the value of another criterion. It takes
           ``normals="estimate"``, and no detector but the first.
