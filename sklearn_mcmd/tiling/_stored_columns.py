@@ -271,10 +271,12 @@ class Column:
     def _of_rows(self, rows):
         """What it has of some rows, in pieces: the pages of one are free before the next."""
         offset, dtype, shape = self._known
-        found = np.empty((*rows.shape, *shape[1:]), dtype)
-        for piece in slices(len(rows), FEW):
-            found[piece] = np.memmap(str(self.path), dtype, "r", offset, shape)[rows[piece]]
-        return found
+        found, rows_of = np.empty((rows.size, *shape[1:]), dtype), rows.ravel()
+        order = np.argsort(rows_of) if rows.size > FEW else np.arange(rows.size)
+        for some in slices(len(order), FEW):
+            piece = order[some]
+            found[piece] = np.memmap(str(self.path), dtype, "r", offset, shape)[rows_of[piece]]
+        return found.reshape(*rows.shape, *shape[1:])
 
     def __setitem__(self, rows, values):
         offset, dtype, shape = self._known

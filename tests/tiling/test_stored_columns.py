@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.tiling import TilingError, process_files
+from sklearn_mcmd.tiling import TilingError, _stored_columns, process_files
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from tiled import ESTIMATOR, in_memory
 
@@ -45,6 +45,31 @@ def test_each_cell_gets_its_part_of_what_was_found_of_all(columns):
     columns.share(range(3), "seen", twice=2 * seen, rows=np.arange(5))
     assert_array_equal(columns.gather([0, 2], "twice"), [0, 0, 4, 4, 4])
     assert [columns.read(cell, "rows").tolist() for cell in range(3)] == [[0, 1], [], [2, 3, 4]]
+
+
+@pytest.mark.parametrize("opened", [StoredColumns.column, StoredColumns.open_column])
+def test_rows_of_a_column_are_read_in_pieces_that_lie_together(opened, columns, monkeypatch):
+    """So that few pages of a file are in memory at once, whatever the order of the rows."""
+    monkeypatch.setattr(_stored_columns, "FEW", 20)
+    rng, pieces = np.random.default_rng(0), []
+    values = rng.normal(size=(100, 3))
+    columns.write(ALL, height=values)
+    column = opened(StoredColumns(columns, 2), "height")
+
+    class Mapped(np.memmap):
+        def __getitem__(self, rows):
+            if isinstance(rows, np.ndarray):
+                pieces.append(rows)
+            return super().__getitem__(rows)
+
+    monkeypatch.setattr(np, "memmap", Mapped)
+    for rows in (slice(10, 30), rng.integers(100, size=9), rng.permutation(100)):
+        assert_array_equal(column[rows], values[rows])
+    rows = rng.integers(100, size=(40, 2))
+    assert_array_equal(column[rows], values[rows])
+    assert max(map(len, pieces)) == 20
+    whole = np.concatenate(pieces[-4:])
+    assert_array_equal(whole, np.sort(rows, axis=None))
 
 
 @pytest.mark.parametrize("step", ["joined", "offers1-settled", "bends-settled", "normals"])
