@@ -7,6 +7,7 @@ from which a link out of it can be reached matter to others.
 import numpy as np
 
 from sklearn_mcmd.planes._explaining import leaving
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.segmentation._estimator import numbers_by_size, rules_of
 from sklearn_mcmd.segmentation._graph import (
@@ -22,6 +23,7 @@ from sklearn_mcmd.segmentation._graph import (
 from sklearn_mcmd.segmentation._region_sums import region_sizes
 from sklearn_mcmd.tiling._joined_parts import JoinedParts, write_parts
 from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
+from sklearn_mcmd.tiling._stored_offers import FACES
 
 STEPS = "reach", "links", "growth"
 # What cells write for each other.
@@ -56,7 +58,8 @@ def _index_of(job):
 def _order_of(whole, rows):
     """The order of some places as seeds."""
     variation, points = whole.rows_of("variation", rows), whole.rows_of("points", rows)
-    return seed_order(variation, points, whole.planes().take(rows))
+    planes = Planes.empty(0, 3)._replace(**{name: whole.rows_of(name, rows) for name in FACES})
+    return seed_order(variation, points, planes)
 
 
 def _find_reach(cell, job):
