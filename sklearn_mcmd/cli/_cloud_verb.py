@@ -201,7 +201,8 @@ class CloudVerb:
         rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
         n_jobs, n_features, work = estimator.n_jobs, self.n_features, self.work_on(catalog)
         if tiles:
-            k = most_neighbors(catalog.n_points, estimator)
+            normals = getattr(estimator, "normal_estimator", None)
+            k = most_neighbors(catalog.n_points, estimator, normals)
             asked = {"n_neighbors": k, "work": work}
             limit = self.memory or usual_memory()
             plan = plan_run(catalog.n_points, limit, n_jobs, n_features, **asked)

@@ -107,9 +107,10 @@ class Normals(CloudVerb):
                 "need --orientation sensor: give both or neither."
             )
         self.feature_columns = feature_columns(self.features or (), "xyz")
-        self.n_features = len(self.feature_columns)
+        auto = self.n_neighbors == "auto"
+        self.n_features = len(self.feature_columns) + auto  # the numbers of neighbors
         work = "tree" if self.orientation == "mst" else "normals"
-        self.work = f"{work}, auto" if self.n_neighbors == "auto" else work
+        self.work = f"{work}, auto" if auto else work
 
     def work_on(self, catalog):
         return self.asked.work(self.work, catalog, rays=False)

@@ -61,6 +61,9 @@ class Segment(CloudVerb):
 
     work = results = "regions"
 
+    def work_on(self, catalog):
+        return self.work if self.regions is None else f"{self.work}, table"
+
     def other_files(self, catalog):
         if self.regions is None:
             return []

@@ -84,7 +84,8 @@ class Catalog:
                 check_file(path)
                 headers.append(read_header(path))
                 if headers[-1].point_count == 0:
-                    raise PointFileError("holds no points")
+                    remedy = "; leave it out" if len(self.paths) > 1 else ""
+                    raise PointFileError(f"holds no points{remedy}")
                 self.stamps.append(stamp_of(path))
         left_out = [no_returns_of(path).n_left_out for path in self.paths]
         self.counts = [int(h.point_count) - n for h, n in zip(headers, left_out, strict=True)]

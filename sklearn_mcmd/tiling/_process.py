@@ -65,8 +65,9 @@ def process_files(
     source : Catalog, or what it takes
         Files, a folder, or an index.
     target : str or os.PathLike
-        A LAS or LAZ file for one file, or a folder for several or a folder. Outputs have the names
-        of their inputs, all attributes, and the order of the points. They may replace the inputs.
+        A LAS or LAZ file for one file; a folder where `source` is several files, or a folder.
+        Outputs have the names of their inputs, all attributes, and the order of the points. They
+        may replace the inputs.
         A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
         point format, the finest scales and the attributes of all, in the order of the inputs.
     estimator : estimator

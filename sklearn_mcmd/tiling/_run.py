@@ -14,6 +14,7 @@ import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._validation import check_sizes
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las_parts import no_returns_of
 from sklearn_mcmd.runtime._chunks import ahead
@@ -212,7 +213,8 @@ def _work_folder(target):
             raise
         kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
         if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
-            raise TilingError(f"{str(err) or type(err).__name__}; {kept}") from err
+            said = str(err).removesuffix(".") or type(err).__name__
+            raise TilingError(f"{said}; {kept}") from err
         warn_caller(kept)
         raise
     finally:
@@ -298,6 +300,7 @@ def _scatter(verb, catalog, folder, capacity):
         raise PointFileError(
             f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
         )
+    check_sizes(writer.n_points, 3, None)
     writer.close()
     for other in beside:
         other.close(catalog.paths[0])

@@ -194,7 +194,8 @@ class StoredColumns:
         """Keep columns under another name, as they are; once, or `again`."""
         for name, other in names.items():
             if again or not self.columns.is_done(ALL, other):
-                shutil.copyfile(self._path(name), self._path(other))
+                with one_clear_line(self._path(other), "written"):
+                    shutil.copyfile(self._path(name), self._path(other))
                 self.columns.finish(ALL, other)
 
     def has(self, name):
@@ -288,7 +289,7 @@ class Column:
             ends = np.flatnonzero(np.diff(rows, prepend=-2) != 1)  # one part for each run of rows
             parts = zip(rows[ends].tolist(), np.split(values[order], ends[1:]), strict=False)
         width = int(np.prod(shape[1:])) * dtype.itemsize
-        with open(self.path, "r+b") as file:
+        with one_clear_line(self.path, "written"), open(self.path, "r+b") as file:
             for start, some in parts:
                 file.seek(offset + width * start)
                 file.write(np.ascontiguousarray(some, dtype).data)
@@ -344,7 +345,8 @@ def made(path, dtype, shape):
     Its disk is taken at once: where there is too little, this is an error. Writing to memory for
     which the disk has no room would end the process.
     """
-    stored = np.lib.format.open_memmap(path, "w+", dtype, tuple(shape))
+    with one_clear_line(path, "written"):
+        stored = np.lib.format.open_memmap(path, "w+", dtype, tuple(shape))
     if hasattr(os, "posix_fallocate"):  # not on Windows and macOS
         try:
             with one_clear_line(path, "written"), open(path, "r+b") as file:
@@ -360,7 +362,8 @@ def in_place_of(path):
     """A name that no other process takes; its file replaces `path`, which others may read."""
     temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
     try:
-        yield temporary
-        os.replace(temporary, path)
+        with one_clear_line(path, "written"):
+            yield temporary
+            os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

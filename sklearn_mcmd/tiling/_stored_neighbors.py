@@ -109,7 +109,7 @@ class StoredNeighbors:
         n_far = np.cumsum([0, *map(len, known["far"])], dtype=np.int32)
         known["starts"] = [s[:-1] + n for s, n in zip(known["starts"], n_far, strict=False)]
         known["starts"].append(n_far[-1:])
-        with one_clear_line(path, "written"), in_place_of(path) as new, open(new, "wb") as file:
+        with in_place_of(path) as new, open(new, "wb") as file:
             file.write(np.array([k, n_far[-1]], np.int32).data)
             for values in (part for name in Packed._fields for part in known[name]):
                 file.write(values.data)

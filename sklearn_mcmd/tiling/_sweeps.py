@@ -169,7 +169,7 @@ def compute_cells(task, cells, todo, n_workers):
             if error is not None:
                 n_failed += 1
                 ends = zip("xyz", *cells.extent(cell), strict=True)
-                between = ", ".join(f"{axis} {low:.6g} to {high:.6g}" for axis, low, high in ends)
+                between = ", ".join(f"{axis} {low:.10g} to {high:.10g}" for axis, low, high in ends)
                 warn_caller(f"tile {cell} failed ({between}): {error}")
             rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
             report_share(n_done / n_points, f"{rate:,.0f} points/s")

@@ -9,7 +9,8 @@ import pytest
 
 from commands import done, error_line, files_in, run
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.tiling import _tiled_normals
+from sklearn_mcmd.tiling import _memory, _run, _tiled_normals
+from sklearn_mcmd.tiling._memory import plan_run
 from tiled import street
 
 ONE = ("--n-jobs", 1)
@@ -116,6 +117,32 @@ def test_a_dry_run_shows_the_plan_and_writes_nothing(verb, small_machine, source
     fits = run(verb, source, tmp_path / "b.laz", "--dry-run", "--memory", "4GB")
     assert "without tiles" in fits.stdout
     assert files_in(tmp_path) == ["street.laz"]
+
+
+@pytest.mark.parametrize(
+    ("verb", "options"),
+    [
+        ("normals", ("--features", "all", "--n-neighbors", "auto")),
+        ("denoise", ("--sensor", "0,0,0", "--n-neighbors", 60)),
+        ("segment", ()),
+        ("segment", ("--n-neighbors", 60, "--regions", "table.csv")),
+        ("edges", ("--n-neighbors", 60)),
+    ],
+)
+def test_a_dry_run_plans_as_the_run_does(verb, options, source, tmp_path, monkeypatch):
+    plans = []
+
+    def planned(*args, **known):
+        plans.append(plan_run(*args, **known))
+        return plans[-1]
+
+    for module in (_memory, _run):
+        monkeypatch.setattr(module, "plan_run", planned)
+    monkeypatch.chdir(tmp_path)
+    for more in (("--dry-run",), ()):
+        done(verb, source.parent, tmp_path / "out", *options, *ONE, *more)
+    assert len(plans) == 2
+    assert plans[0] == plans[1]
 
 
 @pytest.mark.parametrize(

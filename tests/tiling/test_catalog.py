@@ -73,6 +73,9 @@ def test_what_is_no_whole_las_is_named(tmp_path, name, change, message):
 def test_a_file_or_a_folder_without_points_is_refused(tmp_path):
     with pytest.raises(PointFileError, match=r"a\.las: holds no points"):
         Catalog(write(tmp_path / "a.las", 0))
+    with pytest.raises(PointFileError, match=r"a\.las: holds no points; leave it out"):
+        Catalog([write(tmp_path / "b.las"), tmp_path / "a.las"])
+    (tmp_path / "b.las").unlink()
     (tmp_path / "a.las").rename(tmp_path / "a.xyz")
     with pytest.raises(PointFileError, match=r"without \.las or \.laz"):
         Catalog(tmp_path)

@@ -95,7 +95,9 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(small_file, 
     target = tmp_path / "out.las"
     failing.add(1)
     with (
-        pytest.warns(UserWarning, match=r"tile 1 failed \(x 36200\d.*\): MemoryError: too m") as of,
+        pytest.warns(
+            UserWarning, match=r"tile 1 failed \(x 36200\d.*, y 515\d{4}.*\): MemoryError: too m"
+        ) as of,
         pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*out\.las\.tiles, and"),
     ):
         process_files(small_file, target, ESTIMATOR, tile_size=2_000)

@@ -11,7 +11,7 @@ from sklearn_mcmd import (
     SharpFeatureDetector,
 )
 from sklearn_mcmd.io import PointCloud, PointFileError
-from sklearn_mcmd.tiling import process_files
+from sklearn_mcmd.tiling import TilingError, process_files
 from tiled import ESTIMATOR, names_in, street, written
 
 SEED = {"random_state": 0}
@@ -101,6 +101,23 @@ def test_a_run_whose_points_are_all_left_out_is_refused(size, tmp_path):
     with pytest.raises(PointFileError, match=r"a\.las: no points are judged: all are withheld"):
         process_files(path, tmp_path / "b.las", OUTLIERS, only_classes=[2], tile_size=size)
     assert names_in(tmp_path) == ["a.las"]
+
+
+@pytest.mark.parametrize("estimator", [OUTLIERS, ESTIMATOR, EDGES, RegionGrowing(**SEED)])
+@pytest.mark.parametrize("size", [1, None])
+def test_too_few_points_for_a_plane_are_refused_and_leave_nothing(size, estimator, tmp_path):
+    path = written(tmp_path, street(5_000).xyz[[0, 100, 500]])
+    with pytest.raises(ValueError, match=r"^n_samples=3 is too few for planes in 3D: at least 4"):
+        process_files(path, tmp_path / "b.las", estimator, tile_size=size)
+    assert names_in(tmp_path) == ["a.las"]
+
+
+def test_a_run_that_ends_says_why_and_what_is_kept_in_one_sentence(tmp_path):
+    path = written(tmp_path, np.zeros((20, 3)))
+    detector = MCMDOutlierDetector(16, sensor_origin=[0, 0, 0], **SEED)
+    message = r"there are no rays to them; what was done is kept in .*b\.las\.tiles"
+    with pytest.raises(TilingError, match=message):
+        process_files(path, tmp_path / "b.las", detector)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.tiling import TilingError, _stored_columns, process_files
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from tiled import ESTIMATOR, in_memory
@@ -70,6 +71,29 @@ def test_rows_of_a_column_are_read_in_pieces_that_lie_together(opened, columns, 
     assert max(map(len, pieces)) == 20
     whole = np.concatenate(pieces[-4:])
     assert_array_equal(whole, np.sort(rows, axis=None))
+
+
+@pytest.mark.parametrize(
+    ("work", "name"),
+    [
+        (lambda whole, rows: whole.columns.write(1, seen=rows), "1.seen.npy"),
+        (lambda whole, rows: whole.columns.finish(1, "seen", rows=rows.tolist()), "1.seen.json"),
+        (lambda whole, rows: whole.put(0, rows=rows), "all.rows.npy"),
+        (lambda whole, rows: whole.copy(rows="twice"), "all.twice.npy"),
+        (lambda whole, rows: whole.make(len(rows), more=float), "all.more.npy"),
+    ],
+)
+def test_what_a_disk_has_no_room_for_is_named(columns, work, name):
+    resource = pytest.importorskip("resource")
+    whole, rows = StoredColumns(columns, 2), np.arange(5_000.0)
+    whole.make(len(rows), rows=float)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8_192, before[1]))
+    try:
+        with pytest.raises(PointFileError, match=rf"/{name}: cannot be written: file too large"):
+            work(whole, rows)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.mark.parametrize("step", ["joined", "offers1-settled", "bends-settled", "normals"])
