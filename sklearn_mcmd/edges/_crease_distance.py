@@ -8,7 +8,10 @@ without any. The verdict is pooled over the neighbors, as an edge is a line and 
 the planes of all neighbors are alike, nothing is asked.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +27,8 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
 CHUNK = 500_000  # entries of the largest array a task holds
-# Ends of the steps, as shares of the time, for the display of progress.
-SEARCHED, MEASURED, GIVEN, MET = 0.1, 0.25, 0.5, 0.9
+# Ends of what comes before creases, as shares of the time, for the display of progress.
+SEARCHED = MEASURED = 0.1
 CERTAIN = -np.log(np.finfo(float).eps)  # logarithm of the inverse of the rounding of a likelihood
 
 
@@ -59,27 +62,55 @@ class Faces(NamedTuple):
     doubtful: np.ndarray  # bool (m,): whether planes around differ by the least angle
 
 
+class Step(NamedTuple):
+    """What finds columns of points, by those that the steps before have found.
+
+    ``find(creases, part, queries, around, own)`` fills a slice of the columns `own` of queries;
+    ``around(rows)`` are the `Neighborhoods` of a slice or of some of them.
+    """
+
+    find: Callable
+    share: int  # of the time, beside those of the other steps
+    fills: dict  # columns, and their dtypes
+    ends: tuple = ()  # columns of which no later step asks
+
+
+def spacing_steps():
+    """The steps, by name, that find what is to be known of planes; the spacing is evened out."""
+    numbers = "spacing", "face_radius", "face_noise", "face_kept"
+    found = dict.fromkeys(numbers, float) | {"usable": bool}
+    steps = {"spacing": Step(_measure, 2, found, ("scale",))}
+    for before, name in pairwise(_spacings()):
+        even = partial(_even, before=before, name=name)
+        steps[name] = Step(even, 1, {name: float}, (before,))
+    return steps
+
+
+def crease_steps():
+    """The steps, by name, that find creases then; crease becomes the distance."""
+    faces = {"owners": np.int32, "on_face": bool, "doubtful": bool}
+    return {
+        "faces": Step(_give_faces, 9, {"crease": float, **faces}),
+        "creases": Step(_meet, 20, {"off": float, "evidence": float}),
+        "edges": Step(_judge, 5, {}, ("off",)),
+    }
+
+
 def find_creases(index, planes, min_angle, n_jobs=None):
     """The `Creases` of the points of an index, and their distances.
 
     Of the planes centroids, normals and scale are known; scale is changed. Those of two faces meet
     at `min_angle` degrees at least.
     """
+    known = {name: getattr(planes, name) for name in ("centroids", "normals", "scale")}
+    known |= {"face_noise": planes.scale, "face_kept": planes.kept}  # which are filled
+    creases = Creases(index, known, cosine_of(min_angle), n_jobs)
     with progress_part(0.0, MEASURED):
-        _measure_spacing(index, planes, n_jobs)
-    n = len(index.points)
-    faces = Faces(np.empty(n, np.int32), *(np.empty(n, bool) for _ in range(2)))
-    creases = Creases(
-        index=index,
-        planes=planes,
-        flat=are_faces(planes),
-        usable=np.ones(n, bool),
-        cosine=cosine_of(min_angle),
-        n_jobs=n_jobs,
-        faces=faces,
-        evidence=np.empty(n),
-    )
-    return creases, creases.measure(index.points, index.query_own, faces, creases.evidence)
+        creases.run(spacing_steps(), index.points, index.query_own, known)
+    creases = replace(creases, usual=np.median(flatness(known)))
+    with progress_part(MEASURED, 1.0):
+        creases.run(crease_steps(), index.points, index.query_own, known)
+    return creases, known.pop("crease")
 
 
 def cosine_of(min_angle):
@@ -89,111 +120,129 @@ def cosine_of(min_angle):
 
 @dataclass(frozen=True)
 class Creases:
-    """A cloud whose creases are known."""
+    """A cloud whose creases become known, step by step."""
 
     index: NeighborIndex
-    planes: Planes
-    flat: np.ndarray  # bool: which planes are those of faces
-    usable: np.ndarray  # True for all planes
+    known: dict  # columns of all points, as far as steps have found them
     cosine: float  # that of two faces that meet is smaller
     n_jobs: int | None
-    faces: Faces  # of the points
-    evidence: np.ndarray  # for a surface without a crease; NaN where nothing is asked
+    usual: float | None = None  # flatness of all planes, once they are measured
+
+    @property
+    def planes(self):
+        """The planes, with no values of fields that creases do not ask for."""
+        known = self.known
+        return Planes.empty(0, self.index.points.shape[1])._replace(
+            centroids=known["centroids"],
+            normals=known["normals"],
+            scale=known["face_noise"],
+            kept=known["face_kept"],
+            radius=known["face_radius"],
+            spacing=known[_spacings()[-1]],
+        )
+
+    @property
+    def faces(self):
+        return Faces(*(self.known[name] for name in Faces._fields))
 
     def distance(self, queries, around=None):
         """Distances of queries (m, d) to the nearest crease, in spacings. Where none is found it is
         between `far` and twice as much, the less, the more planes around turn."""
         with progress_part(0.0, SEARCHED):
             around = _search(self.index, queries, self.n_jobs) if around is None else around
-        m = len(queries)
-        faces = Faces(np.empty(m, np.int32), np.empty(m, bool), np.empty(m, bool))
-        return self.measure(queries, around.take, faces, np.empty(m))
+        own = {}
+        with progress_part(SEARCHED, 1.0):
+            self.run(crease_steps(), queries, around.take, own)
+        return own["crease"]
 
-    def measure(self, queries, around, faces, evidence):
-        """Distances of queries from creases; fills their faces and evidence. ``around(part)`` are
-        the `Neighborhoods` of a slice of them."""
-        with progress_part(MEASURED, GIVEN):
-            distance = self.give_planes(queries, around, faces)
-        with progress_part(GIVEN, MET):
-            off = self.meet(queries, around, faces, evidence)
-        with progress_part(MET, 1.0):
-            self.judge(around, off, distance)
-        return distance
+    def run(self, steps, queries, around, own):
+        """Take one step after the other; columns of which nobody asks any more are left out."""
+        ends = list(accumulate((step.share for step in steps.values()), initial=0))
+        for step, (low, high) in zip(steps.values(), pairwise(ends), strict=True):
+            with progress_part(low / ends[-1], high / ends[-1]):
+                self.fill(step, queries, around, own)
+            for name in step.ends:
+                own.pop(name, None)
 
-    def give_planes(self, queries, around, faces):
-        """Fill the faces of queries, and return their distances as if there were no crease.
-
-        Where the planes of neighbors differ, the one that explains the query best is given, and
-        else that of the nearest neighbor.
-        """
-        distance, planes = np.empty(len(queries)), self.planes
-        usable, far = self.usable, CreaseLimits().far
-        # Of two planes that differ by an angle, one differs from any third by half of it.
-        half_turn = np.sqrt(0.5 * (1.0 + self.cosine))
-        count = compiled_function("edges._crease_distance_numba", "count_turned")
-
-        def give(part, around):
-            asked, owners, turned = queries[part], around.indices[:, 0].copy(), distance[part]
-            count(around, planes.normals, half_turn, turned)
-            rows = np.flatnonzero(turned)
-            if len(rows):
-                owners[rows] = give_planes(asked[rows], around.take(rows), planes, usable)
-            flat, gaps = self.flat[owners], asked - planes.centroids[owners]
-            height = np.abs(np.einsum("md,md->m", gaps, planes.normals[owners]))
-            near = height <= ExplainLimits().explained * planes.scale[owners]
-            faces.owners[part], faces.on_face[part] = owners, flat & near
-            faces.doubtful[part] = flat & (turned > 0.0)
-            distance[part] = far * (2.0 - turned)
-
-        _in_chunks(self.index, len(queries), around, give, self.n_jobs)
-        return distance
-
-    def meet(self, queries, around, faces, evidence):
-        """Distances to the nearest crease in spacings, inf if none, larger off the planes; and fill
-        the evidence: half of the BIC of the best two or three faces less that of the best surface
-        without a crease, negative where there is an edge."""
+    def fill(self, step, queries, around, own):
+        """Fill the columns of a step, which may be there: those `own` of queries."""
         (m, d), k = queries.shape, self.index.n_neighbors
-        distance, planes = np.empty(m), self.planes
-        told = CreaseLimits(), self.cosine, ExplainLimits().explained
-        fill = compiled_function("edges._crease_distance_numba", "meet_faces")
+        own.update({n: np.empty(m, kind) for n, kind in step.fills.items() if n not in own})
 
-        def meet(rows, around):
-            found = np.full(len(rows), np.inf), np.full(len(rows), np.nan)
-            arrays, equations = work_arrays(max(d, 3) + 7, k)
-            room = arrays[7:], arrays[:7], np.empty(d), np.empty(k, bool), equations
-            given = queries[rows], around, planes, faces.owners[rows]
-            fill(self.index.points, *given, self.faces, told, room, *found)
-            distance[rows], evidence[rows] = found
+        def task(part):
+            step.find(self, part, queries, around, own)
 
-        distance[:], evidence[:] = np.inf, np.nan
-        doubtful = np.flatnonzero(faces.doubtful)
-        _in_chunks(self.index, m, around, meet, self.n_jobs, doubtful)
-        return distance
-
-    def judge(self, around, off, distance):
-        """Let the neighbors say, in place, how far each point counts as from the crease: as far as
-        it is, which `off` says, where they say that an edge is the better model, else farther."""
-        fill = compiled_function("edges._crease_distance_numba", "judge_distances")
-
-        def judge(rows, around):
-            found, room = off[rows], np.empty(around.indices.shape[1])
-            fill(around, self.evidence, CERTAIN, room, found)
-            distance[rows] = np.minimum(distance[rows], found)
-
-        n, near = len(distance), np.flatnonzero(off < np.inf)
-        _in_chunks(self.index, n, around, judge, self.n_jobs, near)
+        each_slice(m, max(1, CHUNK // (k * d)), task, self.n_jobs)
 
 
-def _in_chunks(index, n, around, work, n_jobs, rows=None):
-    """Call `work` with slices of n queries, or some of the rows that are wanted, and with their
-    neighborhoods."""
-    step = max(1, CHUNK // (index.n_neighbors * index.points.shape[1]))
+def _measure(creases, part, queries, around, own):
+    """Find radius, spacing (the side of the cell that one point of a surface takes), and noise of
+    planes, which is not known better."""
+    points, around = creases.index.points, around(part)
+    n, d = min(FaceLimits().n_spacing, around.indices.shape[1] - 1), points.shape[1]
+    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
+    ends = points[around.indices[:, [n, -1]]] - queries[part, None]
+    near, own["face_radius"][part] = np.sqrt(np.einsum("mkd,mkd->km", ends, ends))
+    spacing = near * (ball / n) ** (1.0 / (d - 1))
+    own["face_noise"][part] = np.maximum(own["scale"][part], FaceLimits().least_noise * spacing)
+    own["spacing"][part], own["face_kept"][part], own["usable"][part] = spacing, 1.0, True
 
-    def task(part):
-        part = part if rows is None else rows[part]
-        work(part, around(part))
 
-    each_slice(n if rows is None else len(rows), step, task, n_jobs)
+def _even(creases, part, queries, around, own, before, name):
+    """Find the mean spacing around points."""
+    _compiled("average_around")(creases.known[before], around(part), own[name][part])
+
+
+def _give_faces(creases, part, queries, around, own):
+    """Find the faces of queries, and their distances as if there were no crease.
+
+    Where the planes of neighbors differ, the one that explains the query best is given, and else
+    that of the nearest neighbor.
+    """
+    asked, near, planes, turned = queries[part], around(part), creases.planes, own["crease"][part]
+    # Of two planes that differ by an angle, one differs from any third by half of it.
+    half_turn, owners = np.sqrt(0.5 * (1.0 + creases.cosine)), near.indices[:, 0].copy()
+    _compiled("count_turned")(near, planes.normals, half_turn, turned)
+    rows = np.flatnonzero(turned)
+    if len(rows):
+        usable = creases.known["usable"]
+        owners[rows] = give_planes(asked[rows], near.take(rows), planes, usable)
+    given = planes.take(owners)
+    flat = are_faces(given, creases.usual)
+    height = np.abs(np.einsum("md,md->m", asked - given.centroids, given.normals))
+    on_plane = height <= ExplainLimits().explained * given.scale
+    own["owners"][part], own["on_face"][part] = owners, flat & on_plane
+    own["doubtful"][part] = flat & (turned > 0.0)
+    own["crease"][part] = CreaseLimits().far * (2.0 - turned)
+
+
+def _meet(creases, part, queries, around, own):
+    """Find distances to where faces meet in spacings, inf if nowhere, larger off the planes; and
+    the evidence: half of the BIC of the best two or three faces less that of the best surface
+    without a crease, negative where there is an edge, NaN where nothing is asked."""
+    index, (k, d) = creases.index, (creases.index.n_neighbors, queries.shape[1])
+    off, evidence = own["off"][part], own["evidence"][part]
+    off[:], evidence[:] = np.inf, np.nan
+    some = np.flatnonzero(own["doubtful"][part])
+    if not len(some):
+        return
+    rows, told = part.start + some, (CreaseLimits(), creases.cosine, ExplainLimits().explained)
+    found = off[some], evidence[some]
+    arrays, equations = work_arrays(max(d, 3) + 7, k)
+    room = arrays[7:], arrays[:7], np.empty(d), np.empty(k, bool), equations
+    given = queries[rows], around(rows), creases.planes, own["owners"][rows]
+    _compiled("meet_faces")(index.points, *given, creases.faces, told, room, *found)
+    off[some], evidence[some] = found
+
+
+def _judge(creases, part, queries, around, own):
+    """Let the neighbors say, in place, how far each point counts as from the crease: as far as it
+    is, which `off` says, where they say that an edge is the better model, else farther."""
+    rows = part.start + np.flatnonzero(own["off"][part] < np.inf)
+    if len(rows):
+        found, room = own["off"][rows], np.empty(creases.index.n_neighbors)
+        _compiled("judge_distances")(around(rows), creases.known["evidence"], CERTAIN, room, found)
+        own["crease"][rows] = np.minimum(own["crease"][rows], found)
 
 
 def _search(index, queries, n_jobs):
@@ -208,49 +257,18 @@ def _search(index, queries, n_jobs):
     return Neighborhoods(indices, np.full(m, k))
 
 
-def _measure_spacing(index, planes, n_jobs):
-    """Fill radius, spacing (the side of the cell that one point of a surface takes), and noise of
-    the planes, which is not known better."""
-    m, even = len(index.points), np.empty(len(index.points))
-
-    def measure(part, around):
-        found = spacing_of(index, part, around, planes.scale[part])
-        planes.radius[part], planes.spacing[part], planes.scale[part] = found
-
-    def smooth(part, around):
-        average_around(planes.spacing, around, even[part])
-
-    works = [measure, *[smooth] * CreaseLimits().evening_steps]
-    for step, work in enumerate(works):
-        with progress_part(step / len(works), (step + 1) / len(works)):
-            _in_chunks(index, m, index.query_own, work, n_jobs)
-        if step:
-            planes.spacing[:] = even
+def _spacings():
+    """The columns of the spacing: as it is measured, and evened out step by step."""
+    return "spacing", *(f"even{n}" for n in range(CreaseLimits().evening_steps))
 
 
-def spacing_of(index, part, around, scale):
-    """Radius, spacing and noise of the planes of a slice of an index's points."""
-    n, d = min(FaceLimits().n_spacing, index.n_neighbors - 1), index.points.shape[1]
-    ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
-    ends = index.points[around.indices[:, [n, -1]]] - index.points[part, None]
-    near, radius = np.sqrt(np.einsum("mkd,mkd->km", ends, ends))
-    spacing = near * (ball / n) ** (1.0 / (d - 1))
-    return radius, spacing, np.maximum(scale, FaceLimits().least_noise * spacing)
+def flatness(known):
+    """The noise of planes over their radius, by columns that are known."""
+    return known["face_noise"] / np.maximum(known["face_radius"], np.finfo(float).tiny)
 
 
-def average_around(spacing, around, out):
-    """Fill the mean spacing around some points."""
-    compiled_function("edges._crease_distance_numba", "average_around")(spacing, around, out)
-
-
-def flatness(planes):
-    """The noise of planes over their radius."""
-    return planes.scale / np.maximum(planes.radius, np.finfo(float).tiny)
-
-
-def are_faces(planes, usual=None):
+def are_faces(planes, usual):
     """Whether planes are those of faces: flat, or the flatter half of all, `usual` at most."""
-    usual = np.median(flatness(planes)) if usual is None else usual
     return are_flat(planes, max(FaceLimits().flat, usual))
 
 
@@ -261,3 +279,7 @@ def give_planes(queries, around, planes, usable):
     least = np.maximum(FaceLimits().least_noise * planes.spacing[nearest], np.finfo(float).tiny)
     owners = explain(queries, around, planes, usable, least, likely=True)[0]
     return np.where(owners < 0, nearest, owners)  # what no plane reaches has the nearest one's
+
+
+def _compiled(name):
+    return compiled_function("edges._crease_distance_numba", name)

@@ -276,31 +276,30 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         if index is not None:
             index = index if kept.all() else self._index(xyz[kept])
             warn_if_few(self, index, int(kept.sum()))
-        members = found = table[kept]
+        members = table[kept]
         if self.normals == "estimate":
             self.normal_estimator_ = normal_estimator
-            fit = normal_estimator.fit if creases else normal_estimator.fit_transform
             with sub_fit(0.6, 0.8, "normals", normal_estimator), warnings.catch_warnings():
                 if creases and self.normal_estimator is None:
                     warnings.filterwarnings("ignore", TOO_MANY)
-                found = fit(members)
+                normal_estimator.fit(members)
         if index is not None:
             self.offset_, self.scores_ = crease_width(self), np.empty(len(xyz))
             with progress_part(0.8, 1.0, "creases"):
                 with progress_part(0.0, 0.9):
                     if self.normals == "estimate":
-                        given = Columns.of(found, members)
+                        given = Columns.of(normal_estimator, members)
                     else:
                         given = split_columns(members, self._n_dimensions)
-                    planes = given.planes(index.rows)
-                    del given, members, found  # index and planes have what is needed
+                    planes = given.planes(index.rows).without("radius", "spacing")
+                    del given, members  # index and planes have what is needed
                     known = find_creases(index, planes, self.min_angle, self.n_jobs)
                     self._model, distances = known
                 self.scores_[kept] = distances[index.places]
                 with progress_part(0.9, 1.0):
                     self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
         else:
-            values = self._values(columns, np.asarray(found))
+            values = self._values(columns, fitted=True)
             self.offset_ = -least_of_edge(lambda: [values[kept]], self.threshold, self.n_std)
             self.scores_ = -values
         return self
@@ -377,30 +376,22 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             IndexedCloud.release(xyz.astype(np.float64, copy=False))
         return kept
 
-    def _values(self, columns, members=None):
-        """The value of the criterion at points, if it is not "crease".
-
-        `members` is what the normal estimator has returned for those that were kept.
-        """
+    def _values(self, columns, fitted=False):
+        """The value of the criterion at points, if it is not "crease"; these may be the fitted."""
         if self.normals == "precomputed":
             values = columns.surface_variation
             if self.criterion == "eigenvalue":
                 values = columns.eigenvalues[:, 0]
             return values.astype(np.float64)
-        names, xyz = list(self.normal_estimator_.get_feature_names_out()), columns.coordinates
-        name = column_of_criterion(self.criterion)
-        if name not in names:
-            raise ValueError(
-                f"criterion={self.criterion!r} needs the column {name} of "
-                f"normal_estimator.transform, which has {names}: ask for it by features=[{name!r}]."
-            )
-        column = names.index(name)
+        estimator, xyz = self.normal_estimator_, columns.coordinates
         values, rest = np.empty(len(xyz)), np.ones(len(xyz), dtype=bool)
-        if members is not None:
+        if fitted:
             rest = ~self.inlier_mask_
-            values[~rest] = members[:, column]
+            values[~rest] = values_of(self.criterion, estimator, xyz.dtype)
         if rest.any():
-            values[rest] = np.asarray(self.normal_estimator_.transform(xyz[rest]))[:, column]
+            names = list(estimator.get_feature_names_out())
+            column = names.index(column_of_criterion(self.criterion))
+            values[rest] = np.asarray(estimator.transform(xyz[rest]))[:, column]
         return values
 
 
@@ -449,6 +440,24 @@ def _seeded(estimator, seed):
 def column_of_criterion(criterion):
     """The column of ``RobustNormalEstimator.transform`` that holds a criterion."""
     return "eigenvalue_0" if criterion == "eigenvalue" else criterion
+
+
+def values_of(criterion, fitted, dtype):
+    """The values (n,) of a criterion at the points of a fitted `RobustNormalEstimator`, in the
+    precision in which `transform` has them."""
+    name, names = column_of_criterion(criterion), list(fitted.get_feature_names_out())
+    if name not in names:
+        raise ValueError(
+            f"criterion={criterion!r} needs the column {name} of normal_estimator.transform, which "
+            f"has {names}: ask for it by features=[{name!r}]."
+        )
+    if name == "eigenvalue_0":
+        values = fitted.eigenvalues_[:, 0]
+    elif name == "surface_variation":
+        values = fitted.surface_variation_
+    else:  # features are the last
+        values = fitted.features_[:, names.index(name) - len(names)]
+    return values.astype(dtype).astype(np.float64)
 
 
 def least_of_edge(parts, threshold, n_std):

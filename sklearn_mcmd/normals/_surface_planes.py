@@ -28,7 +28,7 @@ from sklearn_mcmd.planes._quadrics import (
     work_arrays,
 )
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
+from sklearn_mcmd.runtime._chunks import each_chunk, each_part, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -90,8 +90,8 @@ class SurfacePlanes:
     def fit(self, X, n_jobs):
         """Planes of the fitted points X (n, d), the rows of X (n,) whose planes they are, and the
         `FittedSurfaces`, which answer for other points. The members' planes are used up."""
-        index, members, chunk = self.model.index, self.members, self.model.chunk()
-        m = len(index.points)
+        index, members, m = self.model.index, self.members, len(self.model.index.points)
+        everyone = slice(0, m)
         lenders, errors = np.full(m, -1, dtype=np.int32), np.empty(m)
 
         def find_last(rows):
@@ -102,12 +102,12 @@ class SurfacePlanes:
             with progress_part(0.0, 0.7):
                 self.model.agree(n_jobs)
             with progress_part(0.7, 1.0):
-                each_slice(m, chunk, self.fit_own, n_jobs)
+                self.fit_own(everyone, n_jobs)
         with progress_part(0.8, 1.0, "normals next to edges"):
             with progress_part(0.0, 0.5):
-                each_slice(m, chunk, self.bend, n_jobs)
+                self.bend(everyone, n_jobs)
             with progress_part(0.5, 1.0):
-                each_slice(m, chunk, find_last, n_jobs)
+                each_slice(m, self.model.chunk(), find_last, n_jobs)
         borrowing = np.flatnonzero(lenders >= 0)
         before, own_errors = members.planes.take(borrowing), members.planes.normal_error.copy()
         lend(members.planes, borrowing, members.planes, lenders[borrowing])
@@ -119,19 +119,28 @@ class SurfacePlanes:
         )
         return planes, np.where(lenders >= 0, index.rows[lenders], np.arange(len(X))), fitted
 
-    def fit_own(self, rows):
-        """Fill the planes of some rows, each of its own neighborhood, and their forms."""
+    def fit_own(self, own, n_jobs):
+        """Fill the planes of a slice of points, each of its own neighborhood, and their forms."""
         index, members = self.model.index, self.members
-        own, *found = self._own(index.points[rows], index.query_own(rows))
-        members.forms[rows], members.noise[rows], members.left[rows] = found
-        members.planes.put(rows, own)
 
-    def bend(self, rows):
-        """Correct the forms of some rows, once all planes are filled, and fill what changes."""
+        def fit(rows, _):
+            planes, *found = self._own(index.points[rows], index.query_own(rows))
+            members.forms[rows], members.noise[rows], members.left[rows] = found
+            members.planes.put(rows, planes)
+
+        each_part(own, self.model.chunk(), fit, n_jobs)
+
+    def bend(self, own, n_jobs):
+        """Correct the forms of a slice of points, once all planes are filled, and fill what
+        changes."""
         index, (planes, forms, noise, left) = self.model.index, self.members
-        own, around = planes.take(rows), index.query_own(rows)  # views, which are filled
-        self._bend(index.points[rows], own, forms[rows], left[rows], around, noise)
-        left[rows] = np.where(forms[rows] == BENT, left[rows], own.scale)
+
+        def bend(rows, _):
+            part, around = planes.take(rows), index.query_own(rows)  # views, which are filled
+            self._bend(index.points[rows], part, forms[rows], left[rows], around, noise)
+            left[rows] = np.where(forms[rows] == BENT, left[rows], part.scale)
+
+        each_part(own, self.model.chunk(), bend, n_jobs)
 
     def last(self, rows):
         """Whose planes some rows take, once all are bent, -1 of those that keep theirs; and the

@@ -27,7 +27,7 @@ from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
-from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
+from sklearn_mcmd.runtime._chunks import each_chunk, each_part, each_slice, run, slices
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.sensors._rays import RayLimits, distances_between
 
@@ -134,7 +134,7 @@ class JudgedCloud:
             with progress_part(0.0, 0.8):
                 self.model.agree(self.n_jobs)
             with progress_part(0.8, 1.0):
-                planes, *spacings = self.measure_planes()
+                planes, *spacings = self.measure_planes(slice(0, len(index.points)))
         self.model.offers = None  # nobody asks any more
         with progress_part(FITTING, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
@@ -218,24 +218,22 @@ class JudgedCloud:
             distances = ratio(distances * planes.scale, self.noise_scale)
         return np.minimum(distances, np.finfo(float).max)
 
-    def measure_planes(self, own=slice(None)):
+    def measure_planes(self, own):
         """Planes of a slice of the index's points, and both of their spacings."""
         index = self.model.index
-        begin, end, _ = own.indices(len(index.points))
-        n, d = end - begin, index.points.shape[1]
+        n, d = own.stop - own.start, index.points.shape[1]
         spacing = np.empty(n)
         other_spacing = np.empty(n) if self.counts.strides[0] else spacing  # there are copies
         # The share of members that are kept counts where all points share one plane.
         unused = (*UNUSED, "kept") if len(index.points) > index.n_neighbors else UNUSED
         planes = Planes.empty(n, d).without(*unused)
 
-        def task(rows):
-            asked = slice(begin + rows.start, begin + rows.stop)
-            part, around = index.points[asked], index.query_own(asked)
-            planes.put(rows, self.model.own_planes(asked, around))
-            spacing[rows], other_spacing[rows] = self._spacings(part, around.indices)
+        def task(rows, part):
+            around = index.query_own(rows)
+            planes.put(part, self.model.own_planes(rows, around))
+            spacing[part], other_spacing[part] = self._spacings(index.points[rows], around.indices)
 
-        each_slice(n, self.model.chunk(), task, self.n_jobs)
+        each_part(own, self.model.chunk(), task, self.n_jobs)
         return planes, spacing, other_spacing
 
     def _spacings(self, queries, near):

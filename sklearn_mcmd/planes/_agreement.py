@@ -13,13 +13,12 @@ face is then told by the noise that is usual around. Normals are found so. A det
 plane of a majority: faces of a few points are no surfaces.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._chunks import each_part
 
 # Fields of planes that are not offered.
 UNUSED = "eigenvalues", "kept", "radius", "spacing", "normal_error"
@@ -48,24 +47,27 @@ class Offers(NamedTuple):
 
 def agreed_offers(model, n_jobs):
     """The `Offers` of all points of a model's index before they ask for the last time."""
-    (n, d), before = model.index.points.shape, None
+    offers, own = None, slice(0, len(model.index.points))
     for _ in range(AgreementLimits().passes):
-        offers = Offers.empty(n, d)
-        each_slice(n, model.chunk(), partial(offer, model, offers, before), n_jobs)
-        before = offers
-    return before
+        offers = offers_of(model, offers, own, n_jobs)
+    return offers
 
 
-def offer(model, offers, before, rows):
-    """Fill what a slice of points offers, from what all offered in the pass before, if any."""
-    points, around = model.index.points[rows], model.index.query_own(rows)
-    if before is None:
-        planes, offers.asks[rows] = model.first_planes(points, around)
-        offers.planes.put(rows, planes)
-        return
-    offers.asks[rows] = before.asks[rows]
-    offers.planes.put(rows, before.planes.take(rows))
-    asking = np.flatnonzero(before.asks[rows])
-    if len(asking):
-        asked = points[asking], around.take(asking), model.rounding, before.planes
-        offers.planes.put(rows.start + asking, model.robust_planes(*asked)[0])
+def offers_of(model, before, own, n_jobs):
+    """What a slice of points offers, from what all offered in the pass before, if any."""
+    index, offers = model.index, Offers.empty(own.stop - own.start, model.index.points.shape[1])
+
+    def offer(rows, part):
+        points, around = index.points[rows], index.query_own(rows)
+        if before is None:
+            planes, offers.asks[part] = model.first_planes(points, around)
+            return offers.planes.put(part, planes)
+        offers.asks[part] = before.asks[rows]
+        offers.planes.put(part, before.planes.take(rows))
+        asking = np.flatnonzero(before.asks[rows])
+        if len(asking):
+            asked = points[asking], around.take(asking), model.rounding, before.planes
+            offers.planes.put(part.start + asking, model.robust_planes(*asked)[0])
+
+    each_part(own, model.chunk(), offer, n_jobs)
+    return offers

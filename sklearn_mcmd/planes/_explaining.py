@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import extents
-from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._chunks import each_part, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -137,12 +137,11 @@ def row_linker(index, k, planes, limits, usable=None, farthest=None):
 def measure_farthest(index, k, own, farthest, n_jobs=None):
     """Fill the distances of the last of the k neighbors of a slice of an index's points."""
 
-    def measure(rows):
-        asked = slice(own.start + rows.start, own.start + rows.stop)
-        around = index.query_own(asked, k)
-        farthest[rows] = extents(index.points, index.points[asked], around)[1]
+    def measure(rows, part):
+        around = index.query_own(rows, k)
+        farthest[part] = extents(index.points, index.points[rows], around)[1]
 
-    each_slice(own.stop - own.start, index.chunk, measure, n_jobs)
+    each_part(own, index.chunk, measure, n_jobs)
 
 
 def _compiled(name):

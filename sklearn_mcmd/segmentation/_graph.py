@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from sklearn_mcmd.planes._around import extents, most_noise_around, ratio
 from sklearn_mcmd.planes._explaining import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
-from sklearn_mcmd.runtime._chunks import each_slice, slices
+from sklearn_mcmd.runtime._chunks import each_part, slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 PART = 2**15  # points whose links are compared at once; it limits the memory
@@ -59,14 +59,13 @@ def measure_reach(index, planes, floor, rules, own, n_jobs=None):
     k, m = n_linked(index, rules), own.stop - own.start
     radius, limit = np.empty(m), np.full(m, float(rules.max_distance or 0.0))
 
-    def measure(part):
-        rows = slice(own.start + part.start, own.start + part.stop)
+    def measure(rows, part):
         around = index.query_own(rows, k)
         radius[part] = extents(index.points, index.points[rows], around)[1]
         if rules.max_distance is None:
             limit[part] = floor[part] + _rule_a(index.points, planes.take(rows), around)
 
-    each_slice(m, index.chunk, measure, n_jobs)
+    each_part(own, index.chunk, measure, n_jobs)
     return radius, limit
 
 
@@ -86,8 +85,7 @@ def links_of(index, planes, limit, rules, own, n_jobs=None):
     )
     link = row_linker(index, k, planes._replace(scale=limit), limits)
 
-    def link_part(part):
-        rows = slice(own.start + part.start, own.start + part.stop)
+    def link_part(rows, part):
         link(rows, links[part])
         if rules.mutual:
             around = index.query_own(rows, k)
@@ -95,7 +93,7 @@ def links_of(index, planes, limit, rules, own, n_jobs=None):
             most = most_noise_around(planes.scale, around, index.n_neighbors, growth.usual, bend)
             links[part][planes.scale[rows] > most] = -1
 
-    each_slice(len(links), index.chunk, link_part, n_jobs)
+    each_part(own, index.chunk, link_part, n_jobs)
     return links
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import quantile_around, ratio
-from sklearn_mcmd.runtime._chunks import each_slice, slices
+from sklearn_mcmd.runtime._chunks import each_part, slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, GrowthLimits, n_linked
@@ -49,13 +49,12 @@ class Points:
         """Standard deviation that is usual around the points of a slice."""
         usual = np.empty(own.stop - own.start)
 
-        def measure(part):
-            rows = slice(own.start + part.start, own.start + part.stop)
+        def measure(rows, part):
             around = self.index.query_own(rows, self.size)
             found = quantile_around(self.planes.scale, around, GrowthLimits().usual)
             usual[part] = np.hypot(found, self.bend * self.planes.radius[rows])
 
-        each_slice(len(usual), self.index.chunk, measure, self.n_jobs)
+        each_part(own, self.index.chunk, measure, self.n_jobs)
         return usual
 
     def scale(self, least, most, low, high):
@@ -95,10 +94,10 @@ class Points:
         lists = np.empty(n * k + len(beside), np.int32)
         near = lists[: n * k].reshape(n, k)
 
-        def find(rows):
-            near[rows] = self.near(slice(own.start + rows.start, own.start + rows.stop))
+        def find(rows, part):
+            near[part] = self.near(rows)
 
-        each_slice(n, self.index.chunk, find, self.n_jobs)
+        each_part(own, self.index.chunk, find, self.n_jobs)
         near -= own.start
         names = np.arange(own.start, own.stop, dtype=np.int32)
         return self._gathered(names, k * np.arange(n + 1), lists, pairs_of(beside), self.cell)

@@ -4,10 +4,8 @@ from functools import partial
 
 import numpy as np
 
-from sklearn_mcmd.planes._record import Neighborhoods
 from sklearn_mcmd.runtime._progress import listen_to_progress
 from sklearn_mcmd.segmentation._parts import answers
-from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 from sklearn_mcmd.tiling._sweeps import compute_cells
 
 
@@ -22,7 +20,7 @@ class CellParts:
         self._starts = job.whole().starts
 
     def each(self, work, *known, size=None):
-        """As of `Parts`; columns may be known, and `OwnNeighbors`."""
+        """As of `Parts`; columns may be known."""
         todo, given = np.flatnonzero(self._cells.counts).tolist(), (work, self._starts, known, size)
         with listen_to_progress(None):
             task = partial(_answers, job=self._job, given=given)
@@ -33,16 +31,3 @@ class CellParts:
 def _answers(cell, job, given):
     work, starts, known, size = given
     return answers(work, slice(*starts[cell : cell + 2].tolist()), known, size, job.n_threads)
-
-
-class OwnNeighbors:
-    """A `NeighborIndex` that answers nothing but `query_own`, in any process."""
-
-    def __init__(self, whole, n_neighbors):
-        self.points, self.n_neighbors = whole.column("points"), n_neighbors
-        self._near = StoredNeighbors(whole)
-
-    def query_own(self, rows, k=None):
-        """As of `NeighborIndex`."""
-        near = self._near.take(rows, k or self.n_neighbors)
-        return Neighborhoods(near, np.full(len(near), near.shape[1]))

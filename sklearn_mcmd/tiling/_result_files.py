@@ -13,8 +13,6 @@ NORMAL_COLUMNS = (
     *("normal_x", "normal_y", "normal_z", "surface_variation"),
     *("eigenvalue_0", "eigenvalue_1", "eigenvalue_2", "removed_fraction"),
 )
-# Columns of `transform` before the features: coordinates, normals, variation, eigenvalues, plane.
-N_TRANSFORMED = 12
 # Points that may be fitted at once; only copies make a cloud of few places so large.
 MOST_COPIES = 1_000_000
 
@@ -48,7 +46,8 @@ class Results:
 
 def normal_columns(fitted):
     """Names of the results of a fitted estimator, and their values: float32 (n, n_columns)."""
-    names = [*NORMAL_COLUMNS, *fitted.get_feature_names_out(["x", "y", "z"])[N_TRANSFORMED:]]
+    names, n_features = fitted.get_feature_names_out(["x", "y", "z"]), fitted.features_.shape[1]
+    names = [*NORMAL_COLUMNS, *names[len(names) - n_features :]]
     columns = np.empty((len(fitted.normals_), len(names)), np.float32)
     columns[:, :3], columns[:, 3] = fitted.normals_, fitted.surface_variation_
     columns[:, 4:7], columns[:, 7] = fitted.eigenvalues_, fitted.removed_fraction_

@@ -184,11 +184,11 @@ class StoredColumns:
         self.columns.write(cell, changes=changes)
 
     def changed(self, cell, **arrays):
-        """Fill arrays of all places with what `change` has kept."""
+        """Change arrays of the places of a cell as `change` has kept it."""
         changes = self.columns.read(cell, "changes")
         rows = changes["row"] if "row" in changes.dtype.names else slice(None)
         for name, values in arrays.items():
-            values[self.rows(cell)][rows] = changes[name]
+            values[rows] = changes[name]
 
     def copy(self, again=False, /, **names):
         """Keep columns under another name, as they are; once, or `again`."""
@@ -226,13 +226,10 @@ class StoredColumns:
         """The `OpenColumn` of this name."""
         return OpenColumn(self._path(name))
 
-    def planes(self):
-        """The planes of all places, as `RegionGrowing` knows them."""
-        names = ("centroids", "normals", "scale")
-        known = {name: self.open(name) for name in names}
-        if self.has("radius"):
-            known["radius"] = self.open("radius")
-        return Planes.empty(0, 3)._replace(**known)
+    def planes(self, private=False):
+        """The planes of all places, as far as they are stored; spacing is another one."""
+        names = [name for name in Planes._fields if name != "spacing" and self.has(name)]
+        return Planes.empty(0, 3)._replace(**{name: self.open(name, private) for name in names})
 
     def _path(self, name):
         return self.columns.path(ALL, name)

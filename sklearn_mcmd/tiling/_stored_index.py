@@ -12,6 +12,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex, padded
 from sklearn_mcmd.runtime._chunks import ORDER_FROM, each_slice, slices, spatial_order
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._cells import Cells
+from sklearn_mcmd.tiling._stored_columns import StoredColumns
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
 
 STEP = 1.25  # ratio of numbers of neighbors that are searched at once
@@ -28,14 +29,23 @@ class StoredIndex(NeighborIndex):
 
     It has as many neighbors as are stored, by default. If it is sized, their number is the
     largest, and the columns have sizes and what `find_larger` fills. Only searches other than of
-    own neighbors need the cells.
+    own neighbors need the cells. With ``StoredColumns.column`` it may go to other processes.
     """
 
     chunk = CHUNK
 
-    def __init__(self, whole, cells=None, n_neighbors=None, radius=None, sized=False, n_jobs=None):
+    def __init__(
+        self,
+        whole,
+        cells=None,
+        n_neighbors=None,
+        radius=None,
+        sized=False,
+        n_jobs=None,
+        column=StoredColumns.open,
+    ):
         self._whole, self._cells = whole, cells
-        self.cloud = StoredCloud(whole, cells, n_jobs)
+        self.cloud = StoredCloud(whole, cells, n_jobs, column)
         self._near = self.cloud.near
         self._stored = self._near.k
         self.n_neighbors = n_neighbors or self._stored
@@ -67,9 +77,9 @@ class StoredIndex(NeighborIndex):
 class StoredCloud:
     """What a `NeighborIndex` asks an `IndexedCloud` for."""
 
-    def __init__(self, whole, cells, n_jobs):
+    def __init__(self, whole, cells, n_jobs, column=StoredColumns.open):
         self._whole, self._cells, self._n_jobs = whole, cells, n_jobs
-        self.points, self.near = whole.open("points"), StoredNeighbors(whole)
+        self.points, self.near = column(whole, "points"), StoredNeighbors(whole)
         self._nearest = None
 
     def neighbors(self, rows, k, _):

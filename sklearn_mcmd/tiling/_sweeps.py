@@ -13,6 +13,7 @@ from joblib import Parallel, delayed
 from sklearn.base import BaseEstimator, clone
 
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd.edges._crease_distance import crease_steps, spacing_steps
 from sklearn_mcmd.planes._base import model_of
 from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part, report_share
@@ -21,6 +22,7 @@ from sklearn_mcmd.tiling._memory import gives_threads
 from sklearn_mcmd.tiling._stored_columns import CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_offers import stored_offers
 
+CREASES = spacing_steps() | crease_steps()
 # How long each step of a run takes, for the display of progress: percents of what normals take.
 WEIGHTS = {
     **{"places": 2, "neighbors": 20, "offers": 25, "planes": 30, "bends": 10, "normals": 15},
@@ -28,8 +30,8 @@ WEIGHTS = {
     **{"forest": 6, "sides": 12},  # of orientation="mst"
     **{"surfaces": 1, "explained": 1, "usual": 12, "groups": 10, "scores": 2},
     **{"rays": 3, "heights": 18, "verdicts": 1},
-    **{"outliers": 135, "kept": 3, "spacing": 2, "even": 1, "flat": 1, "faces": 9, "creases": 20},
-    **{"edges": 5},
+    **{"outliers": 135, "kept": 3},
+    **{name.rstrip(digits): step.share for name, step in CREASES.items()},
     **{"reach": 5, "links": 7, "growth": 3, "joining": 26},
     **{"noise": 5, "gathered": 8, "summed": 10, "blocked": 1},
     **{"joined": 2, "bordered": 1, "patched": 2, "voted": 5},  # of joining

@@ -32,7 +32,7 @@ VOTES = 1024  # borders that are asked at once; it limits the memory
 
 
 def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_workers, memory):
-    """As `divide_at_creases`, of the places of a job; what is known of all are columns."""
+    """As `divide_at_creases`, of the places of a job, whose columns all these are."""
     whole = job.whole()
     if whole.columns.is_done(ALL, "divided"):  # by a run that ended later on
         whole.copy(True, divided="region_of")
@@ -50,13 +50,12 @@ def divide_in_tiles(labels, index, planes, rules, n_jobs, parts, *, job, n_worke
     low, high = job.cells.extent(slice(None))
     ends = low.min(axis=0).tolist(), high.max(axis=0).tolist()
     columns.finish(ALL, "units", least=least, most=most, ends=ends)
-    known = index, planes, labels, n_jobs
-    if any(report["n"] for report in reports) and job.points(known) is not None:
+    if any(report["n"] for report in reports) and job.points() is not None:
         job = _in_blocks(sweeps, job, stored)
         for name, work in (("joined", _join_blocks), ("bordered", _find_borders)):
             sweeps(name, work, job.cells, job=job)
         roots, borders = _patches(columns, tiles, memory)
-        points = job.points(known)
+        points = replace(job, n_threads=n_jobs).points(column=StoredColumns.column)
         last, patch, sums = points.joined(roots, _sums(columns.gather(tiles, "of_roots")), borders)
         if not are_whole(labels, last):
             borders = pairs_of(named(borders, lambda names: patch[places(roots, names)]))
@@ -91,27 +90,17 @@ class DivisionJob:
         """The columns of all places that only the division has."""
         return StoredColumns(self.columns)
 
-    def points(self, known=None, cell=None, column=StoredColumns.open):
-        """The `Points` of all places; None if their noise has no unit.
-
-        This process knows columns, of which it asks for few rows: index, planes, labels, and how
-        many threads it has. The work on a tile opens all, by `column`.
-        """
-        stored = self.stored()
-        if known is None:
-            whole = self.of.whole()
-            labels, scale, reach = (column(whole, name) for name in ("region_of", "scale", "reach"))
-            planes = Planes.empty(0, 3)._replace(scale=scale, radius=reach)
-            index = StoredIndex(whole, n_neighbors=self.of.growing.n_neighbors)
-            index.points = column(whole, "points")
-            known = index, planes, labels, self.n_threads
-        else:
-            column = StoredColumns.column
-        index, planes, labels, n_jobs = known
+    def points(self, cell=None, column=StoredColumns.open):
+        """The `Points` of all places, which are opened by `column`; None if their noise has no
+        unit."""
+        growing, whole, stored = self.of.growing, self.of.whole(), self.stored()
+        labels, scale, reach = (column(whole, name) for name in ("region_of", "scale", "reach"))
+        planes = Planes.empty(0, 3)._replace(scale=scale, radius=reach)
+        index = StoredIndex(whole, n_neighbors=growing.n_neighbors, column=column)
         if cell is None and self.levels:
             cell = column(stored, self.levels[0])
-        known = labels, column(stored, "noise"), cell, n_jobs
-        points = Points(index, planes, rules_of(self.of.growing), *known)
+        known = labels, column(stored, "noise"), cell, self.n_threads
+        points = Points(index, planes, rules_of(growing), *known)
         if not self.columns.is_done(ALL, "units"):
             return points
         units = self.columns.report(ALL, "units")

@@ -9,33 +9,27 @@ import numpy as np
 from sklearn_mcmd._validation import check_n_kept
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.edges._crease_distance import (
-    CreaseLimits,
     Creases,
-    Faces,
-    are_faces,
-    average_around,
     cosine_of,
+    crease_steps,
     flatness,
-    spacing_of,
+    spacing_steps,
 )
 from sklearn_mcmd.edges._detector import (
-    column_of_criterion,
     crease_width,
     least_of_edge,
     steps_of,
+    values_of,
 )
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.planes._around import quantile_of
-from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.tiling._cells import Cells, Constants, WholeCloud
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
-from sklearn_mcmd.tiling._result_files import N_TRANSFORMED, fit_together, scores_of
+from sklearn_mcmd.tiling._result_files import fit_together, scores_of
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized
 from sklearn_mcmd.tiling._stored_columns import CellColumns, StoredColumns
-from sklearn_mcmd.tiling._stored_index import CHUNK, StoredIndex
-from sklearn_mcmd.tiling._stored_offers import settle
+from sklearn_mcmd.tiling._stored_index import StoredIndex
 from sklearn_mcmd.tiling._tiled_normals import (
     PlaneJob,
     find_planes,
@@ -45,26 +39,6 @@ from sklearn_mcmd.tiling._tiled_normals import (
     without_sides,
 )
 from sklearn_mcmd.tiling._tiled_outliers import OutlierJob, cutoff_of, judge_cells, outlier_steps
-
-FACE_COLUMNS = {"owners": np.int32, "on_face": bool, "doubtful": bool}
-
-
-def even_steps():
-    """The steps that even out the spacing, each with a column of its name."""
-    return [f"even{n}" for n in range(CreaseLimits().evening_steps)]
-
-
-def crease_steps():
-    """The steps of creases in their order, as of `Sweeps`."""
-    return "spacing", *even_steps(), "flat", "faces", "creases", "edges"
-
-
-def crease_columns():
-    """The columns that these steps fill."""
-    planes = [f"crease_{name}" for name in ("scale", "radius", "kept")]
-    numbers = "spacing", *even_steps(), *planes, "crease", "off", "evidence"
-    faces = {f"face_{name}": kind for name, kind in FACE_COLUMNS.items()}
-    return dict.fromkeys(numbers, float) | dict.fromkeys(("flat", "usable"), bool) | faces
 
 
 class TiledEdges(TiledVerb):
@@ -91,7 +65,7 @@ class TiledEdges(TiledVerb):
     def find(self, run):
         columns = run.folder.columns
         cleaning = () if self.detector is None else ("outliers", "kept")
-        steps = crease_steps() if self.by_distance else ("edges",)
+        steps = (*spacing_steps(), *crease_steps()) if self.by_distance else ("edges",)
         sweeps = run.sweeps([*cleaning, *plane_steps(self.normals), *steps])
         keep = _keep_faces if self.by_distance else _keep_values
         later = self.estimator.n_neighbors if self.by_distance else None
@@ -102,12 +76,10 @@ class TiledEdges(TiledVerb):
             job = replace(job, is_cleaned=True, constants=constants)
         kept = job.cells
         self.n_kept = int(kept.counts.sum())
-        k = self.estimator.n_neighbors if self.by_distance else 0
-        whole = find_planes(sweeps, job, k, self.estimator.n_neighbors)
+        whole = find_planes(sweeps, job, self.estimator.n_neighbors)
         if whole is None:
             self.limit = fit_together(job, self.estimator, run.cells, lambda f: f.scores_).offset_
         elif self.by_distance:
-            sweeps("faces-settled", settle, kept, job=job)
             _find_distances(sweeps, job, whole, run.cells)
             self.limit = crease_width(self.estimator)
         else:
@@ -176,42 +148,26 @@ class EdgeJob(PlaneJob):
 
     edges: SharpFeatureDetector | None = None
     is_cleaned: bool = False
+    usual: float | None = None  # as of `Creases`
 
     @cached_property
     def cells(self):
         return KeptCells(self.points, self.columns) if self.is_cleaned else Cells(self.points)
 
-    def index_of_creases(self):
-        """The neighborhoods in which creases are sought."""
-        return StoredIndex(self.whole(), self.cells, self.edges.n_neighbors, n_jobs=self.n_threads)
-
-    def own_places(self, cell):
-        """The places of a cell, and a function that takes slices of these: their neighborhoods."""
-        index, own = self.index_of_creases(), self.whole().rows(cell)
-
-        def around(part):
-            if isinstance(part, slice):
-                return index.query_own(slice(own.start + part.start, own.start + part.stop))
-            return index.query_own(own.start + part)
-
-        return index.points[own], around
-
     def creases(self):
         """The `Creases` of all places, as far as they are known."""
-        whole = self.whole()
-        names = ("scale", "radius", "kept")
-        planes = {name: whole.open(f"crease_{name}") for name in names}
-        planes.update((name, whole.open(name)) for name in ("centroids", "normals"))
-        return Creases(
-            index=self.index_of_creases(),
-            planes=Planes.empty(0, 3)._replace(**planes, spacing=whole.open(even_steps()[-1])),
-            flat=whole.open("flat"),
-            usable=whole.open("usable"),
-            cosine=cosine_of(self.edges.min_angle),
-            n_jobs=self.n_threads,
-            faces=Faces(*(whole.open(f"face_{name}") for name in FACE_COLUMNS)),
-            evidence=whole.open("evidence"),
-        )
+        whole, k = self.whole(), self.edges.n_neighbors
+        index = StoredIndex(whole, self.cells, k, n_jobs=self.n_threads)
+        known = CreaseColumns(whole), cosine_of(self.edges.min_angle), self.n_threads
+        return Creases(index, *known, self.usual)
+
+    def filled(self, cell, step):
+        """What is known of the places of a cell when a step has found more, by these."""
+        creases, own = self.creases(), self.whole().rows(cell)
+        index, rows = creases.index, np.arange(own.start, own.stop)
+        known = CreaseColumns(self.whole(), own)
+        creases.fill(step, index.points[own], lambda part: index.query_own(rows[part]), known)
+        return known
 
     def scores(self, cell, of_kept, of_removed):
         """The scores of all points of a cell: of those that were kept, and of coordinates."""
@@ -247,94 +203,56 @@ def _keep_faces(cell, job, fitted):
     job.whole().change(cell, **stored_planes(cell, job, fitted)[2])
 
 
+class CreaseColumns(dict):
+    """The columns of all places, or of some rows, that `Creases` know, each read when asked for."""
+
+    def __init__(self, whole, rows=None):
+        super().__init__()
+        self._whole, self._rows = whole, rows
+
+    def __missing__(self, name):
+        whole, rows = self._whole, self._rows
+        found = self[name] = whole.open(name) if rows is None else whole.rows_of(name, rows)
+        return found
+
+
 def _find_distances(sweeps, job, whole, all_cells):
     """Write the scores of all points, by the planes of the kept places: `whole`."""
-    sweep = partial(sweeps, cells=job.cells, job=job)
-    cells = np.flatnonzero(job.cells.counts)
-    whole.make(**crease_columns())
-    sweep("spacing", _measure_spacing)
-    whole.remove("scale")
-    for before, step in zip(["spacing", *even_steps()], even_steps(), strict=False):
-        sweep(step, partial(_even, step=step, before=before))
-        whole.remove(before)
-    parts = partial(_flatness, whole, cells)
-    report = whole.columns.once("usual", lambda: {"flatness": float(quantile_of(parts, 0.5))})
-    sweep("flat", partial(_find_flat, usual=report["flatness"]))
-    sweep("faces", _give_faces)
-    sweep("creases", _meet)
-    sweeps("edges", _find_scores, all_cells, job=job)
+
+    def take(name, step, job):
+        whole.make(**step.fills)
+        sweeps(name, partial(_fill, step=step), job.cells, job=job)
+        whole.remove(*step.ends)
+
+    for known in spacing_steps().items():
+        take(*known, job)
+    rows = [whole.rows(cell) for cell in np.flatnonzero(job.cells.counts)]
+
+    def parts():
+        return (flatness(CreaseColumns(whole, some)) for some in rows)
+
+    job = replace(job, **whole.columns.once("usual", lambda: {"usual": quantile_of(parts, 0.5)}))
+    steps = crease_steps()
+    last = steps.pop("edges")
+    for known in steps.items():
+        take(*known, job)
+    sweeps("edges", partial(_find_scores, step=last), all_cells, job=job)
 
 
-def _flatness(whole, cells):
-    for cell in cells:
-        yield flatness(_own_planes(whole, cell))
+def _fill(cell, job, step):
+    """Find the columns of a step for the places of a cell."""
+    own = job.filled(cell, step)
+    return {name: own[name] for name in step.fills}
 
 
-def _own_planes(whole, cell):
-    """Noise and radius of the planes of a cell."""
-    found = {
-        name: whole.rows_of(f"crease_{name}", whole.rows(cell)) for name in ("scale", "radius")
-    }
-    return Planes.empty(0, 3)._replace(**found)
-
-
-def _measure_spacing(cell, job):
-    """Find what is measured of the planes of a cell."""
-    whole, index = job.whole(), job.index_of_creases()
-    own, found = whole.rows(cell), []
-    for part in slices(own.stop, CHUNK, own.start):
-        scale = whole.rows_of("scale", part)
-        found.append(spacing_of(index, part, index.query_own(part), scale))
-    radius, spacing, scale = map(np.concatenate, zip(*found, strict=True))
-    known = {"scale": scale, "radius": radius, "kept": np.ones(len(scale))}
-    return {"spacing": spacing, **{f"crease_{name}": of for name, of in known.items()}}
-
-
-def _even(cell, job, step, before):
-    """Find the mean spacing around the places of a cell."""
-    whole, index = job.whole(), job.index_of_creases()
-    own, spacing = whole.rows(cell), whole.open(before)
-    means = np.empty(own.stop - own.start)
-    for part in slices(own.stop, CHUNK, own.start):
-        rows = slice(part.start - own.start, part.stop - own.start)
-        average_around(spacing, index.query_own(part), means[rows])
-    return {step: means}
-
-
-def _find_flat(cell, job, usual):
-    """Find which planes of a cell are those of faces."""
-    flat = are_faces(_own_planes(job.whole(), cell), usual)
-    return {"flat": flat, "usable": np.ones(len(flat), bool)}
-
-
-def _give_faces(cell, job):
-    """Find the planes that are given to the places of a cell, and distances without a crease."""
-    points, around = job.own_places(cell)
-    faces = Faces(*(np.empty(len(points), kind) for kind in FACE_COLUMNS.values()))
-    distance = job.creases().give_planes(points, around, faces)
-    found = {f"face_{name}": values for name, values in faces._asdict().items()}
-    return {"crease": distance, **found}
-
-
-def _meet(cell, job):
-    """Find how far the places of a cell are from where two planes meet, and the evidence."""
-    creases, own, (points, around) = job.creases(), job.whole().rows(cell), job.own_places(cell)
-    faces, evidence = Faces(*(part[own] for part in creases.faces)), np.empty(len(points))
-    off = creases.meet(points, around, faces, evidence)
-    return {"off": off, "evidence": evidence}
-
-
-def _find_scores(cell, job):
-    """Find the scores of all points of a cell: their distances from a crease."""
-    creases, whole = job.creases(), job.whole()
+def _find_scores(cell, job, step):
+    """Find the scores of all points of a cell: their distances from a crease, by the last step."""
 
     def of_kept():
-        own, (_, around) = whole.rows(cell), job.own_places(cell)
-        distance = whole.rows_of("crease", own)
-        creases.judge(around, whole.rows_of("off", own), distance)
-        return distance[job.columns.read(cell, "place_of")]
+        return job.filled(cell, step)["crease"][job.columns.read(cell, "place_of")]
 
     def of_removed(queries):
+        creases = job.creases()
         return creases.distance(queries, creases.index.query(queries))
 
     return job.scores(cell, of_kept, of_removed)
@@ -342,20 +260,7 @@ def _find_scores(cell, job):
 
 def _keep_values(cell, job, fitted):
     """The values of the criterion, of the places of a cell."""
-    return {"values": _values(job, fitted)}
-
-
-def _values(job, fitted):
-    """The values of the criterion of a fitted estimator, as `transform` has them: float64 (n,)."""
-    name = column_of_criterion(job.edges.criterion)
-    if name == "eigenvalue_0":
-        values = fitted.eigenvalues_[:, 0]
-    elif name == "surface_variation":
-        values = fitted.surface_variation_
-    else:
-        place = list(fitted.get_feature_names_out(list("xyz"))).index(name)
-        values = fitted.features_[:, place - N_TRANSFORMED]
-    return values.astype(job.constants.dtype).astype(np.float64)
+    return {"values": values_of(job.edges.criterion, fitted, job.constants.dtype)}
 
 
 def _values_in_parts(columns, cells):
@@ -368,6 +273,7 @@ def _find_values(cell, job):
     """Find the scores of all points of a cell, once the values of the kept places are known."""
 
     def of_removed(queries):
-        return -_values(job, fitted_to_new(job, queries))
+        fitted = fitted_to_new(job, queries)
+        return -values_of(job.edges.criterion, fitted, job.constants.dtype)
 
     return job.scores(cell, lambda: -next(_values_in_parts(job.columns, [cell])), of_removed)

@@ -17,7 +17,7 @@ from sklearn_mcmd.normals._estimator import fitted_of
 from sklearn_mcmd.normals._sides import Sides, TreeLimits
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces
 from sklearn_mcmd.planes._base import BaseLocalPlanes, mends_planes
-from sklearn_mcmd.planes._columns import joined_columns, split_columns
+from sklearn_mcmd.planes._columns import Columns
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import (
     count_upright,
@@ -26,7 +26,7 @@ from sklearn_mcmd.planes._orientation import (
     spanning_forest,
 )
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._chunks import each_part, each_slice
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import (
     NORMAL_COLUMNS,
@@ -42,7 +42,6 @@ from sklearn_mcmd.tiling._stored_offers import (
     FACES,
     OLD,
     VECTOR,
-    each_part,
     find_offers,
     offer_steps,
     settle,
@@ -152,12 +151,8 @@ class PlaneJob(Job):
         if not mends_planes(self.estimator):
             return None
         whole = self.whole()
-        own = {
-            name: whole.open(name, private=True) if whole.has(name) else np.empty(0)
-            for name in (*FACES, *FIELDS, *OTHERS)
-        }
-        planes = Planes.empty(0, 3)._replace(**{name: own[name] for name in (*FACES, *FIELDS)})
-        members = Surfaces(planes, *(own[name] for name in OTHERS))
+        others = [whole.open(n, private=True) if whole.has(n) else np.empty(0) for n in OTHERS]
+        members = Surfaces(whole.planes(private=True), *others)
         return SurfacePlanes(self.estimator, model, members)
 
 
@@ -174,21 +169,21 @@ def has_tree(estimator):
     return str(estimator.orientation) == "mst"  # a direction is an array
 
 
-def find_planes(sweeps, job, k=0, least=0, **stored):
+def find_planes(sweeps, job, least=0, **stored):
     """Find the planes of all places, and call ``job.keep`` for each cell with points.
 
     Returns the `StoredColumns`; None, and nothing is found, if there are so few places that other
     code works on them than on tiles.
 
-    The column near stores k neighbors or more. Later steps need the `least` places. ``job.keep``
-    fills the columns `stored`, as of `StoredColumns.make`.
+    Later steps need the `least` places. ``job.keep`` fills the columns `stored`, as of
+    `StoredColumns.make`.
     """
     cells = job.cells
     sweep = partial(sweeps, cells=cells, job=job)
     asked = SizeLimits().around if job.is_sized else job.estimator.n_neighbors
     along = TreeLimits().n_neighbors if has_tree(job.estimator) else 0
     least = max(COMPILE_FROM, 0 if job.is_sized else asked + 1, least)
-    whole = find_index(sweep, job, max(asked, k, along), least)
+    whole = find_index(sweep, job, max(asked, along, job.later or 0), least)
     if whole is None:
         return None
     if job.is_sized:
@@ -217,6 +212,8 @@ def find_planes(sweeps, job, k=0, least=0, **stored):
     if job.later is not None:
         whole.remove("larger", *FIELDS, *OTHERS)
         StoredNeighbors(whole).finish(job.later)
+    if job.later:  # others ask for planes, which are changed
+        sweep("faces-settled", settle)
     return whole
 
 
@@ -232,10 +229,8 @@ def _join_forests(whole, cells):
 def stored_planes(cell, job, fitted):
     """The points of a cell, their `Columns` by a fitted estimator, and the planes' `FACES`."""
     whole, dtype = job.whole(), np.dtype(job.constants.dtype)
-    points = np.array(whole.open("points")[whole.rows(cell)])
-    planes = fitted.plane_offset_[:, None], fitted.plane_scale_[:, None]
-    joined = joined_columns(points.astype(dtype), fitted.normals_, fitted.eigenvalues_, *planes)
-    columns = split_columns(joined, 3)
+    points = whole.rows_of("points", whole.rows(cell))
+    columns = Columns.of(fitted, points.astype(dtype))
     planes = columns.planes(np.arange(len(points)))
     return points, columns, {name: getattr(planes, name) for name in FACES}
 
@@ -261,9 +256,8 @@ def fitted_to_new(job, queries):
 
 def _fit_own(cell, job):
     """Fill the planes of the places of a cell, each of its own neighborhood."""
-    model, whole = job.model(), job.whole()
-    surfaces = job.surfaces(model)
-    each_part(whole.rows(cell), model, surfaces.fit_own, job.n_threads)
+    surfaces, whole = job.surfaces(job.model()), job.whole()
+    surfaces.fit_own(whole.rows(cell), job.n_threads)
     _put(whole, cell, surfaces.members)
 
 
@@ -272,14 +266,14 @@ def _bend(cell, job):
 
     What an earlier run has changed in part is filled anew before.
     """
-    model, whole = job.model(), job.whole()
-    own, surfaces = whole.rows(cell), job.surfaces(model)
+    surfaces, whole = job.surfaces(job.model()), job.whole()
+    own = whole.rows(cell)
     if whole.columns.is_done(cell, "begun"):
-        each_part(own, model, surfaces.fit_own, job.n_threads)
+        surfaces.fit_own(own, job.n_threads)
     else:
         planes = surfaces.members.planes
-        whole.changed(cell, **{name: getattr(planes, name) for name in FACES})
-    each_part(own, model, surfaces.bend, job.n_threads)
+        whole.changed(cell, **{name: getattr(planes, name)[own] for name in FACES})
+    surfaces.bend(own, job.n_threads)
     whole.columns.finish(cell, "begun")
     _put(whole, cell, surfaces.members)
 
@@ -297,14 +291,13 @@ def _keep_fitted(cell, job):
     surfaces, own, index = job.surfaces(model), whole.rows(cell), model.index
     planes = Planes.empty(own.stop - own.start, 3).without("spacing")
 
-    def find(rows):
-        part = slice(rows.start - own.start, rows.stop - own.start)
+    def find(rows, part):
         if surfaces is None:
             found, _ = model.evaluate_neighborhoods(index.points[rows], index.query_own(rows))
             return planes.put(part, found)
         planes.put(part, surfaces.last(rows)[1])
 
-    each_part(own, model, find, job.n_threads)
+    each_part(own, model.chunk(), find, job.n_threads)
     rows_of, origins = np.arange(own.start, own.stop), job.origins()
     if origins is not None:  # copies of a point may have been measured from elsewhere
         place_of, origins = job.columns.read(cell, "place_of"), origins[job.cells.rows(cell)]

@@ -15,12 +15,13 @@ from sklearn_mcmd.segmentation._estimator import RegionGrowing, finish_regions
 from sklearn_mcmd.segmentation._merge_coplanar import region_planes
 from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes
 from sklearn_mcmd.segmentation._region_table import region_table
-from sklearn_mcmd.tiling._cell_parts import CellParts, OwnNeighbors
+from sklearn_mcmd.tiling._cell_parts import CellParts
 from sklearn_mcmd.tiling._memory import bytes_to_join, most_neighbors, work_of
 from sklearn_mcmd.tiling._result_files import fit_together, write_results_of_places
 from sklearn_mcmd.tiling._run import TiledVerb, warm_up
-from sklearn_mcmd.tiling._stored_columns import RevisedColumn
-from sklearn_mcmd.tiling._stored_offers import FACES, settle
+from sklearn_mcmd.tiling._stored_columns import RevisedColumn, StoredColumns
+from sklearn_mcmd.tiling._stored_index import StoredIndex
+from sklearn_mcmd.tiling._stored_offers import FACES
 from sklearn_mcmd.tiling._tiled_division import divide_in_tiles
 from sklearn_mcmd.tiling._tiled_growing import STEPS, grow_in_cells
 from sklearn_mcmd.tiling._tiled_normals import (
@@ -102,12 +103,11 @@ def _segment(growing, run):
     k, normals = growing.n_neighbors, growing.normal_estimator
     job = RegionJob.of(run, normals, keep=_keep_planes, later=k, growing=growing)
     sweeps = run.sweeps([*plane_steps(job.estimator), *STEPS, "joining"])
-    whole = find_planes(sweeps, job, k, k, variation=job.constants.dtype)
+    whole = find_planes(sweeps, job, k, variation=job.constants.dtype)
     if whole is None:
         fitted = fit_together(job, growing, run.cells, lambda fitted: fitted.labels_)
         return fitted.region_sizes_, lambda: fitted.regions_
     sweep = partial(sweeps, cells=run.cells, job=job)
-    sweep("faces-settled", settle)
     grow_in_cells(sweep, job, run.memory)
     parts = CellParts(job, run.plan.n_workers)
     with sweeps.part("joining"):
@@ -140,7 +140,7 @@ def _finish(run, job, parts):
     whole.copy(True, labels="region_of")
     labels, floor, counts, reach = map(whole.column, ("region_of", "floor", "counts", "reach"))
     _warn_if_much(labels, growing.n_neighbors, run.memory)
-    index = OwnNeighbors(whole, growing.n_neighbors)
+    index = StoredIndex(whole, n_neighbors=growing.n_neighbors, column=StoredColumns.column)
     planes = Planes.empty(0, 3)._replace(**dict(zip(FACES, faces, strict=True)), radius=reach)
     divide = partial(divide_in_tiles, job=job, n_workers=run.plan.n_workers, memory=run.memory)
     known = labels, index, planes, floor, counts, growing, parts, run.n_threads

@@ -54,13 +54,25 @@ def test_points_more_than_three_deviations_off_are_on_no_face(height):
     index = NeighborIndex(points, 9)
     creases, _ = find_creases(index, planes_of([FLOOR] * 36, [0] * 36, 0.2), 20.0)
     place = index.places[14]
-    assert creases.flat[place]
+    assert are_faces(creases.planes, creases.usual)[place]
     assert creases.faces.on_face[place] == (abs(height) < 3)
+
+
+def test_the_usual_flatness_is_that_of_half_of_the_planes():
+    points = np.array([[x, y, 0.0] for x in range(6) for y in range(6)])
+    noise = np.random.default_rng(0).uniform(1, 5, 36)
+    creases, _ = find_creases(
+        NeighborIndex(points, 9), planes_of([FLOOR] * 36, [0] * 36, noise), 20
+    )
+    assert creases.usual == np.median(creases.planes.scale / creases.planes.radius)
+    assert are_faces(creases.planes, creases.usual).mean() == 0.5
 
 
 def test_faces_are_flat_or_the_flatter_half():
     flatness = np.array([0.05, 0.1, 0.19, 0.21, 0.4])
     planes = planes_of([FLOOR] * 5, [0] * 5, 10 * flatness)
-    assert_array_equal(are_faces(planes), flatness < 0.2)
-    assert_array_equal(are_faces(planes._replace(scale=30 * flatness)), flatness < 0.2)
-    assert not are_faces(planes._replace(scale=-flatness)).any()
+    noisy = planes._replace(scale=30 * flatness)
+    for some in (planes, noisy):
+        usual = np.median(some.scale / some.radius)
+        assert_array_equal(are_faces(some, usual), flatness < 0.2)
+    assert not are_faces(planes._replace(scale=-flatness), -0.19).any()

@@ -67,7 +67,7 @@ SLOW = [
     (REGIONS, {}, "_tiled_regions.finish_regions", 0, 4),
     (EDGES, {}, "_tiled_edges._find_kept", 2, 0),
     (EDGES, {}, "_tiled_edges._constants_of", 0, 0),
-    (EDGES, {}, "_tiled_edges._meet", 2, 4),
+    (EDGES, {}, "_tiled_edges._fill", 22, 4),
 ]
 
 
