@@ -15,7 +15,8 @@ LEAF = 16  # points a leaf: from 8 to 32, times at 50 neighbors are within 7 %
 CAPACITY = 4096  # candidates that all points of a leaf share; more are searched point by point
 CHUNK = 1024  # queries at once of `NearestPoints`, at most
 AT_ONCE = 32_768  # and their neighbors at once, at most, which bounds the memory
-# Points a leaf of SciPy's tree: queries from far off take two thirds of the time with large leaves.
+# Points a leaf of SciPy's tree: queries from far off take two thirds of the time with large leaves,
+# but beams, which have more coordinates, have their nearest next to them.
 TREE_LEAF = 128
 # Squares of distances by SciPy may differ from ours by rounding.
 ALIKE = 1.0 + 1e-14
@@ -91,7 +92,9 @@ class NearestPoints:
 
     @cached_property
     def tree(self):
-        return cKDTree(self.points, leafsize=TREE_LEAF, balanced_tree=False)
+        points = self.points
+        leaf = TREE_LEAF if points.shape[1] <= 3 else LEAF
+        return cKDTree(points, leafsize=leaf, balanced_tree=False)
 
     @cached_property
     def search(self):

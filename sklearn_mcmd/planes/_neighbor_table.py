@@ -14,9 +14,10 @@ MOST_SHORT = 128  # neighbors of a point at most whose codes have one byte
 class NeighborTable:
     """The k nearest of n fixed points to each of them, searched when they are first asked for.
 
-    The points are in spatial order, so most neighbors of 16 rows in succession lie in 16 groups of
-    16 rows. Such a neighbor is one byte: 4 bits for the group, 4 for the place in it. The others
-    are listed. Of more than `MOST_SHORT` neighbors it is 256 instead of 16, and two bytes.
+    The points are in spatial order, so most neighbors of 16 rows in succession lie in 15 groups of
+    16 rows. Such a neighbor is one byte: 4 bits for the group, 4 for the place in it. A 16th group
+    stands for the others, which are listed. Of more than `MOST_SHORT` neighbors it is 256 instead
+    of 16, and two bytes.
 
     ``search(rows, k)`` returns the neighbors, int32 (m, k), of a slice of rows. If `sizes` (n,)
     says how many each needs, parts hold as many as any of their rows does.
@@ -73,10 +74,9 @@ class NeighborTable:
 class Packed(NamedTuple):
     """Neighbors of successive rows, in blocks of 16 or 256."""
 
-    groups: np.ndarray  # int32 (n_blocks, size of a block), those that codes name
+    groups: np.ndarray  # int32 (n_blocks, size of a block - 1), those that codes name
     starts: np.ndarray  # int32 (n_blocks + 1,), where the far ones of each block start
-    far: np.ndarray  # int32, neighbors in other groups
-    places: np.ndarray  # int32, where they are in their blocks
+    far: np.ndarray  # int32, neighbors in other groups, in the order of the codes
     codes: np.ndarray  # uint8 or uint16 (m, k)
 
     @classmethod
@@ -84,15 +84,12 @@ class Packed(NamedTuple):
         """Pack neighbors, int32 (m, k)."""
         (m, k), bits = near.shape, bits_of(near.shape[1])
         block, n_blocks = 1 << bits, n_blocks_of(m, k)
-        groups, starts = np.zeros((n_blocks, block), np.int32), np.empty(n_blocks + 1, np.int32)
-        codes = np.empty((m, k), f"u{bits // 4}")
-        far, places = np.empty(m * k, np.int32), np.empty(m * k, np.int32)
+        groups, starts = np.zeros((n_blocks, block - 1), np.int32), np.empty(n_blocks + 1, np.int32)
+        codes, far = np.empty((m, k), f"u{bits // 4}"), np.empty(m * k, np.int32)
         slots = np.full(1 << (2 * block * k - 1).bit_length(), -1)
         names = np.empty((3, block * k), np.int64)
-        starts[-1] = n = _compiled("pack")(
-            near, bits, codes, groups, starts, far, places, slots, names
-        )
-        return cls(groups, starts, far[:n].copy(), places[:n].copy(), codes)
+        starts[-1] = n = _compiled("pack")(near, bits, codes, groups, starts, far, slots, names)
+        return cls(groups, starts, far[:n].copy(), codes)
 
     def take(self, rows, k):
         """The first k neighbors of some of the rows; those that they have, if these are fewer."""

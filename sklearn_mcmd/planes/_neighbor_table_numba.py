@@ -6,7 +6,7 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 
 @kernel(cache=True)
-def pack(near, bits, codes, groups, starts, far, places, slots, names):
+def pack(near, bits, codes, groups, starts, far, slots, names):
     """Fill the codes of neighbors (m, k), the groups of each block, and what is far.
 
     `slots` are those of a table of groups, -1, twice as long as a block has neighbors and a power
@@ -28,7 +28,7 @@ def pack(near, bits, codes, groups, starts, far, places, slots, names):
                     slots[slot], names[0, n], names[1, n], names[2, n] = n, name, 0, slot
                     n += 1
                 names[1, slots[slot]] += 1
-        for place in range(min(block, n)):  # the groups that occur most often
+        for place in range(min(last, n)):  # the groups that occur most often
             best = 0
             for i in range(1, n):
                 if names[1, i] > names[1, best]:
@@ -42,27 +42,35 @@ def pack(near, bits, codes, groups, starts, far, places, slots, names):
                 while names[0, slots[slot]] != name:
                     slot = (slot + 1) & (size - 1)
                 place = -1 - names[1, slots[slot]]
-                codes[i, j] = (max(place, 0) << bits) + (near[i, j] & last)
                 if place < 0:
-                    far[n_far], places[n_far] = near[i, j], (i - b * block) * k + j
+                    place, far[n_far] = last, near[i, j]
                     n_far += 1
+                codes[i, j] = (place << bits) + (near[i, j] & last)
         for i in range(n):
             slots[names[2, i]] = -1
     return n_far
 
 
 @kernel(cache=True)
-def unpack(codes, bits, groups, starts, far, places, rows, found):
-    """Fill the first neighbors of rows."""
+def unpack(codes, bits, groups, starts, far, rows, found):
+    """Fill the first neighbors of rows, which is fastest if these ascend."""
     (m, k), width, last = found.shape, codes.shape[1], (1 << bits) - 1
+    f, known = 0, -1  # where the far ones start, of which row
     for i in range(m):
         row, block = found[i], rows[i] >> bits
         near, names = codes[rows[i]], groups[block]
+        if known >> bits != block or known > rows[i]:
+            f, known = starts[block], block << bits
+        for before in range(known, rows[i]):
+            for j in range(width):
+                f += codes[before, j] >> bits == last
         for j in range(k):
             code = np.int64(near[j])
-            row[j] = (names[code >> bits] << bits) + (code & last)
-        first = (rows[i] & last) * width
-        for f in range(starts[block], starts[block + 1]):
-            j = places[f] - first
-            if 0 <= j < k:
+            if code >> bits < last:
+                row[j] = (names[code >> bits] << bits) + (code & last)
+            else:
                 row[j] = far[f]
+                f += 1
+        for j in range(k, width):
+            f += near[j] >> bits == last
+        known = rows[i] + 1

@@ -30,20 +30,20 @@ class Costs(NamedTuple):
 
 
 COSTS = {
-    "normals": Costs(tile=650, stored=180, cloud=450),
-    "outliers": Costs(tile=450, stored=160, cloud=450, whole=4, does="joins the groups of"),
-    "heights": Costs(tile=450, stored=220, cloud=450, whole=4, does="joins the groups of"),
-    "edges": Costs(tile=750, stored=190, cloud=1100, whole=4, does="joins the groups of"),
-    "tree": Costs(tile=650, stored=195, cloud=850, whole=200, does="holds the tree of"),
-    "regions": Costs(tile=650, stored=195, cloud=720, whole=4, does="joins the regions of"),
+    "normals": Costs(tile=650, stored=175, cloud=450),
+    "outliers": Costs(tile=450, stored=150, cloud=450, whole=4, does="joins the groups of"),
+    "heights": Costs(tile=450, stored=178, cloud=450, whole=4, does="joins the groups of"),
+    "edges": Costs(tile=750, stored=172, cloud=1100, whole=4, does="joins the groups of"),
+    "tree": Costs(tile=650, stored=205, cloud=850, whole=200, does="holds the tree of"),
+    "regions": Costs(tile=650, stored=177, cloud=720, whole=4, does="joins the regions of"),
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=300, cloud=750),
-    "rays": Costs(stored=115, cloud=650),
+    "rays": Costs(stored=130, cloud=650),
     "light": Costs(stored=16, cloud=480),
     "table": Costs(cloud=720, whole=130, does="describes the regions of"),
-    "positions": Costs(stored=100, cloud=500, whole=24, does="holds positions for"),
-    "trajectory": Costs(stored=100, cloud=500, whole=30, does="keeps the times of"),
-    "angles": Costs(stored=100, cloud=750, whole=300, does="adjusts the flight lines of"),
+    "positions": Costs(stored=50, cloud=500, whole=24, does="holds positions for"),
+    "trajectory": Costs(stored=50, cloud=500, whole=30, does="keeps the times of"),
+    "angles": Costs(stored=50, cloud=750, whole=300, does="adjusts the flight lines of"),
 }
 PROCESS = 330e6  # bytes of a process with its compiled code
 FEATURE = 24  # bytes of a feature of a point

@@ -166,29 +166,24 @@ class StoredColumns:
         self.column(name)[start : start + len(values)] = values
 
     def change(self, cell, **arrays):
-        """Keep beside columns what a cell changes of them, until all cells are done."""
-        own, parts = self.rows(cell), []
-        differs = np.zeros(own.stop - own.start, bool)
+        """Keep beside columns the numbers that a cell changes of them, until all cells are done."""
+        own, at, numbers = self.rows(cell), [], []
         for name, values in arrays.items():
-            before = self.rows_of(name, own)
-            bits = np.ascontiguousarray(values).view(np.int64) != before.view(np.int64)
-            for numbers in bits.reshape(len(bits), -1).T:
-                differs |= numbers
-            parts.append((name, before.dtype, before.shape[1:]))
-        rows = np.flatnonzero(differs)
-        if len(rows) < len(differs):
-            arrays, parts = {"row": np.arange(len(differs)), **arrays}, [("row", "i4"), *parts]
-        changes = np.empty(len(rows), parts)
-        for name, values in arrays.items():
-            changes[name] = values[rows]
-        self.columns.write(cell, changes=changes)
+            values, before = values.ravel(), self.rows_of(name, own).ravel()
+            at.append(values.view(np.int64) != before.view(np.int64))
+            numbers.append(values[at[-1]].view(np.uint8))
+        self.columns.write(
+            cell, changes=np.concatenate([np.packbits(np.concatenate(at)), *numbers])
+        )
 
     def changed(self, cell, **arrays):
         """Change arrays of the places of a cell as `change` has kept it."""
-        changes = self.columns.read(cell, "changes")
-        rows = changes["row"] if "row" in changes.dtype.names else slice(None)
-        for name, values in arrays.items():
-            values[rows] = changes[name]
+        own = [values.reshape(-1) for values in arrays.values()]
+        ends = np.cumsum([*map(len, own)])
+        at, numbers = np.split(self.columns.read(cell, "changes"), [-(-ends[-1] // 8)])
+        at, numbers = np.unpackbits(at).view(bool), np.frombuffer(numbers.tobytes())
+        for values, some in zip(own, np.split(at, ends), strict=False):
+            values[some], numbers = np.split(numbers, [np.count_nonzero(some)])
 
     def copy(self, again=False, /, **names):
         """Keep columns under another name, as they are; once, or `again`."""

@@ -91,15 +91,16 @@ class StoredCloud:
         return self._nearest.query(queries, k, self._n_jobs)
 
 
-def find_index(sweep, job, k, least):
+def find_index(sweep, job, k, least, first=0):
     """Find the places of a job's points, and k neighbors of each; returns their `StoredColumns`, or
-    None if there are fewer than `least` places, whose neighbors are not sought."""
+    None if there are fewer than `least` places, whose neighbors are not sought. `first` is as of
+    `StoredNeighbors.begin`."""
     sweep("places", find_places)
     whole = job.whole()
     if len(whole) < least:
         return None
     join_points(sweep, job)
-    StoredNeighbors(whole).begin(k)
+    StoredNeighbors(whole).begin(k, first)
     sweep("neighbors", find_neighbors)
     return whole
 

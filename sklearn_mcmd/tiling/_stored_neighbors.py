@@ -11,6 +11,7 @@ from sklearn_mcmd.tiling._stored_columns import ALL, in_place_of
 AT_ONCE = 4_000_000  # neighbors that are packed at once, what bounds the memory
 LARGEST_BLOCK = 256  # places of a block of `Packed`, at most
 PACKED_NEIGHBOR = 1.5  # bytes of one, with its part of lists, about; 2.5 where codes are longer
+FIRST, MORE = "near", "more"  # files of those that are asked for to the end, and of the others
 
 
 def bytes_of_neighbors(k):
@@ -21,11 +22,12 @@ def bytes_of_neighbors(k):
 class StoredNeighbors:
     """The k nearest places of each place of a `StoredColumns`, the nearest first.
 
-    A file has k, how many neighbors are far, and the arrays of `Packed`, one after the other.
+    A file has how many these are, how many are far, and the arrays of `Packed`, one after the
+    other. Those that are freed before the others have files of their own.
     """
 
     def __init__(self, whole):
-        self._whole, self._last = whole, (-1, None)  # the cell asked last, and its neighbors
+        self._whole, self._last = whole, {}  # the cell asked last of each file, and its neighbors
 
     def __reduce__(self):
         return StoredNeighbors, (self._whole,)  # processes find neighbors in the files
@@ -34,29 +36,22 @@ class StoredNeighbors:
     def k(self):
         return self._whole.columns.report(ALL, "near")["k"]
 
-    def begin(self, k):
-        """Say how many neighbors are to be stored, unless an earlier run has."""
-        self._whole.columns.once("near", lambda: {"k": k})
-
-    def finish(self, k):
-        """Say how many neighbors are stored of all places."""
-        self._whole.columns.finish(ALL, "near", k=k)
+    def begin(self, k, first=0):
+        """Say how many neighbors are to be stored, and how many of these are asked for longer than
+        the others if that is not the same of all, unless an earlier run has."""
+        self._whole.columns.once("near", lambda: {"k": k, "first": first or k})
 
     def write(self, cell, near):
         """Store the neighbors of the places of a cell, int32 (m, k)."""
-        self._write(cell, near.shape[1], near.__getitem__)
+        first = self._whole.columns.report(ALL, "near")["first"]
+        for name, some in zip((FIRST, MORE), np.split(near, [first], axis=1), strict=True):
+            if some.shape[1]:
+                self._write(self._path(cell, name), some)
 
-    def narrow(self, cell, k):
-        """Keep the first k neighbors of a cell's places; with 0 nothing."""
-        if not k:
-            self._path(cell).unlink(missing_ok=True)
-            return
-        own = self._whole.rows(cell)
-
-        def near(rows):
-            return self.take(np.arange(own.start + rows.start, own.start + rows.stop), k)
-
-        self._write(cell, k, near)
+    def free(self, cell, all_of_them):
+        """Free the disk of neighbors of a cell's places: those beyond the first, or all."""
+        for name in (MORE, FIRST) if all_of_them else (MORE,):
+            self._path(cell, name).unlink(missing_ok=True)
 
     def take(self, rows, k):
         """The first k neighbors of some places: int32 (m, k)."""
@@ -79,16 +74,22 @@ class StoredNeighbors:
         return self.take(rows, self.k)
 
     def _take(self, cell, rows, k):
-        last, packed = self._last
-        if last != cell:
-            packed = self._open(cell)
-            self._last = cell, packed
-        if k > (width := packed.codes.shape[1]):
+        near = self._packed(cell, FIRST).take(rows, k)
+        if near.shape[1] < k and self._path(cell, MORE).exists():
+            near = np.hstack([near, self._packed(cell, MORE).take(rows, k - near.shape[1])])
+        if k > (width := near.shape[1]):
             raise ValueError(f"{k} neighbors are wanted, and {width} are stored")
-        return packed.take(rows, k)
+        return near
 
-    def _open(self, cell):
-        own, path, parts, end = self._whole.rows(cell), self._path(cell), [], 8
+    def _packed(self, cell, name):
+        last, packed = self._last.get(name, (-1, None))
+        if last != cell:
+            packed = self._open(self._whole.rows(cell), self._path(cell, name))
+            self._last[name] = cell, packed
+        return packed
+
+    def _open(self, own, path):
+        parts, end = [], 8
         with one_clear_line(path, "read"):
             # An array that is read only would be compiled for anew.
             stored = np.asarray(np.memmap(path, np.uint8, "c"))
@@ -100,11 +101,10 @@ class StoredNeighbors:
                 raise PointFileError("is damaged; begin anew (restart)")
         return Packed(*parts)
 
-    def _write(self, cell, k, near_of):
-        own, path = self._whole.rows(cell), self._path(cell)
+    def _write(self, path, near):
+        k = near.shape[1]
         step = LARGEST_BLOCK * max(1, AT_ONCE // (LARGEST_BLOCK * k))
-        rows = slices(own.stop - own.start, step)
-        parts = [Packed.of(np.ascontiguousarray(near_of(some))) for some in rows]
+        parts = [Packed.of(np.ascontiguousarray(near[some])) for some in slices(len(near), step)]
         known = {name: [getattr(part, name) for part in parts] for name in Packed._fields}
         n_far = np.cumsum([0, *map(len, known["far"])], dtype=np.int32)
         known["starts"] = [s[:-1] + n for s, n in zip(known["starts"], n_far, strict=False)]
@@ -113,14 +113,14 @@ class StoredNeighbors:
             file.write(np.array([k, n_far[-1]], np.int32).data)
             for values in (part for name in Packed._fields for part in known[name]):
                 file.write(values.data)
-        self._last = -1, None
+        self._last = {}
 
-    def _path(self, cell):
-        return self._whole.columns.folder / f"{cell}.near"
+    def _path(self, cell, name):
+        return self._whole.columns.folder / f"{cell}.{name}"
 
 
 def _shapes(m, k, n_far):
     """Dtypes and shapes of the arrays of `Packed`, one after the other in a file."""
     bits, n = bits_of(k), n_blocks_of(m, k)
-    lists = ("i4", (n, 1 << bits)), ("i4", (n + 1,)), ("i4", (n_far,)), ("i4", (n_far,))
+    lists = ("i4", (n, (1 << bits) - 1)), ("i4", (n + 1,)), ("i4", (n_far,))
     return *lists, (f"u{bits // 4}", (m, k))

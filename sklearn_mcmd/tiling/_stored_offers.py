@@ -31,11 +31,11 @@ def find_offers(sweep, job):
         before = True
 
 
-def settle(cell, job):
+def settle(cell, job, names=tuple(FACES)):
     """Put into `FACES` what a cell has changed of them in a sweep, which all cells have done."""
     whole = job.whole()
     if whole.columns.path(cell, "changes").exists():  # else an earlier run has put it there
-        faces = {name: whole.rows_of(name, whole.rows(cell)) for name in FACES}
+        faces = {name: whole.rows_of(name, whole.rows(cell)) for name in names}
         whole.changed(cell, **faces)
         whole.put(cell, **faces)
         whole.columns.drop(cell, "changes")

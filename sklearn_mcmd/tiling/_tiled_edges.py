@@ -199,8 +199,10 @@ def _constants_of(kept, dtype):
 
 
 def _keep_faces(cell, job, fitted):
-    """Change the columns `FACES` of the kept places of a cell."""
-    job.whole().change(cell, **stored_planes(cell, job, fitted)[2])
+    """The offsets of the planes of the kept places of a cell, which are changed."""
+    _, columns, faces = stored_planes(cell, job, fitted)
+    job.whole().change(cell, **faces)
+    return {"offset": columns.offset}
 
 
 class CreaseColumns(dict):

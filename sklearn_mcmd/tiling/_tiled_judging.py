@@ -23,13 +23,7 @@ from sklearn_mcmd.tiling._memory import check_small_groups
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from sklearn_mcmd.tiling._stored_index import StoredIndex, StoredNearest
 from sklearn_mcmd.tiling._stored_neighbors import StoredNeighbors
-from sklearn_mcmd.tiling._tiled_rays import (
-    PLANE_STEPS,
-    RAYS,
-    ask_planes,
-    beam_job,
-    stored_evidence,
-)
+from sklearn_mcmd.tiling._tiled_rays import PLANE_STEPS, RAYS, ask_planes, beam_job, stored_evidence
 
 STEPS = "surfaces", "explained", "usual", "groups", "scores"
 HEARD = f"rays{len(PLANE_STEPS)}"

@@ -17,7 +17,7 @@ from sklearn_mcmd.normals._estimator import fitted_of
 from sklearn_mcmd.normals._sides import Sides, TreeLimits
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, Surfaces
 from sklearn_mcmd.planes._base import BaseLocalPlanes, mends_planes
-from sklearn_mcmd.planes._columns import Columns
+from sklearn_mcmd.planes._columns import Columns, points_off
 from sklearn_mcmd.planes._nearest import COMPILE_FROM
 from sklearn_mcmd.planes._orientation import (
     count_upright,
@@ -28,11 +28,7 @@ from sklearn_mcmd.planes._orientation import (
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_part, each_slice
 from sklearn_mcmd.tiling._memory import most_neighbors, work_of
-from sklearn_mcmd.tiling._result_files import (
-    NORMAL_COLUMNS,
-    fit_together,
-    normal_columns,
-)
+from sklearn_mcmd.tiling._result_files import NORMAL_COLUMNS, fit_together, normal_columns
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._sensor_origins import sensor_path, stored_origins
 from sklearn_mcmd.tiling._stored_columns import ALL
@@ -183,7 +179,7 @@ def find_planes(sweeps, job, least=0, **stored):
     asked = SizeLimits().around if job.is_sized else job.estimator.n_neighbors
     along = TreeLimits().n_neighbors if has_tree(job.estimator) else 0
     least = max(COMPILE_FROM, 0 if job.is_sized else asked + 1, least)
-    whole = find_index(sweep, job, max(asked, along, job.later or 0), least)
+    whole = find_index(sweep, job, max(asked, along, job.later or 0), least, job.later)
     if whole is None:
         return None
     if job.is_sized:
@@ -211,9 +207,9 @@ def find_planes(sweeps, job, least=0, **stored):
         sweep("sides", _keep_fitted, then=_narrow)
     if job.later is not None:
         whole.remove("larger", *FIELDS, *OTHERS)
-        StoredNeighbors(whole).finish(job.later)
+        whole.columns.finish(ALL, "near", k=job.later)
     if job.later:  # others ask for planes, which are changed
-        sweep("faces-settled", settle)
+        sweep("faces-settled", settle_planes)
     return whole
 
 
@@ -227,12 +223,23 @@ def _join_forests(whole, cells):
 
 
 def stored_planes(cell, job, fitted):
-    """The points of a cell, their `Columns` by a fitted estimator, and the planes' `FACES`."""
-    whole, dtype = job.whole(), np.dtype(job.constants.dtype)
-    points = whole.rows_of("points", whole.rows(cell))
-    columns = Columns.of(fitted, points.astype(dtype))
+    """The points of a cell, their `Columns` by a fitted estimator, and what `settle_planes` puts
+    into `FACES`, without the offsets of the columns."""
+    points = job.whole().rows_of("points", job.whole().rows(cell))
+    columns = Columns.of(fitted, points.astype(job.constants.dtype))
     planes = columns.planes(np.arange(len(points)))
-    return points, columns, {name: getattr(planes, name) for name in FACES}
+    return points, columns, {name: getattr(planes, name) for name in ("normals", "scale")}
+
+
+def settle_planes(cell, job):
+    """As `settle`, of `stored_planes`, whose offsets take a third of their centroids' disk."""
+    settle(cell, job, ("normals", "scale"))
+    whole, columns = job.whole(), job.columns
+    if columns.path(cell, "offset").exists():
+        points, normals = (whole.rows_of(name, whole.rows(cell)) for name in ("points", "normals"))
+        points, offset = points.astype(job.constants.dtype), columns.read(cell, "offset")
+        whole.put(cell, centroids=points_off(points, offset, normals))
+        columns.drop(cell, "offset")
 
 
 def fitted_to_new(job, queries):
@@ -275,6 +282,7 @@ def _bend(cell, job):
         whole.changed(cell, **{name: getattr(planes, name)[own] for name in FACES})
     surfaces.bend(own, job.n_threads)
     whole.columns.finish(cell, "begun")
+    whole.columns.drop(cell, "changes")
     _put(whole, cell, surfaces.members)
 
 
@@ -333,7 +341,7 @@ def _keep_fitted(cell, job):
 def _narrow(cell, job):
     """Free neighbors that nobody asks for later."""
     if job.later is not None:
-        StoredNeighbors(job.whole()).narrow(cell, job.later)
+        StoredNeighbors(job.whole()).free(cell, all_of_them=not job.later)
 
 
 def _keep_normals(cell, job, fitted):

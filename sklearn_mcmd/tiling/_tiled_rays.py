@@ -59,6 +59,7 @@ def ask_planes(sweep, job):
     job.columns.once(BEAMS, lambda: {"usual": _median(partial(_angles, beams))})
     for step, ask in zip(LATER, ASKS, strict=True):
         sweep(step, partial(_ask, is_first=step == LATER[0], ask=ask))
+    job.whole().remove("left", "alone", "going_on", "grazed", "faces")
 
 
 def stored_evidence(job):
@@ -147,7 +148,10 @@ def _put_beams_in_cells(job, beams):
 
 
 def _find_places(cell, job):
-    job.columns.keep(cell, "places", find_places(cell, job))
+    """Find places, and free the disk of the directions, which these have."""
+    if not job.columns.is_done(cell, "places"):
+        job.columns.keep(cell, "places", find_places(cell, job))
+    job.cells.free(cell)
 
 
 def _find_beams(cell, job, ranges):

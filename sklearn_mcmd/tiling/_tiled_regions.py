@@ -124,11 +124,11 @@ def _segment(growing, run):
 
 
 def _keep_planes(cell, job, fitted):
-    """The variation of a cell's places; changes the columns `FACES`."""
+    """The variation of a cell's places, and the offsets of their planes, which are changed."""
     points, columns, faces = stored_planes(cell, job, fitted)
     faces["scale"] = np.maximum(faces["scale"], job.floor(points))
     job.whole().change(cell, **faces)
-    return {"variation": columns.surface_variation}
+    return {"variation": columns.surface_variation, "offset": columns.offset}
 
 
 def _finish(run, job, parts):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.tiling import TilingError, _stored_columns, process_files
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
-from tiled import ESTIMATOR, in_memory
+from tiled import ESTIMATOR
 
 
 @pytest.fixture
@@ -96,9 +97,29 @@ def test_what_a_disk_has_no_room_for_is_named(columns, work, name):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.parametrize("step", ["joined", "offers1-settled", "bends-settled", "normals"])
+def test_numbers_that_a_cell_changes_come_out_bit_by_bit(columns):
+    whole = StoredColumns(columns, 2)
+    whole.make(normals=(float, 3), scale=float)
+    normals = np.array([[0, 1, 0], [0, 0, 0], [0.25, 0, -0.0]])
+    whole.change(1, normals=normals, scale=np.array([0, 0, np.nan]))
+    assert len(columns.read(1, "changes")) == 2 + 4 * 8  # of 12 numbers 4 differ
+    found = {name: whole.rows_of(name, whole.rows(1)) for name in ("normals", "scale")}
+    whole.changed(1, **found)
+    assert_array_equal(found["normals"], normals)
+    assert_array_equal(np.signbit(found["normals"]).sum(axis=0), [0, 0, 1])
+    assert_array_equal(found["scale"], [0, 0, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("estimator", "step"),
+    [
+        *((ESTIMATOR, step) for step in ("joined", "offers1-settled", "bends-settled", "normals")),
+        (RegionGrowing(16, random_state=0), "faces-settled"),
+        (MCMDOutlierDetector(16, sensor_origin="origin", random_state=0), "rays0"),
+    ],
+)
 def test_a_run_that_ends_before_it_notes_what_a_sweep_did_goes_on(
-    step, small_file, tmp_path, monkeypatch
+    estimator, step, small_file, tmp_path, monkeypatch
 ):
     """What was put elsewhere is not there any more."""
 
@@ -110,7 +131,7 @@ def test_a_run_that_ends_before_it_notes_what_a_sweep_did_goes_on(
     with monkeypatch.context() as patch:
         patch.setattr(CellColumns, "finish", fail)
         with pytest.warns(match="tile 1 failed .* enough"), pytest.raises(TilingError):
-            process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
-    process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
-    expected = in_memory(small_file, tmp_path / "expected.las")
-    assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
+            process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
+    process_files(small_file, tmp_path / "expected.las", estimator, tile_size=2_000)
+    assert (tmp_path / "out.las").read_bytes() == (tmp_path / "expected.las").read_bytes()

@@ -28,20 +28,21 @@ def neighbors(n, k, spread):
 @pytest.mark.parametrize("k", [1, 7, 50, 128, 129])
 @pytest.mark.parametrize("spread", [30, 3_007])
 def test_what_comes_out_is_what_went_in_also_once_it_is_narrowed(stored, k, spread):
-    near = neighbors(3_007, k, spread)
+    near, fewer = neighbors(3_007, k, spread), -(-k // 2)
+    stored.begin(k, fewer)
     stored.write(0, near[:7])
     stored.write(1, near[7:])
     some = np.random.default_rng(0).integers(0, 3_007, 500)
     assert_array_equal(stored.take(slice(3, 400), k), near[3:400])
     assert_array_equal(stored.take(some, k), near[some])
-    fewer = -(-k // 2)
-    stored.narrow(1, fewer)
+    stored.free(1, all_of_them=False)
     assert_array_equal(stored.take(some, fewer), near[some, :fewer])
     with pytest.raises(ValueError, match=rf"{k + 1} neighbors are wanted, and {fewer} are stored"):
         stored.take(slice(7, 8), k + 1)
 
 
 def test_neighbors_near_each_other_take_less_than_half_of_their_size(stored, tmp_path):
+    stored.begin(50)
     stored.write(1, neighbors(3_007, 50, 60)[7:])
     size = (tmp_path / "1.near").stat().st_size / 3_000
     assert size <= bytes_of_neighbors(50) < 0.5 * 4 * 50
@@ -49,6 +50,7 @@ def test_neighbors_near_each_other_take_less_than_half_of_their_size(stored, tmp
 
 def test_other_processes_are_sent_no_neighbors(stored):
     near = neighbors(3_007, 50, 60)
+    stored.begin(50)
     stored.write(1, near[7:])
     before = len(pickle.dumps(stored))
     rows = np.arange(7, 3_007)
