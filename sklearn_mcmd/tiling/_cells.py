@@ -16,7 +16,7 @@ from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._ground import check_ground
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
 from sklearn_mcmd.runtime._chunks import slices
-from sklearn_mcmd.tiling._stored_columns import in_place_of
+from sklearn_mcmd.tiling._stored_columns import HEADERS, in_place_of
 
 BOXES = "cells.npz"
 GROUND = "ground"  # the folder of the cells of the ground, which are divided in plan
@@ -129,7 +129,7 @@ class Cells:
     def __init__(self, folder):
         self.folder = Path(folder)
         path = self.folder / BOXES
-        with one_clear_line(path, "read"), np.load(path) as stored:
+        with one_clear_line(path, "read"), HEADERS, np.load(path) as stored:
             boxes, self.counts = stored["boxes"], stored["counts"]
             self._names, self._extents = stored["names"], stored["extents"]
             self._dtype = stored["no_rows"].dtype

@@ -11,6 +11,7 @@ import shutil
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
+from threading import Lock
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +23,8 @@ from sklearn_mcmd.runtime._chunks import slices
 
 MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
 STARTS = "first_rows"  # the column of the first row of each cell
+# Held while headers of files are read: Python 3.11 may fail where threads parse literals at once.
+HEADERS = Lock()
 FEW = 2**15  # rows that come into memory at once
 ALL = "all"  # stands for all cells, in the place of a cell's number
 
@@ -33,9 +36,7 @@ class CellColumns:
         self.folder = Path(folder)
 
     def read(self, cell, name):
-        path = self.path(cell, name)
-        with one_clear_line(path, "read"):
-            return np.load(path)
+        return np.array(self.mapped(cell, name))
 
     def gather(self, cells, name):
         """What `read` returns of some cells, one after the other."""
@@ -327,7 +328,7 @@ def write_array(file, values):
 
 def mapped(path, mode):
     """The array of a file, mapped into memory."""
-    with one_clear_line(path, "read"):
+    with one_clear_line(path, "read"), HEADERS:
         return np.load(path, mmap_mode=mode)
 
 

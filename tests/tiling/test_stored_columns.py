@@ -1,5 +1,8 @@
 """What sweeps leave on disk: a column of all places, or a file for each cell."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -47,6 +50,25 @@ def test_each_cell_gets_its_part_of_what_was_found_of_all(columns):
     columns.share(range(3), "seen", twice=2 * seen, rows=np.arange(5))
     assert_array_equal(columns.gather([0, 2], "twice"), [0, 0, 4, 4, 4])
     assert [columns.read(cell, "rows").tolist() for cell in range(3)] == [[0, 1], [], [2, 3, 4]]
+
+
+def test_threads_read_the_headers_of_files_one_by_one(columns, monkeypatch):
+    """Python 3.11 parses no literals in several threads: it raises SystemError now and then."""
+    columns.write(0, seen=np.arange(3))
+    inside, most = [], []
+
+    def load(*args, load=np.load, **kwargs):
+        inside.append(0)
+        most.append(len(inside))
+        time.sleep(0.001)
+        inside.pop()
+        return load(*args, **kwargs)
+
+    monkeypatch.setattr(np, "load", load)
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(lambda _: columns.read(0, "seen"), range(50)))
+    assert_array_equal(found, [np.arange(3)] * 50)
+    assert max(most) == 1
 
 
 @pytest.mark.parametrize("opened", [StoredColumns.column, StoredColumns.open_column])
