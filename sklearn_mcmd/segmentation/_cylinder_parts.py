@@ -17,7 +17,7 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._graph import by_place, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaceLimits
-from sklearn_mcmd.segmentation._parts import Parts
+from sklearn_mcmd.segmentation._parts import PART, Parts
 from sklearn_mcmd.segmentation._region_sums import (
     n_regions_of,
     region_moments,
@@ -95,7 +95,6 @@ class _Members(NamedTuple):
     """Points of a part, in an order that depends on nothing but their places."""
 
     rows: np.ndarray
-    around: np.ndarray  # their neighbors, (n, n_around)
     points: np.ndarray  # (n, 3)
     normals: np.ndarray  # of their planes, (n, 3)
     floor: np.ndarray  # (n,), the least standard deviations of these,
@@ -215,11 +214,15 @@ class CylinderParts:
         near = np.sqrt(np.square(gaps).sum(axis=-1)) <= self.max_gap  # as links are
         return np.where(near, around, rows[:, None]).astype(np.int32)
 
+    def _beside(self, rows):
+        """The rows around some rows, each once, in order."""
+        found = [np.unique(self._around(rows[some])) for some in slices(len(rows), PART)]
+        return np.unique(np.concatenate(found))
+
     def _members(self, rows):
         """What is known of some rows."""
         return _Members(
             rows=rows,
-            around=self._around(rows),
             points=self.index.points[rows],
             normals=self.planes.normals[rows],
             floor=self.floor[rows],
@@ -249,15 +252,16 @@ class CylinderParts:
         names = sorted(fresh & set(parts))
         if not names:
             return []
-        around = np.concatenate([parts[name].members.around for name in names])
-        own = np.repeat(names, [parts[name].size for name in names])
-        other = labels[around]
-        row, column = np.nonzero((other != own[:, None]) & (other >= 0))
-        first, second = own[row].astype(np.int64), other[row, column].astype(np.int64)
-        n = max(names[-1], int(second.max(initial=0))) + 1
-        # Pairs are sorted as single numbers, which is much faster than as rows.
-        pairs = np.unique(np.minimum(first, second) * n + np.maximum(first, second))
-        pairs = zip((pairs // n).tolist(), (pairs % n).tolist(), strict=True)
+        rows = np.concatenate([parts[name].members.rows for name in names])
+        own, pairs = np.repeat(names, [parts[name].size for name in names]), []
+        for some in slices(len(rows), PART):
+            other = labels[self._around(rows[some])]
+            row, column = np.nonzero((other != own[some, None]) & (other >= 0))
+            first, second = own[some][row].astype(np.int64), other[row, column].astype(np.int64)
+            # Pairs are sorted as single numbers, which is much faster than as rows.
+            pairs.append(np.unique(np.minimum(first, second) << 32 | np.maximum(first, second)))
+        pairs = np.unique(np.concatenate(pairs))
+        pairs = zip((pairs >> 32).tolist(), (pairs & (2**32 - 1)).tolist(), strict=True)
         return [(a, b) for a, b in pairs if a in parts and b in parts]
 
     def _are_one(self, first, second):
@@ -302,7 +306,8 @@ class CylinderParts:
     def _claim(self, labels, parts, fresh):
         """Give points without region to the cylinder that they touch and lie on best: the names of
         the parts that grew. Claimed points lead to others, until a part has grown enough."""
-        edges = {name: parts[name].members.around for name in sorted(fresh) if parts[name].curved}
+        curved = [name for name in sorted(fresh) if parts[name].curved]
+        edges = {name: self._beside(parts[name].members.rows) for name in curved}
         gained = {name: [] for name in edges}
         while edges:
             claimed, owner = self._claims_of(labels, parts, edges)
@@ -313,7 +318,7 @@ class CylinderParts:
                 gained[name].append(claimed.take(owner == name))
                 n_gained = sum(len(members.rows) for members in gained[name])
                 if n_gained < (CylinderLimits().growth - 1) * parts[name].size:
-                    edges[name] = gained[name][-1].around
+                    edges[name] = self._beside(gained[name][-1].rows)
         grown = [name for name, members in gained.items() if members]
 
         def fit(name):
@@ -323,13 +328,13 @@ class CylinderParts:
         return set(grown)
 
     def _claims_of(self, labels, parts, edges):
-        """Rows without region among `edges`, name -> rows, and the part that each lies on best."""
+        """Rows without region among `edges`, name -> rows in order, and the part that each lies on
+        best."""
         rows, names, shares = [np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)]
-        free = np.unique(np.concatenate(list(map(np.ravel, edges.values()))))
+        free = np.unique(np.concatenate(list(edges.values())))
         free = free[labels[free] < 0]
         points = self.index.points[free]
-        for name, edge in edges.items():
-            own = np.unique(edge)
+        for name, own in edges.items():
             some = np.searchsorted(free, own)
             some = some[np.append(free, -1)[some] == own]
             share = parts[name].shares(points[some])

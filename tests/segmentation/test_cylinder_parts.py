@@ -119,8 +119,9 @@ def test_cylinders_join_regions_and_take_in_points_without_one():
 def test_it_does_not_matter_how_many_regions_are_asked_for_at_once(monkeypatch):
     X, _ = floor_and_post()
     expected = grown(X)
-    for module, name in ((_cylinder_parts, "AT_ONCE"), (_parts, "PART"), (_narrow_faces, "ROWS")):
-        monkeypatch.setattr(module, name, 700 if name != "AT_ONCE" else 1)
+    sizes = (_cylinder_parts, "PART"), (_parts, "PART"), (_narrow_faces, "ROWS")
+    for module, name in ((_cylinder_parts, "AT_ONCE"), *sizes):
+        monkeypatch.setattr(module, name, 70 if name != "AT_ONCE" else 1)
         assert_array_equal(grown(X), expected)
 
 
