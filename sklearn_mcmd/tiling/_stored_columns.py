@@ -26,6 +26,7 @@ STARTS = "first_rows"  # the column of the first row of each cell
 # Held while headers of files are read: Python 3.11 may fail where threads parse literals at once.
 HEADERS = Lock()
 FEW = 2**15  # rows that come into memory at once
+HELD = 2**13  # rows whose pages stay in memory; opening for each border took half of the time again
 ALL = "all"  # stands for all cells, in the place of a cell's number
 
 
@@ -289,15 +290,20 @@ class Column:
 
 
 class OpenColumn(Column):
-    """A column that is opened once, for few rows at a time; what more of them bring into memory is
-    freed."""
+    """A column that stays open for some rows, then is opened anew: few pages stay in memory."""
 
-    @cached_property
-    def _mapped(self):
-        return np.asarray(mapped(self.path, "r"))
+    def __init__(self, path):
+        super().__init__(path)
+        self._held = None, 0  # the open file, and for how many rows it stays open
 
     def __getitem__(self, rows):
-        return self._mapped[rows] if np.size(rows) <= FEW else super().__getitem__(rows)
+        if isinstance(rows, slice) or rows.size > FEW:
+            return super().__getitem__(rows)
+        opened, left = self._held
+        if left <= 0:
+            opened, left = np.asarray(mapped(self.path, "r")), HELD
+        self._held = opened, left - rows.size
+        return opened[rows]
 
 
 class RevisedColumn(Column):

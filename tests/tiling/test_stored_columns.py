@@ -119,6 +119,22 @@ def test_what_a_disk_has_no_room_for_is_named(columns, work, name):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
+def test_a_column_that_is_open_is_opened_anew_after_some_rows(columns, monkeypatch):
+    monkeypatch.setattr(_stored_columns, "HELD", 25)
+    values, opened = np.random.default_rng(0).normal(size=100), []
+    columns.write(ALL, height=values)
+    column = StoredColumns(columns, 2).open_column("height")
+
+    def mapped(*given, mapped=_stored_columns.mapped):
+        opened.append(given)
+        return mapped(*given)
+
+    monkeypatch.setattr(_stored_columns, "mapped", mapped)
+    for rows in np.split(np.arange(100), 10):
+        assert_array_equal(column[rows], values[rows])
+    assert len(opened) == 4
+
+
 def test_numbers_that_a_cell_changes_come_out_bit_by_bit(columns):
     whole = StoredColumns(columns, 2)
     whole.make(normals=(float, 3), scale=float)
