@@ -26,7 +26,7 @@ STARTS = "first_rows"  # the column of the first row of each cell
 # Held while headers of files are read: Python 3.11 may fail where threads parse literals at once.
 HEADERS = Lock()
 FEW = 2**15  # rows that come into memory at once
-HELD = 2**13  # rows whose pages stay in memory; opening for each border took half of the time again
+HELD = 2**15  # rows whose pages stay in memory; opening for each border took half of the time again
 ALL = "all"  # stands for all cells, in the place of a cell's number
 
 
@@ -263,14 +263,18 @@ class Column:
                 return found.reshape(max(0, stop - start), *shape[1:])
             return self._of_rows(rows)
 
+    def _mapped(self):
+        offset, dtype, shape = self._known
+        return np.memmap(str(self.path), dtype, "r", offset, shape)
+
     def _of_rows(self, rows):
         """What it has of some rows, in pieces: the pages of one are free before the next."""
-        offset, dtype, shape = self._known
+        _, dtype, shape = self._known
         found, rows_of = np.empty((rows.size, *shape[1:]), dtype), rows.ravel()
         order = np.argsort(rows_of) if rows.size > FEW else np.arange(rows.size)
         for some in slices(len(order), FEW):
             piece = order[some]
-            found[piece] = np.memmap(str(self.path), dtype, "r", offset, shape)[rows_of[piece]]
+            found[piece] = self._mapped()[rows_of[piece]]
         return found.reshape(*rows.shape, *shape[1:])
 
     def __setitem__(self, rows, values):
@@ -301,7 +305,7 @@ class OpenColumn(Column):
             return super().__getitem__(rows)
         opened, left = self._held
         if left <= 0:
-            opened, left = np.asarray(mapped(self.path, "r")), HELD
+            opened, left = np.asarray(self._mapped()), HELD
         self._held = opened, left - rows.size
         return opened[rows]
 

@@ -125,11 +125,11 @@ def test_a_column_that_is_open_is_opened_anew_after_some_rows(columns, monkeypat
     columns.write(ALL, height=values)
     column = StoredColumns(columns, 2).open_column("height")
 
-    def mapped(*given, mapped=_stored_columns.mapped):
-        opened.append(given)
-        return mapped(*given)
+    def open_one(column, open_one=_stored_columns.Column._mapped):
+        opened.append(column)
+        return open_one(column)
 
-    monkeypatch.setattr(_stored_columns, "mapped", mapped)
+    monkeypatch.setattr(_stored_columns.Column, "_mapped", open_one)
     for rows in np.split(np.arange(100), 10):
         assert_array_equal(column[rows], values[rows])
     assert len(opened) == 4
