@@ -1,6 +1,7 @@
 """Edges of clouds larger than memory: in sweeps over cells, with the scores of memory."""
 
 import shutil
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -16,6 +17,7 @@ from sklearn_mcmd.edges._crease_distance import (
     spacing_steps,
 )
 from sklearn_mcmd.edges._detector import (
+    TOO_MANY,
     crease_width,
     least_of_edge,
     steps_of,
@@ -106,7 +108,9 @@ class TiledEdges(TiledVerb):
         """Find which points the detector leaves; returns the `Constants` of these."""
         scored, job = _scored(run), OutlierJob.of(run, self.detector)
         scored.folder.mkdir(exist_ok=True)
-        with sweeps.part("outliers", "outliers"):
+        with sweeps.part("outliers", "outliers"), warnings.catch_warnings():
+            if self.estimator.outlier_detector is None:  # as in memory: nobody gave its number
+                warnings.filterwarnings("ignore", TOO_MANY)
             inner, cutoff = run.sweeps(outlier_steps(self.detector)), cutoff_of(self.detector)
             cutoff = judge_cells(replace(job, found=scored.folder), inner, cutoff, run.memory)
         parts = scores_of(scored, run.cells)

@@ -237,6 +237,16 @@ def test_clouds_of_few_places_have_the_results_of_memory(verb, by_tiles, tmp_pat
         assert_equal_by_tiles(by_tiles, path, VERBS[verb], tile_size=200)
 
 
+def test_edges_of_few_points_warn_of_what_was_asked_for_alone_as_in_memory(tmp_path):
+    X = np.random.default_rng(0).uniform(size=(5, 3)).round(3)
+    path, detector = written(tmp_path, X), SharpFeatureDetector(random_state=0)
+    with pytest.warns(UserWarning, match="n_neighbors=40 is more than the number") as in_memory:
+        detector.fit(X)
+    with pytest.warns(UserWarning, match="n_neighbors=40 is more than the number") as by_tiles:
+        process_files(path, tmp_path / "b.las", detector)
+    assert len(in_memory) == len(by_tiles) == 1
+
+
 def test_clouds_of_which_hardly_anything_is_kept_are_refused_as_in_memory(tmp_path):
     path = written(tmp_path, street_with_tree(1_500))
     cleaner = MCMDOutlierDetector(16, strictness="surfaces", cutoff=1e-9)
