@@ -25,8 +25,9 @@ MOST_PLACES = 2**31 - 1  # rows are numbers of 32 bits
 STARTS = "first_rows"  # the column of the first row of each cell
 # Held while headers of files are read: Python 3.11 may fail where threads parse literals at once.
 HEADERS = Lock()
-FEW = 2**15  # rows that come into memory at once
-HELD = 2**15  # rows whose pages stay in memory; opening for each border took half of the time again
+# Rows whose pages are in memory at once. Opening columns for each border that votes took half as
+# long again.
+FEW = 2**15
 ALL = "all"  # stands for all cells, in the place of a cell's number
 
 
@@ -305,7 +306,7 @@ class OpenColumn(Column):
             return super().__getitem__(rows)
         opened, left = self._held
         if left <= 0:
-            opened, left = np.asarray(self._mapped()), HELD
+            opened, left = np.asarray(self._mapped()), FEW
         self._held = opened, left - rows.size
         return opened[rows]
 

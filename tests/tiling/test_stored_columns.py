@@ -120,7 +120,7 @@ def test_what_a_disk_has_no_room_for_is_named(columns, work, name):
 
 
 def test_a_column_that_is_open_is_opened_anew_after_some_rows(columns, monkeypatch):
-    monkeypatch.setattr(_stored_columns, "HELD", 25)
+    monkeypatch.setattr(_stored_columns, "FEW", 25)
     values, opened = np.random.default_rng(0).normal(size=100), []
     columns.write(ALL, height=values)
     column = StoredColumns(columns, 2).open_column("height")
