@@ -16,13 +16,7 @@ from sklearn_mcmd.outliers._off_surface import (
     mean_distance,
 )
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
-from sklearn_mcmd.outliers._surfaces import (
-    SurfaceLimits,
-    are_usable,
-    find_surfaces,
-    least_surface,
-    own_distances,
-)
+from sklearn_mcmd.outliers._surfaces import are_usable, find_surfaces, least_surface, own_distances
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._record import Planes
@@ -261,8 +255,8 @@ class JudgedCloud:
         least, usable = least_surface(index.n_neighbors, n), are_usable(planes, distances)
         free = usable
         if self.origins is not None:
-            given = self.planes, usable, SurfaceLimits(), self.n_jobs
-            self.rays, free, ends = RayEvidence.of(index, self.origins, *given)
+            given = self.origins, self.planes, usable, self.n_jobs
+            self.rays, free, ends = RayEvidence.of(index, *given)
         with progress_part(0.0, 0.6):
             self.explaining = find_surfaces(index, planes, free, least)
         if self.rays is not None:

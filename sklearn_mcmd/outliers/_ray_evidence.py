@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import are_flat, known_at, ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._nearest import NearestPoints
@@ -26,21 +27,21 @@ class RestByRays(NamedTuple):
 class RayEvidence:
     """The `Rays` to the n points of a cloud, and the planes that contain them.
 
-    Where `approximate`, as by `one_far_position`, no plane does. `limits` are those of surfaces.
+    Where `approximate`, as by `one_far_position`, no plane does.
     `scatter` (n,) is as by `Rays.scatter`. Points `on_sheet`, bool (n,), have planes that contain
     the rays to them and do not go on, which are part of no surface. `judge` finds the `rest`.
     """
 
-    def __init__(self, rays, limits, approximate, n_jobs, scatter=None, on_sheet=None):
-        self.rays, self.limits, self.approximate, self.n_jobs = rays, limits, approximate, n_jobs
+    def __init__(self, rays, approximate, n_jobs, scatter=None, on_sheet=None):
+        self.rays, self.approximate, self.n_jobs = rays, approximate, n_jobs
         self.scatter, self.on_sheet, self.rest = scatter, on_sheet, None
 
     @classmethod
-    def of(cls, index, origins, planes, usable, limits, n_jobs):
+    def of(cls, index, origins, planes, usable, n_jobs):
         """Of an index, whose points were measured from `origins` (n, d), and have `planes`, which
         are `usable`, bool (n,); and which of them `end` finds free, and ending."""
         rays, n = Rays.of(index.points, origins, RayLimits(), n_jobs), len(index.points)
-        self = cls(rays, limits, one_far_position(index.points, origins), n_jobs)
+        self = cls(rays, one_far_position(index.points, origins), n_jobs)
         known = {name: np.empty(n, dtype) for name, dtype in FOUND.items()} | {"usable": usable}
         for ask in ASKS:
 
@@ -60,13 +61,13 @@ class RayEvidence:
         """Which flat planes contain the rays to their points, and which others face the sensor."""
         scatter = self.rays.scatter(index, rows, known["left"], known["alone"])
         contain = (scatter > ExplainLimits().explained) & (not self.approximate)
-        flat = are_flat(planes.take(rows), self.limits.flat)
+        flat = are_flat(planes.take(rows), SurfaceLimits().flat)
         return {"scatter": scatter, "grazed": flat & contain, "faces": flat & ~contain}
 
     def go_on(self, rows, index, planes, known):
         """As `Rays.going_on`, of the grazed planes."""
         own, going_on = np.flatnonzero(known["grazed"][rows]), np.zeros(rows.stop - rows.start)
-        given = planes, known["faces"], self.limits.angle
+        given = planes, known["faces"], SurfaceLimits().angle
         going_on[own] = self.rays.going_on(rows.start + own, *given)
         return {"going_on": going_on}
 
@@ -140,7 +141,7 @@ class RayEvidence:
             around = _around(own_empty.take(some), own_apart[some], empty, apart, near[:, 1:])
             found[some] = self._isolation(isolation[some], *around, step[some])
 
-        others.visit(points, self.limits.n_links + 1, judge, self.n_jobs)
+        others.visit(points, SurfaceLimits().n_links + 1, judge, self.n_jobs)
         separation[stand_off] = separation_of(separation[stand_off], together, step[stand_off])
         return found, separation
 
@@ -151,7 +152,7 @@ class RayEvidence:
         witnesses, strange = self.rays.new_witnesses(queries, around.indices[:, 0])
         empty, beside = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
         apart = in_steps(isolation, spacing, witnesses.step)
-        near = self.rest.others.query(queries, self.limits.n_links, self.n_jobs)[1]
+        near = self.rest.others.query(queries, SurfaceLimits().n_links, self.n_jobs)[1]
         with_others = _around(empty, apart, self.rest.empty, self.rest.apart, near)
         isolation = doubt * self._isolation(isolation, *with_others, witnesses.step)
         alone = separation_of(separation, beside.together(), witnesses.step)

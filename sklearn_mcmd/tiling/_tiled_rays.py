@@ -10,7 +10,6 @@ import numpy as np
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._validation import check_sensor_origin, is_auto
 from sklearn_mcmd.outliers._ray_evidence import ASKS, FOUND, RayEvidence
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import at_ranks
 from sklearn_mcmd.runtime._chunks import each_slice, slices
 from sklearn_mcmd.sensors._rays import (
@@ -80,7 +79,7 @@ def stored_evidence(job):
         beam_of=whole.open("beam_of"),
     )
     found = {name: whole.open(name) for name in ("scatter", "on_sheet") if whole.has(name)}
-    return RayEvidence(rays, SurfaceLimits(), known["approximate"], job.n_threads, **found)
+    return RayEvidence(rays, known["approximate"], job.n_threads, **found)
 
 
 def origins_of(points, detector, stored=None, rows=None):
