@@ -35,7 +35,7 @@ COSTS = {
     "heights": Costs(tile=450, stored=178, cloud=450, whole=4, does="joins the groups of"),
     "edges": Costs(tile=750, stored=172, cloud=1100, whole=4, does="joins the groups of"),
     "tree": Costs(tile=650, stored=205, cloud=850, whole=200, does="holds the tree of"),
-    "regions": Costs(tile=650, stored=177, cloud=720, whole=4, does="joins the regions of"),
+    "regions": Costs(tile=650, stored=177, cloud=720, whole=8, does="joins the regions of"),
     # Beside these: numbers of neighbors are found, rays are followed, each point has a position.
     "auto": Costs(tile=1300, stored=300, cloud=750),
     "rays": Costs(stored=130, cloud=650),

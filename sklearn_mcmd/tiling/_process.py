@@ -76,7 +76,7 @@ def process_files(
         - :class:`~sklearn_mcmd.MCMDOutlierDetector` removes outliers, or marks them: see `mode`;
         - :class:`~sklearn_mcmd.RobustNormalEstimator` adds normals and what else it finds;
         - :class:`~sklearn_mcmd.RegionGrowing` adds an attribute ``region``. It takes
-          ``normals="estimate"``. One process joins regions, with 4 bytes a point of the whole
+          ``normals="estimate"``. One process joins regions, with 8 bytes a point of the whole
           cloud, and up to 130 for the table `regions`;
         - :class:`~sklearn_mcmd.SharpFeatureDetector` adds ``edge``, 1 or 0, and ``edge_score``: the
           distance to the nearest crease in spacings, or the value of another criterion. It takes

@@ -49,12 +49,12 @@ def test_all_processes_together_stay_within_the_memory(n_jobs, memory):
 
 
 def test_regions_of_many_points_need_memory_however_small_tiles_are():
-    with pytest.raises(ValueError, match=r"at least 880MB .*regions of all 100,000,000 points"):
-        plan_run(10**8, 8.7e8, 4, work="regions")
+    with pytest.raises(ValueError, match=r"at least 1280MB .*regions of all 100,000,000 points"):
+        plan_run(10**8, 1.27e9, 4, work="regions")
     plan = plan_run(10**8, 4e9, 2, work="regions")
     assert plan.n_workers == 2
     assert plan.memory <= 4e9
-    assert plan_run(10**8, 1.2e9, 2, work="regions").n_workers == 1
+    assert plan_run(10**8, 1.6e9, 2, work="regions").n_workers == 1
 
 
 def test_a_table_of_regions_needs_memory_for_each_point(tmp_path):
