@@ -218,8 +218,8 @@ class CreaseColumns(dict):
 
     def __missing__(self, name):
         whole, rows = self._whole, self._rows
-        found = self[name] = whole.open(name) if rows is None else whole.rows_of(name, rows)
-        return found
+        found = whole.open(name) if rows is None else whole.rows_of(name, rows)
+        return self.setdefault(name, found)  # of threads that ask at once all fill the same array
 
 
 def _find_distances(sweeps, job, whole, all_cells):

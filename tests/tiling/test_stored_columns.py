@@ -2,6 +2,7 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.tiling import TilingError, _stored_columns, process_files
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
+from sklearn_mcmd.tiling._tiled_edges import CreaseColumns
 from tiled import ESTIMATOR
 
 
@@ -69,6 +71,22 @@ def test_threads_read_the_headers_of_files_one_by_one(columns, monkeypatch):
         found = list(pool.map(lambda _: columns.read(0, "seen"), range(50)))
     assert_array_equal(found, [np.arange(3)] * 50)
     assert max(most) == 1
+
+
+def test_threads_that_ask_for_a_column_at_once_fill_the_same_array(columns, monkeypatch):
+    """Else what one of them fills is lost."""
+    both, whole = Barrier(2), StoredColumns(columns, 2)
+    whole.make(crease=float)
+    own = CreaseColumns(whole, slice(0, 5))
+
+    def rows_of(whole, name, rows, rows_of=StoredColumns.rows_of):
+        both.wait(10)
+        return rows_of(whole, name, rows)
+
+    monkeypatch.setattr(StoredColumns, "rows_of", rows_of)
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(own.__getitem__, ["crease"] * 2)
+    assert first is second
 
 
 @pytest.mark.parametrize("opened", [StoredColumns.column, StoredColumns.open_column])
