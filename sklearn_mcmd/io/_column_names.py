@@ -74,10 +74,13 @@ def _of_axis(plain, axis):
 
 def _plain(name):
     """The words of a name in lower case, without accents, units and the like."""
-    letters = unicodedata.normalize("NFKD", name.lower())
-    bare = "".join(letter for letter in letters if not unicodedata.combining(letter))
-    words = re.findall(r"[^\W\d_]+|\d+", bare)
+    words = re.findall(r"[^\W\d_]+|\d+", without_accents(name.lower()))
     return " ".join(word for word in words if word not in BESIDE)
+
+
+def without_accents(text):
+    letters = unicodedata.normalize("NFKD", text)
+    return "".join(letter for letter in letters if not unicodedata.combining(letter))
 
 
 def _position(names, which):

@@ -170,8 +170,9 @@ def write_points(
     UserWarning
         If an attribute, or the grid of an organized cloud, cannot be kept, or not exactly. E57
         holds finite intensity of single precision and colors of 8 bits only, PTS intensity and such
-        colors, XYZN normals, and XYZRGB colors. In LAS, a value that does not fit the dimension of
-        its name goes to an extra dimension ``<name>_value``.
+        colors, XYZN normals, and XYZRGB colors. PLY and PCD spell names in ASCII without blanks. In
+        LAS, a value that does not fit the dimension of its name goes to an extra dimension
+        ``<name>_value``.
 
     See Also
     --------

@@ -9,6 +9,7 @@ import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._arrays import cloud_from_records
+from sklearn_mcmd.io._column_names import without_accents
 from sklearn_mcmd.io._point_cloud import (
     CELL,
     COLORS,
@@ -69,7 +70,7 @@ def write_ply(path, cloud):
     plyfile = import_extra("plyfile", "formats", "PLY")
     columns = _renamed(_columns(cloud), {ours: theirs for theirs, ours in PLY_NORMALS.items()})
     columns = {n: fit_dtype(n, v, PLY_DTYPES, "PLY") for n, v in columns.items()}
-    columns = {**_axes(cloud.xyz), **columns}
+    columns = _spelled({**_axes(cloud.xyz), **columns}, "!-~", "PLY")
     records = np.rec.fromarrays([*columns.values()], names=[*columns])
     comments = list(cloud.metadata.get("ply_comments", []))
     if cloud.metadata.get("denoised") and DENOISED not in comments:
@@ -114,11 +115,9 @@ def write_pcd(path, cloud):
     if all(c in columns and columns[c].dtype == np.uint8 for c in COLORS):
         red, green, blue = (columns.pop(c).astype(np.uint32) for c in COLORS)
         columns["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
-    for name in columns:
-        if not re.fullmatch(r"[A-Za-z0-9_.\-]+", name):
-            raise PointFileError(f"{name!r} cannot be stored in PCD: use letters, digits, '_'")
     columns = {n: fit_dtype(n, v, PCD_DTYPES, "PCD") for n, v in columns.items()}
-    columns, cells = {**_axes(cloud.xyz), **columns}, cells_of(cloud)
+    columns = _spelled({**_axes(cloud.xyz), **columns}, r"A-Za-z0-9_.\-", "PCD")
+    cells = cells_of(cloud)
     if cells is not None:
         columns = {name: values for name, values in columns.items() if name not in CELL}
         for name, values in columns.items():  # NaN, or 0 of integers, where there is no point
@@ -201,6 +200,22 @@ def _columns(cloud):
         if colors.dtype == np.uint16 and made_of_bytes(colors):
             columns |= zip(COLORS, (colors >> 8).astype(np.uint8), strict=True)
     return columns
+
+
+def _spelled(columns, characters, format_name):
+    """The columns under names of the characters that a format holds, with a warning of new ones."""
+    names = {}
+    for name in columns:
+        spelled = name
+        if not re.fullmatch(f"[{characters}]+", name):
+            spelled = re.sub(f"[^{characters}]+", "_", without_accents(name)).strip("_")
+            spelled = spelled or "attribute"
+            while spelled in [*columns, *names.values()]:
+                spelled += "_"
+        names[name] = spelled
+    if changed := ", ".join(f"{old!r} as {new}" for old, new in names.items() if old != new):
+        warn_caller(f"names in {format_name} are ASCII without blanks; written: {changed}")
+    return {names[name]: values for name, values in columns.items()}
 
 
 def _renamed(attributes, names):

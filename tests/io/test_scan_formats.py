@@ -46,6 +46,31 @@ def test_ply_keeps_comments_and_calls_normals_as_viewers_do(tmp_path, cloud):
     assert read_points(tmp_path / "a.ply").metadata["ply_comments"] == ["scanned in spring"]
 
 
+@pytest.mark.parametrize("extension", [".ply", ".pcd"])
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [("Intensität", "Intensitat"), ("Point ID", "Point_ID"), ("强度", "attribute"), ("ÿ", "y_")],
+)
+def test_names_that_are_not_ascii_are_spelled_so_with_a_warning(tmp_path, extension, name, written):
+    cloud = PointCloud(np.eye(3), {name: np.arange(3), "a-b.c": np.ones(3)})
+    with pytest.warns(UserWarning, match=f"ASCII without blanks; written: '{name}' as {written}$"):
+        write_points(tmp_path / f"a{extension}", cloud)
+    back = read_points(tmp_path / f"a{extension}")
+    assert list(back.attributes) == [written, "a-b.c"]
+    assert_array_equal(back.attributes[written], np.arange(3))
+
+
+@pytest.mark.parametrize("extension", [".ply", ".pcd"])
+def test_names_that_would_become_one_stay_apart(tmp_path, extension):
+    names = ["a b", "Höhe", "Hohe", "a_b", "a  b"]
+    with pytest.warns(UserWarning, match="'a b' as a_b_, 'Höhe' as Hohe_, 'a  b' as a_b__$"):
+        write_points(
+            tmp_path / f"a{extension}", PointCloud(np.eye(3), dict.fromkeys(names, [0] * 3))
+        )
+    back = read_points(tmp_path / f"a{extension}").attributes
+    assert list(back) == ["a_b_", "Hohe_", "Hohe", "a_b", "a_b__"]
+
+
 def test_ply_faces_are_dropped(tmp_path):
     text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
     text += "property float z\nproperty uchar quality\nelement face 1\n"
