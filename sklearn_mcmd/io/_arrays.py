@@ -9,32 +9,45 @@ import numpy as np
 
 from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room, with_cells
+from sklearn_mcmd.io._unnamed import check_first_columns, check_turned
 
 LONGEST_HEADER = 2**14  # bytes of an array; NumPy reads none of more than 10,000 characters
 MOST_DEFLATED = 1032  # bytes from one byte of a ZIP
 
 
 def read_npy(path, columns=None):
-    """Read a table of shape (n, >=3), an organized one (rows, columns, 3), or fields x, y, z."""
+    """Read a table (n, >=3), an organized one (rows, columns, >=3), or fields x, y, z."""
     _check_start(path, b"\x93NUMPY", "NPY")
     with open(path, "rb") as file:
         _check_array(file, path.stat().st_size, "its numbers")
     array = np.load(path, allow_pickle=False)
-    shape, named = array.shape[:2], array.dtype.names is not None
-    if (array.ndim == 2 and named) or (array.ndim == 3 and array.shape[2] == 3):
-        array = array.reshape(-1, *array.shape[2:])
-    if named:
-        return with_cells(cloud_from_records(array, columns), shape)
+    shape = array.shape[:2]
+    if array.dtype.names is not None:
+        records = array.reshape(-1) if array.ndim == 2 else array
+        return with_cells(cloud_from_records(records, columns), shape)
+    cloud = PointCloud(*_columns(array, columns))
+    if columns is None and array.ndim == 2:
+        check_first_columns(array, "row 0")
+    return with_cells(cloud, shape)
+
+
+def _columns(array, columns=None):
+    """Coordinates of a table (n, >= 3) or (rows, columns, >= 3), and its other columns by names."""
+    shape = array.shape
+    # The last axis of a grid has x, y, z and little else: it is the shortest, if it is not clear.
+    if array.ndim == 3 and (3 <= shape[2] <= 4 or 3 < shape[2] < min(shape[:2])):
+        array = array.reshape(-1, shape[2])
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "biuf":
         raise PointFileError(
-            f"holds dtype {array.dtype} of shape {array.shape}; numbers of shape (n, 3) or more "
-            "columns, or (rows, columns, 3), or a structured array with x, y, z are needed"
+            f"holds dtype {array.dtype} of shape {shape}; numbers of shape (n, 3) or (rows, "
+            "columns, 3), or more at the end, or a structured array with x, y, z are needed"
         )
+    check_turned(*array.shape)
     names = [f"column_{i}" for i in range(1, array.shape[1] + 1)]
     axes = coordinate_columns(names, columns) if columns else [0, 1, 2]
     others = {name: array[:, i].copy() for i, name in enumerate(names) if i not in axes}
     xyz = array[:, axes] if columns else array[:, :3]  # without a copy, where it can be
-    return with_cells(PointCloud(np.ascontiguousarray(xyz, dtype=np.float64), others), shape)
+    return np.ascontiguousarray(xyz, dtype=np.float64), others
 
 
 def read_npz(path):
@@ -58,13 +71,16 @@ def read_npz(path):
     elif tables:
         xyz = arrays.pop(tables[0])
     else:
+        for table in (a for a in arrays.values() if a.ndim == 2):
+            check_turned(*table.shape)
         found = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
         raise PointFileError(f"needs an array xyz of shape (n, 3), or x, y, z; it holds {found}")
     shape = xyz.shape[:2]
-    if xyz.ndim == 3:  # organized, and others of its shape with it
-        grids = {name: a for name, a in (arrays | {"xyz": xyz}).items() if a.shape[:2] == shape}
+    is_grid, (xyz, columns) = xyz.ndim == 3, _columns(xyz)
+    if is_grid:  # others of its shape with it
+        grids = {name: a for name, a in arrays.items() if a.shape[:2] == shape}
         arrays |= {name: a.reshape(-1, *a.shape[2:]) for name, a in grids.items()}
-        xyz = arrays.pop("xyz")
+    arrays = columns | arrays
     per_point = {name: a for name, a in arrays.items() if a.ndim in (1, 2) and len(a) == len(xyz)}
     others = {name: a for name, a in arrays.items() if name not in per_point}
     return with_cells(PointCloud(xyz, per_point, {"npz_arrays": others} if others else {}), shape)

@@ -15,6 +15,8 @@ AXES = {  # without accents; English, German, French, Spanish and Italian
 }
 # Names of other columns, which tell that a comment names columns, too.
 OTHERS = {"longitude", "lon", "latitude", "lat", "time", "range", "azimuth", "intensity"}
+# Words of sentences, which name no columns.
+SPEECH = "and at by for from in is of on the to with und aus der die das von mit et de par por con"
 # Words beside the axis: "X[m]", "x_ft", "POINT_X", "utm_x", "X coordinate".
 BESIDE = {"m", "mm", "cm", "km", "ft", "feet", "usft", "meter", "meters", "metre", "metres"}
 BESIDE |= {"coord", "coordinate", "point", "pos", "position", "utm"}
@@ -62,8 +64,15 @@ def are_names(fields, told=()):
     plain = [_plain(field) for field in fields]
     found = [{plain[i] for i in _of_axis(plain, axis)} for axis in "xyz"]
     letters = sum(max(map(len, names), default=0) == 1 for names in found)
-    known = sum(map(bool, found)) - (letters == 1) + len(OTHERS.intersection(plain))
+    words = " ".join(plain).split()
+    known = sum(map(bool, found)) - (letters == 1) + len(OTHERS.intersection(words))
     return known + len(set(told).intersection(fields)) >= 2
+
+
+def no_sentence(words):
+    """Whether words may be names: each is there once and has a letter, none is of a sentence."""
+    plain = {w.lower() for w in words if re.match(r"\W*[^\W\d].*(?<![.:!?])$", w)}
+    return len(plain) == len(words) and plain.isdisjoint(SPEECH.split())
 
 
 def _of_axis(plain, axis):

@@ -42,8 +42,9 @@ def read_points(
     ------
     PointFileError
         With a message of one line, if the file is missing, empty, damaged or of another format, if
-        it holds no points, if no column is known as x, y or z or several may be one, if a
-        coordinate is no number, or if an optional library is not installed.
+        it holds no points, if no column is known as x, y or z or several may be one, if the first
+        of a table without names seems to number or time its points, if a coordinate is no number,
+        or if an optional library is not installed.
 
     Warns
     -----
@@ -65,20 +66,14 @@ def read_points(
     scanners write for rays without a return: all of PTX, of other formats if there are more than 8,
     and more than rows with two coordinates 0. In E57 they are where the scanner stood.
 
-    Whitespace, commas, semicolons or tabs may separate text, which is UTF-8, UTF-16 with a mark, or
-    Latin-1. A header has no number among its first three fields. Titles above it and units below it
-    are no rows. Without a header, coordinates are the first three columns. A comment is a header if
-    it has a field for each column, and two of them are names as people give them, or none is a
-    number and commas without blanks are between them. Between semicolons or tabs, the first number
-    with a comma or point tells which of them is decimal, of coordinates apart from others;
-    elsewhere points are. Empty cells, NA, N/A, NULL and None are NaN; in coordinates they are an
-    error. Columns of other words are left out. Integers in all rows are exact up to 64 bits.
+    Text is read :ref:`however it is laid out <text_files>`. Without names of columns, coordinates
+    are the first three. Integers in all rows are exact up to 64 bits.
 
     A count of points may stand above the rows, as in PTS, and other scans may follow. PTS has an
     ``intensity`` after x, y, z, or colors, or both: of Leica from -2048 to 2047, as in the file.
     XYZN has normals, XYZRGB colors, which are from 0 to 1 unless one is larger.
 
-    NPY holds a table (n, >= 3), an organized one (rows, columns, 3), or a structured array of
+    NPY holds a table (n, >= 3), an organized one (rows, columns, >= 3), or a structured array of
     either shape. NPZ holds an array ``xyz``, or ``x``, ``y``, ``z``, organized or not; else its
     first array of shape (n, 3) is taken. Arrays of NPZ of another length (for example an ``offset``
     of length 3) are not applied to the coordinates: they stay in ``metadata["npz_arrays"]``.

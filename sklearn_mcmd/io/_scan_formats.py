@@ -206,13 +206,10 @@ def _spelled(columns, characters, format_name):
     """The columns under names of the characters that a format holds, with a warning of new ones."""
     names = {}
     for name in columns:
-        spelled = name
-        if not re.fullmatch(f"[{characters}]+", name):
-            spelled = re.sub(f"[^{characters}]+", "_", without_accents(name)).strip("_")
-            spelled = spelled or "attribute"
-            while spelled in [*columns, *names.values()]:
-                spelled += "_"
-        names[name] = spelled
+        bare = re.sub(f"[^{characters}]+", "_", without_accents(name))
+        names[name] = bare if bare == name or bare.strip("_") else "attribute"
+        while names[name] != name and names[name] in [*columns, *[*names.values()][:-1]]:
+            names[name] += "_"
     if changed := ", ".join(f"{old!r} as {new}" for old, new in names.items() if old != new):
         warn_caller(f"names in {format_name} are ASCII without blanks; written: {changed}")
     return {names[name]: values for name, values in columns.items()}

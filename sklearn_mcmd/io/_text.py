@@ -12,7 +12,7 @@ from itertools import chain, islice
 import numpy as np
 
 from sklearn_mcmd._errors import counted, warn_caller
-from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns
+from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns, no_sentence
 from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
@@ -22,12 +22,16 @@ from sklearn_mcmd.io._point_cloud import (
     fit_dtype,
     flat_columns,
 )
+from sklearn_mcmd.io._unnamed import check_first_columns, naming_columns
 
 NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # dtypes written
 LAYOUT = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
 COMMENTS = ("#", "//")  # begin a line that is no row
 ROWS_A_TIME = 100_000  # that are read and written at once
 LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
+GROUPS = re.compile(r"[+-]?\d{1,3}(?: \d{3})*")  # thousands apart, as it may be
+TWICE = re.compile(r"[+-]?\d+,0\d+(,[+-]?\d+,\d+){2,}\s*")  # decimals, which begin with zeros
+COMMAS = "decimal commas: write points, and no commas between thousands"
 IN_DOUBT = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # thousands, or three decimals
 LONGEST, MOST_HEADERS = 1_000_000, 10  # characters of a line, and lines before the first row
 COLUMNS = {  # what rows may have; the first that a cloud has is written
@@ -42,6 +46,8 @@ def read_text(path, columns=None):
     with _opened(path) as file:
         table = _begin(file, columns, path.suffix.lower())
         table.read(chain([table.head.line], file))
+    if table.head.names is None and columns is None:
+        check_first_columns(table.parts[0], f"line {table.head.number}")
     left_out = [
         f"{table.names[j]} (line {number}: {_decoded(value)[:40]!r})"
         for j, (number, value) in table.words.items()
@@ -133,7 +139,8 @@ class _Head:
     positions: list  # of x, y, z
     names: list | None = None  # fields of the header that has these
     headers: list = field(default_factory=list)  # fields of each line that is no row
-    comments: list = field(default_factory=list)  # fields of each comment that may name columns
+    comments: list = field(default_factory=list)  # fields of each comment that names columns
+    last: str = ""  # comment, which may name them, too
     counts: list = field(default_factory=list)  # of points of each scan, empty if not given
     counted_at: int = 0  # number of the last count's line
     delimiter: str | None = None  # None is whitespace
@@ -178,7 +185,7 @@ def _head(file, columns):
             raise PointFileError("is not a text file")
         text = line.strip()
         if text.startswith(COMMENTS):
-            text = text.lstrip("#/ ")
+            text = head.last = text.lstrip("#/ ")
             names = _fields(text)
             # Fields between commas, without blanks or numbers, are names even if none is known.
             between = " " not in text and _delimiter(text) and not any(map(_is_value, names))
@@ -201,21 +208,24 @@ def _begin(file, columns, extension):
         for some in reversed(named):
             with suppress(PointFileError):
                 known = coordinate_columns(some, columns) and some
+        words = _fields(head.last, head.delimiter)
+        if known is None and len(words) in widths - {3} and no_sentence(words):
+            known = words
     if known is not None:
         if known[-1] == "" and len(known) == len(fields) + 1:
             known = known[:-1]
         if fields[-1] == "" and len(fields) == len(known) + 1:
             known = [*known, ""]
         if len(fields) != len(known):
-            raise PointFileError(
-                f"header has {len(known)} columns, line {head.number} has {len(fields)}"
-            )
+            words = f"header has {len(known)} columns, line {head.number} has {len(fields)}"
+            raise PointFileError(words + _more(fields, head.delimiter, len(known)))
     n = len(fields) - 3  # after x, y, z, which the format names where the file has no header
     own = next((names for names in COLUMNS.get(extension, ()) if len(names) == n), [""] * n)
     names = known or ["", "", "", *own]
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if known is not None or columns:
         head.positions = coordinate_columns(names, columns)
+    head.names = known
     table = _Table(head, fields, names)
     table.find_decimals(fields, head.line, head.number)
     return table
@@ -236,7 +246,7 @@ class _Table:
         self.at = self.head.number  # of the next line
         self.delimiter, self.positions = self.head.delimiter, self.head.positions
         # Whether commas are decimal, of coordinates and of others: None until a number tells.
-        self.comma = self.others = None if self.delimiter in (";", "\t") else False
+        self.comma = self.others = False if self.delimiter == "," else None
 
     def read(self, lines):
         """Read all rows. Where the file tells how many, other scans may follow with their own."""
@@ -260,6 +270,9 @@ class _Table:
 
     def _part(self, part):
         """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""
+        if self.delimiter == "," and self.head.names is None:
+            for number in (n for n, line in enumerate(part, self.at) if TWICE.fullmatch(line)):
+                raise PointFileError(f"line {number} has {COMMAS}")
         comma = self.others if self.comma is None else self.comma
         if self.others is not comma:
             return self._slow(part)
@@ -300,7 +313,7 @@ class _Table:
             if len(fields) != width:
                 told = f"; {self._promise()}" if self.head.counts else ""
                 words = f"line {at} has {len(fields)} columns, line {self.head.number} has {width}"
-                raise PointFileError(words + told)
+                raise PointFileError(words + told + _more(fields, self.delimiter, width))
             self.find_decimals(fields, line, at)
             rows.append(fields)
             numbers.append(at)
@@ -332,19 +345,24 @@ class _Table:
             self.others = _decimal(others + own, line, number)
 
     def _coordinate(self, cell, number):
-        value, remedy = number_of(cell, self.comma), ""
+        value, words = number_of(cell, self.comma), f"line {number}: {_decoded(cell)[:40]!r}"
         if value is not None and cell.lower() not in MISSING:
             return value
+        words += " is not a number"
+        likely = [
+            j for j, one in enumerate(self.fields, 1) if number_of(one, self.comma) is not None
+        ]
         if value is not None:
-            remedy = "; write nan for a point that has no coordinates"
-        elif self.delimiter in (";", "\t"):
+            words += "; write nan for a point that has no coordinates"
+        elif self.head.names is None and number == self.head.number and len(likely) >= 3:
+            error = naming_columns(likely)
+            raise PointFileError(f"{words}: {error}") from error
+        elif self.delimiter != ",":
             if number_of(cell, not self.comma) is not None:
-                remedy = f" with a decimal {'comma' if self.comma else 'point'}, as those above"
+                words += f" with a decimal {'comma' if self.comma else 'point'}, as those above"
         elif re.fullmatch(r"[+-]?\d*,\d+|\d+\s+[+-]?\d+", cell):
-            raise PointFileError(
-                f"line {number} has decimal commas: write points, and no commas between thousands"
-            )
-        raise PointFileError(f"line {number}: {_decoded(cell)[:40]!r} is not a number{remedy}")
+            words = f"line {number} has {COMMAS}"
+        raise PointFileError(words)
 
 
 def _decimal(cells, line, number):
@@ -359,6 +377,12 @@ def _decimal(cells, line, number):
                 )
             return points is None
     return None
+
+
+def _more(fields, delimiter, width):
+    """What to say of a row of more columns, which may have decimals in columns of their own."""
+    whole = all(cell.lstrip("+-").isdecimal() for cell in fields)
+    return f": or are there {COMMAS}" * (delimiter == "," and whole and len(fields) > width)
 
 
 def _filled(cell):
@@ -382,7 +406,11 @@ def _delimiter(line):
     cells = bare.split("\t")[:3]
     if len(cells) == 3 and all(cell.strip() and not LIST.search(cell) for cell in cells):
         return "\t"
-    return "," if "," in bare else None
+    if "," not in bare or LIST.search(bare) or all(map(GROUPS.fullmatch, bare.strip().split(","))):
+        return "," if "," in bare else None
+    # Each comma is within a number between blanks: a decimal one, or of thousands before a point.
+    words = [c for c in bare.split() if {number_of(c), number_of(c, comma=True)} == {None}]
+    return "," if any("," in word for word in words) or len(bare.split()) < 3 + len(words) else None
 
 
 def _row(line, delimiter, width):

@@ -98,11 +98,49 @@ def test_organized_arrays_are_read_row_by_row(tmp_path, arrays, has_range):
         assert_array_equal(turned.xyz, cloud.xyz[:, ::-1])
 
 
-@pytest.mark.parametrize("shape", [(4, 5, 4), (3, 4, 5), (2, 4, 5, 3), (4, 5, 2)])
+@pytest.mark.parametrize("n_columns", [4, 6])
+@pytest.mark.parametrize("extension", [".npy", ".npz"])
+def test_organized_arrays_keep_what_follows_x_y_z(tmp_path, extension, n_columns):
+    path, grid = tmp_path / f"a{extension}", np.random.default_rng(1).random((7, 8, n_columns))
+    np.save(path, grid) if extension == ".npy" else np.savez(path, xyz=grid, range=grid[..., 0])
+    cloud = read_points(path)
+    assert_array_equal(cloud.xyz, grid[..., :3].reshape(-1, 3))
+    for i in range(4, n_columns + 1):
+        assert_array_equal(cloud.attributes[f"column_{i}"], grid[..., i - 1].ravel())
+    assert cloud.metadata["grid_shape"] == (7, 8)
+
+
+@pytest.mark.parametrize("shape", [(3, 4, 5), (2, 4, 5, 3), (4, 5, 2), (3, 40, 50)])
 def test_arrays_whose_axes_are_not_clear_are_refused(tmp_path, shape):
     np.save(tmp_path / "a.npy", np.zeros(shape))
     with pytest.raises(PointFileError, match=r"or \(rows, columns, 3\), .* are needed"):
         read_points(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "n_rows"),
+    [
+        (lambda turned: turned, 3),
+        (lambda turned: turned, 4),
+        (lambda turned: {"xyz": turned}, 3),
+        (lambda turned: {"arr_0": turned}, 3),
+    ],
+    ids=["npy", "npy with intensity", "xyz", "first array"],
+)
+def test_an_array_with_a_row_of_each_coordinate_is_refused(tmp_path, arrays, n_rows):
+    arrays, path = arrays(np.random.default_rng(0).random((n_rows, 6000))), tmp_path / "a"
+    if isinstance(arrays, dict):
+        np.savez(path := path.with_suffix(".npz"), **arrays)
+    else:
+        np.save(path := path.with_suffix(".npy"), arrays)
+    with pytest.raises(PointFileError, match=f"{n_rows} points of 6,000 columns: transpose it"):
+        read_points(path)
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (3, 7), (10, 40), (1, 12), (100, 200)])
+def test_tables_of_few_points_are_read(tmp_path, shape):
+    np.save(tmp_path / "a.npy", np.ones(shape))
+    assert len(read_points(tmp_path / "a.npy")) == shape[0]
 
 
 def test_a_table_of_three_rows_is_not_organized(tmp_path):

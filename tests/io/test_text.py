@@ -112,6 +112,33 @@ def test_numbers_of_many_programs_are_read(tmp_path, monkeypatch, text, table, s
     assert_array_equal(found, [list(map(float, row.split())) for row in table.split(",")])
 
 
+@pytest.mark.parametrize(
+    ("text", "table"),
+    [
+        (
+            "412003,216 5280003,232 430,001 50\n1,5 2,5 3 7",
+            "412003.216 5280003.232 430.001 50, 1.5 2.5 3 7",
+        ),
+        ("1 2,5 3\n4,5 5 6", "1 2.5 3, 4.5 5 6"),
+        ("1 2 3\n4,5 5 6", "1 2 3, 4.5 5 6"),
+        ("x y z\n112,345 213,456 100,123", "112.345 213.456 100.123"),
+        ("# x y z i\n1,5 2,5 3,5 0.5", "1.5 2.5 3.5 0.5"),
+        ("112,345  213,456\t100,123", "112.345 213.456 100.123"),
+        ("-1,5e2 +2,5 0,5\n0 1 2", "-150 2.5 0.5, 0 1 2"),
+        ("1,234.5 2,345.5 3,456.7", "1234.5 2345.5 3456.7"),
+        # Commas between columns.
+        ("1, 2, 3\n4, 5, 6", "1 2 3, 4 5 6"),
+        ("1 ,2 ,3", "1 2 3"),
+        ("1.5,2.5,3.5", "1.5 2.5 3.5"),
+        ("x,y,z,a,b,c\n7,016,8,32,9,5", "7 16 8 32 9 5"),
+        ("7,216,8,032,9,007", "7 216 8 32 9 7"),
+    ],
+)
+def test_decimal_commas_between_blanks_are_read(tmp_path, monkeypatch, text, table):
+    found = same_by_parts(tmp_path, monkeypatch, text)[1]
+    assert_array_equal(found, [list(map(float, row.split())) for row in table.split(",")])
+
+
 @pytest.mark.parametrize("separator", [";", "\t"])
 @pytest.mark.parametrize(
     ("mark", "encoding"),
@@ -246,6 +273,32 @@ COMMENTS = ["exported by CloudCompare", "12 points surveyed", "height in m", "--
 COMMENTS += ["punti e quota", "cota y fecha", "Berlin, Mitte, Nord", "scanned,cleaned"]  # e, y: and
 COMMENTS += ["x y z are UTM", "time, position and intensity of the scanner", "2026-05-01,scanner,A"]
 COMMENTS += ["4,5,6", "4;5;6"]  # rows that are left out
+
+
+LONGER = ["made by tool v2", "Scan of hall 3", "Project: Castle hall scan", "hall hall north south"]
+LONGER += ["id x px py\n# made by tool v2", "a b c", "a b c d e", "- m m m", "1 a b c"]
+
+
+@pytest.mark.parametrize("comment", LONGER)
+def test_comments_of_as_many_words_as_columns_may_be_comments(tmp_path, comment):
+    assert_array_equal(read(tmp_path, f"# {comment}\n1 2 3 4\n5 6 7 8").xyz, [[1, 2, 3], [5, 6, 7]])
+
+
+UNKNOWN = ["id px py pz", "rho theta phi r", "X_RAW Y_RAW Z_RAW I", "Länge Breite Höhe id"]
+UNKNOWN += ["LONGITUDE_CENTROID LATITUDE_CENTROID ELEVATION_CENTROID", "TIME lon lat"]
+UNKNOWN += ["id,px,py,pz", "lat_deg;lon_deg;h_m"]
+
+
+@pytest.mark.parametrize("mark", ["", "# ", "#", "// made by tool v2\n//"])
+@pytest.mark.parametrize("names", UNKNOWN)
+def test_names_of_a_comment_are_refused_as_those_of_a_header(tmp_path, mark, names):
+    separator = next((one for one in ",;" if one in names), " ")
+    row = separator.join("1234"[: len(names.split(separator))])
+    listed = ", ".join(names.split(separator))
+    with pytest.raises(PointFileError, match=f"no x.* among the columns {listed}: say which they"):
+        read(tmp_path, f"{mark}{names}\n{row}\n{row}")
+    columns = {"x": 1, "y": 2, "z": 3}
+    assert_array_equal(read(tmp_path, f"{mark}{names}\n{row}", columns=columns).xyz, [[1, 2, 3]])
 
 
 @pytest.mark.parametrize("separator", [" ", ",", ";"])
