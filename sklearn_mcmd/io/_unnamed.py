@@ -29,7 +29,9 @@ def check_turned(n_rows, n_columns):
 def check_first_columns(table, start):
     """Refuse a table (n, m) that begins, at `start`, with numbers, rows or times of points."""
     check_turned(*table.shape)
-    at = [j for j, values in enumerate(table[:ROWS].T) if not np.isnan(values).all()][:5]
+    at = [j for j, values in enumerate(table[:ROWS].T) if not np.isnan(values).all()][
+        :5
+    ]  # no words
     table = table[:ROWS, at].astype(np.float64)
     table = table[np.isfinite(table).all(axis=1)]
     limits, n = UnnamedLimits(), len(table)
@@ -53,8 +55,8 @@ def check_first_columns(table, start):
     ):
         error = naming_columns([j + 1 for j in at[1 + is_cell :]])
         raise PointFileError(
-            f"{start}: column 1 seems to be a number, a row or a time of points: {error}; they are "
-            "1, 2 and 3 if it is x"
+            f"{start}: column 1 seems to be a number, a row or a time of points: {error} (x=1,y=2,"
+            "z=3 if it is x; x and y change places if north comes first)"
         ) from error
 
 
