@@ -381,8 +381,8 @@ def _decimal(cells, line, number):
 
 def _more(fields, delimiter, width):
     """What to say of a row of more columns, which may have decimals in columns of their own."""
-    whole = all(cell.lstrip("+-").isdecimal() for cell in fields)
-    return f": or are there {COMMAS}" * (delimiter == "," and whole and len(fields) > width)
+    more = len(fields) > width and all(cell.lstrip("+-").isdecimal() for cell in fields)
+    return "; if it has decimal commas, write points" * (more and delimiter == ",")
 
 
 def _filled(cell):

@@ -48,7 +48,7 @@ BAD_TEXTS = {
     "underscore.csv": ("1,2,3\n4,5_0,6\n", "line 2: '5_0' is not a number"),
     "commas.xyz": ("112,345 213,456 100,123\n", "decimal commas"),  # or thousands apart
     "other.xyz": ("1 2,5 3,5\n1.5 2 3\n", "line 2: '1.5' is .* with a decimal comma, as those"),
-    "doubled.csv": ("x,y,z\n1,5,2,25,3,5\n", "header has 3 columns, line 2 has 6: .* decimal com"),
+    "doubled.csv": ("x,y,z\n1,5,2,25,3,5\n", "header has 3 columns, line 2 has 6; .* decimal com"),
     "later.csv": ("x,y,z\n1,2,3\n1,5,2,-3,5\n", "line 3 has 5 columns, .* decimal commas"),
     "unnamed.csv": ("7,216,8,32,9,5\n7,016,8,32,9,5\n", "line 2 has decimal commas: write points"),
     "count.xyz": ("3\n1 2 3\n4 5 6\n", "line 1 promises 3 points, found 2"),
