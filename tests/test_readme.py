@@ -1,5 +1,6 @@
 """README's two commands stand behind their markers, and its Python prints what it shows."""
 
+import csv
 import os
 import re
 import shutil
@@ -47,6 +48,32 @@ def test_links_work_on_an_index_page_too_and_lead_to_files_of_the_checkout():
     ours = [file for file in map(local_file, links) if file is not None]
     assert [file for file in ours if not file.is_file()] == []
     assert len(ours) > 20
+
+
+@pytest.mark.parametrize(
+    ("page", "words", "shares"),
+    [
+        ("README.md", r"scanner, ([\d.]+) % are found and ([\d.]+) %", "position found, kept"),
+        ("README.md", r"([\d.]+) % of those .* sensor ([\d.]+) %", "mixed_pixel"),
+        ("docs/install.rst", r"found +([\d.]+) % .* kept +([\d.]+) %", "position found, kept"),
+        ("docs/limits.rst", r"mixed pixels. With the position ([\d.]+) %", "position found"),
+        ("docs/limits.rst", r"ghosts and ([\d.]+) % .*? and ([\d.]+) % of the", "mixed_pixel"),
+        ("docs/limits.rst", r"labels are ([\d.]+) % and ([\d.]+) %", "right"),
+        ("docs/first_scan.rst", r"and ([\d.]+) % of them .* ([\d.]+) % of the m", "mixed_pixel"),
+        ("docs/first_scan.rst", r"finds ([\d.]+) % of all outliers", "position found"),
+    ],
+)
+def test_shares_of_the_demo_are_those_of_its_stored_run(page, words, shares):
+    with open(ROOT / "docs" / "benchmarks" / "demo.csv", newline="") as file:
+        by_coordinates, by_position = csv.DictReader(file)
+    if shares.startswith("position "):
+        stored = [by_position[name] for name in shares.removeprefix("position ").split(", ")]
+    else:
+        stored = [by_coordinates[shares], by_position[shares]]
+    told = re.search(words, " ".join((ROOT / page).read_text("utf-8").split())).groups()
+    for number, share in zip(told, stored, strict=True):
+        half = 0.5 / 10 ** len(number.partition(".")[2])
+        assert float(number) == pytest.approx(float(share), abs=half + 0.005), page
 
 
 def test_the_lines_of_python_print_what_stands_under_them(capsys):

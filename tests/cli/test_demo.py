@@ -1,7 +1,9 @@
 """mcmd demo: the files it writes and the accuracy it claims."""
 
+import csv
 import sys
 
+import numpy as np
 import pytest
 
 from commands import done, error_line, files_in, run
@@ -46,6 +48,33 @@ def test_demo_normals_are_nearer_to_the_truth_than_principal_components(demo):
         if "95 % below" in line
     }
     assert high["mcmd_z"] < 0.5 * high["pca"]
+
+
+def test_the_stored_run_that_pages_quote_has_the_shares_of_this_one(demo):
+    figures = pytest.importorskip("benchmarks.demo_figures", reason="a checkout is needed")
+    with open(figures.DOCS / "benchmarks" / "demo.csv", newline="") as file:
+        stored = list(csv.reader(file))
+    fresh = figures.table(demo[0])
+    assert stored[0] == fresh[0]
+    for old, new in zip(stored[1:], fresh[1:], strict=True):
+        assert old[0] == new[0]
+        # Another processor or library may round otherwise: a tenth of a percent of each kind.
+        np.testing.assert_allclose(np.float64(old[1:]), np.float64(new[1:]), rtol=0, atol=0.1)
+
+
+def test_the_picture_that_pages_show_is_the_one_that_the_demo_makes(demo):
+    figures = pytest.importorskip("benchmarks.demo_figures", reason="a checkout is needed")
+    stored = n_red(figures.DOCS / "images" / "demo.png")
+    assert stored == pytest.approx(n_red(demo[0] / "demo.png"), rel=0.01)  # and not one of 40,000
+
+
+def n_red(picture):
+    """Pixels of outliers in each quarter; another matplotlib may draw some otherwise."""
+    image = pytest.importorskip("PIL.Image")
+    red, green, blue = np.moveaxis(np.asarray(image.open(picture).convert("RGB"), int), 2, 0)
+    outlier = (red > 180) & (green < 90) & (blue < 90)
+    half = np.array_split(outlier, 2)
+    return [int(quarter.sum()) for part in half for quarter in np.array_split(part, 2, axis=1)]
 
 
 @pytest.mark.slow
