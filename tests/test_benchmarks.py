@@ -79,7 +79,6 @@ SLOW = [
     ),
     ("bench_segmentation", "scenes --size 3000 --seeds 1", "make_bus_stop"),
     ("bench_sensor", "--data {data} --points 2000", "3 mrad"),
-    ("figures", "--check", "changed since"),
 ]
 
 
