@@ -252,7 +252,7 @@ def joblib_by(scheduler):
     try:
         # A client that fails to connect leaves threads and messages, so one asks before.
         asyncio.run(_connect(distributed, scheduler))
-    except (OSError, ValueError) as err:
+    except (OSError, ValueError, TypeError, RuntimeError) as err:  # the last two: of TLS
         raise ValueError(f"--scheduler {scheduler}: no scheduler of dask answers: {err}") from err
     with distributed.Client(scheduler, timeout=SECONDS, set_as_default=False) as client:
         try:

@@ -1,7 +1,9 @@
 """``--scheduler`` in the command line."""
 
+import re
 import socket
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -44,6 +46,30 @@ def test_an_address_that_does_not_answer_is_said_soon(address, source, tmp_path,
     line = error_line(run("normals", source, tmp_path / "b.laz", "--scheduler", address))
     assert f"--scheduler {address}: no scheduler of dask answers" in line
     assert files_in(tmp_path) == ["street.laz"]
+
+
+@pytest.mark.parametrize(
+    ("address", "encrypt", "words"),
+    [("tcp://127.0.0.1:1", True, "encryption required"), ("tls://127.0.0.1:1", False, "TLS")],
+)
+def test_an_address_that_does_not_fit_the_settings_of_tls_is_said(
+    address, encrypt, words, source, tmp_path
+):
+    dask = pytest.importorskip("dask")
+    with dask.config.set({"distributed.comm.require-encryption": encrypt}):
+        line = error_line(run("normals", source, tmp_path / "b.laz", "--scheduler", address))
+    assert f"--scheduler {address}: no scheduler of dask answers: " in line
+    assert words in line
+
+
+def test_the_pages_say_that_an_open_port_runs_code_and_how_to_close_it():
+    root = Path(__file__).resolve().parents[2]
+    if not (root / "docs").is_dir():
+        pytest.skip("a checkout is needed")
+    for page in ("SECURITY.md", "docs/cluster.rst"):
+        text = " ".join((root / page).read_text("utf-8").replace("`", "").split())
+        assert re.search("Whoever reaches the port of (its|the) scheduler or of a worker", text)
+        assert all(word in text for word in ("--host", "private network", "TLS", "pickles")), page
 
 
 def test_a_scheduler_without_workers_is_said(source, tmp_path, monkeypatch):
