@@ -1,11 +1,13 @@
 """Libraries that are not installed with the package, and the words about them."""
 
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement  # pytest needs it
 
-from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd._extras import NEWEST, import_extra
 
 
 def test_the_page_of_errors_has_these_words(monkeypatch):
@@ -14,6 +16,50 @@ def test_the_page_of_errors_has_these_words(monkeypatch):
         import_extra("laspy", "las", "...")
     page = Path(__file__).resolve().parents[1] / "docs" / "install.rst"
     assert f"``{error.value}``" in page.read_text("utf-8")
+
+
+def error_of(module, version, abi, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setattr(sys, "version_info", version)
+    monkeypatch.setattr(sys, "abiflags", abi, raising=False)
+    with pytest.raises(ImportError) as error:
+        import_extra(module, "las", "LAZ")
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("version", "abi", "told"), [((3, 15, 0), "", "3.15"), ((3, 14, 1), "t", "3.14t")]
+)
+def test_the_error_names_a_python_for_which_libraries_may_have_no_wheel(
+    version, abi, told, monkeypatch
+):
+    for module in ("laspy", "lazrs", "pye57"):
+        error = error_of(module, version, abi, monkeypatch)
+        assert error.endswith(f"; it may have no wheel for Python {told} yet: take Python 3.14")
+
+
+def test_the_error_says_nothing_of_wheels_where_all_are_there(monkeypatch):
+    assert error_of("lazrs", (3, 14, 9), "", monkeypatch).endswith("with its extra [las]")
+
+
+def test_all_extras_have_wheels_up_to_the_newest_python_of_the_metadata():
+    path = Path(__file__).resolve().parents[1] / "pyproject.toml"
+    if not path.is_file():
+        pytest.skip("a checkout is needed")
+    project = tomllib.loads(path.read_text())["project"]
+    classifiers = [c for c in project["classifiers"] if "Python :: 3." in c]
+    assert max(tuple(map(int, c.split(" :: ")[-1].split("."))) for c in classifiers) == NEWEST
+
+
+def test_libraries_to_compare_with_are_left_out_where_they_have_no_wheel():
+    path = Path(__file__).resolve().parents[1] / "pyproject.toml"
+    if not path.is_file():
+        pytest.skip("a checkout is needed")
+    bench = tomllib.loads(path.read_text())["project"]["optional-dependencies"]["bench"]
+    (cgal,) = (need for need in map(Requirement, bench) if need.name == "cgal")
+    pythons = ["3.11", "3.12", "3.13", "3.14"]
+    wanted = [cgal.marker.evaluate({"python_version": python}) for python in pythons]
+    assert wanted == [True, True, False, False]
 
 
 @pytest.mark.parametrize(
