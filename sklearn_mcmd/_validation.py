@@ -21,7 +21,7 @@ MOST_STEPS = 2**24  # steps, as of `check_work`, that take no noticeable time
 class OffsetOutlierMixin(OutlierMixin):
     """Labels from ``score_samples`` and ``offset_``."""
 
-    def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
+    def decision_function(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Score relative to the limit: negative for outliers.
 
         Parameters
@@ -35,7 +35,7 @@ class OffsetOutlierMixin(OutlierMixin):
         """
         return self.score_samples(X) - self.offset_
 
-    def predict(self, X: ArrayLike) -> NDArray[np.int64]:
+    def predict(self, X: "ArrayLike") -> NDArray[np.int64]:
         """Label points by the fitted cloud; each is judged as if it alone were added.
 
         Parameters
@@ -59,7 +59,7 @@ class FittedScoresMixin(OffsetOutlierMixin):
         return np.where(self.scores_ >= self.offset_, 1, -1)
 
     def fit_predict(
-        self, X: ArrayLike, y: object = None, **fit_params: ArrayLike | None
+        self, X: "ArrayLike", y: object = None, **fit_params: "ArrayLike | None"
     ) -> NDArray[np.int64]:
         """Label the points of a cloud by itself.
 

@@ -90,3 +90,26 @@ def test_offline_links_name_their_page(inventories, tmp_path):
     for _, (_, file) in inventories.intersphinx_mapping(tmp_path).values():
         lines = zlib.decompress(Path(file).read_bytes().split(b"zlib.\n", 1)[1]).decode()
         assert "$" not in lines
+
+
+def signatures():
+    """Of public functions and classes, and of their methods."""
+    for page in documented():
+        thing = pkgutil.resolve_name(page)
+        methods = inspect.getmembers(thing, inspect.isfunction) if inspect.isclass(thing) else []
+        shown = [thing, *(method for name, method in methods if not name.startswith("_"))]
+        if not (inspect.isclass(thing) and issubclass(thing, BaseException)):  # of C
+            yield from ((page, inspect.signature(part)) for part in shown if callable(part))
+
+
+def test_help_shows_names_of_types_and_not_what_they_stand_for():
+    spelled = [page for page, signature in signatures() if "numpy._typing" in str(signature)]
+    assert spelled == []
+    assert len(list(signatures())) > 100
+
+
+def test_the_page_of_limits_begins_with_what_the_package_is_not_for():
+    _, box, lines, rest = (DOCS / "limits.rst").read_text("utf-8").split("\n\n", 3)
+    assert box == ".. admonition:: What this package is not for"
+    assert [line[:5] for line in lines.splitlines()] == ["   - "] * 5
+    assert "Measured at" in rest.split("\n---")[-1]  # and not above

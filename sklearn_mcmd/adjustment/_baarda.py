@@ -194,7 +194,7 @@ class BaardaPlaneDetector(PlaneDetector):
         correction: Correction = "sidak",
         elimination: EliminationRule = "single",
         surface: Surface = "vertical",
-        toward: ArrayLike | None = None,
+        toward: "ArrayLike | None" = None,
         robust_start: bool = False,
         random_state: int | np.random.RandomState | None = None,
     ) -> None:
@@ -250,7 +250,7 @@ class BaardaPlaneDetector(PlaneDetector):
             self._warn_of_too_few(found.step > 0)
         self._warn_if_steep(training, initial)
 
-    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
+    def score_samples(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Minus the statistic that each point would have if it joined the support with weight 1:
         0 on the plane, lower is more abnormal. For tau it is the equivalent t."""
         X = self._check_query(X)

@@ -77,7 +77,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
     @fit_context(prefer_skip_nested_validation=True)
     @fit_in_tasks
-    def fit(self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None) -> Self:
+    def fit(self, X: "ArrayLike", y: object = None, weights: "ArrayLike | None" = None) -> Self:
         """Adjust the plane and test its points.
 
         Parameters
@@ -113,7 +113,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
         return self
 
     def fit_predict(
-        self, X: ArrayLike, y: object = None, weights: ArrayLike | None = None
+        self, X: "ArrayLike", y: object = None, weights: "ArrayLike | None" = None
     ) -> NDArray[np.int_]:
         """Fit, and return the labels of the training points, which depend on their weights too."""
         return self.fit(X, weights=weights).labels_
@@ -121,7 +121,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
     def _stages(self):
         return ()
 
-    def residuals(self, X: ArrayLike) -> NDArray[np.float64]:
+    def residuals(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Observed minus adjusted (n_samples,), along the last axis, or along `normal_` and
         positive on its side."""
         return self._fitted.plane.evaluate(self._check_query(X))[0]
@@ -149,7 +149,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
     @checked()
     def band(
-        self, X: ArrayLike, level: float = 0.95, variance: Variance = "posterior"
+        self, X: "ArrayLike", level: float = 0.95, variance: Variance = "posterior"
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Half widths of the confidence band of the plane and the prediction band of a point.
 
@@ -180,7 +180,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
 
     @checked(n_worst=N_WORST)
     def reliability(
-        self, X: ArrayLike, power: float = POWER, *, n_worst: int = 10
+        self, X: "ArrayLike", power: float = POWER, *, n_worst: int = 10
     ) -> PlaneReliability:
         """Errors that the tests can find, errors that they found, and what the others do.
 
@@ -224,7 +224,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             )
         return self.sigma0_, np.inf
 
-    def _check_training(self, X: ArrayLike, weights: ArrayLike | None) -> Training:
+    def _check_training(self, X: "ArrayLike", weights: "ArrayLike | None") -> Training:
         points = validate_points(self, X, dtype=np.float64, order="C", ensure_min_features=2)
         p = self._check_weights(points, weights)
         used = np.ones(len(points), dtype=np.bool_) if p is None else p > 0
@@ -261,7 +261,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             raise ValueError("weights is zero for all points; leave some weight.")
         return None if np.all(weights == 1) else weights
 
-    def _check_query(self, X: ArrayLike) -> NDArray[np.float64]:
+    def _check_query(self, X: "ArrayLike") -> NDArray[np.float64]:
         check_is_fitted(self)
         return validate_points(self, X, dtype=np.float64, order="C", reset=False)
 
@@ -371,7 +371,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             )
 
 
-def check_points(detector: PlaneDetector, X: ArrayLike) -> NDArray[np.float64]:
+def check_points(detector: PlaneDetector, X: "ArrayLike") -> NDArray[np.float64]:
     check_is_fitted(detector)
     points = check_array(X, dtype=np.float64, order="C")
     if points.shape != (len(detector.labels_), detector.n_features_in_):

@@ -79,7 +79,7 @@ def compare_planes(
     *,
     alpha: float = 0.05,
     variance: Variance = "posterior",
-    place: ArrayLike | None = None,
+    place: "ArrayLike | None" = None,
     registration_error: float = 0.0,
 ) -> PlaneComparison:
     """Test whether two fitted planes are the same, parallel, moved or tilted.

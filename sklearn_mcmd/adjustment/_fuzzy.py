@@ -164,7 +164,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         width: float = 1.0,
         weighting: Literal["ratio", "cut"] = "ratio",
         surface: Surface = "vertical",
-        toward: ArrayLike | None = None,
+        toward: "ArrayLike | None" = None,
     ) -> None:
         self.alpha = alpha
         self.test = test
@@ -223,7 +223,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self._set_variance_after(X, weights)
         self._warn_if_steep(training, plane)
 
-    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
+    def score_samples(self, X: "ArrayLike") -> NDArray[np.float64]:
         """``G = 1 - m_H`` of each point, an observation of weight 1: lower is more abnormal.
 
         A point with no more leverage than the training points counts as one of the adjusted

@@ -25,14 +25,14 @@ BLUE, RED, GRAY = "#1f77b4", "#d62728", "#7f7f7f"
 @checked(n_worst=N_WORST)
 def text_report(
     detector: PlaneDetector,
-    X: ArrayLike,
+    X: "ArrayLike",
     *,
     title: str = "Plane test",
     unit: str = "",
     n_worst: int = 10,
     comparison: PlaneComparison | None = None,
     flatness: PlaneFlatness | None = None,
-    ids: ArrayLike | None = None,
+    ids: "ArrayLike | None" = None,
 ) -> str:
     """Plane, precision, reliability and the worst points of a fitted detector, as text.
 
@@ -97,7 +97,7 @@ def with_heading(title, rows):
 
 def plot_report(
     detector: PlaneDetector,
-    X: ArrayLike,
+    X: "ArrayLike",
     *,
     title: str = "Plane test",
     unit: str = "",

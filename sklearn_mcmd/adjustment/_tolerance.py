@@ -65,7 +65,7 @@ class PlaneFlatness(NamedTuple):
     verdict: str
 
 
-def flatness(detector: PlaneDetector, X: ArrayLike, tolerance: float) -> PlaneFlatness:
+def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> PlaneFlatness:
     """Compare the points of a fitted plane with a tolerance of flatness (ISO 12781-1).
 
     Planes of cells judge the surface, then means of ever smaller ones, then single points. One is

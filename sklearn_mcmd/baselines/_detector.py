@@ -127,7 +127,7 @@ class PlaneOutlierDetector(BasePlaneOutliers):
 
     @fit_context(prefer_skip_nested_validation=True)
     @fit_in_tasks
-    def fit(self, X: ArrayLike, y: object = None) -> Self:
+    def fit(self, X: "ArrayLike", y: object = None) -> Self:
         """Judge the points of a cloud, and keep what new points are scored against.
 
         Parameters

@@ -108,7 +108,7 @@ class Method(ABC):
         validate_parameter_constraints(self._parameter_constraints, params, type(self).__name__)
 
     def fit(
-        self, points: ArrayLike, *, random_state: int | np.random.RandomState | None = None
+        self, points: "ArrayLike", *, random_state: int | np.random.RandomState | None = None
     ) -> NeighborhoodFit:
         """Judge the members of many neighborhoods.
 

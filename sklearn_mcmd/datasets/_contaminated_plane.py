@@ -24,8 +24,8 @@ def make_contaminated_plane(
     *,
     outlier_share: float = 0.2,
     outliers: Literal["clustered", "uniform"] = "clustered",
-    regular_variances: ArrayLike = (6.0, 6.0, 0.01),
-    outlier_variances: ArrayLike = (2.0, 2.0, 1.5),
+    regular_variances: "ArrayLike" = (6.0, 6.0, 0.01),
+    outlier_variances: "ArrayLike" = (2.0, 2.0, 1.5),
     return_X_y: bool = True,
     random_state: int | np.random.RandomState | None = None,
 ) -> Bunch | tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -237,7 +237,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
 
     @fit_context(prefer_skip_nested_validation=False)
     @fit_in_tasks
-    def fit(self, X: ArrayLike, y: object = None) -> Self:
+    def fit(self, X: "ArrayLike", y: object = None) -> Self:
         """Clean a cloud, find its planes, and settle the limit of an edge.
 
         Parameters
@@ -304,7 +304,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             self.scores_ = -values
         return self
 
-    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
+    def score_samples(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Distance to the nearest crease, or the opposite of the criterion.
 
         Parameters

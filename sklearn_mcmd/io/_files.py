@@ -132,9 +132,9 @@ def read_points(
 
 def write_points(
     path: str | os.PathLike[str],
-    cloud: PointCloud | ArrayLike,
+    cloud: "PointCloud | ArrayLike",
     *,
-    noise: ArrayLike | None = None,
+    noise: "ArrayLike | None" = None,
 ) -> None:
     """Write a point cloud. An existing file is replaced only by a complete new one beside it.
 

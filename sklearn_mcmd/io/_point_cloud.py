@@ -76,8 +76,8 @@ class PointCloud:
 
         def __init__(
             self,
-            xyz: ArrayLike,
-            attributes: Mapping[str, ArrayLike] = ...,
+            xyz: "ArrayLike",
+            attributes: "Mapping[str, ArrayLike]" = ...,
             metadata: Mapping[str, Any] = ...,
             n_dropped: int = 0,
         ) -> None: ...
@@ -130,7 +130,7 @@ class PointCloud:
         attributes = {name: values[selection] for name, values in self.attributes.items()}
         return PointCloud(self.xyz[selection], attributes, metadata, self.n_dropped)
 
-    def with_attributes(self, **arrays: ArrayLike) -> "PointCloud":
+    def with_attributes(self, **arrays: "ArrayLike") -> "PointCloud":
         """The same points with attributes added or replaced.
 
         Parameters

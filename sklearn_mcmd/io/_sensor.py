@@ -49,7 +49,7 @@ def rows_of_sensor(where, doubt, n_by_rays):
 
 
 def sensor_origins(
-    cloud: PointCloud, trajectory: Trajectory | tuple[ArrayLike, ArrayLike] | None = None
+    cloud: PointCloud, trajectory: "Trajectory | tuple[ArrayLike, ArrayLike] | None" = None
 ) -> NDArray[np.float64]:
     """Where the sensor was when it measured each point.
 

@@ -9,7 +9,7 @@ from sklearn.metrics import confusion_matrix
 from sklearn.utils import Bunch, check_array, check_consistent_length, column_or_1d
 
 
-def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np.float64]:
+def bias_angle(normals_a: "ArrayLike", normals_b: "ArrayLike") -> float | NDArray[np.float64]:
     """Angle between two planes, from their normals, in degrees (Eq. 19).
 
     A normal and its opposite stand for the same plane, so the angle lies in [0, 90].
@@ -59,7 +59,7 @@ def bias_angle(normals_a: ArrayLike, normals_b: ArrayLike) -> float | NDArray[np
     return float(angle) if angle.ndim == 0 else angle
 
 
-def outlier_scores(y_true: ArrayLike, y_pred: ArrayLike) -> Bunch:
+def outlier_scores(y_true: "ArrayLike", y_pred: "ArrayLike") -> Bunch:
     """The five measures of an outlier detector as a classifier (Eqs. 20-24).
 
     Parameters

@@ -10,7 +10,9 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn.utils import Bunch, check_consistent_length, column_or_1d
 
 
-def segmentation_scores(y_true: ArrayLike, y_pred: ArrayLike, *, min_overlap: float = 0.8) -> Bunch:
+def segmentation_scores(
+    y_true: "ArrayLike", y_pred: "ArrayLike", *, min_overlap: float = 0.8
+) -> Bunch:
     """Proper, over and under segmentation, recall, precision and F (Eqs. 26-28).
 
     Each true surface has one of four outcomes. Its *main segment* is the one that holds most
@@ -147,7 +149,7 @@ def _overlaps(surface, y_pred):
     return rows, columns, table.data, np.bincount(segment, minlength=len(names))
 
 
-def _labels(y: ArrayLike, name: str) -> NDArray[np.integer]:
+def _labels(y: "ArrayLike", name: str) -> NDArray[np.integer]:
     labels: NDArray[np.integer] = column_or_1d(y)
     if labels.dtype.kind not in "iu":
         raise ValueError(f"{name} has dtype {labels.dtype}; labels are integers, -1 for none.")

@@ -17,7 +17,7 @@ BLOCKS_OF_FOLD = 4  # places of the cloud that a fold mixes
 
 
 @checked(X=["array-like"], n_blocks=[Interval(Integral, 1, None, closed="left")])
-def spatial_blocks(X: ArrayLike, n_blocks: int) -> NDArray[np.intp]:
+def spatial_blocks(X: "ArrayLike", n_blocks: int) -> NDArray[np.intp]:
     """Cut a cloud into boxes of nearly equal numbers of points.
 
     The cloud is halved across its longest side. Then each half is halved in the same way, and so
@@ -163,7 +163,7 @@ class SpatialBlockSplit(BaseCrossValidator):
         return self.n_splits
 
     def split(
-        self, X: ArrayLike, y: object = None, groups: object = None
+        self, X: "ArrayLike", y: object = None, groups: object = None
     ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
         """Indices of the training and test points of each fold.
 

@@ -10,7 +10,7 @@ from sklearn.exceptions import UndefinedMetricWarning
 from sklearn_mcmd.metrics import segmentation_scores
 
 
-def score_segments(estimator: BaseEstimator, X: ArrayLike, y: ArrayLike) -> dict[str, float]:
+def score_segments(estimator: BaseEstimator, X: "ArrayLike", y: "ArrayLike") -> dict[str, float]:
     """Scores of the segmentation of X by a clusterer, or by a pipeline that ends in one.
 
     It is a scorer for scikit-learn's searches. Each fold is a whole scene, whose points are both

@@ -282,8 +282,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         neighbor_planes: bool | None = None,
         tangents: bool = True,
         radius: float | None = None,
-        orientation: Literal["sensor", "mst"] | ArrayLike | None = None,
-        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+        orientation: 'Literal["sensor", "mst"] | ArrayLike | None' = None,
+        sensor_origin: 'ArrayLike | Literal["origin"] | None' = None,
         features: str | Sequence[str] | None = None,
         random_state: int | np.random.RandomState | None = None,
         n_jobs: int | None = None,
@@ -309,9 +309,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     @fit_in_tasks
     def fit(
         self,
-        X: ArrayLike,
+        X: "ArrayLike",
         y: object = None,
-        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+        sensor_origin: 'ArrayLike | Literal["origin"] | None' = None,
     ) -> Self:
         """Estimate the normals of a cloud.
 
@@ -362,9 +362,9 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
 
     def fit_transform(
         self,
-        X: ArrayLike,
+        X: "ArrayLike",
         y: object = None,
-        sensor_origin: ArrayLike | Literal["origin"] | None = None,
+        sensor_origin: 'ArrayLike | Literal["origin"] | None' = None,
     ) -> NDArray[np.floating]:
         """Estimate the normals of a cloud and return them beside the coordinates.
 
@@ -384,7 +384,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         planes = self.eigenvalues_, self.plane_offset_[:, None], self.plane_scale_[:, None]
         return joined_columns(xyz, self.normals_, *planes, self.features_)
 
-    def transform(self, X: ArrayLike) -> NDArray[np.floating]:
+    def transform(self, X: "ArrayLike") -> NDArray[np.floating]:
         """Normals and curvature at points, by their neighborhoods in the fitted cloud.
 
         Parameters

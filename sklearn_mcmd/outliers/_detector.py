@@ -268,7 +268,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         contamination: float | Literal["auto"] | None = None,
         reweight: bool = True,
         noise_scale: float | None = None,
-        sensor_origin: ArrayLike | Literal["origin", "auto"] | None = None,
+        sensor_origin: 'ArrayLike | Literal["origin", "auto"] | None' = None,
         random_state: int | np.random.RandomState | None = None,
         n_jobs: int | None = None,
     ) -> None:
@@ -291,10 +291,10 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     @fit_in_tasks
     def fit(
         self,
-        X: ArrayLike,
+        X: "ArrayLike",
         y: object = None,
-        sensor_origin: ArrayLike | Literal["origin", "auto"] | None = None,
-        intensity: ArrayLike | None = None,
+        sensor_origin: 'ArrayLike | Literal["origin", "auto"] | None' = None,
+        intensity: "ArrayLike | None" = None,
     ) -> Self:
         """Judge the points of a cloud, and keep what new points are scored against.
 
@@ -410,7 +410,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             return self.cutoff, 0.0
         return self._model.settings.cutoff if self._one_plane else ExplainLimits().explained, 0.0
 
-    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
+    def score_samples(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Opposite of how far each point is off the surfaces and stands off from all else.
 
         Parameters

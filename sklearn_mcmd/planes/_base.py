@@ -148,7 +148,7 @@ class BasePlaneOutliers(FittedScoresMixin, BaseLocalPlanes):
     ``offset_``.
     """
 
-    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
+    def score_samples(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Opposite of the abnormality of each point in its neighborhood.
 
         Parameters

@@ -50,11 +50,11 @@ class CloudDisplay(ABC):
 
     _ax: "Axes"  # of the last plot
 
-    def __init__(self, X: ArrayLike) -> None:
+    def __init__(self, X: "ArrayLike") -> None:
         self.xyz = check_points(X, finite=True)
 
     @classmethod
-    def from_estimator(cls, estimator: Any, X: ArrayLike, **options: Any) -> Self:
+    def from_estimator(cls, estimator: Any, X: "ArrayLike", **options: Any) -> Self:
         """Draw what an estimator found in X (n, 3 or more), to which it is fitted.
 
         The first three columns are coordinates, and options as in `from_predictions`.
@@ -62,7 +62,7 @@ class CloudDisplay(ABC):
         return cls.from_predictions(np.asarray(X)[:, :3], *cls._found_by(estimator, X), **options)
 
     @classmethod
-    def from_predictions(cls, X: ArrayLike, *found: ArrayLike, **options: Any) -> Self:
+    def from_predictions(cls, X: "ArrayLike", *found: "ArrayLike", **options: Any) -> Self:
         """Draw what was found in a cloud.
 
         The arguments are those of the class, by place or name, and options for :meth:`plot`.
@@ -109,7 +109,7 @@ class CloudDisplay(ABC):
 
     @staticmethod
     @abstractmethod
-    def _found_by(estimator: Any, X: ArrayLike) -> tuple[Any, ...]:
+    def _found_by(estimator: Any, X: "ArrayLike") -> tuple[Any, ...]:
         """What the class takes behind the points."""
 
     @abstractmethod
@@ -146,7 +146,9 @@ class OutlierDisplay(CloudDisplay):
     '8 of 500 points are outliers (1.60 %)'
     """
 
-    def __init__(self, X: ArrayLike, y_pred: ArrayLike, y_true: ArrayLike | None = None) -> None:
+    def __init__(
+        self, X: "ArrayLike", y_pred: "ArrayLike", y_true: "ArrayLike | None" = None
+    ) -> None:
         super().__init__(X)
         self.is_outlier = _is_minus_one(y_pred, self.xyz, "y_pred")
         known = y_true is not None
@@ -154,7 +156,7 @@ class OutlierDisplay(CloudDisplay):
 
     @classmethod
     def from_estimator(
-        cls, estimator: Any, X: ArrayLike, y: ArrayLike | None = None, **options: Any
+        cls, estimator: Any, X: "ArrayLike", y: "ArrayLike | None" = None, **options: Any
     ) -> Self:
         """Draw the verdict of a fitted detector on points X (n, 3); the truth `y`, if it is known,
         is -1 for outliers, and options are for :meth:`plot`."""
@@ -206,7 +208,7 @@ class NormalsDisplay(CloudDisplay):
     'Normals of 500 points'
     """
 
-    def __init__(self, X: ArrayLike, normals: ArrayLike) -> None:
+    def __init__(self, X: "ArrayLike", normals: "ArrayLike") -> None:
         super().__init__(X)
         self.normals = check_points(normals, "normals")
         if len(self.normals) != len(self.xyz):
@@ -248,7 +250,7 @@ class SegmentationDisplay(CloudDisplay):
     '2 regions, 89.00 % of 500 points'
     """
 
-    def __init__(self, X: ArrayLike, labels: ArrayLike) -> None:
+    def __init__(self, X: "ArrayLike", labels: "ArrayLike") -> None:
         super().__init__(X)
         self.labels = _whole(_one_for_each(labels, self.xyz, "labels"), "labels")
 
@@ -287,7 +289,7 @@ class EdgeDisplay(CloudDisplay):
     '29 of 500 points are edges (5.80 %)'
     """
 
-    def __init__(self, X: ArrayLike, y_pred: ArrayLike) -> None:
+    def __init__(self, X: "ArrayLike", y_pred: "ArrayLike") -> None:
         super().__init__(X)
         self.is_edge = _is_minus_one(y_pred, self.xyz, "y_pred")
 
@@ -326,7 +328,7 @@ class PlaneResidualDisplay(CloudDisplay):
     'Residuals of 500 points, 7 outliers'
     """
 
-    def __init__(self, X: ArrayLike, residuals: ArrayLike, y_pred: ArrayLike) -> None:
+    def __init__(self, X: "ArrayLike", residuals: "ArrayLike", y_pred: "ArrayLike") -> None:
         super().__init__(X)
         self.residuals = _one_for_each(residuals, self.xyz, "residuals").astype(np.float64)
         self.is_outlier = _is_minus_one(y_pred, self.xyz, "y_pred")

@@ -22,10 +22,10 @@ FAR, NEAR = (0.80, 0.83, 0.87), (0.24, 0.28, 0.34)  # grays that shade a cloud b
 
 
 def plot_cloud(
-    xyz: ArrayLike,
+    xyz: "ArrayLike",
     *,
     color: Any = None,
-    outliers: ArrayLike | None = None,
+    outliers: "ArrayLike | None" = None,
     view: str | tuple[float, float] = VIEW,
     size: float | None = None,
     scale_bar: bool = False,
@@ -115,7 +115,7 @@ def plot_cloud(
 
 
 def normal_colors(
-    normals: ArrayLike, *, view: str | tuple[float, float] = VIEW
+    normals: "ArrayLike", *, view: str | tuple[float, float] = VIEW
 ) -> NDArray[np.float64]:
     """Colors of a solid lit from the camera's upper left, tinted by the direction of its faces.
 
@@ -173,7 +173,7 @@ def ball_picture(view):
     return np.dstack([colors, square <= 1.0])
 
 
-def region_colors(labels: ArrayLike) -> NDArray[np.float64]:
+def region_colors(labels: "ArrayLike") -> NDArray[np.float64]:
     """Colors that distinguish regions: neighboring numbers differ most.
 
     Parameters

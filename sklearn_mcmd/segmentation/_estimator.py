@@ -264,7 +264,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
 
     @fit_context(prefer_skip_nested_validation=True)
     @fit_in_tasks
-    def fit(self, X: ArrayLike, y: object = None) -> Self:
+    def fit(self, X: "ArrayLike", y: object = None) -> Self:
         """Find the regions of a cloud.
 
         Parameters

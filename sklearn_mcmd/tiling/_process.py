@@ -45,7 +45,7 @@ def process_files(
     above: float | None = None,
     below: float | None = None,
     low_groups: bool = False,
-    sensor_origin: Literal["auto"] | Trajectory | ArrayLike | None = None,
+    sensor_origin: 'Literal["auto"] | Trajectory | ArrayLike | None' = None,
     intensity: bool = False,
     colors: bool | None = None,
     regions: str | os.PathLike[str] | None = None,

@@ -129,7 +129,7 @@ class CloudPage:
 
 
 def view(
-    *clouds: PointCloud | ArrayLike | str | os.PathLike[str],
+    *clouds: "PointCloud | ArrayLike | str | os.PathLike[str]",
     names: Sequence[str] | None = None,
     title: str | None = None,
     color: str | None = None,
