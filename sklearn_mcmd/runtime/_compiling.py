@@ -20,13 +20,14 @@ def compiled_function(module, name):
         from sklearn_mcmd.runtime import _kernels
 
         numba.config.CACHE_DIR = _own_folder()
+        how = f"kept in {numba.config.CACHE_DIR}, until temporary files are removed"
         if not numba.config.CACHE_DIR:
-            _kernels.is_kept = False
-            _progress.COMPILING = "compiling for this computer (each time: no folder can keep it)"
+            _kernels.is_kept, how = False, "each time: no folder can keep it"
             warn_caller(
                 "Compiled code cannot be kept, so each run compiles anew, for half a minute: no "
                 "folder for it can be written. Set the environment variable NUMBA_CACHE_DIR to one."
             )
+        _progress.COMPILING = f"compiling for this computer ({how})"
         return _load(module, name)
 
 

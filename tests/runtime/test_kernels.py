@@ -4,10 +4,12 @@ import importlib
 import os
 import subprocess
 import sys
+import warnings
 
+import numba
 import pytest
 
-from sklearn_mcmd.runtime import _compiling, _kernels
+from sklearn_mcmd.runtime import _compiling, _kernels, _progress
 
 SOURCE = """
 from sklearn_mcmd.runtime._kernels import kernel
@@ -121,6 +123,32 @@ def test_a_package_that_cannot_be_written_keeps_its_code_elsewhere_or_compiles_e
         assert done.stderr.count("Compiled code cannot be kept, so each run compiles anew") == (
             compilations - 1
         )
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_the_line_on_compiling_says_where_code_is_kept_if_not_for_long(
+    is_there, tmp_path, monkeypatch
+):
+    folder = str(tmp_path) if is_there else ""
+    monkeypatch.setattr(_compiling, "_own_folder", lambda: folder)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.setattr(_kernels, "is_kept", True)
+    monkeypatch.setattr(_progress, "COMPILING", _progress.COMPILING)
+    outcomes = iter([RuntimeError("cannot cache function: no locator"), "compiled"])
+
+    def load(module, name):
+        if isinstance(outcome := next(outcomes), Exception):
+            raise outcome
+        return outcome
+
+    monkeypatch.setattr(_compiling, "_load", load)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert _compiling.compiled_function("planes._nearest_numba", "any") == "compiled"
+    how = "each time: no folder can keep it"
+    if is_there:
+        how = f"kept in {tmp_path}, until temporary files are removed"
+    assert f"compiling for this computer ({how})" == _progress.COMPILING
 
 
 def test_the_folder_is_this_users_alone(tmp_path, monkeypatch):
