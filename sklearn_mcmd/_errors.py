@@ -7,6 +7,9 @@ from string import Template
 
 OWN = ("sklearn_mcmd.", "sklearn.", "contextlib")  # modules between a warning and who called
 
+OF_ONE = {"are": "is", "do": "does", "have": "has", "were": "was"}
+OF_ONE |= {"are outliers": "is an outlier", "are edges": "is an edge"}
+
 works_for = ContextVar("works_for", default=None)  # the frame of who waits for a thread
 
 
@@ -63,9 +66,20 @@ def caller():
     return frame
 
 
-def counted(n, noun):
-    """A number of things in words: 1 point, 2 points."""
-    return f"{n:,} {noun}{'s' * (n != 1)}"
+def counted(n, noun, verb="", *, of=None):
+    """A number of things in words: 1 point, 2 points; 1 of 9 points is, if the verb is "are"."""
+    part, whole = ("", n) if of is None else (f"{n:,} of ", of)
+    return f"{part}{whole:,} {noun}{'' if whole == 1 else 's'} {agreed(n, verb)}".rstrip()
+
+
+def agreed(n, verb):
+    """What so many things do, from what several do."""
+    return OF_ONE.get(verb, verb and f"{verb}s") if n == 1 else verb
+
+
+def fixed(value, form):
+    """A number with fixed decimals, or from 1e15 on, where float64 has no more digits, in short."""
+    return f"{value:{form if abs(value) < 1e15 else '.6g'}}"
 
 
 def _in_python(name, value):

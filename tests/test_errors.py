@@ -17,7 +17,7 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd._errors import ParameterError, ParameterWarning
+from sklearn_mcmd._errors import ParameterError, ParameterWarning, agreed, counted, fixed
 from sklearn_mcmd._validation import check_work
 from sklearn_mcmd.baselines import PlaneOutlierDetector
 from sklearn_mcmd.cli import app
@@ -35,6 +35,22 @@ def test_an_error_and_its_copy_from_another_process_have_names_of_parameters():
 def test_names_and_fields_are_worded_by_whoever_shows_them():
     words = TOO_FEW.worded(lambda name, value: f"<{name}{value or ''}>")
     assert words == "<n_samples2> is less than <n_neighbors=>4: lower <n_neighbors>."
+
+
+def test_noun_and_verb_agree_with_their_number():
+    assert [counted(n, "point") for n in (0, 1, 2_000)] == ["0 points", "1 point", "2,000 points"]
+    assert counted(1, "point", "are", of=6_001) == "1 of 6,001 points is"
+    assert counted(2, "point", "are", of=6_001) == "2 of 6,001 points are"
+    assert counted(1, "point", "lie", of=1) == "1 of 1 point lies"
+    assert counted(1, "point", "are outliers", of=9) == "1 of 9 points is an outlier"
+    assert [agreed(n, "have") for n in (0, 1, 2)] == ["have", "has", "have"]
+
+
+def test_numbers_with_more_digits_than_float64_has_are_shown_in_short():
+    assert fixed(-1e300, ".6f") == "-1e+300"
+    assert fixed(np.float64(5_640_123.4567), ".4f") == "5640123.4567"
+    assert fixed(999_999_999_999_999.0, ",.0f") == "999,999,999,999,999"
+    assert fixed(np.nan, ".2f") == "nan"
 
 
 def test_a_message_may_have_signs_that_are_no_names():

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.special import chdtri
 
-from sklearn_mcmd._errors import ParameterError, counted
+from sklearn_mcmd._errors import ParameterError, counted, fixed
 from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
@@ -134,8 +134,8 @@ def _rounded(values, error):
     digits = 6
     if error < np.inf:
         digits = int(np.clip(1 - np.floor(np.log10(max(error, LEAST_ERROR))), 0, 9))
-    words = " ".join(f"{value:.{digits}f}" for value in np.round(values, digits) + 0.0)
-    return words, f"{error:.{digits}f}" if error >= LEAST_ERROR else "less than 1e-9"
+    words = " ".join(fixed(value, f".{digits}f") for value in np.round(values, digits) + 0.0)
+    return words, fixed(error, f".{digits}f") if error >= LEAST_ERROR else "less than 1e-9"
 
 
 def _share(part, total, noun=""):
@@ -406,7 +406,7 @@ def _residual_table(detector, X):
     digits = _decimals(groups["inliers"])
     for name, part in groups.items():
         values = [part.mean(), _rms(part), part.min(), part.max()] if len(part) else []
-        cells = [f"{value:.{digits}f}" for value in np.round(values, digits) + 0.0]
+        cells = [fixed(value, f".{digits}f") for value in np.round(values, digits) + 0.0]
         rows.append((name, str(len(part)), *(cells or ["none"] * 4)))
     return Table(("", "points", "mean", "rms", "least", "largest"), rows)
 
@@ -433,9 +433,9 @@ def _worst_table(detector, X, reliability, names, n_worst):
         }
     rows = []
     for i in np.argsort(-tests, kind="stable")[:n_worst]:
-        cells = [f"{values[i]:{digits}}" for values, digits in columns.values()]
+        cells = [fixed(values[i], form) for values, form in columns.values()]
         verdict = "outlier" if detector.labels_[i] == -1 else "inlier"
-        place = " ".join(f"{value:.6f}" for value in X[i])
+        place = " ".join(fixed(value, ".6f") for value in X[i])
         rows.append((str(names[1][i]), *cells, verdict, place))
     return Table((names[0], *columns, "verdict", "coordinates"), rows)
 

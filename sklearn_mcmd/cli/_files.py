@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import typer
 
-from sklearn_mcmd._errors import counted
+from sklearn_mcmd._errors import agreed, counted
 from sklearn_mcmd.cli._messages import clear_exits, warned
 from sklearn_mcmd.cli._options import TYPED
 from sklearn_mcmd.io import PointCloud, read_points, write_points
@@ -94,8 +94,8 @@ def read(source, target=None, results=None, *, columns=None):
     with progress_part(0.0, WORKING[0], "reading"):
         cloud = read_points(source, columns=columns)
     if n_left := cloud.n_dropped - cloud.metadata.get(LEFT_OUT, 0):
-        points, verb = counted(n_left, "point"), "is" if n_left == 1 else "are"
-        warnings.warn(f"{source}: {points} without coordinates {verb} left out", stacklevel=2)
+        words = f"{counted(n_left, 'point')} without coordinates {agreed(n_left, 'are')} left out"
+        warnings.warn(f"{source}: {words}", stacklevel=2)
     return cloud
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd.cli._files import files_of, read
 from sklearn_mcmd.cli._messages import clear_exits, print_table
 from sklearn_mcmd.cli._options import Columns
@@ -90,8 +91,8 @@ def summarize_each(paths, read):
         bounds += [cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)]
         n_points += len(cloud)
         size = " x ".join(f"{extent:.4g}" for extent in bounds[-1] - bounds[-2])
-        rows[path.name] = ", ".join([f"{told['points']} points", size, *known])
-    rows["all"] = f"{n_points:,} points of {len(bounds) // 2:,} files"
+        rows[path.name] = ", ".join([counted(len(cloud), "point"), size, *known])
+    rows["all"] = f"{counted(n_points, 'point')} of {counted(len(bounds) // 2, 'file')}"
     if bounds:
         ranges = bounds_rows(np.min(bounds, axis=0), np.max(bounds, axis=0))
         rows["all"] += "".join(f", {axis} {words}" for axis, words in ranges.items())

@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 
 import typer
 
-from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted
+from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted, fixed
 from sklearn_mcmd.runtime._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 
@@ -106,9 +106,10 @@ def _is_coarse(warning):
 
 def _coarse_words(warning):
     return (
-        f"single precision (float32) rounds coordinates as large as {warning.largest:,.0f} to "
-        f"steps of {warning.rounding:.2g}, and those of the file have no more digits: too coarse "
-        f"for points whose neighborhoods have a radius of {warning.radius:.2g}"
+        "single precision (float32) rounds coordinates as large as "
+        f"{fixed(warning.largest, ',.0f')} to steps of {warning.rounding:.2g}, and those of the "
+        "file have no more digits: too coarse for points whose neighborhoods have a radius of "
+        f"{warning.radius:.2g}"
     )
 
 

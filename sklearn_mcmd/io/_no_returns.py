@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from sklearn_mcmd._errors import counted
+
 LARGE, ZERO = 1e5, 1e-6  # a coordinate from which on zeros are odd, and below which it is 0
 LEFT_OUT = "n_no_returns"  # in the metadata: how many of those that were left out had a warning
 # A place that was measured more often than this keeps company with itself, in outliers/.
@@ -53,6 +55,6 @@ class NoReturns:
         where = "" if many else f" amid coordinates of {LARGE:,.0f} and more"
         done = "they are left out" if many else "remove them"
         return (
-            f"{path}: {n:,} of {self.n_points:,} points are 0, 0, 0{where}, the first is point "
-            f"{self.first + 1}: no returns, as it seems; {done}"
+            f"{path}: {counted(n, 'point', 'are', of=self.n_points)} 0, 0, 0{where}, the first is "
+            f"point {self.first + 1}: no returns, as it seems; {done}"
         )

@@ -103,7 +103,7 @@ class PointCloud:
 
     def __repr__(self) -> str:
         names = f"; {', '.join(self.attributes)}" if self.attributes else ""
-        return f"PointCloud({len(self)} points{names})"
+        return f"PointCloud({len(self)} point{'s' * (len(self) != 1)}{names})"
 
     def subset(self, selection: NDArray[np.bool_] | NDArray[np.integer] | slice) -> "PointCloud":
         """The chosen points with their attributes and the file's metadata.

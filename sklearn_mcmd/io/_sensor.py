@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import SETUPS, PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
@@ -43,7 +44,7 @@ def lights_in(attributes):
 def rows_of_sensor(where, doubt, n_by_rays):
     """What to tell of a sensor in a table: where it was, "" if that is not known or not used, what
     speaks against it, and the outliers that coordinates alone would keep."""
-    rows = {"sensor": where, "by rays": f"{n_by_rays:,} outliers are so by rays alone"}
+    rows = {"sensor": where, "by rays": f"{counted(n_by_rays, 'outlier', 'are')} so by rays alone"}
     rows = rows if where else {"sensor": "not used"} if doubt else {}
     return rows | ({"doubt": doubt} if doubt else {})
 

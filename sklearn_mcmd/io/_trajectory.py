@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._errors import counted, fixed, warn_caller
 from sklearn_mcmd.io._files import check_file, one_clear_line
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._text import read_text
@@ -122,7 +122,7 @@ def time_shift(times, trajectory):
     n_outside = np.count_nonzero(~((times - shift >= begin) & (times - shift <= end)))
     if n_outside:
         raise PointFileError(
-            f"{n_outside:,} of {len(times):,} points were measured when there is "
+            f"{counted(n_outside, 'point', 'were', of=len(times))} measured when there is "
             f"no trajectory: points have times from {times.min():.10g} to "
             f"{times.max():.10g}, and the trajectory from {begin:.10g} to {end:.10g}"
         )
@@ -166,6 +166,6 @@ def warn_if_far(low, high, positions):
     away = float(np.linalg.norm(np.maximum(between, 0.0)))
     if away > FAR * extent:
         warn_caller(
-            f"the trajectory is {away:,.0f} away from the points, which extend over {extent:,.0f}: "
-            "it seems to be in another coordinate system"
+            f"the trajectory is {fixed(away, ',.0f')} away from the points, which extend over "
+            f"{fixed(extent, ',.0f')}: it seems to be in another coordinate system"
         )

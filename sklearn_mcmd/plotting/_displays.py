@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.plotting._still import (
     check_points,
@@ -168,7 +169,7 @@ class OutlierDisplay(CloudDisplay):
 
     def _picture(self, view):
         flagged, true = self.is_outlier, self.is_true_outlier
-        picture = _found_picture(flagged, "outliers")
+        picture = _found_picture(flagged, "are outliers")
         if true is None:
             return picture
         kinds = [flagged & true, ~flagged & true, flagged & ~true]
@@ -261,7 +262,7 @@ class SegmentationDisplay(CloudDisplay):
     def _picture(self, view):
         inside = self.labels >= 0
         n = len(np.unique(self.labels[inside]))
-        title = f"{n:,} regions, {100 * inside.mean():.2f} % of {len(inside):,} points"
+        title = f"{counted(n, 'region')}, {100 * inside.mean():.2f} % of {len(inside):,} points"
         return Picture(region_colors(self.labels), self.labels, title)
 
 
@@ -298,7 +299,7 @@ class EdgeDisplay(CloudDisplay):
         return (np.where(estimator.scores_ < estimator.offset_, -1, 1),)
 
     def _picture(self, view):
-        return _found_picture(self.is_edge, "edges")
+        return _found_picture(self.is_edge, "are edges")
 
 
 class PlaneResidualDisplay(CloudDisplay):
@@ -347,7 +348,7 @@ class PlaneResidualDisplay(CloudDisplay):
         reach = 3 * np.sqrt(np.mean(kept**2)) or 1.0
         shade = cm.ScalarMappable(colors.Normalize(-reach, reach, clip=True), "RdBu_r")
         n = np.count_nonzero(self.is_outlier)
-        title = f"Residuals of {len(self.xyz):,} points, {n:,} outliers"
+        title = f"Residuals of {len(self.xyz):,} points, {counted(n, 'outlier')}"
         return Picture(
             shade.to_rgba(self.residuals)[:, :3],
             self.is_outlier,
@@ -401,10 +402,10 @@ def _choose_colors(masks, chosen, otherwise):
     return colors
 
 
-def _found_picture(found, noun):
+def _found_picture(found, what):
     """Which points were found, and how many."""
     n, n_all = np.count_nonzero(found), len(found)
-    title = f"{n:,} of {n_all:,} points are {noun} ({100 * n / n_all:.2f} %)"
+    title = f"{counted(n, 'point', what, of=n_all)} ({100 * n / n_all:.2f} %)"
     return Picture(_choose_colors([found], [FOUND], REGULAR), found, title)
 
 

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sklearn_mcmd._errors import agreed, counted
+
 
 class Run(NamedTuple):
     """The command that is reported."""
@@ -50,5 +52,5 @@ def percent(n, n_all):
     return f"{value:.1f} %"
 
 
-def share(n, n_all, noun="points"):
-    return f"{n:,} of {n_all:,} {noun} ({percent(n, n_all)})"
+def share(n, n_all, verb="", noun="point"):
+    return f"{counted(n, noun, of=n_all)} ({percent(n, n_all)}) {agreed(n, verb)}".rstrip()

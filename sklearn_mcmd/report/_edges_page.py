@@ -27,12 +27,12 @@ def edges_contents(shown, criterion, n, limit, cards):
     words = "Points farther than 20 spacings from all creases have the score 20. " * is_crease
     words += "Edges are counted in points and not in lengths, which sampling alone would change."
     return shown.contents(
-        headline=f"{share(n, n_all)} lie on edges.",
+        headline=f"{share(n, n_all, 'lie')} on edges.",
         cards=[(f"{limit:.3g}", limit_name), *cards],
         notes=_notes(n, n_all),
         checks="edges that are areas, no edges",
         sections=[
-            ("Where the edges are", found_maps(xyz, found, near, "edge points")),
+            ("Where the edges are", found_maps(xyz, found, near, "edge point")),
             ("Scores", drawn + paragraph(words, "soft")),
             ("Places", fullest_cells(xyz, found, near, "edge points")),
         ],
@@ -51,7 +51,7 @@ def _notes(n, n_all):
     ) + note_if(
         n > MANY * n_all,
         "Edges that are areas.",
-        f"{share(n, n_all)} lie on edges. Lines take few points, so these are things as narrow as "
+        f"{share(n, n_all, 'lie')} on edges. Lines take few points: these are things as narrow as "
         "a neighborhood, foliage, or noise.",
         "Denoise the cloud first, or give a smaller --threshold or a larger --min-angle.",
     )

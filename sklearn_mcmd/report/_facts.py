@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd._errors import counted
+from sklearn_mcmd._errors import counted, fixed
 from sklearn_mcmd.io._las import coordinate_system
 from sklearn_mcmd.planes._indexed_cloud import LEAF, distinct_rows, location_hashes
 from sklearn_mcmd.planes._resolution import coordinate_step
@@ -101,9 +101,9 @@ def bounds_rows(low, high):
     digits = max(0, 5 - int(np.floor(np.log10(extent))))
     # For large coordinates float64 holds fewer digits than that.
     most = max(0, 15 - int(np.floor(np.log10(max(np.abs([low, high]).max(), 1.0)))))
-    digits = min(digits, most)
+    form = f".{min(digits, most)}f"
     return {
-        axis: f"{least:.{digits}f} to {most:.{digits}f} (extent {most - least:.{digits}f})"
+        axis: f"{fixed(least, form)} to {fixed(most, form)} (extent {fixed(most - least, form)})"
         for axis, least, most in zip("xyz", low, high, strict=True)
     }
 
@@ -128,8 +128,8 @@ def cloud_notes(facts, n_far):
     notes = note_if(
         n_copies > COPIES * facts.n_points,
         "Duplicates.",
-        f"{n_copies:,} points ({percent(n_copies, facts.n_points)}) lie exactly where another one "
-        "does. They count once in planes, and say nothing about noise.",
+        f"{counted(n_copies, 'point', 'lie')} exactly where another one does "
+        f"({percent(n_copies, facts.n_points)}). Copies count once, and say nothing about noise.",
         "Look for a strip that was merged twice, or thin the cloud to distinct points first.",
     )
     notes += note_if(
@@ -143,9 +143,9 @@ def cloud_notes(facts, n_far):
     notes += note_if(
         n_far > 0,
         "Points far from all others.",
-        f"{n_far:,} points ({percent(n_far, facts.n_points)}) lie farther from the rest than this "
-        f"is wide: the file spans {spans}. Maps leave them out.",
-        "Check them, and cut them off if they are no part of the scan.",
+        f"{counted(n_far, 'point', 'lie')} farther from the rest than this is wide "
+        f"({percent(n_far, facts.n_points)}): the file spans {spans}. Maps leave out what is far.",
+        "Check what is there, and cut it off if it is no part of the scan.",
     )
     return notes + _neighborhood_notes(facts) if facts.n_neighbors else notes
 

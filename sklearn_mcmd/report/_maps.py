@@ -5,6 +5,7 @@ import io
 
 import numpy as np
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.plotting import plot_cloud
 from sklearn_mcmd.plotting._displays import FOUND, Picture
@@ -57,7 +58,10 @@ def _figures(draw, xyz, near, legend, views=tuple(VIEWS), unit=""):
     figures = [_map(draw, xyz, rows, view, caption) for view, caption in named]
     outside = len(xyz) - len(rows)
     words = f"Lengths are in{unit or ' units of the file'}."
-    words += f" {outside:,} points far from the others are not drawn." if outside else ""
+    if outside:
+        words += (
+            f" {counted(outside, 'point', 'lie')} far from the others, and not in the pictures."
+        )
     chips = [part("chips", legend)] if legend else []
     return join(*chips, part("maps", figures), part("paragraph", words, "soft"))
 
@@ -77,7 +81,7 @@ def found_maps(xyz, found, near, noun):
             plot_cloud(xyz[rows[marked]], color=FOUND, view=view, size=size, ax=ax)
 
     n = int(np.count_nonzero(found))
-    legend = [(FOUND, f"{n:,} {noun}"), (DIM, f"{len(found) - n:,} others")]
+    legend = [(FOUND, counted(n, noun)), (DIM, counted(len(found) - n, "other"))]
     return _figures(draw, xyz, near, legend)
 
 
@@ -112,7 +116,7 @@ def fullest_cells(xyz, found, near, noun):
     header = ("x", "y", noun, "of the cell's points", f"of all {noun}")
     intro = paragraph(
         f"The fullest cells of a grid of {side:g} in plan, seen from above; "
-        f"{len(cells):,} cells hold points."
+        f"{counted(len(cells), 'cell', 'hold')} points."
     )
     return intro + table(header, rows, numbers=(2, 3, 4))
 

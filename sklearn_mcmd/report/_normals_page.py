@@ -64,7 +64,7 @@ def _notes(errors, removed):
     return note_if(
         n > SOME * n_all,
         "Unreliable normals.",
-        f"{share(n, n_all, 'normals')} have a standard error above {UNRELIABLE:g} degrees: their "
+        f"{share(n, n_all, 'have', 'normal')} a standard error above {UNRELIABLE:g} degrees: their "
         "neighborhoods are sparse, narrow or noisy.",
         "Give more --n-neighbors, or --n-neighbors auto, and look at the table of places.",
     ) + note_if(

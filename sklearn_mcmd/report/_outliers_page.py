@@ -55,7 +55,7 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
         )
     else:
         found = found > 0
-        drawn = found_maps(xyz, found, near, "outliers")
+        drawn = found_maps(xyz, found, near, "outlier")
     sections = [("Where the outliers are", drawn)]
     if score is not None:
         score = score.astype(np.float64)
@@ -66,8 +66,8 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
         of = np.count_nonzero(score > cutoff)
         drawn += paragraph(
             f"A score up to 3 means that the point is on a surface or near other points. "
-            f"{share(clear, of, 'outliers')} are clear errors, with a score above {CLEAR}; "
-            f"{share(gross, of, 'outliers')} are gross ones, above {GROSS}."
+            f"{share(clear, of, 'have', 'outlier')} a clear error's score, above {CLEAR}; "
+            f"{share(gross, of, 'have', 'outlier')} a gross error's, above {GROSS}."
         )
         sections.append(("How clear they are", drawn))
     if detector is not None:
@@ -80,9 +80,9 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
     if found is not None:
         sections.append(("Places", fullest_cells(xyz, found, near, "outliers")))
     n_out = n_all + n_others - (0 if marked else n)
-    done = "are marked" if marked else "were removed"
+    done = "marked" if marked else "removed"
     return shown.contents(
-        headline=f"{share(n, n_all)} are outliers; they {done}.",
+        headline=f"{share(n, n_all, 'are outliers')}: {done}.",
         cards=cards,
         notes=_notes(detector, n, n_all),
         checks="many outliers, many that lie together",
@@ -98,13 +98,13 @@ def _notes(detector, n, n_all):
     return note_if(
         n > MANY * n_all,
         "Many outliers.",
-        f"{share(n, n_all)} are flagged. Planes withstand up to a half of outliers in a "
+        f"{share(n, n_all, 'are')} flagged. Planes withstand up to a half of outliers in a "
         "neighborhood, and some neighborhoods now have more.",
         "Look at the maps before points are dropped; --mode mark keeps them all.",
     ) + note_if(
         n_on < 0.5 * n_all and plane_scales(detector) is not None,
         "Few points on surfaces.",
-        f"Only {share(n_on, n_all)} lie on a surface. The others are judged by the company that "
+        f"Only {share(n_on, n_all, 'lie')} on a surface. The others are judged by the company that "
         "they keep, which finds fewer outliers.",
         "That is right for foliage. If these are surfaces, they are noisy: give more "
         "--n-neighbors.",

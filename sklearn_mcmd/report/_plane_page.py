@@ -34,7 +34,7 @@ def plane_contents(cloud, detector, figures, unit):
         least=0.01,
     )
     headline = (
-        f"{share(n, n_all)} do not belong to the plane; {'the others' if n < n_all else 'all'} "
+        f"{share(n, n_all, 'do')} not belong to the plane; {'the others' if n < n_all else 'all'} "
     )
     headline += f"are within {rms:.3g}{unit} of it (rms)."
     if "flatness" in rows:
@@ -113,7 +113,7 @@ def _notes(detector, n, n_all, unit, rows):
     notes = note_if(
         n > MANY * n_all,
         "Many outliers.",
-        f"{share(n, n_all)} do not belong to the plane. It may be two planes, or a curved one.",
+        f"{share(n, n_all, 'do')} not belong to the plane. It may be two planes, or a curved one.",
         "Look at the map of residuals, and cut out one plane.",
     )
     notes += note_if(

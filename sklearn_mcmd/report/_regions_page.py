@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd.plotting import SegmentationDisplay, region_colors
 from sklearn_mcmd.report._contents import note_if, percent, share
 from sklearn_mcmd.report._histogram import histogram
@@ -57,7 +58,7 @@ def segment_contents(shown, regions, n_regions, inside):
         what = {"name": "points of a region", "least": float(sizes.min()), "what": "regions"}
         sections.append(("Sizes", histogram(sizes, **what)))
     return shown.contents(
-        headline=f"{n_regions:,} regions hold {share(inside, n_all)}.",
+        headline=f"{counted(n_regions, 'region', 'hold')} {share(inside, n_all)}.",
         cards=[
             (f"{n_all - inside:,}", f"points of no region, {percent(n_all - inside, n_all)}"),
             (f"{largest:,}", f"points of the largest, {percent(largest, n_all)}"),
@@ -106,14 +107,14 @@ def _notes(inside, n_all, sizes):
     return note_if(
         n_all - inside > LEFT_OVER * n_all,
         "Many points without a region.",
-        f"{share(n_all - inside, n_all)} belong to no region: foliage, outliers, or surfaces that "
+        f"{share(n_all - inside, n_all, 'belong')} to no region: foliage, outliers, surfaces that "
         "are too noisy or too curved for the limits.",
         "Denoise the cloud first. If surfaces are missing, give a larger --max-angle or more "
         "--n-neighbors.",
     ) + note_if(
         in_small > PIECES * n_all,
         "Many small regions.",
-        f"{share(in_small, n_all)} are in regions of fewer than {SMALL} points: surfaces fall to "
+        f"{share(in_small, n_all, 'are')} in regions of less than {SMALL} points: surfaces fall to "
         "pieces, or the cloud is full of small things.",
         "Give more --n-neighbors for smoother normals, or a larger --min-region-size.",
     )

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.report._contents import Contents, Note, share
@@ -86,7 +87,7 @@ class Shown(NamedTuple):
             words=words,
             checks="the cloud itself is not measured by tiles",
             cards=cards,
-            files=f" in {len(outputs):,} files",
+            files=f" in {counted(len(outputs), 'file')}",
         )
 
 

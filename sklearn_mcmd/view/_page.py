@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._errors import agreed, counted, warn_caller
 from sklearn_mcmd.io._files import read_points, replacing
 from sklearn_mcmd.io._point_cloud import PointCloud
 from sklearn_mcmd.io._units import length_unit
@@ -220,7 +220,7 @@ def view(
     kept = [cloud.subset(chosen) for (cloud, _), chosen in zip(finite, rows, strict=True)]
     n_shown = sum(map(len, rows))
     if n_shown < sum(sizes):
-        warn_caller(f"the page holds {n_shown:,} of {sum(sizes):,} points, chosen at random")
+        warn_caller(f"the page holds {counted(n_shown, 'point', of=sum(sizes))}, chosen at random")
     manifest, blocks = _pack(kept, rows, only)
     for told, name, size, cloud in zip(manifest["clouds"], names, sizes, kept, strict=True):
         told |= {"name": str(name), "total": size, "dropped": cloud.n_dropped}
@@ -356,7 +356,8 @@ def _as_cloud(cloud):
     rows = np.flatnonzero(np.isfinite(cloud.xyz).all(axis=1))
     if len(rows) < len(cloud):
         n_left_out = len(cloud) - len(rows)
-        warn_caller(f"{n_left_out:,} points without finite coordinates are left out")
+        words = f"{counted(n_left_out, 'point')} without finite coordinates"
+        warn_caller(f"{words} {agreed(n_left_out, 'are')} left out")
     if len(rows) == 0:
         raise ValueError("A cloud without points (with finite coordinates) cannot be shown.")
     return cloud, rows

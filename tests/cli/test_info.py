@@ -1,5 +1,7 @@
 """mcmd info: what a file holds, counted."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -107,6 +109,22 @@ def test_info_names_the_position_of_the_sensor_where_a_format_can_tell_it(room, 
     assert "not known: PCD's VIEWPOINT is 0 0 0" in rows_of(tmp_path / "room.pcd")["sensor"]
     write_points(tmp_path / "room.csv", room)
     assert "sensor" not in rows_of(tmp_path / "room.csv")
+
+
+@pytest.mark.parametrize("verb", ["info", "plane"])
+def test_huge_coordinates_are_shown_with_six_digits(verb, tmp_path):
+    xyz = 1e60 * np.random.default_rng(0).uniform(size=(50, 3)) * [1, 1, 0.001]
+    np.savetxt(tmp_path / "huge.xyz", xyz)
+    shown = done(verb, tmp_path / "huge.xyz").stdout
+    assert re.findall(r"\d{16,}", shown) == []
+    assert re.search(r"\de\+5\d", shown)
+
+
+def test_info_counts_one_point_of_one_file(tmp_path):
+    np.savetxt(tmp_path / "one.xyz", [[1.0, 2, 3]])
+    shown = done("info", tmp_path).stdout
+    assert "1 point of 1 file" in shown
+    assert "1 point," in shown
 
 
 def test_info_of_a_folder_has_a_line_for_each_file_and_one_for_all(tmp_path):

@@ -39,6 +39,12 @@ def test_zeros_of_every_format_are_named_and_many_in_the_scanners_frame_left_out
     assert cloud.n_dropped == cloud.metadata["n_no_returns"] == 90
 
 
+def test_one_row_of_zeros_is_told_in_the_singular(tmp_path):
+    write_points(tmp_path / "a.xyz", np.insert(SURVEY, 7, 0, axis=0))
+    with pytest.warns(UserWarning, match="1 of 31 points is 0, 0, 0 .* is point 8: "):
+        read_points(tmp_path / "a.xyz")
+
+
 def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
     pose = {"translation": np.array([5e5, 5.4e6, 100]), "rotation": np.array([0.6, 0, 0, 0.8])}
     write_scans(tmp_path / "a.e57", (SPINNING, {}, pose))

@@ -23,7 +23,7 @@ def made(offset=0.0, n_far=0):
     xyz = np.random.default_rng(0).uniform(0, 1, (3000, 3)) * [10, 5, 1]
     found, near = (xyz[:, 0] > 8) & (xyz[:, 1] > 4), np.arange(len(xyz)) >= n_far
     xyz[~near] += 1e6
-    markup = found_maps(xyz + offset, found, near, "outliers")
+    markup = found_maps(xyz + offset, found, near, "outlier")
     return *pictures(markup), markup
 
 
@@ -49,14 +49,14 @@ def test_a_map_is_filled_far_from_the_origin_and_far_points_are_counted():
     top, *_, markup = made(np.array([1_423_215.0, 4_189_097.0, 67.0]), n_far=7)
     columns = np.flatnonzero((top[..., 3] > 0).any(axis=0))
     assert np.ptp(columns) > 0.95 * top.shape[1]
-    assert "7 points far from the others are not drawn" in markup
+    assert "7 points lie far from the others, and not in the pictures" in markup
 
 
 @pytest.mark.parametrize("xyz", [np.zeros((1, 3)), np.eye(3)[:2] * 1e9, np.ones((5, 3)) * 1e-9])
 def test_clouds_without_extent_are_drawn(xyz):
     n = len(xyz)
     for found in (np.zeros(n, bool), np.ones(n, bool)):
-        assert len(list(pictures(found_maps(xyz, found, np.ones(n, bool), "outliers")))) == 3
+        assert len(list(pictures(found_maps(xyz, found, np.ones(n, bool), "outlier")))) == 3
 
 
 XYZ = np.random.default_rng(0).uniform(0, 20, (5000, 3)) + np.array([1000, 2000, -5])

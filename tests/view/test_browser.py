@@ -185,6 +185,15 @@ def test_two_clouds_are_compared_at_the_divider(opened, scan):
     assert [name for name, _ in parts] == ["before", "after"]
 
 
+def test_the_divider_names_a_cloud_that_lacks_what_colors(opened, scan):
+    tab = opened(scan, PointCloud(scan.xyz[::2]), names=["before", "after"])
+    colored = tab.ask("cloudPage.scene.color.name")
+    assert tab.text("#left-name") == "before"
+    assert tab.text("#right-name") == f"after (gray: it has no {colored})"
+    tab.ask("cloudPage.colorBy(cloudPage.scene.attributes.at(-1))")  # height, which both have
+    assert (tab.text("#left-name"), tab.text("#right-name")) == ("before", "after")
+
+
 def test_a_point_at_the_origin_does_not_spoil_a_cloud_in_national_coordinates(opened):
     xyz = np.round(np.random.default_rng(0).uniform(0, 10, (5000, 3)), 3)
     xyz += [356_000, 5_640_000, 80]

@@ -125,7 +125,7 @@ def test_each_attribute_has_a_name_of_its_own(cloud):
 def test_rows_are_those_of_the_array_also_after_points_that_are_left_out(tmp_path):
     xyz = np.round(np.random.default_rng(0).uniform(size=(20, 3)), 3)
     xyz[3] = np.nan
-    with pytest.warns(UserWarning, match="1 points without finite coordinates"):
+    with pytest.warns(UserWarning, match="1 point without finite coordinates is left out"):
         manifest, _ = shown_in(page := view(xyz), xyz)
     assert (page.n_shown, manifest["clouds"][0]["dropped"]) == (19, 0)
     np.savetxt(tmp_path / "scan.xyz", xyz)

@@ -110,6 +110,7 @@ class App {
   colorBy(attribute) {
     this.scene.color = attribute;
     this.panel.showColor();
+    this.compare(this.comparing); // names say which cloud lacks the attribute
     this.paintAll();
   }
 
@@ -163,8 +164,8 @@ class App {
     this.renderer.split = able ? { left, right, at: this.renderer.split?.at ?? 0.5 } : null;
     byId("divider").hidden = !able;
     if (able) {
-      byId("left-name").textContent = left.name;
-      byId("right-name").textContent = right.name;
+      byId("left-name").textContent = this.scene.nameOf(left);
+      byId("right-name").textContent = this.scene.nameOf(right);
       this.moveDivider(this.renderer.split.at);
     }
     this.renderer.changed();

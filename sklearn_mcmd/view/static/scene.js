@@ -24,6 +24,11 @@ class Scene {
     this.palette = "viridis";
   }
 
+  /** The name of a cloud, with a word if it lacks the attribute that colors. */
+  nameOf(cloud) {
+    return cloud.codes.has(this.color) ? cloud.name : `${cloud.name} (gray: it has no ${this.color.name})`;
+  }
+
   heightAttribute() {
     const [first, last] = this.manifest.heights; // of nearly all points, in steps
     const step = ((last - first) * this.step) / (LAST_CODE - 1) || 1;
