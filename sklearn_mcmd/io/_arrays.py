@@ -11,13 +11,15 @@ from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room, with_cells
 from sklearn_mcmd.io._unnamed import check_first_columns, check_turned
 
+MAGIC = np.lib.format.MAGIC_PREFIX
 LONGEST_HEADER = 2**14  # bytes of an array; NumPy reads none of more than 10,000 characters
-MOST_DEFLATED = 1032  # bytes from one byte of a ZIP
+# Bytes from one byte of a ZIP, of the methods that NumPy writes. Others pack a million into one.
+FACTORS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}
 
 
 def read_npy(path, columns=None):
     """Read a table (n, >=3), an organized one (rows, columns, >=3), or fields x, y, z."""
-    _check_start(path, b"\x93NUMPY", "NPY")
+    _check_start(path, MAGIC, "NPY")
     with open(path, "rb") as file:
         _check_array(file, path.stat().st_size, "its numbers")
     array = np.load(path, allow_pickle=False)
@@ -53,16 +55,16 @@ def _columns(array, columns=None):
 def read_npz(path):
     """Read ``xyz``, or ``x``, ``y``, ``z``, organized or not, or the first array (n, 3)."""
     _check_start(path, b"PK", "NPZ")
-    with np.load(path, allow_pickle=False) as archive:
-        for member in archive.zip.infolist():
-            if member.filename.endswith(".npy"):
-                room = member.file_size
-                if member.compress_type == zipfile.ZIP_DEFLATED:
-                    room = min(room, MOST_DEFLATED * path.stat().st_size)
-                with archive.zip.open(member) as file:
-                    _check_array(file, room, f"the numbers of {member.filename!r}")
-        arrays = {name: archive[name] for name in archive.files}
-        arrays = {name: a for name, a in arrays.items() if isinstance(a, np.ndarray)}
+    arrays = {}
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        check_room(sum(m.compress_size for m in members), path.stat().st_size, "its members")
+        for member in members:
+            name, array = member.filename.removesuffix(".npy"), _array_of(archive, member)
+            if name in arrays:
+                raise PointFileError(f"holds two arrays {name!r}; write it anew")
+            if array is not None:
+                arrays[name] = array
     tables = [n for n, a in arrays.items() if a.ndim == 2 and a.shape[1] == 3]
     if "xyz" in arrays:
         xyz = arrays.pop("xyz")
@@ -115,8 +117,31 @@ def _check_start(path, magic, format_name):
             raise PointFileError(f"is not a file in NumPy's format {format_name}")
 
 
+def _array_of(archive, member):
+    """The array of a member of an NPZ, None if it is something else, as a text."""
+    factor = FACTORS.get(member.compress_type)
+    if factor is None and member.filename.endswith(".npy"):
+        raise PointFileError(
+            f"{member.filename!r} is compressed as NumPy does not (ZIP method "
+            f"{member.compress_type}), by which few bytes may hide gigabytes; use savez_compressed"
+        )
+    if factor is None or member.is_dir():
+        return None
+    with archive.open(member) as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            return None
+        file.seek(0)
+        room = min(member.file_size, factor * member.compress_size)
+        _check_array(file, room, f"the numbers of {member.filename!r}")
+        file.seek(0)
+        return np.lib.format.read_array(file, allow_pickle=False)
+
+
 def _check_array(file, room, what):
-    """Check that the numbers a header tells of can be there; NumPy takes their memory first."""
+    """Check that the numbers a header tells of can be there; NumPy takes their memory first.
+
+    Of none, each takes a byte all the same: there are loops over columns without rows.
+    """
     file = io.BytesIO(file.read(LONGEST_HEADER))
     known = np.lib.format
     is_first = known.read_magic(file) == (1, 0)
@@ -124,7 +149,15 @@ def _check_array(file, room, what):
     shape, _, dtype = read(file)
     if dtype.hasobject:
         raise PointFileError("holds pickled objects, which are never loaded; write numbers")
-    check_room(math.prod(shape) * dtype.itemsize, room, what)
+    n_looped = _n_looped(shape, dtype)
+    check_room(max(math.prod(shape) * dtype.itemsize, n_looped), room, what)
+
+
+def _n_looped(shape, dtype):
+    """Numbers of an array, as if axes of length 0 had length 1."""
+    base, inner = dtype.subdtype or (dtype, ())
+    n_fields = sum(_n_looped((), base[name]) for name in base.names or ())
+    return math.prod(n or 1 for n in (*shape, *inner)) * max(n_fields, 1)
 
 
 def cloud_from_records(records, columns=None, **kwargs):

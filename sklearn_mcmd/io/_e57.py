@@ -5,6 +5,7 @@ import re
 import struct
 from types import FunctionType, SimpleNamespace
 from typing import NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -37,6 +38,12 @@ E57_FIELDS = {  # of our attributes: the name in E57, and the dtype that is writ
 COLOR_FIELDS = [E57_FIELDS[color][0] for color in COLORS]
 PAGE, CHECKSUM = 1024, 4  # bytes
 ANY = "{*}"  # of the spaces of names
+# What names another place: libe57 would ask the network for schemas, and other readers for others.
+ELSEWHERE = "schemaLocation", "noNamespaceSchemaLocation", "xml-stylesheet"
+INCLUDED = "{http://www.w3.org/2001/XInclude}"
+DEEPEST = 100  # elements in one another; E57 has nine
+# Pairs of elements that libe57 compares in some seconds; 30,000 scans of 100 elements have as many.
+MOST_COMPARED = 50_000_000
 
 
 class PoseLimits(NamedTuple):
@@ -81,26 +88,51 @@ def read_e57(path):
 
 def _checked_scans(path):
     """The scans in the XML, and no XML by which libe57 would end the process, or read wrongly."""
-    from xml.etree import ElementTree
-
     with open(path, "rb") as file:
         if (start := file.read(48))[:8] != b"ASTM-E57" or len(start) < 48:
             raise PointFileError("damaged or is of another format: it does not begin as E57 does")
         at, length = struct.unpack_from("<QQ", start, 24)
         check_room(at + length, os.fstat(file.fileno()).st_size, "points and XML")
         file.seek(at - at % PAGE)
-        n_pages = (at % PAGE + length) // (PAGE - CHECKSUM) + 1
-        xml = b"".join(file.read(PAGE)[:-CHECKSUM] for _ in range(n_pages))[at % PAGE :][:length]
-    if b"<!DOCTYPE" in xml:  # which E57 does not have, and which may declare entities that grow
-        raise PointFileError("damaged: its XML declares a type of document")
-    root = ElementTree.fromstring(xml)
-    for node in root.iter():
-        _, _, name = node.tag.rpartition("}")
-        if node.get("type") == "CompressedVector" and node.find(f"{ANY}prototype") is None:
-            raise PointFileError(f"damaged: {name} does not say what it holds: no prototype")
-        if node.get("type") == "ScaledInteger" and name.startswith(("cartesian", "spherical")):
-            check_grid(name, float(node.get("scale", 1)), float(node.get("offset", 0)))
+        n_pages = (at % PAGE + length) // (PAGE - CHECKSUM) + 2
+        xml = b"".join(file.read(PAGE)[:-CHECKSUM] for _ in range(n_pages))
+    parser = ElementTree.XMLParser(target=_Tree())
+    parser.feed(xml[min(at % PAGE, PAGE - CHECKSUM) :][:length])
+    root = parser.close()
+    level, depth, n_compared = [root], 0, 0
+    while level:
+        for node in level:
+            _, _, name = node.tag.rpartition("}")
+            if node.get("type") == "CompressedVector" and node.find(f"{ANY}prototype") is None:
+                raise PointFileError(f"damaged: {name} does not say what it holds: no prototype")
+            if node.get("type") == "ScaledInteger" and name.startswith(("cartesian", "spherical")):
+                check_grid(name, float(node.get("scale", 1)), float(node.get("offset", 0)))
+            # libe57 compares the names in an element, and all that is in a vector of one kind.
+            is_vector, of_any = node.get("type") == "Vector", node.get("allowHeterogeneousChildren")
+            compared = node if not is_vector else () if of_any == "1" else node.iter()
+            n_compared += sum(1 for _ in compared) ** 2
+        level, depth = [child for node in level for child in node], depth + 1
+        if n_compared > MOST_COMPARED or depth > DEEPEST:
+            raise PointFileError(
+                f"damaged: its XML is {depth} elements deep, with {n_compared:,} pairs to compare"
+            )
     return root.findall(f"{ANY}data3D/*")
+
+
+class _Tree(ElementTree.TreeBuilder):
+    """Builds the tree of XML that names no other place, whatever its encoding."""
+
+    def doctype(self, *_):
+        raise PointFileError("damaged: its XML declares a type of document")
+
+    def start(self, tag, attributes):
+        self.pi(tag, *attributes)
+        return super().start(tag, attributes)
+
+    def pi(self, *names):
+        for name in filter(None, names):
+            if name.rpartition("}")[2] in ELSEWHERE or name.startswith(INCLUDED):
+                raise PointFileError(f"its XML names another place ({name}): get it without that")
 
 
 def _pose(path, number, scan):

@@ -1,7 +1,5 @@
 """E57: poses, colors, and what is dropped."""
 
-import re
-import struct
 import subprocess
 import sys
 import warnings
@@ -10,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from benchmarks._fuzz_seeds import crc32c
-from e57_files import pye57, write_scans
+from e57_files import pye57, with_xml, write_scans
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 
 
@@ -89,7 +86,7 @@ def test_poses_that_one_scan_cannot_hold_are_named(tmp_path):
 
 # ---- files that other programs write, and damaged ones ----------------------------------------
 
-PAGE, N = 1024, 50
+N = 50
 NUMBERS = np.arange(N)
 READ_ALL = """
 import sys
@@ -103,26 +100,6 @@ for path in sorted(Path(sys.argv[1]).iterdir()):
     except PointFileError as err:
         print("refused:", err, flush=True)
 """
-
-
-def with_xml(source, target, *changes):
-    """A copy with another text in its XML, and right checksums."""
-    raw = source.read_bytes()
-    at, length = struct.unpack_from("<QQ", raw, 24)
-    data = b"".join(raw[i : i + PAGE - 4] for i in range(0, len(raw), PAGE))
-    at = at // PAGE * (PAGE - 4) + at % PAGE
-    xml = data[at : at + length].decode()
-    for pattern, words in changes:
-        xml, n = re.subn(pattern, words, xml, flags=re.DOTALL)
-        assert n, pattern
-    data = data[:at] + xml.encode()
-    data += bytes(-len(data) % (PAGE - 4))
-    size = len(data) // (PAGE - 4) * PAGE
-    head = struct.pack("<Q8xQ", size, len(xml.encode()))
-    data = data[:16] + head[:8] + data[24:32] + head[16:] + data[40:]
-    pages = (data[i : i + PAGE - 4] for i in range(0, len(data), PAGE - 4))
-    target.write_bytes(b"".join(page + struct.pack(">I", crc32c(page)) for page in pages))
-    return target
 
 
 @pytest.fixture
