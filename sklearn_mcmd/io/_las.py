@@ -15,7 +15,7 @@ from sklearn_mcmd.io._las_structure import (
     record_length,
     start_of_longest,
 )
-from sklearn_mcmd.io._laz import compressed_parts
+from sklearn_mcmd.io._laz import compressed_parts, n_compressed
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -176,10 +176,18 @@ def read_header(path):
 def header_of(path, file):
     """The header of a file that is open. Its bounds are in order, the file at any position."""
     laspy = import_laspy(path.name.lower().endswith(".laz"))
-    n_behind = check_structure(file)
+    n_points, n_behind = check_structure(file)
     length = record_length(file)
     header = laspy.LasHeader.read_from(start_of_longest(file))
     header.read_evlrs(file)
+    if n_points != header.point_count:
+        header.point_count = n_points
+        warn_caller(f"{path}: its header counts 0 points, but {n_points:,} where LAS 1.2 does")
+    if header.are_points_compressed and n_points:
+        header.point_count = n_compressed(file, header)
+        if header.point_count < n_points:
+            told = f"{header.point_count:,} of the {n_points:,} points that its header counts"
+            warn_caller(f"{path}: holds {told}")
     for record in header.vlrs.get("ExtraBytesVlr"):  # laspy forgets which value means no data
         no_data = {e.format_name(): e.no_data for e in record.extra_bytes_structs if e.data_type}
         for i, known in enumerate(header.point_format.dimensions):

@@ -23,7 +23,8 @@ class ScaleLimits(NamedTuple):
 def check_structure(file):
     """Refuse impossible counts: laspy would loop over them for hours, or request their memory.
 
-    Return how many records are behind the points that the header counts, if these are uncompressed.
+    Return how many points the header counts, and how many records are behind these if they are
+    uncompressed. LAS 1.4 has two counts: of some writers, only that of older versions is not 0.
     """
     size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
     file.seek(0)
@@ -43,7 +44,10 @@ def check_structure(file):
     if minor >= 4:
         if len(start) < LAS_14_HEADER:
             raise PointFileError(f"truncated: {size} bytes are fewer than a LAS 1.4 header")
-        evlrs_at, n_evlrs, n_points = struct.unpack_from("<QIQ", start, 235)
+        evlrs_at, n_evlrs, n_new = struct.unpack_from("<QIQ", start, 235)
+        n_points = n_new or n_points
+    if not n_points and points_at > size:
+        raise PointFileError("holds no points")
     if points_at + bool(n_points) > size:
         raise PointFileError(f"truncated: the points begin at byte {points_at} of {size}")
     if VLR_HEADER * n_vlrs > size - header_size or not _fit(file, evlrs_at, n_evlrs, size):
@@ -56,9 +60,9 @@ def check_structure(file):
         check_grid(axis, scale, offset)
     file.seek(min(end, size))
     if is_compressed or not any(file.read(record_length)):  # no record, or padding
-        return 0
+        return n_points, 0
     behind = [at for at in (evlrs_at * (n_evlrs > 0), waveforms_at, size) if at >= end]
-    return (min(behind) - end) // record_length
+    return n_points, (min(behind) - end) // record_length
 
 
 def check_grid(axis, scale, offset):

@@ -8,6 +8,7 @@ every error of Python's code into its own, even a KeyboardInterrupt, it gets byt
 import io
 import os
 import struct
+from contextlib import suppress
 
 import numpy as np
 
@@ -18,6 +19,7 @@ LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of LASzip's items by number; an extra b
 EXTRA_BYTES = (0, 14)  # numbers of the items that hold them
 ONE_CHUNK, CHUNKED, LAYERED = 1, 2, 3  # compressors
 ITEM_VERSIONS = {ONE_CHUNK: (1, 2), CHUNKED: (1, 2), LAYERED: (3, 4)}  # that lazrs reads
+CHUNK_SIZE = slice(12, 16)  # place in the record
 VARIABLE = 2**32 - 1  # this chunk size means that the table holds the sizes
 BYTES_PER_ENTRY = 16  # of the table, at most: two integers with their probabilities
 # Of a point at least one of 64 symbols is stored, whose likelihoods are multiples of 2**-15: 2,884
@@ -28,29 +30,61 @@ CHUNKS_A_TIME = 64  # enough for all processors, and few enough for Ctrl-C to en
 
 def compressed_parts(file, header, n_points):
     """The point records behind a header, as bytes, in parts of whole chunks; see `parts_of`."""
-    lazrs = import_extra("lazrs", "las", "LAZ")
-    records = header.vlrs.extract("LasZipVlr")
-    if not records:
-        raise PointFileError("damaged: the record that says how its points are compressed is gone")
-    record = records[0].record_data
-    size = record_length(file)
-    layout = _Layout(lazrs, record, header.point_format.id, size)
-    chunks = _chunks(lazrs, file, header, record, layout)
+    lazrs, record, layout, chunks = _opened(file, header)
+    header.vlrs.extract("LasZipVlr")
     ends = np.cumsum([0, *(n for n, _ in chunks)])
     first = 0
     while first < len(chunks):
         last = int(np.searchsorted(ends, ends[first] + n_points, side="right")) - 1
         last = max(last, first + 1)
-        points = np.empty((ends[last] - ends[first], size), dtype=np.uint8)
+        points = np.empty((ends[last] - ends[first], layout.n_bytes), dtype=np.uint8)
         for start in range(first, last, CHUNKS_A_TIME):
             end = min(start + CHUNKS_A_TIME, last)
             part = chunks[start:end]
             data = file.read(sum(n_bytes for _, n_bytes in part))
             layout.check_chunks(data, part, start)
-            rows = slice(*(ends[[start, end]] - ends[first]))
-            lazrs.decompress_points_with_chunk_table(data, record, points[rows].reshape(-1), part)
-        yield as_described(points.reshape(-1), size, header.point_format)
+            rows = points[slice(*(ends[[start, end]] - ends[first]))].reshape(-1)
+            try:
+                lazrs.decompress_points_with_chunk_table(data, record, rows, part)
+            except lazrs.LazrsError as err:
+                words = f"damaged: points {ends[start] + 1:,} to {ends[end]:,} cannot be"
+                raise PointFileError(f"{words} decompressed ({err})") from err
+        yield as_described(points.reshape(-1), layout.n_bytes, header.point_format)
         first = last
+
+
+def n_compressed(file, header):
+    """How many points are there, at most as many as the header counts.
+
+    Layers tell. Of others, the last chunk is tried if the points by return are not as many.
+    """
+    lazrs, record, layout, chunks = _opened(file, header)
+    (n_last, n_bytes), n_points = chunks[-1], sum(n for n, _ in chunks)
+    file.seek(sum(n for _, n in chunks[:-1]), os.SEEK_CUR)
+    if layout.compressor == LAYERED:
+        stored = file.read(layout.n_bytes + 4)[layout.n_bytes :]
+        return n_points - n_last + min(n_last, int.from_bytes(stored, "little"))
+    if n_points == sum(header.number_of_points_by_return):
+        return n_points
+    points = np.full((n_last, layout.n_bytes), 255, np.uint8)
+    with suppress(lazrs.LazrsError):  # the points before the end are then written all the same
+        lazrs.decompress_points_with_chunk_table(
+            file.read(n_bytes), record, points.reshape(-1), chunks[-1:]
+        )
+    return n_points - n_last + int(np.flatnonzero((points < 255).any(axis=1)).max(initial=-1)) + 1
+
+
+def _opened(file, header):
+    """lazrs, the record of the compression, its layout, and the chunks; the file is at these."""
+    lazrs = import_extra("lazrs", "las", "LAZ")
+    records = header.vlrs.get("LasZipVlr")
+    if not records:
+        raise PointFileError("damaged: the record that says how its points are compressed is gone")
+    record = records[0].record_data
+    if record[CHUNK_SIZE] == bytes(4):  # so LASzip 1.2 writes one chunk, and others what varies
+        record = record[: CHUNK_SIZE.start] + b"\xff" * 4 + record[CHUNK_SIZE.stop :]
+    layout = _Layout(lazrs, record, header.point_format.id, record_length(file))
+    return lazrs, record, layout, _chunks(lazrs, file, header, record, layout)
 
 
 class _Layout:
@@ -63,15 +97,16 @@ class _Layout:
         self.compressor, self.chunk_size = struct.unpack_from("<H10xI", record)
         if self.compressor not in ITEM_VERSIONS:
             raise PointFileError(f"damaged, or compressed in a way unknown ({self.compressor})")
-        if self.chunk_size == 0:
-            raise PointFileError("damaged: its chunks are of 0 points")
         plain = lazrs.LazVlr.new_for_compression(format_id, 0, False).record_data()
         wanted = [item[:2] for item in struct.iter_unpack("<3H", plain[34:])]
         items = list(struct.iter_unpack("<3H", record[34 : 34 + 6 * n_items]))
         for i, (kind, n_bytes, version) in enumerate(items):
             known = wanted[i] == (kind, n_bytes) if i < len(wanted) else kind in EXTRA_BYTES
             if not known or version not in ITEM_VERSIONS[self.compressor]:
-                raise PointFileError(f"damaged: item {kind} of {n_bytes} bytes, version {version}")
+                raise PointFileError(
+                    f"damaged, or compressed by an unknown LASzip ({record[4]}.{record[5]}): item "
+                    f"{kind} of {n_bytes} bytes, version {version}; write it anew by laszip"
+                )
         self.n_bytes = size
         if (n_compressed := sum(n_bytes for _, n_bytes, _ in items)) != size:
             raise PointFileError(f"damaged: points of {size} bytes, not {n_compressed}")
@@ -96,7 +131,7 @@ class _Layout:
                     f"<{1 + self.n_layers}I", data, start + self.n_bytes
                 )
                 needed += sum(layers)
-                if n_stored < n_points:
+                if not n_points <= n_stored <= self.chunk_size:
                     raise PointFileError(
                         f"damaged: chunk {number} holds {n_stored} points, not {n_points}"
                     )
@@ -121,8 +156,7 @@ def _chunks(lazrs, file, header, record, layout):
     start = file.read(8)
     (n_chunks,) = struct.unpack_from("<I", start, 4)
     is_variable = layout.chunk_size == VARIABLE
-    n_needed = 1 if is_variable else -(-n_points // layout.chunk_size)
-    if not n_needed <= n_chunks <= room // layout.smallest_chunk + 1:
+    if not 1 <= n_chunks <= room // layout.smallest_chunk + 1:
         raise PointFileError(f"damaged: {n_points} points are not in {n_chunks} chunks")
     table = io.BytesIO(start + file.read(BYTES_PER_ENTRY * (n_chunks + 4)))
     try:
@@ -132,10 +166,14 @@ def _chunks(lazrs, file, header, record, layout):
     if is_variable:
         chunks = [entry for entry in entries if any(entry)]
     else:
-        chunks = [(layout.chunk_size, n_bytes) for _, n_bytes in entries[:n_needed]]
-        chunks[-1] = (n_points - layout.chunk_size * (n_needed - 1), chunks[-1][1])
+        if not entries[-1][1]:
+            entries.pop()
+        size = layout.chunk_size
+        starts = range(0, min(n_points, size * len(entries)), size)
+        counts = (min(size, n_points - start) for start in starts)
+        chunks = [(n, n_bytes) for n, (_, n_bytes) in zip(counts, entries, strict=False)]
     n_listed, n_bytes = map(sum, zip(*chunks, strict=True)) if chunks else (0, 0)
-    if n_listed != n_points or n_bytes > room:
+    if not 0 < n_listed <= n_points or n_bytes > room:
         raise PointFileError(f"damaged: its table has {n_listed} points, not {n_points}")
     file.seek(points_at + 8)
     return chunks

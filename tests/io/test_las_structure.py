@@ -169,6 +169,55 @@ def test_what_is_no_record_behind_the_points_has_no_warning(tmp_path, tail):
     assert len(read_points(tmp_path / "a.las")) == N
 
 
+# ---- other counts ------------------------------------------------------------------------
+
+
+def read_in_parts(path):
+    return np.vstack([part.xyz for part in read_parts(path, 15)])
+
+
+@pytest.mark.parametrize("name", ["a.las", "a.laz"])
+@pytest.mark.parametrize("point_format", [1, 6])
+def test_the_old_count_is_taken_where_the_new_one_is_0(tmp_path, name, point_format):
+    path = write(tmp_path / name, "1.4", point_format)
+    change(change(path, 247, bytes(8)), 107, struct.pack("<I", N))
+    told = "its header counts 0 points, but 50 where LAS 1.2 does"
+    for read in (lambda path: read_points(path).xyz, read_in_parts):
+        with pytest.warns(UserWarning, match=told):
+            assert_allclose(read(path), XYZ, rtol=1e-15)
+    with pytest.warns(UserWarning, match=told):
+        assert Catalog(path).counts == [N]
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_old_count_beside_a_new_one_has_no_warning(tmp_path):
+    path = change(write(tmp_path / "a.las"), 107, struct.pack("<I", 7))
+    assert len(read_points(path)) == N
+
+
+def test_an_old_count_of_more_than_there_is_is_truncated(tmp_path):
+    path = change(write(tmp_path / "a.las"), 247, bytes(8))
+    change(path, 107, struct.pack("<I", N + 1))
+    with pytest.raises(PointFileError, match="truncated: 51 points need"):
+        read_points(path)
+
+
+@pytest.mark.parametrize("name", ["a.las", "a.laz"])
+@pytest.mark.parametrize("version", COUNTS)
+@pytest.mark.parametrize("behind", [0, 2])
+def test_a_file_without_points_holds_none_wherever_they_would_begin(
+    tmp_path, name, version, behind
+):
+    path = tmp_path / name
+    las_file(path, 6 if version == "1.4" else 1, n=0, version=version)
+    begin = struct.unpack_from("<I", path.read_bytes(), 96)[0]
+    path.write_bytes(path.read_bytes()[:begin])
+    change(path, 96, struct.pack("<I", begin + behind))
+    for read in (read_points, Catalog):
+        with pytest.raises(PointFileError, match=f"{name}: holds no points"):
+            read(path)
+
+
 # ---- descriptions of extra bytes ---------------------------------------------------------
 
 
