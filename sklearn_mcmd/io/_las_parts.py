@@ -2,20 +2,24 @@
 
 from functools import cache
 
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las import cloud_of_points, header_of, parts_of, read_header
-from sklearn_mcmd.io._no_returns import NoReturns
+from sklearn_mcmd.io._no_returns import BlankRecords, NoReturns
 
 POINTS_A_TIME = 250_000  # that are read to look for rays without a return
 
 
 def read_parts(path, n_points):
     """The clouds of successive points of a LAS, LAZ or COPC file, as of `read_las`."""
-    some = no_returns_of(path).n_left_out
+    some, blank = no_returns_of(path).n_left_out, BlankRecords()
     for cloud in _all_parts(path, n_points):
+        blank.add(cloud)
         cloud = cloud.subset(cloud.xyz.any(axis=1)) if some else cloud
         if len(cloud):
             yield cloud
+    if words := blank.warning(path):
+        warn_caller(words)
 
 
 def no_returns_of(path):

@@ -58,3 +58,42 @@ class NoReturns:
             f"{path}: {counted(n, 'point', 'are', of=self.n_points)} 0, 0, 0{where}, the first is "
             f"point {self.first + 1}: no returns, as it seems; {done}"
         )
+
+
+class BlankRecords:
+    """Counts records of LAS that are zero bytes, part by part: they lie at the file's offset.
+
+    They are no points if other points are farther away, along an axis, than these are apart, or if
+    all others have a return number.
+    """
+
+    def __init__(self):
+        self.n_points = self.n_unnumbered = self.n_blank = self.first = 0
+        self.place, self.low, self.high = np.zeros(3), np.inf, -np.inf
+
+    def add(self, cloud):
+        if (records := cloud.metadata.get("las_points")) is None:
+            return self
+        at = np.flatnonzero((records["X"] == 0) & (records["Y"] == 0) & (records["Z"] == 0))
+        at = at[~records[at].view(np.uint8).reshape(len(at), records.itemsize).any(axis=1)]
+        if len(at) and not self.n_blank:
+            self.first, self.place = self.n_points + int(at[0]), cloud.xyz[at[0]]
+        if len(at) or not self.n_points:  # other parts are taken to be near these
+            others = np.delete(cloud.xyz, at, axis=0)
+            self.low = np.minimum(self.low, others.min(axis=0, initial=np.inf))
+            self.high = np.maximum(self.high, others.max(axis=0, initial=-np.inf))
+        self.n_points, self.n_blank = self.n_points + len(records), self.n_blank + len(at)
+        self.n_unnumbered += np.count_nonzero(cloud.attributes["return_number"] == 0)
+        return self
+
+    def warning(self, path):
+        """What to warn of, or None. `NoReturns` tells of those at 0, 0, 0."""
+        gap = np.maximum(self.low - self.place, self.place - self.high)
+        far = (gap > self.high - self.low).any() or self.n_unnumbered == self.n_blank
+        if not (0 < self.n_blank < self.n_points and far and self.place.any()):
+            return None
+        return (
+            f"{path}: {self.n_blank:,} of {self.n_points:,} records are zero bytes, which lie at "
+            f"the file's offset, the first is point {self.first + 1}: no points, as it seems; "
+            "remove them"
+        )
