@@ -76,7 +76,9 @@ def read_npz(path):
         for table in (a for a in arrays.values() if a.ndim == 2):
             check_turned(*table.shape)
         found = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
-        raise PointFileError(f"needs an array xyz of shape (n, 3), or x, y, z; it holds {found}")
+        raise PointFileError(
+            f"needs an array xyz of shape (n, 3), or x, y, z; it holds {found[:300]}"
+        )
     shape = xyz.shape[:2]
     is_grid, (xyz, columns) = xyz.ndim == 3, _columns(xyz)
     if is_grid:  # others of its shape with it

@@ -35,6 +35,7 @@ WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
 LONGEST_NAME = 32  # bytes of an extra dimension's name
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}  # of extra dimensions
 
+MOST_LACKING = 10  # times a record, what descriptions may have besides: zeros that take memory
 WAVEFORMS = "LASF_Spec", 65535  # user and number of the record with the samples of waveforms
 # User, number and description of the record that says that outliers were removed.
 DENOISED = "sklearn-mcmd", 1, "outliers removed"
@@ -206,9 +207,11 @@ def header_of(path, file):
             rest._replace(num_bits=8 * n_more, num_elements=n_more)
         )
     elif n_more < 0:
+        told = f"describes {length - n_more - standard} extra bytes of each point, its points have"
+        if -n_more > MOST_LACKING * length:
+            raise PointFileError(f"broken header: it {told} {length - standard}")
         warn_caller(
-            f"{path}: its header describes {length - n_more - standard} extra bytes of each point, "
-            f"its points have {length - standard}; attributes that are not there are 0"
+            f"{path}: its header {told} {length - standard}; attributes that are not there are 0"
         )
     if header.version.minor < 2:
         header.global_encoding = type(header.global_encoding)()  # these bytes meant nothing then

@@ -25,6 +25,8 @@ BYTES_PER_ENTRY = 16  # of the table, at most: two integers with their probabili
 # Of a point at least one of 64 symbols is stored, whose likelihoods are multiples of 2**-15: 2,884
 # points a byte if all are alike. lazrs comes to 655.
 POINTS_A_BYTE = 2_900
+# Each chunk takes lazrs a millisecond, as 4,000 points do, which have thousands of bytes.
+FEW_CHUNKS, BYTES_A_CHUNK = 1_000, 250
 CHUNKS_A_TIME = 64  # enough for all processors, and few enough for Ctrl-C to end soon
 
 
@@ -156,7 +158,8 @@ def _chunks(lazrs, file, header, record, layout):
     start = file.read(8)
     (n_chunks,) = struct.unpack_from("<I", start, 4)
     is_variable = layout.chunk_size == VARIABLE
-    if not 1 <= n_chunks <= room // layout.smallest_chunk + 1:
+    most = min(room // layout.smallest_chunk + 1, FEW_CHUNKS + room // BYTES_A_CHUNK)
+    if not 1 <= n_chunks <= most:
         raise PointFileError(f"damaged: {n_points} points are not in {n_chunks} chunks")
     table = io.BytesIO(start + file.read(BYTES_PER_ENTRY * (n_chunks + 4)))
     try:

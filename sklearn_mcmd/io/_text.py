@@ -273,6 +273,10 @@ class _Table:
         if self.delimiter == "," and self.head.names is None:
             for number in (n for n, line in enumerate(part, self.at) if TWICE.fullmatch(line)):
                 raise PointFileError(f"line {number} has {COMMAS}")
+        if max(map(len, part)) > LONGEST:
+            raise PointFileError(
+                f"a line has more than {LONGEST:,} characters: is no table of text"
+            )
         comma = self.others if self.comma is None else self.comma
         if self.others is not comma:
             return self._slow(part)

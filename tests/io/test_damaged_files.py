@@ -252,6 +252,16 @@ def test_an_e57_of_more_points_than_bits_is_refused(tmp_path, monkeypatch):
     refused(path, "1,000,000,000 points need 125,000,000 bytes")
 
 
+def test_a_line_of_millions_of_numbers_is_no_row(tmp_path):
+    (tmp_path / "a.xyz").write_text("1 2 3\n" + "1 " * 600_000 + "\n")
+    refused(tmp_path / "a.xyz", "a line has more than 1,000,000 characters")
+
+
+def test_an_error_names_the_first_of_many_arrays(tmp_path):
+    (tmp_path / "a.npz").write_bytes(npz(*((f"a{i}.npy", npy((0,))) for i in range(999))))
+    assert len(refused(tmp_path / "a.npz", "it holds a0")) < 600
+
+
 @pytest.mark.parametrize("name", ["a\nb", "a\r\n", "\x1b[2J\n"])
 def test_an_error_is_one_line_whatever_names_a_file_holds(name, tmp_path):
     (tmp_path / "a.npz").write_bytes(npz((f"{name}.npy", npy((0,)))))

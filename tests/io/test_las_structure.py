@@ -238,6 +238,15 @@ def test_described_attributes_that_records_lack_are_0(tmp_path, way, n_bytes, n_
         assert_array_equal(back[name], np.arange(1, N + 1) if i < n_there else np.zeros(N))
 
 
+def test_descriptions_of_many_times_what_is_there_are_refused(tmp_path):
+    path = write(tmp_path / "a.las", extra=[(f"f{i}", "f8") for i in range(60)])
+    begin = struct.unpack_from("<I", path.read_bytes(), 96)[0]
+    path.write_bytes(path.read_bytes()[: begin + N * 30])
+    change(path, LENGTH, struct.pack("<H", 30))
+    with pytest.raises(PointFileError, match="describes 480 extra bytes of each point, its points"):
+        read_points(path)
+
+
 def test_a_laz_with_descriptions_longer_than_its_records_is_read(tmp_path):
     las = laspy.read(write(tmp_path / "a.laz", extra=EXTRA[:1]))
     whole = laspy.read(write(tmp_path / "b.las", extra=EXTRA)).header.vlrs.get("ExtraBytesVlr")

@@ -189,6 +189,15 @@ def test_compressed_bytes_that_end_before_points_that_two_counts_have_are_damage
         read_points(path)
 
 
+def test_chunks_of_a_point_each_are_refused_as_each_takes_a_millisecond(tmp_path):
+    (tmp_path / "a.laz").write_bytes(laz_of(made(1), chunk_size=1))
+    with pytest.raises(PointFileError, match="3000 points are not in 3000 chunks"):
+        read_points(tmp_path / "a.laz")
+    few = made(1, n=900)
+    (tmp_path / "a.laz").write_bytes(laz_of(few, chunk_size=1))
+    read_as_laspy_does(tmp_path / "a.laz", few)
+
+
 # ---- more points promised than there are -------------------------------------------------
 
 
