@@ -151,8 +151,7 @@ def _check_array(file, room, what):
     shape, _, dtype = read(file)
     if dtype.hasobject:
         raise PointFileError("holds pickled objects, which are never loaded; write numbers")
-    n_looped = _n_looped(shape, dtype)
-    check_room(max(math.prod(shape) * dtype.itemsize, n_looped), room, what)
+    check_room(max(math.prod(shape) * dtype.itemsize, _n_looped(shape, dtype)), room, what)
 
 
 def _n_looped(shape, dtype):

@@ -126,13 +126,15 @@ class _Tree(ElementTree.TreeBuilder):
         raise PointFileError("damaged: its XML declares a type of document")
 
     def start(self, tag, attributes):
-        self.pi(tag, *attributes)
+        self.check(tag, *attributes)
         return super().start(tag, attributes)
 
-    def pi(self, *names):
+    def check(self, *names):
         for name in filter(None, names):
             if name.rpartition("}")[2] in ELSEWHERE or name.startswith(INCLUDED):
                 raise PointFileError(f"its XML names another place ({name}): get it without that")
+
+    pi = check  # of processing instructions
 
 
 def _pose(path, number, scan):

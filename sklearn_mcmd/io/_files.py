@@ -114,7 +114,7 @@ def read_points(
         check_file(path)
         cloud = known.read(path) if columns is None else known.read(path, columns)
         no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz, order="F").all(axis=1)
-        blank = BlankRecords().add(cloud).warning(path)
+        odd = [no_returns.warning(path), BlankRecords().add(cloud).warning(path)]
         if no_returns.n_left_out:
             kept &= cloud.xyz.any(axis=1)
         if not kept.all():
@@ -126,11 +126,7 @@ def read_points(
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))
     header = cloud.metadata.get("las_header")
-    for words in (
-        no_returns.warning(path),
-        blank,
-        degrees_warning(path, cloud.xyz, header, columns),
-    ):
+    for words in (*odd, degrees_warning(path, cloud.xyz, header, columns)):
         if words:
             warnings.warn(words, stacklevel=2)
     return cloud

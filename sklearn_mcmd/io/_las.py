@@ -34,8 +34,8 @@ COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the sam
 WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
 LONGEST_NAME = 32  # bytes of an extra dimension's name
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}  # of extra dimensions
-
 MOST_LACKING = 10  # times a record, what descriptions may have besides: zeros that take memory
+
 WAVEFORMS = "LASF_Spec", 65535  # user and number of the record with the samples of waveforms
 # User, number and description of the record that says that outliers were removed.
 DENOISED = "sklearn-mcmd", 1, "outliers removed"
@@ -187,8 +187,8 @@ def header_of(path, file):
     if header.are_points_compressed and n_points:
         header.point_count = n_compressed(file, header)
         if header.point_count < n_points:
-            told = f"{header.point_count:,} of the {n_points:,} points that its header counts"
-            warn_caller(f"{path}: holds {told}")
+            counted_more = f"of the {n_points:,} points that its header counts"
+            warn_caller(f"{path}: holds {header.point_count:,} {counted_more}")
     for record in header.vlrs.get("ExtraBytesVlr"):  # laspy forgets which value means no data
         no_data = {e.format_name(): e.no_data for e in record.extra_bytes_structs if e.data_type}
         for i, known in enumerate(header.point_format.dimensions):

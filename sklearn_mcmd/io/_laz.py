@@ -158,8 +158,8 @@ def _chunks(lazrs, file, header, record, layout):
     start = file.read(8)
     (n_chunks,) = struct.unpack_from("<I", start, 4)
     is_variable = layout.chunk_size == VARIABLE
-    most = min(room // layout.smallest_chunk + 1, FEW_CHUNKS + room // BYTES_A_CHUNK)
-    if not 1 <= n_chunks <= most:
+    most = room // layout.smallest_chunk + 1, FEW_CHUNKS + room // BYTES_A_CHUNK
+    if not 1 <= n_chunks <= min(most):
         raise PointFileError(f"damaged: {n_points} points are not in {n_chunks} chunks")
     table = io.BytesIO(start + file.read(BYTES_PER_ENTRY * (n_chunks + 4)))
     try:

@@ -274,9 +274,7 @@ class _Table:
             for number in (n for n, line in enumerate(part, self.at) if TWICE.fullmatch(line)):
                 raise PointFileError(f"line {number} has {COMMAS}")
         if max(map(len, part)) > LONGEST:
-            raise PointFileError(
-                f"a line has more than {LONGEST:,} characters: is no table of text"
-            )
+            raise PointFileError(f"a line has more than {LONGEST:,} characters: is no table")
         comma = self.others if self.comma is None else self.comma
         if self.others is not comma:
             return self._slow(part)

@@ -243,7 +243,7 @@ def test_descriptions_of_many_times_what_is_there_are_refused(tmp_path):
     begin = struct.unpack_from("<I", path.read_bytes(), 96)[0]
     path.write_bytes(path.read_bytes()[: begin + N * 30])
     change(path, LENGTH, struct.pack("<H", 30))
-    with pytest.raises(PointFileError, match="describes 480 extra bytes of each point, its points"):
+    with pytest.raises(PointFileError, match="broken header: it describes 480 extra bytes"):
         read_points(path)
 
 
