@@ -10,11 +10,7 @@ from sklearn_mcmd._errors import warn
 from sklearn_mcmd._sklearn import StrOptions
 from sklearn_mcmd.adjustment._base import PlaneDetector
 from sklearn_mcmd.adjustment._determinacy import check_rank
-from sklearn_mcmd.adjustment._elimination import (
-    Elimination,
-    eliminate,
-    eliminate_one_by_one,
-)
+from sklearn_mcmd.adjustment._elimination import Elimination, eliminate, eliminate_one_by_one
 from sklearn_mcmd.adjustment._least_squares import adjust_plane, weighed
 from sklearn_mcmd.adjustment._start import joining, points_of_noise, robust_start
 from sklearn_mcmd.adjustment._tests import (
@@ -50,8 +46,8 @@ class BaardaPlaneDetector(PlaneDetector):
         column (along the normal, for an orthogonal surface). It is the noise that
         `MCMDOutlierDetector` calls `noise_scale`: give a scanner's deviation to either.
         **Set it**. In a cloud in meters the default of 1 m finds no outlier among residuals of
-        millimeters. "auto" estimates it from the points that pass, and tests by tau, because an
-        estimate is not known; see Notes.
+        millimeters, which is warned of. "auto" estimates it from the points that pass, and tests by
+        tau, because an estimate is not known; see Notes.
     correction : {"sidak", "bonferroni", "b-method", "none"}, default="sidak"
         Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself. With
         "b-method" the level of the global test follows from it (`global_test_level_`), for networks
@@ -167,15 +163,17 @@ class BaardaPlaneDetector(PlaneDetector):
     >>> xy = rng.uniform(0, 10, size=(500, 2))
     >>> z = xy @ [0.1, -0.2] + 3 + rng.normal(scale=0.01, size=500)
     >>> z[:40] += 0.1  # ten standard deviations
-    >>> detector = BaardaPlaneDetector(sigma0=0.01).fit(np.column_stack([xy, z]))
+    >>> X = np.column_stack([xy, z])
+    >>> settings = {"sigma0": "auto", "surface": "orthogonal", "robust_start": True}  # mcmd plane
+    >>> detector = BaardaPlaneDetector(**settings, random_state=0).fit(X)
     >>> found = detector.labels_ == -1
     >>> print(f"{found[:40].sum()} of 40 outliers, {found[40:].sum()} of 460 good points")
     40 of 40 outliers, 0 of 460 good points
-    >>> print(detector.coef_.round(2), f"{detector.variance_factor_**0.5:.4f}")
-    [ 0.1 -0.2] 0.0103
+    >>> print(detector.coef_.round(2), f"{detector.sigma0_:.4f}")
+    [ 0.1 -0.2] 0.0098
     >>> precision = detector.precision()
     >>> print(f"tilt {precision.tilt:.3f} ± {precision.tilt_error:.3f} degrees")
-    tilt 12.622 ± 0.009 degrees
+    tilt 12.623 ± 0.009 degrees
     """
 
     _parameter_constraints: ClassVar[dict] = {
@@ -248,7 +246,7 @@ class BaardaPlaneDetector(PlaneDetector):
         self.labels_ = np.where(scores - self.offset_ < 0, -1, 1)
         if found.ran_out_of_points:
             self._warn_of_too_few(found.step > 0)
-        self._warn_if_steep(training, initial)
+        return self._warn_if_steep(training, initial) or found.ran_out_of_points
 
     def score_samples(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Minus the statistic that each point would have if it joined the support with weight 1:

@@ -34,11 +34,12 @@ from sklearn_mcmd.adjustment._least_squares import (
 from sklearn_mcmd.adjustment._power import POWER, coupled_level
 from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
-from sklearn_mcmd.adjustment._robust import m_estimate
+from sklearn_mcmd.adjustment._robust import NORMAL_QUARTILE, m_estimate
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level, statistic
 from sklearn_mcmd.planes._form import form_of
 from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
+FAR = 100  # times by which a known sigma0 is more or less than the residuals tell, warned of
 Variance = Literal["posterior", "independent", "prior"]
 N_WORST = [Interval(Integral, 0, None, closed="left")]  # what it may be
 
@@ -64,7 +65,8 @@ class FittedPlane(NamedTuple):
 
 
 class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, BaseEstimator):
-    """Base class of plane tests; a subclass has `_fit` and `score_samples`."""
+    """Base class of plane tests; a subclass has `_fit`, which returns whether it has warned of the
+    result, and `score_samples`."""
 
     _parameter_constraints: ClassVar[dict] = {
         "alpha": [Interval(Real, 0, 1, closed="neither")],
@@ -105,11 +107,13 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
             If the tests would leave too few points for a plane with redundancy; if vertical
             residuals reject points of a steep plane; if the points of an orthogonal surface are
             as thick as they are wide; if half of the points are on one line, which is no robust
-            start; or if `sigma0` is less than the rounding of float64.
+            start; or if `sigma0` is less than the rounding of float64, or a hundred times more or
+            less than the residuals tell.
         """
         training = self._check_training(X, weights)
         self._place_of_side()
-        self._fit(training)
+        if not self._fit(training):
+            self._warn_if_far(training)
         return self
 
     def fit_predict(
@@ -335,6 +339,22 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 "them. Add points beside that line, or look for what is thick.",
             )
 
+    def _warn_if_far(self, training):
+        """Warn if a known sigma0 is of another magnitude than the residuals, outliers aside."""
+        if self._known_sigma() is None:
+            return
+        deviation = np.median(self.test_statistic_[training.used]) / NORMAL_QUARTILE * self.sigma0_
+        if deviation >= FAR * self.sigma0_:  # unless outliers have taken the plane
+            deviation = m_estimate(training.X, training.weights, surface=self.surface)[2]
+        far = not self.sigma0_ / FAR < deviation < self.sigma0_ * FAR
+        if far and deviation > self._fitted.rounding:
+            where = "above" if deviation < self.sigma0_ else "below"
+            warn(
+                f"$sigma0={self.sigma0!r} is far {where} the deviation of the points from the "
+                f"plane, {deviation:.2g} in units of $X. Give the noise of a point as $sigma0, or "
+                "'auto', which estimates it."
+            )
+
     def _warn_of_too_few(self, rejected):
         warn(
             f"The tests reject {np.count_nonzero(rejected)} of {len(rejected)} points, "
@@ -369,6 +389,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
                 "coordinates of like precision, as in the scan of a wall, use "
                 "$surface='orthogonal'.",
             )
+            return True
 
 
 def check_points(detector: PlaneDetector, X: "ArrayLike") -> NDArray[np.float64]:

@@ -220,8 +220,8 @@ class FuzzyPlaneDetector(PlaneDetector):
             self.offset_ = float(min(0.25 / self._effects.largest, complement[used].min()))
         self.labels_ = np.where(complement - self.offset_ < 0, -1, 1)
         self.labels_[~used] = 1
-        self._set_variance_after(X, weights)
-        self._warn_if_steep(training, plane)
+        too_few = self._set_variance_after(X, weights)
+        return self._warn_if_steep(training, plane) or too_few
 
     def score_samples(self, X: "ArrayLike") -> NDArray[np.float64]:
         """``G = 1 - m_H`` of each point, an observation of weight 1: lower is more abnormal.
@@ -303,12 +303,13 @@ class FuzzyPlaneDetector(PlaneDetector):
         return effect, effects
 
     def _set_variance_after(self, X, weights):
-        """Set the variance factor and global test of the points that are left."""
+        """Set variance factor and global test of the points left; whether these are too few."""
         left = (self.labels_ == 1) & self.support_
         plane = self._fitted.plane
-        if np.count_nonzero(left) <= plane.rank:
+        if too_few := np.count_nonzero(left) <= plane.rank:
             self._warn_of_too_few(self.labels_ == -1)
         elif not left.all():
             plane = adjust_plane(X, weighed(left, weights), surface=self.surface)
             self.variance_factor_ = plane.variance_factor
             self.global_test_pvalue_ = self._global_test(plane)
+        return too_few

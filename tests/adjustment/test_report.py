@@ -264,7 +264,8 @@ def test_a_horizontal_plane_falls_to_no_side():
     X = rng.uniform(-2, 2, (30, 3)) * [1, 1, 0] + rng.normal(0, 0.004, (30, 3))
     for slope, falls in ((0.0, False), (0.1, True)):
         tilted = X + np.outer(X[:, 0] * slope, [0, 0, 1])
-        report = text_report(BaardaPlaneDetector(surface="orthogonal").fit(tilted), tilted)
+        detector = BaardaPlaneDetector(sigma0=0.004, surface="orthogonal").fit(tilted)
+        report = text_report(detector, tilted)
         assert ("dip direction" in report) == falls
 
 
