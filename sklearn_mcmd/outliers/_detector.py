@@ -22,6 +22,7 @@ from sklearn_mcmd.sensors._recognition import origin_if_seen
 # Score, in standard deviations, that measured noise never reaches, only the rounding of floats.
 EXACT_PLANE_SCORE = 1e6
 MANY_EXACT = 0.01  # share of points with more than that score, which is warned of
+MANY_OF_A_PLAN = 0.2  # share of outliers in 2D, which is warned of; profiles have fewer
 EXACTLY = "are outliers only because most of their neighbors lie exactly in one plane"
 
 
@@ -341,6 +342,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             self.offset_ = float(np.quantile(self.scores_, share))
         self.n_by_rays_ = n_by_rays(self._cloud.raised, -self.offset_)
         self.sensor_origin_ = None if self._cloud.rays is None else position
+        self._warn_if_plan()
         return self
 
     @property
@@ -383,6 +385,16 @@ class MCMDOutlierDetector(BasePlaneOutliers):
                 f"strictness={self.strictness!r} in {d}D finds few outliers: so many "
                 'dimensions leave no point alone. Give strictness="surfaces", by which distances '
                 "from planes alone tell.",
+            )
+
+    def _warn_if_plan(self):
+        """Warn where two columns are likely to be a plan, in which walls and ground are mixed."""
+        share = np.mean(self.labels_ == -1)
+        chosen = self._one_plane or self.cutoff is not None or share_to_flag(self) is not None
+        if self.n_features_in_ == 2 and share > MANY_OF_A_PLAN and not chosen:
+            warn_caller(
+                f"{100 * share:.0f} % of the points are outliers in 2D. If X is a plan, its "
+                "surfaces overlap: give heights as a third column."
             )
 
     def _origins(self, xyz, sensor_origin):

@@ -186,6 +186,7 @@ def test_thousands_of_points_in_one_place_do_not_slow_the_search():
 
 @pytest.mark.parametrize(("n", "n_neighbors"), [(600, 50), (3000, 50), (100_000, None)])
 @pytest.mark.parametrize("d", [3, 4])
+@pytest.mark.filterwarnings("ignore:X has 4 columns")
 def test_collinear_clouds_do_not_slow_the_work(n, n_neighbors, d):
     """Completing every minimal subset point by point would take minutes, and hours for more."""
     X = np.linspace(0, 1, n)[:, None] * np.arange(1.0, d + 1)
@@ -309,3 +310,36 @@ def test_company_warns_in_five_dimensions_and_distances_from_planes_find_all():
         found = detector.set_params(strictness="surfaces").fit_predict(X)
     assert (found[:40] == -1).all()
     assert (found[40:] == 1).mean() > 0.98
+
+
+def profile(n_off=100):
+    rng = np.random.default_rng(0)
+    along = np.sort(rng.uniform(0, 10, 1000))
+    X = np.c_[along, np.where(along < 5, 0, 2) + rng.normal(0, 0.01, 1000)]
+    X[:n_off, 1] += rng.uniform(1, 3, n_off)
+    return X
+
+
+@pytest.mark.parametrize("strictness", ["isolated", "groups", "surfaces"])
+def test_a_plan_of_two_columns_is_warned_of(strictness):
+    street = make_street(3000, outlier_share=0.1, random_state=0).data
+    detector = MCMDOutlierDetector(strictness=strictness, random_state=0)
+    with pytest.warns(UserWarning, match="% of the points are outliers in 2D. If X is a plan"):
+        detector.fit(street[:, :2])
+
+
+@pytest.mark.parametrize("strictness", STRICTNESSES)
+def test_profiles_and_blobs_of_two_columns_are_silent(strictness):
+    detector = MCMDOutlierDetector(strictness=strictness, random_state=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for X in (profile(), np.random.default_rng(0).normal(size=(300, 2))):
+            detector.fit(X)
+
+
+def test_who_asks_for_many_outliers_of_a_plan_gets_them_in_silence():
+    street = make_street(1000, random_state=0).data[:, :2]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = MCMDOutlierDetector(contamination=0.4, random_state=0).fit_predict(street)
+    assert (found == -1).mean() == pytest.approx(0.4, abs=0.01)
