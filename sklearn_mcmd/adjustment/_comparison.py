@@ -15,7 +15,7 @@ from sklearn_mcmd.adjustment._power import POWER, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile
 from sklearn_mcmd.adjustment._tests import local_level
 
-FAR = 2.0  # half widths from the middles of both planes, from which on a place is on neither
+CORNERS = 2**0.5  # rims from the middle of a square to a corner; of longer rectangles fewer
 
 
 class Difference(NamedTuple):
@@ -46,9 +46,10 @@ class PlaneComparison(NamedTuple):
 
     Parameters
     ----------
-    verdict : {"same", "moved", "tilted", "tilted and moved"}
+    verdict : {"same", "moved", "tilted", "tilted and moved", "no overlap"}
         Planes that are not tilted are parallel. "same" means that no difference is significant, not
-        that there is none: see the smallest ones.
+        that there is none: see the smallest ones. "no overlap": the clouds are apart along their
+        planes, so that their differences are those of other places, and no `place` was given.
     tilt : Difference
         Angle between the planes, 90 degrees at most; between their normals if both have a side,
         by `toward`.
@@ -122,10 +123,14 @@ def compare_planes(
             f"The planes are of {a.n_features_in_} and {b.n_features_in_} columns: compare planes "
             "of points with as many columns."
         )
+    apart = place is None and _are_apart(a._fitted, b._fitted)
     if place is None:
         at = (a._fitted.middle + b._fitted.middle) / 2
-        if min(_rims_away(one._fitted.plane, at) for one in (a, b)) > FAR:
-            warn_caller("The planes are far from each other, and compared between: give a place.")
+        if apart:
+            warn_caller(
+                "The clouds do not overlap: their planes are compared between, where neither has "
+                "points. Are both in one coordinate system?"
+            )
     else:
         at = place_of(place, a.n_features_in_, "place")
     is_sided = a.toward is not None and b.toward is not None
@@ -150,7 +155,7 @@ def compare_planes(
     moved = _difference(offset, [offset], offsets, *levels)
     found = [word for word, one in (("tilted", tilt), ("moved", moved)) if one.significant]
     return PlaneComparison(
-        verdict=" and ".join(found) or "same",
+        verdict="no overlap" if apart else " and ".join(found) or "same",
         tilt=tilt,
         offset=moved,
         place=at,
@@ -179,9 +184,11 @@ def _turns(plane):
     return directions * inverse * np.sqrt(plane.sum_weights / 3)
 
 
-def _rims_away(plane, place):
-    """How many rims a place is from the center of the points."""
-    return np.linalg.norm(plane.axes.T @ (place - plane.center)) * np.sqrt(plane.sum_weights / 3)
+def _are_apart(a, b):
+    """Whether two clouds leave a gap on the line from middle to middle, along their planes."""
+    planes, step = (a.plane, b.plane), b.middle - a.middle
+    rims = [np.linalg.norm(one.axes.T @ step) * np.sqrt(one.sum_weights / 3) for one in planes]
+    return all(rims) and CORNERS * sum(1 / n for n in rims) < 1
 
 
 def _difference(value, values, roots, dofs, level, unit=1.0):

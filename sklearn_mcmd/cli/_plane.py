@@ -31,6 +31,7 @@ from sklearn_mcmd.planes._resolution import coordinate_step
 FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
+ONE_PLANE = 0.2  # share of outliers; from here on those at one edge tilt a plane of least squares
 N_WORST = 10  # points of the largest statistics that the reports list
 IDS = "id", "point_id", "point", "number", "nr"  # attributes that name the points of a file
 # Figures that the terminal shows, as far as there are such.
@@ -204,6 +205,13 @@ class Plane:
         _check_width(fitted, xyz)  # what is refused needs no warning
         for one in caught:
             warnings.warn(one.message, stacklevel=2)
+        share = np.mean(fitted.labels_ == -1)
+        if share >= ONE_PLANE:
+            warnings.warn(
+                f"{100 * share:.1f} % of the {len(xyz):,} points are outliers: is it one plane? "
+                "Find the planes with 'mcmd segment' first, and test each",
+                stacklevel=2,
+            )
         if fitted.global_test_pvalue_ < fitted.global_test_level_:
             warnings.warn(
                 f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}, level "

@@ -186,13 +186,22 @@ def test_what_cannot_be_is_refused():
         compare_planes(a, BaardaPlaneDetector())
 
 
-def test_planes_far_from_each_other_are_warned_of_and_neighbors_are_not(recwarn):
+@pytest.mark.parametrize("surface", ["orthogonal", "vertical"])
+@pytest.mark.parametrize("shift", [[500.0, 0, 150.0], [5e6, 4e5, 7.0], [0, -8.0, 0]])
+def test_clouds_with_a_gap_between_them_do_not_overlap(shift, surface):
     rng = np.random.default_rng(0)
-    first, beside = fitted(rng), fitted(rng, offset=np.array([5.0, 0, 1.5]))
-    compare_planes(first, beside)
+    pair = [fitted(rng, offset=np.array(one), surface=surface) for one in ([0.0, 0, 0], shift)]
+    with pytest.warns(UserWarning, match="do not overlap.* one coordinate system"):
+        assert compare_planes(*pair).verdict == "no overlap"
+    assert compare_planes(*pair, place=[0.0, 0, 0]).verdict != "no overlap"  # as was asked for
+
+
+@pytest.mark.parametrize("shift", [[5.0, 0, 1.5], [4.0, 4.0, 1.2], [0, 0, 300.0], [2.0, 1.0, 0.6]])
+def test_neighbors_and_what_moved_along_the_normal_are_compared_in_silence(shift, recwarn):
+    rng = np.random.default_rng(0)
+    pair = fitted(rng, slope=shift[2] / 5 % 0.6), fitted(rng, offset=np.array(shift))
+    assert compare_planes(*pair).verdict != "no overlap"
     assert not recwarn
-    with pytest.warns(UserWarning, match="far from each other"):
-        compare_planes(first, fitted(rng, offset=np.array([500.0, 0, 150.0])))
 
 
 def test_the_place_of_vertical_surfaces_is_on_them():

@@ -330,3 +330,33 @@ def test_points_are_listed_by_the_identifiers_of_the_file_and_the_normal_faces_a
     assert float(re.search(r"normal +\S+ (\S+)", result.stdout)[1]) == pytest.approx(-1, abs=0.01)
     refused = run("plane", tmp_path / "wall.csv", "--toward", "2,-10")
     assert "2,-10 is no position, such as 0,0,0" in usage_error(refused)
+
+
+def floor_and_wall(tmp_path, share):
+    rng, n = np.random.default_rng(0), 1000
+    xyz = np.c_[4 * rng.random((n, 2)), np.zeros(n)] + rng.normal(0, 0.003, (n, 3))
+    n_wall = int(share * n)
+    xyz[:n_wall] = xyz[:n_wall, [0, 2, 1]] + [0, 0, 0.1]
+    write_points(tmp_path / "a.npy", PointCloud(xyz))
+    return tmp_path / "a.npy"
+
+
+@pytest.mark.parametrize("share", [0.22, 0.45])
+def test_a_fifth_of_outliers_raises_the_question_whether_it_is_one_plane(share, tmp_path):
+    result = done("plane", floor_and_wall(tmp_path, share))
+    words = (
+        r"warning: [24]\d\.\d % of the 1,000 points are outliers: is it one plane\?.*mcmd segment"
+    )
+    assert re.search(words, result.stderr)
+
+
+@pytest.mark.parametrize("share", [0, 0.1, 0.18])
+def test_fewer_outliers_are_no_question(share, tmp_path):
+    assert "is it one plane" not in done("plane", floor_and_wall(tmp_path, share)).stderr
+
+
+def test_a_wall_in_other_coordinates_does_not_overlap(wall, wall_file, tmp_path):
+    write_points(tmp_path / "b.npy", PointCloud(wall.xyz - wall.xyz[0]))
+    result = done("plane", wall_file, "--against", tmp_path / "b.npy")
+    assert "warning: The clouds do not overlap" in result.stderr
+    assert re.search(r"against +no overlap\n", result.stdout)
