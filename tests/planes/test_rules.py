@@ -52,16 +52,37 @@ def test_every_rule_is_its_literal_form(method, n, d):
         assert_allclose(planes.eigenvalues[row], values, rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize("n", SIZES)
-def test_a_rule_without_a_compiled_form_is_computed_and_not_another(n, d, monkeypatch):
-    def tripled(local, valid, support, reweight, floor):
-        centers, whitening = pca(local, valid, support, reweight, floor)
+@pytest.fixture(params=[True, False], ids=["of a consistent set", "of all members"])
+def tripled(request, monkeypatch):
+    """A rule without a compiled form, with a third of the scale of the one that it is made of."""
+    base = "mcmd_z" if request.param else "pca"
+
+    def apply(*known):
+        centers, whitening = METHODS[base].apply(*known)
         return centers, 3 * whitening
 
-    monkeypatch.setitem(METHODS, "tripled", Rule(tripled, lambda d: 2.5, False, lambda *_: 1.0))
-    (_, (_, thrice)), (_, (_, once)) = (fitted(method, n, d) for method in ("tripled", "pca"))
+    rule = METHODS[base]._replace(apply=apply, compiled=False)
+    monkeypatch.setitem(METHODS, "tripled", rule)
+    for estimator in (MCMDOutlierDetector, RobustNormalEstimator):
+        monkeypatch.setitem(estimator._parameter_constraints, "method", [str])
+    return base
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("n", SIZES)
+def test_a_rule_without_a_compiled_form_is_computed_and_not_another(n, d, tripled):
+    (_, (_, thrice)), (_, (_, once)) = (fitted(method, n, d) for method in ("tripled", tripled))
     assert_allclose(thrice, 3 * once, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [300, COMPILE_FROM])
+def test_estimators_take_a_rule_without_a_compiled_form(n, tripled):
+    X = rough_cloud(n, 3)
+    detector = MCMDOutlierDetector(K, method="tripled", random_state=0).fit(X)
+    assert detector.predict(X + [0, 0, 5])[1] == -1  # a new point has its planes, too
+    assert np.isfinite(detector.scores_).all()
+    normals = RobustNormalEstimator(K, method="tripled", random_state=0).fit(X).normals_
+    assert np.median(abs(normals[:, 2])) > 0.9
 
 
 def test_a_compiled_form_that_is_not_there_is_an_error(monkeypatch):
