@@ -10,6 +10,8 @@ from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.outliers._off_surface import Rest, judge_off_surface
+from sklearn_mcmd.outliers._small_groups import gaps_to
+from sklearn_mcmd.planes._nearest import NearestPoints
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
 LATTICE = (4 + 4 * np.sqrt(2)) / 8
@@ -210,6 +212,14 @@ def test_a_new_point_is_measured_as_if_it_alone_were_added():
         gap = np.linalg.norm(rest - query, axis=1).min()
         if gap > 2.5 * added.usual.max():  # a group of its own
             assert_allclose(separation, added.separation[-1:], rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_gaps_are_to_the_nearer_of_all_that_is_real(order):
+    queries = np.array([[1.0, 0, 0], [8, 0, 0]])
+    real = [NearestPoints(np.array([place])) for place in ([0.0, 0, 0], [10.0, 0, 0])][::order]
+    assert gaps_to(queries, real, None).tolist() == [1, 2]
+    assert gaps_to(queries, [], None).tolist() == [np.inf, np.inf]
 
 
 def test_a_new_point_is_measured_where_all_points_are_on_surfaces():

@@ -22,7 +22,7 @@ from sklearn_mcmd.io import PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
 from sklearn_mcmd.io._point_cloud import without_outliers
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
-from sklearn_mcmd.tiling import TilingError, _memory, _run, _sweeps, process_files
+from sklearn_mcmd.tiling import TilingError, _memory, _process, _run, _sweeps, process_files
 from sklearn_mcmd.tiling._cells import Constants
 from sklearn_mcmd.tiling._sweeps import Job
 from tiled import ESTIMATOR, columns_of, fit_in_memory, in_memory, names_in, street, two_files
@@ -222,6 +222,16 @@ def test_the_last_tiles_get_the_threads_of_idle_processes(n_workers, expected, t
     with joblib.parallel_config("threading"):
         _sweeps.compute_cells(partial(work, job=job), cells, range(5), n_workers)
     assert [given[cell] for cell in np.argsort(-counts)] == expected
+
+
+def test_estimators_start_no_threads_of_their_own_beside_the_processes(monkeypatch, tmp_path):
+    verbs, report = [], SimpleNamespace(together="")
+    monkeypatch.setattr(_process, "run_by_tiles", lambda verb, *_: verbs.append(verb) or report)
+    growing = clone(REGIONS).set_params(n_jobs=8, normal_estimator__n_jobs=-1)
+    process_files(tmp_path / "a.las", tmp_path / "b.las", growing, n_jobs=2)
+    (estimator,) = (verb.estimator for verb in verbs)
+    assert (estimator.n_jobs, estimator.normal_estimator.n_jobs) == (1, 1)
+    assert (growing.n_jobs, growing.normal_estimator.n_jobs) == (8, -1)
 
 
 def test_a_process_that_is_replaced_as_it_holds_much_is_no_leak_to_warn_of(monkeypatch, tmp_path):
