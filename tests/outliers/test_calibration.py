@@ -6,6 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
+from sklearn_mcmd.outliers import _calibration
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 
 OWN = {"strictness": None}
 
@@ -53,6 +55,40 @@ def test_a_fresh_plane_is_flagged_at_the_stated_rate(form, k, noise, rate):
     far = interior(X, 2 * np.sqrt(k / np.pi))
     flagged = detector(rate, n_neighbors=k, **form).fit_predict(X)[far] == -1
     assert_allclose(flagged.mean(), rate, rtol=tolerance(rate, far.sum()))
+
+
+@pytest.fixture
+def trials_made(monkeypatch):
+    """The trials of each model that is made, the first of them of the cloud; planes are small."""
+    made, begin = [], LocalPlaneModel.__init__
+
+    def counted(self, index, trials, settings):
+        made.append(len(trials))
+        begin(self, index, trials, settings)
+
+    monkeypatch.setattr(LocalPlaneModel, "__init__", counted)
+    monkeypatch.setitem(_calibration.FEWEST, True, 1_000)
+    return made
+
+
+@pytest.mark.parametrize(("n", "d", "most"), [(10, 3, 120), (10, 2, 45), (50, 3, 300)])
+@pytest.mark.parametrize("k", [50, None])
+def test_simulated_planes_have_each_minimal_subset_once_and_few_of_many(k, n, d, most, trials_made):
+    X = plane(n, 0.1, seed=0)[:, -d:]
+    own = detector(0.05, n_neighbors=k, max_outlier_rate=0.9).fit(X).n_trials_
+    assert trials_made[0] == own > 900
+    assert set(trials_made[1:]) == {most}
+
+
+@pytest.mark.parametrize("form", [{}, OWN, {**OWN, "reweight": False}, {"n_neighbors": None}])
+def test_more_trials_would_hardly_change_the_cutoff(form, trials_made, monkeypatch):
+    """By less than its own error: of 1,000 points 50 are flagged, 14 % more or less, beyond 2.5."""
+    X = plane(30, 0.1, seed=0)
+    few = detector(0.05, max_outlier_rate=0.9, **form).fit(X)
+    monkeypatch.setattr(_calibration, "MOST_TRIALS", 1_500)
+    many = detector(0.05, max_outlier_rate=0.9, **form).fit(X)
+    assert trials_made[-1] == 1_500
+    assert_allclose(few.offset_, many.offset_, rtol=0.03)
 
 
 @pytest.mark.parametrize("n", [20, 200])
