@@ -183,8 +183,9 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
 
     A region holds all points that can be reached from its seed. Sums over regions are exact in any
     order, and ties end at coordinates. So labels depend neither on the order of rows nor on
-    `n_jobs`; only below 1,000 points, or beyond three dimensions, may equally distant neighbors
-    matter. Copies of a point count once in neighborhoods and get the same label.
+    `n_jobs`, if there is a `random_state`: without one each fit draws other planes, and in one of
+    six small clouds some labels change. Copies of a point count once in neighborhoods and get the
+    same label.
 
     Time and memory grow in proportion to ``n_samples * n_neighbors``, but for the search of
     neighbors, which adds a logarithm. In 3D and from 2,000 points on the work is done by
