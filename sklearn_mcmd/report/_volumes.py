@@ -22,7 +22,8 @@ class VolumeLimits(NamedTuple):
     # Some of its points are kept, or it holds this many times what boxes hold by chance: where
     # nothing is kept, single errors and small groups are all that there is.
     dense: int = 40
-    many: int = 400  # removed points in lost boxes that overlap or touch, from which on they count
+    many: int = 400  # removed points in lost boxes that overlap or touch, from which on they count,
+    few: float = 0.08  # or this share of a small cloud
     trim: float = 0.01  # the whole leaves out this share of the points at each end of an axis
     flattest: float = 1e-3  # its least side, as a share of the longest
 
@@ -47,13 +48,13 @@ def losses_of(detector, parts, n_points):
 
 
 def lost_volumes(parts, n_points):
-    """The volumes that lost hundreds of points, the largest first.
+    """The volumes that lost hundreds of points, or a large share of few, the largest first.
 
     ``parts()`` iterates over the parts of a cloud of n points: points (m, 3), and which are
     removed. The order of points and parts does not matter.
     """
     step, limits = np.uint64(-(-n_points // SAMPLE)), VolumeLimits()
-    n_removed, samples = 0, ([], [])
+    many, n_removed, samples = min(limits.many, limits.few * n_points), 0, ([], [])
     for xyz, removed in parts():
         n_removed += int(np.count_nonzero(removed))
         chosen = place_numbers(xyz) % step == 0
@@ -61,7 +62,7 @@ def lost_volumes(parts, n_points):
             some.append(xyz[chosen & own])
     ends = [
         np.quantile(own, [limits.trim, 1 - limits.trim], axis=0)
-        for own in map(np.concatenate, samples if n_removed >= limits.many else ())
+        for own in map(np.concatenate, samples if n_removed >= many else ())
         if len(own)
     ]
     if not ends or not np.ptp(ends, axis=(0, 1)).any():
@@ -87,7 +88,7 @@ def lost_volumes(parts, n_points):
     volumes, _ = label(_pairs(boxes, np.logical_or), np.ones((3, 3, 3)))
     found = []
     sizes = np.bincount(volumes.ravel(), n_lost.ravel())
-    for number in 1 + np.flatnonzero(sizes[1:] >= limits.many):
+    for number in 1 + np.flatnonzero(sizes[1:] >= many):
         cells = volumes == number
         corners = side * np.argwhere(cells)
         low_there, high_there = low + corners.min(axis=0), low + corners.max(axis=0) + side
@@ -107,8 +108,8 @@ def words_of(volumes):
     more = f", and others in {n_more:,} more places" if n_more else ""
     return (
         f"{worst.n_lost:,} outliers lie together, of {worst.n_all:,} points at {where}{more}. They "
-        "may be a thing that is sparser than what is around it, or one large error; mark them and "
-        "look before they are dropped"
+        "may be a thing that is sparser than what is around it or has too few points, or one large "
+        "error; mark them and look before they are dropped"
     )
 
 

@@ -145,8 +145,9 @@ def process_files(
     -----
     UserWarning
         If an input was denoised before; if an output has no points, because all were outliers; if
-        hundreds of outliers lie together, as a thing does that is sparser than what is around it;
-        or if so many points are on no surface that regions take more than the memory.
+        hundreds of outliers, or 8 % of a small cloud, lie together, as a thing does that is sparser
+        than what is around it; or if so many points are on no surface that regions take more than
+        the memory.
 
     See Also
     --------

@@ -66,6 +66,29 @@ def test_what_is_all_at_one_place_or_far_away_breaks_nothing():
     assert len(volumes(far, ball(1_500, [3, -1.5, 1.5]))) == 1
 
 
+def test_a_thing_of_a_tenth_of_few_points_is_told_and_scattered_errors_are_not():
+    (found,) = volumes(WALL[:180], ball(20, [3, -1.5, 1.5], 0.2))
+    assert found.n_lost == found.n_all >= 18
+    assert volumes(WALL[:180], ERRORS[:20]) == []
+    assert volumes(WALL[:180], ball(12, [3, -1.5, 1.5], 0.2)) == []
+
+
+def test_small_tiles_of_real_surveys_are_told_where_a_tenth_together_is_lost(shared_data):
+    detector, told, lost = MCMDOutlierDetector(random_state=0), [], []
+    for name in ("ahn3_amsterdam_2397", "ign_village"):
+        with np.load(shared_data / name / "cloud.npz") as arrays:
+            xyz = arrays["xyz"]
+        for center in xyz[np.random.default_rng(0).integers(0, len(xyz), 10)]:
+            tile = xyz[np.argsort(np.linalg.norm((xyz - center)[:, :2], axis=1))[:400]]
+            removed = detector.fit_predict(tile) < 0
+            told.append(len(lost_volumes(lambda: [(tile, removed)], 400)))  # noqa: B023
+            lost.append(removed.mean())
+    told, lost = np.array(told) > 0, np.array(lost)
+    assert told[lost > 0.12].all()
+    assert np.count_nonzero(told) >= 3
+    assert not told[lost < 0.08].any()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "speaks"), [(1.0, False), (0.1, True)])
 def test_thinned_vegetation_is_told_and_that_of_a_whole_village_is_not(shared_data, share, speaks):
