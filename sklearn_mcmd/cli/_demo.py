@@ -1,5 +1,6 @@
 """``mcmd demo``: a street with known truth, and the accuracy of the results; ``mcmd warm-up``."""
 
+import os
 import time
 from pathlib import Path
 from typing import Annotated
@@ -12,14 +13,15 @@ from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._messages import clear_exits, print_table, progress
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._options import NJobs, Quiet
-from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.io._files import naming, replacing
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.io._files import check_writable, naming, replacing
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
 
 N_POINTS = 60_000  # of the street
 OUTLIER_SHARE = 0.1  # of its points
 DPI = 100  # of the picture
+MADE_BY = "mcmd demo"  # which the picture says of itself
 COLORS = 160  # of its palette, which reduces the file to a third
 
 
@@ -46,12 +48,14 @@ def demo(
         import_extra("matplotlib", "plot", "the picture")
         names = "street.laz", "clean.laz", "clean_sensor.laz", "normals.laz", "demo.png"
         outputs = street, clean, clean_sensor, with_normals, picture = [folder / n for n in names]
-        there = [path.name for path in outputs if path.exists()]
-        if there and not force and not made_by_demo(street):
+        there = [path for path in outputs if os.path.lexists(path)]
+        if others := [path.name for path in there if not force and not made_by_demo(path)]:
             raise FileExistsError(
-                f"{folder} already holds {', '.join(there)}, of no earlier demo; name another "
+                f"{folder} already holds {', '.join(others)}, of no earlier demo; name another "
                 "folder, or --force"
             )
+        for path in there:
+            check_writable(path)
         sensor = write_street(street)
         work = {"n_jobs": n_jobs, "quiet": quiet}
         denoise(street, clean, sensor="none", **work)
@@ -81,10 +85,17 @@ def demo(
 
 
 def made_by_demo(path):
-    """Whether a file is the street of an earlier run: it then holds the truth."""
+    """Whether an earlier run has made a file: a cloud then holds the truth, a picture says so."""
+    if path.is_symlink():
+        return False
     try:
+        if path.suffix == ".png":
+            from PIL import Image
+
+            with Image.open(path) as picture:
+                return picture.info.get("Software") == MADE_BY
         return {"true_outlier", "true_normal_x"} <= read_points(path).attributes.keys()
-    except PointFileError:
+    except (OSError, ValueError):
         return False
 
 
@@ -145,6 +156,7 @@ def draw(street, cleaned, with_normals, path):
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
     from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
 
     from sklearn_mcmd.plotting import normal_colors, plot_cloud
     from sklearn_mcmd.plotting._still import draw_ball
@@ -164,10 +176,11 @@ def draw(street, cleaned, with_normals, path):
     draw_ball(last, VIEW)
     for ax in axes.flat[1:]:  # the same place and scale, so that the eye can compare
         ax.set(xlim=axes[0, 0].get_xlim(), ylim=axes[0, 0].get_ylim())
+    (made_by := PngInfo()).add_text("Software", MADE_BY)
     with replacing(path) as temporary:
         fig.savefig(temporary, dpi=DPI)
-        picture = Image.open(temporary).convert("RGB")
-        picture.quantize(COLORS, dither=Image.Dither.NONE).save(temporary, optimize=True)
+        picture = Image.open(temporary).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+        picture.save(temporary, optimize=True, pnginfo=made_by)
     plt.close(fig)
 
 

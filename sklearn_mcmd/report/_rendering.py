@@ -12,6 +12,7 @@ from sklearn_mcmd.io._rehearsal import trial_folder
 
 MOST_SHOWN = 1_000_000  # points of the page to look around in, which then has about 10 MB
 PAGE, VIEW = "index.html", "view.html"
+MADE_BY = b'name="generator" content="sklearn-mcmd"'  # in the head of both
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "numba", "laspy", "matplotlib")  # of the record
 
 
@@ -87,7 +88,9 @@ def check_folder(folder):
     if not above.is_dir():
         raise ValueError(f"{above}: is no folder; give --report another folder")
     for name in (PAGE, VIEW):
-        check_writable(folder / name, above)
+        page = check_writable(folder / name, above)
+        if page.exists() and MADE_BY not in page.read_bytes()[:1000]:
+            raise ValueError(f"{page}: no report has made it; give --report another folder")
     with naming(folder), trial_folder(above):
         pass
 

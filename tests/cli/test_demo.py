@@ -8,7 +8,7 @@ import pytest
 
 from commands import done, error_line, files_in, run
 from sklearn_mcmd.cli import _demo
-from sklearn_mcmd.io import read_points
+from sklearn_mcmd.io import read_points, write_points
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,6 @@ def test_demo_in_the_same_folder_replaces_its_files_and_gives_the_same_again(tmp
         result = done("demo", tmp_path)
         accuracy.append(result.stdout.split("Outliers by")[1].split("Normals of")[0])
         files.append({path.name: path.read_bytes() for path in tmp_path.iterdir()})
-        (tmp_path / "demo.png").write_bytes(b"")
     assert len(files[0]) == 5
     assert (accuracy[0], files[0]) == (accuracy[1], files[1])
 
@@ -98,6 +97,40 @@ def test_the_demo_replaces_no_files_of_others(name, room_file, tmp_path):
     assert (tmp_path / name).read_bytes() == before
     assert files_in(tmp_path) == [name]
     assert "cannot be made" in error_line(run("demo", tmp_path / name))
+
+
+@pytest.fixture
+def earlier(tmp_path, monkeypatch):
+    """The folder of an earlier demo, and its files."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(_demo, "N_POINTS", 2_000)
+    done("demo", folder := tmp_path / "earlier")
+    return folder, {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("name", ["clean.laz", "normals.laz", "demo.png"])
+def test_beside_an_earlier_street_the_demo_replaces_no_files_of_others(name, earlier, tmp_path):
+    folder, files = earlier
+    mine = b"mine" if name == "demo.png" else scan_of_others(tmp_path)
+    (folder / name).write_bytes(mine)
+    assert f"already holds {name}, of no earlier demo" in error_line(run("demo", folder))
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == files | {name: mine}
+
+
+def scan_of_others(folder):
+    write_points(folder / "mine.laz", [[0, 0, 0], [1, 2, 3]])
+    return (folder / "mine.laz").read_bytes()
+
+
+def test_the_demo_replaces_no_link_and_no_folder(earlier, tmp_path):
+    folder, files = earlier
+    (folder / "clean.laz").rename(tmp_path / "kept.laz")
+    (folder / "clean.laz").symlink_to(tmp_path / "kept.laz")
+    (folder / "demo.png").unlink()
+    (folder / "demo.png").mkdir()
+    assert "clean.laz, demo.png, of no earlier demo" in error_line(run("demo", folder))
+    assert "demo.png: is a folder" in error_line(run("demo", folder, "--force"))
+    assert (tmp_path / "kept.laz").read_bytes() == files["clean.laz"]
 
 
 def test_without_matplotlib_the_demo_says_so_before_its_work(tmp_path, monkeypatch):

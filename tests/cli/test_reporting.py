@@ -47,14 +47,24 @@ def test_each_verb_writes_a_page_and_one_to_look_around_in(verb, room_file, tmp_
 
 def test_the_output_is_the_same_with_a_report_and_without(room_file, tmp_path):
     a, b, folder = tmp_path / "a.laz", tmp_path / "b.laz", tmp_path / "r"
-    folder.mkdir()
-    for name in ("index.html", "mine.txt"):
-        (folder / name).write_text("old")
-    done("denoise", room_file, a)
+    done("denoise", room_file, a, "--report", folder)
+    (folder / "mine.txt").write_text("old")
+    before = (folder / "index.html").read_text()
     done("denoise", room_file, b, "--report", folder)
     assert a.read_bytes() == b.read_bytes()
     assert files_in(folder) == ["index.html", "mine.txt", "view.html"]
-    assert (folder / "mine.txt").read_text() == "old" != (folder / "index.html").read_text()
+    assert (folder / "mine.txt").read_text() == "old"
+    assert (folder / "index.html").read_text() != before
+
+
+@pytest.mark.parametrize("name", ["index.html", "view.html"])
+def test_a_page_that_no_report_has_made_is_not_replaced(name, room_file, tmp_path):
+    (page := tmp_path / "site" / name).parent.mkdir()
+    page.write_text("<html>mine</html>")
+    line = error_line(run("denoise", room_file, tmp_path / "a.laz", "--report", page.parent))
+    assert f"{name}: no report has made it; give --report another folder" in line
+    assert (files_in(page.parent), page.read_text()) == ([name], "<html>mine</html>")
+    assert not (tmp_path / "a.laz").exists()
 
 
 def test_the_command_of_a_report_is_what_was_typed_and_runs(room_file, tmp_path):
