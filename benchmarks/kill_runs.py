@@ -1,6 +1,8 @@
-"""Commands that are killed (kill -9) or interrupted (Ctrl-C) at random moments lose nothing.
+"""Commands that are killed (kill -9), interrupted (Ctrl-C) or lose power at random moments lose
+nothing.
 
     python benchmarks/kill_runs.py --kills 100 --interrupts 20
+    sudo python benchmarks/kill_runs.py --kills 0 --interrupts 0 --power-failures 40
 
 Of each kind of work, so many processes are ended at moments drawn from the time that it takes.
 After each, inputs are as they were (of a folder that is replaced in place, each file is the old or
@@ -8,12 +10,16 @@ the new one), what has an output's name is whole, the old or the new one, and a 
 what an undisturbed one gives. After Ctrl-C no temporary file is left either, and the process has
 ended within PROMPT seconds with exit code 130. Processes are forks of one that has all imports and
 compiled code.
+
+Where power fails, the files are on an ext4 in a file, and the following run finds what had been
+written back of it when the process was killed.
 """
 
 import argparse
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -30,6 +36,7 @@ from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._formats import supported_extensions
 
 PROMPT = 1.0  # seconds
+DISK = 256_000_000  # bytes
 N_KILLED = 3_000  # points of inputs
 N_WRITTEN = 20_000
 VERBS = {
@@ -47,11 +54,45 @@ KINDS = {**{verb: f"{verb} {rest}" for verb, rest in VERBS.items()}, **FOLDERS, 
 KINDS |= WRITING
 
 
+class Disk:
+    """An ext4 in a file below a folder, which loses what was not written back when power fails."""
+
+    def __init__(self, folder, seed):
+        self.image, self.place = folder / "disk", folder / "mounted"
+        self._rng = np.random.default_rng(seed)
+        self.place.mkdir()
+        with open(self.image, "wb") as file:
+            file.truncate(DISK)
+        command("mkfs.ext4", "-q", "-F", self.image)
+        self._mount()
+
+    def fail(self):
+        """The system writes back all names, and the contents of the files that it likes."""
+        for path in [path for path in self.place.rglob("*") if path.is_file()]:
+            if self._rng.random() < 0.5:
+                with open(path, "rb") as file:
+                    os.fsync(file.fileno())
+        shutil.copyfile(self.image, other := self.image.with_suffix(".copy"))
+        self.close()
+        other.replace(self.image)
+        self._mount()
+
+    def close(self):
+        command("umount", "--lazy", self.place)
+
+    def _mount(self):
+        command("mount", "-o", "loop", self.image, self.place)
+
+
+def command(*words):
+    subprocess.run([*map(str, words)], check=True)
+
+
 class Work:
     """One kind of work in a folder of its own, and what it makes undisturbed."""
 
-    def __init__(self, kind, folder, n_points):
-        self.kind, self.folder = kind, folder
+    def __init__(self, kind, folder, n_points, disk=None):
+        self.kind, self.folder, self.disk = kind, folder, disk
         self.clouds = [street(n_points, seed) for seed in range(2)]
         if kind in WRITING:
             self.clouds = [PointCloud(street(N_WRITTEN, seed).xyz) for seed in range(2)]
@@ -110,7 +151,11 @@ class Work:
     def end(self, after, number):
         """End a run; returns how long it took, its exit code, and all that is wrong then."""
         self.begin()
+        if self.disk is not None:
+            command("sync", "--file-system", self.disk.place)
         seconds, code = self.run(after, number)
+        if self.disk is not None:
+            self.disk.fail()
         faults, now = [], self.outputs()
         faults += [
             f"{p.name} has changed" for p, was in self.inputs.items() if p.read_bytes() != was
@@ -183,16 +228,17 @@ def warm_up(folder):
         os.chdir(before)
 
 
-def measure(kind, n, number, folder, n_points=N_KILLED, seed=0):
+def measure(kind, n, number, folder, n_points=N_KILLED, seed=0, disk=None):
     """Print a row for a kind of work; returns all that was wrong."""
     rng = np.random.default_rng(seed)
-    work, late, n_ended, faults = Work(kind, folder / "work", n_points), 0.0, 0, []
+    work, late, n_ended, faults = Work(kind, folder / "work", n_points, disk), 0.0, 0, []
     for _ in range(n):
         seconds, code, found = work.end(rng.uniform(0, work.seconds), number)
         if code != 0:
             n_ended, late = n_ended + 1, max(late, seconds)
         faults += found
-    row = f"{number.name:8} {kind:20} {work.seconds:7.2f} s {n_ended:4} of {n:4} ended"
+    how = "power" if disk else number.name
+    row = f"{how:8} {kind:20} {work.seconds:7.2f} s {n_ended:4} of {n:4} ended"
     print(f"{row}, the latest after {late:.2f} s; {len(faults)} faults", flush=True)
     for fault, times in Counter(faults).items():
         print(f"    {times} times: {fault}")
@@ -203,6 +249,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--kills", type=int, default=100, help="of each kind of work")
     parser.add_argument("--interrupts", type=int, default=20, help="of each verb")
+    parser.add_argument("--power-failures", type=int, default=0, help="of each run on a folder")
     parser.add_argument("--points", type=int, default=100_000, help="of what is interrupted")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kind", choices=KINDS, action="append")
@@ -216,6 +263,15 @@ def main():
         for kind in [kind for kind in kinds if kind not in WRITING] if args.interrupts else ():
             options = {"n_points": args.points, "seed": args.seed}
             faults += measure(kind, args.interrupts, signal.SIGINT, Path(folder), **options)
+        if args.power_failures:
+            disk = Disk(Path(folder), args.seed)
+            try:
+                for kind in [kind for kind in kinds if kind in FOLDERS | IN_PLACE]:
+                    known = {"seed": args.seed, "disk": disk}
+                    n, place = args.power_failures, disk.place
+                    faults += measure(kind, n, signal.SIGKILL, place, **known)
+            finally:
+                disk.close()
     return 1 if faults else 0
 
 

@@ -14,7 +14,7 @@ from sklearn_mcmd.cli._messages import clear_exits, print_table, progress
 from sklearn_mcmd.cli._normals import normals
 from sklearn_mcmd.cli._options import NJobs, Quiet
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.io._files import check_writable, naming, replacing
+from sklearn_mcmd.io._files import naming, replacing
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -48,14 +48,12 @@ def demo(
         import_extra("matplotlib", "plot", "the picture")
         names = "street.laz", "clean.laz", "clean_sensor.laz", "normals.laz", "demo.png"
         outputs = street, clean, clean_sensor, with_normals, picture = [folder / n for n in names]
-        there = [path for path in outputs if os.path.lexists(path)]
-        if others := [path.name for path in there if not force and not made_by_demo(path)]:
+        others = [p.name for p in outputs if os.path.lexists(p) and not made_by_demo(p)]
+        if others and not force:
             raise FileExistsError(
                 f"{folder} already holds {', '.join(others)}, of no earlier demo; name another "
                 "folder, or --force"
             )
-        for path in there:
-            check_writable(path)
         sensor = write_street(street)
         work = {"n_jobs": n_jobs, "quiet": quiet}
         denoise(street, clean, sensor="none", **work)
@@ -86,9 +84,9 @@ def demo(
 
 def made_by_demo(path):
     """Whether an earlier run has made a file: a cloud then holds the truth, a picture says so."""
-    if path.is_symlink():
-        return False
     try:
+        if path.is_symlink():
+            return False
         if path.suffix == ".png":
             from PIL import Image
 

@@ -1,8 +1,10 @@
 """Reading and writing by extension: dispatch, whole outputs, one-line errors."""
 
+import ctypes
 import errno
 import os
 import shutil
+import sys
 import warnings
 from collections.abc import Mapping
 from contextlib import contextmanager, suppress
@@ -275,8 +277,11 @@ def _mask(noise, n_points):
 
 
 @contextmanager
-def replacing(path):
-    """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds."""
+def replacing(path, *, synced=True):
+    """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds.
+
+    It is then on the disk, with its name; or, if not ``synced``, after the next `sync_disk`.
+    """
     target = check_writable(path)  # a link stays a link: the file behind it is replaced
     temporary = target.with_name(f".mcmd-{os.urandom(8).hex()}{target.suffix.lower()}")
     try:
@@ -285,14 +290,36 @@ def replacing(path):
         with naming(path):
             yield temporary
         with one_clear_line(path, "written"):
-            with open(temporary, "rb+") as file:  # completely on disk before it takes the name
-                os.fsync(file.fileno())
+            if synced:
+                with open(temporary, "rb+") as file:
+                    os.fsync(file.fileno())
             if target.exists():
                 shutil.copymode(target, temporary)
             os.replace(temporary, target)
+            if synced:
+                sync_names(target.parent)
     finally:
         with suppress(OSError):  # a disk that cannot be written to was reported above
             temporary.unlink()
+
+
+def sync_names(folder):
+    """Wait until the names in a folder are on the disk."""
+    with suppress(OSError):  # a system, or a disk, that has no call for it
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def sync_disk(path):
+    """Wait until all that any process has written to the disk of a file is there."""
+    if sys.platform != "linux":
+        return getattr(os, "sync", int)()  # Windows has none
+    with open(path) as file:
+        if ctypes.CDLL(None).syncfs(file.fileno()):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """A catalog: what one or many point files hold, from their headers."""
 
+import hashlib
 import json
 import os
 from collections.abc import Iterable
@@ -18,6 +19,7 @@ from sklearn_mcmd.io._las_parts import no_returns_of, read_parts
 from sklearn_mcmd.io._units import degrees_warning
 from sklearn_mcmd.tiling._memory import PART
 
+END = 2**16  # bytes at both ends of a file, which its stamp has a hash of
 PROJECTION = "LASF_Projection"  # of the records of the coordinate system
 
 
@@ -47,7 +49,7 @@ class Catalog:
     crs : str or None
         Name or EPSG code of the coordinate system.
     stamps : list of tuple
-        Size and time of each file, which tell whether it has changed.
+        Size, time and a hash of the ends of each file, which tell whether it has changed.
 
     Raises
     ------
@@ -116,9 +118,14 @@ class Catalog:
 
 
 def stamp_of(path):
-    """What changes when a file does: its size in bytes, and its time in nanoseconds."""
+    """What changes when a file does: its size in bytes, its time in nanoseconds, and a hash of its
+    ends, which hold the header."""
     status = path.stat()
-    return status.st_size, status.st_mtime_ns
+    with open(path, "rb") as file:
+        digest = hashlib.sha256(file.read(END))
+        file.seek(max(0, status.st_size - END))
+        digest.update(file.read(END))
+    return status.st_size, status.st_mtime_ns, digest.hexdigest()
 
 
 def parts_of(paths, choice=None):

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-import re
 import shutil
 import sys
 from contextlib import ExitStack, suppress
@@ -11,38 +10,53 @@ from errno import EACCES, EAGAIN
 from pathlib import Path
 
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io._files import replacing, sync_disk, sync_names
+from sklearn_mcmd.io._rehearsal import trial_folder
 from sklearn_mcmd.tiling._cells import Constants
-from sklearn_mcmd.tiling._stored_columns import CellColumns, in_place_of
-from sklearn_mcmd.tiling._sweeps import TILES, TilingError, lock_of_tiles
+from sklearn_mcmd.tiling._stored_columns import CellColumns
+from sklearn_mcmd.tiling._sweeps import TILES, TilingError, lock_of_tiles, open_lock
 
 MANIFEST = "manifest.json"
 MOVES = "moves.json"
 LOCK = "lock"
-OURS = re.compile(rf"cells|rays|results|outputs|({LOCK}|{MANIFEST}|{MOVES})(\..*)?")  # names in it
+MARK = "mark"  # which only a run writes, when it makes a folder
 
 
 class WorkFolder:
     """Temporary files of a run, beside its output.
 
     A lock keeps other runs out until it is released, or the process ends. The manifest is written
-    when all points are in their cells.
+    when all points are in their cells. Sources are the inputs, which must lie elsewhere.
     """
 
-    def __init__(self, target):
-        self.path, self.key = self.path_of(target), None
+    def __init__(self, target, sources=()):
+        self.path, self.key, self.goes_on = self.path_of(target), None, False
         names = "cells", "results", "outputs", "rays"
         self._folders = [self.path / name for name in names]
         self.cells, self.results, self.outputs, _ = self._folders
         self._manifest, self.moves = self.path / MANIFEST, self.path / MOVES
-        # What a run left that ended before its manifest, or while it was removed, is ours, too.
-        if self.path.exists() and not (
-            read_json(self._manifest) or all(OURS.fullmatch(e.name) for e in self.path.iterdir())
-        ):
+        for source in sources:
+            if Path(os.path.realpath(source)).is_relative_to(self.path):
+                told = f"{source}: lies in {self.path}, where temporary files would be"
+                raise PointFileError(f"{told}; name another output")
+        if not os.path.lexists(self.path):
+            self._make()
+        has_link = any(file.is_symlink() for file in (self.path, *self.path.rglob("*")))
+        if has_link or read_json(self.path / MARK) != self.path.name:
             raise FileExistsError(
-                f"{self.path} is in the way: it is where temporary files would be; move it"
+                f"{self.path} is in the way: it is where temporary files would be, and no run has "
+                "made it, or it is or holds a link; move it"
             )
-        self.path.mkdir(exist_ok=True)
         self._lock = _locked(self.path / LOCK)
+
+    def _make(self):
+        """Make the folder, which gets its name when its mark is in it."""
+        with trial_folder(self.path.parent) as above:
+            (new := above / "tiles").mkdir()
+            write_json(new / MARK, self.path.name)
+            with suppress(OSError):  # another run may be the first
+                new.rename(self.path)
 
     def begin(self, key, anew=False):
         """Begin or go on; what lies there is removed if it was made with another key, or anew.
@@ -52,8 +66,12 @@ class WorkFolder:
         self.key = key
         with lock_of_tiles(self.path, alone=True):
             pass
-        if anew or read_json(self._manifest).get("key") != key:
+        # An empty report counts as not done; other damage is met where files are read.
+        is_whole = all(file.stat().st_size for file in self.results.rglob("*.json"))
+        self.goes_on = is_whole and not anew and read_json(self._manifest).get("key") == key
+        if not self.goes_on:
             self._empty()
+            self.moves.unlink(missing_ok=True)
             for folder in self._folders:
                 folder.mkdir()
 
@@ -73,7 +91,8 @@ class WorkFolder:
         return CellColumns(self.results)
 
     def finish_cells(self, constants):
-        """Remember that all points are in cells."""
+        """Remember that all points are in cells, which are on the disk before."""
+        sync_disk(self.path / MARK)
         write_json(self._manifest, {"key": self.key, "constants": constants._asdict()})
 
     def release(self):
@@ -81,29 +100,30 @@ class WorkFolder:
         self._lock.close()
 
     def remove(self):
-        """Remove the folder; the list of moves last."""
+        """Remove the folder. The list of moves goes last, with the name, in one step."""
         self._empty()
-        if os.name == "nt":  # where open files cannot be removed
+        if os.name == "nt":  # where open files cannot be moved
             self.release()
-        with suppress(OSError):  # another run may have begun
-            (self.path / TILES).unlink(missing_ok=True)
-            (self.path / LOCK).unlink()
-            self.path.rmdir()
+        if {file.name for file in self.path.iterdir()} <= {MARK, MOVES, LOCK, TILES}:
+            with suppress(OSError), trial_folder(self.path.parent) as above:
+                self.path.rename(above / "tiles")
+        self.moves.unlink(missing_ok=True)  # where others have put files into it
         self.release()
 
     def _empty(self):
+        """Remove all but the list of moves, the mark and locks."""
         self._manifest.unlink(missing_ok=True)  # first: it says that the cells are there
+        sync_names(self.path)
         for folder in self._folders:
             shutil.rmtree(folder, ignore_errors=True)
-        for file in self.path.glob("*.part"):
+        for file in self.path.glob(".mcmd-*"):
             file.unlink(missing_ok=True)
-        self.moves.unlink(missing_ok=True)
 
 
 def _locked(path):
     """A file that is open and locked, until it is closed or the process ends."""
     with suppress(BlockingIOError, FileNotFoundError), ExitStack() as opened:
-        file = opened.enter_context(open(path, "w"))
+        file = opened.enter_context(open_lock(path))
         try:
             if sys.platform == "win32":
                 import msvcrt
@@ -134,7 +154,7 @@ def read_json(path):
 
 def write_json(path, content):
     content = json.dumps(content)
-    with in_place_of(path) as temporary:
+    with replacing(path) as temporary:
         temporary.write_text(f"{_digest(content)}\n{content}")
 
 

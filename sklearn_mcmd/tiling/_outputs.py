@@ -13,7 +13,7 @@ import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing
+from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing, sync_names
 from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
 from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
@@ -184,6 +184,7 @@ def _move(moves):
             shutil.copymode(target, place)
         try:
             os.replace(place, target)
+            sync_names(Path(target).parent)
         except OSError:  # a link leads to another disk
             with replacing(target) as temporary:
                 shutil.copy2(place, temporary)  # with the times, which tell that it is this one

@@ -135,11 +135,12 @@ def process_files(
     PointFileError
         If a file cannot be read or written.
     TilingError
-        If some tiles failed, or the run ended in another way after all points were read. Temporary
-        files are then kept, and the message names them.
+        If some tiles failed, or the run ended in another way after all points were read, and the
+        same run may go on. Temporary files are then kept, and the message names them.
     ValueError
-        If the estimator's results depend on the whole cloud, an option has no meaning for it, a
-        class is no whole number from 0 to 255, a height is not finite, or the memory is too little.
+        If inputs make tiles fail, the estimator's results depend on the whole cloud, an option has
+        no meaning for it, a class is no whole number from 0 to 255, a height is not finite, or the
+        memory is too little.
 
     Warns
     -----

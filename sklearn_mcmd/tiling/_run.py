@@ -1,5 +1,6 @@
 """One run of any verb by tiles: points into cells, results of all tiles, outputs in order."""
 
+import os
 import shutil
 import time
 import warnings
@@ -29,7 +30,7 @@ from sklearn_mcmd.tiling._result_files import Results
 from sklearn_mcmd.tiling._sensor_origins import SensorPath
 from sklearn_mcmd.tiling._stored_columns import StoredColumns
 from sklearn_mcmd.tiling._stored_light import LightWriter
-from sklearn_mcmd.tiling._sweeps import Sweeps, TilingError
+from sklearn_mcmd.tiling._sweeps import Sweeps, TilingError, fails_for_good
 
 SCATTERED = 0.07  # the share of the time after which all points are in cells, for the progress
 FOUND = 0.93  # the same of the results of all tiles
@@ -169,47 +170,56 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target))
-    with _work_folder(target) as folder:
-        if not restart and (report := resume_moves(verb, catalog, targets, folder)):
-            return RunReport(**report)._replace(n_resumed=report["n_tiles"])
-        if verb.sensor is not None:
-            verb.sensor.check(catalog.n_points)
-        work, n_features, k = verb.prepare(catalog)
-        plan = plan_run(
-            catalog.n_points, memory, n_jobs, n_features, tile_size, work=work, n_neighbors=k
-        )
-        _put_in_cells(verb, catalog, folder, plan, restart)
-        cells, columns = Cells(folder.cells), folder.columns
-        run = TiledRun(catalog, targets, folder, cells, plan, memory)
-        n_resumed = sum(columns.is_done(cell, verb.last_sweep) for cell in range(len(cells)))
-        with progress_part(SCATTERED, FOUND):
-            verb.find(run)
-        with progress_part(FOUND, 1.0, "writing"):
-            found = verb.report(run, write_outputs(run, verb))
-        report = RunReport(
-            n_points=catalog.n_points,
-            n_tiles=len(cells),
-            n_workers=plan.n_workers,
-            n_resumed=n_resumed,
-            seconds=time.perf_counter() - begin,
-            **found,
-        )
-        move_outputs(verb, catalog, targets, folder, report._asdict())
-    return report
+    folder = WorkFolder(target, catalog.paths)
+    try:
+        with _kept(folder):
+            if not restart and (report := resume_moves(verb, catalog, targets, folder)):
+                return RunReport(**report)._replace(n_resumed=report["n_tiles"])
+            if verb.sensor is not None:
+                verb.sensor.check(catalog.n_points)
+            work, n_features, k = verb.prepare(catalog)
+            plan = plan_run(
+                catalog.n_points, memory, n_jobs, n_features, tile_size, work=work, n_neighbors=k
+            )
+            _put_in_cells(verb, catalog, folder, plan, restart)
+            cells, columns = Cells(folder.cells), folder.columns
+            run = TiledRun(catalog, targets, folder, cells, plan, memory)
+            n_resumed = sum(columns.is_done(cell, verb.last_sweep) for cell in range(len(cells)))
+            with progress_part(SCATTERED, FOUND):
+                verb.find(run)
+            with progress_part(FOUND, 1.0, "writing"):
+                found = verb.report(run, write_outputs(run, verb))
+            report = RunReport(
+                n_points=catalog.n_points,
+                n_tiles=len(cells),
+                n_workers=plan.n_workers,
+                n_resumed=n_resumed,
+                seconds=time.perf_counter() - begin,
+                **found,
+            )
+            move_outputs(verb, catalog, targets, folder, report._asdict())
+        return report
+    except ValueError as err:
+        if not folder.goes_on or folder.path.exists():
+            raise
+        warn_caller(f"{err}; an earlier run may have left it damaged, so this one begins anew")
+    return run_by_tiles(verb, catalog, target, memory, n_jobs, tile_size, True)
 
 
 @contextmanager
-def _work_folder(target):
-    """The folder of a run, removed at its end; kept where it ends early with points in cells."""
-    folder = WorkFolder(target)
+def _kept(folder):
+    """Remove the folder of a run at its end; keep it where that is early, with points in cells, if
+    the same run may go on from there."""
     try:
-        yield folder
+        yield
         with ignoring_interrupts():
             folder.remove()
     except (Exception, KeyboardInterrupt, SystemExit) as err:
-        if folder.constants is None and not folder.moves.exists():
+        has_begun = folder.key is not None
+        is_of_use = folder.constants is not None and not (has_begun and fails_for_good(err))
+        if not is_of_use and not folder.moves.exists():
             folder.remove()
-        if folder.constants is None or folder.key is None:
+        if folder.constants is None or not has_begun:
             raise
         kept = f"what was done is kept in {folder.path}, and the same run goes on from there"
         if isinstance(err, Exception) and not isinstance(err, Warning):  # the user may raise these
@@ -258,7 +268,10 @@ def _put_in_cells(verb, catalog, folder, plan, restart):
     """Read all points once, unless an earlier run has, if that was the same."""
     used = verb.choice, verb.needs_ground, verb.sensor and verb.sensor.key, verb.asked
     paths = [str(path.resolve()) for path in catalog.paths]
-    folder.begin(key_of(verb.estimator, paths, catalog.stamps, plan.tile_size, used), restart)
+    # Files that were replaced, or written again, with equal stamps.
+    places = [(status.st_ino, status.st_ctime_ns) for status in map(os.stat, paths)]
+    known = paths, catalog.stamps, places, plan.tile_size, used
+    folder.begin(key_of(verb.estimator, *known), restart)
     if folder.constants is not None:
         return
     free = shutil.disk_usage(folder.path).free

@@ -6,17 +6,15 @@ cell and column, `StoredColumns` one for each column of all cells.
 
 import json
 import os
-import secrets
 import shutil
-from contextlib import contextmanager
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from threading import Lock
 from types import SimpleNamespace
 
 import numpy as np
 
-from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._files import one_clear_line, replacing, sync_disk
 from sklearn_mcmd.io._point_cloud import PointFileError
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import slices
@@ -29,6 +27,8 @@ HEADERS = Lock()
 # long again.
 FEW = 2**15
 ALL = "all"  # stands for all cells, in the place of a cell's number
+# As `replacing`, of one of many files, which `CellColumns.finish` syncs all at once.
+in_place_of = partial(replacing, synced=False)
 
 
 class CellColumns:
@@ -82,9 +82,11 @@ class CellColumns:
         return self.report(ALL, sweep)
 
     def finish(self, cell, sweep, **report):
-        """Remember that a sweep has written all of a cell, and what it reports of it."""
+        """Remember that a sweep has written all of a cell, which is on the disk before, and what
+        it reports of it."""
         with in_place_of(self._report(cell, sweep)) as temporary:
             temporary.write_text(json.dumps(report))
+            sync_disk(temporary)
 
     def is_done(self, cell, sweep):
         return self._report(cell, sweep).exists()
@@ -315,7 +317,7 @@ class RevisedColumn(Column):
     """A column that is changed once; what it was is kept beside it, for `restore`."""
 
     def __setitem__(self, rows, values):
-        with in_place_of(self._before) as temporary, open(temporary, "wb") as file:
+        with replacing(self._before) as temporary, open(temporary, "wb") as file:
             np.savez(file, rows=rows, values=self[rows])
         super().__setitem__(rows, values)
 
@@ -324,7 +326,6 @@ class RevisedColumn(Column):
         if self._before.exists():
             with np.load(self._before) as before:
                 super().__setitem__(before["rows"], before["values"])
-            self._before.unlink()
 
     @property
     def _before(self):
@@ -359,15 +360,3 @@ def made(path, dtype, shape):
             path.unlink()
             raise
     return stored
-
-
-@contextmanager
-def in_place_of(path):
-    """A name that no other process takes; its file replaces `path`, which others may read."""
-    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
-    try:
-        with one_clear_line(path, "written"):
-            yield temporary
-            os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -1,5 +1,6 @@
 """Kinds of work on all cells, one after another: the others are finished where one fails."""
 
+import os
 import time
 import warnings
 from contextlib import ExitStack, contextmanager, suppress
@@ -52,11 +53,17 @@ def lock_of_tiles(folder, alone=False, name=TILES):
     with ExitStack() as stack, suppress(ImportError, OSError):  # Windows, or a disk without locks
         import fcntl
 
-        file = stack.enter_context(open(folder / name, "a"))
+        file = stack.enter_context(open_lock(folder / name))
         fcntl.flock(file, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
         stack = stack.pop_all()
     with stack:
         yield
+
+
+def open_lock(path):
+    """Open a file to lock it: no link is followed, and nothing in it is changed."""
+    no_link = getattr(os, "O_NOFOLLOW", 0)  # not on Windows
+    return open(path, "a", opener=lambda name, flags: os.open(name, flags | no_link, 0o666))
 
 
 class TilingError(ValueError):
@@ -146,12 +153,13 @@ def compute_cells(task, cells, todo, n_workers):
 
     It takes the number of a cell and leaves its results in a file, so that they are kept whatever
     happens to other cells, or it answers. When all have been tried and some failed, TilingError is
-    raised; a warning for each says why. Returns the answers by cell.
+    raised, ValueError if one `fails_for_good`; a warning for each says why. Returns the answers by
+    cell.
     """
     todo = sorted(todo, key=lambda cell: -cells.counts[cell])
     n_points = int(cells.counts.sum())
     n_before = n_done = n_points - int(cells.counts[todo].sum())
-    begin, n_failed, answers = time.monotonic(), 0, {}
+    begin, n_failed, kind, answers = time.monotonic(), 0, TilingError, {}
     folder = cells.folder.parent
     # No more tasks are given than may run: dask has its own number of workers.
     work = Parallel(
@@ -169,14 +177,14 @@ def compute_cells(task, cells, todo, n_workers):
         ):
             n_done += int(cells.counts[cell])
             if error is not None:
-                n_failed += 1
+                n_failed, kind = n_failed + 1, ValueError if error[1] else kind
                 ends = zip("xyz", *cells.extent(cell), strict=True)
                 between = ", ".join(f"{axis} {low:.10g} to {high:.10g}" for axis, low, high in ends)
-                warn_caller(f"tile {cell} failed ({between}): {error}")
+                warn_caller(f"tile {cell} failed ({between}): {error[0]}")
             rate = (n_done - n_before) / max(time.monotonic() - begin, 1e-9)
             report_share(n_done / n_points, f"{rate:,.0f} points/s")
     if n_failed:
-        raise TilingError(f"{n_failed} of {len(cells)} tiles failed")
+        raise kind(f"{n_failed} of {len(cells)} tiles failed")
     return answers
 
 
@@ -188,7 +196,7 @@ def warn_if_coarse(constants, index):
 
 def _attempt(task, cell, n_times, folder):
     """Run the task, whose job has n times its threads: the cell, the answer, and why it failed, in
-    one line."""
+    one line, and whether it `fails_for_good`."""
     if n_times > 1 and "job" in task.keywords:
         job = task.keywords["job"]
         task = partial(task, job=replace(job, n_threads=n_times * job.n_threads))
@@ -198,4 +206,10 @@ def _attempt(task, cell, n_times, folder):
             return cell, task(cell), None
         except Exception as err:
             said = f"{type(err).__name__}: {' '.join(str(err).split())}".removesuffix(": ")
-            return cell, None, said
+            return cell, None, (said, fails_for_good(err))
+
+
+def fails_for_good(err):
+    """Whether an error lies in inputs, parameters or stored files: the same run meets it again."""
+    from_outside = isinstance(err, TilingError) or isinstance(err.__cause__, OSError | MemoryError)
+    return isinstance(err, ValueError) and not from_outside

@@ -129,7 +129,6 @@ def test_the_demo_replaces_no_link_and_no_folder(earlier, tmp_path):
     (folder / "demo.png").unlink()
     (folder / "demo.png").mkdir()
     assert "clean.laz, demo.png, of no earlier demo" in error_line(run("demo", folder))
-    assert "demo.png: is a folder" in error_line(run("demo", folder, "--force"))
     assert (tmp_path / "kept.laz").read_bytes() == files["clean.laz"]
 
 

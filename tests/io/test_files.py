@@ -1,7 +1,9 @@
 """Files in, files out: nothing lost, nothing half-written, one clear line when it fails."""
 
+import errno
 import os
 import re
+import stat
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
@@ -191,6 +193,31 @@ def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path, monkeyp
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permission bits and links of POSIX")
+def test_a_file_is_on_the_disk_before_it_takes_its_name_and_so_is_the_name_then(
+    tmp_path, monkeypatch
+):
+    target, seen, rename = tmp_path / "a.xyz", [], os.replace
+
+    def sync(descriptor):
+        is_folder = stat.S_ISDIR(os.fstat(descriptor).st_mode)
+        seen.append("names" if is_folder else os.pread(descriptor, 99, 0))
+
+    monkeypatch.setattr(os, "fsync", sync)
+    monkeypatch.setattr(os, "replace", lambda *paths: seen.append("renamed") or rename(*paths))
+    write_points(target, [[0, 0, 0]])
+    assert seen == [target.read_bytes(), "renamed", "names"][: 3 if os.name == "posix" else 2]
+
+
+def test_a_disk_that_cannot_sync_names_is_no_error(tmp_path, monkeypatch):
+    def sync(descriptor):
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(os, "fsync", sync)
+    write_points(tmp_path / "a.xyz", [[0, 0, 0]])
+    assert [path.name for path in tmp_path.iterdir()] == ["a.xyz"]
+
+
 def test_a_replaced_file_keeps_its_permissions_and_a_link_its_target(tmp_path):
     path = tmp_path / "a.xyz"
     path.write_text("1 2 3\n")

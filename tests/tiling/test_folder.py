@@ -2,29 +2,32 @@
 
 import io
 import os
+import re
 import shutil
 import threading
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
-from sklearn_mcmd.io import PointFileError
+from sklearn_mcmd.io import PointFileError, write_points
 from sklearn_mcmd.tiling import TilingError, _sweeps, process_files
 from sklearn_mcmd.tiling._folder import WorkFolder
-from sklearn_mcmd.tiling._sweeps import lock_of_tiles
-from tiled import ESTIMATOR, in_memory, is_killed, names_in
+from sklearn_mcmd.tiling._sweeps import lock_of_tiles, open_lock
+from tiled import ESTIMATOR, in_memory, is_killed, names_in, street
 
 
 def test_what_a_run_left_that_died_while_it_was_removed_is_in_no_ones_way(small_file, tmp_path):
     """Killed amid the removal of cells, or between the writing and the renaming of a manifest."""
     left = tmp_path / "out.las.tiles"
-    for name in ("manifest.json.0123abcd.part", "lock"):
-        (left / "cells").mkdir(parents=True)
+    for name in (".mcmd-0123456789abcdef.json", "lock"):
+        WorkFolder(tmp_path / "out.las").release()
+        (left / "cells").mkdir()
         (left / name).write_text("{}")
         process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
-        assert not left.exists()
+        assert names_in(tmp_path) == ["out.las", "small.las"]
 
 
 def test_a_run_that_ended_while_its_folder_was_removed_has_only_to_remove_it(
@@ -32,8 +35,10 @@ def test_a_run_that_ended_while_its_folder_was_removed_has_only_to_remove_it(
 ):
     target = tmp_path / "out.las"
 
-    def remove_part(path, **_):
-        if (path / "cells.npz").exists():
+    def remove_part(path, remove=shutil.rmtree, **options):
+        if not (path / "cells.npz").exists():
+            remove(path, **options)
+        else:
             (path / "cells.npz").unlink()
             raise MemoryError("too much")
 
@@ -45,13 +50,85 @@ def test_a_run_that_ended_while_its_folder_was_removed_has_only_to_remove_it(
     assert names_in(tmp_path) == ["out.las", "small.las"]
 
 
-def test_a_folder_of_others_is_not_removed(small_file, tmp_path):
-    other = tmp_path / "out.las.tiles" / "mine.txt"
-    other.parent.mkdir()
+def everything_in(folder):
+    """All that is in a folder: paths, links, and the bytes of files."""
+    return {
+        path: path.readlink() if path.is_symlink() else path.is_file() and path.read_bytes()
+        for path in folder.rglob("*")
+    }
+
+
+@pytest.mark.parametrize("name", ["mine.txt", "results/a.las", "lock", "mark", "cells/ground"])
+def test_a_folder_that_no_run_has_made_stays_whatever_names_are_in_it(name, small_file, tmp_path):
+    other = tmp_path / "out.las.tiles" / name
+    other.parent.mkdir(parents=True)
     other.write_text("mine")
+    before = everything_in(tmp_path)
     with pytest.raises(FileExistsError, match="in the way"):
         process_files(small_file, tmp_path / "out.las", ESTIMATOR)
-    assert other.read_text() == "mine"
+    assert everything_in(tmp_path) == before
+
+
+def test_an_empty_folder_and_the_copy_of_one_of_a_run_stay(small_file, tmp_path):
+    WorkFolder(tmp_path / "out.las").release()
+    shutil.copytree(tmp_path / "out.las.tiles", tmp_path / "copy.las.tiles")
+    (tmp_path / "empty.las.tiles").mkdir()
+    before = everything_in(tmp_path)
+    for name in ("copy.las", "empty.las"):
+        with pytest.raises(FileExistsError, match="in the way"):
+            process_files(small_file, tmp_path / name, ESTIMATOR)
+    assert everything_in(tmp_path) == before
+
+
+@pytest.mark.parametrize("is_left", [False, True])
+def test_inputs_in_the_folder_of_temporary_files_are_refused_and_stay(is_left, tmp_path):
+    if is_left:
+        WorkFolder(tmp_path / "city").release()
+    (folder := tmp_path / "city.tiles" / "results").mkdir(parents=True)
+    for path in (folder / "a.las", tmp_path / "other.las"):
+        write_points(path, street(2_000))
+    (tmp_path / "link.las").symlink_to(folder / "a.las")
+    before = everything_in(tmp_path)
+    for source in (folder, [tmp_path / "other.las", tmp_path / "link.las"]):
+        with pytest.raises(PointFileError, match=r"lies in .*city.tiles, where temporary files"):
+            process_files(source, tmp_path / "city", ESTIMATOR)
+    assert everything_in(tmp_path) == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights")
+@pytest.mark.parametrize("name", ["", "lock", "lock.tiles", "results", "cells/1.rows", "mark"])
+def test_no_link_is_followed_out_of_the_folder_of_temporary_files(name, small_file, tmp_path):
+    (mine := tmp_path / "mine").mkdir()
+    (mine / "file").write_text("mine")
+    WorkFolder(tmp_path / "out.las").release()
+    link, to = tmp_path / "out.las.tiles" / name, mine if name in ("", "results") else mine / "file"
+    link.parent.mkdir(exist_ok=True)
+    if link.exists():
+        link.rename(to := mine / "moved")
+    link.symlink_to(to)
+    before = everything_in(tmp_path)
+    with pytest.raises(FileExistsError, match="is or holds a link"):
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR)
+    assert everything_in(tmp_path) == before
+
+
+@pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="of POSIX")
+def test_a_lock_changes_no_file_and_follows_no_link(tmp_path):
+    (mine := tmp_path / "mine").write_text("mine")
+    open_lock(mine).close()
+    (tmp_path / "lock").symlink_to(mine)
+    with pytest.raises(OSError, match="symbolic links"):
+        open_lock(tmp_path / "lock")
+    assert mine.read_text() == "mine"
+
+
+def test_files_that_others_put_into_the_folder_stay_and_are_in_no_ones_way(small_file, tmp_path):
+    WorkFolder(tmp_path / "out.las").release()
+    (mine := tmp_path / "out.las.tiles" / "mine.txt").write_text("mine")
+    for _ in range(2):
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=3_000)
+        assert mine.read_text() == "mine"
+        assert not {"manifest.json", "moves.json", "cells"} & {*names_in(mine.parent)}
 
 
 @pytest.fixture
@@ -82,27 +159,33 @@ def test_a_manifest_that_is_not_as_it_was_written_begins_anew(small_file, ended,
     assert ended.read_bytes() == in_memory(small_file, tmp_path / "e.las").read_bytes()
 
 
-@pytest.mark.filterwarnings("ignore:tile . failed")
-def test_a_damaged_file_is_named_and_to_begin_anew_helps(small_file, ended, tmp_path):
-    path = tmp_path / "out.las.tiles" / "cells" / "cells.npz"
-    path.write_bytes(b"PK")
-    with pytest.raises(TilingError, match=f"{path}: cannot be read"):
-        process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
-    options = {"tile_size": 2_000, "restart": True}
-    assert process_files(small_file, ended, ESTIMATOR, **options).n_resumed == 0
-
-
-@pytest.mark.filterwarnings("ignore:tile . failed")
 @pytest.mark.parametrize(
-    ("name", "damage"),
-    [("0.near", lambda stored: stored[:400]), ("all.points.npy", lambda _: pickled())],
+    ("name", "damage", "said"),
+    [
+        ("cells/cells.npz", lambda _: b"PK", r"cells.npz: cannot be read.*begins anew"),
+        (
+            "results/0.near",
+            lambda stored: stored[:400],
+            r"tile \d failed .*0.near: (is dam|cannot)",
+        ),
+        ("results/all.points.npy", lambda _: pickled(), "tile . failed .*points.npy: cannot be"),
+        ("results/all.points.npy", lambda _: b"", "tile . failed .*points.npy: cannot be read"),
+        ("results/0.places.json", lambda _: b"", ""),
+        ("results/all.near.json", lambda _: b"{", r"all.near.json: cannot be read.*begins anew"),
+    ],
 )
-def test_a_tile_that_meets_a_damaged_file_names_it(small_file, ended, tmp_path, name, damage):
-    path = tmp_path / "out.las.tiles" / "results" / name
+def test_a_run_that_meets_a_damaged_file_names_it_and_begins_anew(
+    small_file, ended, tmp_path, name, damage, said
+):
+    path = tmp_path / "out.las.tiles" / name
     path.write_bytes(damage(path.read_bytes()))
-    said = rf"tile \d failed .*{name}: (cannot be read|is damaged)"
-    with pytest.warns(UserWarning, match=said), pytest.raises(TilingError):
-        process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        report = process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
+    assert re.search(said, "; ".join(str(warning.message) for warning in caught))
+    assert report.n_resumed == 0
+    assert ended.read_bytes() == in_memory(small_file, tmp_path / "e.las").read_bytes()
+    assert names_in(tmp_path) == ["e.las", "out.las", "small.las"]
 
 
 @pytest.mark.parametrize(
@@ -118,9 +201,10 @@ def test_a_cell_that_was_cut_off_is_named(files, said, small_file, tmp_path, mon
     monkeypatch.setattr(WorkFolder, "finish_cells", cut_off)
     with (
         pytest.warns(match=said) if files == "points" else nullcontext(),
-        pytest.raises(TilingError, match="kept" if files == "points" else said),
+        pytest.raises(ValueError, match="4 tiles failed$" if files == "points" else said),
     ):
         process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert names_in(tmp_path) == ["small.las"]
 
 
 def pickled():

@@ -15,7 +15,7 @@ from sklearn_mcmd import (
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.runtime import _interrupts
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
 from sklearn_mcmd.tiling import (
@@ -205,7 +205,7 @@ def test_a_tile_that_is_given_to_several_workers_is_computed_once(tmp_path, monk
     assert (tmp_path / "c.las").read_bytes() == (tmp_path / "b.las").read_bytes()
 
 
-@pytest.mark.parametrize("change", ["parameters", "input", "restart"])
+@pytest.mark.parametrize("change", ["parameters", "input", "replaced", "middle", "restart"])
 def test_other_parameters_or_inputs_begin_anew(small_file, tmp_path, failing, change):
     failing.add(1)
     with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
@@ -214,12 +214,45 @@ def test_other_parameters_or_inputs_begin_anew(small_file, tmp_path, failing, ch
     k = 20 if change == "parameters" else 16
     if change == "input":
         os.utime(small_file, (1, 1))
+    elif change != "parameters":
+        give_other_points(small_file, replace=change == "replaced")
     estimator = RobustNormalEstimator(k, random_state=0)
     options = {"tile_size": 2_000, "restart": change == "restart"}
     report = process_files(small_file, tmp_path / "out.las", estimator, **options)
     assert report.n_resumed == 0
     expected = in_memory(small_file, tmp_path / "e.las", estimator)
     assert (tmp_path / "out.las").read_bytes() == expected.read_bytes()
+
+
+def give_other_points(path, replace):
+    """Shuffle points of a LAS file, whose size and time are as they were, and so are its ends."""
+    cloud, before = read_points(path), path.stat()
+    rows = np.arange(len(cloud))
+    rows[1_000:-1_000] = rows[1_000:-1_000][::-1]
+    write_points(other := path.with_suffix(".other.las"), cloud.subset(rows))
+    if replace:
+        other.replace(path)
+    else:
+        path.write_bytes(other.read_bytes())
+        other.unlink()
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert path.stat().st_size == before.st_size
+
+
+def test_an_input_that_was_replaced_during_the_run_by_one_of_its_size_and_time_is_named(
+    small_file, tmp_path, monkeypatch
+):
+    def find(verb, run, work=_tiled_normals.TiledNormals.find):
+        work(verb, run)
+        status, content = small_file.stat(), bytearray(small_file.read_bytes())
+        content[-1] ^= 1
+        small_file.write_bytes(content)
+        os.utime(small_file, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+    monkeypatch.setattr(_tiled_normals.TiledNormals, "find", find)
+    with pytest.raises(PointFileError, match=r"small\.las: has changed since it was read$"):
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    assert names_in(tmp_path) == ["small.las"]
 
 
 def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp_path, monkeypatch):

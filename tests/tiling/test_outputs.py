@@ -2,14 +2,16 @@
 
 import errno
 import os
+import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.tiling import TilingError, _outputs, process_files
-from tiled import ESTIMATOR, names_in, street
+from sklearn_mcmd.tiling import TilingError, _outputs, _run, process_files
+from tiled import ESTIMATOR, is_killed, names_in, street
 
 DETECTOR = MCMDOutlierDetector(16, contamination=0.05, random_state=0)
 NAMES = ["a.las", "b.las"]
@@ -83,6 +85,53 @@ def test_a_run_that_ended_between_two_moves_has_only_to_move(drive, replaced, mo
     assert (contents(folder), report.n_outliers) == replaced
     assert report.n_resumed == report.n_tiles
     assert not folder.with_name("early.tiles").exists()
+
+
+# A process that is killed at the n-th call of the system that changes names.
+REMOVAL = """
+import os, signal, sys
+from sklearn_mcmd.tiling._folder import WorkFolder
+
+left = [int(sys.argv[2])]
+
+def counted(work):
+    def call(*args, **kwargs):
+        if left[0] == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        left[0] -= 1
+        return work(*args, **kwargs)
+    return call
+
+folder = WorkFolder(sys.argv[1])
+for name in "unlink", "rmdir", "rename", "replace", "mkdir":
+    setattr(os, name, counted(getattr(os, name)))
+folder.remove()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked")
+def test_outputs_in_place_are_not_judged_again_wherever_the_removal_is_killed(
+    drive, replaced, monkeypatch, tmp_path
+):
+    folder, work, kept = drive("early"), tmp_path / "early.tiles", tmp_path / "kept"
+    with monkeypatch.context() as patch:
+        patch.setattr(_run.WorkFolder, "remove", lambda _: 1 / 0)
+        with pytest.raises(TilingError, match="kept in"):
+            process_files(folder, folder, DETECTOR, **SIZE)
+    assert contents(folder) == replaced[0]
+    for path in [path for path in work.glob("*/*.*") if path.is_file()][4:]:
+        path.unlink()  # a few are enough
+    shutil.copytree(work, kept)
+    n, n_resumed = 0, 0
+    while is_killed(REMOVAL, folder, n):
+        if work.exists():  # else the run was at its end
+            report = process_files(folder, folder, DETECTOR, **SIZE)
+            n_resumed += report.n_resumed == report.n_tiles
+            assert (contents(folder), report.n_outliers) == replaced
+        assert not work.exists()
+        n += 1
+        shutil.copytree(kept, work)
+    assert n > n_resumed > 5
 
 
 def test_beginning_anew_leaves_nothing_beside_the_outputs(drive, monkeypatch):

@@ -11,7 +11,7 @@ from sklearn_mcmd import (
     SharpFeatureDetector,
 )
 from sklearn_mcmd.io import PointCloud, PointFileError
-from sklearn_mcmd.tiling import TilingError, process_files
+from sklearn_mcmd.tiling import TilingError, _result_files, _run, process_files
 from tiled import ESTIMATOR, names_in, street, written
 
 SEED = {"random_state": 0}
@@ -112,12 +112,30 @@ def test_too_few_points_for_a_plane_are_refused_and_leave_nothing(size, estimato
     assert names_in(tmp_path) == ["a.las"]
 
 
-def test_a_run_that_ends_says_why_and_what_is_kept_in_one_sentence(tmp_path):
+def test_a_run_whose_inputs_or_parameters_do_not_let_it_end_says_why_and_leaves_nothing(
+    tmp_path, monkeypatch
+):
+    """It says of no other run that it goes on: none would."""
     path = written(tmp_path, np.zeros((20, 3)))
     detector = MCMDOutlierDetector(16, sensor_origin=[0, 0, 0], **SEED)
-    message = r"there are no rays to them; what was done is kept in .*b\.las\.tiles"
-    with pytest.raises(TilingError, match=message):
+    with pytest.raises(ValueError, match=r"there are no rays to them\.$"):
         process_files(path, tmp_path / "b.las", detector)
+    path = written(tmp_path, np.tile(street(10).xyz, (200, 1)))
+    monkeypatch.setattr(_result_files, "MOST_COPIES", 1_000)
+    with pytest.raises(ValueError, match=r"2,000 points at 10 places are no .*leave copies out$"):
+        process_files(path, tmp_path / "b.las", ESTIMATOR, tile_size=1_000)
+    assert names_in(tmp_path) == ["a.las"]
+
+
+def test_a_run_that_ends_for_another_reason_says_why_and_what_is_kept_in_one_sentence(
+    tmp_path, monkeypatch
+):
+    path = written(tmp_path, street(1_000))
+    monkeypatch.setattr(_run, "write_outputs", lambda *_: (tmp_path / "gone").read_text())
+    with pytest.raises(
+        TilingError, match=r"No such file.*; what was done is kept in .*b\.las\.til"
+    ):
+        process_files(path, tmp_path / "b.las", ESTIMATOR)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -191,3 +191,17 @@ def test_a_run_that_ends_before_it_notes_what_a_sweep_did_goes_on(
     process_files(small_file, tmp_path / "out.las", estimator, tile_size=2_000)
     process_files(small_file, tmp_path / "expected.las", estimator, tile_size=2_000)
     assert (tmp_path / "out.las").read_bytes() == (tmp_path / "expected.las").read_bytes()
+
+
+def test_all_is_on_the_disk_before_a_step_counts_as_done(tmp_path, monkeypatch):
+    columns, synced = CellColumns(tmp_path), []
+
+    def sync(path):
+        assert path.read_text() == '{"n": 3}'
+        assert not columns.is_done(0, "step")
+        synced.append(columns.read(0, "x").tolist())
+
+    monkeypatch.setattr(_stored_columns, "sync_disk", sync)
+    columns.keep(0, "step", {"x": np.arange(3), "n": 3})
+    assert synced == [[0, 1, 2]]
+    assert columns.is_done(0, "step")
