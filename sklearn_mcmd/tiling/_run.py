@@ -1,6 +1,5 @@
 """One run of any verb by tiles: points into cells, results of all tiles, outputs in order."""
 
-import os
 import shutil
 import time
 import warnings
@@ -268,9 +267,8 @@ def _put_in_cells(verb, catalog, folder, plan, restart):
     """Read all points once, unless an earlier run has, if that was the same."""
     used = verb.choice, verb.needs_ground, verb.sensor and verb.sensor.key, verb.asked
     paths = [str(path.resolve()) for path in catalog.paths]
-    # Files that were replaced, or written again, with equal stamps.
-    places = [(status.st_ino, status.st_ctime_ns) for status in map(os.stat, paths)]
-    known = paths, catalog.stamps, places, plan.tile_size, used
+    inodes = [path.stat().st_ino for path in catalog.paths]  # of replaced files of equal stamps
+    known = paths, catalog.stamps, inodes, plan.tile_size, used
     folder.begin(key_of(verb.estimator, *known), restart)
     if folder.constants is not None:
         return

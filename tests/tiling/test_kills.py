@@ -26,6 +26,7 @@ from sklearn_mcmd.tiling import (
     _tiled_sizes,
     process_files,
 )
+from sklearn_mcmd.tiling._catalog import stamp_of
 from sklearn_mcmd.tiling._stored_columns import ALL, CellColumns, StoredColumns
 from tiled import ESTIMATOR, in_memory, names_in, run_is_killed, street
 
@@ -205,7 +206,7 @@ def test_a_tile_that_is_given_to_several_workers_is_computed_once(tmp_path, monk
     assert (tmp_path / "c.las").read_bytes() == (tmp_path / "b.las").read_bytes()
 
 
-@pytest.mark.parametrize("change", ["parameters", "input", "replaced", "middle", "restart"])
+@pytest.mark.parametrize("change", ["parameters", "input", "replaced", "rewritten", "restart"])
 def test_other_parameters_or_inputs_begin_anew(small_file, tmp_path, failing, change):
     failing.add(1)
     with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
@@ -214,7 +215,7 @@ def test_other_parameters_or_inputs_begin_anew(small_file, tmp_path, failing, ch
     k = 20 if change == "parameters" else 16
     if change == "input":
         os.utime(small_file, (1, 1))
-    elif change != "parameters":
+    elif change in ("replaced", "rewritten"):
         give_other_points(small_file, replace=change == "replaced")
     estimator = RobustNormalEstimator(k, random_state=0)
     options = {"tile_size": 2_000, "restart": change == "restart"}
@@ -225,10 +226,11 @@ def test_other_parameters_or_inputs_begin_anew(small_file, tmp_path, failing, ch
 
 
 def give_other_points(path, replace):
-    """Shuffle points of a LAS file, whose size and time are as they were, and so are its ends."""
-    cloud, before = read_points(path), path.stat()
-    rows = np.arange(len(cloud))
-    rows[1_000:-1_000] = rows[1_000:-1_000][::-1]
+    """Change the order of points in a LAS file, whose size and time are as they were."""
+    cloud, before, rows = read_points(path), path.stat(), np.arange(5_000)
+    stamp = stamp_of(path)
+    at = slice(2_300, 2_700) if replace else slice(100)  # which the hash of its ends has, or not
+    rows[at] = rows[at][::-1]
     write_points(other := path.with_suffix(".other.las"), cloud.subset(rows))
     if replace:
         other.replace(path)
@@ -236,7 +238,8 @@ def give_other_points(path, replace):
         path.write_bytes(other.read_bytes())
         other.unlink()
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert path.stat().st_size == before.st_size
+    assert stamp[:2] == stamp_of(path)[:2]
+    assert (stamp == stamp_of(path)) is replace
 
 
 def test_an_input_that_was_replaced_during_the_run_by_one_of_its_size_and_time_is_named(
