@@ -10,13 +10,18 @@ from hashlib import sha256
 from pathlib import Path
 
 from numba import njit
+from numba.core.options import DefaultOptions
 
 ROOT = Path(__file__).parents[1]
+# Numba counts references to arrays whenever a function takes a record of them or a row, by
+# instructions that lock memory: a third of the time of asking neighbors. What allocates nothing
+# needs no counts.
+UNCOUNTED = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 is_kept = True  # whether some folder can be written
 
 
-def kernel(function=None, **options):
+def kernel(function=None, *, allocates=False, **options):
     """Compile a function by Numba, without the interpreter's lock; see `numba.njit`.
 
     Python calls functions with ``cache=True``. Only compiled functions call the others. Those get
@@ -24,11 +29,14 @@ def kernel(function=None, **options):
     arrays in each function. None is called from C. Division by zero is as in NumPy; if functions
     differed in this, Numba would compile its own, such as `max`, for each kind.
 
+    Python makes the arrays. What makes some itself, or lists, says that it `allocates`.
+
     With `fastmath` a function becomes part of each that calls it. Else the process that compiles
     calls one form of it, and those that load the code call others, whose sums round differently.
     """
     if function is None:
-        return lambda function: kernel(function, **options)
+        return lambda function: kernel(function, allocates=allocates, **options)
+    options |= {} if allocates else UNCOUNTED
     options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": not options.get("cache")}
     options |= {"forceinline": "fastmath" in options, "cache": is_kept and "cache" in options}
     compiled = njit(nogil=True, error_model="numpy", **options)(function)

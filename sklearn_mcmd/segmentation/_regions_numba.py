@@ -22,8 +22,8 @@ from sklearn_mcmd.planes._creases_numba import (
     mean_axes,
 )
 from sklearn_mcmd.planes._explaining_numba import _root
-from sklearn_mcmd.planes._moments_numba import eigh_3d
-from sklearn_mcmd.planes._quadrics_numba import TERMS, back_substitute, decompose, vector
+from sklearn_mcmd.planes._moments_numba import eigh_3d, vector
+from sklearn_mcmd.planes._quadrics_numba import TERMS, back_substitute, decompose
 from sklearn_mcmd.runtime._kernels import kernel
 
 # Parameters; with plain numbers, what takes them is compiled for each.
@@ -198,7 +198,7 @@ def gather(order, starts, near, labels, names, first, unsure):
                 first[j] = IN_ANOTHER
 
 
-@kernel(cache=True)
+@kernel(cache=True, allocates=True)
 def join_cells(sizes, weights, means, scatters, edges, left, turn, root):
     """Join cells to patches, the most alike first: `root` becomes the first cell of each's patch.
 
@@ -239,7 +239,7 @@ def join_cells(sizes, weights, means, scatters, edges, left, turn, root):
         root[c] = _root(root, c)
 
 
-@kernel
+@kernel(allocates=True)
 def _push(heap, a, b, sizes, weights, means, scatters, left, turn):
     """Let two patches wait for each other if the BIC's charge for a plane is not less than what is
     lost if one plane explains both."""

@@ -7,6 +7,7 @@ import sys
 import warnings
 
 import numba
+import numpy as np
 import pytest
 
 from sklearn_mcmd.runtime import _compiling, _kernels, _progress
@@ -31,6 +32,38 @@ def test_where_numba_is_told_not_to_compile_python_runs():
     command = [sys.executable, "-c", SOURCE + "print(double(3))"]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     assert subprocess.check_output(command, env=environment, text=True) == "6\n"
+
+
+def first_of_rows(table):
+    total = 0.0
+    for i in range(len(table)):
+        total += table[i][0]
+    return total
+
+
+def ones(n):
+    return np.ones(n)
+
+
+@pytest.mark.parametrize("has_option", [True, False])
+def test_kernels_give_the_same_whether_numba_can_leave_references_uncounted(
+    has_option, monkeypatch
+):
+    if not has_option:
+        monkeypatch.setattr(_kernels, "UNCOUNTED", {})
+    first = _kernels.kernel(first_of_rows, cache=True)
+    assert first(np.arange(6.0).reshape(3, 2)) == 6.0
+    assert _kernels.kernel(ones, cache=True, allocates=True)(3).sum() == 3.0
+    assert bool(first.targetoptions.get("_nrt", True)) != has_option
+
+
+def test_a_kernel_that_makes_arrays_without_saying_so_does_not_compile():
+    @_kernels.kernel(cache=True)
+    def zeros(n):
+        return np.zeros(n)
+
+    with pytest.raises(Exception, match="No implementation"):
+        zeros(3)
 
 
 def test_an_edit_of_any_kernel_lets_all_be_compiled_again(tmp_path, monkeypatch):
