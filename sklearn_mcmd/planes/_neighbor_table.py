@@ -6,7 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-AT_ONCE = 200_000  # neighbors that are found at once, what bounds the memory of a search
+AT_ONCE = 400_000  # neighbors that are found at once, what bounds the memory of a search
 LONGEST_PART = 4096  # rows of a part, at most
 MOST_SHORT = 128  # neighbors of a point at most whose codes have one byte
 
