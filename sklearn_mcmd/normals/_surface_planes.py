@@ -70,6 +70,10 @@ class Surfaces(NamedTuple):
     noise: np.ndarray  # (m,), what the surface, flat or curved, leaves of the neighborhood
     left: np.ndarray  # (m,), what it leaves of the members of its plane
 
+    def take(self, rows):
+        """Those of a slice of the points, as views, which can be filled."""
+        return Surfaces(self.planes.take(rows), *(values[rows] for values in self[1:]))
+
 
 class SurfacePlanes:
     """Planes of the surfaces of a cloud's points, in memory or on disk.
@@ -100,9 +104,9 @@ class SurfacePlanes:
 
         with progress_part(0.0, 0.8, "normals"):
             with progress_part(0.0, 0.7):
-                self.model.agree(n_jobs)
+                self.model.agree(n_jobs, self._put_whole)
             with progress_part(0.7, 1.0):
-                self.fit_own(everyone, n_jobs)
+                self.fit_own(everyone, n_jobs, is_whole=True)
         with progress_part(0.8, 1.0, "normals next to edges"):
             with progress_part(0.0, 0.5):
                 self.bend(everyone, n_jobs)
@@ -119,16 +123,27 @@ class SurfacePlanes:
         )
         return planes, np.where(lenders >= 0, index.rows[lenders], np.arange(len(X))), fitted
 
-    def fit_own(self, own, n_jobs):
-        """Fill the planes of a slice of points, each of its own neighborhood, and their forms."""
-        index, members = self.model.index, self.members
+    def fit_own(self, own, n_jobs, is_whole=False):
+        """Fill the planes of a slice of points, each of its own neighborhood, and their forms.
+
+        `is_whole` says that they have the planes of all members already.
+        """
+        index = self.model.index
 
         def fit(rows, _):
-            planes, *found = self._own(index.points[rows], index.query_own(rows))
-            members.forms[rows], members.noise[rows], members.left[rows] = found
-            members.planes.put(rows, planes)
+            points, around = index.points[rows], index.query_own(rows)
+            if not is_whole:
+                self._put_whole(rows, *self.model.whole_planes(points, around))
+            self._find_rough(points, around, self.members.take(rows))
 
         each_part(own, self.model.chunk(), fit, n_jobs)
+
+    def _put_whole(self, rows, planes, deviation, left, ordinary):
+        """Give points the planes of all members that `whole_planes` of the model has found."""
+        members = self.members
+        members.planes.put(rows, planes)
+        members.forms[rows] = np.where(ordinary, FLAT, BENT)
+        members.noise[rows], members.left[rows] = deviation, left
 
     def bend(self, own, n_jobs):
         """Correct the forms of a slice of points, once all planes are filled, and fill what
@@ -153,7 +168,9 @@ class SurfacePlanes:
     def evaluate_neighborhoods(self, points, around, all_planes):
         """Planes of queries (m, d) whose neighborhoods are given; `all_planes` are the members'."""
         members = self.members
-        own, forms, _, left = self._own(points, around)
+        own, deviation, left, ordinary = self.model.whole_planes(points, around)
+        forms = np.where(ordinary, FLAT, BENT).astype(np.int8)
+        self._find_rough(points, around, Surfaces(own, forms, deviation, left))
         self._bend(points, own, forms, left, around, members.noise)
         self._finish(points, own, forms, around, all_planes)
         return own
@@ -178,30 +195,30 @@ class SurfacePlanes:
         return lenders
 
     def _robust(self, points, around):
+        """Robust planes of neighborhoods whose extents are known."""
         precision = np.finfo(points.dtype).eps
         points = np.ascontiguousarray(points, dtype=np.float64)
-        return self.model.evaluate_neighborhoods(points, around, precision)[0]
+        return self.model.evaluate_neighborhoods(points, around, precision, measured=False)[0]
 
-    def _own(self, points, around):
-        """The planes of neighborhoods; smooth ones have the plane of all members.
+    def _find_rough(self, points, around, surfaces):
+        """Give neighborhoods that are not smooth their robust planes, in place.
 
-        And the forms (m,), of which `_bend` corrects ROUGH and BENT, the noise (m,) of the
-        surface, flat or curved, and what is left (m,) of all members if it is smooth.
+        The `surfaces` have planes of all members, FLAT where these are ordinary, else BENT; their
+        noise is what that plane leaves, and becomes that of the surface, flat or curved.
         """
-        planes, deviation, left, ordinary = self.model.whole_planes(points, around)
-        forms = np.where(ordinary, FLAT, BENT).astype(np.int8)
-        rest = np.flatnonzero(~ordinary)
+        planes, forms, noise, left = surfaces
+        rest = np.flatnonzero(forms != FLAT)
         if len(rest):
             robust = self._robust(points[rest], around.take(rest))
             rough = ~is_smooth(left[rest], robust.scale)
-            rough |= _bends_too_much(deviation[rest], left[rest], planes.take(rest))
+            rough |= _bends_too_much(noise[rest], left[rest], planes.take(rest))
             # Planes of many directions fit a row, and that of its rays to the sensor without noise.
             rough &= are_rows(planes.eigenvalues[rest]) | ~are_rows(robust.eigenvalues)
             forms[rest[rough]] = ROUGH
             planes.put(rest[rough], robust.take(rough))
-        left = np.maximum(np.minimum(deviation, left), self.model.least_scales(planes.centroids))
-        noise = np.where(forms == ROUGH, planes.scale, left)
-        return planes, forms, noise, left
+        least = self.model.least_scales(planes.centroids)
+        left[:] = np.maximum(np.minimum(noise, left), least)
+        noise[:] = np.where(forms == ROUGH, planes.scale, left)
 
     def _bend(self, points, planes, forms, left, around, noise):
         """Correct the forms of neighborhoods by what is usual around, and give those that bend the

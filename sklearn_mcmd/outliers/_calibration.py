@@ -151,7 +151,7 @@ def _model_over(model, X):
     trials = model.trials[first[:MOST_TRIALS]]
     simulated = LocalPlaneModel(NeighborIndex(X, k), trials, settings)
     # However small the cloud is, this one is not.
-    simulated.compiled = X.shape[1] == 3
+    simulated.compiled = X.shape[1] <= 3
     return simulated
 
 

@@ -13,6 +13,7 @@ face is then told by the noise that is usual around. Normals are found so. A det
 plane of a majority: faces of a few points are no surfaces.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -45,22 +46,26 @@ class Offers(NamedTuple):
         return cls(Planes.empty(n, d).without(*UNUSED), np.empty(n, dtype=bool))
 
 
-def agreed_offers(model, n_jobs):
-    """The `Offers` of all points of a model's index before they ask for the last time."""
+def agreed_offers(model, n_jobs, keep=None):
+    """The `Offers` of all points of a model's index before they ask for the last time.
+
+    ``keep(rows, *found)``, if it is given, gets what `whole_planes` of the model finds of slices.
+    """
     offers, own = None, slice(0, len(model.index.points))
     for _ in range(AgreementLimits().passes):
-        offers = offers_of(model, offers, own, n_jobs)
+        offers = offers_of(model, offers, own, n_jobs, keep)
     return offers
 
 
-def offers_of(model, before, own, n_jobs):
+def offers_of(model, before, own, n_jobs, keep=None):
     """What a slice of points offers, from what all offered in the pass before, if any."""
     index, offers = model.index, Offers.empty(own.stop - own.start, model.index.points.shape[1])
 
     def offer(rows, part):
         points, around = index.points[rows], index.query_own(rows)
         if before is None:
-            planes, offers.asks[part] = model.first_planes(points, around)
+            kept = keep and partial(keep, rows)
+            planes, offers.asks[part] = model.first_planes(points, around, kept)
             return offers.planes.put(part, planes)
         offers.asks[part] = before.asks[rows]
         offers.planes.put(part, before.planes.take(rows))

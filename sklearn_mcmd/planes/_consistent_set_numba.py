@@ -1,4 +1,6 @@
-"""Algorithm 1 in three dimensions, compiled: the same answers as ``_consistent_set``, faster.
+"""Algorithm 1 in 2D and 3D, compiled: the same answers as ``_consistent_set``, faster.
+
+In 2D the third coordinate is zero, and planes are upright ones.
 
 All trials of one neighborhood advance together, one trial in each vector lane. A screening in
 float32 gives each trial a lower bound of its least eigenvalue. Float64 then decides among
@@ -14,8 +16,8 @@ import numpy as np
 
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
-    eigh_3d,
     kth_smallest,
+    principal_axes,
     variance_along,
     weighted_covariance,
 )
@@ -96,7 +98,7 @@ class WorkArrays(NamedTuple):
 
 
 @kernel
-def consistent_set_3d(size, trials, arrays):
+def consistent_set(size, trials, arrays):
     """Maximum consistent set of one neighborhood (Algorithm 1).
 
     The `WorkArrays` have the coordinates, by `localize`, of the `size` members in use as `local`;
@@ -124,11 +126,12 @@ def consistent_set_3d(size, trials, arrays):
                 lanes[axis, t] = lanes[axis, first_plane]
     bound = lanes32[20]
     if farthest <= FAR and size <= MOST_ROWS:
-        _screen(local32, size, n_support, lanes, lanes32, bits, levels, ROUNDING * farthest)
+        rounding, upright = ROUNDING * farthest, F2 if trials.d == 2 else F0
+        _screen(local32, size, n_support, lanes, lanes32, bits, levels, rounding, upright)
     else:
         bound[:] = F0
 
-    best, selected, fit = np.inf, -1, NO_FIT
+    best, selected, fitted, fit = np.inf, -1, -1, NO_FIT
     for t in range(n_trials):
         least[t] = np.inf
     for _ in range(n_trials):
@@ -141,8 +144,9 @@ def consistent_set_3d(size, trials, arrays):
         bound[t] = np.inf
         _select_members(local, size, trials, lanes, t, keys, key_numbers, member)
         selected = t
-        least[t], fit = _least_eigenvalue(local, size, member, trials.rank_tolerance)
-        best = min(best, least[t])
+        least[t], its_fit = _least_eigenvalue(local, size, member, trials)
+        if least[t] < best:
+            best, fitted, fit = least[t], t, its_fit
     if best == np.inf:
         return _first_members(size, n_support, member), NO_FIT
     first = 0
@@ -150,7 +154,8 @@ def consistent_set_3d(size, trials, arrays):
         first += 1
     if first != selected:
         _select_members(local, size, trials, lanes, first, keys, key_numbers, member)
-        _, fit = _least_eigenvalue(local, size, member, trials.rank_tolerance)
+    if first != fitted:
+        _, fit = _least_eigenvalue(local, size, member, trials)
     return least[first], fit
 
 
@@ -171,13 +176,16 @@ def _trial_planes(local, size, trials, lanes, rotated, member):
     for t in range(n_trials):
         row = trials.positions[t]
         p = 0
-        for corner in range(3):  # the first three positions inside the neighborhood
+        for corner in range(trials.d):  # the first positions inside the neighborhood
             while row[p] >= size:
                 p += 1
             place = np.uintp(row[p])  # which is not asked whether it counts from the end
             for axis in range(3):
                 lanes[4 + 3 * corner + axis, t] = local[axis, place]
             p += 1
+        if trials.d == 2:
+            length = abs(lanes[7, t] - lanes[4, t]) + abs(lanes[8, t] - lanes[5, t])
+            lanes[10, t], lanes[11, t], lanes[12, t] = lanes[4, t], lanes[5, t], length
     _corner_planes(lanes, n_trials, trials.rank_tolerance)
     first_plane, n_failures = -1, 0
     for t in range(n_trials):
@@ -214,11 +222,11 @@ def _corner_planes(lanes, n_trials, rank_tolerance):
 
 @kernel
 def _complete_trial(local, size, trials, t, lanes, rotated, member):
-    """Read row t beyond its first three members until the subset spans a plane (step 1)."""
+    """Read row t beyond its first members until the subset spans a plane (step 1)."""
     row = trials.positions[t]
     for j in range(size):
         member[j] = 0.0
-    n_members, wanted = 0, 4
+    n_members, wanted = 0, trials.d + 1
     for q in range(row.shape[0]):
         if row[q] >= size:
             continue
@@ -228,9 +236,9 @@ def _complete_trial(local, size, trials, t, lanes, rotated, member):
             continue
         wanted = min(wanted + max(1, wanted // 2), size)
         mean, covariance = weighted_covariance(local, size, member)
-        values, axes = eigh_3d(covariance)
-        if values[1] > trials.rank_tolerance**2 * values[2]:
-            normal = _refined_normal(local, size, member, mean, axes, rotated)
+        values, axes = principal_axes(covariance, trials.d)
+        if values[1] > trials.rank_tolerance**2 * values[trials.d - 1]:
+            normal = _refined_normal(local, size, member, mean, axes, trials.d, rotated)
             for axis in range(3):
                 lanes[axis, t] = normal[axis]
             lanes[3, t] = -(mean[0] * normal[0] + mean[1] * normal[1] + mean[2] * normal[2])
@@ -239,7 +247,7 @@ def _complete_trial(local, size, trials, t, lanes, rotated, member):
 
 
 @kernel
-def _refined_normal(local, size, member, mean, axes, rotated):
+def _refined_normal(local, size, member, mean, axes, d, rotated):
     """Decompose once more in the axes found; this restores the digits lost in a thin subset."""
     for j in range(size):
         dx, dy, dz = local[0, j] - mean[0], local[1, j] - mean[1], local[2, j] - mean[2]
@@ -247,7 +255,7 @@ def _refined_normal(local, size, member, mean, axes, rotated):
         rotated[1, j] = axes[1][0] * dx + axes[1][1] * dy + axes[1][2] * dz
         rotated[2, j] = axes[2][0] * dx + axes[2][1] * dy + axes[2][2] * dz
     _, covariance = weighted_covariance(rotated, size, member)
-    _, turned = eigh_3d(covariance)
+    _, turned = principal_axes(covariance, d)
     a, b, c = turned[0]
     return (
         a * axes[0][0] + b * axes[1][0] + c * axes[2][0],
@@ -257,14 +265,14 @@ def _refined_normal(local, size, member, mean, axes, rotated):
 
 
 @kernel(fastmath=FASTMATH)
-def _screen(local32, size, n_support, lanes, work, bits, levels, rounding):
+def _screen(local32, size, n_support, lanes, work, bits, levels, rounding, upright):
     """Lower bounds of the trials' least eigenvalues (steps 2 and 3), in float32, to work[20].
 
     Distances become levels in int16, whose vectors hold twice as many lanes. Bisection of the
     levels by counting finds the largest limit that no more than h members are below. It is a
     comparison and a sum, which run at full vector width; sorting would not. Ties may leave fewer
     than h members. Members nearer than the limit, by more than twice the `rounding` of distances,
-    are surely of the set.
+    are surely of the set. `upright` is as of `principal_axes`, 0 in 3D.
     """
     n_lanes = lanes.shape[1]
     total, limit, moments, distances = work[4], work[5], work[10:20], work[21:]
@@ -294,11 +302,11 @@ def _screen(local32, size, n_support, lanes, work, bits, levels, rounding):
     for t in range(n_lanes):
         limit[t] -= margin
     _lane_moments(distances, limit, local32, size, moments)
-    _lower_bounds(moments, n_support, work[20])
+    _lower_bounds(moments, n_support, upright, work[20])
 
 
 @kernel(fastmath=FASTMATH)
-def _lower_bounds(moments, n_support, bound):
+def _lower_bounds(moments, n_support, upright, bound):
     """Fill lower bounds of least eigenvalues from moments of members that are surely of the set.
 
     Leaving members out can only lower the least eigenvalue of the scatter matrix.
@@ -312,6 +320,7 @@ def _lower_bounds(moments, n_support, bound):
         mx, my, mz = sx[t] * scale, sy[t] * scale, sz[t] * scale
         cxx, cxy, cxz = sxx[t] * scale - mx * mx, sxy[t] * scale - mx * my, sxz[t] * scale - mx * mz
         cyy, cyz, czz = syy[t] * scale - my * my, syz[t] * scale - my * mz, szz[t] * scale - mz * mz
+        czz += upright * (cxx + cyy)
         trace = cxx + cyy + czz
         minors = cxx * cyy - cxy * cxy + cxx * czz - cxz * cxz + cyy * czz - cyz * cyz
         determinant = cxx * (cyy * czz - cyz * cyz)
@@ -356,16 +365,16 @@ def _select_members(local, size, trials, lanes, t, keys, key_numbers, member):
 
 
 @kernel
-def _least_eigenvalue(local, size, member, rank_tolerance):
+def _least_eigenvalue(local, size, member, trials):
     """Least eigenvalue of the covariance of the members (step 3).
 
     It is the variance of the members along the axis, which can only be too large, and infinite
     where they span no plane: see the NumPy form. The fit, mean, eigenvalues and axes, comes too.
     """
     mean, covariance = weighted_covariance(local, size, member)
-    values, axes = eigh_3d(covariance)
+    values, axes = principal_axes(covariance, trials.d)
     least = np.inf
-    if values[1] > rank_tolerance**2 * values[2]:
+    if values[1] > trials.rank_tolerance**2 * values[trials.d - 1]:
         least = variance_along(local, size, member, mean, axes[0])
     return least, (mean, values, axes)
 

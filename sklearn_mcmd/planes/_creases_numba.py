@@ -9,7 +9,7 @@ So what solves equations says ``fastmath=False``.
 
 import numpy as np
 
-from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
+from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, vector, weighted_covariance
 from sklearn_mcmd.planes._quadrics_numba import (
     ORIGIN,
     TERMS,
@@ -21,7 +21,6 @@ from sklearn_mcmd.planes._quadrics_numba import (
     least_squares,
     localize,
     quadric_moments,
-    vector,
 )
 from sklearn_mcmd.runtime._kernels import kernel
 

@@ -71,7 +71,7 @@ class LocalPlaneModel:
         self.least_scale = RoundingLimits().least_steps * settings.step
         n, d = index.points.shape
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
-        self.compiled = index.n_neighbors is not None and d == 3 and n >= COMPILE_FROM
+        self.compiled = index.n_neighbors is not None and d <= 3 and n >= COMPILE_FROM
         self.whole = self._fit_whole() if index.n_neighbors is None else None
         self.offers = None  # `Offers` of the index's points, once neighbors agree
 
@@ -113,10 +113,13 @@ class LocalPlaneModel:
             return planes.take(index.places), distance[index.places]
         return planes, distance
 
-    def agree(self, n_jobs=None):
-        """Let the index's points find planes together, if this is how planes are found."""
+    def agree(self, n_jobs=None, keep=None):
+        """Let the index's points find planes together, if this is how planes are found.
+
+        `keep` is as of `agreed_offers`.
+        """
         if self.settings.agrees:
-            self.offers = agreed_offers(self, n_jobs)
+            self.offers = agreed_offers(self, n_jobs, keep)
 
     def own_planes(self, rows, neighborhoods):
         """Planes of a slice of the index's points, ordinary ones without eigenvalues and errors."""
@@ -130,32 +133,39 @@ class LocalPlaneModel:
         planes.kept[:] = 1.0
         if len(asking):
             near = neighborhoods.take(asking)
-            planes.put(asking, self.evaluate_neighborhoods(points[asking], near)[0])
+            planes.put(asking, self.evaluate_neighborhoods(points[asking], near, measured=False)[0])
         return planes
 
-    def first_planes(self, queries, neighborhoods):
-        """Planes before anyone is asked, and which are not those of all members: bool (m,)."""
+    def first_planes(self, queries, neighborhoods, keep=None):
+        """Planes before anyone is asked, and which are not those of all members: bool (m,).
+
+        ``keep(*found)`` gets what `whole_planes` finds, if neighbors agree.
+        """
         if not self.settings.agrees:
             planes, _ = self.evaluate_neighborhoods(queries, neighborhoods)
             return planes, np.ones(len(queries), dtype=bool)
-        planes, _, _, ordinary = self.whole_planes(queries, neighborhoods)
+        planes, *_, ordinary = found = self.whole_planes(queries, neighborhoods)
+        if keep is not None:
+            keep(*found)
         rest = np.flatnonzero(~ordinary)
         if len(rest):
-            near, whole = neighborhoods.take(rest), planes.take(rest)
-            robust = self.robust_planes(queries[rest], near, self.rounding)[0]
-            planes.put(rest, robust._replace(radius=whole.radius, spacing=whole.spacing))
+            near = neighborhoods.take(rest)
+            planes.put(rest, self.robust_planes(queries[rest], near, self.rounding)[0])
         return planes, ~ordinary
 
-    def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0):
+    def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0, measured=True):
         """The same of given neighborhoods, rows of the index's points.
 
-        `precision` is the relative rounding error of the queries, where that is greater.
+        `precision` is the relative rounding error of the queries, where that is greater. The
+        planes are `measured` unless the extents of their neighborhoods are known.
         """
         rounding = max(self.rounding, _rounding(precision))
         offers = None if self.offers is None else self.offers.planes
         planes, distance, directions = self.robust_planes(queries, neighborhoods, rounding, offers)
         self._measure_flat(queries, neighborhoods, rounding, planes, distance)
-        planes.spacing[:], planes.radius[:] = extents(self.index.points, queries, neighborhoods)
+        if measured:
+            spacing, radius = extents(self.index.points, queries, neighborhoods)
+            planes = planes._replace(spacing=spacing, radius=radius)
         self._finish(planes, directions, neighborhoods.sizes)
         return planes, distance
 
@@ -167,8 +177,10 @@ class LocalPlaneModel:
         flat_normals(planes.normals, planes.eigenvalues, directions)
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes.spacing[:], planes.radius[:] = extents(members, queries, neighborhoods)
-        deviation = np.where(np.isfinite(found[0]), found[0], 0.0)
-        planes.scale[:] = np.maximum(deviation, self.least_scales(planes.centroids))
+        deviation, left, ordinary = found
+        least = self.least_scales(planes.centroids)
+        ordinary |= (deviation <= least) & np.isfinite(left)  # rounding is no noise to test
+        planes.scale[:] = np.maximum(np.where(np.isfinite(deviation), deviation, 0.0), least)
         planes.kept[:] = 1.0
         errors = normal_errors(planes.scale, planes.eigenvalues, neighborhoods.sizes)
         planes.normal_error[:] = errors
@@ -179,8 +191,8 @@ class LocalPlaneModel:
 
         The planes are the best of offers, or else of trials.
         """
-        planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
-        directions = np.empty_like(planes.normals)
+        planes = Planes.empty(*queries.shape).without("spacing", "radius")
+        directions, distance = np.empty_like(planes.normals), np.empty(len(queries))
         out = planes, directions, distance
         if offers is not None:
             self._ask(queries, neighborhoods, rounding, offers, *out)
@@ -214,31 +226,17 @@ class LocalPlaneModel:
         planes.normal_error[:] = errors
 
     def _fit_compiled(self, queries, neighborhoods, rounding, planes, directions, distance):
-        sizes = np.arange(neighborhoods.indices.shape[1] + 1)
-        n_support = n_support_points(self.settings.support_fraction, sizes, 3)
-        trials = Trials(positions=self.trials, n_support=n_support)
-        fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods_3d")
+        sizes, d = np.arange(neighborhoods.indices.shape[1] + 1), queries.shape[1]
+        n_support = n_support_points(self.settings.support_fraction, sizes, d)
+        trials = Trials(positions=self.trials, n_support=n_support, d=d)
+        fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods")
         rule, out = self._rule(rounding), (planes, directions, distance)
         fit(self.index.points, neighborhoods, queries, trials, self.settings.method, rule, out)
 
-    def _ask(self, queries, neighborhoods, rounding, offers, planes, directions, distance):
-        given = self.index.points, queries, offers.centroids, offers.normals
-        out = planes, directions
-        if in_plane := queries.shape[1] == 2:  # then a third coordinate is zero, of those needed
-            known, near = np.unique(neighborhoods.indices, return_inverse=True)
-            near = near.reshape(neighborhoods.indices.shape).astype(np.int32)
-            neighborhoods, offers = neighborhoods._replace(indices=near), offers.take(known)
-            given = given[0][known], queries, given[2][known], given[3][known]
-            given = [np.column_stack([values, np.zeros(len(values))]) for values in given]
-            out = Planes.empty(len(queries), 3), np.empty((len(queries), 3))
-        points, queries, centroids, normals = given
-        offers = offers._replace(centroids=centroids, normals=normals)
+    def _ask(self, queries, neighborhoods, rounding, offers, *out):
         ask = compiled_function("planes._local_planes_numba", "ask_neighbors")
-        rule, method = self._rule(rounding), self.settings.method
-        ask(points, neighborhoods, queries, offers, method, rule, (*out, distance))
-        if in_plane:
-            directions[:] = out[1][:, :2]
-            planes.put(slice(None), [v[:, :2] if v.ndim == 2 else v for v in out[0]])
+        method, rule = self.settings.method, self._rule(rounding)
+        ask(self.index.points, neighborhoods, queries, offers, method, rule, out)
 
     def _rule(self, rounding):
         own = self.settings

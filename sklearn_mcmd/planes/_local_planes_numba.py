@@ -6,13 +6,14 @@ from sklearn_mcmd.planes._consistent_set_numba import (
     NO_FIT,
     ZEROS,
     WorkArrays,
-    consistent_set_3d,
+    consistent_set,
 )
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     kth_smallest,
     principal_axes,
     variance_along,
+    vector,
     weighted_covariance,
 )
 from sklearn_mcmd.runtime._kernels import kernel
@@ -21,13 +22,14 @@ TIED = 1e-9  # share by which robust scales may differ by rounding
 MAGNITUDE = np.int64(2**63 - 1)  # all bits but the sign
 # What takes plain numbers and truth values is compiled for each.
 NONE, BY_MEDIAN, BY_EXTENT = np.int64(0), np.bool_(True), np.bool_(False)
+FITTED, UNFITTED = np.bool_(True), np.bool_(False)
 # Of each rule of `METHODS`: whether it needs the consistent set, and True if distances within the
 # plane count too, else None. Numba drops the branches of arguments that are None, but not of
 # others, before it compiles. So the default does not compile "mcmd_md".
 FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 
 
-def fit_neighborhoods_3d(points, around, queries, trials, method, rule, out):
+def fit_neighborhoods(points, around, queries, trials, method, rule, out):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
     What is filled, `out`, are planes, except for extents and errors, directions (m, 3), the axes of
@@ -40,7 +42,7 @@ def fit_neighborhoods_3d(points, around, queries, trials, method, rule, out):
 def ask_neighbors(points, around, queries, offers, method, rule, out):
     """Apply a rule to each neighborhood, from the best of the planes that its members offer.
 
-    Points in 2D have a third coordinate of zero. Else as `fit_neighborhoods_3d`.
+    Else as `fit_neighborhoods`.
     """
     arrays = WorkArrays.of(1, around.indices.shape[1])
     _ask_neighbors(points, around, queries, offers, rule, FORMS[method][1], arrays, *out)
@@ -65,16 +67,16 @@ def _fit_neighborhoods(
         radius, floor = _localize(points, row, size, queries[i], rule, arrays, BY_MEDIAN)
         degenerate, fit = False, NO_FIT
         if robust:
-            least, fit = consistent_set_3d(size, trials, arrays)
+            least, fit = consistent_set(size, trials, arrays)
             degenerate = least < 0.0
         if degenerate or not robust:
             distance[i], scale = _pca(size, rule, floor, arrays)
             if degenerate:
                 distance[i], scale = 0.0, -1.0  # the caller decides
         else:
-            distance[i], scale = _judge(size, fit, 0.0, rule, within, floor, arrays)
+            distance[i], scale, _, _ = _judge(size, fit, 0.0, rule, within, floor, arrays)
         planes.scale[i] = scale * radius
-        _store(points[row[0]], radius, size, rule, arrays, planes, directions, i)
+        _store(points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, planes, directions, i)
 
 
 @kernel(cache=True)
@@ -88,14 +90,16 @@ def _ask_neighbors(
         fit, first = _best_offer(points, row, size, radius, floor, offers, rule, arrays)
         flat = first < 0.0
         if not flat:
-            distance[i], scale = _judge(size, fit, first, rule, within, floor, arrays)
+            distance[i], scale, fitted, fit = _judge(size, fit, first, rule, within, floor, arrays)
             planes.scale[i] = scale * radius
-            _store(points[row[0]], radius, size, rule, arrays, planes, directions, i)
+            _store(points[row[0]], radius, size, rule, arrays, fitted, fit, planes, directions, i)
             flat = values[i, 1] <= rule.rank_tolerance * values[i, rule.d - 1]
         if flat:
             distance[i], planes.scale[i] = 0.0, -1.0  # the caller decides
             arrays.member[:] = 1.0
-            _store(points[row[0]], radius, size, rule, arrays, planes, directions, i)
+            _store(
+                points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, planes, directions, i
+            )
 
 
 @kernel
@@ -106,7 +110,7 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
     outliers as may be would reach alone. Returns the plane and the scale that a refit begins
     with: the robust one, or the usual one of the planes offered; negative if no plane is offered.
     """
-    local, distances, own, n_offers = arrays.local, arrays.numbers, points[row[0]], NONE
+    local, distances, own, n_offers = arrays.local, arrays.numbers, vector(points[row[0]]), NONE
     for j in range(size):
         if offers.scale[row[j]] >= 0.0:  # else there is no plane
             distances[n_offers] = offers.scale[row[j]]
@@ -121,11 +125,9 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
         neighbor = row[j]
         if offers.scale[neighbor] < 0.0:
             continue
-        normal, height = offers.normals[neighbor], 0.0
-        for axis in range(3):
-            height += normal[axis] * (own[axis] - offers.centroids[neighbor, axis])
-        height /= radius
-        axes = normal[0], normal[1], normal[2]
+        axes, centroid = vector(offers.normals[neighbor]), vector(offers.centroids[neighbor])
+        height = axes[0] * (own[0] - centroid[0]) + axes[1] * (own[1] - centroid[1])
+        height = (height + axes[2] * (own[2] - centroid[2])) / radius
         # Of planes that are equal but for rounding, the nearest point's is taken.
         if _limited(local, size, axes, height, 1.0 / most) < reached * (1.0 - TIED):
             mean = -height * axes[0], -height * axes[1], -height * axes[2]
@@ -186,7 +188,8 @@ def _sums_within(distances, size, most):
 def _judge(size, fit, first, rule, within, floor, arrays):
     """Apply a rule from a first plane: distance of the query, scale, and members that are kept.
 
-    `first` is the scale to begin with, 0 if that is not known.
+    `first` is the scale to begin with, 0 if that is not known. The plane fitted last comes too, and
+    before it whether it is fitted to the members that are kept.
     """
     if within is None:
         return _mcmd_z(size, fit, first, rule, floor, arrays)
@@ -194,15 +197,17 @@ def _judge(size, fit, first, rule, within, floor, arrays):
 
 
 @kernel
-def _store(origin, radius, size, rule, arrays, planes, directions, i):
-    """Fill the plane of the members that are kept."""
+def _store(origin, radius, size, rule, arrays, fitted, fit, planes, directions, i):
+    """Fill the plane of the members that are kept: `fit`, if it is `fitted` to them."""
     member, n_kept = arrays.member, 0.0
     for j in range(size):
         n_kept += member[j]
     planes.kept[i] = n_kept / size
-    mean, covariance = weighted_covariance(arrays.local, size, member)
-    values, axes = principal_axes(covariance, rule.d)
-    for axis in range(3):
+    mean, values, axes = fit
+    if not fitted:
+        mean, covariance = weighted_covariance(arrays.local, size, member)
+        values, axes = principal_axes(covariance, rule.d)
+    for axis in range(rule.d):
         planes.centroids[i, axis] = origin[axis] + radius * mean[axis]
         planes.eigenvalues[i, axis] = values[axis] * radius * radius
         planes.normals[i, axis] = axes[0][axis]
@@ -218,10 +223,11 @@ def _localize(points, row, size, query, rule, arrays, by_median):
     """
     local, work, keys = arrays.local, arrays.numbers, arrays.keys
     extent = magnitude = 0.0
-    radius, first = 1.0, row[0]
+    radius, first, own = 1.0, vector(points[row[0]]), vector(query)
     for j in range(size):
+        point = vector(points[row[j]])
         for axis in range(3):
-            value = points[row[j], axis] - points[first, axis]
+            value = point[axis] - first[axis]
             local[axis, j] = value
             extent = max(extent, abs(value))
     if extent > 0.0:
@@ -242,8 +248,8 @@ def _localize(points, row, size, query, rule, arrays, by_median):
             for j in range(size):
                 local[axis, j] /= radius
     for axis in range(3):
-        arrays.query[axis] = (query[axis] - points[first, axis]) / radius
-        magnitude = max(magnitude, abs(points[first, axis]))
+        arrays.query[axis] = (own[axis] - first[axis]) / radius
+        magnitude = max(magnitude, abs(first[axis]))
     arrays.member[:] = 1.0
     return radius, max(rule.rounding * (magnitude / radius + 1.0), rule.least_scale / radius)
 
@@ -263,20 +269,23 @@ def _mcmd_z(size, fit, first, rule, floor, arrays):
     local, member, query, work = arrays.local, arrays.member, arrays.query, arrays.numbers
     center = 0.0
     if rule.reweight:
-        mean, _, axes, scale, _ = _reweighted_plane(size, fit, first, rule, floor, arrays)
+        mean, values, axes, scale, _ = _reweighted_plane(size, fit, first, rule, floor, arrays)
         _signed_distances(local, size, mean, axes[0], work)
     else:
-        mean, _, axes = fit
+        mean, values, axes = fit
         _signed_distances(local, size, mean, axes[0], work)
         center = _median(size, arrays)
         for j in range(size):
             work[j] = abs(work[j] - center)
         scale = max(rule.mad_to_sd * _median(size, arrays), floor)
         _signed_distances(local, size, mean, axes[0], work)
-    limit = rule.cutoff * scale
+    limit, n_changed = rule.cutoff * scale, 0.0
     for j in range(size):
-        member[j] = 1.0 if abs(work[j] - center) < limit else 0.0
-    return abs(_project(query, mean, axes[0]) - center) / scale, scale
+        kept = 1.0 if abs(work[j] - center) < limit else 0.0
+        n_changed += abs(kept - member[j])
+        member[j] = kept
+    fitted = FITTED if rule.reweight and n_changed == 0.0 else UNFITTED
+    return abs(_project(query, mean, axes[0]) - center) / scale, scale, fitted, (mean, values, axes)
 
 
 @kernel
@@ -302,7 +311,7 @@ def _mcmd_md(size, fit, first, rule, floor, arrays):
         own += (_project(query, mean, axis) / deviation) ** 2
     for j in range(size):
         member[j] = 1.0 if work[j] < rule.cutoff * rule.cutoff else 0.0
-    return np.sqrt(own), scale
+    return np.sqrt(own), scale, UNFITTED, (mean, values, axes)
 
 
 @kernel(fastmath=FASTMATH)

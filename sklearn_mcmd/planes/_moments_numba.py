@@ -9,6 +9,14 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 # No "nnan" or "ninf": a lane without a plane may hold NaN or infinity.
 FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
+UPRIGHT = 2.0  # variance of the axis that comes last in 2D, as a share of all others
+ROUNDED = 2.0**-106  # the square of what rounding leaves of numbers about 1
+
+
+@kernel
+def vector(values):
+    """Coordinates as numbers; in 2D the third is zero."""
+    return values[0], values[1], values[2] if len(values) > 2 else 0.0
 
 
 @kernel(fastmath=FASTMATH)
@@ -56,51 +64,105 @@ def variance_along(local, size, weight, mean, axis):
 def eigh_3d(covariance):
     """Eigenvalues, ascending, and unit eigenvectors of a covariance matrix of order 3.
 
-    It makes Jacobi's rotations, on numbers and not on arrays. They are accurate for the least
-    eigenvalue of a nearly flat neighborhood, where closed formulas lose digits. The eigenvalues are
-    a tuple of 3, and the eigenvectors, in the same order, 3 tuples of 3.
+    Jacobi's rotations, on numbers and not on arrays, are accurate for the least eigenvalue of a
+    nearly flat neighborhood, where closed formulas lose digits. They begin at the axis that inverse
+    iteration finds, so that mostly one or two are left to make. The eigenvalues are a tuple of 3,
+    and the eigenvectors, in the same order, 3 tuples of 3.
     """
-    xx, xy, xz, yy, yz, zz = covariance
-    ax, ay, az = 1.0, 0.0, 0.0
-    bx, by, bz = 0.0, 1.0, 0.0
-    cx, cy, cz = 0.0, 0.0, 1.0
-    trace = xx + yy + zz
+    trace = covariance[0] + covariance[3] + covariance[5]
     inverse = 1.0 / trace if trace > 0.0 else 0.0
+    xx, xy, xz, yy, yz, zz = covariance
+    # As shares of the trace, whose squares neither overflow nor vanish in any unit.
+    shares = xx * inverse, xy * inverse, xz * inverse, yy * inverse, yz * inverse, zz * inverse
+    a = _least_axis(shares)
+    b, c = _complement(a)
+    along_a, along_b, along_c = _times(shares, a), _times(shares, b), _times(shares, c)
+    aa, ab, ac = _dot(a, along_a), _dot(b, along_a), _dot(c, along_a)
+    bb, bc, cc = _dot(b, along_b), _dot(c, along_b), _dot(c, along_c)
     for _ in range(30):
-        # As shares of the trace, whose squares neither overflow nor vanish in any unit.
-        p, q, r = xy * inverse, xz * inverse, yz * inverse
-        u, v, w = xx * inverse, yy * inverse, zz * inverse
-        if p * p + q * q + r * r <= 1e-34 * (u * u + v * v + w * w):
+        if ab * ab + ac * ac + bc * bc <= ROUNDED:
             break
-        cosine, sine, move = _rotation(xx, yy, xy)
-        xx, yy, xy = xx - move, yy + move, 0.0
-        xz, yz = cosine * xz - sine * yz, sine * xz + cosine * yz
-        ax, bx = cosine * ax - sine * bx, sine * ax + cosine * bx
-        ay, by = cosine * ay - sine * by, sine * ay + cosine * by
-        az, bz = cosine * az - sine * bz, sine * az + cosine * bz
+        cosine, sine, move = _rotation(bb, cc, bc)
+        bb, cc, bc = bb - move, cc + move, 0.0
+        ab, ac = cosine * ab - sine * ac, sine * ab + cosine * ac
+        b, c = _turned(b, c, cosine, sine)
+        if ab * ab + ac * ac <= ROUNDED:
+            break
+        cosine, sine, move = _rotation(aa, bb, ab)
+        aa, bb, ab = aa - move, bb + move, 0.0
+        ac, bc = cosine * ac - sine * bc, sine * ac + cosine * bc
+        a, b = _turned(a, b, cosine, sine)
 
-        cosine, sine, move = _rotation(xx, zz, xz)
-        xx, zz, xz = xx - move, zz + move, 0.0
-        xy, yz = cosine * xy - sine * yz, sine * xy + cosine * yz
-        ax, cx = cosine * ax - sine * cx, sine * ax + cosine * cx
-        ay, cy = cosine * ay - sine * cy, sine * ay + cosine * cy
-        az, cz = cosine * az - sine * cz, sine * az + cosine * cz
-
-        cosine, sine, move = _rotation(yy, zz, yz)
-        yy, zz, yz = yy - move, zz + move, 0.0
-        xy, xz = cosine * xy - sine * xz, sine * xy + cosine * xz
-        bx, cx = cosine * bx - sine * cx, sine * bx + cosine * cx
-        by, cy = cosine * by - sine * cy, sine * by + cosine * cy
-        bz, cz = cosine * bz - sine * cz, sine * bz + cosine * cz
-    first, second, third = (xx, (ax, ay, az)), (yy, (bx, by, bz)), (zz, (cx, cy, cz))
+        cosine, sine, move = _rotation(aa, cc, ac)
+        aa, cc, ac = aa - move, cc + move, 0.0
+        ab, bc = cosine * ab - sine * bc, sine * ab + cosine * bc
+        a, c = _turned(a, c, cosine, sine)
+    first, second, third = (aa, a), (bb, b), (cc, c)
     if second[0] < first[0]:
         first, second = second, first
     if third[0] < second[0]:
         second, third = third, second
         if second[0] < first[0]:
             first, second = second, first
-    values = (max(first[0], 0.0), max(second[0], 0.0), max(third[0], 0.0))
-    return values, (first[1], second[1], third[1])
+    least, middle, most = max(first[0], 0.0), max(second[0], 0.0), max(third[0], 0.0)
+    return (least * trace, middle * trace, most * trace), (first[1], second[1], third[1])
+
+
+@kernel
+def _least_axis(matrix):
+    """About the eigenvector of the least eigenvalue, by inverse iteration with Rayleigh's shifts;
+    any axis where rounding leaves none, as for points in a row."""
+    xx, xy, xz, yy, yz, zz = matrix
+    axis, shift = (0.0, 0.0, 1.0), 0.0
+    for _ in range(3):  # each triples the digits, and the first has some where a cloud is flat
+        x, y, z = xx - shift, yy - shift, zz - shift
+        # The adjugate matrix, whose columns are all near the eigenvector: the longest is taken.
+        ux, uy, uz = y * z - yz * yz, xz * yz - xy * z, xy * yz - y * xz
+        vy, vz, wz = x * z - xz * xz, xy * xz - x * yz, x * y - xy * xy
+        column = ux, uy, uz
+        if abs(vy) > abs(ux) and abs(vy) > abs(wz):
+            column = uy, vy, vz
+        elif abs(wz) > abs(ux):
+            column = uz, vz, wz
+        square = _dot(column, column)
+        if not square > ROUNDED * ROUNDED:
+            break
+        scale = 1.0 / np.sqrt(square)
+        axis = column[0] * scale, column[1] * scale, column[2] * scale
+        shift = _dot(axis, _times(matrix, axis))
+    return axis
+
+
+@kernel
+def _complement(axis):
+    """Two axes at right angles to a unit vector and to each other."""
+    x, y, z = axis
+    side = np.copysign(1.0, z)
+    share = -1.0 / (side + z)
+    return (
+        (1.0 + side * share * x * x, side * share * x * y, -side * x),
+        (share * x * y, side + share * y * y, -y),
+    )
+
+
+@kernel
+def _times(matrix, vector):
+    xx, xy, xz, yy, yz, zz = matrix
+    x, y, z = vector
+    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+
+
+@kernel
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _turned(a, b, cosine, sine):
+    return (
+        (cosine * a[0] - sine * b[0], cosine * a[1] - sine * b[1], cosine * a[2] - sine * b[2]),
+        (sine * a[0] + cosine * b[0], sine * a[1] + cosine * b[1], sine * a[2] + cosine * b[2]),
+    )
 
 
 @kernel
@@ -108,7 +170,7 @@ def principal_axes(covariance, d):
     """As `eigh_3d`. In 2D the third coordinate is zero, and its axis comes last."""
     xx, xy, xz, yy, yz, zz = covariance
     if d == 2:
-        zz = 2.0 * (xx + yy)
+        zz = UPRIGHT * (xx + yy)
     return eigh_3d((xx, xy, xz, yy, yz, zz))
 
 

@@ -13,6 +13,7 @@ from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     kth_smallest,
     principal_axes,
+    vector,
     weighted_covariance,
 )
 from sklearn_mcmd.runtime._kernels import kernel
@@ -135,11 +136,6 @@ def back_substitute(lower, solution):
         for j in range(i + 1, TERMS):
             value -= lower[j, i] * solution[j]
         solution[i] = value / lower[i, i]
-
-
-@kernel
-def vector(values):
-    return values[0], values[1], values[2] if len(values) > 2 else 0.0
 
 
 @kernel

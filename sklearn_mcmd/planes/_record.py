@@ -55,5 +55,5 @@ class Planes(NamedTuple):
     def put(self, rows, part):
         """Overwrite what is known of some of the queries."""
         for values, some in zip(self, part, strict=True):
-            if len(values):
+            if len(values) and len(some):
                 values[rows] = some

@@ -46,3 +46,17 @@ def test_another_seed_turns_few_normals(shared_data):
         RobustNormalEstimator(random_state=s, n_jobs=2).fit(X).normals_ for s in (0, 1)
     )
     assert (bias_angle(first, second) > 5).mean() < 0.07
+
+
+@pytest.mark.parametrize("is_rounded", [False, True])
+def test_a_sheet_without_noise_beyond_rounding_asks_nobody(is_rounded):
+    rng = np.random.default_rng(4)
+    X = np.c_[rng.uniform(0, 300, (2000, 2)), np.zeros(2000)]
+    if is_rounded:  # to whole numbers, with a height that is one or two off here and there
+        X = np.unique(np.round(X + 0.35 * rng.normal(size=X.shape)), axis=0)
+    model = RobustNormalEstimator(random_state=0).fit(X)._model
+    assert (model.settings.step > 0) == is_rounded
+    assert model.offers.asks.mean() < 0.05
+
+    X[::10, 2] += rng.uniform(5, 20, len(X[::10]))  # the opposite: where outliers are, all do
+    assert RobustNormalEstimator(random_state=0).fit(X)._model.offers.asks.mean() > 0.9

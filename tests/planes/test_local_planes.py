@@ -32,8 +32,9 @@ def planes_of(X, compiled, **parameters):
 )
 @pytest.mark.parametrize("aside", [0.0, 0.05])
 @pytest.mark.parametrize("kind", KINDS)
-def test_compiled_and_numpy_forms_agree(kind, method, reweight, aside):
-    X = neighborhoods(kind, 12, 60, seed=5).reshape(-1, 3)
+@pytest.mark.parametrize("d", [2, 3])
+def test_compiled_and_numpy_forms_agree(d, kind, method, reweight, aside):
+    X = neighborhoods(kind, 12, 60, seed=5).reshape(-1, 3)[:, 3 - d :]
     rng, parameters = np.random.default_rng(6), {"method": method, "reweight": reweight}
     parameters["queries"] = X + aside * np.ptp(X, axis=0).max() * rng.normal(size=X.shape)
     ours, our_distance = planes_of(X, True, **parameters)
