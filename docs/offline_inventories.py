@@ -52,7 +52,6 @@ NAMES = {
             "sklearn.metrics.adjusted_rand_score",
             "sklearn.metrics.recall_score",
             "sklearn.model_selection.GroupKFold",
-            "sklearn.model_selection.LeaveOneGroupOut",
             "sklearn.neighbors.LocalOutlierFactor",
             "sklearn.pipeline.Pipeline",
             "sklearn.set_config",

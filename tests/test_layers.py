@@ -23,7 +23,7 @@ ROOMS = {
     "datasets": "",
     "metrics": "",
     "io": "",
-    "model_selection": "metrics",
+    "model_selection": "",
     "adjustment": "planes",
     "baselines": "planes",
     "sensors": "planes",

@@ -2,13 +2,11 @@
 Which number of neighbors suits a whole pipeline?
 =================================================
 
-Denoising, normals and regions are one object, and `GridSearchCV` asks how many neighbors suit it
-best. A part of the street is labelled by hand, in six blocks. Each block is a fold: the pipeline
-segments it, and the labels score it. The regions of a block need no other block, and nothing learns
-from labels, so nothing leaks.
-
-Denoising drops rows, which steps of a scikit-learn Pipeline may not. imbalanced-learn's Pipeline
-allows it (``pip install imbalanced-learn``).
+Normals and regions are one object, and `GridSearchCV` asks how many neighbors suit it best. A part
+of the street is labelled by hand, in six blocks. Each block is a fold: the pipeline segments it,
+and the labels score it. The regions of a block need no other block, and nothing learns from labels,
+so nothing leaks. Denoising drops rows, which steps of a scikit-learn Pipeline may not, so it comes
+before the Pipeline.
 
 .. code-block:: bash
 
@@ -21,33 +19,36 @@ import matplotlib.pyplot as plt
 import numpy as np
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import make_pipeline
 
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.model_selection import score_segments, spatial_blocks
+from sklearn_mcmd.metrics import segmentation_scores
+from sklearn_mcmd.model_selection import spatial_blocks
 from sklearn_mcmd.plotting import SegmentationDisplay
-from sklearn_mcmd.resampling import DenoisingSampler
-
-try:
-    from imblearn.pipeline import make_pipeline
-except ImportError:
-    raise SystemExit("This needs imbalanced-learn: pip install imbalanced-learn") from None
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--points", type=int, default=30_000, help="points of the street")
 n_points = parser.parse_args().points
 
 street = make_street(n_points, noise=0.008, random_state=0)
-X, y = street.data, street.surface
+kept = MCMDOutlierDetector(random_state=0).fit_predict(street.data) == 1
+X, y = street.data[kept], street.surface[kept]
 blocks = spatial_blocks(X, 6)
 
 # %%
-# The pipeline, and the search. Labels of outliers are -1 and do not count.
+# The pipeline, and the search, which reads the labels of each fit. Points of no surface are -1 and
+# do not count.
 pipeline = make_pipeline(
-    DenoisingSampler(MCMDOutlierDetector(random_state=0)),
-    RobustNormalEstimator(random_state=0),
-    RegionGrowing(normals="precomputed"),
+    RobustNormalEstimator(random_state=0), RegionGrowing(normals="precomputed")
 )
+
+
+def score_segments(pipeline, X, y):
+    scores = segmentation_scores(y, pipeline[-1].labels_)
+    return {name: scores[name] for name in ("f_score", "adjusted_rand")}
+
+
 neighbors = [10, 20, 30, 50, 80]
 search = GridSearchCV(
     pipeline,
@@ -75,8 +76,7 @@ axes[0, 1].set_title("the labels", fontsize=12)
 for ax, k in zip(axes[1], (neighbors[0], best), strict=True):
     chosen = clone(pipeline).set_params(robustnormalestimator__n_neighbors=k)
     labels = chosen.fit_predict(X)
-    kept = chosen[0].sample_indices_
-    SegmentationDisplay.from_predictions(X[kept], labels, ax=ax)
+    SegmentationDisplay.from_predictions(X, labels, ax=ax)
     ax.set_title(f"{k} neighbors: {labels.max() + 1} regions", fontsize=12)
 plt.show()
 

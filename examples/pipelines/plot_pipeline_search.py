@@ -6,10 +6,10 @@ Which angle and how many neighbors segment a street best?
 and segments, on simulated streets whose surfaces are known.
 
 **Folds and scorer.** Segments are found in a whole cloud, without labels. So a fold is a whole
-scene, which is fitted and scored. Clusterers cannot `predict`, so the scorer
-segments the scene itself (`score_segments`). With ``memory`` the normals of a scene are computed
-once for all angles. ``refit=False`` is needed, because scenes in one array lie on top of each
-other. The winner is judged on a street that the search has not seen.
+scene, which is fitted and scored. Clusterers cannot `predict`, so the scorer reads the labels of
+the fit. With ``memory`` the normals of a scene are computed once for all angles. ``refit=False`` is
+needed, because scenes in one array lie on top of each other. The winner is judged on a street that
+the search has not seen.
 
 .. code-block:: bash
 
@@ -27,7 +27,7 @@ from sklearn.pipeline import Pipeline
 
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.model_selection import score_segments
+from sklearn_mcmd.metrics import segmentation_scores
 from sklearn_mcmd.plotting import SegmentationDisplay
 
 parser = argparse.ArgumentParser()
@@ -37,6 +37,13 @@ n_points = parser.parse_args().points
 streets = [make_street(n_points, outlier_share=0.0, random_state=seed) for seed in range(3)]
 X = np.vstack([street.data for street in streets[:2]])
 y = np.hstack([street.surface for street in streets[:2]])
+SCORES = ["f_score", "adjusted_rand", "mean_iou"]
+
+
+def score_segments(pipeline, X, surface):
+    scores = segmentation_scores(surface, pipeline[-1].labels_)
+    return {name: scores[name] for name in SCORES}
+
 
 # %%
 # The search computes several scores and ranks the candidates by each.
@@ -64,13 +71,14 @@ results = search.cv_results_
 unseen = streets[2]
 pipeline.set_params(memory=None)
 print(f"{'ranked by':<16}{'search':>8}{'unseen':>8}   parameters")
-for name in ("f_score", "adjusted_rand", "mean_iou"):
+for name in SCORES:
     best = np.argmin(results[f"rank_test_{name}"])
     params = results["params"][best]
-    final = score_segments(clone(pipeline).set_params(**params), unseen.data, unseen.surface)
+    chosen = clone(pipeline).set_params(**params).fit(unseen.data)
+    final = score_segments(chosen, unseen.data, unseen.surface)
     searched = results[f"mean_test_{name}"][best]
     print(f"{name:<16}{searched:>8.3f}{final[name]:>8.3f}   {params}")
-default = score_segments(pipeline, unseen.data, unseen.surface)
+default = score_segments(pipeline.fit(unseen.data), unseen.data, unseen.surface)
 print("defaults, unseen:", {name: round(value, 3) for name, value in default.items()})
 
 # %%
