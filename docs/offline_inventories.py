@@ -11,7 +11,6 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 SITES = {
-    "imblearn": "https://imbalanced-learn.org/stable/",
     "joblib": "https://joblib.readthedocs.io/en/stable/",
     "matplotlib": "https://matplotlib.org/stable/",
     "numpy": "https://numpy.org/doc/stable/",
@@ -22,7 +21,6 @@ SITES = {
 
 # Python names by the page that describes them; $ stands for the name.
 NAMES = {
-    "imblearn": {"references/generated/$.html#$": ["imblearn.pipeline.Pipeline"]},
     "joblib": {"generated/$.html#$": ["joblib.parallel_config"]},
     "matplotlib": {
         "api/_as_gen/$.html#$": ["matplotlib.axes.Axes"],

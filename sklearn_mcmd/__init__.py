@@ -24,7 +24,6 @@ _ROOMS = {
     "normals": ["RobustNormalEstimator"],
     "outliers": ["MCMDOutlierDetector"],
     "plotting": [],
-    "resampling": [],
     "segmentation": ["RegionGrowing"],
     "tiling": [],
     "view": [],

@@ -150,7 +150,7 @@ def _are_on_surfaces(X):
     return np.median(spread[:, 0] / spread.sum(axis=1)) < FLAT
 
 
-def check_inliers(name, detector, labels, least=1):
+def check_inliers(name, detector, labels, least):
     """Mask of the inliers by the labels of a detector, the parameter of this name."""
     labels = np.asarray(labels)
     if not np.isin(labels, (-1, 1)).all():

@@ -31,7 +31,7 @@ AREAS = {"eigenvalues_", "variance_factor_", "variance_factor_initial_"}
 DIRECTIONS = {"normals_", "normal_", "region_normals_"}
 PLACES = {"region_centroids_"}
 # Numbers of rows: they follow the order of rows.
-ROW_NUMBERS = {"plane_index_", "sample_indices_"}
+ROW_NUMBERS = {"plane_index_"}
 # Numbers of groups in the order of rows, and what depends on axes or the origin.
 LEFT_OUT = {"group_index_", "coef_", "distance_", "intercept_", "features_", "regions_"}
 
@@ -114,14 +114,6 @@ def fitted(estimator, X, unit=1.0):
     for name, value in estimator.get_params(deep=False).items():
         if name in LENGTH_PARAMETERS and isinstance(value, float):
             estimator.set_params(**{name: unit * value})
-    return fit(estimator, X)
-
-
-def fit(estimator, X):
-    """The estimator itself, fitted."""
-    if hasattr(estimator, "fit_resample"):
-        estimator.fit_resample(X)
-        return estimator
     return estimator.fit(X)
 
 
@@ -170,8 +162,7 @@ class Motion:
         if value.ndim and len(value) == len(self.order):
             value = value[self.order]
         if name in ROW_NUMBERS:
-            value = np.argsort(self.order)[value]
-            return np.sort(value) if name == "sample_indices_" else value
+            return np.argsort(self.order)[value]
         if name in DIRECTIONS:
             return value @ self.rotation.T
         return value * self.scale ** ((name in LENGTHS) + 2 * (name in AREAS))

@@ -21,7 +21,6 @@ PRINTED = {
     "plot_grid_search": "unseen street",
     "plot_one_plane": "finds 360 of 360, and 0 good points",
     "plot_pipeline_edges": "area under ROC",
-    "plot_pipeline_resampling": "4000 points labeled",
     "plot_pipeline_search": "defaults, unseen",
     "plot_pipeline_segments": "polars gives the same segments: True",
     "plot_tiles": "other scores:      0\nother verdicts:    0",
@@ -48,7 +47,7 @@ def test_what_is_printed_is_asked_of_scripts_that_there_are():
 
 @pytest.mark.slow
 def test_it_answers_in_time(script, monkeypatch, capsys):
-    for library in ("pandas", "polars", "imblearn", "laspy"):
+    for library in ("pandas", "polars", "laspy"):
         pytest.importorskip(library)
     plt = pytest.importorskip("matplotlib.pyplot")
     plt.switch_backend("agg")

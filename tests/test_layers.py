@@ -32,7 +32,6 @@ ROOMS = {
     "segmentation": "planes normals",  # estimates normals where none are given
     "edges": "planes normals outliers",  # likewise, of a cleaned cloud
     "tiling": "planes normals outliers edges segmentation plotting io report sensors",
-    "resampling": "outliers",
     "view": "io",
     "plotting": "io view",
     "report": "adjustment io outliers planes plotting view",

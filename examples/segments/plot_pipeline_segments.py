@@ -4,7 +4,7 @@ How do I get the surfaces of a noisy street scan, as a table?
 
 The steps are denoising, normals and segments. Denoising drops rows, and no step of a scikit-learn
 Pipeline may do that. So it is a mask before the Pipeline, which has the other two steps. Columns
-have names in pandas or polars. ``plot_pipeline_resampling.py`` has one object for all three steps.
+have names in pandas or polars.
 
 .. code-block:: bash
 

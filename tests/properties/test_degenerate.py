@@ -18,7 +18,6 @@ from sklearn_mcmd import (
     datasets,
 )
 from sklearn_mcmd.baselines import PlaneOutlierDetector
-from sklearn_mcmd.resampling import DenoisingSampler
 
 TURN = Rotation.from_euler("xyz", [30, 30, 30], degrees=True).as_matrix()
 DRAWN = np.random.default_rng(0)
@@ -87,12 +86,11 @@ REFUSED = {
     "three points": (PLATE[:3], "n_samples=3 is too few|too few to test"),
     "one column": (PLATE[:, :1], "minimum of 2"),
 }
-# Those that others are made of, and none that takes a second for each cloud.
+# None that takes a second for each cloud.
 SOME = {
     name: estimator
     for name, estimator in ESTIMATORS.items()
-    if type(estimator) is not DenoisingSampler
-    and getattr(estimator, "method", "") != "ransac"
+    if getattr(estimator, "method", "") != "ransac"
     and getattr(estimator, "strictness", "") != "isolated"
     and getattr(estimator, "criterion", "") != "surface_variation"
 }

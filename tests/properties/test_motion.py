@@ -96,7 +96,7 @@ def test_labels_follow_the_order_of_rows_exactly(name):
     X = cloud_for(name)
     motion = row_order(len(X), np.random.default_rng(5).permutation(len(X)))
     found = results(fitted(ESTIMATORS[name], X[motion.order]), X[motion.order])
-    for label in ("labels_", "predicted", "sample_indices_", "on_surface_", "inlier_mask_"):
+    for label in ("labels_", "predicted", "on_surface_", "inlier_mask_"):
         if label in found:
             expected = motion.expected(label, expected_results(name, "small")[label])
             np.testing.assert_array_equal(found[label], expected)
