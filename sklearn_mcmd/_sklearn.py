@@ -17,16 +17,7 @@ from sklearn.utils._param_validation import (
 )
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
 
-try:
-    from sklearn.callback import CallbackSupportMixin
-except ImportError:  # before 1.9
-
-    class CallbackSupportMixin:  # type: ignore[no-redef]
-        """Nothing: there are no callbacks."""
-
-
 __all__ = [
-    "CallbackSupportMixin",
     "DocLinkMixin",
     "HasMethods",
     "Interval",

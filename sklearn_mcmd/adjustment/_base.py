@@ -11,7 +11,6 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from sklearn_mcmd._choices import Correction, Surface, Test, choices_of
 from sklearn_mcmd._errors import ParameterError, warn, warn_caller
 from sklearn_mcmd._sklearn import (
-    CallbackSupportMixin,
     DocLinkMixin,
     Interval,
     StrOptions,
@@ -37,7 +36,6 @@ from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_o
 from sklearn_mcmd.adjustment._robust import NORMAL_QUARTILE, m_estimate
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level, statistic
 from sklearn_mcmd.planes._form import form_of
-from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 FAR = 100  # times by which a known sigma0 is more or less than the residuals tell, warned of
 Variance = Literal["posterior", "independent", "prior"]
@@ -64,7 +62,7 @@ class FittedPlane(NamedTuple):
     middle: NDArray[np.float64]  # of the extent of the points
 
 
-class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, BaseEstimator):
+class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
     """Base class of plane tests; a subclass has `_fit`, which returns whether it has warned of the
     result, and `score_samples`."""
 
@@ -78,7 +76,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
     }
 
     @fit_context(prefer_skip_nested_validation=True)
-    @fit_in_tasks
     def fit(self, X: "ArrayLike", y: object = None, weights: "ArrayLike | None" = None) -> Self:
         """Adjust the plane and test its points.
 
@@ -121,9 +118,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, CallbackSupportMixin, Base
     ) -> NDArray[np.int_]:
         """Fit, and return the labels of the training points, which depend on their weights too."""
         return self.fit(X, weights=weights).labels_
-
-    def _stages(self):
-        return ()
 
     def residuals(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Observed minus adjusted (n_samples,), along the last axis, or along `normal_` and

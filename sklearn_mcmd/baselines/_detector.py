@@ -11,7 +11,6 @@ from sklearn_mcmd.baselines._methods import COMPARATORS
 from sklearn_mcmd.planes._base import BasePlaneOutliers, model_of
 from sklearn_mcmd.planes._resolution import coordinate_step
 from sklearn_mcmd.planes._rules import comparator_of
-from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 
 class PlaneOutlierDetector(BasePlaneOutliers):
@@ -126,7 +125,6 @@ class PlaneOutlierDetector(BasePlaneOutliers):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
-    @fit_in_tasks
     def fit(self, X: "ArrayLike", y: object = None) -> Self:
         """Judge the points of a cloud, and keep what new points are scored against.
 

@@ -14,7 +14,6 @@ from sklearn.utils.validation import check_is_fitted, check_random_state
 from sklearn_mcmd._choices import Criterion, choices_of
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import (
-    CallbackSupportMixin,
     DocLinkMixin,
     HasMethods,
     Interval,
@@ -39,7 +38,6 @@ from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 
 # What steps within warn of, whose n_neighbors nobody gave.
 TOO_MANY = "n_neighbors=.* is more than the number"
@@ -56,7 +54,7 @@ class EdgeLimits(NamedTuple):
     paper_std: float = 1.0  # standard deviations above the mean (Eq. 25)
 
 
-class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin, BaseEstimator):
+class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
     """Edges and corners: points next to a line in which two faces meet (Eq. 25 and better).
 
     The detector cleans the cloud first, because outliers look like edges. It gives each point
@@ -236,7 +234,6 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=False)
-    @fit_in_tasks
     def fit(self, X: "ArrayLike", y: object = None) -> Self:
         """Clean a cloud, find its planes, and settle the limit of an edge.
 
@@ -279,7 +276,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         members = table[kept]
         if self.normals == "estimate":
             self.normal_estimator_ = normal_estimator
-            with sub_fit(0.6, 0.8, "normals", normal_estimator), warnings.catch_warnings():
+            with progress_part(0.6, 0.8), warnings.catch_warnings():
                 if creases and self.normal_estimator is None:
                     warnings.filterwarnings("ignore", TOO_MANY)
                 normal_estimator.fit(members)
@@ -326,9 +323,6 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
             return self._model.distance(columns.coordinates.astype(np.float64))
         return -self._values(columns)
 
-    def _stages(self):
-        return "outliers", "normals", "creases"
-
     def _columns(self, X):
         """Coordinates, and the precomputed columns if X has them."""
         if self.normals == "precomputed":
@@ -367,7 +361,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, CallbackSupportMixin
         if detector is None:
             return np.ones(len(xyz), dtype=bool)
         self.outlier_detector_ = detector
-        with sub_fit(0.0, 0.6, "outliers", detector), warnings.catch_warnings():
+        with progress_part(0.0, 0.6), warnings.catch_warnings():
             if self.outlier_detector is None:
                 warnings.filterwarnings("ignore", TOO_MANY)
             labels = detector.fit_predict(xyz)

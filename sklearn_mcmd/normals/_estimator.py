@@ -28,7 +28,6 @@ from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_off
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import surface_variation
 from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.runtime._tasks import fit_in_tasks
 
 FINDING = 0.3  # share of the work that n_neighbors="auto" takes first
 
@@ -306,7 +305,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
-    @fit_in_tasks
     def fit(
         self,
         X: "ArrayLike",
@@ -479,13 +477,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             with progress_part(0.9, 1.0, "curvatures"):
                 curvatures = find_curvatures(self._model, planes, X, self.n_jobs)
         return evaluate_features(self._feature_names, planes, X, curvatures)
-
-    def _stages(self):
-        sizes = ("sizes of neighborhoods",) if self.n_neighbors == "auto" else ()
-        edges = ("normals next to edges",) if mends_planes(self) else ()
-        asked = () if self.features is None else np.atleast_1d(self.features)
-        curved = "all" in asked or needs_curvatures(asked)
-        return (*sizes, "normals", *edges, *["curvatures"] * curved)
 
 
 def fitted_of(estimator, model, planes, X, orient, find_curvatures, n_jobs):

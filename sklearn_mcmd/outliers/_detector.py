@@ -16,7 +16,6 @@ from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._progress import heard_by, progress_part
-from sklearn_mcmd.runtime._tasks import fit_in_tasks
 from sklearn_mcmd.sensors._recognition import origin_if_seen
 
 # Score, in standard deviations, that measured noise never reaches, only the rounding of floats.
@@ -289,7 +288,6 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
-    @fit_in_tasks
     def fit(
         self,
         X: "ArrayLike",
@@ -440,11 +438,6 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             (Eq. 18), negative.
         """
         return super().score_samples(X)
-
-    def _stages(self):
-        if self.false_positive_rate is None:
-            return "planes", "outliers"
-        return "cutoff by simulation", "planes", "outliers"
 
     def _score(self, X):
         return self._cloud.score(X)

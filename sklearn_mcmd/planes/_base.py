@@ -10,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from sklearn_mcmd._choices import RuleMethod, choices_of
 from sklearn_mcmd._errors import warn, warn_caller
-from sklearn_mcmd._sklearn import CallbackSupportMixin, DocLinkMixin, Interval, StrOptions
+from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions
 from sklearn_mcmd._validation import (
     FittedScoresMixin,
     check_extent,
@@ -30,7 +30,7 @@ MAX_TRIALS_BEYOND_SPACE = 300
 LONGEST_TRIAL = 4096  # positions that a trial of one neighborhood of all points may read
 
 
-class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
+class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
     """Parameters and fitting of all estimators that fit a plane to each neighborhood.
 
     Subclasses store the parameters named in `_parameter_constraints` and call `_fit_planes`.
@@ -50,10 +50,6 @@ class BaseLocalPlanes(DocLinkMixin, CallbackSupportMixin, BaseEstimator):
 
     _work: ClassVar = ("n_neighbors", 1)  # for `check_work`
     _small_faces: ClassVar = False  # as of `PlaneSettings`
-
-    def _stages(self):
-        """Names of the stages of a fit, for callbacks; some may be left out."""
-        return ()
 
     def _fit_planes(self, X, radius=None, cutoff=None):
         """Validate X, find the parameters that depend on it, and fit its local planes.

@@ -1,4 +1,4 @@
-"""How work runs: chunks and threads, progress and callbacks, interrupts, compiled functions.
+"""How work runs: chunks and threads, progress, interrupts, compiled functions.
 
 All rooms stand on it; nothing here is public.
 """

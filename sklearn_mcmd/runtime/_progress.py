@@ -1,4 +1,4 @@
-"""Progress of long work, for what shows it: the command line, and callbacks (`_tasks`).
+"""Progress of long work, for what shows it, such as the command line.
 
 Estimators have no parameter for it: fitting does not depend on what is shown.
 """

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin, clone
 
 from sklearn_mcmd._sklearn import (
-    CallbackSupportMixin,
     DocLinkMixin,
     Interval,
     StrOptions,
@@ -21,7 +20,6 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._resolution import coordinate_step, least_scales
 from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.runtime._tasks import fit_in_tasks, sub_fit
 from sklearn_mcmd.segmentation._assign_points import Claims
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
 from sklearn_mcmd.segmentation._graph import (
@@ -49,7 +47,7 @@ class GrowthSteps(NamedTuple):
     assign_unlabeled: bool = True
 
 
-class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstimator):
+class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     """Surfaces of a point cloud, grown from the flattest points (section 5.2.3).
 
     A region starts at the point of least curvature. It takes in neighbors that lie in the plane
@@ -264,7 +262,6 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         self.n_jobs = n_jobs
 
     @fit_context(prefer_skip_nested_validation=True)
-    @fit_in_tasks
     def fit(self, X: "ArrayLike", y: object = None) -> Self:
         """Find the regions of a cloud.
 
@@ -321,12 +318,6 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         self.labels_ = labels[index.places].astype(np.int64)
         return self
 
-    def _stages(self):
-        normals = ("normals",) if self.normals == "estimate" else ()
-        narrow = ("narrow faces",) if self.refine else ()
-        growth = ("links of neighbors", "growing regions", *narrow)
-        return (*normals, *growth, "joining regions", "cylinders and the rest")
-
     def _columns(self, X):
         """Coordinates and planes of all points."""
         X = validate_points(self, X, ensure_min_features=2)
@@ -337,7 +328,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, CallbackSupportMixin, BaseEstima
         if estimator is None:
             estimator = RobustNormalEstimator(random_state=self.random_state, n_jobs=self.n_jobs)
         self.normal_estimator_ = clone(estimator)
-        with sub_fit(0.0, 0.35, "normals", self.normal_estimator_):
+        with progress_part(0.0, 0.35):
             return Columns.of(self.normal_estimator_.fit(X), X)
 
 

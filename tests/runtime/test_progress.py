@@ -45,7 +45,15 @@ def test_parts_of_parts_are_shares_of_the_whole():
     ("estimator", "stages"),
     [
         (MCMDOutlierDetector(random_state=0), ["planes", "outliers"]),
+        (
+            MCMDOutlierDetector(false_positive_rate=0.05, random_state=0),
+            ["cutoff by simulation", "planes", "outliers"],
+        ),
         (RobustNormalEstimator(random_state=0), ["normals", "normals next to edges"]),
+        (
+            RobustNormalEstimator("auto", features="all", random_state=0),
+            ["sizes of neighborhoods", "normals", "normals next to edges", "curvatures"],
+        ),
         (RobustNormalEstimator(method="pca"), ["normals"]),
         (RegionGrowing(random_state=0), ["normals", "links of neighbors", "narrow faces"]),
         (SharpFeatureDetector(random_state=0), ["planes", "outliers", "normals", "creases"]),
@@ -58,6 +66,20 @@ def test_estimators_name_their_stages_in_order_and_tell_the_whole(estimator, sta
     shares = [share for _, share in told if share is not None]  # None while compiling
     assert min(shares) == 0
     assert max(shares) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_a_listener_that_raises_ends_the_fit_and_leaves_nothing(n_jobs, error, room):
+    def stop(progress):
+        if progress.stage == "outliers":
+            raise error("stop")
+
+    detector = MCMDOutlierDetector(random_state=0, n_jobs=n_jobs)
+    with pytest.raises(error, match="stop"), listen_to_progress(stop):
+        detector.fit(room.xyz)
+    assert current_span() is None
+    assert heard(lambda: detector.fit(room.xyz))[-1][1] == pytest.approx(1)
 
 
 def test_compilation_is_told_and_its_end():
