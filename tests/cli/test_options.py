@@ -12,6 +12,7 @@ from commands import done, error_line, files_in, run, usage_error
 from sklearn_mcmd.cli import app
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import WITH_COLUMNS
+from sklearn_mcmd.report._rendering import MADE_BY
 
 COMMANDS = {name: verb.loaded for name, verb in get_command(app).commands.items()}
 ESTIMATORS = {
@@ -229,12 +230,12 @@ def test_no_clobber_keeps_what_is_there(verb, room_file, tmp_path):
     for name in [*outputs.get(verb, ["a.laz"]), *reports]:
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
-        path.write_text("old")
+        path.write_text(MADE_BY.decode())
         target = ("-o", tmp_path / "a.html") if verb == "view" else (tmp_path / "a.laz",)
         options = ("--report", tmp_path / "report") if name in reports else ()
         line = error_line(run(verb, room_file, *target, *options, "--no-clobber"))
         assert f"{path}: is there already" in line
-        assert path.read_text() == "old"
+        assert path.read_bytes() == MADE_BY
         path.unlink()
 
 

@@ -190,6 +190,7 @@ def test_the_detector_takes_what_it_recognizes(turn):
     np.testing.assert_array_equal(detector.scores_, plain.scores_)
 
 
+@pytest.mark.filterwarnings("ignore:.* of the points are outliers in 2D:UserWarning")
 def test_one_position_is_told_and_many_are_not(turn):
     cloud = turn[::4]
     detector = MCMDOutlierDetector(16, sensor_origin=[1.0, 2.0, 3.0], random_state=0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sklearn_mcmd.io import PointFileError, write_points
+from sklearn_mcmd.io import PointFileError, read_points, write_points
 from sklearn_mcmd.tiling import Catalog
 
 WKT = 'LOCAL_CS["{}",UNIT["metre",1]]'
@@ -48,7 +48,10 @@ def test_no_points_are_read_unless_bounds_hold_the_origin(tmp_path):
     path = write(tmp_path / "a.laz", 100_000, first=1)
     content = path.read_bytes()
     start = laspy.open(io.BytesIO(content)).header.offset_to_point_data
-    path.write_bytes(content[:start] + bytes(len(content) - start))
+    begin, end = start + 8, start + 1000  # of the first chunk; the count of the last is looked at
+    path.write_bytes(content[:begin] + bytes(end - begin) + content[end:])
+    with pytest.raises(PointFileError, match="damaged"):
+        read_points(path)
     assert Catalog(path).n_points == 100_000
 
 

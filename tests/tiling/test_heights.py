@@ -182,7 +182,7 @@ def test_other_heights_are_right_where_points_are_in_one_column_of_some_tiles(fi
 def test_points_without_ground_or_at_other_heights_are_said(files, tmp_path):
     a, _, c = files
     write_points(a, site(600))
-    with pytest.raises(TilingError, match=r"no points are judged: .* or at other heights"):
+    with pytest.raises(PointFileError, match=r"no points are judged: .* or at other heights"):
         process_files(a, c, DETECTOR, above=1e6)
     cloud = read_points(a)
     write_points(a, cloud.subset(cloud.attributes["classification"] != 2))
@@ -195,5 +195,5 @@ def test_groups_below_the_ground_that_take_more_than_the_memory_are_refused(file
     monkeypatch.setattr(_memory, "BELOW_POINT", 10**7)
     a, _, c = files
     write_points(a, site())
-    with pytest.raises(TilingError, match=r"points lie below the ground, .* memory=500MB"):
+    with pytest.raises(ValueError, match=r"points lie below the ground, .* memory=500MB"):
         process_files(a, c, DETECTOR, low_groups=True, memory="500MB", tile_size=900)

@@ -139,7 +139,7 @@ def test_points_in_three_directions_are_refused(tmp_path):
     xyz = np.kron(np.arange(1, 401)[:, None], np.eye(3))
     write_points(path := tmp_path / "a.las", PointCloud(xyz))
     detector = clone(DETECTOR).set_params(sensor_origin="origin")
-    with pytest.raises(TilingError, match="all points lie in 3 directions from sensor_origin"):
+    with pytest.raises(ValueError, match="all points lie in 3 directions from sensor_origin"):
         process_files(path, tmp_path / "b.las", detector, tile_size=300)
 
 
