@@ -108,7 +108,7 @@ def _check_form(X, d, with_normals):
     way = next((way for way in (".xyz", ".collect()") if hasattr(X, way.strip(".()"))), None)
     if hasattr(X, "__array__"):  # a dataframe may have columns of these names
         fields = getattr(getattr(X, "dtype", None), "names", None)
-        way = "[['x', 'y', 'z']].tolist()" if fields else None
+        way = f"[{list(fields[:3])}].tolist()" if fields else None
     if way is not None:
         kind = "structured array" if hasattr(X, "dtype") else type(X).__name__
         raise ParameterError(f"$X is a {kind}, not a table of numbers: give X{way}.")

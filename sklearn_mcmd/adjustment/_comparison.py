@@ -15,7 +15,7 @@ from sklearn_mcmd.adjustment._power import POWER, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile
 from sklearn_mcmd.adjustment._tests import local_level
 
-CORNERS = 2**0.5  # rims from the middle of a square to a corner; of longer rectangles fewer
+CORNERS = 2**0.5  # rims to the farthest point of a square that stands on a corner
 
 
 class Difference(NamedTuple):
@@ -185,10 +185,20 @@ def _turns(plane):
 
 
 def _are_apart(a, b):
-    """Whether two clouds leave a gap on the line from middle to middle, along their planes."""
-    planes, step = (a.plane, b.plane), b.middle - a.middle
-    rims = [np.linalg.norm(one.axes.T @ step) * np.sqrt(one.sum_weights / 3) for one in planes]
-    return all(rims) and CORNERS * sum(1 / n for n in rims) < 1
+    """Whether two clouds leave a gap: in the plane of each, an axis separates their rectangles."""
+    step, sides = b.middle - a.middle, [_sides(one.plane) for one in (a, b)]
+
+    def separates(axes):
+        reach = sum(np.abs(axes.T @ own) @ rims for own, rims in sides)
+        return (np.abs(axes.T @ step) > CORNERS * reach).any()
+
+    return all(separates(axes) for axes, _ in sides)
+
+
+def _sides(plane):
+    """Axes of a cloud in its plane, as columns, and the distances of its rims from the center."""
+    axes, inverse, _ = np.linalg.svd(plane.axes, full_matrices=False)
+    return axes, np.sqrt(3 / plane.sum_weights) / inverse
 
 
 def _difference(value, values, roots, dofs, level, unit=1.0):

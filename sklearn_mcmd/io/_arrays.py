@@ -12,6 +12,7 @@ from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room,
 from sklearn_mcmd.io._unnamed import check_first_columns, check_turned
 
 MAGIC = np.lib.format.MAGIC_PREFIX
+FEW_LOOPED = 2**20  # numbers that take no time
 LONGEST_HEADER = 2**14  # bytes of an array; NumPy reads none of more than 10,000 characters
 # Bytes from one byte of a ZIP, of the methods that NumPy writes. Others pack a million into one.
 FACTORS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}
@@ -151,7 +152,8 @@ def _check_array(file, room, what):
     shape, _, dtype = read(file)
     if dtype.hasobject:
         raise PointFileError("holds pickled objects, which are never loaded; write numbers")
-    check_room(max(math.prod(shape) * dtype.itemsize, _n_looped(shape, dtype)), room, what)
+    check_room(math.prod(shape) * dtype.itemsize, room, what)
+    check_room(_n_looped(shape, dtype), max(room, FEW_LOOPED), what)
 
 
 def _n_looped(shape, dtype):

@@ -71,7 +71,8 @@ def are_names(fields, told=()):
 
 def no_sentence(words):
     """Whether words may be names: each is there once and has a letter, none is of a sentence."""
-    plain = {w.lower() for w in words if re.match(r"\W*[^\W\d].*(?<![.:!?])$", w)}
+    name = r"(?!v?\d+[.]\d)\W*[^\W\d].*(?<![.:!?])$"  # and no version
+    plain = {w.lower() for w in words if re.match(name, w)}
     return len(plain) == len(words) and plain.isdisjoint(SPEECH.split())
 
 

@@ -79,7 +79,7 @@ class BlankRecords:
         if len(at) and not self.n_blank:
             self.first, self.place = self.n_points + int(at[0]), cloud.xyz[at[0]]
         if len(at) or not self.n_points:  # other parts are taken to be near these
-            others = np.delete(cloud.xyz, at, axis=0)
+            others = np.delete(cloud.xyz, at, axis=0) if len(at) else cloud.xyz
             self.low = np.minimum(self.low, others.min(axis=0, initial=np.inf))
             self.high = np.maximum(self.high, others.max(axis=0, initial=-np.inf))
         self.n_points, self.n_blank = self.n_points + len(records), self.n_blank + len(at)

@@ -199,6 +199,7 @@ def _begin(file, columns, extension):
     """The table whose rows are to be read, the first of which its head has."""
     head = _head(file, columns)
     fields, known = _row(head.line, head.delimiter, len(head.names or ())), head.names
+    is_guess = False  # that words of a comment are names
     if len(fields) < 3:
         raise PointFileError(f"line {head.number} has {len(fields)} columns, x, y, z are 3")
     if known is None:
@@ -209,8 +210,8 @@ def _begin(file, columns, extension):
             with suppress(PointFileError):
                 known = coordinate_columns(some, columns) and some
         words = _fields(head.last, head.delimiter)
-        if known is None and len(words) in widths - {3} and no_sentence(words):
-            known = words
+        is_guess = known is None and len(words) in widths - {3} and no_sentence(words)
+        known = words if is_guess else known
     if known is not None:
         if known[-1] == "" and len(known) == len(fields) + 1:
             known = known[:-1]
@@ -224,7 +225,11 @@ def _begin(file, columns, extension):
     names = known or ["", "", "", *own]
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if known is not None or columns:
-        head.positions = coordinate_columns(names, columns)
+        try:
+            head.positions = coordinate_columns(names, columns)
+        except PointFileError as err:
+            more = "; or x=1,y=2,z=3 if the comment above them names none" * is_guess
+            raise PointFileError(f"{err}{more}") from err.__cause__
     head.names = known
     table = _Table(head, fields, names)
     table.find_decimals(fields, head.line, head.number)
@@ -271,8 +276,13 @@ class _Table:
     def _part(self, part):
         """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""
         if self.delimiter == "," and self.head.names is None:
-            for number in (n for n, line in enumerate(part, self.at) if TWICE.fullmatch(line)):
-                raise PointFileError(f"line {number} has {COMMAS}")
+            twice = [
+                number
+                for number, line in enumerate(part, self.at)
+                if ",0" in line and TWICE.fullmatch(line)
+            ]
+            if len(twice) > min(1, len(part) - 1):
+                raise PointFileError(f"line {twice[0]} has {COMMAS}")
         if max(map(len, part)) > LONGEST:
             raise PointFileError(f"a line has more than {LONGEST:,} characters: is no table")
         comma = self.others if self.comma is None else self.comma
@@ -284,8 +294,12 @@ class _Table:
         if table is None:
             return self._slow(part)
         last = None if self.others is None else max(self.positions) + 1
-        for number, line in enumerate(part, self.at) if self.comma is None else []:
-            if any("." in cell or "," in cell for cell in line.split(self.delimiter)[:last]):
+        for number, line in enumerate(part, self.at):
+            if self.comma is not None:
+                break
+            if ("." in line or "," in line) and any(
+                "." in cell or "," in cell for cell in line.split(self.delimiter)[:last]
+            ):
                 self.find_decimals(self._row(line), line, number)
         return table
 
@@ -342,9 +356,10 @@ class _Table:
             return
         own = [fields[j] for j in self.positions]
         others = [cell for j, cell in enumerate(fields) if j not in self.positions]
-        self.comma = _decimal(own, line, number)
+        is_loose = self.delimiter is None
+        self.comma = _decimal(own, line, number, is_loose)
         if self.others is None:
-            self.others = _decimal(others + own, line, number)
+            self.others = _decimal(others + own, line, number, is_loose)
 
     def _coordinate(self, cell, number):
         value, words = number_of(cell, self.comma), f"line {number}: {_decoded(cell)[:40]!r}"
@@ -367,15 +382,21 @@ class _Table:
         raise PointFileError(words)
 
 
-def _decimal(cells, line, number):
-    """Whether commas are decimal in some cells of a line, None if no number tells."""
+def _decimal(cells, line, number, is_loose):
+    """Whether commas are decimal in some cells of a line, None if no number tells.
+
+    Quotes, and rows that are `is_loose`, between blanks, leave thousands open.
+    """
+    is_loose &= all("," not in cell or IN_DOUBT.fullmatch(cell) for cell in cells)
     for cell in cells:
         points, commas = number_of(cell), number_of(cell, comma=True)
         if {",", "."} & set(cell) and {points, commas} != {None}:
-            if points is None and f'"{cell}"' in line and IN_DOUBT.fullmatch(cell):
+            is_quoted = f'"{cell}"' in line
+            if points is None and IN_DOUBT.fullmatch(cell) and (is_quoted or is_loose):
+                way = "without quotes" if is_quoted else "with a point"
                 raise PointFileError(
                     f'line {number}: are there thousands or decimals behind the comma of "{cell}"? '
-                    "Write it without quotes if decimals, and without commas if thousands"
+                    f"Write it {way} if decimals, and without commas if thousands"
                 )
             return points is None
     return None

@@ -73,7 +73,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     path = Path(path)
     with one_clear_line(path, "read"):
         check_file(path)
-        table = read_text(path)
+        table = read_text(path, columns={})  # where the first may be a time
         names = {name.lower(): name for name in reversed(table.attributes)}
         known = [names[time] for time in TIMES if time in names]
         if not known:

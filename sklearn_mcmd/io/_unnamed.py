@@ -17,6 +17,7 @@ class UnnamedLimits(NamedTuple):
     rows: int = 5  # that tell: fewer are no plane with a point to spare
     alike: float = 0.1  # share of the usual step within which steps are alike, though rounded
     largest: float = 1.4e8  # of coordinates, in feet around the Earth; seconds since 1970 are more
+    week: float = 604_800.0  # seconds of a week, of which times of satellites are
     turned: float = 3.0  # times as many columns as rows, of which there are less than ten
 
 
@@ -46,10 +47,11 @@ def check_first_columns(table, start):
     is_more = whole[3:].any() or np.abs(table[:, 3:]).max() <= 1
     is_cell &= not whole[2] and not (small[2:4].any() and is_more)
     is_number = whole[0] and not whole[1:3].all() and len(np.unique(table[:, 0])) == n
+    before_large = sizes[0] <= limits.week and not (small | whole)[1:3].any()
     rises = steps[:, 0].min() > 0 and 2 * alike[0] - n >= limits.rows
     if (
         is_cell
-        or (small[0] and not (small | whole)[1:3].any() and (whole[0] or steps[:, 0].min() >= 0))
+        or (before_large and ((small[0] and whole[0]) or steps[:, 0].min() >= 0))
         or sizes[0] > limits.largest > sizes[1:3].max()
         or ((is_number or rises) and alike[1] < n - 1)  # no profile, nor one row of a grid
     ):

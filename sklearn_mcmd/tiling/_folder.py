@@ -42,8 +42,8 @@ class WorkFolder:
                 raise PointFileError(f"{told}; name another output")
         if not os.path.lexists(self.path):
             self._make()
-        has_link = any(file.is_symlink() for file in (self.path, *self.path.rglob("*")))
-        if has_link or read_json(self.path / MARK) != self.path.name:
+        is_ours = read_json(self.path / MARK) == self.path.name and not _has_link(self.path)
+        if not is_ours and os.path.lexists(self.path):  # else another run has just removed it
             raise FileExistsError(
                 f"{self.path} is in the way: it is where temporary files would be, and no run has "
                 "made it, or it is or holds a link; move it"
@@ -117,7 +117,14 @@ class WorkFolder:
         for folder in self._folders:
             shutil.rmtree(folder, ignore_errors=True)
         for file in self.path.glob(".mcmd-*"):
-            file.unlink(missing_ok=True)
+            with suppress(OSError):
+                file.unlink()
+
+
+def _has_link(folder):
+    """Whether a folder is a link, or holds one."""
+    within = (os.path.join(at, n) for at, *names in os.walk(folder) for n in (*names[0], *names[1]))
+    return any(map(os.path.islink, (folder, *within)))
 
 
 def _locked(path):

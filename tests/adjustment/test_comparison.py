@@ -196,6 +196,17 @@ def test_clouds_with_a_gap_between_them_do_not_overlap(shift, surface):
     assert compare_planes(*pair, place=[0.0, 0, 0]).verdict != "no overlap"  # as was asked for
 
 
+def test_strips_that_cross_at_their_ends_overlap(recwarn):
+    rng = np.random.default_rng(0)
+    strips = []
+    for low, high in (([0.0, 0.0], [10.0, 0.5]), ([9.5, 0.0], [10.0, 10.0])):
+        xy = rng.uniform(low, high, (300, 2))
+        xyz = np.column_stack([xy, SIGMA * rng.normal(size=300)])
+        strips.append(BaardaPlaneDetector(sigma0=SIGMA).fit(xyz))
+    assert compare_planes(*strips).verdict != "no overlap"
+    assert not recwarn
+
+
 @pytest.mark.parametrize("shift", [[5.0, 0, 1.5], [4.0, 4.0, 1.2], [0, 0, 300.0], [2.0, 1.0, 0.6]])
 def test_neighbors_and_what_moved_along_the_normal_are_compared_in_silence(shift, recwarn):
     rng = np.random.default_rng(0)

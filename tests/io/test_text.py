@@ -121,9 +121,7 @@ def test_numbers_of_many_programs_are_read(tmp_path, monkeypatch, text, table, s
         ),
         ("1 2,5 3\n4,5 5 6", "1 2.5 3, 4.5 5 6"),
         ("1 2 3\n4,5 5 6", "1 2 3, 4.5 5 6"),
-        ("x y z\n112,345 213,456 100,123", "112.345 213.456 100.123"),
         ("# x y z i\n1,5 2,5 3,5 0.5", "1.5 2.5 3.5 0.5"),
-        ("112,345  213,456\t100,123", "112.345 213.456 100.123"),
         ("-1,5e2 +2,5 0,5\n0 1 2", "-150 2.5 0.5, 0 1 2"),
         ("1,234.5 2,345.5 3,456.7", "1234.5 2345.5 3456.7"),
         # Commas between columns.
@@ -137,6 +135,20 @@ def test_numbers_of_many_programs_are_read(tmp_path, monkeypatch, text, table, s
 def test_decimal_commas_between_blanks_are_read(tmp_path, monkeypatch, text, table):
     found = same_by_parts(tmp_path, monkeypatch, text)[1]
     assert_array_equal(found, [list(map(float, row.split())) for row in table.split(",")])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1,234 5,678 9,012\n234 5,678 1,012\n1,234 500 9,013",
+        "1,234 5,678 9,012\n1,234 5,679 9,012",
+        "1.5 2.5 3.5 1,234\n1.5 2.5 3.6 999",
+        "112,345  213,456\t100,123",
+    ],
+)
+def test_commas_between_blanks_that_may_stand_between_thousands_are_refused(tmp_path, text):
+    with pytest.raises(PointFileError, match=r"line 1: are there thousands or decimals"):
+        read(tmp_path, text)
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])
@@ -275,7 +287,13 @@ COMMENTS += ["x y z are UTM", "time, position and intensity of the scanner", "20
 COMMENTS += ["4,5,6", "4;5;6"]  # rows that are left out
 
 
-LONGER = ["made by tool v2", "Scan of hall 3", "Project: Castle hall scan", "hall hall north south"]
+LONGER = [
+    "made by tool v2",
+    "CloudCompare v2.12 ASCII export",
+    "Scan of hall 3",
+    "Project: Castle hall scan",
+    "hall hall north south",
+]
 LONGER += ["id x px py\n# made by tool v2", "a b c", "a b c d e", "- m m m", "1 a b c"]
 
 

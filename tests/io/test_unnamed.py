@@ -41,6 +41,7 @@ FIRST = {
     "GPS time": (3.9e8 + RETURNS, FLOOR, 2),
     "seconds of the week": (42504 + 0.002 * np.arange(N), FLOOR, 2),
     "seconds of the week of returns": (42504 + RETURNS, UTM, 2),
+    "seconds late in the week, with ties": (545600 + 0.01 * (np.arange(N) // 3), UTM, 2),
     "seconds from the start": (0.1 * np.arange(N), FLOOR, 2),
     "seconds with jitter": (JITTER, FLOOR, 2),
     "nanoseconds": (1_690_000_000_000_000_000 + 10_000_000 * np.arange(N), FLOOR, 2),
