@@ -193,12 +193,13 @@ def agreed_planes(X, near, trials, h, small_faces=False):
     """What `reweighted_plane` returns, of planes on which neighbors agree in two passes.
 
     `near` (n, k) are the neighbors of each of the points X, itself first. A neighborhood that
-    deviates by noise alone has the plane of all its members, and asks nobody. Planes of
-    `small_faces` are those of a third of the members by the noise that is usual around.
+    deviates by noise alone, or by rounding, has the plane of all its members, and asks nobody.
+    Planes of `small_faces` are those of a third of the members by the noise that is usual around.
     """
     planes, asks = [], []
     for members in near:
         (center, _, axes), variance, _, noise = whole_plane(X[members])
+        noise |= np.sqrt(variance) <= 8 * 2.0**-52 * np.abs(center).max()
         asks.append(not noise)
         whole = center, axes[:, 0], np.sqrt(variance), 1.0
         planes.append(whole if noise else reweighted_plane(X[members], trials, h))
