@@ -30,7 +30,8 @@ COMMENTS = ("#", "//")  # begin a line that is no row
 ROWS_A_TIME = 100_000  # that are read and written at once
 LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
 GROUPS = re.compile(r"[+-]?\d{1,3}(?: \d{3})*")  # thousands apart, as it may be
-TWICE = re.compile(r"[+-]?\d+,0\d+(,[+-]?\d+,\d+){2,}\s*")  # decimals, which begin with zeros
+WHOLE = r"[+-]?(?:0|[1-9]\d*)"
+TWICE = re.compile(rf"{WHOLE},0\d+(,{WHOLE},\d+){{2,}}\s*")  # only decimals begin with zeros
 COMMAS = "decimal commas: write points, and no commas between thousands"
 IN_DOUBT = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # thousands, or three decimals
 LONGEST, MOST_HEADERS = 1_000_000, 10  # characters of a line, and lines before the first row
@@ -276,13 +277,9 @@ class _Table:
     def _part(self, part):
         """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""
         if self.delimiter == "," and self.head.names is None:
-            twice = [
-                number
-                for number, line in enumerate(part, self.at)
-                if ",0" in line and TWICE.fullmatch(line)
-            ]
-            if len(twice) > min(1, len(part) - 1):
-                raise PointFileError(f"line {twice[0]} has {COMMAS}")
+            for number, line in enumerate(part, self.at):
+                if ",0" in line and TWICE.fullmatch(line):
+                    raise PointFileError(f"line {number} has {COMMAS}")
         if max(map(len, part)) > LONGEST:
             raise PointFileError(f"a line has more than {LONGEST:,} characters: is no table")
         comma = self.others if self.comma is None else self.comma

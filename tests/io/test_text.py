@@ -130,6 +130,7 @@ def test_numbers_of_many_programs_are_read(tmp_path, monkeypatch, text, table, s
         ("1.5,2.5,3.5", "1.5 2.5 3.5"),
         ("x,y,z,a,b,c\n7,016,8,32,9,5", "7 16 8 32 9 5"),
         ("7,216,8,032,9,007", "7 216 8 32 9 7"),
+        ("12,045,088,255,128,064", "12 45 88 255 128 64"),
     ],
 )
 def test_decimal_commas_between_blanks_are_read(tmp_path, monkeypatch, text, table):
