@@ -128,7 +128,7 @@ def _array_of(archive, member):
             f"{member.filename!r} is compressed as NumPy does not (ZIP method "
             f"{member.compress_type}), by which few bytes may hide gigabytes; use savez_compressed"
         )
-    if factor is None or member.is_dir():
+    if factor is None or member.filename.endswith("/"):
         return None
     with archive.open(member) as file:
         if file.read(len(MAGIC)) != MAGIC:
