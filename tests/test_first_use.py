@@ -32,10 +32,10 @@ print(sha256(estimator.transform(X).tobytes()).hexdigest())
 """
 # Of Numba's own functions, such as `np.empty`, there is one for each kind of argument.
 MOST = {
-    "MCMDOutlierDetector": 75,
-    "RobustNormalEstimator": 22,
-    "RegionGrowing": 32,
-    "SharpFeatureDetector": 30,
+    "MCMDOutlierDetector": 80,
+    "RobustNormalEstimator": 9,
+    "RegionGrowing": 25,
+    "SharpFeatureDetector": 3,
 }
 # Verbs in turn, each with its arguments in a line.
 VERBS = """

@@ -77,8 +77,8 @@ def eigh_3d(covariance):
     a = _least_axis(shares)
     b, c = _complement(a)
     along_a, along_b, along_c = _times(shares, a), _times(shares, b), _times(shares, c)
-    aa, ab, ac = _dot(a, along_a), _dot(b, along_a), _dot(c, along_a)
-    bb, bc, cc = _dot(b, along_b), _dot(c, along_b), _dot(c, along_c)
+    aa, ab, ac = dot(a, along_a), dot(b, along_a), dot(c, along_a)
+    bb, bc, cc = dot(b, along_b), dot(c, along_b), dot(c, along_c)
     for _ in range(30):
         if ab * ab + ac * ac + bc * bc <= ROUNDED:
             break
@@ -124,12 +124,12 @@ def _least_axis(matrix):
             column = uy, vy, vz
         elif abs(wz) > abs(ux):
             column = uz, vz, wz
-        square = _dot(column, column)
+        square = dot(column, column)
         if not square > ROUNDED * ROUNDED:
             break
         scale = 1.0 / np.sqrt(square)
         axis = column[0] * scale, column[1] * scale, column[2] * scale
-        shift = _dot(axis, _times(matrix, axis))
+        shift = dot(axis, _times(matrix, axis))
     return axis
 
 
@@ -153,7 +153,7 @@ def _times(matrix, vector):
 
 
 @kernel
-def _dot(a, b):
+def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

@@ -85,7 +85,7 @@ def _build(points, leaf, order, first, last, left, boxes, leaves, stack):
             n_leaves += 1
             continue
         # Near the middle, after as many points as fill leaves.
-        middle = begin + max(leaf, ((end - begin) // 2 + leaf // 2) // leaf * leaf)
+        middle = begin + ((end - begin) // 2 + leaf // 2) // leaf * leaf
         _partition(points, axis, order, begin, end - 1, middle)
         left[node] = n_nodes
         first[n_nodes], last[n_nodes] = begin, middle

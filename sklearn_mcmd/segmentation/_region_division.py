@@ -36,17 +36,18 @@ class VoteLimits(NamedTuple):
 class Patches(NamedTuple):
     """What votes ask of patches."""
 
-    begins: np.ndarray  # points at which their cells begin, patch by patch
+    begins: np.ndarray  # points at which their cells begin, patch by patch, in order
     sizes: np.ndarray  # cells of each
     normals: np.ndarray  # (n, 3) of their planes
     wide: np.ndarray  # whether they are
 
     @classmethod
-    def of(cls, begins, patch, sums, wide):
+    def of(cls, points, begins, patch, sums, wide):
         """By the patch of each cell, and the `Sums` of patches."""
         normals = np.linalg.eigh(sums.scatters[:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
-        order, sizes = np.argsort(patch, kind="stable"), np.bincount(patch)
-        return cls(begins[order], sizes, normals, wide)
+        order = points.in_order(begins)
+        order = order[np.argsort(patch[order], kind="stable")]
+        return cls(begins[order], np.bincount(patch), normals, wide)
 
 
 def divide_at_creases(labels, index, planes, rules, n_jobs=None, parts=None):
@@ -122,7 +123,7 @@ def divided(points, rules, begins, patch, own, last, sums, borders, vote=None, p
     regions, borders = labels[last], borders[borders[:, 0] < borders[:, 1]]
     parts = parts or Parts(len(labels), n_jobs)
     wide = _are_wide(points.index.points, own, *shape, parts)
-    patches = Patches.of(begins, patch, sums, wide)
+    patches = Patches.of(points, begins, patch, sums, wide)
     strips = Strips(points, patches, rules.min_cosine)
     # One place after the other, so that the trees of a patch serve all of its borders.
     order, votes = np.argsort(last[borders[:, 0]], kind="stable"), np.empty(len(borders))
@@ -179,10 +180,9 @@ class Strips:
         self.group = lru_cache(TREES)(self._group)
 
     def _group(self, name):
-        """Where the cells of a patch begin, in order, and the tree of these points."""
+        """Where the cells of a patch begin, and the tree of these points."""
         end, size = self.ends[name], self.patches.sizes[name]
         begins = self.patches.begins[end - size : end]
-        begins = begins[self.points.in_order(begins)]
         return begins, cKDTree(self.points.index.points[begins])
 
     def votes(self, borders, n_jobs):

@@ -22,7 +22,7 @@ from sklearn_mcmd.planes._creases_numba import (
     mean_axes,
 )
 from sklearn_mcmd.planes._explaining_numba import _root
-from sklearn_mcmd.planes._moments_numba import eigh_3d, vector
+from sklearn_mcmd.planes._moments_numba import dot, eigh_3d, vector
 from sklearn_mcmd.planes._quadrics_numba import TERMS, back_substitute, decompose
 from sklearn_mcmd.runtime._kernels import kernel
 
@@ -89,16 +89,11 @@ def fit_cylinder(points, starts, limits, equations, model):
             _solve(equations, N_CYLINDER, ridge)
             point = _moved(point, solution[0], u, solution[1], v)
             axis = _moved(axis, solution[2], u, solution[3], v)
-            axis = _scaled(axis, 1.0 / np.sqrt(_dot(axis, axis)))
+            axis = _scaled(axis, 1.0 / np.sqrt(dot(axis, axis)))
             # Move the axis point back to the height of the points; any point of the axis will do.
-            point = _moved(point, -_dot(point, axis), axis, 0.0, axis)
+            point = _moved(point, -dot(point, axis), axis, 0.0, axis)
             radius = abs(radius + solution[4])
     return best
-
-
-@kernel
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
@@ -123,7 +118,7 @@ def _circle(points, u, v, ridge, equations):
     new[2] = 1.0
     for i in range(len(points)):
         point = (points[i, 0], points[i, 1], points[i, 2])
-        x, y = _dot(point, u), _dot(point, v)
+        x, y = dot(point, u), dot(point, v)
         new[0], new[1] = 2.0 * x, 2.0 * y
         _add(lower, right, new, x * x + y * y, N_CIRCLE)
     _solve(equations, N_CIRCLE, ridge)
@@ -138,7 +133,7 @@ def _linearize(points, point, axis, u, v, radius, least, equations):
     total = 0.0
     for i in range(len(points)):
         gap = (points[i, 0] - point[0], points[i, 1] - point[1], points[i, 2] - point[2])
-        along, x, y = _dot(gap, axis), _dot(gap, u), _dot(gap, v)
+        along, x, y = dot(gap, axis), dot(gap, u), dot(gap, v)
         reach = np.sqrt(x * x + y * y)
         away = reach - radius
         total += away * away
