@@ -177,7 +177,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
 
     A crease is told by the Bayesian information criterion, of a quadric against two planes, in each
     border of two planes. Only those that are wide are parted. Planes that differ by less than a
-    fifth of `max_angle` are one surface.
+    fifth of `max_angle` are one surface, as are bent faces that differ by less than `max_angle`.
 
     A region holds all points that can be reached from its seed. Sums over regions are exact in any
     order, and ties end at coordinates. So labels depend neither on the order of rows nor on

@@ -1,12 +1,12 @@
 """Regions that are several surfaces: what growth led across a crease is divided there."""
 
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._quadrics import work_arrays
@@ -16,7 +16,7 @@ from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._parts import PART, Parts
 from sklearn_mcmd.segmentation._region_cells import ROWS, WHOLE, Points, named, pairs_of, places
-from sklearn_mcmd.segmentation._region_sums import region_moments
+from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments, relabeled
 
 CHUNK = 64  # borders whose points are parted at once; it limits the memory
 TREES = 256  # of patches, which are kept for their next border; it limits the memory
@@ -58,9 +58,9 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None, parts=None):
     criterion (BIC): first within blocks of cells, then all. Each border of two patches votes
     (`vote`), and patches become groups. A patch or a group is a surface of its own if it is wide
     (`_are_wide`): only borders of wide patches part, and those of others only join. What is narrow
-    then goes to the groups beside it (`_settled`). Last, where a border parts two groups, its
-    points go to the side on which its crease has them. Points of patches that are of both sides get
-    label -1.
+    then goes to the groups beside it (`_settled`). Where a border parts two groups, its points go
+    to the side on which its crease has them. Points of patches that are of both sides get label -1.
+    Last, groups that are no planes are joined again, unless their crease is steep (`join_blunt`).
     """
     n, own = len(labels), slice(0, len(labels))
     points = Points(index, planes, rules, labels, np.empty(n), np.empty(n, np.int32), n_jobs)
@@ -131,18 +131,58 @@ def divided(points, rules, begins, patch, own, last, sums, borders, vote=None, p
     votes[order] = strips.votes(known, n_jobs) if vote is None else vote(patches, known)
     counts = wide[borders].all(axis=1) | (votes > 0)
     group = _joined(borders[counts], votes[counts], regions)
-    grouped = Renamed(own, np.append(group, -1))
-    wide = _are_wide(points.index.points, grouped, *shape, parts)[group]
+    _rename(labels, own, np.append(group, -1))
+    wide = _are_wide(points.index.points, labels, *shape, parts)[group]
     both = wide[borders].all(axis=1)
     group, mixed = _settled(group, borders, wide, regions)
-    grouped = Renamed(own, np.append(np.where(mixed, -1, group), -1))
-    for rows in slices(len(labels), PART):
-        labels[rows] = grouped[rows]
+    _rename(labels, own, np.append(np.where(mixed, -1, group), -1))
     parted = both & (votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]])
     parting = np.flatnonzero(parted)
     parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
     strips.part(borders[parting], group, labels, n_jobs)
-    return labels
+    return join_blunt(labels, regions, points, rules.min_cosine, parts)
+
+
+def join_blunt(labels, regions, points, min_cosine, parts):
+    """Join the parts of each region again, unless they are planes or meet in a steep crease.
+
+    Regions (n,) are those of n parts; labels name the parts, and are changed. What is no plane is
+    no two planes either, and where it is divided is luck.
+    """
+    n, index, normals = len(regions), points.index, points.planes.normals
+    moments = region_moments(index.points, labels, n, parts=parts)
+    rms = np.sqrt(np.maximum(np.linalg.eigvalsh(moments.covariances)[:, 0], 0.0))
+    flat = rms <= JoinLimits().most_noise * median_by_region(points.noise, labels, n, parts)
+    flat &= moments.sizes > index.points.shape[1]
+    angles = parts.each(_angles_across, labels, regions, flat, index, normals, size=ROWS)
+    pairs, cosines = map(np.concatenate, zip(*angles, strict=True))
+    pairs, border = np.unique(pairs, axis=0, return_inverse=True)
+    blunt = median_by_region(cosines, border.ravel(), len(pairs)) >= min_cosine
+    graph = coo_array((np.ones(np.count_nonzero(blunt)), pairs[blunt].T), shape=(n, n))
+    return relabeled(labels, np.append(connected_components(graph, directed=False)[1], -1))
+
+
+def _angles_across(rows, labels, regions, flat, index, normals):
+    """For each of some points beside a border of two parts of one region that are not both flat:
+    the parts (m, 2), and the cosine (m,) between the planes at both ends of its neighborhood.
+
+    One end is its farthest neighbor across the border, the other the farthest from that on its own
+    side: nearer to a crease, planes are of both sides.
+    """
+    near = index.query_own(rows).indices
+    part, near_part = labels[rows][:, None], labels[near]
+    across = (near_part != part) & (regions[near_part] == regions[part])
+    across &= (near_part >= 0) & (part >= 0) & ~(flat[near_part] & flat[part])
+    at_border = np.flatnonzero(across.any(axis=1))
+    near, across = near[at_border], across[at_border]
+    on_own_side = (near_part == part)[at_border]
+    last = near.shape[1] - 1 - across[:, ::-1].argmax(axis=1)  # neighbors ascend by distance
+    end = np.take_along_axis(near, last[:, None], axis=1)
+    lengths = np.linalg.norm(index.points[near] - index.points[end], axis=2)
+    farthest = np.where(on_own_side, lengths, -1.0).argmax(axis=1)
+    ends = np.append(end, np.take_along_axis(near, farthest[:, None], axis=1), axis=1)
+    cosines = np.abs(np.einsum("md,md->m", normals[ends[:, 0]], normals[ends[:, 1]]))
+    return np.sort(labels[ends], axis=1), cosines
 
 
 def _are_wide(points, labels, n, size, parts):
@@ -153,18 +193,10 @@ def _are_wide(points, labels, n, size, parts):
     return found.sizes**2 * values[:, 1] > (size + points.shape[1]) ** 2 * values[:, 2]
 
 
-@dataclass(frozen=True)
-class Renamed:
-    """Labels of points by new numbers, of which the last is for -1, as some rows are asked for."""
-
-    labels: np.ndarray
-    number: np.ndarray
-
-    def __len__(self):
-        return len(self.labels)
-
-    def __getitem__(self, rows):
-        return self.number[self.labels[rows]]
+def _rename(labels, patch_of, names):
+    """Give each point the name of its patch; the last is for points of none."""
+    for rows in slices(len(labels), PART):
+        labels[rows] = names[patch_of[rows]]
 
 
 class Strips:

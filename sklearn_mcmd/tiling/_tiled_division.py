@@ -94,8 +94,9 @@ class DivisionJob:
         """The `Points` of all places, which are opened by `column`; None if their noise has no
         unit."""
         growing, whole, stored = self.of.growing, self.of.whole(), self.stored()
-        labels, scale, reach = (column(whole, name) for name in ("region_of", "scale", "reach"))
-        planes = Planes.empty(0, 3)._replace(scale=scale, radius=reach)
+        names = "region_of", "normals", "scale", "reach"
+        labels, normals, scale, reach = (column(whole, name) for name in names)
+        planes = Planes.empty(0, 3)._replace(normals=normals, scale=scale, radius=reach)
         index = StoredIndex(whole, n_neighbors=growing.n_neighbors, column=column)
         if cell is None and self.levels:
             cell = column(stored, self.levels[0])

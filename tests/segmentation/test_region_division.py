@@ -1,18 +1,24 @@
 """Which regions are divided at creases; and cells, patches and votes against literal forms."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
 from sklearn.metrics import adjusted_rand_score
 
 from growth import fitted_without
 from reference_creases import fit_crease, off_plane, off_quadric
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._quadrics import work_arrays
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._region_division import _joined, _settled
+from sklearn_mcmd.segmentation._parts import Parts
+from sklearn_mcmd.segmentation._region_division import _joined, _settled, join_blunt
 from sklearn_mcmd.segmentation._regions_numba import vote
 
 FIT, MOST_NOISE = FitLimits(), JoinLimits().most_noise
@@ -64,14 +70,108 @@ def test_drains_saddles_and_waving_walls_stay_whole(noise):
         assert RegionGrowing(random_state=0).fit(X).region_sizes_[0] > 9500
 
 
+def terrain(n, seed=0):
+    """Hills of ever smaller waves, in a square of 1, which no few quadrics describe; and a wall."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(0, 1, (2, n))
+    z = rng.normal(0, 0.2 / np.sqrt(n), n)
+    for k in range(1, 12):
+        turn, phase = rng.uniform(0, 2 * np.pi, 2)
+        along = x * np.cos(turn) + y * np.sin(turn)
+        z += 0.1 / (2 * np.pi * k) * np.cos(2 * np.pi * k * along + phase)
+    wall = np.column_stack([np.full(n // 4, 1.1), *rng.uniform(0, 0.5, (2, n // 4))])
+    return np.concatenate([np.column_stack([x, y, z]), wall])
+
+
+def test_another_random_state_finds_the_regions_of_terrain_again():
+    """Where it is divided is luck: by three seeds its largest region had 64, 63 and 83 %."""
+    X = terrain(4000)
+    first, *others = (RegionGrowing(random_state=seed).fit_predict(X) for seed in range(3))
+    assert min(adjusted_rand_score(first, labels) for labels in others) > 0.99
+    assert first.max() == 1
+
+
+def bent_faces(crease, bend, seed):
+    """Two faces of 1 by 2 that meet in a crease and are bent along it."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-1, 1, (2, 5000))
+    z = bend * y * y - np.tan(np.radians(crease / 2)) * np.abs(x) + rng.normal(0, 0.004, 5000)
+    return np.column_stack([x, y, z]), x > 0
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("crease", [25, 40, 60])
+def test_a_crease_steeper_than_the_angle_parts_bent_faces(crease, seed):
+    X, side = bent_faces(crease, 0.1, seed)
+    assert adjusted_rand_score(side, RegionGrowing(random_state=0).fit_predict(X)) > 0.96
+
+
+def test_a_crease_blunter_than_the_angle_parts_planes_alone():
+    """Growth alone leaves both whole; the bent faces came as two regions."""
+    for bend, n_regions in ((0.0, 2), (0.1, 1)):
+        X, _ = bent_faces(8, bend, seed=0)
+        assert RegionGrowing(random_state=0).fit(X).n_regions_ == n_regions
+
+
+def join_blunt_literally(X, labels, regions, normals, noise, min_cosine, k):
+    """Part by part, border by border, point by point."""
+    near, flat = cKDTree(X).query(X, k)[1], {}
+    for part in np.unique(labels[labels >= 0]):
+        own = labels == part
+        centered = X[own] - X[own].mean(axis=0)
+        rms = np.linalg.svd(centered, compute_uv=False)[-1] / np.sqrt(own.sum())
+        usual = np.sort(noise[own])[own.sum() // 2]
+        flat[part] = own.sum() > 3 and rms <= MOST_NOISE * usual
+    cosines, joined = {}, np.array(labels)
+    for i, row in enumerate(near):
+        a = labels[i]
+        beyond = [
+            j for j in row
+            if min(a, labels[j]) >= 0 and labels[j] != a and regions[labels[j]] == regions[a]
+            and not (flat[a] and flat[labels[j]])
+        ]  # fmt: skip
+        if beyond:
+            end, here = beyond[-1], row[labels[row] == a]
+            start = max(here, key=lambda j: np.linalg.norm(X[j] - X[end]))
+            border = cosines.setdefault(tuple(sorted((a, labels[end]))), [])
+            border.append(abs(normals[start] @ normals[end]))
+    for (a, b), border in cosines.items():
+        if sorted(border)[len(border) // 2] >= min_cosine:
+            joined[joined == joined[labels == b][0]] = joined[labels == a][0]
+    return joined
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_parts_are_joined_as_by_the_literal_form(seed):
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(0, 1, (600, 3)) * [1, 1, 0.02]
+    labels = (np.floor(4 * X[:, 0]) + 4 * np.floor(3 * X[:, 1])).astype(int)
+    turn = rng.uniform(0, 0.4, 12)[labels] + rng.normal(0, 0.05, 600)
+    normals = np.column_stack([np.sin(turn), np.zeros(600), np.cos(turn)])
+    labels[rng.random(600) < 0.1] = -1
+    regions, noise = rng.integers(0, 2, 12), rng.uniform(0.002, 0.006, 12)[labels]
+    index = NeighborIndex(X, 20)
+    rows = index.rows
+    planes = Planes.empty(0, 3)._replace(normals=normals[rows])
+    points = SimpleNamespace(index=index, planes=planes, noise=noise[rows])
+    known = regions, points, np.cos(np.radians(10)), Parts(600)
+    found = join_blunt(labels[rows].copy(), *known)
+    of_rows = X[rows], labels[rows], regions, normals[rows], noise[rows]
+    expected = join_blunt_literally(*of_rows, np.cos(np.radians(10)), 20)
+    assert_array_equal(found == -1, expected == -1)
+    inside = found >= 0
+    assert adjusted_rand_score(expected[inside], found[inside]) == 1.0
+    assert 1 < len(np.unique(expected[inside])) < 12
+
+
 def test_a_road_stays_whole_and_its_kerb_a_step(shared_data):
-    """Without the rule of blunt creases its largest region has a third of the road."""
+    """Of its region 6 % are of another class: ground that meets the road by 2 to 7 degrees."""
     with np.load(shared_data / "mobile_street_labelled" / "cloud.npz") as arrays:
         X, road = arrays["xyz"], arrays["label"] == 1203
     labels = RegionGrowing(random_state=0, n_jobs=2).fit_predict(X)
     largest = labels == np.bincount(labels[road & (labels >= 0)]).argmax()
     assert (largest & road).sum() > 0.95 * road.sum()
-    assert (largest & road).sum() > 0.96 * largest.sum()
+    assert (largest & road).sum() > 0.93 * largest.sum()
 
 
 def test_narrow_parts_of_one_face_are_a_face_together(shared_data):
