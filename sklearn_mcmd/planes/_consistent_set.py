@@ -119,8 +119,8 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None, bounde
     Returns the sets, bool (B, k); the least eigenvalue (B,) of each set's covariance (divisor h),
     in squared units of the points; and whether no trial found a set that spans a plane, bool (B,),
     since points are collinear or coincident. The set is then the first h members. Ties are as
-    `DISTANCE_STEP` and `EIGENVALUE_STEP` say. If they are `bounded`, compiled code tells first which
-    few trials may be the best.
+    `DISTANCE_STEP` and `EIGENVALUE_STEP` say. If trials are `bounded`, compiled code tells first
+    which few may be the best.
     """
     n_sets, k, _ = neighborhoods.shape
     sizes = np.full(n_sets, k) if sizes is None else np.asarray(sizes)
