@@ -12,10 +12,10 @@ from itertools import product
 
 import numpy as np
 from _tables import print_table
-from simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
+from simulators import make_airborne_scan, make_depth_frame, make_lidar_turn, make_mobile_scan
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_street
 
 # Parts of the names of what is no face.
 SOFT = ("tree", "crown", "forest", "shrub", "bush", "hedge", "plant", "grass", "wire", "cable")

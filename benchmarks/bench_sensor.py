@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 from _tables import print_table
-from simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
+from simulators import make_airborne_scan, make_depth_frame, make_lidar_turn, make_mobile_scan
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_street
 
 FORMS = {"coordinates": {}, "isolated": {"strictness": "isolated"}, "position": {}}
 

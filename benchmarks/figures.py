@@ -27,7 +27,7 @@ RESULTS = (
     ("docs/benchmarks/segmentation.json", STAGES, "bench_segmentation.py peers"),
     ("docs/images/demo.png", f"{NORMALS} outliers", "mcmd demo, demo_figures.py"),
     ("docs/benchmarks/demo.csv", f"{NORMALS} outliers", "mcmd demo, demo_figures.py"),
-    ("docs/images/failure_*", STAGES, "docs/figures_failure.py", "900703c"),
+    ("docs/images/failure_*", STAGES, "docs/figures_failure.py, rings_figure.py", "900703c"),
     ("docs/images/guide/*", f"{STAGES} adjustment plotting view", "docs/figures.py", "900703c"),
     ("README.md", OUTLIERS, "bench_real.py, bench_outliers.py, readme_figures.py"),
     ("docs/benchmarks.rst", STAGES, "bench_peers.py"),

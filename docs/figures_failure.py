@@ -5,7 +5,6 @@ python docs/figures_failure.py [NAME ...]
 
 import io
 import sys
-from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -14,7 +13,7 @@ from figures_common import BLUE, GRAY, RED
 from PIL import Image
 
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
-from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.plotting import NormalsDisplay, OutlierDisplay, plot_cloud
 
@@ -165,34 +164,6 @@ def rounded():
     save(figure, "failure_rounded")
 
 
-def rings():
-    """What is lost far from a spinning sensor."""
-    turn = make_lidar_turn(70_000, random_state=0)
-    echo = turn.outlier_kind != turn.outlier_kind_names.index("no_return")
-    xyz, truth = turn.data[echo], turn.target[echo]
-    labels = MCMDOutlierDetector(random_state=0).fit_predict(xyz)
-    figure, axes = plt.subplots(1, 2, figsize=(13, 5), layout="constrained")
-    shown = (np.abs(xyz[:, :2]) < 45).all(axis=1)
-    OutlierDisplay.from_predictions(
-        xyz[shown], labels[shown], y_true=truth[shown], view=(-75, 40), ax=axes[0]
-    )
-    axes[0].set_title("yellow: real pieces of far rings, lost", fontsize=12)
-    distance = np.linalg.norm(xyz[:, :2], axis=1)
-    edges = np.array([0, 5, 10, 15, 20, 30, 40, 60, 80])
-    for strictness, color in (("groups", RED), ("isolated", BLUE)):
-        verdict = MCMDOutlierDetector(strictness=strictness, random_state=0).fit_predict(xyz)
-        lost = [
-            100 * np.mean(verdict[(distance >= a) & (distance < b) & (truth == 1)] == -1)
-            for a, b in pairwise(edges)
-        ]
-        axes[1].stairs(lost, edges, color=color, lw=2, label=f'"{strictness}"')
-        print(strictness, np.round(lost, 1).tolist())
-    axes[1].set(xlabel="distance from the sensor (m)", ylabel="real points lost (%)")
-    axes[1].grid(alpha=0.3)
-    axes[1].legend()
-    save(figure, "failure_rings")
-
-
 def edges():
     """A kerb and a window with 25, 50 and 400 neighbors."""
     street = make_street(40_000, outlier_share=0.0, random_state=0)
@@ -217,7 +188,7 @@ def edges():
     save(figure, "failure_edges", colors=64)
 
 
-FIGURES = {f.__name__: f for f in (sheets, noise, ghosts, rounded, rings, edges)}
+FIGURES = {f.__name__: f for f in (sheets, noise, ghosts, rounded, edges)}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:

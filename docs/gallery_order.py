@@ -7,7 +7,6 @@ FIRST = (
     "plot_outlier_strictness.py",
     "plot_check_before.py",
     "plot_compare_detectors.py",
-    "plot_spinning_turn.py",
     "plot_tiles.py",
     "plot_trusted_neighbors.py",
     "plot_street_normals.py",

@@ -5,8 +5,7 @@ from functools import cache
 import numpy as np
 
 from benchmarks import simulators
-from benchmarks.simulators import _airborne, _depth_frame, _mobile
-from sklearn_mcmd.datasets import _lidar_turn, make_lidar_turn
+from benchmarks.simulators import _airborne, _depth_frame, _lidar_turn, _mobile
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 # Makers of scanned scenes, and what makes the worlds that they scan.
@@ -83,7 +82,7 @@ def torus(n, noise):
 @cache
 def scanned(name, n_samples=20_000, seed=0, **parameters):
     """A scanned scene and its world; made once."""
-    scan = getattr(simulators, name, make_lidar_turn)(n_samples, random_state=seed, **parameters)
+    scan = getattr(simulators, name)(n_samples, random_state=seed, **parameters)
     drawn = np.random.RandomState(seed).randint(np.iinfo(np.int32).max)
     return scan, WORLDS[name](np.random.default_rng(drawn).spawn(5)[0])
 

@@ -7,14 +7,16 @@ from scipy.spatial import cKDTree
 
 from benchmarks import simulators
 from benchmarks.simulators._furniture import _bus_stop, _traffic_furniture
+from benchmarks.simulators._sensor_outliers import SENSOR_OUTLIERS
+from benchmarks.simulators._snow import flake_echoes
 from scenes import WORLDS, scanned
 from sklearn_mcmd import datasets
-from sklearn_mcmd.datasets._sensor_outliers import SENSOR_OUTLIERS
 from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch, Soft
 from sklearn_mcmd.io import PointCloud, sensor_origins
 
 ALL = ["mixed_pixel", "range_error", "ghost", "low", "high", "particle", "no_return"]
 ANY = {"outlier_share": 0.1, "far_share": 0.05, "outlier_kinds": ALL}
+WINTER = {"snow": 2.0, "beam_divergence": 0.003}
 LINES = {"sampling": "scan_lines", "tree": True, "beam_divergence": 0.003}
 FIFTH = {"outlier_share": 0.2}
 SUMMED = ("data", "normals", "noise_scale", "outlier_kind", "surface")
@@ -22,6 +24,11 @@ SEEDS = [  # and sums of these, in which rows weigh from 1 to 2
     ("make_street", {}, (37499.993046, 5498.326097, 29.9975, 1521.2185, 13828.8275)),
     ("make_street", LINES, (33951.140212, 5080.9240319, 29.9975, 1705.22725, 16398.93875)),
     ("make_lidar_turn", {}, (73449.928972, 5899.9419928, 75.762641794, 573.68, 312295.5475)),
+    (
+        "make_lidar_turn",
+        WINTER,
+        (65874.810313, 5642.2166557, 74.101491219, 2098.98075, 294063.8405),
+    ),
     ("make_mobile_scan", ANY, (108815.92839, 3232.0955354, 38.100741231, 4902.3205, 682487.99425)),
     (
         "make_airborne_scan",
@@ -89,6 +96,24 @@ def test_times_and_trajectory_say_where_the_sensor_was(name):
     cloud = PointCloud(scan.data, {"gps_time": scan.gps_time})
     positions = sensor_origins(cloud, scan.trajectory)
     assert np.abs(positions - scan.sensor_origins).max() < 1e-9
+
+
+def test_rays_of_a_turn_leave_in_rings_of_equal_elevation():
+    scan, _ = scanned("make_lidar_turn")
+    regular = scan.target == 1
+    ray = (scan.true_points - scan.sensor_origins)[regular]
+    elevation = np.degrees(np.arcsin(ray[:, 2] / np.linalg.norm(ray, axis=1)))
+    assert_allclose(elevation, np.linspace(-30.67, 10.67, 32)[scan.ring[regular]], atol=1e-9)
+
+
+def test_snow_is_like_that_of_turns_that_others_simulated(shared_data):
+    with np.load(shared_data / "snow_spinning_lidar" / "turn_000048.npz") as arrays:
+        ranges, snow = np.linalg.norm(arrays["xyz"].astype(float), axis=1), arrays["snow"]
+    beam, mine = flake_echoes(ranges[~snow], 2.0, 100.0, 0.0, np.random.default_rng(0))
+    assert len(beam) / np.sum(~snow) == pytest.approx(snow.mean(), abs=0.005)
+    shares = (0.05, 0.25, 0.5, 0.75, 0.95)
+    ratio = np.quantile(mine, shares) / np.quantile(ranges[snow], shares)
+    assert 0.75 < ratio.min() < ratio.max() < 1.25
 
 
 AXIS = np.array([0.0, np.cos(np.radians(8)), -np.sin(np.radians(8))])

@@ -4,12 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from sklearn_mcmd.datasets._beams import Beams, Sensor
 from sklearn_mcmd.datasets._surfaces import Patch
-from sklearn_mcmd.datasets._things import capped, car, house
-from sklearn_mcmd.datasets._vegetation import Grass, tree
 
+from ._beams import Beams, Sensor
 from ._outliers import sense_with
+from ._things import capped, car, house
+from ._vegetation import Grass, tree
 from ._wires import WiredWorld, wire
 
 # Meters. The scene lies in 0 <= x <= 80, 0 <= y <= 60.

@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from sklearn_mcmd.datasets._beams import Beams, Sensor
 from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
-from sklearn_mcmd.datasets._things import box
-from sklearn_mcmd.datasets._vegetation import leaves
 
+from ._beams import Beams, Sensor
 from ._outliers import sense_with
+from ._things import box
+from ._vegetation import leaves
 from ._wires import WiredWorld, wire
 
 # Meters. The camera looks along y, somewhat down.

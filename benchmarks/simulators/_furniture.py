@@ -6,11 +6,12 @@ Sharp edges are the lines where surfaces meet at an angle, and the free ends of 
 
 import numpy as np
 
-from sklearn_mcmd.datasets._panels import Disc, Polygon
 from sklearn_mcmd.datasets._scan import scan
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._street import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
 from sklearn_mcmd.datasets._surfaces import Circle, Foliage, Patch
+
+from ._panels import Disc, Polygon
 
 
 def make_traffic_furniture(n_samples=127_898, *, noise=0.005, outlier_share=0.0, random_state=None):

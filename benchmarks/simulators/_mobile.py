@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from sklearn_mcmd.datasets._beams import Beams, Sensor
 from sklearn_mcmd.datasets._street import (
     CROWN_RADIUS,
     CROWN_Z,
@@ -14,10 +13,11 @@ from sklearn_mcmd.datasets._street import (
     recess,
 )
 from sklearn_mcmd.datasets._surfaces import Cylinder, Patch
-from sklearn_mcmd.datasets._things import box, capped, car
-from sklearn_mcmd.datasets._vegetation import Grass, leaves, tree
 
+from ._beams import Beams, Sensor
 from ._outliers import sense_with
+from ._things import box, capped, car
+from ._vegetation import Grass, leaves, tree
 from ._wires import WiredWorld, wire
 
 # Meters. The street lies in 0 <= x <= 15; the vehicle drives along y = -1.5.

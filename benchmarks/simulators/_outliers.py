@@ -1,9 +1,10 @@
-"""Outliers of scanned scenes that the package's own do not have: low, high and far ones."""
+"""Outliers of scanned scenes besides those of spinning turns: low, high and far ones."""
 
 from sklearn_mcmd.datasets._labels import outlier_sizes
 from sklearn_mcmd.datasets._outliers import draw_clear
-from sklearn_mcmd.datasets._sensing import sense
-from sklearn_mcmd.datasets._sensor_outliers import (
+
+from ._sensing import sense
+from ._sensor_outliers import (
     _OFF,
     SENSOR_OUTLIERS,
     clumps,

@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from sklearn_mcmd.datasets._surfaces import Cylinder
-from sklearn_mcmd.datasets._things import World
+
+from ._things import World
 
 _PIECES = 6  # of a sagging wire
 

@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn
+from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.plotting import OutlierDisplay
 
 rng = np.random.default_rng(0)
@@ -53,29 +53,27 @@ axes[-1].set(xlabel="along the road (m)")
 plt.show()
 
 # %%
-# Copies: one turn of a spinning lidar. Count how often each place occurs.
-scan = make_lidar_turn(30_000, random_state=0)
-places, index, counts = np.unique(scan.data, axis=0, return_inverse=True, return_counts=True)
+# Copies: a street in its scanner's coordinates, with 300 beams that had no echo. Count how often
+# each place occurs.
+street = make_street(30_000, sampling="scan_lines", outlier_share=0.02, random_state=0)
+xyz = np.vstack([street.data - street.sensor_origins, np.zeros((300, 3))])
+truth = np.append(street.target, np.full(300, -1))
+places, index, counts = np.unique(xyz, axis=0, return_inverse=True, return_counts=True)
 often = np.argsort(-counts)[:3]
 for place, count in zip(places[often], counts[often], strict=True):
     print(f"{count:>5} times at {place.round(2)}")
 
 copies = counts[index] > 10
-near = (np.abs(scan.data) < (4, 4, 3.5)).all(axis=1)
 figure, axes = plt.subplots(1, 2, figsize=(14, 5.5), layout="constrained")
 for ax, rows, title in (
-    (axes[0], near, "with the copies"),
-    (axes[1], near & ~copies, "without"),
+    (axes[0], np.ones(len(xyz), dtype=bool), "with the copies"),
+    (axes[1], ~copies, "without"),
 ):
-    whole = np.ones(len(copies), dtype=bool) if title == "with the copies" else ~copies
-    verdict = np.ones(len(copies), dtype=int)
-    verdict[whole] = MCMDOutlierDetector(random_state=0).fit_predict(scan.data[whole])
-    OutlierDisplay.from_predictions(
-        scan.data[rows], verdict[rows], y_true=scan.target[rows], view="front", ax=ax
-    )
+    verdict = MCMDOutlierDetector(random_state=0).fit_predict(xyz[rows])
+    OutlierDisplay.from_predictions(xyz[rows], verdict, y_true=truth[rows], view="front", ax=ax)
     ax.plot(0, 0, "o", ms=16, mfc="none", mec="#0072b2", mew=2)
-    n_copies = np.sum(whole & copies)
+    n_copies = np.sum(copies[rows])
     text = f"{n_copies} points at one place" if n_copies else "none here"
-    ax.annotate(text, (0.1, 1.6), (0.8, 2.6), arrowprops={"arrowstyle": "->"}, fontsize=11)
+    ax.annotate(text, (0.1, 0.1), (0.8, 1.1), arrowprops={"arrowstyle": "->"}, fontsize=11)
     ax.set_title(f"{title}, seen from the front", fontsize=12)
 plt.show()

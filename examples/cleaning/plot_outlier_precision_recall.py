@@ -8,9 +8,8 @@ score keeps a precision of 100 % up to a recall of 100 %. No detector here is to
 outliers. The dots are the verdicts: of the default detector at its cutoff of 3, of statistical
 outlier removal (SOR) at 2 standard deviations above the mean.
 
-A tenth of the points of the streets are outliers, and 3 % of those of the turn. A quarter of the
-former are mixed pixels. They lie in sheets as dense as surfaces, and no detector ranks them before
-real points.
+A tenth of the points are outliers. A quarter of these are mixed pixels. They lie in sheets as dense
+as surfaces, and no detector ranks them before real points.
 
 .. code-block:: bash
 
@@ -31,7 +30,7 @@ from sklearn.metrics import (
 from sklearn.neighbors import LocalOutlierFactor
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_street
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--points", type=int, default=40_000, help="points of each scan")
@@ -40,9 +39,6 @@ n_points = parser.parse_args().points
 scans = {
     "street of even density": make_street(n_points, random_state=0),
     "street on scan lines": make_street(n_points, sampling="scan_lines", tree=True, random_state=0),
-    "turn of a spinning lidar": make_lidar_turn(
-        n_points, outlier_kinds=("mixed_pixel", "ghost", "particle"), random_state=0
-    ),
 }
 
 
@@ -72,7 +68,7 @@ detectors = {
 }
 
 # %%
-figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), sharey=True, layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(11, 4.5), sharey=True, layout="constrained")
 print(f"{'average precision, percent':<34}" + "".join(f"{name:>23}" for name in detectors))
 for ax, (title, scan) in zip(axes, scans.items(), strict=True):
     truth = scan.target == -1

@@ -3,15 +3,15 @@ Which scenes can I try it on?
 =============================
 
 Simulated scans whose truth is known at every point: a street of even density, the same street on
-scan lines, and one turn of a spinning lidar, whose rings part a hundredfold. The turn knows the
-class of each point, and all know the kind of each outlier. Outliers are red.
+scan lines, and a roof. All know the surface of each point, and the kind of each outlier. Outliers
+are red.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 
-from sklearn_mcmd.datasets import make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_crown_roof, make_street
 from sklearn_mcmd.plotting import plot_cloud
 
 COLORS = plt.get_cmap("tab20").colors
@@ -51,10 +51,9 @@ lines = make_street(tree=True, sampling="scan_lines", random_state=0)
 draw(lines, lines.surface, lines.surface_names, (-118, 32), *corners)
 
 # %%
-# One turn of a spinning lidar
-# ----------------------------
-# The inner 40 m of a yard, with snow near the sensor.
+# A crown roof
+# ------------
+# Four surfaces that are not flat, and ridges whose angle varies. ``make_box`` has flat faces.
 
-turn = make_lidar_turn(random_state=0)
-corners = (-20, -25, -2.5), (20, 15, 6.5)
-draw(turn, turn.classification, turn.class_names, (-60, 50), *corners)
+roof = make_crown_roof(20_000, outlier_share=0.1, random_state=0)
+draw(roof, roof.surface, roof.surface_names, (-118, 32), (-1, -1, -1), (3, 3, 2))

@@ -3,8 +3,6 @@
 import numpy as np
 from sklearn.utils import Bunch, check_random_state
 
-from sklearn_mcmd.datasets._beams import MIXED, REGULAR, SNOW
-
 
 def outlier_sizes(n_samples, share, kinds, possible):
     """How many outliers of each kind: a share of all points, in (nearly) equal parts.
@@ -26,13 +24,13 @@ def outlier_sizes(n_samples, share, kinds, possible):
 def labeled_cloud(parts, kinds, sizes, names, order, *, both, regular):
     """The cloud of echoes, then outliers, in that order.
 
-    `kinds` (n,) are those of echoes, `sizes` the numbers of outliers by kind, `names` all kinds.
-    `both` has by name the values of echoes and of outliers, `regular` those of echoes and what
-    stands for whatever is not regular.
+    `names` are all kinds of outliers after "regular", `kinds` (n,) the numbers of those of echoes,
+    `sizes` the numbers of outliers by kind. `both` has by name the values of echoes and of
+    outliers, `regular` those of echoes and what stands for whatever is not regular.
     """
-    of_regular = kinds == REGULAR
+    of_regular = kinds == 0
     if not of_regular.any():
-        raise ValueError("Snow and mixed pixels leave no regular point: give more n_samples.")
+        raise ValueError("No regular point is left: give more n_samples.")
     n_outliers = sum(sizes.values())
 
     def join(of_echoes, of_outliers):
@@ -43,15 +41,12 @@ def labeled_cloud(parts, kinds, sizes, names, order, *, both, regular):
         wide = of_regular.reshape(-1, *[1] * (of_echoes.ndim - 1))
         return join(np.where(wide, of_echoes, nothing).astype(of_echoes.dtype), nothing)
 
-    own = np.zeros(len(kinds), np.int8)
-    for kind, name in ((MIXED, "mixed_pixel"), (SNOW, "snow")):
-        own[kinds == kind] = names.index(name) if name in names else 0
     codes = np.repeat([names.index(kind) for kind in sizes], list(sizes.values()))
     return Bunch(
         target=truth(np.ones(len(kinds), np.int64), -1),
         **{name: join(*values) for name, values in both.items()},
         **{name: truth(*values) for name, values in regular.items()},
-        outlier_kind=join(own, codes),
+        outlier_kind=join(kinds.astype(np.int8), codes),
         outlier_kind_names=names,
         surface_names=[part.name for part in parts],
     )

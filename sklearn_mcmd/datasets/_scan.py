@@ -6,7 +6,7 @@ from numbers import Integral, Real
 import numpy as np
 
 from sklearn_mcmd._sklearn import Interval
-from sklearn_mcmd.datasets._beams import PHASE_SHIFT, REGULAR, Beams, Sensor, cast
+from sklearn_mcmd.datasets._beams import MIXED, REGULAR, Beams, cast
 from sklearn_mcmd.datasets._labels import labeled_cloud, outlier_sizes, streams
 from sklearn_mcmd.datasets._outliers import CLEARANCE, SCENE_OUTLIERS
 from sklearn_mcmd.datasets._surfaces import facing_normals
@@ -64,11 +64,12 @@ def scan(
     scale = scale_at(scene.ranges(points))
     outliers = [SCENE_OUTLIERS[name](scene, m, is_clear, outlier_rng) for name, m in sizes.items()]
     outliers = np.concatenate(outliers)
+    names = ["regular", *SCENE_OUTLIERS]
     cloud = labeled_cloud(
         scene.parts,
-        kind,
+        np.where(kind == MIXED, names.index("mixed_pixel"), 0),
         sizes,
-        ["regular", *SCENE_OUTLIERS],
+        names,
         order_rng.permutation(n_samples),
         both={
             "data": (points + scale[:, None] * deviations, outliers),
@@ -132,14 +133,8 @@ def _cast(scene, step, rng, noise_at=np.zeros_like, divergence=0.0):
     reach = 1.01 * scene.farthest_range
     # Beams without width are as long as they reach, so that coordinates are rounded once less.
     unit = 1.0 if divergence else reach
-    sensor = Sensor(
-        noise_at=noise_at,
-        reach=reach / unit,
-        divergence=divergence,
-        resolution=PHASE_SHIFT,
-    )
     beams = Beams(np.tile(scene.scanner, (len(ray), 1)), unit * ray)
-    return beams, cast(scene, sensor, beams, rng)
+    return beams, cast(scene, beams, reach / unit, rng, noise_at, divergence)
 
 
 def _elevations(scene):

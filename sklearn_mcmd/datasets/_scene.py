@@ -15,7 +15,6 @@ class Scene:
 
     def __init__(self, parts, scanner, *, displacement=0.2):
         self.parts = parts
-        self.through = np.zeros(len(parts), bool)  # no beam goes on behind a part
         self.displacement = displacement
         self.scanner = np.asarray(scanner, float)
         low = np.min([part.bounds[0] for part in parts], axis=0)

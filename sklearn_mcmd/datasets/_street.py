@@ -128,7 +128,6 @@ def make_street(
 
     See Also
     --------
-    make_lidar_turn : A turn of a spinning lidar, as uneven in density as real scans are.
     make_contaminated_plane : The single plane of the paper's Section 5.1.
     sklearn_mcmd.metrics.outlier_scores : Compares labels with ``target``.
     sklearn_mcmd.metrics.bias_angle : Compares normals with ``normals``.

@@ -1,7 +1,7 @@
 """Parts of a simulated scene: flat patches, cylinders and foliage.
 
 A part knows how to sample itself and what is true about it. All have the same interface, so a
-scene is a list of parts:
+scene is a list of parts (`benchmarks/simulators` has more of them):
 
 - ``name``, ``area`` and ``bounds`` (2, 3);
 - ``sample(n, rng)``: n points, uniform over the part, (n, 3);
@@ -131,7 +131,7 @@ class Cylinder:
     axis, begins at the direction `start`, at right angles to the axis. `sharp` names its sharp
     edges: the circles at both ends, "base" and "top", and the straight sides of an arc, "start" and
     "stop". There is no lid: a scanner higher than a pole would look into it, so poles must be
-    higher or get a `Disc` as their lid.
+    higher or get a lid.
     """
 
     def __init__(

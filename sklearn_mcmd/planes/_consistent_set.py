@@ -10,6 +10,7 @@ import numpy as np
 from sklearn.utils import check_random_state
 
 from sklearn_mcmd.planes._principal_planes import fit_planes
+from sklearn_mcmd.runtime._compiling import compiled_function
 
 # Distances to a trial plane that differ by less than this share of the neighborhood's median
 # radius are tied (the nearer neighbor goes first), so that rounding does not decide.
@@ -20,6 +21,7 @@ EIGENVALUE_STEP = 1e-14
 # A subset spans no plane when its second-least singular value is below this share of the
 # largest: rounding would decide how such a plane lies.
 RANK_TOLERANCE = 1e-6
+SURE_RANK = 1e-5  # the same share of pivots, which are near singular values, for bounds
 RIDGE = 2.0**-43  # share of the trace that makes any covariance matrix regular, beyond rounding
 MOST_TRIALS = 2**62  # what a 64-bit integer holds, and no more are ever made
 CHUNK_ENTRIES = 2_000_000  # of the largest temporary array of maximum_consistent_sets
@@ -105,7 +107,7 @@ def localize(neighborhoods, sizes=None):
     return local, extent * radius
 
 
-def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
+def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None, bounded=False):
     """Find the maximum consistent set of each neighborhood (Algorithm 1).
 
     Each random minimal subset gives a plane, and the h points nearest to it are a candidate. The
@@ -117,15 +119,28 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     Returns the sets, bool (B, k); the least eigenvalue (B,) of each set's covariance (divisor h),
     in squared units of the points; and whether no trial found a set that spans a plane, bool (B,),
     since points are collinear or coincident. The set is then the first h members. Ties are as
-    `DISTANCE_STEP` and `EIGENVALUE_STEP` say.
+    `DISTANCE_STEP` and `EIGENVALUE_STEP` say. If trials are `bounded`, compiled code tells first
+    which few may be the best.
     """
     n_sets, k, _ = neighborhoods.shape
     sizes = np.full(n_sets, k) if sizes is None else np.asarray(sizes)
     n_support = np.broadcast_to(n_support, n_sets)
     local, radius = localize(neighborhoods, sizes)
+    support, least = np.empty((n_sets, k), dtype=bool), np.empty(n_sets)
+    degenerate, rest = np.zeros(n_sets, dtype=bool), np.ones(n_sets, dtype=bool)
+    if bounded:
+        rest = _find_by_bounds(local, trials, n_support, sizes, support, least)
+    if rest.any():
+        sets = _find_sets(local[rest], trials, n_support[rest], sizes[rest])
+        support[rest], least[rest], degenerate[rest] = sets
+    return support, least * radius**2, degenerate
 
+
+def _find_sets(local, trials, n_support, sizes):
+    """The same of neighborhoods whose median radius is one."""
+    n_sets, k, d = local.shape
     eigenvalues, offsets = np.empty((2, n_sets, len(trials)))
-    normals = np.empty((n_sets, len(trials), local.shape[2]))
+    normals = np.empty((n_sets, len(trials), d))
     step = max(1, CHUNK_ENTRIES // (n_sets * k))
     for start in range(0, len(trials), step):
         block = slice(start, start + step)
@@ -144,7 +159,43 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     support = _nearest_members(local, *planes, n_support, sizes)[:, 0]
     degenerate = np.isinf(best)
     support[degenerate] = (np.arange(k) < n_support[:, None])[degenerate]
-    return support, eigenvalues[winner] * radius**2, degenerate
+    return support, eigenvalues[winner], degenerate
+
+
+def _find_by_bounds(local, trials, n_support, sizes, support, least):
+    """Fill the sets and their least eigenvalues; returns where this needs the plain way, bool (B,).
+
+    A trial whose bound is above the least eigenvalue of the most promising one is not the best.
+    """
+    (n_sets, k, d), rows = local.shape, np.arange(len(local))
+    bounds, offsets = np.empty((2, n_sets, len(trials)))
+    normals, values = np.empty((n_sets, len(trials), d)), np.full(bounds.shape, np.inf)
+    keys, columns = np.zeros(k), np.ascontiguousarray(np.swapaxes(local, 1, 2))
+    room = np.empty((d, d)), np.empty(d, np.int64), keys, keys.view(np.int64)
+    room += np.empty(k), np.empty(d)
+    limits = DISTANCE_STEP, SURE_RANK, RIDGE
+    bound = compiled_function("planes._trial_bounds_numba", "bound_trials")
+    known = columns, np.asarray(sizes, np.int64), np.ascontiguousarray(n_support, np.int64), trials
+    bound(*known, limits, room, normals, offsets, bounds)
+    rest = np.isnan(bounds).any(axis=1)
+    bounds[rest] = np.inf
+
+    def decide(sets, chosen):
+        planes = normals[sets, chosen][:, None], offsets[sets, chosen][:, None]
+        members = _nearest_members(local[sets], *planes, n_support[sets], sizes[sets])
+        values[sets, chosen] = _least_eigenvalues(local[sets], members, n_support[sets])[:, 0]
+
+    promising = bounds.argmin(axis=1)
+    decide(rows, promising)
+    wanted = bounds <= values[rows, promising][:, None] + EIGENVALUE_STEP
+    wanted[rows, promising] = False
+    decide(*np.nonzero(wanted))
+    best = values.min(axis=1)
+    rest |= np.isinf(best)
+    winner = rows, np.argmax(values <= best[:, None] + EIGENVALUE_STEP, axis=1)
+    planes = normals[winner][:, None], offsets[winner][:, None]
+    support[:], least[:] = _nearest_members(local, *planes, n_support, sizes)[:, 0], values[winner]
+    return rest
 
 
 def _trial_planes(local, trials, sizes):
@@ -198,13 +249,6 @@ def planes_through(points):
         length = np.sqrt(area2)
         normals /= np.where(length > 0, length, 1.0)[..., None]
         anchors = points[..., 0, :]
-    elif m == d:
-        anchors = points[..., 0, :]
-        sides = np.swapaxes(points[..., 1:, :] - anchors[..., None, :], -1, -2)
-        axes, pivots = np.linalg.qr(sides, mode="complete")  # a quarter of the time of an SVD
-        normals = axes[..., -1].copy()
-        pivots = np.abs(np.diagonal(pivots, axis1=-2, axis2=-1))
-        degenerate = pivots.min(axis=-1) <= RANK_TOLERANCE * pivots.max(axis=-1)
     else:
         anchors = points.mean(axis=-2)
         _, singular, axes = np.linalg.svd(points - anchors[..., None, :], full_matrices=m < d)
@@ -233,7 +277,7 @@ def _least_eigenvalues(local, support, n_support):
     """Least eigenvalue of the covariance of each subset (step 3), in squared radii.
 
     It is infinite where the subset itself spans no plane: points of one line have the least
-    eigenvalue zero, and no normal; and where another subset of the neighborhood surely has less.
+    eigenvalue zero, and no normal.
     """
     d = local.shape[-1]
     upper = np.triu_indices(d)
@@ -245,27 +289,15 @@ def _least_eigenvalues(local, support, n_support):
     covariance[..., upper[0], upper[1]] = second
     covariance[..., upper[1], upper[0]] = second
     covariance -= mean[..., :, None] * mean[..., None, :]
-
-    def decompose(*at):
-        spread, axes = np.linalg.eigh(covariance[at])
-        # The variance of the members along the axis, not the eigenvalue: far members within the
-        # plane make the matrix so large that rounding could make any plane look perfect.
-        along = np.matmul(local[at[0]] - mean[at][:, None], axes[..., :1])[..., 0]
-        variance = np.einsum("mk,mk->m", support[at], np.square(along)) / n_support[at[0]]
-        least[at] = np.where(_spans_no_plane(spread), np.inf, variance)
-
-    # The least eigenvalue is not less than one over the sum of the inverses of all. What is above
-    # that of the most promising subset by this bound needs no more. The ridge is above rounding.
-    ridge = RIDGE * np.maximum(np.trace(covariance, axis1=-2, axis2=-1), 1e-200)
-    inverses = np.linalg.inv(covariance + ridge[..., None, None] * np.eye(d))
-    bound = 1.0 / np.trace(inverses, axis1=-2, axis2=-1) - 2.0 * ridge
-    least, rows = np.full(bound.shape, np.inf), np.arange(len(bound))
-    promising = rows, np.argmin(bound, axis=1)
-    decompose(*promising)
-    wanted = bound <= least[promising][:, None] + EIGENVALUE_STEP
-    wanted[promising] = False
-    decompose(*np.nonzero(wanted))
-    return least
+    spread, axes = np.linalg.eigh(covariance)
+    # The variance of the members along the axis, not the eigenvalue: far members within the plane
+    # make the matrix so large that rounding could make any plane look perfect.
+    along = (
+        np.matmul(local[:, None], axes[..., :1])[..., 0]
+        - np.matmul(mean[..., None, :], axes[..., :1])[..., 0]
+    )
+    least = np.einsum("btk,btk->bt", support, np.square(along)) / n_support[:, None]
+    return np.where(_spans_no_plane(spread), np.inf, least)
 
 
 def _spans_no_plane(eigenvalues):

@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pytest
 
+from benchmarks.simulators import make_lidar_turn
 from commands import done, error_line, files_in, run
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
 CURVED = ["mean_curvature", "max_curvature_direction"]

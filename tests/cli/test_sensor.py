@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from benchmarks.simulators import make_lidar_turn
 from sklearn_mcmd.cli._sensor import Asked, intensity_of
-from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import PointCloud, PointFileError, write_points
 from sklearn_mcmd.tiling import Catalog
 

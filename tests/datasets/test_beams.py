@@ -5,9 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
-from scenes import scanned
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.datasets._beams import MIXED, PULSED
+from sklearn_mcmd.datasets._beams import MIXED
 from sklearn_mcmd.datasets._scan import scan_lines
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._street import _street
@@ -100,22 +99,6 @@ def test_truth_is_that_of_the_surface_that_a_wide_beam_met(street):
             across = np.einsum("ij,ij->i", part.normals(true), street.normals[mine])
             assert_allclose(np.abs(across), 1, atol=1e-9)
             assert_allclose(street.edge_distance[mine], part.edge_distance(true), atol=1e-9)
-
-
-def test_pulses_mix_only_what_their_resolution_does_not_part():
-    n = 20_000
-    scan, world = scanned(
-        "make_lidar_turn", n, outlier_share=0.02, outlier_kinds=("ghost",), beam_divergence=0.006
-    )
-    mixed = scan.outlier_kind == scan.outlier_kind_names.index("mixed_pixel")
-    assert mixed.sum() > 10
-    assert np.sum(scan.outlier_kind == scan.outlier_kind_names.index("ghost")) == 0.02 * n
-    # A chain of leaves may be long; of two surfaces one is within half the resolution.
-    away = world.distance(scan.data[mixed])
-    assert np.quantile(away, 0.9) < PULSED / 2
-    for number in np.unique(scan.surface[scan.surface >= 0]):
-        mine = scan.surface == number
-        assert_allclose(world.parts[number].distance(scan.true_points[mine]), 0, atol=1e-6)
 
 
 def test_scanned_points_lie_on_vertical_lines_of_equal_azimuth_at_equal_steps():

@@ -1,4 +1,4 @@
-"""The parts of a scene: truth against brute force, and leaves and grass against their laws."""
+"""The parts of a scene: truth against brute force."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 from scipy.stats import kstest
 
-from sklearn_mcmd.datasets._panels import Bilinear, Disc, Polygon
+from benchmarks.simulators._panels import Disc, Polygon
+from sklearn_mcmd.datasets._bilinear import Bilinear
 from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch
-from sklearn_mcmd.datasets._vegetation import Crown, Grass
 
 PARTS = {
     "patch": Patch("patch", (1, 2, 3), (0.6, 0.8, 0), (-1.6, 1.2, 0)),
@@ -159,27 +159,3 @@ def test_samples_of_a_bilinear_surface_are_uniform_over_its_area():
     in_half = part._foot(points)[0] < 0.5
     share = cells[:, :100].sum() / cells.sum()
     assert in_half.mean() == pytest.approx(share, abs=5 * np.sqrt(0.25 / 40_000))
-
-
-def test_leaves_of_balls_that_overlap_stop_beams_at_the_sum_of_their_rates():
-    crown = Crown("crown", [Foliage("a", (0, 0, 0), 1.0), Foliage("b", (0, 0, 0), 0.5)])
-    n = 200_000
-    ends = np.tile([0.0, 0, -5], (n, 1))
-    stops = crown.scatter(np.array([0.0, 0, 5]), ends, np.random.default_rng(0))
-    # 2 m in a ball of free paths of .7 m and 1 m in one of .35 m.
-    assert_allclose(np.isinf(stops).mean(), np.exp(-2 / 0.7 - 1 / 0.35), atol=4e-4)
-    heights = 5 - 10 * stops[np.isfinite(stops)]
-    assert_allclose((heights > 0.5).mean(), 1 - np.exp(-0.5 / 0.7), atol=5e-3)
-
-
-def test_blades_of_grass_have_heights_of_a_rayleigh_law():
-    grass = Grass("grass", (-1, -1, 0.5), (2, 0, 0), (0, 2, 0), 0.1)
-    n = 20_000
-    # On this line the waves of the height are nought.
-    y = np.random.default_rng(0).uniform(-1, 1, n)
-    ends = np.column_stack([np.full(n, -1.0), y, np.zeros(n)])
-    stops = grass.scatter(ends + np.array([0, 0, 2.0]), ends, np.random.default_rng(1))
-    height = 2.0 * (1 - stops) - 0.5
-    assert kstest(height[height < 0.29], "rayleigh", args=(0, 0.1 / np.sqrt(2))).pvalue > 1e-3
-    assert (height <= 0.3 + 1e-12).all()
-    assert (height > 0).all()

@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
-from benchmarks.simulators import make_airborne_scan, make_depth_frame, make_mobile_scan
+from benchmarks.simulators import (
+    make_airborne_scan,
+    make_depth_frame,
+    make_lidar_turn,
+    make_mobile_scan,
+)
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.datasets import make_box, make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_box, make_street
 from sklearn_mcmd.sensors import _recognition
 from sklearn_mcmd.sensors._recognition import view_from_origin, views_from_setups
 

@@ -9,14 +9,19 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
-from benchmarks.simulators import make_airborne_scan, make_bus_stop, make_mobile_scan
+from benchmarks.simulators import (
+    make_airborne_scan,
+    make_bus_stop,
+    make_lidar_turn,
+    make_mobile_scan,
+)
 from sklearn_mcmd import (
     MCMDOutlierDetector,
     RegionGrowing,
     RobustNormalEstimator,
     SharpFeatureDetector,
 )
-from sklearn_mcmd.datasets import make_box, make_crown_roof, make_lidar_turn, make_street
+from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 from sklearn_mcmd.io import read_points
 from sklearn_mcmd.tiling import process_files
 from tiled import columns_of, fit_in_memory, written

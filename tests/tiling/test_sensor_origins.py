@@ -5,10 +5,9 @@ import pytest
 from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
-from benchmarks.simulators import make_mobile_scan
+from benchmarks.simulators import make_lidar_turn, make_mobile_scan
 from flights import flight, of
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
-from sklearn_mcmd.datasets import make_lidar_turn
 from sklearn_mcmd.io import PointCloud, Trajectory, read_points, sensor_origins, write_points
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers._ray_evidence import ASKS, RayEvidence

@@ -1,8 +1,22 @@
-"""Snowflakes that take the place of what a beam would meet: `make_lidar_turn` has the physics.
+"""Snowflakes that take the place of what a beam would meet.
 
-A flake is written down where its echo is stronger than that of the surface behind, and than the
-weakest that the sensor knows, that of a bright surface at its reach. Of several flakes the
-strongest counts. Close by, the receiver sees the beam's spot only in part.
+At a snowfall of R mm/h a cubic meter holds N0 exp(-L D) dD flakes of melted diameter D,
+N0 = 2500 R^-0.94 per mm and L = 2.29 R^-0.45 per mm (R. S. Sekhon and R. C. Srivastava, "Snow size
+spectra and radar reflectivity", Journal of the Atmospheric Sciences 27, 1970); flakes have a tenth
+of water's density. A beam meets those whose middle lies in it, in a width of 1 cm and 2 mrad, or
+its divergence. The echo of a flake is as strong as its reflectance, 0.9, times the share of the
+beam that it covers, over r^2 + (6 m)^2: close by, the receiver sees the beam's spot only in part.
+
+A flake is written down where its echo is stronger than that of the surface behind, of reflectance
+0.3, and than the weakest that the sensor knows, that of reflectance 0.8 at its reach. Of several
+flakes the strongest counts. So the chance of a flake grows with the way, and falls with its own
+range: far away only large ones are seen.
+
+With the ranges of six real turns as those of what stands behind (``snow_spinning_lidar``, where
+others simulated the snow), 2 mm/h end 2.9 to 3.5 % of these beams, there 2.8 to 3.1 %. Flakes are
+1.1, 2.1, 3.5, 5.5 and 9.6 m away (5, 25, 50, 75 and 95 %), there 1.2, 2.2, 3.9, 6.2 and 11.9 m. The
+6 m and this snowfall were chosen on one of these turns. Beams into the sky, of which those turns
+have no record, meet flakes more often: nothing outshines them.
 """
 
 import numpy as np

@@ -6,7 +6,8 @@ They have the interface that `_surfaces` describes, without what only uniform sa
 import numpy as np
 
 from sklearn_mcmd.datasets._surfaces import Foliage, Patch, Soft
-from sklearn_mcmd.datasets._things import capped
+
+from ._things import capped
 
 _LONGEST_BLADE = 3.0  # no blade of grass is higher, in the grass's height
 _WAVES, _SWING = (1.3, 1.7), 0.5  # of the height of grass, in meters, and how far it swings

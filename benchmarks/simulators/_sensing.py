@@ -5,12 +5,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.datasets._beams import REGULAR, SNOW, Beams, Echoes, Sensor, cast, join_echoes
+from sklearn_mcmd.datasets._beams import REGULAR
 from sklearn_mcmd.datasets._labels import labeled_cloud, streams
 from sklearn_mcmd.datasets._outliers import CLEARANCE
-from sklearn_mcmd.datasets._sensor_outliers import SENSOR_OUTLIERS
-from sklearn_mcmd.datasets._snow import flake_echoes
 from sklearn_mcmd.datasets._surfaces import facing_normals
+
+from ._beams import SNOW, Beams, Echoes, Sensor, cast, join_echoes
+from ._sensor_outliers import SENSOR_OUTLIERS
+from ._snow import flake_echoes
 
 _PILOT = 1 << 14  # beams that measure how many echoes a beam has
 _SURPLUS = 0.03  # share of echoes that are lost at random, as those of dark surfaces are
@@ -64,11 +66,13 @@ def sense(make_world, sensor, n_samples, sizes, random_state, makers=SENSOR_OUTL
     rows = np.concatenate(rows)
     outliers, sensor_origins, beam = rows[:, :3], rows[:, 3:6], rows[:, 6]
     outlier_range = np.linalg.norm(outliers - sensor_origins, axis=1)
+    names = ["regular", *makers, *(["snow"] if sensor.snow else [])]
+    numbers = [names.index(name) for name in ("regular", "mixed_pixel", "snow") if name in names]
     cloud = labeled_cloud(
         world.parts,
-        echoes.kind,
+        np.array(numbers)[echoes.kind],
         sizes,
-        ["regular", *makers, *(["snow"] if sensor.snow else [])],
+        names,
         order,
         both={
             "data": (points, outliers),

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from sklearn_mcmd.datasets._panels import Disc, Polygon
 from sklearn_mcmd.datasets._street import UP
 from sklearn_mcmd.datasets._surfaces import Cylinder, Patch, Soft
+
+from ._panels import Disc, Polygon
 
 
 class World:
