@@ -39,15 +39,14 @@ class Patches(NamedTuple):
     begins: np.ndarray  # points at which their cells begin, patch by patch, in order
     sizes: np.ndarray  # cells of each
     normals: np.ndarray  # (n, 3) of their planes
-    wide: np.ndarray  # whether they are
 
     @classmethod
-    def of(cls, points, begins, patch, sums, wide):
+    def of(cls, points, begins, patch, sums):
         """By the patch of each cell, and the `Sums` of patches."""
         normals = np.linalg.eigh(sums.scatters[:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
         order = points.in_order(begins)
         order = order[np.argsort(patch[order], kind="stable")]
-        return cls(begins[order], np.bincount(patch), normals, wide)
+        return cls(begins[order], np.bincount(patch), normals)
 
 
 def divide_at_creases(labels, index, planes, rules, n_jobs=None, parts=None):
@@ -55,11 +54,10 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None, parts=None):
 
     Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
     first, while one plane explains two as well as two planes do, by the Bayesian information
-    criterion (BIC): first within blocks of cells, then all. Each border of two patches votes
-    (`vote`), and patches become groups. A patch or a group is a surface of its own if it is wide
-    (`_are_wide`): only borders of wide patches part, and those of others only join. What is narrow
-    then goes to the groups beside it (`_settled`). Where a border parts two groups, its points go
-    to the side on which its crease has them. Points of patches that are of both sides get label -1.
+    criterion (BIC): first within blocks of cells, then all. Each border of two patches that are
+    wide (`_are_wide`) votes (`vote`), and patches become groups. What is narrow then goes to the
+    groups beside it (`_settled`). Where a border parts two groups, its points go to the side on
+    which its crease has them. Points of patches that are of both sides get label -1.
     Last, groups that are no planes are joined again, unless their crease is steep (`join_blunt`).
     """
     n, own = len(labels), slice(0, len(labels))
@@ -123,23 +121,20 @@ def divided(points, rules, begins, patch, own, last, sums, borders, vote=None, p
     regions, borders = labels[last], borders[borders[:, 0] < borders[:, 1]]
     parts = parts or Parts(len(labels), n_jobs)
     wide = _are_wide(points.index.points, own, *shape, parts)
-    patches = Patches.of(points, begins, patch, sums, wide)
+    patches = Patches.of(points, begins, patch, sums)
     strips = Strips(points, patches, rules.min_cosine)
     # One place after the other, so that the trees of a patch serve all of its borders.
-    order, votes = np.argsort(last[borders[:, 0]], kind="stable"), np.empty(len(borders))
-    known = borders[order]
-    votes[order] = strips.votes(known, n_jobs) if vote is None else vote(patches, known)
-    counts = wide[borders].all(axis=1) | (votes > 0)
-    group = _joined(borders[counts], votes[counts], regions)
-    _rename(labels, own, np.append(group, -1))
-    wide = _are_wide(points.index.points, labels, *shape, parts)[group]
-    both = wide[borders].all(axis=1)
+    voting = borders[wide[borders].all(axis=1)]
+    voting = voting[np.argsort(last[voting[:, 0]], kind="stable")]
+    votes = strips.votes(voting, n_jobs) if vote is None else vote(patches, voting)
+    group = _joined(voting, votes, regions)
     group, mixed = _settled(group, borders, wide, regions)
-    _rename(labels, own, np.append(np.where(mixed, -1, group), -1))
-    parted = both & (votes < 0) & (group[borders[:, 0]] != group[borders[:, 1]])
-    parting = np.flatnonzero(parted)
+    names = np.append(np.where(mixed, -1, group), -1)  # the last is for points of no patch
+    for rows in slices(len(labels), PART):
+        labels[rows] = names[own[rows]]
+    parting = np.flatnonzero((votes < 0) & (group[voting[:, 0]] != group[voting[:, 1]]))
     parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
-    strips.part(borders[parting], group, labels, n_jobs)
+    strips.part(voting[parting], group, labels, n_jobs)
     return join_blunt(labels, regions, points, rules.min_cosine, parts)
 
 
@@ -193,12 +188,6 @@ def _are_wide(points, labels, n, size, parts):
     return found.sizes**2 * values[:, 1] > (size + points.shape[1]) ** 2 * values[:, 2]
 
 
-def _rename(labels, patch_of, names):
-    """Give each point the name of its patch; the last is for points of none."""
-    for rows in slices(len(labels), PART):
-        labels[rows] = names[patch_of[rows]]
-
-
 class Strips:
     """The points of two patches near to their border, what they vote, and on which side they are.
 
@@ -206,7 +195,7 @@ class Strips:
     """
 
     def __init__(self, points, patches, min_cosine):
-        self.points, self.patches, self.min_cosine = points, patches, min_cosine
+        self.points, self.patches = points, patches
         self.blunt = np.cos(VoteLimits().blunt * np.arccos(min(min_cosine, 1.0)))
         self.ends = np.cumsum(patches.sizes)
         self.group = lru_cache(TREES)(self._group)
@@ -253,11 +242,9 @@ class Strips:
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
         sides, weights = np.stack([first] * 3), 1.0 / np.square(points.noise_of(rows))
         normals, most_noise = self.patches.normals[names], JoinLimits().most_noise
-        cosine = abs(normals[0] @ normals[1])
-        blunt, steep = bool(cosine > self.blunt), bool(cosine < self.min_cosine)
-        steep &= not self.patches.wide[names].all()
+        blunt = bool(abs(normals[0] @ normals[1]) > self.blunt)
         room, equations = work_arrays(6, len(rows))
-        known = local, weights, cell, normals, fit, most_noise, blunt, steep
+        known = local, weights, cell, normals, fit, most_noise, blunt
         value = _compiled("vote")(*known, room, equations, sides)
         return value, names, rows, sides[2]
 

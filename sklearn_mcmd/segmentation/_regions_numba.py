@@ -264,15 +264,14 @@ def _scatter(scatters, c, more):
 
 
 @kernel(cache=True)
-def vote(local, weights, cells, normals, limits, most_noise, blunt, steep, room, equations, sides):
+def vote(local, weights, cells, normals, limits, most_noise, blunt, room, equations, sides):
     """Is a border no crease? Half the difference of BIC, above 0 for one smooth surface.
 
     One surface is a quadric over the mean of both planes, the other model two planes that meet in
     their line; both have six numbers, and the second region costs those of a plane. If sides are
     told by labels all the same, for a step, the rest must be smaller by `most_noise`. A `blunt`
-    crease is one surface as well, so that only a step parts it. A `steep` one of a narrow patch is
-    no bend for want of proof: the smooth surface has the charge. Points of one cell whose
-    deviations have the same sign count as fewer.
+    crease is one surface as well, so that only a step parts it. Points of one cell whose deviations
+    have the same sign count as fewer.
 
     Points (3, n) are near the origin, and are centered. Weights (n,) are inverse variances, cells
     ascend on each side, and normals (2, 3) are those of both patches. All rows of `sides` (3, n)
@@ -308,6 +307,5 @@ def vote(local, weights, cells, normals, limits, most_noise, blunt, steep, room,
             told[i] = labelled[i]
     bends = smooth_left <= left or by_line == np.inf
     size = max(n / design_effect(smooth if bends else crease, weights, cells), 2.0)
-    charge = -N_PLANE if steep else N_PLANE
     surface = half_bic(smooth_left * extent**2 / n + limits.ridge, size, N_QUADRIC)
-    return half_bic(left * extent**2 / n + limits.ridge, size, N_QUADRIC + charge) - surface
+    return half_bic(left * extent**2 / n + limits.ridge, size, N_QUADRIC + N_PLANE) - surface

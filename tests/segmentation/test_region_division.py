@@ -174,20 +174,6 @@ def test_a_road_stays_whole_and_its_kerb_a_step(shared_data):
     assert (largest & road).sum() > 0.93 * largest.sum()
 
 
-def test_narrow_parts_of_one_face_are_a_face_together(shared_data):
-    """Faces of some forty points are in two or three patches of three rows each. Were these edges
-    of their neighbors, the mean were .74."""
-    with np.load(shared_data / "roofs_sparse" / "roofs.npz") as arrays:
-        points, roofs, faces = arrays["xyz"], arrays["building"], arrays["plane"]
-    scores = []
-    for roof_name in np.unique(roofs):
-        own = roofs == roof_name
-        known = faces[own] >= 0
-        labels = RegionGrowing(random_state=0).fit_predict(points[own])
-        scores.append(adjusted_rand_score(faces[own][known], labels[known]))
-    assert np.mean(scores) > 0.77
-
-
 @pytest.mark.parametrize("turn", [20, 25])
 @pytest.mark.parametrize(("width", "own"), [(3, False), (6, True), (12, True)])
 def test_a_wide_side_is_a_face_and_a_narrow_one_an_edge(width, own, turn):
@@ -229,7 +215,7 @@ def test_rings_that_a_given_gap_joins_are_not_torn_without_a_vote():
     assert divided.region_sizes_[0] >= 0.96 * whole.region_sizes_[0] > 0.7 * len(X)
 
 
-def vote_by_numpy(points, weights, cells, first, blunt, steep):
+def vote_by_numpy(points, weights, cells, first, blunt):
     """A vote over the plane z = 0, and the second of its two sides, by general least squares."""
     flat, z = points[:, :2], points[:, 2]
     smooth = off_quadric(flat, z, weights)
@@ -245,14 +231,13 @@ def vote_by_numpy(points, weights, cells, first, blunt, steep):
     rest = rest * np.sqrt(weights)
     effect = max(np.square(np.bincount(cells, rest)).sum() / (rest @ rest), 1.0)
     n = len(z) / effect
-    charge = -3 if steep else 3
-    return (n * np.log(left / (weights @ smooth**2)) + charge * np.log(n)) / 2, side
+    return (n * np.log(left / (weights @ smooth**2)) + 3 * np.log(n)) / 2, side
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize(("blunt", "steep"), [(False, False), (True, False), (False, True)])
+@pytest.mark.parametrize("blunt", [False, True])
 @pytest.mark.parametrize("make", ["gable", "barrel", "step", "ledge", "plane"])
-def test_votes_are_those_of_general_least_squares(make, blunt, steep, seed):
+def test_votes_are_those_of_general_least_squares(make, blunt, seed):
     X, first = roof(300, 25 if make in ("gable", "ledge") else 0, 0.2, seed)
     if make == "barrel":
         X = barrel(300, 0.2, seed)
@@ -263,13 +248,13 @@ def test_votes_are_those_of_general_least_squares(make, blunt, steep, seed):
     cells, weights = np.arange(300) // 15, np.random.default_rng(seed).uniform(20, 60, 300) ** 2
     normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     # The ridge of the normal equations is a millionth of a millionth.
-    expected, expected_sides = vote_by_numpy(X, weights, cells, first, blunt, steep)
+    expected, expected_sides = vote_by_numpy(X, weights, cells, first, blunt)
     sides, (room, equations) = np.stack([first] * 3), work_arrays(6, 300)
-    known = X.T.copy(), weights, cells, normals, FIT, MOST_NOISE, blunt, steep
+    known = X.T.copy(), weights, cells, normals, FIT, MOST_NOISE, blunt
     found = vote(*known, room, equations, sides)
     assert_allclose(found, expected, rtol=1e-6)
     assert_array_equal(sides[2], expected_sides)
-    assert blunt or steep or (found > 0) == (make in ("barrel", "plane"))
+    assert blunt or (found > 0) == (make in ("barrel", "plane"))
 
 
 def test_groups_are_joined_by_the_highest_sum_of_votes():
