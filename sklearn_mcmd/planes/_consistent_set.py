@@ -152,14 +152,19 @@ def _find_sets(local, trials, n_support, sizes):
         least = _least_eigenvalues(local, support, n_support)
         eigenvalues[:, block] = np.where(degenerate, np.inf, least)
 
-    # The first trial among the best, so that rounding does not decide.
-    best = eigenvalues.min(axis=1)
-    winner = np.arange(n_sets), np.argmax(eigenvalues <= best[:, None] + EIGENVALUE_STEP, axis=1)
-    planes = normals[winner][:, None], offsets[winner][:, None]
-    support = _nearest_members(local, *planes, n_support, sizes)[:, 0]
-    degenerate = np.isinf(best)
+    support, least = _best_trials(local, normals, offsets, eigenvalues, n_support, sizes)
+    degenerate = np.isinf(least)
     support[degenerate] = (np.arange(k) < n_support[:, None])[degenerate]
-    return support, eigenvalues[winner], degenerate
+    return support, least, degenerate
+
+
+def _best_trials(local, normals, offsets, eigenvalues, n_support, sizes):
+    """The sets, bool (B, k), of the trials with the least eigenvalues, and these (B,)."""
+    # The first trial among the best, so that rounding does not decide.
+    best = eigenvalues.min(axis=1, keepdims=True) + EIGENVALUE_STEP
+    winner = np.arange(len(local)), np.argmax(eigenvalues <= best, axis=1)
+    planes = normals[winner][:, None], offsets[winner][:, None]
+    return _nearest_members(local, *planes, n_support, sizes)[:, 0], eigenvalues[winner]
 
 
 def _find_by_bounds(local, trials, n_support, sizes, support, least):
@@ -167,35 +172,38 @@ def _find_by_bounds(local, trials, n_support, sizes, support, least):
 
     A trial whose bound is above the least eigenvalue of the most promising one is not the best.
     """
-    (n_sets, k, d), rows = local.shape, np.arange(len(local))
+    (n_sets, k, d), sets = local.shape, np.arange(len(local))
     bounds, offsets = np.empty((2, n_sets, len(trials)))
-    normals, values = np.empty((n_sets, len(trials), d)), np.full(bounds.shape, np.inf)
-    keys, columns = np.zeros(k), np.ascontiguousarray(np.swapaxes(local, 1, 2))
-    room = np.empty((d, d)), np.empty(d, np.int64), keys, keys.view(np.int64)
-    room += np.empty(k), np.empty(d)
-    limits = DISTANCE_STEP, SURE_RANK, RIDGE
-    bound = compiled_function("planes._trial_bounds_numba", "bound_trials")
-    known = columns, np.asarray(sizes, np.int64), np.ascontiguousarray(n_support, np.int64), trials
-    bound(*known, limits, room, normals, offsets, bounds)
-    rest = np.isnan(bounds).any(axis=1)
-    bounds[rest] = np.inf
+    normals, eigenvalues = np.empty((n_sets, len(trials), d)), np.full(bounds.shape, np.inf)
+    keys = np.zeros(k)
+    bound_trials = compiled_function("planes._trial_bounds_numba", "bound_trials")
+    bound_trials(
+        np.ascontiguousarray(np.swapaxes(local, 1, 2)),
+        np.asarray(sizes, np.int64),
+        np.ascontiguousarray(n_support, np.int64),
+        trials,
+        (DISTANCE_STEP, SURE_RANK, RIDGE),
+        (np.empty((d, d)), np.empty(d, np.int64)),
+        (keys, keys.view(np.int64), np.empty(k), np.empty(d)),
+        normals,
+        offsets,
+        bounds,
+    )
+    is_unsure = np.isnan(bounds).any(axis=1)
+    bounds[is_unsure] = np.inf
 
     def decide(sets, chosen):
         planes = normals[sets, chosen][:, None], offsets[sets, chosen][:, None]
         members = _nearest_members(local[sets], *planes, n_support[sets], sizes[sets])
-        values[sets, chosen] = _least_eigenvalues(local[sets], members, n_support[sets])[:, 0]
+        eigenvalues[sets, chosen] = _least_eigenvalues(local[sets], members, n_support[sets])[:, 0]
 
     promising = bounds.argmin(axis=1)
-    decide(rows, promising)
-    wanted = bounds <= values[rows, promising][:, None] + EIGENVALUE_STEP
-    wanted[rows, promising] = False
-    decide(*np.nonzero(wanted))
-    best = values.min(axis=1)
-    rest |= np.isinf(best)
-    winner = rows, np.argmax(values <= best[:, None] + EIGENVALUE_STEP, axis=1)
-    planes = normals[winner][:, None], offsets[winner][:, None]
-    support[:], least[:] = _nearest_members(local, *planes, n_support, sizes)[:, 0], values[winner]
-    return rest
+    decide(sets, promising)
+    may_be_best = bounds <= eigenvalues[sets, promising][:, None] + EIGENVALUE_STEP
+    may_be_best[sets, promising] = False
+    decide(*np.nonzero(may_be_best))
+    support[:], least[:] = _best_trials(local, normals, offsets, eigenvalues, n_support, sizes)
+    return is_unsure | np.isinf(least)
 
 
 def _trial_planes(local, trials, sizes):
