@@ -68,6 +68,17 @@ OF_CURVATURES = {
 # In the order of "all".
 FEATURES = (*OF_PLANES, *OF_CURVATURES)
 VECTORS = ("max_curvature_direction", "min_curvature_direction")
+# What features of curvatures are for a normal of the other side: a sign, and a feature of this one.
+FLIPPED = {
+    "mean_curvature": (-1, "mean_curvature"),
+    "shape_index": (-1, "shape_index"),
+    "max_curvature": (-1, "min_curvature"),
+    "min_curvature": (-1, "max_curvature"),
+    "max_curvature_error": (1, "min_curvature_error"),
+    "min_curvature_error": (1, "max_curvature_error"),
+    "max_curvature_direction": (1, "min_curvature_direction"),
+    "min_curvature_direction": (1, "max_curvature_direction"),
+}
 # In 3D only. The first two add up to one with sphericity.
 SPATIAL = ("linearity", "planarity", *OF_CURVATURES)
 
@@ -108,6 +119,28 @@ def feature_columns(names, coordinates):
             [f"{name}_{coordinate}" for coordinate in coordinates] if name in VECTORS else [name]
         )
     ]
+
+
+def with_flipped(names):
+    """The names of features, and of all that tell what these are for normals of the other side."""
+    return tuple(dict.fromkeys([*names, *(FLIPPED[name][1] for name in names if name in FLIPPED)]))
+
+
+def flip_columns(columns, names):
+    """Columns (m, n) of normals, and of features by their names, for normals of the other side.
+
+    Normals are the first three.
+    """
+    new = columns.copy()
+    new[:, :3] = -columns[:, :3]
+    for i, name in enumerate(names):
+        base, end = name, ""
+        if name[:-2] in VECTORS:
+            base, end = name[:-2], name[-2:]
+        if base in FLIPPED:
+            sign, other = FLIPPED[base]
+            new[:, i] = sign * columns[:, names.index(other + end)]
+    return new
 
 
 def needs_curvatures(names):

@@ -40,12 +40,13 @@ class CalibrationLimits(NamedTuple):
     most_noise: float = 2.0  # in spacings
 
 
-def calibrated_cutoff(model, settings, rate):
+def calibrated_cutoff(model, settings, rate, roughness=None):
     """Cutoff beyond which a stated share of a clean plane's points is flagged.
 
     The model is of the whole cloud. Its planes also tell how large the noise is against the
     spacing, which matters where it reaches the size of a neighborhood. The settings are of
-    `JudgedCloud`. Raise if the rate is less than the simulation resolves.
+    `JudgedCloud`. Raise if the rate is less than the simulation resolves. The `roughness` is that of
+    the cloud, as by `roughness_of`, if the model is of other points.
     """
     d = model.index.points.shape[1]
     compiled = d == 3 and model.index.n_neighbors is not None
@@ -53,7 +54,7 @@ def calibrated_cutoff(model, settings, rate):
     n_counted = int(np.clip(EXPECTED / rate, FEWEST[compiled], MOST[compiled]))
     if model.index.n_neighbors is None:
         return float(np.quantile(_one_plane(model, settings, n_counted), 1 - rate))
-    noise = _matching_noise(model)
+    noise = _matching_noise(model, roughness_of(model) if roughness is None else roughness)
     X, counted = _clean_plane(n_counted, model.index.n_neighbors, d, noise)
     if settings["noise_scale"] is not None:
         settings = {**settings, "noise_scale": noise}
@@ -100,14 +101,14 @@ def _radius(n_neighbors, d):
     return (n_neighbors / unit_ball) ** (1 / (d - 1))
 
 
-def _matching_noise(model):
+def _matching_noise(model, wanted):
     """Noise of a clean plane, in spacings, whose planes are as rough for their size as the cloud's.
 
     Where noise reaches the size of the neighborhoods these turn from disks into balls, and
     planes follow the noise: scale and cutoff are then different.
     """
     k, d = model.index.n_neighbors, model.index.points.shape[1]
-    wanted, (_, least, most) = _roughness(model, _even_rows(model.index)), CalibrationLimits()
+    _, least, most = CalibrationLimits()
     noise = wanted * _radius(k, d)
     for _ in range(MATCHING_STEPS):
         noise = float(np.clip(noise, least, most))
@@ -116,6 +117,11 @@ def _matching_noise(model):
         found = _roughness(simulated, np.flatnonzero(counted[simulated.index.rows]))
         noise *= wanted / found
     return float(np.clip(noise, least, most))
+
+
+def roughness_of(model):
+    """Median ratio of scale to radius of planes, all over a cloud."""
+    return _roughness(model, _even_rows(model.index))
 
 
 def _even_rows(index):

@@ -15,6 +15,7 @@ from sklearn_mcmd.outliers._model import LEVELS, JudgedCloud, n_by_rays, ranks_o
 from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._whole import whole_cloud
 from sklearn_mcmd.runtime._progress import heard_by, progress_part
 from sklearn_mcmd.sensors._recognition import origin_if_seen
 
@@ -402,7 +403,13 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         if sensor_origin is None:
             sensor_origin = self.sensor_origin
         if is_auto(sensor_origin):
-            sensor_origin = None if self._one_plane else origin_if_seen(xyz)
+            whole = whole_cloud()
+            if self._one_plane:
+                sensor_origin = None
+            elif whole is None:
+                sensor_origin = origin_if_seen(xyz)
+            else:
+                sensor_origin = "origin" if whole.seen else None
         origins = check_sensor_origin(sensor_origin, xyz)
         if origins is None:
             return None, None, doubted

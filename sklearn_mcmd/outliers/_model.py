@@ -21,6 +21,7 @@ from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
+from sklearn_mcmd.planes._whole import whole_cloud
 from sklearn_mcmd.runtime._chunks import each_chunk, each_part, each_slice, run, slices
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.sensors._rays import RayLimits, distances_between
@@ -64,8 +65,9 @@ class JudgedCloud:
     sensor stood when it measured each point of the model's index, and `intensity` (n,) has the
     `ranks_of_intensity` of these. It is `telling` from 0, where isolated points are as bright as
     all others, to 1, where they are the darkest. An origin that is `doubted` is not used if
-    surfaces would go by it; `ray_doubt` says in words that they would, else it is "". `raised`
-    (m, 3) has the places of which rays think worse than coordinates: both scores, and measurements.
+    surfaces would go by it, but that parts of a cloud leave this to the whole; `ray_doubt` says in
+    words that they would, else it is "". `raised` (m, 3) has what is known of the places of which
+    rays think worse than coordinates, `raised_rows`: both scores, and measurements.
     """
 
     def __init__(
@@ -82,6 +84,7 @@ class JudgedCloud:
         self.origins = origins
         self.intensity, self.telling, self.doubted = intensity, 0.0, doubted
         self.rays, self.ray_doubt, self.raised = None, "", np.empty((0, 3))
+        self.raised_rows = np.empty(0, np.intp)
         # What `judge` finds: of all points, and of those off the surfaces.
         self.counts = self.planes = self.explaining = self.explained = self.explained_scale = None
         self.off_surface = self.reference = self.point_scores = None
@@ -133,7 +136,7 @@ class JudgedCloud:
         with progress_part(FITTING, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
                 owners, distances = self._find_surfaces(planes)
-            least = least_thing(index.n_neighbors, n_points)
+            least = least_thing(index.n_neighbors, n_of_whole(n_points))
             rest = Rest.of(index, counts, self.explained, *spacings)
             self.reference = rest.reference if rest.has_surface else None
             del planes, spacings
@@ -141,7 +144,9 @@ class JudgedCloud:
                 self.off_surface = off_surface = judge_off_surface(rest, least, self.n_jobs)
         rest, points = off_surface.rest.rows, off_surface.rest.points
         if self.intensity is not None:
-            self.telling = telling_of([isolated(self.intensity[rest], off_surface.isolation)])
+            whole = whole_cloud()
+            ranks = isolated(self.intensity[rest], off_surface.isolation)
+            self.telling = telling_of([ranks]) if whole is None else whole.telling
         doubt = self.darkness(rest)
         apart = off_surface.isolation * doubt, off_surface.separation
         if self.rays is None:
@@ -150,7 +155,8 @@ class JudgedCloud:
             known = off_surface.rest.among_all, self.explained, self.to_planes, index
             by_rays = self.rays.judge(off_surface, *known, doubt)
             given = apart, by_rays, self.rays.rest.of_sheets, points, off_surface.rest.counts
-            distances[rest], self.raised = self.by_rays(distances[rest], *given)
+            distances[rest], self.raised, worse = self.by_rays(distances[rest], *given)
+            self.raised_rows = rest[worse]
             apart = by_rays
         off_surface.isolation, off_surface.separation = apart
         self.point_scores = distances
@@ -252,7 +258,10 @@ class JudgedCloud:
             distances[rows] = self.from_own_planes(points[rows], self.planes.take(rows))
 
         run([(rows,) for rows in slices(n, chunk)], measure, self.n_jobs)
-        least, usable = least_surface(index.n_neighbors, n), are_usable(planes, distances)
+        least, usable = (
+            least_surface(index.n_neighbors, n_of_whole(n)),
+            are_usable(planes, distances),
+        )
         free = usable
         if self.origins is not None:
             given = self.origins, self.planes, usable, self.n_jobs
@@ -263,7 +272,7 @@ class JudgedCloud:
             least_sheet = least * RayLimits().sheet
             self.rays.on_sheet = find_surfaces(index, planes, ends, least_sheet)
             self.ray_doubt = self.rays.doubt(self.explaining, self.counts)
-            if self.ray_doubt and self.doubted:
+            if self.ray_doubt and self.doubted and whole_cloud() is None:
                 self.rays = None
                 self.explaining = find_surfaces(index, planes, usable, least)
             warn_of_doubt(self.ray_doubt, not self.doubted)
@@ -342,11 +351,18 @@ class JudgedCloud:
 
     def by_rays(self, distances, apart, by_rays, of_sheets, points, counts):
         """Scores of points off the surfaces by their isolation and separation as rays have it, and
-        the `raised`; `apart` are both without rays."""
+        the `raised`, and which these are; `apart` are both without rays."""
         without = np.where(of_sheets, 0.0, distances)  # to coordinates, sheets are surfaces
         without = self.joined(without, *apart, points)
         scores = self.joined(distances, *by_rays, points)
-        return scores, np.column_stack([scores, without, counts])[scores > without]
+        worse = scores > without
+        return scores, np.column_stack([scores, without, counts])[worse], worse
+
+
+def n_of_whole(n_points):
+    """Points of the cloud of which these may be a part."""
+    whole = whole_cloud()
+    return n_points if whole is None else max(n_points, whole.n_points)
 
 
 def warn_of_doubt(doubt, used):
@@ -365,7 +381,8 @@ def ranks_of_intensity(intensity, index, n):
     """The share of the points of an index that returned less than each, and half of the equal.
 
     None if `intensity` (n,) is None or the same everywhere. Copies have the largest of theirs: as
-    ranks it needs no scale, and it doubts least, since one bright return tells a solid place.
+    ranks it needs no scale, and it doubts least, since one bright return tells a solid place. Of a
+    part of a cloud, `intensity` has the ranks in the whole.
     """
     if intensity is None:
         return None
@@ -375,6 +392,8 @@ def ranks_of_intensity(intensity, index, n):
     given = check_array(intensity, dtype=np.float64, ensure_2d=False, input_name="intensity")
     largest = given[index.rows]
     np.maximum.at(largest, index.places, given)
+    if whole_cloud() is not None:
+        return largest
     values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)
     return middle_ranks(counts)[place] if len(values) > 1 else None
 

@@ -82,16 +82,8 @@ class RayEvidence:
         return {"free": known["usable"][rows] & ~ends, "ends": known["usable"][rows] & ends}
 
     def doubt(self, on_surface, counts):
-        """What speaks against the position, in words: that sheets of rays would have a large share
-        of all that is flat. Surfaces are bool (n,), `counts` (n,) measurements at the points."""
-        sheets, surfaces = counts.sum(where=self.on_sheet), counts.sum(where=on_surface)
-        share = sheets / max(1, sheets + surfaces)
-        if share <= self.rays.limits.mistaken:
-            return ""
-        return (
-            f"as seen from the sensor, {100 * share:.0f} % of all that is flat would be sheets of "
-            "rays. Mixed pixels are fewer: it seems to have stood elsewhere"
-        )
+        """As `doubt_of`, by surfaces, bool (n,), and `counts` (n,) of measurements."""
+        return doubt_of(counts.sum(where=self.on_sheet), counts.sum(where=on_surface))
 
     def judge(self, off_surface, spacing, explained, to_planes, index, doubt=1.0):
         """Isolation and separation of all m points that no surface explains.
@@ -172,6 +164,18 @@ class RayEvidence:
         """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""
         owners, off = to_planes(queries, neighbors_of, self.on_sheet)
         return np.where(off <= ExplainLimits().explained, self.scatter[owners], 0.0)
+
+
+def doubt_of(n_on_sheets, n_on_surfaces):
+    """What speaks against the position, in words: that sheets of rays would have a large share of
+    all that is flat."""
+    share = n_on_sheets / max(1, n_on_sheets + n_on_surfaces)
+    if share <= RayLimits().mistaken:
+        return ""
+    return (
+        f"as seen from the sensor, {100 * share:.0f} % of all that is flat would be sheets of "
+        "rays. Mixed pixels are fewer: it seems to have stood elsewhere"
+    )
 
 
 # The steps that find these of all points, each of which asks for what those before have found.

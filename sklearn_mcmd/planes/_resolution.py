@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.planes._whole import whole_cloud
+
 
 class RoundingLimits(NamedTuple):
     """What rounding does to planes, and how a lattice of rounded coordinates is recognized."""
@@ -63,9 +65,10 @@ def coordinate_step(X):
 
     It is the smallest step among the axes; zero unless every axis is on a lattice. A raster of
     heights is no rounded cloud. A rounded cloud that was rotated is not found. A few points that
-    were not rounded do no harm.
+    were not rounded do no harm. A part of a cloud has the step of the whole.
     """
-    return step_of_levels(levels_of(X))
+    whole = whole_cloud()
+    return step_of_levels(levels_of(X)) if whole is None else whole.step
 
 
 def levels_of(X):

@@ -3,6 +3,6 @@
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._process import process_files
 from sklearn_mcmd.tiling._run import RunReport
-from sklearn_mcmd.tiling._sweeps import TilingError
+from sklearn_mcmd.tiling._tasks import TilingError
 
 __all__ = ["Catalog", "RunReport", "TilingError", "process_files"]

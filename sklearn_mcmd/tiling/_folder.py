@@ -13,9 +13,7 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import replacing, sync_disk, sync_names
 from sklearn_mcmd.io._rehearsal import trial_folder
-from sklearn_mcmd.tiling._cells import Constants
-from sklearn_mcmd.tiling._stored_columns import CellColumns
-from sklearn_mcmd.tiling._sweeps import TILES, TilingError, lock_of_tiles, open_lock
+from sklearn_mcmd.tiling._tasks import TilingError
 
 MANIFEST = "manifest.json"
 MOVES = "moves.json"
@@ -32,9 +30,8 @@ class WorkFolder:
 
     def __init__(self, target, sources=()):
         self.path, self.key, self.goes_on = self.path_of(target), None, False
-        names = "cells", "results", "outputs", "rays"
-        self._folders = [self.path / name for name in names]
-        self.cells, self.results, self.outputs, _ = self._folders
+        self.cells, self.outputs = self.path / "cells", self.path / "outputs"
+        self._all_results = self.path / "results"
         self._manifest, self.moves = self.path / MANIFEST, self.path / MOVES
         for source in sources:
             if Path(os.path.realpath(source)).is_relative_to(self.path):
@@ -61,19 +58,23 @@ class WorkFolder:
     def begin(self, key, anew=False):
         """Begin or go on; what lies there is removed if it was made with another key, or anew.
 
-        A key tells of inputs and parameters.
+        A key tells of inputs and parameters. A worker that another run has left works on, maybe,
+        but in the folder of its key: where there is none, its results are nowhere.
         """
         self.key = key
-        with lock_of_tiles(self.path, alone=True):
-            pass
         # An empty report counts as not done; other damage is met where files are read.
-        is_whole = all(file.stat().st_size for file in self.results.rglob("*.json"))
+        is_whole = all(file.stat().st_size for file in self._all_results.rglob("*.json"))
         self.goes_on = is_whole and not anew and read_json(self._manifest).get("key") == key
         if not self.goes_on:
             self._empty()
             self.moves.unlink(missing_ok=True)
-            for folder in self._folders:
+            for folder in (self.cells, self.outputs, self._all_results, self.results):
                 folder.mkdir()
+
+    @property
+    def results(self):
+        """The folder of what was found with this key."""
+        return self._all_results / self.key[:16]
 
     @staticmethod
     def path_of(target):
@@ -81,19 +82,13 @@ class WorkFolder:
 
     @property
     def constants(self):
-        """The constants of the whole cloud, or None if not all points are in cells."""
-        stored = read_json(self._manifest)
-        return Constants(**stored["constants"]) if stored else None
-
-    @property
-    def columns(self):
-        """The columns of all places."""
-        return CellColumns(self.results)
+        """What is known of the whole cloud, by names, or None if not all points are in cells."""
+        return read_json(self._manifest).get("constants")
 
     def finish_cells(self, constants):
         """Remember that all points are in cells, which are on the disk before."""
         sync_disk(self.path / MARK)
-        write_json(self._manifest, {"key": self.key, "constants": constants._asdict()})
+        write_json(self._manifest, {"key": self.key, "constants": constants})
 
     def release(self):
         """Let other runs in."""
@@ -104,7 +99,7 @@ class WorkFolder:
         self._empty()
         if os.name == "nt":  # where open files cannot be moved
             self.release()
-        if {file.name for file in self.path.iterdir()} <= {MARK, MOVES, LOCK, TILES}:
+        if {file.name for file in self.path.iterdir()} <= {MARK, MOVES, LOCK}:
             with suppress(OSError), trial_folder(self.path.parent) as above:
                 self.path.rename(above / "tiles")
         self.moves.unlink(missing_ok=True)  # where others have put files into it
@@ -114,7 +109,7 @@ class WorkFolder:
         """Remove all but the list of moves, the mark and locks."""
         self._manifest.unlink(missing_ok=True)  # first: it says that the cells are there
         sync_names(self.path)
-        for folder in self._folders:
+        for folder in (self.cells, self.outputs, self._all_results):
             shutil.rmtree(folder, ignore_errors=True)
         for file in self.path.glob(".mcmd-*"):
             with suppress(OSError):
@@ -148,6 +143,12 @@ def _locked(path):
             opened.pop_all()
             return file
     raise TilingError(f"{path}: another run works on this output; wait for it")
+
+
+def open_lock(path):
+    """Open a file to lock it: no link is followed, and nothing in it is changed."""
+    no_link = getattr(os, "O_NOFOLLOW", 0)  # not on Windows
+    return open(path, "a", opener=lambda name, flags: os.open(name, flags | no_link, 0o666))
 
 
 def read_json(path):

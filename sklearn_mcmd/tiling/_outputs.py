@@ -7,6 +7,7 @@ them again. So a run that ended while outputs were moved has only to move the ot
 
 import os
 import shutil
+from bisect import bisect_left
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,48 @@ from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import report_share
 from sklearn_mcmd.tiling._catalog import parts_of, stamp_of
 from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
-from sklearn_mcmd.tiling._sweeps import TilingError
+from sklearn_mcmd.tiling._tasks import TilingError
 
 LAS_OR_LAZ = listed(TILED, "or")
+
+
+class Results:
+    """Results of all cells in the order of the points, of which each is asked for once.
+
+    They are the columns of the arrays of these names, one after the other.
+    """
+
+    def __init__(self, results, cells, *names):
+        self._results, self._cells, self._names = results, cells, names or ("results",)
+        # Of each cell, the first result that was not taken, and the row of its point.
+        self._starts, self._rows = [0] * len(cells), [0] * len(cells)
+
+    def take(self, first, n, n_expected=None):
+        """Results (n, n_columns) of points from the row `first` on; 0 or NaN of those without."""
+        some, n_found = self._stored(0), 0
+        width, dtype = sum(part.shape[1] for part in some), np.result_type(*some)
+        values = np.full((n, width), np.nan if dtype.kind == "f" else 0, dtype)
+        for cell in range(len(self._cells)):
+            if self._rows[cell] >= first + n:
+                continue
+            rows, start = self._cells.rows(cell), self._starts[cell]
+            stop = bisect_left(rows, first + n, start)
+            own = [part[start:stop] for part in self._stored(cell)]
+            values[rows[start:stop].astype(np.int64) - first] = np.hstack(own)
+            n_found += stop - start
+            self._starts[cell] = stop
+            self._rows[cell] = rows[stop] if stop < len(rows) else np.inf
+        if n_expected is not None and n_found != n_expected:  # a fault of ours
+            raise RuntimeError(f"{n_expected - n_found} of {n_expected} points have no results")
+        return values
+
+    def of_cells(self):
+        """The same, cell by cell."""
+        for cell in range(len(self._cells)):
+            yield np.hstack(self._stored(cell))
+
+    def _stored(self, cell):
+        return [self._results.mapped(cell, name) for name in self._names]
 
 
 def targets_of(catalog, target):

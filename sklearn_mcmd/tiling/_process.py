@@ -19,11 +19,10 @@ from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.segmentation import RegionGrowing
 from sklearn_mcmd.tiling._catalog import Catalog
+from sklearn_mcmd.tiling._outliers import TiledOutliers
+from sklearn_mcmd.tiling._regions import TiledRegions
 from sklearn_mcmd.tiling._run import RunReport, run_by_tiles
-from sklearn_mcmd.tiling._tiled_edges import TiledEdges
-from sklearn_mcmd.tiling._tiled_normals import TiledNormals
-from sklearn_mcmd.tiling._tiled_outliers import TiledOutliers
-from sklearn_mcmd.tiling._tiled_regions import TiledRegions
+from sklearn_mcmd.tiling._verbs import TiledEdges, TiledNormals
 
 # What an estimator of each class does to files; the first that fits counts.
 VERBS: dict[Any, Any] = {

@@ -1,4 +1,4 @@
-"""One run of any verb by tiles: points into cells, results of all tiles, outputs in order."""
+"""One run of any verb by tiles: points into cells, a task for each cell, outputs in order."""
 
 import shutil
 import time
@@ -6,34 +6,50 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from numbers import Integral
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 from sklearn.base import clone
 
 from sklearn_mcmd._errors import warn_caller
-from sklearn_mcmd._validation import check_sizes
+from sklearn_mcmd._validation import check_sizes, check_work
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las_parts import no_returns_of
+from sklearn_mcmd.planes._whole import Whole
 from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
 from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._catalog import Catalog, parts_of
-from sklearn_mcmd.tiling._cells import GROUND, Cells, CellWriter, GroundWriter, WholeCloud
+from sklearn_mcmd.tiling._cells import Cells, CellWriter, Rounding, places_of
+from sklearn_mcmd.tiling._files import CellResults
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
-from sklearn_mcmd.tiling._memory import Plan, check_tile_size, parse_memory, plan_run, usual_memory
-from sklearn_mcmd.tiling._outputs import move_outputs, resume_moves, targets_of, write_outputs
-from sklearn_mcmd.tiling._result_files import Results
+from sklearn_mcmd.tiling._memory import (
+    WARM_UP,
+    Plan,
+    bytes_of_point,
+    check_tile_size,
+    parse_memory,
+    plan_run,
+    usual_memory,
+)
+from sklearn_mcmd.tiling._outputs import (
+    Results,
+    move_outputs,
+    resume_moves,
+    targets_of,
+    write_outputs,
+)
 from sklearn_mcmd.tiling._sensor_origins import SensorPath
-from sklearn_mcmd.tiling._stored_columns import StoredColumns
-from sklearn_mcmd.tiling._stored_light import LightWriter
-from sklearn_mcmd.tiling._sweeps import Sweeps, TilingError, fails_for_good
+from sklearn_mcmd.tiling._tasks import Job, TilingError, fails_for_good, fit_cell, run_tasks
 
 SCATTERED = 0.07  # the share of the time after which all points are in cells, for the progress
 FOUND = 0.93  # the same of the results of all tiles
-WARM_UP = 100  # neighbors at most that load or compile the code
+DISK_POINT = 80  # bytes of temporary files for each point, about
+SAMPLE = 1_000  # points that tell how far neighbors are
 
 
 class RunReport(NamedTuple):
@@ -43,10 +59,12 @@ class RunReport(NamedTuple):
     ----------
     n_points, n_tiles, n_workers : int
     n_resumed : int
-        Tiles that an earlier run had finished; of outliers, those whose planes it had.
+        Tiles that an earlier run had finished.
     removed_fraction : float
         Mean share of a neighborhood that was removed; of outliers, their share.
     seconds : float
+    n_proven : int
+        Points whose results are proven to be those of the whole cloud in memory.
     n_outliers : int
         Also of edges, before these are looked for.
     n_exact : int
@@ -78,6 +96,7 @@ class RunReport(NamedTuple):
     n_resumed: int
     removed_fraction: float
     seconds: float
+    n_proven: int = 0
     n_outliers: int = 0
     n_exact: int = 0
     n_regions: int = 0
@@ -99,20 +118,36 @@ class TiledRun(NamedTuple):
     folder: WorkFolder
     cells: Cells
     plan: Plan
-    memory: float  # bytes that the run may take
 
     @property
-    def n_threads(self):
-        """Threads of a process that works on all places at once."""
-        return self.plan.n_workers * self.plan.n_threads
+    def results(self):
+        return CellResults(self.folder.results)
 
-    def xyz(self, cell):
-        """The coordinates of the points of a cell."""
-        return StoredColumns(self.folder.columns, len(self.cells)).xyz(self.cells, cell)
+    def job(self, estimator, keep, hops, given=None, **told):
+        """The `Job` of an estimator with so many hops; `told` are fields of its `Whole`."""
+        constants = self.folder.constants
+        whole = Whole(self.cells.n_points, constants["dtype"], constants["step"], **told)
+        return Job(
+            points=self.folder.cells,
+            found=self.folder.results,
+            estimator=estimator,
+            whole=whole,
+            n_neighbors=constants["n_neighbors"],
+            hops=hops,
+            usual=constants["usual"],
+            keep=keep,
+            given=given or nothing_more,
+            n_threads=self.plan.n_threads,
+        )
 
-    def sweeps(self, steps):
-        """The `Sweeps` of these steps."""
-        return Sweeps(self.plan.n_workers, steps)
+    def fit(self, name, job):
+        """Fit the estimator of a job to all cells."""
+        run_tasks(name, fit_cell, job, self.plan.n_workers)
+
+
+def nothing_more(job, cell, part):
+    """What `fit` takes beside the points of a part: the default of `Job.given`."""
+    return part, {}
 
 
 class TiledVerb(ABC):
@@ -122,20 +157,31 @@ class TiledVerb(ABC):
     """
 
     options: tuple[str, ...] = ()  # those of `process_files` that mean something to it
-    last_sweep = "normals"  # which has done a tile that an earlier run had finished
-    needs_ground = False  # whether the points of the ground get cells of their own
-    needs_light = False  # whether the intensity of all points is kept
+    task = "fit"  # which has done a tile that an earlier run had finished
     sensor: SensorPath | None = None  # where it was for each point, if at more than one place
-    asked = ""  # what else results depend on that sweeps find
+    center: Sequence[float] | None = None  # the one position, if all were measured from there
 
     def __init__(self, estimator, content="", choice=None):
         self.estimator, self.content, self.choice = estimator, content, choice
 
+    @property
+    @abstractmethod
+    def n_neighbors(self):
+        """The neighbors of which rings of a halo are."""
+
     @abstractmethod
     def prepare(self, catalog):
         """Put compiled code on disk for all processes, warn of what is known of the inputs, and
-        raise for parameters that are wrong. Returns the work, and the numbers of features and
-        neighbors that `plan_run` takes."""
+        raise for parameters that are wrong."""
+
+    def beside(self, folder, catalog):
+        """What else is kept of the points while they are read: objects with ``take(cloud, chosen,
+        path)`` and ``close(path)``."""
+        return []
+
+    def measure_fit(self, xyz):
+        """A fit to some points, of which the memory is measured."""
+        clone(self.estimator).fit(xyz)
 
     @abstractmethod
     def find(self, run):
@@ -151,7 +197,7 @@ class TiledVerb(ABC):
 
     def results(self, run):
         """The `Results` of all tiles."""
-        return Results(run.folder.columns, run.cells)
+        return Results(run.results, run.cells)
 
     def others(self, folder):
         """Files that are moved with the outputs: where they are, and their names."""
@@ -176,24 +222,23 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
                 return RunReport(**report)._replace(n_resumed=report["n_tiles"])
             if verb.sensor is not None:
                 verb.sensor.check(catalog.n_points)
-            work, n_features, k = verb.prepare(catalog)
-            plan = plan_run(
-                catalog.n_points, memory, n_jobs, n_features, tile_size, work=work, n_neighbors=k
-            )
-            _put_in_cells(verb, catalog, folder, plan, restart)
-            cells, columns = Cells(folder.cells), folder.columns
-            run = TiledRun(catalog, targets, folder, cells, plan, memory)
-            n_resumed = sum(columns.is_done(cell, verb.last_sweep) for cell in range(len(cells)))
+            verb.prepare(catalog)
+            key = _key(verb, catalog, tile_size)
+            plan = _put_in_cells(verb, catalog, folder, key, restart, memory, n_jobs, tile_size)
+            run = TiledRun(catalog, targets, folder, Cells(folder.cells), plan)
+            done = [run.results.is_done(cell, verb.task) for cell in range(len(run.cells))]
             with progress_part(SCATTERED, FOUND):
                 verb.find(run)
             with progress_part(FOUND, 1.0, "writing"):
                 found = verb.report(run, write_outputs(run, verb))
+            reports = [run.results.report(cell, verb.task) for cell in range(len(run.cells))]
             report = RunReport(
                 n_points=catalog.n_points,
-                n_tiles=len(cells),
+                n_tiles=len(run.cells),
                 n_workers=plan.n_workers,
-                n_resumed=n_resumed,
+                n_resumed=sum(done),
                 seconds=time.perf_counter() - begin,
+                n_proven=sum(report["n_proven"] for report in reports),
                 **found,
             )
             move_outputs(verb, catalog, targets, folder, report._asdict())
@@ -263,43 +308,87 @@ def check_estimator(estimator, kind):
         )
 
 
-def _put_in_cells(verb, catalog, folder, plan, restart):
-    """Read all points once, unless an earlier run has, if that was the same."""
-    used = verb.choice, verb.needs_ground, verb.sensor and verb.sensor.key, verb.asked
+def most_neighbors(n_points, *estimators):
+    """The largest number of neighbors of some estimators of so many points."""
+    estimators = [estimator for estimator in estimators if estimator is not None]
+    for estimator in estimators:
+        check_work(estimator, n_points)
+    sizes = (estimator.n_neighbors for estimator in estimators)
+    return max((k for k in sizes if isinstance(k, Integral)), default=0)
+
+
+def _key(verb, catalog, tile_size):
+    """A hash of all that cells and their results depend on."""
     paths = [str(path.resolve()) for path in catalog.paths]
     inodes = [path.stat().st_ino for path in catalog.paths]  # of replaced files of equal stamps
-    known = paths, catalog.stamps, inodes, plan.tile_size, used
-    folder.begin(key_of(verb.estimator, *known), restart)
-    if folder.constants is not None:
-        return
-    free = shutil.disk_usage(folder.path).free
-    if free < plan.disk:
-        raise PointFileError(
-            f"{folder.path.parent}: temporary files need about {plan.disk / 1e9:.3g} GB, and "
-            f"{free / 1e9:.3g} GB are free"
-        )
-    with progress_part(0.0, SCATTERED, "reading"):
-        _scatter(verb, catalog, folder, plan.tile_size)
+    used = verb.choice, verb.content, verb.sensor and verb.sensor.key
+    return key_of(verb.estimator, paths, catalog.stamps, inodes, tile_size, used)
 
 
-def _scatter(verb, catalog, folder, capacity):
-    """Put all points in cells, and find the constants of the whole cloud."""
+def _put_in_cells(verb, catalog, folder, key, restart, memory, n_jobs, tile_size):
+    """Read all points once, unless an earlier run has, if that was the same; returns the `Plan`."""
+    folder.begin(key, restart)
+    known = folder.constants
+    if known is None:
+        sample = Sample(verb, catalog)
+        point, usual = sample.bytes_of_point(), sample.usual
+    else:
+        point, tile_size = known["point"], known["tile_size"]
+    whole = (0.0, "") if verb.sensor is None else verb.sensor.costs
+    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size, point, *whole)
+    if known is None:
+        free, needed = shutil.disk_usage(folder.path).free, DISK_POINT * catalog.n_points
+        if free < needed:
+            raise PointFileError(
+                f"{folder.path.parent}: temporary files need about {needed / 1e9:.3g} GB, and "
+                f"{free / 1e9:.3g} GB are free"
+            )
+        told = {"point": point, "usual": usual, "n_neighbors": verb.n_neighbors}
+        with progress_part(0.0, SCATTERED, "reading"):
+            _scatter(verb, catalog, folder, plan.tile_size, told)
+    return plan
+
+
+class Sample:
+    """Some points of the inputs of a verb, which tell how far neighbors are, and what a fit
+    takes."""
+
+    def __init__(self, verb, catalog):
+        self._verb = verb
+        for _, cloud, chosen in parts_of(catalog.paths, verb.choice):
+            self.xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
+            if len(self.xyz) > verb.n_neighbors:
+                break
+
+    @cached_property
+    def usual(self):
+        """How far the last of the neighbors of a point is; of 95 % of points it is nearer."""
+        xyz = np.unique(self.xyz, axis=0)
+        if len(xyz) < 2:
+            return 0.0
+        some, k = xyz[:: -(-len(xyz) // SAMPLE)], min(self._verb.n_neighbors, len(xyz))
+        near = cKDTree(xyz, balanced_tree=False).query(some, [k])[1][:, 0]
+        places, ends = (places_of(points, self._verb.center) for points in (some, xyz[near]))
+        return float(np.quantile(np.linalg.norm(ends - places, axis=1), 0.95))
+
+    def bytes_of_point(self):
+        """As of `plan_run`."""
+        with warnings.catch_warnings(), progress_part(0.0, 0.0):
+            warnings.simplefilter("ignore")
+            return bytes_of_point(self._verb.measure_fit, self.xyz)
+
+
+def _scatter(verb, catalog, folder, capacity, told):
+    """Put all points in cells, and find what is told of the whole cloud."""
     dtype = np.min_scalar_type(catalog.n_points)
-    writer, whole, row = CellWriter(folder.cells, capacity, dtype=dtype), WholeCloud(), 0
-    beside = []  # what else is kept of the points
-    if verb.needs_ground:
-        beside.append(GroundWriter(folder.cells / GROUND, capacity))
-    if verb.sensor is not None:
-        verb.sensor.folder = folder.cells
-        beside.append(verb.sensor)
-    if verb.needs_light:
-        beside.append(LightWriter(folder.cells, catalog.n_points))
+    writer, rounding, row = CellWriter(folder.cells, capacity, dtype, verb.center), Rounding(), 0
+    beside = verb.beside(folder, catalog)
     for path, cloud, chosen in ahead(parts_of(catalog.paths, verb.choice)):
         xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
         rows = np.arange(row, row + len(cloud))
         if len(xyz):
             writer.add(xyz, rows if chosen is None else rows[chosen])
-            whole.add(xyz)
+            rounding.add(xyz)
         for other in beside:
             other.take(cloud, chosen, path)
         row += len(cloud)
@@ -315,4 +404,4 @@ def _scatter(verb, catalog, folder, capacity):
     writer.close()
     for other in beside:
         other.close(catalog.paths[0])
-    folder.finish_cells(whole.constants())
+    folder.finish_cells({**told, "tile_size": capacity, **rounding.found()})

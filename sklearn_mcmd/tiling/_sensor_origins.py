@@ -22,10 +22,16 @@ from sklearn_mcmd.io._trajectory import (
 from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.sensors._recognition import view_from_origin
 from sklearn_mcmd.tiling._catalog import parts_of
+from sklearn_mcmd.tiling._files import made, mapped
 from sklearn_mcmd.tiling._memory import PART
-from sklearn_mcmd.tiling._stored_columns import made, mapped
 
 ORIGINS = "origins.npy"
+# What one process takes of each point, in bytes, because it does so.
+COSTS = {
+    "positions": (24.0, "holds positions for"),
+    "trajectory": (30.0, "keeps the times of"),
+    "angles": (300.0, "adjusts the flight lines of"),
+}
 # Attributes that scan angles need.
 OF_LINES = ("scan_angle", "scan_angle_rank", "gps_time", "point_source_id")
 
@@ -63,6 +69,16 @@ class SensorPath:
         for values in arrays:
             content.update(np.ascontiguousarray(values))
         self.key = content.hexdigest()
+
+    @property
+    def costs(self):
+        """Bytes of each point, and why, as of `plan_run`."""
+        return COSTS[self.kind]
+
+    def beside(self, folder):
+        """Itself, which keeps positions in the folder of the cells."""
+        self.folder = folder
+        return self
 
     def check(self, n_points):
         """Raise if there are positions of another number of points."""

@@ -1,0 +1,185 @@
+"""What cells that overlap say of each other: the sides of normals, and regions that are one."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+
+from sklearn_mcmd.normals._features import flip_columns
+from sklearn_mcmd.normals._sides import TreeLimits
+from sklearn_mcmd.runtime._chunks import slices
+
+LEAST_SHARED = 10  # points that regions of two cells share at least, if they are one,
+LEAST_SHARE = 0.5  # and this share of the smaller one's points in the overlap
+AT_ONCE = 100_000  # points whose neighbors are compared at once
+
+
+def sides_in_overlap(part, fitted, cloud):
+    """What `sides_of_cells` asks of a cell whose normals agree along a tree: the connected parts of
+    the tree. Arrays: of the own points, of those of others, and heights of the parts."""
+    n, k = len(cloud.points), min(TreeLimits().n_neighbors, len(cloud.points))
+    near = cloud.neighbors(slice(0, n), k, 0)
+    graph = coo_array((np.ones(near.size, bool), (np.repeat(near[:, 0], k), near.ravel())), (n, n))
+    n_parts, tree = connected_components(graph, directed=False)
+    tree = tree[cloud.places]
+    top = np.full(n_parts, -np.inf)
+    np.maximum.at(top, tree[part.own], part.xyz[part.own, 2])
+    return {"trees": tree[part.own], "tops": top, **_halo(part, tree, fitted.normals_)}
+
+
+def sides_of_cells(run, names):
+    """Flip the normals of cells so that they agree with those of others, as final results."""
+    cells, results = range(len(run.cells)), run.results
+    starts = np.cumsum([0, *(len(results.mapped(cell, "tops")) for cell in cells)])
+    pairs, votes = [np.empty((2, 0), np.int64)], [np.empty(0)]
+    for cell, home, at, tree, normals in _overlaps(results, cells):
+        theirs = starts[home] + results.mapped(home, "trees")[at].astype(np.int64)
+        other = results.mapped(home, "results")[at, :3]
+        pairs.append(np.stack([starts[cell] + tree, theirs]))
+        votes.append(np.sign(np.einsum("ij,ij->i", normals, other)))
+    tops = np.concatenate([results.read(cell, "tops") for cell in cells])
+    signs = _signs(np.concatenate(pairs, axis=1), np.concatenate(votes), tops)
+    for cell in cells:
+        columns, trees = results.read(cell, "results"), results.read(cell, "trees")
+        down = signs[starts[cell] + trees] < 0
+        columns[down] = flip_columns(columns[down], names)
+        results.keep(cell, "final", {"final": columns})
+
+
+def _signs(pairs, votes, tops):
+    """The signs by which parts agree along the tree of the most votes; that of the highest is 1."""
+    n = len(tops)
+    total = coo_array((votes, np.sort(pairs, axis=0)), shape=(n, n)).tocsr()
+    total.sum_duplicates()
+    edges = total.tocoo()
+    kept = (edges.row != edges.col) & (edges.data != 0)
+    row, col, sums = edges.row[kept], edges.col[kept], edges.data[kept]
+    # The most votes first: SciPy's tree takes the least costs, and a zero as no edge.
+    order = np.argsort(-np.abs(sums), kind="stable")
+    cost = np.empty(len(sums))
+    cost[order] = np.arange(1.0, len(sums) + 1)
+    tree = minimum_spanning_tree(coo_array((cost, (row, col)), shape=(n, n)).tocsr())
+    n_parts, part = connected_components(tree, directed=False)
+    order = np.lexsort((tops, part))
+    roots = order[np.flatnonzero(np.diff(part[order], append=n_parts))]
+    # One more node is tied to the roots, so that one walk visits all.
+    tree = tree.tocoo()
+    agree = np.sign(sums)[_order_of(tree.row, tree.col, row, col, n)]
+    ends = np.r_[tree.row, np.full(n_parts, n)], np.r_[tree.col, roots]
+    known = coo_array((np.r_[agree, np.ones(n_parts)], ends), shape=(n + 1, n + 1)).tocsr()
+    known = known + known.T
+    nodes, parents = breadth_first_order(known, n, directed=False)
+    signs = np.ones(n + 1)
+    steps = np.asarray(known[nodes[1:], parents[nodes[1:]]]).ravel()
+    for node, step in zip(nodes[1:].tolist(), steps.tolist(), strict=True):
+        signs[node] = signs[parents[node]] * step
+    return signs[:n]
+
+
+def _order_of(tree_row, tree_col, row, col, n):
+    """Where the edges of a tree are among all edges."""
+    codes, wanted = row.astype(np.int64) * n + col, tree_row.astype(np.int64) * n + tree_col
+    order = np.argsort(codes)
+    return order[np.searchsorted(codes[order], wanted)]
+
+
+def regions_in_overlap(part, labels, cloud, n_neighbors):
+    """What `join_regions` asks of a cell: pairs of its regions that touch, and the labels of the
+    points of others."""
+    places = np.full(len(cloud.points), -1, np.int32)
+    places[cloud.places] = labels
+    touching = [np.empty((0, 2), np.int32)]
+    k = min(n_neighbors, len(places))
+    for rows in slices(len(places), AT_ONCE):
+        near = places[cloud.neighbors(rows, k, 0)]
+        one = np.repeat(near[:, :1], k, axis=1)
+        apart = (near != one) & (near >= 0) & (one >= 0)
+        touching.append(np.unique(np.sort(np.column_stack([one[apart], near[apart]])), axis=0))
+    return {"touching": np.unique(np.concatenate(touching), axis=0), **_halo(part, labels)}
+
+
+def join_regions(results, cells, starts, n):
+    """The joined region of each region of each cell, from 0 on: those that are one share points.
+
+    ``starts[cell]`` is the number of its first region, of n. The most shared points come first, and
+    never are two joined that touch within a cell.
+    """
+    pairs, counts = [], np.zeros(n)
+    found = []
+    for cell, home, at, labels, _ in _overlaps(results, cells):
+        theirs = results.mapped(home, "results")[at, 0].astype(np.int64)
+        one, other = labels >= 0, theirs >= 0
+        np.add.at(counts, starts[cell] + labels[one], 1)
+        np.add.at(counts, starts[home] + theirs[other], 1)
+        both = one & other
+        found.append(
+            np.sort(np.stack([starts[cell] + labels[both], starts[home] + theirs[both]]), axis=0)
+        )
+    pairs = np.concatenate([np.empty((2, 0), np.int64), *found], axis=1)
+    shared = coo_array((np.ones(pairs.shape[1]), pairs), shape=(n, n)).tocsr()
+    shared.sum_duplicates()
+    shared = shared.tocoo()
+    least = np.minimum(counts[shared.row], counts[shared.col])
+    kept = (shared.data >= LEAST_SHARED) & (shared.data > LEAST_SHARE * least)
+    row, col, points = shared.row[kept], shared.col[kept], shared.data[kept]
+    groups = Groups(n, [starts[cell] + results.read(cell, "touching") for cell in cells])
+    for i in np.lexsort((col, row, -points)):
+        groups.join(int(row[i]), int(col[i]))
+    return groups.labels()
+
+
+class Groups:
+    """Numbers 0 to n - 1 that become groups, of which no two are joined that touch."""
+
+    def __init__(self, n, touching):
+        self._members = {}  # of each group that has several, by its root
+        self._root = np.arange(n)
+        self._touching = {}
+        for one, other in np.concatenate([np.empty((0, 2), np.int64), *touching]).tolist():
+            self._touching.setdefault(one, set()).add(other)
+            self._touching.setdefault(other, set()).add(one)
+
+    def join(self, one, other):
+        """Join the groups of two, unless some of both touch."""
+        one, other = int(self._root[one]), int(self._root[other])
+        if one == other:
+            return
+        members = [self._members.get(root, [root]) for root in (one, other)]
+        if len(members[0]) < len(members[1]):
+            one, other, members = other, one, members[::-1]
+        for member in members[1]:
+            if any(self._root[near] == one for near in self._touching.get(member, ())):
+                return
+        self._root[members[1]] = one
+        self._members[one] = members[0] + members[1]
+        self._members.pop(other, None)
+
+    def labels(self):
+        """The group of each, from 0 on in the order of their first members."""
+        _, first, labels = np.unique(self._root, return_index=True, return_inverse=True)
+        return np.argsort(np.argsort(first))[labels]
+
+
+def _halo(part, values, vectors=None):
+    """What a cell says of the points of others: their cells, numbers there, and a value of each."""
+    others = ~part.own
+    found = {"halo": np.column_stack([part.homes[others], part.at[others], values[others]])}
+    return found if vectors is None else {**found, "halo_vectors": vectors[others]}
+
+
+def _overlaps(results, cells):
+    """Of each pair of cells, what the first says of points of the second: numbers of both cells,
+    numbers in the second, values, and vectors, None if there are none."""
+    for cell in cells:
+        halo = results.read(cell, "halo").astype(np.int64)
+        vectors = (
+            results.mapped(cell, "halo_vectors") if results.has(cell, "halo_vectors") else None
+        )
+        for home in np.unique(halo[:, 0]).tolist():
+            some = np.flatnonzero(halo[:, 0] == home)
+            yield (
+                cell,
+                home,
+                halo[some, 1],
+                halo[some, 2],
+                None if vectors is None else vectors[some],
+            )

@@ -1,0 +1,166 @@
+"""A cell with its halo: the points of others on which the results of its own depend.
+
+A point's result depends on its neighbors, on theirs, and so on for some hops: these rings of
+neighbors are the halo of a cell. They are sought among the points within a margin around it, which
+widens until the rings are complete. Beyond the width of a cell, or where single points are far from
+all others, what is seen counts; how many points are then not proven is told.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
+from sklearn_mcmd.planes._neighbor_table import part_size
+from sklearn_mcmd.runtime._chunks import each_slice
+
+
+class HaloLimits(NamedTuple):
+    """How far the halo of a cell is sought."""
+
+    # The margin widens while more of the places that were asked may have neighbors beyond it.
+    incomplete: float = 0.001
+    most: float = 4.0  # points to search at most, as a multiple of the cell's own
+
+
+class Part(NamedTuple):
+    """The points of a cell and of its halo, in the order of their rows in the inputs."""
+
+    xyz: np.ndarray  # float64 (n, 3)
+    rows: np.ndarray  # (n,)
+    own: np.ndarray  # bool (n,), whether a point is of the cell
+    homes: np.ndarray  # int (n,), the cell of each,
+    at: np.ndarray  # and its number there
+    # (n,): how far its neighbors may be, in places as of `Cells`, and all of them are in the part.
+    reach: np.ndarray
+    ranges: np.ndarray | None = None  # (n,) from the center of the cells, if they have one
+
+    @classmethod
+    def of(cls, *columns):
+        """Of columns in another order."""
+        order = np.argsort(columns[1], kind="stable")
+        return cls(*(None if values is None else values[order] for values in columns))
+
+    def joined(self, xyz, rows, homes, at):
+        """The part with some of more points: those that it has not, neighbors of none of the
+        rings."""
+        new = ~np.isin(rows, self.rows)
+        n = np.count_nonzero(new)
+        more = xyz[new], rows[new], np.zeros(n, bool), homes[new], at[new], np.full(n, np.inf)
+        return Part.of(*map(np.concatenate, zip(self[:6], more, strict=True)))
+
+    def taken(self, chosen):
+        """Some of the points."""
+        return Part(*(None if values is None else values[chosen] for values in self))
+
+    def count_proven(self, cloud, n_neighbors, hops, n_jobs):
+        """How many of the own points have the results of the whole cloud: the neighbors of these
+        are in the part, and so are theirs, hop by hop. `cloud` is the `IndexedCloud` of the points.
+        """
+        n, k = len(cloud.points), min(n_neighbors, len(cloud.points))
+        doubtful, reach = np.zeros(n, bool), self.reach[cloud.rows]
+        ranges = None if self.ranges is None else self.ranges[cloud.rows]
+
+        def measure(rows):
+            last = cloud.neighbors(rows, k, k)[:, -1]
+            radius = np.linalg.norm(cloud.points[last] - cloud.points[rows], axis=1)
+            doubtful[rows] = seen_from(radius, ranges, rows) >= reach[rows]
+
+        each_slice(n, part_size(k), measure, n_jobs)
+        for _ in range(hops if doubtful.any() else 0):
+            before = doubtful.copy()
+
+            def ask(rows, before=before):
+                doubtful[rows] |= before[cloud.neighbors(rows, k, k)].any(axis=1)
+
+            each_slice(n, part_size(k), ask, n_jobs)
+        return int(np.count_nonzero(~doubtful[cloud.places[self.own]]))
+
+
+def part_of_cell(cells, cell, n_neighbors, hops, usual):
+    """The `Part` of a cell: as many rings of `n_neighbors` as there are hops; `usual` is about how
+    far the last of a point's neighbors is, in places as of `Cells`."""
+    own_xyz, own_rows = cells.points(cell), np.asarray(cells.rows(cell))
+    n_own = len(own_xyz)
+    own_homes, own_at = np.full(n_own, cell, np.int32), np.arange(n_own)
+    if len(cells) == 1:
+        every = np.ones(n_own, bool)
+        return Part(own_xyz, own_rows, every, own_homes, own_at, np.full(n_own, np.inf))
+    limits, width = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
+    margin = hops * usual
+    least = min(n_neighbors + 1, cells.n_points)
+    while True:
+        halo = cells.within(cell, margin)
+        xyz = np.concatenate([own_xyz, halo[0]])
+        if len(xyz) < least:
+            margin *= 2
+            continue
+        rings = Rings(cells, cell, xyz, n_own, margin)
+        rings.grow(n_neighbors, hops, 1.5 * usual)
+        is_wide = margin >= width or len(xyz) > limits.most * n_own
+        if is_wide or rings.incomplete <= limits.incomplete:
+            break
+        margin = min(2 * margin, width)
+    places = rings.cloud.places
+    ranges = None if rings.ranges is None else rings.ranges[places]
+    joined = zip((own_rows, own_homes, own_at), halo[1:], strict=True)
+    rows, homes, at = map(np.concatenate, joined)
+    part = Part(xyz, rows, np.arange(len(xyz)) < n_own, homes, at, rings.reach[places], ranges)
+    part = part.taken(rings.inside[places])
+    return Part.of(*part)
+
+
+class Rings:
+    """The rings of neighbors around the own points of a cell, the first n of `xyz`, which holds all
+    within a margin around its box."""
+
+    def __init__(self, cells, cell, xyz, n_own, margin):
+        self.cloud = cloud = IndexedCloud(xyz)
+        places = cells.places(cloud.points)
+        low, high = cells.low[cell], cells.high[cell]
+        self.inside = np.zeros(len(places), bool)  # of the own points and the rings
+        self.inside[cloud.places[:n_own]] = True
+        # How far each place is from the box, and from where the margin ends.
+        self.depth = np.minimum(places - low, high - places).min(axis=1)
+        self.border = np.minimum(places - low + margin, high + margin - places).min(axis=1)
+        self.ranges = None
+        if cells.center is not None:
+            self.ranges = np.linalg.norm(cloud.points - cells.center, axis=1)
+        self.reach, self.incomplete = self.depth.copy(), 0.0
+
+    def grow(self, n_neighbors, hops, deep):
+        """Add ring by ring; own points deeper in the cell than `deep` are not asked."""
+        ring, n_asked, n_incomplete = np.flatnonzero(self.inside & (self.depth < deep)), 0, 0
+        k = min(n_neighbors, len(self.cloud.points))
+        for _ in range(hops):
+            near = self._neighbors(ring, k)
+            ends = self.cloud.points[near[:, -1]] - self.cloud.points[ring]
+            radius = seen_from(np.linalg.norm(ends, axis=1), self.ranges, ring)
+            self.reach[ring] = self.border[ring]
+            n_asked, n_incomplete = (
+                n_asked + len(ring),
+                n_incomplete + (radius >= self.border[ring]).sum(),
+            )
+            ring = np.unique(near[~self.inside[near]])
+            self.inside[ring] = True
+        self.reach[ring] = np.inf  # whose neighbors matter to no own point
+        self.incomplete = n_incomplete / max(1, n_asked)
+
+    def _neighbors(self, rows, k):
+        """The k nearest of places, of which the rows ascend."""
+        near = np.empty((len(rows), k), np.int32)
+        starts = np.flatnonzero(np.diff(rows, prepend=-100) > 16)
+        for start, stop in zip(starts, np.append(starts[1:], len(rows)), strict=True):
+            run = slice(int(rows[start]), int(rows[stop - 1]) + 1)
+            near[start:stop] = self.cloud.search_own(run, k)[rows[start:stop] - run.start]
+        return near
+
+
+def seen_from(radius, ranges, rows):
+    """Radii around some places, as angles from the center that is at these ranges, if there is
+    one; inf where the center is within a radius."""
+    if ranges is None:
+        return radius
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sine = radius / ranges[rows]
+        return np.where(sine < 1, np.arcsin(np.minimum(sine, 1.0)), np.inf)

@@ -1,0 +1,82 @@
+"""Heights over the ground, whose points have cells of their own, divided in plan."""
+
+import numpy as np
+
+from sklearn_mcmd.io._classes import ground_in
+from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._ground import Ground, GroundLimits, check_ground
+from sklearn_mcmd.outliers._groups import group_depths
+from sklearn_mcmd.tiling._cells import Cells, CellWriter
+
+GROUND = "ground"  # the folder of the cells of the ground
+CAPACITY = 250_000  # points of such a cell, at most
+
+
+class GroundWriter(CellWriter):
+    """Scatters the points of the ground to cells in plan, with their heights as numbers."""
+
+    def __init__(self, folder):
+        (folder / GROUND).mkdir()
+        super().__init__(folder / GROUND, CAPACITY, dtype=np.float64)
+
+    def take(self, cloud, chosen, path):
+        """Take the ground of a part of the cloud."""
+        xyz = cloud.xyz[ground_in(cloud)]
+        if len(xyz):
+            self.add(flat(xyz), xyz[:, 2])
+
+    def close(self, path):
+        """As above; an error that names the path, if there is too little ground."""
+        with one_clear_line(path, "read"):
+            check_ground(self.n_points)
+        super().close()
+
+
+def flat(xyz):
+    """Points in plan, which have 0 as their z."""
+    return xyz * [1.0, 1.0, 0.0]
+
+
+def find_heights(cell, job, limits):
+    """Which points of a cell are judged, and those that lie below the ground: their numbers, and
+    coordinates, how deep, and the distance in plan of the third nearest ground point."""
+    xyz = job.cells.points(cell)
+    away, near = _nearest_ground(Cells(job.points / GROUND), xyz)
+    judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
+    found = {"judged": judged[:, None], "n_judged": int(np.count_nonzero(judged))}
+    if limits.low_groups:
+        depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]
+        rows = np.flatnonzero(judged & (depth > away))
+        found["below"] = np.column_stack([rows, xyz[rows], depth[rows], away[rows]])
+    return found
+
+
+def judge_groups(results, cells):
+    """Write how deep the groups of points below the ground lie; all are in memory at once."""
+    parts = [results.read(cell, "below") for cell in cells]
+    below, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
+    depths = group_depths(below[:, 1:4], below[:, 4], below[:, 5])
+    for cell, part, own in zip(cells, parts, np.split(depths, ends[:-1]), strict=True):
+        found = np.zeros((len(results.mapped(cell, "judged")), 1))
+        found[part[:, 0].astype(int), 0] = own
+        results.keep(cell, "depths", {"depths": found})
+
+
+def _nearest_ground(cells, xyz):
+    """What `Ground.nearest` returns, of all points of the ground."""
+    plan, n_nearest = flat(xyz), GroundLimits().n_nearest
+    found = np.full((2, len(xyz), n_nearest), np.inf)
+    far = cells.away(plan.min(axis=0), plan.max(axis=0))
+    for cell in np.argsort(far, kind="stable"):
+        if far[cell] > found[0, :, -1].max():
+            break
+        low, high = cells.extent(cell)
+        gaps = np.linalg.norm(np.maximum(np.maximum(low - plan, plan - high), 0.0), axis=1)
+        asked = np.flatnonzero(gaps <= found[0, :, -1])
+        ground = cells.points(cell)
+        ground[:, 2] = cells.rows(cell)  # heights
+        both = np.array(Ground(ground).nearest(xyz[asked]))
+        both = np.concatenate([found[:, asked], both], axis=2)
+        nearest = np.lexsort(both[::-1])[:, :n_nearest]  # of equally distant ones the lowest
+        found[:, asked] = np.take_along_axis(both, nearest[None], axis=2)
+    return found
