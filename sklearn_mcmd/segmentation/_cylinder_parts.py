@@ -11,7 +11,7 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._quadrics import n_terms, work_arrays
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import run, slices
+from sklearn_mcmd.runtime._chunks import run
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._graph import by_place, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
@@ -19,7 +19,6 @@ from sklearn_mcmd.segmentation._narrow_faces import NarrowFaceLimits
 from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_moments, sums_by_region
 
 N_PARAMETERS = 5  # of a cylinder
-PART = 2**18  # points whose neighbors are looked at at once; it limits the memory
 
 
 class FitLimits(NamedTuple):
@@ -183,11 +182,6 @@ class CylinderParts:
         near = np.sqrt(np.square(gaps).sum(axis=-1)) <= self.max_gap  # as links are
         return np.where(near, around, rows[:, None]).astype(np.int32)
 
-    def _beside(self, rows):
-        """The rows around some rows, each once, in order."""
-        parts = [np.unique(self._around(rows[some])) for some in slices(len(rows), PART)]
-        return np.unique(np.concatenate(parts))
-
     def _part(self, rows):
         """The `_Part` that some rows are."""
         points, n = self.index.points[rows], len(rows)
@@ -231,14 +225,12 @@ class CylinderParts:
         if not names:
             return []
         rows = np.concatenate([parts[name].rows for name in names])
-        own, pairs = np.repeat(names, [parts[name].size for name in names]), []
-        for some in slices(len(rows), PART):
-            other = labels[self._around(rows[some])]
-            row, column = np.nonzero((other != own[some, None]) & (other >= 0))
-            first, second = own[some][row].astype(np.int64), other[row, column].astype(np.int64)
-            # Pairs are sorted as single numbers, which is much faster than as rows.
-            pairs.append(np.unique(np.minimum(first, second) << 32 | np.maximum(first, second)))
-        pairs = np.unique(np.concatenate(pairs))
+        own = np.repeat(names, [parts[name].size for name in names])
+        other = labels[self._around(rows)]
+        row, column = np.nonzero((other != own[:, None]) & (other >= 0))
+        first, second = own[row].astype(np.int64), other[row, column].astype(np.int64)
+        # Pairs are sorted as single numbers, which is much faster than as rows.
+        pairs = np.unique(np.minimum(first, second) << 32 | np.maximum(first, second))
         pairs = zip((pairs >> 32).tolist(), (pairs & (2**32 - 1)).tolist(), strict=True)
         return [(a, b) for a, b in pairs if a in parts and b in parts]
 
@@ -285,7 +277,7 @@ class CylinderParts:
         """Give points without region to the cylinder that they touch and lie on best: the names of
         the parts that grew. Claimed points lead to others, until a part has grown enough."""
         curved = [name for name in sorted(fresh) if parts[name].curved]
-        edges = {name: self._beside(parts[name].rows) for name in curved}
+        edges = {name: np.unique(self._around(parts[name].rows)) for name in curved}
         gained = {name: [] for name in edges}
         while edges:
             claimed, owner = self._claims_of(labels, parts, edges)
@@ -295,7 +287,7 @@ class CylinderParts:
                 rows = by_place(self.index.points, claimed[owner == name])
                 gained[name].append(rows)
                 if sum(map(len, gained[name])) < (CylinderLimits().growth - 1) * parts[name].size:
-                    edges[name] = self._beside(rows)
+                    edges[name] = np.unique(self._around(rows))
         grown = [name for name, rows in gained.items() if rows]
 
         def fit(name):
