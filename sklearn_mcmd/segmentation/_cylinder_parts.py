@@ -1,7 +1,6 @@
 """Narrow regions that are parts of one cylinder, such as strips of posts, trunks and bins."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -12,21 +11,14 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._quadrics import n_terms, work_arrays
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import run, slices
+from sklearn_mcmd.runtime._chunks import run
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._graph import by_place, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaceLimits
-from sklearn_mcmd.segmentation._parts import PART, Parts
-from sklearn_mcmd.segmentation._region_sums import (
-    n_regions_of,
-    region_moments,
-    rows_of,
-    sums_by_region,
-)
+from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_moments, sums_by_region
 
 N_PARAMETERS = 5  # of a cylinder
-AT_ONCE = 256  # regions whose points are asked for at once; it limits the memory
 
 
 class FitLimits(NamedTuple):
@@ -91,24 +83,6 @@ def fit_cylinder(points, normals):
     return total * scale**2, Cylinder(center + scale * model[:3], model[3:6], scale * model[6])
 
 
-class _Members(NamedTuple):
-    """Points of a part, in an order that depends on nothing but their places."""
-
-    rows: np.ndarray
-    points: np.ndarray  # (n, 3)
-    normals: np.ndarray  # of their planes, (n, 3)
-    floor: np.ndarray  # (n,), the least standard deviations of these,
-    radius: np.ndarray  # and how far they reach
-
-    @classmethod
-    def joined(cls, parts):
-        """The members of some parts, one after the other."""
-        return cls(*map(np.concatenate, zip(*parts, strict=True)))
-
-    def take(self, some):
-        return _Members(*(np.array(values[some]) for values in self))  # no views: others are freed
-
-
 @dataclass
 class _Part:
     """A narrow region, or several joined.
@@ -118,7 +92,7 @@ class _Part:
     neighborhoods' radius: this distinguishes a surface from a volume, such as foliage.
     """
 
-    members: _Members
+    rows: np.ndarray  # of its points, in an order that depends on nothing but their places
     floor: float  # mean square below which deviations are rounding
     ceiling: float  # mean square above which they are those of a volume
     plane: float  # mean square about the plane, by degrees of freedom,
@@ -127,7 +101,7 @@ class _Part:
 
     @property
     def size(self):
-        return len(self.members.rows)
+        return len(self.rows)
 
     @property
     def curved(self):
@@ -153,7 +127,6 @@ class CylinderParts:
     planes: Planes
     floor: np.ndarray  # (n,), the least standard deviation of a plane: what rounding amounts to
     max_gap: float  # largest distance of points that touch, which also are near neighbors
-    parts: Parts
     n_jobs: int | None
 
     def grow(self, labels):
@@ -174,24 +147,19 @@ class CylinderParts:
     def _narrow_parts(self, labels):
         """The parts that may be joined, by label."""
         n_regions, points = n_regions_of(labels), self.index.points
-        found = region_moments(points, labels, n_regions, parts=self.parts)
-        reach = sums_by_region(self.planes.radius, labels, n_regions, self.parts)
+        found = region_moments(points, labels, n_regions)
+        reach = sums_by_region(self.planes.radius, labels, n_regions)
         reach /= np.maximum(found.sizes, 1)
         values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
         # Those wider than a disk that reaches as far as a strip's points have good normals, and
         # growth follows them. Points spread evenly over a width deviate by its root 12th.
         wide = np.sqrt(12 * values[:, 1]) > 2 * NarrowFaceLimits().reach * reach
-        rows = rows_of(labels, np.append(~wide & (found.sizes >= 4), False))
+        rows = np.flatnonzero(np.append(~wide & (found.sizes >= 4), False)[labels])
         rows = by_place(points, rows)
-        own = labels[rows]
-        order = np.argsort(own, kind="stable")
-        names, starts = np.unique(own[order], return_index=True)
-        rows, ends, parts = rows[order], np.append(starts, len(rows)), []
-        for some in slices(len(names), AT_ONCE):
-            own = ends[some.start : some.stop + 1]
-            members = self._members(rows[own[0] : own[-1]])
-            groups = [members.take(slice(*ends)) for ends in pairwise(own - own[0])]
-            parts += self._each(_part_of, groups)
+        rows = rows[np.argsort(labels[rows], kind="stable")]
+        names, starts = np.unique(labels[rows], return_index=True)
+        groups = np.split(rows, starts[1:]) if len(rows) else []
+        parts = self._each(self._part, groups)
         return dict(zip(names.tolist(), parts, strict=True))
 
     def _each(self, function, items):
@@ -214,19 +182,23 @@ class CylinderParts:
         near = np.sqrt(np.square(gaps).sum(axis=-1)) <= self.max_gap  # as links are
         return np.where(near, around, rows[:, None]).astype(np.int32)
 
-    def _beside(self, rows):
-        """The rows around some rows, each once, in order."""
-        found = [np.unique(self._around(rows[some])) for some in slices(len(rows), PART)]
-        return np.unique(np.concatenate(found))
-
-    def _members(self, rows):
-        """What is known of some rows."""
-        return _Members(
+    def _part(self, rows):
+        """The `_Part` that some rows are."""
+        points, n = self.index.points[rows], len(rows)
+        deviations = points - points.mean(axis=0)
+        plane = max(np.linalg.eigvalsh(deviations.T @ deviations)[0], 0.0) / (n - 3)
+        curve, cylinder = np.inf, None
+        if n >= CylinderLimits().least_size:
+            curve, cylinder = fit_cylinder(points, self.planes.normals[rows])
+            curve /= n - N_PARAMETERS
+        reach = self.planes.radius[rows].mean()
+        return _Part(
             rows=rows,
-            points=self.index.points[rows],
-            normals=self.planes.normals[rows],
-            floor=self.floor[rows],
-            radius=self.planes.radius[rows],
+            floor=self.floor[rows].max() ** 2,
+            ceiling=(reach / (2 * ExplainLimits().explained)) ** 2,
+            plane=plane,
+            curve=curve,
+            cylinder=cylinder,
         )
 
     def _join(self, labels, parts, fresh, tried):
@@ -252,15 +224,13 @@ class CylinderParts:
         names = sorted(fresh & set(parts))
         if not names:
             return []
-        rows = np.concatenate([parts[name].members.rows for name in names])
-        own, pairs = np.repeat(names, [parts[name].size for name in names]), []
-        for some in slices(len(rows), PART):
-            other = labels[self._around(rows[some])]
-            row, column = np.nonzero((other != own[some, None]) & (other >= 0))
-            first, second = own[some][row].astype(np.int64), other[row, column].astype(np.int64)
-            # Pairs are sorted as single numbers, which is much faster than as rows.
-            pairs.append(np.unique(np.minimum(first, second) << 32 | np.maximum(first, second)))
-        pairs = np.unique(np.concatenate(pairs))
+        rows = np.concatenate([parts[name].rows for name in names])
+        own = np.repeat(names, [parts[name].size for name in names])
+        other = labels[self._around(rows)]
+        row, column = np.nonzero((other != own[:, None]) & (other >= 0))
+        first, second = own[row].astype(np.int64), other[row, column].astype(np.int64)
+        # Pairs are sorted as single numbers, which is much faster than as rows.
+        pairs = np.unique(np.minimum(first, second) << 32 | np.maximum(first, second))
         pairs = zip((pairs >> 32).tolist(), (pairs & (2**32 - 1)).tolist(), strict=True)
         return [(a, b) for a, b in pairs if a in parts and b in parts]
 
@@ -272,17 +242,17 @@ class CylinderParts:
         if large.curved and large.size >= limits.growth * small.size:
             # A small part hardly moves the cylinder of a large one. If most of it lies off that
             # cylinder, no fit is needed. This saves a fit of the large part for each neighbor.
-            near = large.shares(small.members.points) <= 1
+            near = large.shares(self.index.points[small.rows]) <= 1
             if 2 * np.count_nonzero(near) <= len(near):
                 return False
         floor, ceiling = max(first.floor, second.floor), max(first.ceiling, second.ceiling)
-        both = _Members.joined([first.members, second.members])
-        total, cylinder = fit_cylinder(both.points, both.normals)
+        rows = np.concatenate([first.rows, second.rows])
+        total, cylinder = fit_cylinder(self.index.points[rows], self.planes.normals[rows])
         apart = sum(part.plane * (part.size - 3) for part in (first, second)) / (n - 6)
         if not total / (n - N_PARAMETERS) <= min(max(apart, floor), ceiling):
             return False
         for part in (first, second):
-            left = np.square(cylinder.distances(part.members.points)).mean()
+            left = np.square(cylinder.distances(self.index.points[part.rows])).mean()
             if left > JoinLimits().most_noise ** 2 * max(min(part.plane, part.curve), floor):
                 return False
         return True
@@ -296,10 +266,10 @@ class CylinderParts:
         pooled = set()
         for number in range(chain.max() + 1):
             group = [parts.pop(name) for name in names[chain == number].tolist()]
-            members = _Members.joined([part.members for part in group])
+            rows = np.concatenate([part.rows for part in group])
             name = int(names[chain == number][0])
-            labels[members.rows] = name
-            parts[name] = _part_of(members)
+            labels[rows] = name
+            parts[name] = self._part(rows)
             pooled.add(name)
         return pooled
 
@@ -307,22 +277,21 @@ class CylinderParts:
         """Give points without region to the cylinder that they touch and lie on best: the names of
         the parts that grew. Claimed points lead to others, until a part has grown enough."""
         curved = [name for name in sorted(fresh) if parts[name].curved]
-        edges = {name: self._beside(parts[name].members.rows) for name in curved}
+        edges = {name: np.unique(self._around(parts[name].rows)) for name in curved}
         gained = {name: [] for name in edges}
         while edges:
             claimed, owner = self._claims_of(labels, parts, edges)
             labels[claimed] = owner
-            order = np.lexsort(self.index.points[claimed].T)  # as `by_place`
-            claimed, owner, edges = self._members(claimed[order]), owner[order], {}
+            edges = {}
             for name in np.unique(owner).tolist():
-                gained[name].append(claimed.take(owner == name))
-                n_gained = sum(len(members.rows) for members in gained[name])
-                if n_gained < (CylinderLimits().growth - 1) * parts[name].size:
-                    edges[name] = self._beside(gained[name][-1].rows)
-        grown = [name for name, members in gained.items() if members]
+                rows = by_place(self.index.points, claimed[owner == name])
+                gained[name].append(rows)
+                if sum(map(len, gained[name])) < (CylinderLimits().growth - 1) * parts[name].size:
+                    edges[name] = np.unique(self._around(rows))
+        grown = [name for name, rows in gained.items() if rows]
 
         def fit(name):
-            return _part_of(_Members.joined([parts[name].members, *gained[name]]))
+            return self._part(np.concatenate([parts[name].rows, *gained[name]]))
 
         parts.update(zip(grown, self._each(fit, grown), strict=True))
         return set(grown)
@@ -345,22 +314,3 @@ class CylinderParts:
         order = np.lexsort((names, shares, rows))
         first = order[np.flatnonzero(np.diff(rows[order], prepend=-1))]
         return rows[first], names[first]
-
-
-def _part_of(members):
-    """The `_Part` that some points are."""
-    points, n = members.points, len(members.rows)
-    deviations = points - points.mean(axis=0)
-    plane = max(np.linalg.eigvalsh(deviations.T @ deviations)[0], 0.0) / (n - 3)
-    curve, cylinder = np.inf, None
-    if n >= CylinderLimits().least_size:
-        curve, cylinder = fit_cylinder(points, members.normals)
-        curve /= n - N_PARAMETERS
-    return _Part(
-        members=members,
-        floor=members.floor.max() ** 2,
-        ceiling=(members.radius.mean() / (2 * ExplainLimits().explained)) ** 2,
-        plane=plane,
-        curve=curve,
-        cylinder=cylinder,
-    )

@@ -18,6 +18,7 @@ from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._orientation import point_up
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._resolution import coordinate_step, least_scales
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.segmentation._assign_points import Claims
@@ -30,9 +31,8 @@ from sklearn_mcmd.segmentation._graph import (
 )
 from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar, region_planes
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaces
-from sklearn_mcmd.segmentation._parts import Parts
 from sklearn_mcmd.segmentation._region_division import divide_at_creases
-from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes, relabeled
+from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes
 from sklearn_mcmd.segmentation._region_table import region_table
 
 
@@ -45,6 +45,15 @@ class GrowthSteps(NamedTuple):
     join_coplanar: bool = True
     join_curved: bool = True
     assign_unlabeled: bool = True
+
+
+class Segments(NamedTuple):
+    """The points of a cloud, and the regions found among them."""
+
+    index: NeighborIndex
+    labels: np.ndarray  # (n,) of ``index.points``, from 0 for the largest region on; -1 for none
+    planes: Planes  # of these points; `scale` and `radius` are those that growth uses
+    copies: np.ndarray | None  # (n,), points at each place; None for one
 
 
 class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
@@ -283,6 +292,24 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
             If X has NaN, infinite or too few values, or ``normals="precomputed"`` and X are not
             the columns of a :class:`RobustNormalEstimator`.
         """
+        index, labels, planes, copies = self._segment(X)
+        points, n_regions = index.points, n_regions_of(labels)
+        weights = copies if len(points) < len(index.places) else None
+        moments = region_planes(points, labels, n_regions, weights)
+        sizes, centroids, _, values, axes = moments
+        self.n_regions_ = n_regions
+        self.region_sizes_ = sizes.astype(np.int64)
+        self.region_centroids_ = centroids
+        self.region_normals_ = point_up(axes[..., 0].copy())
+        self.region_errors_ = np.sqrt(values[:, 0])
+        self.regions_ = None
+        if points.shape[1] == 3:
+            self.regions_ = region_table(points, labels, planes, moments)
+        self.labels_ = labels[index.places].astype(np.int64)
+        return self
+
+    def _segment(self, X):
+        """The `Segments` of a cloud."""
         columns = self._columns(X)
         xyz = columns.coordinates
         index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
@@ -290,33 +317,64 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         floor = least_scales(points, np.finfo(xyz.dtype).eps, coordinate_step(xyz))
         planes = columns.planes(rows, self.n_jobs).without("kept", "spacing")
         planes.scale[:] = np.maximum(planes.scale, floor)
-        rules = rules_of(self)
         with progress_part(0.35, 0.5, "links of neighbors"):
-            links, planes.radius[:] = link_neighbors(index, planes, floor, rules, self.n_jobs)
+            links, planes.radius[:] = link_neighbors(
+                index, planes, floor, self._rules(), self.n_jobs
+            )
         with progress_part(0.5, 0.55, "growing regions"):
             seeds = seed_order(columns.surface_variation[rows], points, planes)
             labels = grow_regions(links, seeds)
             del links, seeds
-        parts, copies = Parts(len(points), self.n_jobs), None  # each has a place of its own
+        copies = None  # each has a place of its own
         if index.n_distinct < len(xyz):
             copies = np.bincount(index.places, minlength=len(points))
         labels = renumbered(labels, copies, self.min_region_size)
         with progress_part(0.55, 1.0):
-            known = labels, index, planes, floor, copies, self, parts, self.n_jobs
-            labels = finish_regions(*known)
-        self.n_regions_ = int(labels.max(initial=-1)) + 1
-        weights = copies if len(points) < len(xyz) else None
-        moments = region_planes(points, labels, self.n_regions_, weights, parts)
-        sizes, centroids, _, values, axes = moments
-        self.region_sizes_ = sizes.astype(np.int64)
-        self.region_centroids_ = centroids
-        self.region_normals_ = point_up(axes[..., 0].copy())
-        self.region_errors_ = np.sqrt(values[:, 0])
-        self.regions_ = None
-        if points.shape[1] == 3:
-            self.regions_ = region_table(points, labels, planes, moments, parts)
-        self.labels_ = labels[index.places].astype(np.int64)
-        return self
+            labels = self._refined(labels, index, planes, floor, copies)
+        return Segments(index, labels, planes, copies)
+
+    def _refined(self, labels, index, planes, floor, copies):
+        """The regions from those that have grown; the largest is 0, -1 is none.
+
+        Labels are changed. The planes are of ``index.points``; what tells of their faces may be
+        changed. `floor` is as by `least_scales`, and `copies` as of `Segments`.
+        """
+        rules, steps, in_space = self._rules(), self._steps(), index.points.shape[1] == 3
+        if steps.find_narrow_faces:
+            with progress_part(0.0, 0.45, "narrow faces"):
+                faces = NarrowFaces(
+                    index=index, planes=planes, floor=floor, rules=rules, n_jobs=self.n_jobs
+                )
+                labels = renumbered(faces.grow(labels), copies, self.min_region_size)
+        claims = Claims(index, planes, rules, self.n_jobs)
+        with progress_part(0.45, 0.65, "joining regions"):
+            if steps.divide_at_creases and in_space:
+                labels = divide_at_creases(labels, index, planes, rules, self.n_jobs)
+                labels = renumbered(labels, copies, self.min_region_size)
+            if steps.assign_unlabeled:
+                labels = renumbered(claims.absorb_fragments(labels), copies)
+            if steps.join_coplanar:
+                labels = join_coplanar(index.points, labels, planes, self.n_jobs)
+        curved = []
+        with progress_part(0.65, 1.0, "cylinders and the rest"):
+            if steps.join_curved and in_space:
+                gap = self.max_gap or np.inf
+                cylinders = CylinderParts(
+                    index=index, planes=planes, floor=floor, max_gap=gap, n_jobs=self.n_jobs
+                )
+                labels, curved = cylinders.grow(labels)
+            if steps.assign_unlabeled:
+                labels = claims.assign_unlabeled(labels, curved)
+        return renumbered(labels, copies)
+
+    def _steps(self):
+        """The `GrowthSteps`: all of them, or none."""
+        return GrowthSteps() if self.refine else GrowthSteps(*[False] * len(GrowthSteps._fields))
+
+    def _rules(self):
+        """The `GrowthRules` that the parameters are."""
+        cosine = np.cos(np.radians(self.max_angle))
+        return GrowthRules(cosine, self.max_distance, self.max_gap, self._steps().mutual)
 
     def _columns(self, X):
         """Coordinates and planes of all points."""
@@ -332,62 +390,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
             return Columns.of(self.normal_estimator_.fit(X), X)
 
 
-def _steps_of(growing):
-    """The `GrowthSteps` of a `RegionGrowing`: all of them, or none."""
-    return GrowthSteps() if growing.refine else GrowthSteps(*[False] * len(GrowthSteps._fields))
-
-
-def rules_of(growing):
-    """The `GrowthRules` of a `RegionGrowing`."""
-    cosine = np.cos(np.radians(growing.max_angle))
-    return GrowthRules(cosine, growing.max_distance, growing.max_gap, _steps_of(growing).mutual)
-
-
-def finish_regions(
-    labels, index, planes, floor, copies, growing, parts, n_jobs=None, divide=divide_at_creases
-):
-    """The regions of a `RegionGrowing` from those that have grown; the largest is 0, -1 is none.
-
-    Labels are changed. The planes are of ``index.points``; what tells of their faces may be
-    changed. `floor` is as by `least_scales`, `copies` (n,) are the points at each place, None for
-    one, and `growing` has the parameters. All these may lie on disk, where `parts`, as `Parts`,
-    visit the points. `divide` is as `divide_at_creases`.
-    """
-    rules, steps = rules_of(growing), _steps_of(growing)
-    in_space = index.points.shape[1] == 3
-    if steps.find_narrow_faces:
-        with progress_part(0.0, 0.45, "narrow faces"):
-            faces = NarrowFaces(
-                index=index, planes=planes, floor=floor, rules=rules, parts=parts, n_jobs=n_jobs
-            )
-            labels = faces.grow(labels)
-            labels = renumbered(labels, copies, growing.min_region_size)
-    claims = Claims(index, planes, rules, parts)
-    with progress_part(0.45, 0.65, "joining regions"):
-        if steps.divide_at_creases and in_space:
-            labels = divide(labels, index, planes, rules, n_jobs, parts)
-            labels = renumbered(labels, copies, growing.min_region_size)
-        if steps.assign_unlabeled:
-            labels = renumbered(claims.absorb_fragments(labels), copies)
-        if steps.join_coplanar:
-            labels = join_coplanar(index.points, labels, planes, n_jobs, parts)
-    curved = []
-    with progress_part(0.65, 1.0, "cylinders and the rest"):
-        if steps.join_curved and in_space:
-            gap = growing.max_gap or np.inf
-            cylinders = CylinderParts(
-                index=index, planes=planes, floor=floor, max_gap=gap, parts=parts, n_jobs=n_jobs
-            )
-            labels, curved = cylinders.grow(labels)
-        if steps.assign_unlabeled:
-            labels = claims.assign_unlabeled(labels, curved)
-    return renumbered(labels, copies)
-
-
 def renumbered(labels, copies, min_size=1):
-    """Labels, changed, in order of size, 0 for the largest region; -1 below `min_size`."""
+    """Labels in order of size, 0 for the largest region; -1 below `min_size`."""
     sizes = region_sizes(labels, n_regions_of(labels), copies)
-    return relabeled(labels, numbers_by_size(sizes, min_size))
+    return numbers_by_size(sizes, min_size)[labels]
 
 
 def numbers_by_size(sizes, min_size=1):

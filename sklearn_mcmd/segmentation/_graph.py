@@ -3,16 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.planes._around import extents, most_noise_around, ratio
 from sklearn_mcmd.planes._explaining import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
-from sklearn_mcmd.runtime._chunks import each_part, slices
+from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 
-PART = 2**15  # points whose links are compared at once; it limits the memory
 # Seeds are as flat, or as near to their planes, if they differ by less than these bits ...
 VARIATION_BITS = 30  # ... of the surface variation, and
 HEIGHT_BITS = 16  # ... of the plane's standard deviation
@@ -47,35 +44,17 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     int32, neighbors that may be added from each point, or -1 in their places; and the distance of
     the farthest neighbor looked at.
     """
-    all_rows = slice(0, len(index.points))
-    radius, limit = measure_reach(index, planes, floor, rules, all_rows, n_jobs)
-    planes = planes._replace(radius=radius)
-    return links_of(index, planes, limit, rules, all_rows, n_jobs), radius
+    k, growth, n = n_linked(index, rules), GrowthLimits(), len(index.points)
+    radius, limit = np.empty(n), np.full(n, float(rules.max_distance or 0.0))
 
-
-def measure_reach(index, planes, floor, rules, own, n_jobs=None):
-    """How far the points of a slice of rows, `own`, look: the distance of the farthest neighbor,
-    and that from their planes. `floor`, one of each, is as of `link_neighbors`."""
-    k, m = n_linked(index, rules), own.stop - own.start
-    radius, limit = np.empty(m), np.full(m, float(rules.max_distance or 0.0))
-
-    def measure(rows, part):
+    def measure(rows):
         around = index.query_own(rows, k)
-        radius[part] = extents(index.points, index.points[rows], around)[1]
+        radius[rows] = extents(index.points, index.points[rows], around)[1]
         if rules.max_distance is None:
-            limit[part] = floor[part] + _rule_a(index.points, planes.take(rows), around)
+            limit[rows] = floor[rows] + _rule_a(index.points, planes.take(rows), around)
 
-    each_part(own, index.chunk, measure, n_jobs)
-    return radius, limit
-
-
-def links_of(index, planes, limit, rules, own, n_jobs=None):
-    """The links, as of `link_neighbors`, of a slice of rows, `own`.
-
-    Planes have the radii, and `limit` (n,) is the other distance that `measure_reach` finds.
-    """
-    k, growth = n_linked(index, rules), GrowthLimits()
-    links = np.empty((own.stop - own.start, k), np.int32)
+    each_slice(n, index.chunk, measure, n_jobs)
+    links = np.empty((n, k), np.int32)
     limits = LinkLimits(
         min_cosine=rules.min_cosine,
         explained=1.0,
@@ -83,18 +62,18 @@ def links_of(index, planes, limit, rules, own, n_jobs=None):
         mutual=rules.mutual,
         both_near=False,
     )
-    link = row_linker(index, k, planes._replace(scale=limit), limits)
+    link = row_linker(index, k, planes._replace(scale=limit, radius=radius), limits)
 
-    def link_part(rows, part):
-        link(rows, links[part])
+    def link_part(rows):
+        link(rows, links[rows])
         if rules.mutual:
             around = index.query_own(rows, k)
-            bend = growth.bent * np.arccos(min(rules.min_cosine, 1.0)) * planes.radius[rows]
+            bend = growth.bent * np.arccos(min(rules.min_cosine, 1.0)) * radius[rows]
             most = most_noise_around(planes.scale, around, index.n_neighbors, growth.usual, bend)
-            links[part][planes.scale[rows] > most] = -1
+            links[rows][planes.scale[rows] > most] = -1
 
-    each_part(own, index.chunk, link_part, n_jobs)
-    return links
+    each_slice(n, index.chunk, link_part, n_jobs)
+    return links, radius
 
 
 def grow_regions(links, seeds):
@@ -110,55 +89,12 @@ def grow_regions(links, seeds):
     return labels
 
 
-def first_seeds(labels, seeds):
-    """The seed of each of the regions that `grow_regions` has found."""
-    return seeds[np.unique(labels[seeds], return_index=True)[1]]
-
-
-def chained(n, ends):
-    """Links of n points with any numbers of these, for `grow_regions`: `ends` (2, m) are the points
-    between which they lead.
-
-    Each link becomes a row, which leads to its end and to the next link of the same point.
-    """
-    first, last = ends[:, np.argsort(ends[0], kind="stable")]
-    links = np.full((n + len(first), 2), -1, np.int32)
-    links[n:, 0] = last
-    begins = np.flatnonzero(np.diff(first, prepend=-1))
-    links[first[begins], 0] = n + begins
-    goes_on = np.flatnonzero(np.diff(first) == 0)
-    links[n + goes_on, 1] = n + goes_on + 1
-    return links
-
-
-def strong_parts(links):
-    """Parts whose points can all be reached from each other: the number of each point's, int32,
-    and the pairs (2, m) of parts between which links lead.
-
-    No point may be linked to another twice: SciPy would not end.
-    """
-    counts, indices = np.count_nonzero(links >= 0, axis=1), links[links >= 0]
-    kind = np.int32 if len(indices) < 2**31 else np.int64  # with 64 bits both are copied
-    ends = np.append(0, np.cumsum(counts)).astype(kind)
-    one = np.broadcast_to(1.0, len(indices))  # of each link, which takes no memory
-    graph = csr_array((one, indices, ends), shape=(len(links),) * 2)
-    n, part = connected_components(graph, connection="strong")
-    keys = [np.empty(0, np.int64)]
-    for rows in slices(len(links), PART):
-        last = part[indices[ends[rows.start] : ends[rows.stop]]]
-        first = np.repeat(part[rows], counts[rows])
-        apart = first != last
-        keys.append(np.unique(first[apart].astype(np.int64) * n + last[apart]))
-    return part, np.stack(np.divmod(np.unique(np.concatenate(keys)), n))
-
-
 def seed_order(variation, points, planes):
     """Rows in the order in which regions start at them: least curvature first.
 
     Points that borrowed the same plane have the same curvature. Among them those nearest to the
     plane come first, so that the order of rows does not decide, and last their coordinates tell.
     Both are rounded, so that neither do rounding errors, which change with the place of the cloud.
-    So any two points are in the same order among whatever others.
     """
     flatness = np.rint(np.ldexp(variation, VARIATION_BITS)).astype(np.int32)  # of 1/d at most
     seeds = np.argsort(flatness)  # not stable, which takes longer

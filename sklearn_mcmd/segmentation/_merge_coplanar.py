@@ -9,17 +9,16 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._chunks import run, slices, spatial_order
-from sklearn_mcmd.segmentation._parts import Parts
 from sklearn_mcmd.segmentation._region_sums import (
-    medians_by_region,
+    Groups,
+    median_by_region,
     n_regions_of,
     region_moments,
-    relabeled,
 )
 
 ROUNDING = 16 * np.finfo(np.float64).eps  # of a least eigenvalue, as a share of the largest one
 CHUNK = 64  # regions whose pairs are sought at once,
-PAIRS = 2**16  # and pairs that are tried at once, or points and boxes; both limit the memory
+PAIRS = 2**16  # and pairs that are tried at once; both limit the memory
 FEW = 128  # one point in so many is asked first whether a region is near
 WIDER = 1.0 + 1e-9  # a search reaches farther than the largest gap by more than rounding
 
@@ -35,53 +34,47 @@ class JoinLimits(NamedTuple):
     most_gap: float = 0.5  # parts are joined over a gap of this share of the smaller one's length
 
 
-def region_planes(points, labels, n_regions, weights=None, parts=None):
+def region_planes(points, labels, n_regions, weights=None):
     """Sizes, centroids (n_regions, d), covariances, eigenvalues, ascending, and axes as columns, of
     which the first is the normal; the parameters are those of `region_moments`."""
-    found = region_moments(points, labels, n_regions, weights, parts=parts)
-    eigenvalues, axes = np.linalg.eigh(found.covariances)
-    return *found[:3], np.maximum(eigenvalues, 0.0), axes
+    moments = region_moments(points, labels, n_regions, weights)
+    eigenvalues, axes = np.linalg.eigh(moments.covariances)
+    return *moments, np.maximum(eigenvalues, 0.0), axes
 
 
-def join_coplanar(points, labels, around, n_jobs=None, parts=None):
-    """Give one label to regions that are parts of one plane: labels, changed, by first parts.
+def join_coplanar(points, labels, around, n_jobs=None):
+    """Give one label to regions that are parts of one plane: new labels, by first parts.
 
     A smaller region lies in the plane of a larger, flat one if the noise explains its root mean
     square distance to that plane. It is joined to the nearest such plane if the gap between them is
     small. Labels are from 0 on without gaps, -1 for none; `around` are the planes of the points.
     """
-    n_regions, parts = n_regions_of(labels), parts or Parts(len(labels), n_jobs)
+    n_regions = n_regions_of(labels)
     if n_regions < 2:
         return labels
-    found = region_moments(points, labels, n_regions, parts=parts)
-    planes, boxes = found[:3], (found.low, found.high)
-    noise, reach = medians_by_region([around.scale, around.radius], labels, n_regions, parts)
-    noise = np.column_stack([noise, own_noise(found.covariances, reach)])
-    whole = np.append(np.arange(n_regions), -1)  # the joined region to which each region belongs
+    planes, groups = region_moments(points, labels, n_regions), Groups.of(labels)
+    parts = [[points[rows]] for rows in groups.split()]
+    noise, reach = (
+        median_by_region(values, labels, n_regions) for values in (around.scale, around.radius)
+    )
+    noise = np.column_stack([noise, own_noise(planes.covariances, reach)])
+    whole = np.append(np.arange(n_regions, dtype=np.int32), np.int32(-1))  # of which a region is
     while True:  # each round joins at least two parts
         pairs, most = _pairs_in_a_plane(*planes, noise, n_jobs)
-        if len(pairs) > 0:
-            are_near = np.zeros(len(pairs), bool)
-            for step in (FEW, 1):  # few points mostly tell
-                if len(left := np.flatnonzero(~are_near)):
-                    known = whole, pairs[left], most, boxes, step
-                    near = _near_points(parts, points, labels, *known)
-                    are_near[left] = _near(near, pairs[left], most, n_jobs)
-            pairs = pairs[are_near]
-            # A small part that lies in two planes joins the nearer: it is no bridge between them.
-            pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]
+        pairs = pairs[_near(parts, pairs, most, n_jobs)]
         if len(pairs) == 0:
             break
+        # A small part that lies in two planes joins the nearer: it is no bridge between them.
+        pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]
         graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(noise), len(noise)))
         # Parts are numbered by their first region, which keeps the order of regions.
-        _, part = connected_components(graph, directed=False)
+        n_parts, part = connected_components(graph, directed=False)
         planes, noise = _pool(*planes, noise, part)
-        low, high = np.full((2, len(noise), points.shape[1]), [[[np.inf]], [[-np.inf]]])
-        np.minimum.at(low, part, boxes[0])
-        np.maximum.at(high, part, boxes[1])
-        boxes = low, high
-        whole = np.append(part, -1)[whole]
-    return relabeled(labels, whole)
+        joined = [[] for _ in range(n_parts)]
+        for number, own in zip(part.tolist(), parts, strict=True):
+            joined[number] += own
+        parts, whole = joined, np.append(part, -1).astype(np.int32)[whole]
+    return whole[labels]
 
 
 def own_noise(covariances, radius):
@@ -171,75 +164,27 @@ def _near_pairs(centers, reach, beside, rows):
     return rows[r], near[s]
 
 
-def _near_points(parts, points, labels, whole, pairs, most, boxes, step):
-    """Points of the regions in pairs, by region: those that the other of a pair may be near to, of
-    one in `step` points of each."""
-    low, high = boxes
-    reach = WIDER * most[pairs[:, 0]] + ROUNDING * np.abs(boxes).max(initial=0.0)
-    regions, others = np.concatenate([pairs, pairs[:, ::-1]]).T
-    order, reach = np.argsort(regions, kind="stable"), np.tile(reach, 2)[:, None]
-    around = (low[others] - reach)[order], (high[others] + reach)[order]
-    starts = np.searchsorted(regions[order], np.arange(len(low) + 1))
-    found = {region: [np.empty((0, points.shape[1]))] for region in np.unique(regions).tolist()}
-    for some in parts.each(_points_in, points, labels, whole, starts, around, step):
-        for name, group in some:
-            found[name].append(group)
-    return {name: np.concatenate(groups) for name, groups in found.items()}
+def _near(parts, pairs, most, n_jobs=None):
+    """Whether the gap between the regions of each pair is small enough for the first region.
 
-
-def _points_in(part, points, labels, whole, starts, around, step):
-    """Regions with boxes around others, and those of their points that lie in any of these."""
-    region, own, found = whole[labels[part]], points[part], []
-    inside = np.flatnonzero(np.append(np.diff(starts) > 0, False)[region])
-    inside = inside[np.argsort(region[inside], kind="stable")]
-    names, begins = np.unique(region[inside], return_index=True)
-    for name, rows in zip(names.tolist(), np.split(inside, begins[1:]), strict=False):
-        low, high = (ends[starts[name] : starts[name + 1]] for ends in around)
-        some = own[rows[::step]]
-        near = some[_lie_in(some, low, high)]
-        if len(near):
-            found.append((name, near))
-    return found
-
-
-def _lie_in(points, low, high):
-    """Whether each point lies in any of some boxes; points are halved until few are near these."""
-    lies, todo = np.zeros(len(points), bool), [(np.arange(len(points)), np.arange(len(low)))]
-    while todo:
-        rows, boxes = todo.pop()
-        some = points[rows]
-        least, most = some.min(axis=0), some.max(axis=0)
-        boxes = boxes[((low[boxes] <= most) & (high[boxes] >= least)).all(axis=1)]
-        if len(rows) == 1 or len(rows) * len(boxes) <= PAIRS:
-            ends = low[boxes, None], high[boxes, None]
-            lies[rows] = ((some >= ends[0]) & (some <= ends[1])).all(axis=2).any(axis=0)
-        elif ((low[boxes] <= least) & (high[boxes] >= most)).all(axis=1).any():
-            lies[rows] = True
-        else:
-            order = np.argpartition(some[:, np.argmax(most - least)], len(rows) // 2)
-            todo += [(half, boxes) for half in np.split(rows[order], [len(rows) // 2])]
-    return lies
-
-
-def _near(points, pairs, most, n_jobs=None):
-    """Whether the gap between the regions of each pair is small enough for the first region."""
+    `parts` has arrays of the points of each region.
+    """
     near = np.zeros(len(pairs), dtype=bool)
 
     def search(large):
-        own, tree = points[large], None
-        if len(own) == 0:
-            return
+        own, rows = np.concatenate(parts[large]), np.flatnonzero(pairs[:, 1] == large)
         low, high = own.min(axis=0), own.max(axis=0)
         rounding = ROUNDING * np.maximum(np.abs(low), np.abs(high))
-        for row in np.flatnonzero(pairs[:, 1] == large).tolist():
-            queries, gap = points[pairs[row, 0]], most[pairs[row, 0]]
-            reach = WIDER * gap + rounding  # those beyond the box are too far away
-            queries = queries[((queries >= low - reach) & (queries <= high + reach)).all(axis=1)]
-            if len(queries) == 0:
-                continue
-            tree = cKDTree(own, balanced_tree=False) if tree is None else tree
-            found, _ = tree.query(queries, distance_upper_bound=WIDER * gap)
-            near[row] = (found <= gap).any()
+        for step in (FEW, 1):  # few points mostly tell
+            tree = None
+            for row in rows[~near[rows]].tolist():
+                queries, gap = np.concatenate(parts[pairs[row, 0]])[::step], most[pairs[row, 0]]
+                reach = WIDER * gap + rounding  # those beyond the box are too far away
+                inside = ((queries >= low - reach) & (queries <= high + reach)).all(axis=1)
+                if inside.any():
+                    tree = tree or cKDTree(own[::step], balanced_tree=False)
+                    gaps, _ = tree.query(queries[inside], distance_upper_bound=WIDER * gap)
+                    near[row] = (gaps <= gap).any()
 
     run([(large,) for large in np.unique(pairs[:, 1]).tolist()], search, n_jobs)
     return near

@@ -19,12 +19,9 @@ from sklearn_mcmd.segmentation._graph import (
     n_within_median,
 )
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, join_coplanar
-from sklearn_mcmd.segmentation._parts import Parts
 from sklearn_mcmd.segmentation._region_sums import median_by_region, n_regions_of, region_sizes
 
-ROWS = 2**16  # points at once, of which those off all regions are asked for
 TINY = np.finfo(np.float64).tiny  # least noise: no division by zero of points at the origin
-FITTED = "centroids", "normals", "scale"  # what becomes known of the planes of faces
 CHUNK = 30_000  # neighbors looked at at once: what they need stays in the processor's cache
 
 
@@ -51,7 +48,6 @@ class NarrowFaces:
     planes: Planes  # of all points; those of faces' points are changed in place
     floor: np.ndarray  # (n,), the least standard deviation of a plane: what rounding amounts to
     rules: GrowthRules
-    parts: Parts
     n_jobs: int | None
 
     def grow(self, labels):
@@ -66,43 +62,76 @@ class NarrowFaces:
         surface = np.append(sizes > self.k, False)  # the last is -1
         if len(labels) - sizes[surface[:-1]].sum() <= self.k or not surface.any():
             return labels
-        planes = self.planes.without("eigenvalues", "kept", "radius", "spacing", "normal_error")
-        usual = median_by_region(planes.scale, labels, len(sizes), self.parts)
+        planes, rest = self.planes, np.flatnonzero(~surface[labels])
+        usual = median_by_region(planes.scale, labels, len(sizes))
         outer = np.where(surface, np.append(np.maximum(usual, TINY), np.inf), np.inf)
-        known = labels, ~surface, self.index, planes, outer
-        found = self.parts.each(_off_surfaces, *known, size=ROWS)
-        off, flattest = map(np.concatenate, zip(*found, strict=True))
-        order = np.lexsort(self.index.points[off].T)  # as `by_place`
-        rows, face = self._faces(off[order], flattest[order])
+        # Many points, of which most are in the tails of the noise: the nearer half tells.
+        _, share, flattest = self._nearest(rest, n_within_median(self.k) + 1, labels, outer)
+        off = np.flatnonzero((share > cutoff) & np.isfinite(share))
+        off = off[np.lexsort(self.index.points[rest[off]].T)]  # as `by_place`
+        rows, face = self._faces(rest[off], flattest[off])
         if len(rows) == 0:
             return labels
-        first, planes = len(sizes), _Revised(planes)
+        first = len(sizes)
         labels[rows] = first + face
-        self._refit(labels, planes, rows)  # points of other faces were among those asked
-        own = median_by_region(planes.take(rows).scale, face, int(face.max()) + 1)
-        own = np.maximum(own, TINY)
+        self._refit(labels, rows)  # points of other faces were among those asked
+        own = np.maximum(median_by_region(planes.scale[rows], face, int(face.max()) + 1), TINY)
         usual = np.concatenate([outer[:-1], own, [np.inf]])
         fresh, members = rows, by_place(self.index.points, rows)
         while len(fresh):
             around = np.unique(self.index.query_own(fresh, self.k).indices)
             around = around[labels[around] < first]
-            owner, share = np.empty(len(around), np.intp), np.empty(len(around))
-
-            def ask(part, some=around, owner=owner, share=share):
-                near = self.index.query_own(some[part], self.k).indices
-                known = labels[near], self.index.points[some[part]], planes.take(near.ravel())
-                owner[part], share[part], _ = _nearest(*known, usual)
-
-            self._each_part(len(around), ask)
+            owner, share, _ = self._nearest(around, self.k, labels, usual)
             won = (owner >= first) & (share <= cutoff)
             fresh = around[won]
             labels[fresh] = owner[won]
             # Handed on as it is, a plane leads off no face; one fitted to an edge's points would.
-            self._lend(labels, planes, members, fresh)
+            self._lend(labels, members, fresh)
             members = by_place(self.index.points, np.union1d(members, fresh))
-        for name in FITTED:
-            getattr(self.planes, name)[planes.rows] = getattr(planes.own, name)
         return labels
+
+    def _nearest(self, rows, k, labels, usual):
+        """The region on whose surface each of m rows lies best among k neighbors, and how well.
+
+        Not the question of `explain`: a surface is the median of a region's planes around. Single
+        planes told worse (Rand .1 to .8, IoU up to 4.5 points of 100 on scenes of 20,000 points).
+        `usual` (n_regions + 1,) is the noise that is usual in each region; inf for those that count
+        for none, the last. Returns the region, -1 where there is none around; the distance from its
+        surface in units of its usual noise, inf where there is none; and the least usual noise of
+        the regions around.
+        """
+        m = len(rows)
+        owner, share, flattest = np.full(m, -1), np.full(m, np.inf), np.full(m, np.inf)
+
+        def task(part):
+            row, region, height = self._heights(rows[part], k, labels, usual)
+            height /= usual[region]
+            np.minimum.at(flattest[part], row, usual[region])
+            order = np.lexsort((region, height, row))
+            best = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
+            owner[part][row[best]], share[part][row[best]] = region[best], height[best]
+
+        self._each_part(m, task)
+        return owner, share, flattest
+
+    def _heights(self, rows, k, labels, usual):
+        """Distances of rows from the regions around: places in `rows`, regions, distances."""
+        points, planes, most_noise = self.index.points, self.planes, JoinLimits().most_noise
+        near = self.index.query_own(rows, k).indices
+        region = labels[near]
+        quiet = np.isfinite(usual)[region] & (planes.scale[near] <= most_noise * usual[region])
+        heights = np.zeros(near.shape)
+        for axis in range(points.shape[1]):
+            gaps = points[rows, axis][:, None] - planes.centroids[near, axis]
+            heights += gaps * planes.normals[near, axis]
+        row, column = np.nonzero(quiet)
+        region, heights = region[row, column], np.abs(heights[row, column])
+        key = row * len(usual) + region
+        order = np.lexsort((heights, key))
+        start = np.flatnonzero(np.diff(key[order], prepend=-1))
+        count = np.diff(start, append=len(key))
+        middle = order[start + (count - 1) // 2]
+        return row[middle], region[middle], heights[middle]
 
     def _faces(self, rows, flattest):
         """Regions of rows by planes among themselves: rows, and the face of each, from 0 on."""
@@ -127,21 +156,26 @@ class NarrowFaces:
         inside = large[face]
         return rows[inside], number[face[inside]]
 
-    def _refit(self, labels, planes, rows):
-        """Planes of which rows have those of their own regions' points."""
-        found = self._planes(rows, labels[rows])
-        fitted = np.isfinite(found.scale)
-        rows, found = rows[fitted], found.take(fitted)
-        planes.put(rows, found._replace(scale=np.maximum(found.scale, self.floor[rows])))
+    def _refit(self, labels, rows):
+        """Give rows the planes of their own regions' points."""
+        planes = self._planes(rows, labels[rows])
+        fitted = np.isfinite(planes.scale)
+        rows, planes = rows[fitted], planes.take(fitted)
+        self._put(rows, planes._replace(scale=np.maximum(planes.scale, self.floor[rows])))
 
-    def _lend(self, labels, planes, members, rows):
-        """Planes of which rows have that of the nearest member of their face."""
+    def _lend(self, labels, members, rows):
+        """Give rows the plane of the nearest member of their face."""
         points = self.index.points
         lenders, own_face, face = np.empty_like(rows), labels[rows], labels[members]
         for name in np.unique(own_face).tolist():
             own, others = own_face == name, members[face == name]
             lenders[own] = others[cKDTree(points[others]).query(points[rows[own]])[1]]
-        planes.put(rows, planes.take(lenders))
+        self._put(rows, self.planes.take(lenders))
+
+    def _put(self, rows, planes):
+        """Overwrite what is known of the planes of some rows."""
+        for name in ("centroids", "normals", "scale"):
+            getattr(self.planes, name)[rows] = getattr(planes, name)
 
     def _planes(self, rows, group):
         """Planes of the rows of the same group within reach; their scale is inf of too few."""
@@ -172,84 +206,3 @@ class NarrowFaces:
     def k(self):
         """Size of a neighborhood."""
         return self.index.n_neighbors
-
-
-class _Revised:
-    """Planes of which some rows are overwritten here, and nowhere else."""
-
-    def __init__(self, planes):
-        self._planes, self.rows, self.own = planes, np.empty(0, np.intp), planes.take(slice(0))
-
-    def take(self, rows):
-        """The planes of some rows, as they now are."""
-        found = self._planes.take(rows)
-        place = np.searchsorted(self.rows, rows)
-        some = np.flatnonzero(np.append(self.rows, -1)[place] == rows)
-        found.put(some, self.own.take(place[some]))
-        return found
-
-    def put(self, rows, found):
-        """Overwrite what is `FITTED` of some rows."""
-        self.rows, place = np.unique(np.append(rows, self.rows), return_index=True)
-        joined = {
-            name: np.concatenate([getattr(found, name), getattr(self.own, name)])[place]
-            for name in FITTED
-        }
-        self.own = self.own._replace(**joined)
-
-
-def _off_surfaces(part, labels, wanted, index, planes, usual):
-    """Rows of a part, of wanted regions, that lie off all surfaces around, if there are any; and
-    the least usual noise of these."""
-    rows, k = part.start + np.flatnonzero(wanted[labels[part]]), index.n_neighbors
-    # Many points, of which most are in the tails of the noise: the nearer half tells.
-    k, found = n_within_median(k) + 1, [(rows[:0], np.empty(0))]
-    for some in slices(len(rows), max(1, CHUNK // k)):
-        own = rows[some]
-        near = index.query_own(own, k).indices
-        known = labels[near], index.points[own], planes.take(near.ravel())
-        _, share, flattest = _nearest(*known, usual)
-        off = (share > ExplainLimits().explained) & np.isfinite(share)
-        found.append((own[off], flattest[off]))
-    return tuple(map(np.concatenate, zip(*found, strict=True)))
-
-
-def _nearest(region, points, planes, usual):
-    """The region on whose surface each of m points lies best, and how well.
-
-    Not the question of `explain`: a surface is the median of a region's planes around. Single
-    planes told worse (Rand .1 to .8, IoU up to 4.5 points of 100 on scenes of 20,000 points).
-    `region` (m, k) are those of neighbors, which have the planes (m * k). `usual` (n_regions + 1,)
-    is the noise that is usual in each region; inf for those that count for none, the last. Returns
-    the region, -1 where there is none around; the distance from its surface in units of its usual
-    noise, inf where there is none; and the least usual noise of the regions around.
-    """
-    m = len(points)
-    owner, share, flattest = np.full(m, -1), np.full(m, np.inf), np.full(m, np.inf)
-    row, region, height = _heights(region, points, planes, usual)
-    height /= usual[region]
-    np.minimum.at(flattest, row, usual[region])
-    order = np.lexsort((region, height, row))
-    best = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
-    owner[row[best]], share[row[best]] = region[best], height[best]
-    return owner, share, flattest
-
-
-def _heights(region, points, planes, usual):
-    """Distances of points from the regions around: their numbers, regions, distances."""
-    scale = planes.scale.reshape(region.shape)
-    known = np.isfinite(usual)[region] & (scale <= JoinLimits().most_noise * usual[region])
-    heights = np.zeros(region.shape)
-    for axis in range(points.shape[1]):
-        centroids, normals = (
-            values[:, axis].reshape(region.shape) for values in (planes.centroids, planes.normals)
-        )
-        heights += (points[:, axis][:, None] - centroids) * normals
-    row, column = np.nonzero(known)
-    region, heights = region[row, column], np.abs(heights[row, column])
-    key = row * len(usual) + region
-    order = np.lexsort((heights, key))
-    start = np.flatnonzero(np.diff(key[order], prepend=-1))
-    count = np.diff(start, append=len(key))
-    middle = order[start + (count - 1) // 2]
-    return row[middle], region[middle], heights[middle]

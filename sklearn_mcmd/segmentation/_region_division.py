@@ -1,6 +1,6 @@
 """Regions that are several surfaces: what growth led across a crease is divided there."""
 
-from functools import lru_cache, partial
+from functools import cache
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -13,13 +13,20 @@ from sklearn_mcmd.planes._quadrics import work_arrays
 from sklearn_mcmd.runtime._chunks import run, slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
+from sklearn_mcmd.segmentation._graph import n_linked
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._parts import PART, Parts
-from sklearn_mcmd.segmentation._region_cells import ROWS, WHOLE, Points, named, pairs_of, places
-from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments, relabeled
+from sklearn_mcmd.segmentation._region_cells import (
+    ROWS,
+    Cells,
+    flattest_first,
+    joined,
+    once,
+    usual_noise,
+)
+from sklearn_mcmd.segmentation._region_sums import median_by_region, region_moments
 
 CHUNK = 64  # borders whose points are parted at once; it limits the memory
-TREES = 256  # of patches, which are kept for their next border; it limits the memory
+WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # places of a symmetric matrix's nine numbers in its six
 
 
 class VoteLimits(NamedTuple):
@@ -33,23 +40,7 @@ class VoteLimits(NamedTuple):
     rings: int = 3
 
 
-class Patches(NamedTuple):
-    """What votes ask of patches."""
-
-    begins: np.ndarray  # points at which their cells begin, patch by patch, in order
-    sizes: np.ndarray  # cells of each
-    normals: np.ndarray  # (n, 3) of their planes
-
-    @classmethod
-    def of(cls, points, begins, patch, sums):
-        """By the patch of each cell, and the `Sums` of patches."""
-        normals = np.linalg.eigh(sums.scatters[:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
-        order = points.in_order(begins)
-        order = order[np.argsort(patch[order], kind="stable")]
-        return cls(begins[order], np.bincount(patch), normals)
-
-
-def divide_at_creases(labels, index, planes, rules, n_jobs=None, parts=None):
+def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     """Divide regions where two planes that meet in a crease explain them better than one surface.
 
     Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
@@ -60,101 +51,63 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None, parts=None):
     which its crease has them. Points of patches that are of both sides get label -1.
     Last, groups that are no planes are joined again, unless their crease is steep (`join_blunt`).
     """
-    n, own = len(labels), slice(0, len(labels))
-    points = Points(index, planes, rules, labels, np.empty(n), np.empty(n, np.int32), n_jobs)
-    points.noise[:], points.cell[:] = points.usual_noise(own), -1
-    ends = (f(index.points, axis=0) for f in (np.min, np.max))
-    bounds = points.noise.min(), points.noise.max(), *ends
-    if not (labels >= 0).any() or not points.scale(*bounds):
+    points, usual, size = (
+        index.points,
+        usual_noise(index, planes, rules, n_jobs),
+        n_linked(index, rules),
+    )
+    unit = float(np.exp2(np.frexp(usual.max())[1]))  # no square leaves the numbers
+    rows = np.flatnonzero(labels >= 0)
+    if len(rows) == 0 or not usual.min() * unit > 0:
         return labels
-    points.cell[:] = points.gather(own)
-    begins = np.flatnonzero(points.cell == np.arange(n)).astype(np.int32)
-    beside = points.beside(own)
-    block = blocks(points, begins, beside)
-    inside = beside[np.equal(*block[np.searchsorted(begins, pairs_of(beside))].T)]
-    roots, of, sums = points.joined(begins, points.sums(begins), inside)
-    borders = named(beside, lambda cells: roots[of[np.searchsorted(begins, cells)]])
-    last, of_root, sums = points.joined(roots, sums, borders)
-    if are_whole(labels, last):
+    noise = np.maximum(usual / unit, FitLimits().ridge)
+    order = flattest_first(rows, points, planes.scale / unit, noise)
+    cells = Cells.gathered(labels, order, index, size, n_jobs)
+    block = cells.blocks(VoteLimits().rings)
+    inside = cells.beside[np.equal(*block[cells.beside].T)]
+    part, sums = joined(cells.sums(points, noise, unit), inside)
+    patch, sums = joined(sums, once(part[cells.beside]))
+    patch = patch[part]
+    n_patches, firsts = len(sums.sizes), np.unique(patch, return_index=True)[1]
+    regions = labels[cells.begins[firsts]]
+    if n_patches == len(np.unique(regions)):
         return labels
-    borders = pairs_of(named(borders, lambda names: of_root[places(roots, names)]))
-    patch, own = of_root[of], np.empty(n, np.int32)
-    for rows in slices(n, ROWS):
-        cell = points.cell[rows]
-        own[rows] = np.where(cell < 0, -1, patch[np.searchsorted(begins, cell)])
-    return divided(points, rules, begins, patch, own, last, sums, borders, parts=parts)
-
-
-def blocks(points, begins, beside):
-    """The block (m,) of each cell, by its name, that of its first.
-
-    Blocks are gathered of cells as cells are of points, in the same order, then of such blocks, and
-    so on. `beside` are `keys` of the cells.
-    """
-    names, block = begins, begins
-    known = np.full(len(points.noise), -1, np.int32)
-    for _ in range(VoteLimits().rings):
-        found = points.gather_blocks(names, beside, known)
-        of = partial(_looked_up, names, found)
-        block, beside, names = of(block), named(beside, of), np.unique(found)
-    return block
-
-
-def _looked_up(names, values, wanted):
-    return values[np.searchsorted(names, wanted)]
-
-
-def are_whole(labels, last):
-    """Whether each region is one patch; these begin at some points."""
-    return len(last) == len(np.unique(labels[last]))
-
-
-def divided(points, rules, begins, patch, own, last, sums, borders, vote=None, parts=None):
-    """The labels of points, changed, once cells are joined to patches; see `divide_at_creases`.
-
-    Cells begin at the points `begins` and have a patch each, as points have, `own` (n,). Patches
-    begin at the points `last`, in order. Borders (m, 2) are between them, both ways. `vote` returns
-    the votes of borders of `Patches`, ordered by the places of the first; by default this process
-    asks for them. `parts` are as of `divide_at_creases`.
-    """
-    labels, n_jobs, shape = points.labels, points.n_jobs, (len(last), points.size)
-    regions, borders = labels[last], borders[borders[:, 0] < borders[:, 1]]
-    parts = parts or Parts(len(labels), n_jobs)
-    wide = _are_wide(points.index.points, own, *shape, parts)
-    patches = Patches.of(points, begins, patch, sums)
-    strips = Strips(points, patches, rules.min_cosine)
-    # One place after the other, so that the trees of a patch serve all of its borders.
+    of_points, borders = np.append(patch, -1)[cells.of], once(patch[cells.beside])
+    borders = borders[borders[:, 0] < borders[:, 1]]
+    wide = _are_wide(points, of_points, n_patches, size)
+    normals = np.linalg.eigh(sums.scatters[:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
+    strips = Strips(points, noise, unit, cells, patch, normals, rules.min_cosine)
     voting = borders[wide[borders].all(axis=1)]
-    voting = voting[np.argsort(last[voting[:, 0]], kind="stable")]
-    votes = strips.votes(voting, n_jobs) if vote is None else vote(patches, voting)
+    votes = strips.votes(voting, n_jobs)
     group = _joined(voting, votes, regions)
     group, mixed = _settled(group, borders, wide, regions)
-    names = np.append(np.where(mixed, -1, group), -1)  # the last is for points of no patch
-    for rows in slices(len(labels), PART):
-        labels[rows] = names[own[rows]]
+    labels = np.append(np.where(mixed, -1, group), -1)[of_points].astype(np.int32)
     parting = np.flatnonzero((votes < 0) & (group[voting[:, 0]] != group[voting[:, 1]]))
     parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
     strips.part(voting[parting], group, labels, n_jobs)
-    return join_blunt(labels, regions, points, rules.min_cosine, parts)
+    return join_blunt(labels, regions, index, planes.normals, usual, rules.min_cosine)
 
 
-def join_blunt(labels, regions, points, min_cosine, parts):
+def join_blunt(labels, regions, index, normals, noise, min_cosine):
     """Join the parts of each region again, unless they are planes or meet in a steep crease.
 
-    Regions (n,) are those of n parts; labels name the parts, and are changed. What is no plane is
-    no two planes either, and where it is divided is luck.
+    Regions (n,) are those of n parts; labels name the parts. Planes have normals, and `noise` is
+    usual around points. What is no plane is no two planes either, and where it is divided is luck.
     """
-    n, index, normals = len(regions), points.index, points.planes.normals
-    moments = region_moments(index.points, labels, n, parts=parts)
-    rms = np.sqrt(np.maximum(np.linalg.eigvalsh(moments.covariances)[:, 0], 0.0))
-    flat = rms <= JoinLimits().most_noise * median_by_region(points.noise, labels, n, parts)
-    flat &= moments.sizes > index.points.shape[1]
-    angles = parts.each(_angles_across, labels, regions, flat, index, normals, size=ROWS)
+    n = len(regions)
+    sizes, _, covariances = region_moments(index.points, labels, n)
+    rms = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
+    flat = rms <= JoinLimits().most_noise * median_by_region(noise, labels, n)
+    flat &= sizes > index.points.shape[1]
+    angles = [
+        _angles_across(rows, labels, regions, flat, index, normals)
+        for rows in slices(len(labels), ROWS)
+    ]
     pairs, cosines = map(np.concatenate, zip(*angles, strict=True))
     pairs, border = np.unique(pairs, axis=0, return_inverse=True)
     blunt = median_by_region(cosines, border.ravel(), len(pairs)) >= min_cosine
     graph = coo_array((np.ones(np.count_nonzero(blunt)), pairs[blunt].T), shape=(n, n))
-    return relabeled(labels, np.append(connected_components(graph, directed=False)[1], -1))
+    return np.append(connected_components(graph, directed=False)[1], -1).astype(np.int32)[labels]
 
 
 def _angles_across(rows, labels, regions, flat, index, normals):
@@ -180,31 +133,28 @@ def _angles_across(rows, labels, regions, flat, index, normals):
     return np.sort(labels[ends], axis=1), cosines
 
 
-def _are_wide(points, labels, n, size, parts):
+def _are_wide(points, labels, n, size):
     """Which of n surfaces are wide: the plane of a piece as long as wide leaves more degrees of
     freedom than a cell of `size` has points."""
-    found = region_moments(points, labels, n, parts=parts)
-    values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
-    return found.sizes**2 * values[:, 1] > (size + points.shape[1]) ** 2 * values[:, 2]
+    sizes, _, covariances = region_moments(points, labels, n)
+    values = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
+    return sizes**2 * values[:, 1] > (size + points.shape[1]) ** 2 * values[:, 2]
 
 
 class Strips:
     """The points of two patches near to their border, what they vote, and on which side they are.
 
-    A strip reaches on both sides as far as the smaller patch, so that both weigh alike.
+    A strip reaches on both sides as far as the smaller patch, so that both weigh alike. Normals
+    (n_patches, 3) are those of patches' planes, and `noise` is in units.
     """
 
-    def __init__(self, points, patches, min_cosine):
-        self.points, self.patches = points, patches
+    def __init__(self, points, noise, unit, cells, patch, normals, min_cosine):
+        self.points, self.noise, self.unit = points, noise, unit
+        self.cells, self.normals = cells, normals
         self.blunt = np.cos(VoteLimits().blunt * np.arccos(min(min_cosine, 1.0)))
-        self.ends = np.cumsum(patches.sizes)
-        self.group = lru_cache(TREES)(self._group)
-
-    def _group(self, name):
-        """Where the cells of a patch begin, and the tree of these points."""
-        end, size = self.ends[name], self.patches.sizes[name]
-        begins = self.patches.begins[end - size : end]
-        return begins, cKDTree(self.points.index.points[begins])
+        centers, order = points[cells.begins], np.argsort(patch, kind="stable")
+        self.groups = groups = np.split(order, np.cumsum(np.bincount(patch))[:-1])
+        self.tree = cache(lambda name: cKDTree(centers[groups[name]]))
 
     def votes(self, borders, n_jobs):
         """The vote of each pair of patches; see `vote`."""
@@ -233,15 +183,15 @@ class Strips:
 
     def vote_on(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
-        names = sorted(border.tolist(), key=self.patches.sizes.__getitem__)
-        (small, tree), (large, others) = map(self.group, names)
-        large, points = large[_strip(tree, others)], self.points
-        rows, sizes = points.members(np.concatenate([small, large]))
-        local = ((points.index.points[rows] - tree.data[0]) / points.unit).T.copy()
+        names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
+        small, large = (self.groups[name] for name in names)
+        tree, others = map(self.tree, names)
+        rows, sizes = self.cells.members(np.concatenate([small, large[_strip(tree, others)]]))
+        local = ((self.points[rows] - tree.data[0]) / self.unit).T.copy()
         n_first, cell = sizes[: len(small)].sum(), np.repeat(np.arange(len(sizes)), sizes)
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
-        sides, weights = np.stack([first] * 3), 1.0 / np.square(points.noise_of(rows))
-        normals, most_noise = self.patches.normals[names], JoinLimits().most_noise
+        sides, weights = np.stack([first] * 3), 1.0 / np.square(self.noise[rows])
+        normals, most_noise = self.normals[names], JoinLimits().most_noise
         blunt = bool(abs(normals[0] @ normals[1]) > self.blunt)
         room, equations = work_arrays(6, len(rows))
         known = local, weights, cell, normals, fit, most_noise, blunt

@@ -9,7 +9,7 @@ from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE, student_factor
 from sklearn_mcmd.segmentation._cylinder_parts import N_PARAMETERS, CylinderLimits, fit_cylinder
 from sklearn_mcmd.segmentation._graph import by_place
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, own_noise
-from sklearn_mcmd.segmentation._region_sums import medians_by_region, region_sizes, rows_of
+from sklearn_mcmd.segmentation._region_sums import Groups, median_by_region, region_sizes
 
 N_PLANE = 3  # parameters of a plane
 NAMES = "kind points area centroid normal dip dip_direction rms height_error normal_error"
@@ -20,7 +20,7 @@ FIELDS = [
 ]
 
 
-def region_table(points, labels, around, moments, parts=None):
+def region_table(points, labels, around, moments):
     """The `regions_` of a `RegionGrowing` in 3D, by the planes `around` points and the moments that
     `region_planes` returns."""
     sizes, centroids, covariances, values, axes = moments
@@ -43,13 +43,13 @@ def region_table(points, labels, around, moments, parts=None):
     if len(sizes) == 0:
         return table
     most_noise, least_size = JoinLimits().most_noise, CylinderLimits().least_size
-    known = [around.scale, around.radius], labels, len(sizes)
-    usual, reach = medians_by_region(*known, parts)
+    usual = median_by_region(around.scale, labels, len(sizes))
+    reach = median_by_region(around.radius, labels, len(sizes))
     # What eigenvalues round is no bend, and no cylinder about a line.
     flat, thin = (values[:, i] <= RANK_TOLERANCE * values[:, 2] for i in (0, 1))
     flat |= table["rms"] <= most_noise * usual
     flat |= own_noise(covariances, reach) > 0
-    groups = _by_region(labels, len(sizes))
+    groups = Groups.of(labels).split()
     for region, (own, group) in enumerate(zip(table, groups, strict=True)):
         group = by_place(points, group)
         own["kind"] = "plane" if flat[region] else "curved"
@@ -74,14 +74,6 @@ def region_table(points, labels, around, moments, parts=None):
                 gap = own["centroid"] - cylinder.point
                 own["axis_point"] = cylinder.point + (gap @ axis) * axis
     return table
-
-
-def _by_region(labels, n_regions):
-    """The rows of each region."""
-    rows = rows_of(labels, np.append(np.ones(n_regions, bool), False))
-    region = labels[rows]
-    order = np.argsort(region, kind="stable")
-    return np.split(rows[order], np.flatnonzero(np.diff(region[order])) + 1)
 
 
 def _frame(normal):

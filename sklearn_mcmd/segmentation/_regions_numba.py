@@ -28,7 +28,6 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 # Parameters; with plain numbers, what takes them is compiled for each.
 N_CIRCLE, N_CYLINDER = np.int64(3), np.int64(5)
-IN_ANOTHER, PASSED = np.int32(-2), np.int8(2)  # see `gather`
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
 
 
@@ -164,33 +163,21 @@ def _solve(equations, n, ridge):
 
 
 @kernel(cache=True)
-def gather(order, starts, near, labels, names, first, unsure):
-    """Fill `first`, in which cell each of n nodes is, named by the node that began it.
-
-    Of the nodes in order, each that no cell has begins one, of all in its list that have its label
-    and no cell. The list of node i is near[starts[i] : starts[i + 1]]. Nodes after the n are rivals
-    from elsewhere, of some of which it is `unsure` (1) whether they begin a cell. What depends on
-    these stays -1, or IN_ANOTHER if it begins none, until more is known.
-    """
-    n = len(first)
+def gather(order, starts, near, labels, group, begins):
+    """Fill the group of each node, -1 at first, and the node at which each begins, as of
+    `gathered`; how many groups there are."""
+    n = 0
     for i in order:
-        if i < n:
-            if first[i] != -1 and first[i] != names[i]:
-                continue
-            if unsure[i]:
-                unsure[i] = PASSED
-            else:
-                first[i] = names[i]
+        if group[i] >= 0:
+            continue
+        group[i] = n
+        begins[n] = i
         for a in range(starts[i], starts[i + 1]):
             j = near[a]
-            if j < 0 or j >= n or first[j] >= 0 or labels[j] != labels[i]:
-                continue
-            if unsure[i]:
-                unsure[j] = max(unsure[j], 1)
-            elif not unsure[j]:
-                first[j] = names[i]
-            elif unsure[j] != PASSED:
-                first[j] = IN_ANOTHER
+            if group[j] < 0 and labels[j] == labels[i]:
+                group[j] = n
+        n += 1
+    return n
 
 
 @kernel(cache=True, allocates=True)

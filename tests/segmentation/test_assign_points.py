@@ -41,8 +41,7 @@ def literally(index, planes, labels, content=(), cutoff=None):
 @pytest.mark.parametrize("rows", [2**16, 50, 1])
 @pytest.mark.parametrize("seed", range(4))
 def test_points_are_claimed_round_by_round(seed, rows, monkeypatch):
-    monkeypatch.setattr(_assign_points, "ROWS", rows)
-    monkeypatch.setattr(_assign_points, "CHUNK", 7 * rows)
+    monkeypatch.setattr(_assign_points, "CHUNK", 10 * rows)
     index, planes, labels = strip(seed)
     expected, n_rounds = literally(index, planes, labels, content=[1])
     assert n_rounds > 5
@@ -73,9 +72,7 @@ def test_limits_that_are_given_take_the_place_of_those_of_planes():
     assert_array_equal(Claims(index, planes, rules).assign_unlabeled(labels), expected)
 
 
-@pytest.mark.parametrize("rows", [2**16, 50])
-def test_a_fragment_goes_to_the_region_that_claims_most_of_it(rows, monkeypatch):
-    monkeypatch.setattr(_assign_points, "ROWS", rows)
+def test_a_fragment_goes_to_the_region_that_claims_most_of_it():
     index, planes, _ = strip(0)
     planes.scale[:] = 1.0
     x = index.points[:, 0]

@@ -9,7 +9,6 @@ from sklearn.metrics import adjusted_rand_score
 from benchmarks.simulators import make_bus_stop
 from growth import grown_without
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.segmentation import _cylinder_parts, _narrow_faces, _parts
 
 NOISE = 0.005
 ANGLE = 5.0  # at which a post breaks into strips
@@ -114,15 +113,6 @@ def test_cylinders_join_regions_and_take_in_points_without_one():
     assert (joined[apart >= 0] >= 0).all()
     assert 0 < np.sum((joined >= 0) & (apart < 0) & on_post) == np.sum((joined >= 0) & (apart < 0))
     assert joined.max() < apart.max()
-
-
-def test_it_does_not_matter_how_many_regions_are_asked_for_at_once(monkeypatch):
-    X, _ = floor_and_post()
-    expected = grown(X)
-    sizes = (_cylinder_parts, "PART"), (_parts, "PART"), (_narrow_faces, "ROWS")
-    for module, name in ((_cylinder_parts, "AT_ONCE"), *sizes):
-        monkeypatch.setattr(module, name, 70 if name != "AT_ONCE" else 1)
-        assert_array_equal(grown(X), expected)
 
 
 def test_regions_do_not_depend_on_pose_unit_order_or_threads():

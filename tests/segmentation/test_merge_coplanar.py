@@ -1,12 +1,12 @@
 """Which regions are parts of one plane, and which are not."""
 
-import time
 import tracemalloc
 from itertools import permutations
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from sklearn.metrics import adjusted_rand_score
 
@@ -14,8 +14,7 @@ from growth import fitted_without
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation import _merge_coplanar
-from sklearn_mcmd.segmentation._merge_coplanar import _lie_in, _near_points, join_coplanar
-from sklearn_mcmd.segmentation._parts import Parts
+from sklearn_mcmd.segmentation._merge_coplanar import _near, join_coplanar
 
 
 def walls(rng, *boxes, noise=0.003, density=3000):
@@ -156,73 +155,15 @@ def test_a_wall_that_a_projecting_part_cuts_is_one_region_or_two(joined, n_regio
     assert adjusted_rand_score(wall, found.labels_) > 0.97
 
 
-def test_of_a_large_region_only_points_near_to_the_other_ones_of_pairs_are_gathered():
-    """A strip of 3,000, and two patches beside its ends; the boxes around these hold few of it."""
-    rng = np.random.default_rng(0)
-    strip = rng.uniform(0, 1, (3_000, 3)) * [100, 1, 0]
-    patches = rng.uniform(0, 1, (200, 3)) * [1, 1, 0] + np.repeat(
-        [[0, 1.1, 0], [99, 1.1, 0]], 100, 0
-    )
-    X, labels = np.vstack([strip, patches]), np.repeat([0, 1, 2], [3_000, 100, 100])
-    boxes = [np.array([f(X[labels == i], axis=0) for i in range(3)]) for f in (np.min, np.max)]
-    whole, pairs, most = np.array([0, 1, 2, -1]), np.array([[1, 0], [2, 0]]), np.full(3, 0.5)
-    found = _near_points(Parts(len(X)), X, labels, whole, pairs, most, boxes, 1)
-    low, high = boxes[0][1:, None] - 0.5, boxes[1][1:, None] + 0.5
-    near = ((strip >= low) & (strip <= high)).all(axis=2).any(axis=0)
-    assert 20 < near.sum() < 60
-    assert_array_equal(np.sort(found[0], axis=0), np.sort(strip[near], axis=0))
-    assert all((found[i] <= boxes[1][0] + 0.5 + 1e-6).all() and len(found[i]) for i in (1, 2))
-
-
-@pytest.mark.parametrize("n_pairs", [1, 50, 10_000_000])
-def test_points_lie_in_the_boxes_in_which_they_are_however_few_are_compared_at_once(
-    n_pairs, monkeypatch
-):
-    rng = np.random.default_rng(0)
-    points = rng.integers(0, 30, (400, 3)).astype(float)
-    low = rng.integers(0, 30, (20, 3)).astype(float)
-    high = low + rng.integers(0, 9, low.shape)
-    expected = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2).any(axis=1)
-    monkeypatch.setattr(_merge_coplanar, "PAIRS", n_pairs)
-    assert 20 < expected.sum() < 300
-    assert_array_equal(_lie_in(points, low, high), expected)
-    assert not _lie_in(points, low[:0], high[:0]).any()
-    assert _lie_in(points, low[:1] - 30, high[:1] + 30).all()
-
-
-def test_thousands_of_boxes_are_not_compared_with_each_point():
-    rng = np.random.default_rng(0)
-    points, low = rng.uniform(0, 1, (20_000, 3)), rng.uniform(0, 1, (1_000, 3))
-
-    def seconds(find):
-        before = time.process_time()
-        return find(), time.process_time() - before
-
-    def one_by_one():
-        lies = np.zeros(len(points), bool)
-        for a in low:
-            lies |= ((points >= a) & (points <= a + 0.05)).all(axis=1)
-        return lies
-
-    (found, few), (expected, many) = (
-        seconds(lambda: _lie_in(points, low, low + 0.05)),
-        seconds(one_by_one),
-    )
-    assert_array_equal(found, expected)
-    assert few < many / 4
-
-
-def test_where_few_points_tell_that_large_regions_are_near_no_others_are_gathered(monkeypatch):
-    found, gather = [], _merge_coplanar._near_points
-
-    def counted(*known):
-        found.append(gather(*known))
-        return found[-1]
-
-    monkeypatch.setattr(_merge_coplanar, "_near_points", counted)
-    x = np.random.default_rng(0).uniform(0, 1, (20_000, 2)) * [4, 1]
-    X, labels = np.insert(x, 2, 0.0, axis=1), (x[:, 0] > 2).astype(np.int32)
-    planes = Planes.unknown(len(X), 3)._replace(scale=np.ones(len(X)), radius=np.ones(len(X)))
-    assert_array_equal(join_coplanar(X, labels, planes), 0)
-    (points,) = found
-    assert 0 < sum(map(len, points.values())) <= 20_000 / 128 + 2
+@pytest.mark.parametrize("few", [1, 7, 10_000])
+def test_gaps_are_those_of_the_nearest_points(few, monkeypatch):
+    monkeypatch.setattr(_merge_coplanar, "FEW", few)
+    rng = np.random.default_rng(few)
+    corners, most = rng.uniform(0, 2.5, (12, 1, 3)), rng.uniform(0.1, 1.0, 12)
+    points = corners + rng.uniform(0, 1, (12, 30, 3))
+    pairs = np.column_stack(np.triu_indices(12, 1))
+    gaps = [cdist(points[a], points[b]).min() for a, b in pairs]
+    expected = gaps <= most[pairs[:, 0]]
+    assert 5 < expected.sum() < 60
+    parts = [[own[:10], own[10:]] for own in points]
+    assert_array_equal(_near(parts, pairs, most), expected)

@@ -1,64 +1,68 @@
 """Cells, blocks of cells and patches, against literal forms."""
 
-from types import SimpleNamespace
+from itertools import permutations
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.segmentation._region_cells import (
-    Points,
+    Cells,
     Sums,
+    flattest_first,
+    gathered,
     joined,
-    keys,
-    named,
-    pairs_of,
-    places,
+    once,
 )
-from sklearn_mcmd.segmentation._regions_numba import gather
 
 
-def gathered(order, near, labels, parts=1):
-    """The first of the cell of each node, found in parts that know of others what was found before,
-    and how often each part was asked."""
-    n = len(labels)
-    first, names = np.full(n, -1, np.int32), np.arange(n, dtype=np.int32)
-    for times in range(1, n + 1):
-        for own in np.array_split(names, parts):
-            begin, end, found = own[0], own[-1] + 1, first.copy()
-            theirs = np.setdiff1d(names, own)
-            theirs = theirs[(found[theirs] == theirs) | (found[theirs] == -1)]  # may begin a cell
-            nodes = np.concatenate([own, theirs])
-            place = np.full(n, -1)
-            place[nodes] = np.arange(len(nodes))
-            unsure = np.append(np.zeros(len(own)), found[theirs] == -1).astype(np.int8)
-            some, starts = place[order], np.arange(len(nodes) + 1) * near.shape[1]
-            known = starts, near[nodes].ravel() - begin, labels[nodes], nodes.astype(np.int32)
-            gather(some[some >= 0], *known, first[begin:end], unsure)
-        if (first[labels >= 0] >= 0).all():
-            return first, times
-    raise AssertionError("it does not end")
-
-
-@pytest.mark.parametrize("parts", [1, 2, 7, 40])
-def test_cells_are_gathered_in_order_wherever_their_points_lie(parts):
-    """A cell begins at each point in order that no cell has, of the near ones of its region that
-    none has. Parts that ask each other for what they have found come to the same."""
+def test_groups_are_gathered_in_order():
+    """A group begins at each node in order that no group has, of those in its list that have its
+    label and no group."""
     rng = np.random.default_rng(0)
     for _ in range(10):
-        points, labels = rng.uniform(size=(200, 3)), rng.integers(-1, 2, 200).astype(np.int32)
-        points = points[np.argsort(points[:, 0])]
-        gaps = np.linalg.norm(points[:, None] - points, axis=2)
-        near = np.argsort(gaps, axis=1)[:, :7].astype(np.int32)
-        order, expected = rng.permutation(np.flatnonzero(labels >= 0)), np.full(200, -1)
+        labels = rng.integers(-1, 2, 200).astype(np.int32)
+        near = rng.integers(0, 200, (200, 7)).astype(np.int32)
+        order = rng.permutation(np.flatnonzero(labels >= 0))
+        expected, begins = np.full(200, -1), []
         for i in order:
             if expected[i] < 0:
-                expected[[j for j in near[i] if expected[j] < 0 and labels[j] == labels[i]]] = i
-        first, times = gathered(order, near, labels, parts)
-        assert_array_equal(first, expected)
-        assert times <= (1 if parts == 1 else 12)
-    first, _ = gathered(order, near[:, :1], labels, parts)  # a cell of each point alone
-    assert_array_equal(first, np.where(labels < 0, -1, np.arange(200)))
+                expected[i] = len(begins)
+                free = [j for j in near[i] if expected[j] < 0 and labels[j] == labels[i]]
+                expected[free] = len(begins)
+                begins.append(i)
+        found = gathered(order, 7 * np.arange(201), near.ravel(), labels)
+        assert_array_equal(found[0], expected)
+        assert_array_equal(found[1], begins)
+
+
+def test_cells_know_their_points_and_what_is_beside_them():
+    rng = np.random.default_rng(0)
+    index = NeighborIndex(rng.uniform(size=(400, 3)), 20)
+    labels = rng.integers(-1, 2, 400).astype(np.int32)
+    order = rng.permutation(np.flatnonzero(labels >= 0))
+    cells, near = Cells.gathered(labels, order, index, 8), index.query_own(slice(None), 8).indices
+    for cell, begin in enumerate(cells.begins):
+        rows, sizes = cells.members(np.array([cell]))
+        assert_array_equal(np.sort(rows), np.flatnonzero(cells.of == cell))
+        assert sizes == [len(rows)]
+        assert set(rows) <= set(near[begin])
+        assert rows[0] == begin
+        assert (labels[rows] == labels[begin]).all()
+    beside = {
+        pair
+        for i, j in zip(np.repeat(range(400), 8), near.ravel(), strict=True)
+        if labels[i] == labels[j] >= 0 and cells.of[i] != cells.of[j]
+        for pair in permutations([cells.of[i], cells.of[j]])
+    }
+    assert sorted(beside) == list(map(tuple, cells.beside.tolist()))
+    larger = cells.blocks(1)
+    for first in np.unique(larger, return_index=True)[1]:  # all that no block before has
+        own, other = cells.beside.T
+        later = other[(own == first) & (larger[other] >= larger[first])]
+        assert_array_equal(larger[later], larger[first])
+    assert 1 < len(np.unique(cells.blocks(2))) <= len(np.unique(larger)) < len(larger)
 
 
 def join_by_numpy(points, edges):
@@ -104,55 +108,15 @@ def test_cells_are_joined_as_literally_from_their_points(seed):
     beside = np.abs(corner[a, 0] - corner[b, 0]).sum(axis=1) == 1
     edges = np.column_stack([a, b])[beside]
     sums = Sums(np.full(36, 8.0), np.full(36, 8.0), means, scatters)
-    first, patch, _ = joined(sums, edges)
+    patch, _ = joined(sums, edges)
     expected = join_by_numpy(points, edges.tolist())
     assert 2 < len(np.unique(expected)) < 20
-    assert_array_equal(first[patch], expected)
+    assert_array_equal(patch, np.unique(expected, return_inverse=True)[1])
 
 
-class Nodes(Points):
-    """Points of one region, in an order that is given."""
-
-    def __init__(self, rank):
-        self.rank, self.labels = rank, np.zeros(len(rank), np.int32)
-
-    def in_order(self, rows):
-        return np.argsort(self.rank[rows])
-
-
-@pytest.mark.parametrize("n_parts", [1, 2, 5])
-@pytest.mark.parametrize("seed", range(4))
-def test_blocks_are_gathered_in_order_wherever_their_cells_are(n_parts, seed):
-    """Of cells in order, each without a block begins one, of all beside it without a block."""
-    rng = np.random.default_rng(seed)
-    rank, names = rng.permutation(300), np.sort(rng.choice(300, 120, replace=False))
-    beside = keys(rng.choice(names, (150, 2)))
-    nodes, literal = Nodes(rank), {}
-    for name in names[nodes.in_order(names)].tolist():
-        if name not in literal:
-            literal[name] = name
-            for first, other in pairs_of(beside).tolist():
-                if first == name:
-                    literal.setdefault(other, name)
-    known = np.full(300, -1, np.int32)
-    for _ in range(len(names)):
-        before = known.copy()
-        for own in np.array_split(names, n_parts):
-            some = beside[np.isin(beside >> 32, own)]
-            known[own] = nodes.gather_blocks(own.astype(np.int32), some, before)
-        if (known[names] >= 0).all():
-            break
-    assert_array_equal(known[names], [literal[name] for name in names.tolist()])
-
-
-def test_keys_stand_for_pairs_of_different_names_both_ways():
+def test_pairs_of_different_numbers_are_told_once_and_both_ways():
     pairs = np.array([[7, 3], [3, 7], [5, 5], [2**31 - 1, 0]])
-    found = keys(pairs)
-    assert_array_equal(pairs_of(found), [[0, 2**31 - 1], [3, 7], [7, 3], [2**31 - 1, 0]])
-    names, new = np.array([0, 3, 7, 2**31 - 1]), np.array([1, 1, 4, 1])
-    again = named(found, lambda old: new[np.searchsorted(names, old)])
-    assert_array_equal(pairs_of(again), [[1, 4], [4, 1]])
-    assert_array_equal(places(np.array([5, 2, 9]), np.array([[9, 2]])), [[2, 1]])
+    assert_array_equal(once(pairs), [[0, 2**31 - 1], [3, 7], [7, 3], [2**31 - 1, 0]])
 
 
 def test_points_as_flat_and_so_near_that_chance_is_equal_too_come_by_their_coordinates():
@@ -160,12 +124,9 @@ def test_points_as_flat_and_so_near_that_chance_is_equal_too_come_by_their_coord
     points = np.vstack([np.repeat(rng.uniform(0, 1, (50, 3)), 2, axis=0), [[0, 0, 0], [1, 1, 1]]])
     points[1:100:2] += 1e-9  # of an extent of 1, less than 2 ** -20
 
-    def in_order(rows):
-        known = Points.__new__(Points)
-        known.unit, known.low, known.extent = 1.0, np.zeros(3), 1.0
-        known.index, known.noise = SimpleNamespace(points=points[rows]), np.ones(len(rows))
-        known.planes = SimpleNamespace(scale=np.ones(len(rows)))
-        return rows[known.in_order(np.arange(len(rows)))]
+    def in_order(order):
+        own = points[order], np.ones(102), np.ones(102)
+        return order[flattest_first(np.arange(102), *own)]
 
     order = in_order(np.arange(102))
     for _ in range(3):

@@ -1,7 +1,5 @@
 """Which regions are divided at creases; and cells, patches and votes against literal forms."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -14,10 +12,8 @@ from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_crown_roof
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._quadrics import work_arrays
-from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
-from sklearn_mcmd.segmentation._parts import Parts
 from sklearn_mcmd.segmentation._region_division import _joined, _settled, join_blunt
 from sklearn_mcmd.segmentation._regions_numba import vote
 
@@ -152,10 +148,8 @@ def test_parts_are_joined_as_by_the_literal_form(seed):
     regions, noise = rng.integers(0, 2, 12), rng.uniform(0.002, 0.006, 12)[labels]
     index = NeighborIndex(X, 20)
     rows = index.rows
-    planes = Planes.empty(0, 3)._replace(normals=normals[rows])
-    points = SimpleNamespace(index=index, planes=planes, noise=noise[rows])
-    known = regions, points, np.cos(np.radians(10)), Parts(600)
-    found = join_blunt(labels[rows].copy(), *known)
+    of_planes = index, normals[rows], noise[rows]
+    found = join_blunt(labels[rows], regions, *of_planes, np.cos(np.radians(10)))
     of_rows = X[rows], labels[rows], regions, normals[rows], noise[rows]
     expected = join_blunt_literally(*of_rows, np.cos(np.radians(10)), 20)
     assert_array_equal(found == -1, expected == -1)
