@@ -21,9 +21,9 @@ SAMPLE = 50_000  # points whose time is measured
 MORE = 1.25  # time of tiles over that in memory, at most; see docs/tiling.rst
 SECONDS = 5.0  # that a scheduler has for its answer
 BY_TILES = """
-LAS and LAZ that need more than --memory, and folders, get tiles, with the same results; --dry-run
-plans. A run that ended early goes on, or with --restart begins anew. Of several files a folder
-OUT gets one each; an OUT that ends in .las or .laz gets all.
+LAS and LAZ that need more than --memory, and folders, get tiles that overlap; --dry-run plans. A
+run that ended early goes on, or with --restart begins anew. Of several files a folder OUT gets one
+each; an OUT that ends in .las or .laz gets all.
 """
 
 
@@ -88,21 +88,20 @@ class CloudVerb:
     config: _options.Config = None
     quiet: _options.Quiet = False
 
-    # The work and the number of features, as of `plan_run`, and what formats may have no place for.
-    work, n_features, results = "", 0, ""
+    results = ""  # what formats may have no place for
     writes_all = True  # whether no point is left out
 
     def other_files(self, catalog):
         """The files to write beside the cloud; an error if options do not go with tiles."""
         return []
 
-    def work_on(self, catalog):
-        """The name of the work on the files of a catalog."""
-        return self.work
-
-    def dry_parameters(self, work):
+    def dry_parameters(self, catalog):
         """Other parameters of an estimator whose time a dry run measures."""
         return {}
+
+    def whole_cost(self):
+        """What one process has of each point of the whole cloud, as of `plan_run`."""
+        return 0.0, ""
 
     def tile_options(self):
         """What `process_files` takes beside the estimator."""
@@ -182,46 +181,43 @@ class CloudVerb:
             catalog = _files.catalog_of(source, self.columns)
         except PointFileError:
             return None
-        needed = bytes_in_memory(catalog, self.n_features, work=self.work_on(catalog))
-        return catalog if needed > (self.memory or usual_memory()) else None
+        return catalog if bytes_in_memory(catalog) > (self.memory or usual_memory()) else None
 
     def _print_plan(self, catalog, estimator):
         """Print tiles, memory and time; the time is measured with the first points."""
         from sklearn_mcmd.tiling._memory import (
             bytes_in_memory,
-            most_neighbors,
+            bytes_of_point,
             plan_run,
             usual_memory,
         )
-        from sklearn_mcmd.tiling._run import warm_up
+        from sklearn_mcmd.tiling._run import DISK_POINT, warm_up
 
         if catalog is None and self.source.suffix.lower() not in TILED:
             raise PointFileError(f"{self.source}: --dry-run is for {TILED_NAMES}")
         tiles, catalog = catalog is not None, catalog or _files.catalog_of(self.source)
         rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
-        n_jobs, n_features, work = estimator.n_jobs, self.n_features, self.work_on(catalog)
+        n_points, n_jobs = catalog.n_points, estimator.n_jobs
+        xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
+        threads = {name: 1 for name in estimator.get_params() if name.endswith("n_jobs")}
+        warm_up(estimator.set_params(**threads, **self.dry_parameters(catalog)))
         if tiles:
-            normals = getattr(estimator, "normal_estimator", None)
-            k = most_neighbors(catalog.n_points, estimator, normals)
-            asked = {"n_neighbors": k, "work": work}
-            limit = self.memory or usual_memory()
-            plan = plan_run(catalog.n_points, limit, n_jobs, n_features, **asked)
+            limit, point = self.memory or usual_memory(), bytes_of_point(estimator.fit, xyz)
+            plan = plan_run(n_points, limit, n_jobs, None, point, *self.whole_cost())
             threads = f" with {plan.n_threads} threads" if plan.n_threads > 1 else ""
             rows |= {
                 "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",
                 "processes": f"{plan.n_workers}{threads}",
                 "memory": f"about {plan.memory / 1e9:.2g} GB",
-                "disk": f"about {plan.disk / 1e9:.2g} GB for temporary files beside {self.target}",
+                "disk": f"about {DISK_POINT * n_points / 1e9:.2g} GB for temporary files beside "
+                f"{self.target}",
             }
         else:
-            needed = bytes_in_memory(catalog, n_features, work=work)
-            rows["memory"] = f"about {needed / 1e9:.2g} GB, without tiles"
-        xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
-        threads = {name: 1 for name in estimator.get_params() if name.endswith("n_jobs")}
-        warm_up(estimator.set_params(**threads, **self.dry_parameters(work)))
+            needed = bytes_in_memory(catalog)
+            rows["memory"] = f"at most {needed / 1e9:.2g} GB, without tiles"
         begin = time.perf_counter()
         estimator.fit(xyz)
-        seconds = (time.perf_counter() - begin) / len(xyz) * catalog.n_points
+        seconds = (time.perf_counter() - begin) / len(xyz) * n_points
         if tiles:
             seconds *= MORE / (plan.n_workers * plan.n_threads)
         title = f"{self.source} -> {self.target}"
@@ -232,7 +228,11 @@ def tiles_row(told):
     """The row of the summary on tiles, where there are any."""
     if told.n_tiles == 0:
         return {}
-    return {"tiles": f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before"}
+    share = 100 * told.n_proven / max(1, told.n_points)
+    return {
+        "tiles": f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
+        "as in memory": f"proven of {share:.2f} % of the points",
+    }
 
 
 def _in_words(seconds):

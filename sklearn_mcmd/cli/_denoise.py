@@ -134,14 +134,12 @@ class Denoise(CloudVerb):
         self.choice = Choice(self.ignore_class or (), self.only_class or ())
         limits = {"above": self.above, "below": self.below}
         self.heights = limits | {"low_groups": self.low_groups}
-        by_height = self.low_groups or any(limit is not None for limit in limits.values())
-        self.work = ("heights" if by_height else "outliers") + ", light" * self.intensity
 
-    def work_on(self, catalog):
-        return self.asked.work(self.work, catalog, rays=True)
+    def dry_parameters(self, catalog):
+        return {"sensor_origin": "origin" if self.asked.may_be_known(catalog) else None}
 
-    def dry_parameters(self, work):
-        return {"sensor_origin": "origin" if "rays" in work else None}
+    def whole_cost(self):
+        return self.asked.cost()
 
     def other_files(self, catalog):
         if self.false_positive_rate is not None:

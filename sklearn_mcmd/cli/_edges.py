@@ -40,7 +40,7 @@ class Edges(CloudVerb):
         show_default="unless IN has colors",
     )
 
-    work = results = "edges"
+    results = "edges"
 
     def estimator(self):
         detector = None if self.denoise else "passthrough"

@@ -107,15 +107,11 @@ class Normals(CloudVerb):
                 "need --orientation sensor: give both or neither."
             )
         self.feature_columns = feature_columns(self.features or (), "xyz")
-        auto = self.n_neighbors == "auto"
-        self.n_features = len(self.feature_columns) + auto  # the numbers of neighbors
-        work = "tree" if self.orientation == "mst" else "normals"
-        self.work = f"{work}, auto" if auto else work
 
-    def work_on(self, catalog):
-        return self.asked.work(self.work, catalog, rays=False)
+    def whole_cost(self):
+        return self.asked.cost()
 
-    def dry_parameters(self, work):
+    def dry_parameters(self, catalog):
         given = self.orientation == "sensor"
         return {"orientation": None, "sensor_origin": None} if given else {}
 
@@ -129,7 +125,7 @@ class Normals(CloudVerb):
 
     def find(self, cloud, estimator):
         from sklearn_mcmd.planes._orientation import count_upright
-        from sklearn_mcmd.tiling._result_files import normal_columns
+        from sklearn_mcmd.tiling._verbs import normal_columns
 
         origins, sensed = self.asked.of_normals(cloud)
         estimator.fit(in_own_precision(cloud.xyz), sensor_origin=origins)
@@ -182,7 +178,7 @@ class Normals(CloudVerb):
         return normals_contents(shown, names, told.removed_fraction)
 
     def _columns(self):
-        from sklearn_mcmd.tiling._result_files import NORMAL_COLUMNS
+        from sklearn_mcmd.tiling._verbs import NORMAL_COLUMNS
 
         return [*NORMAL_COLUMNS, *self.feature_columns]
 

@@ -59,10 +59,7 @@ class Segment(CloudVerb):
     )
     max_outlier_rate: _options.MaxOutlierRate = 0.5
 
-    work = results = "regions"
-
-    def work_on(self, catalog):
-        return self.work if self.regions is None else f"{self.work}, table"
+    results = "regions"
 
     def other_files(self, catalog):
         if self.regions is None:

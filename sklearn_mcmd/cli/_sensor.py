@@ -52,18 +52,21 @@ class Asked(NamedTuple):
     trajectory: Path | None
     recognize: bool = False  # whether the file may tell it with no option, or the points show it
 
-    def work(self, work, catalog, *, rays):
-        """The name of some work by tiles, as of `plan_run`, where the sensor may be known."""
-        told = self.sensor is not None or self.trajectory is not None
-        if rays and (told or (self.recognize and self._may_be_seen(catalog))):
-            work = f"{work}, rays"
-        if self.trajectory is not None:
-            return f"{work}, trajectory"
-        return f"{work}, angles" if self.sensor == AUTO else work
+    def cost(self):
+        """What one process has of each point for the positions, as of `plan_run`."""
+        from sklearn_mcmd.tiling._sensor_origins import COSTS
 
-    def _may_be_seen(self, catalog):
-        """Whether a file may have been taken from the origin: its bounds do not tell that this is
-        far away. What it shows is known when it is read."""
+        if self.trajectory is not None:
+            return COSTS["trajectory"]
+        return COSTS["angles"] if self.sensor == AUTO else (0.0, "")
+
+    def may_be_known(self, catalog):
+        """Whether the sensor is told, or a file may have been taken from the origin: its bounds do
+        not tell that this is far away. What it shows is known when it is read."""
+        if self.sensor is not None or self.trajectory is not None:
+            return True
+        if not self.recognize:
+            return False
         from sklearn_mcmd.sensors._rays import one_far_position
 
         bounds = np.array([catalog.low, catalog.high])

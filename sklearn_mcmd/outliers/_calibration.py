@@ -45,8 +45,8 @@ def calibrated_cutoff(model, settings, rate, roughness=None):
 
     The model is of the whole cloud. Its planes also tell how large the noise is against the
     spacing, which matters where it reaches the size of a neighborhood. The settings are of
-    `JudgedCloud`. Raise if the rate is less than the simulation resolves. The `roughness` is that of
-    the cloud, as by `roughness_of`, if the model is of other points.
+    `JudgedCloud`. Raise if the rate is less than the simulation resolves. The `roughness` is as by
+    `roughness_of`, if the model is of other points.
     """
     d = model.index.points.shape[1]
     compiled = d == 3 and model.index.n_neighbors is not None

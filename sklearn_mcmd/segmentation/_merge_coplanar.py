@@ -69,7 +69,7 @@ def join_coplanar(points, labels, around, n_jobs=None):
         graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(noise), len(noise)))
         # Parts are numbered by their first region, which keeps the order of regions.
         n_parts, part = connected_components(graph, directed=False)
-        planes, noise = _pool(*planes, noise, part)
+        planes, noise = pooled(*planes, noise, part)
         joined = [[] for _ in range(n_parts)]
         for number, own in zip(part.tolist(), parts, strict=True):
             joined[number] += own
@@ -84,7 +84,7 @@ def own_noise(covariances, radius):
     return np.where(ExplainLimits().explained * own <= radius, own, 0.0)
 
 
-def _pool(sizes, centroids, covariances, noise, part):
+def pooled(sizes, centroids, covariances, noise, part):
     """Sizes, centroids, covariances and noise of joined regions, from those of their parts."""
     n_parts = int(part.max()) + 1
     of_part = part, np.arange(len(part))

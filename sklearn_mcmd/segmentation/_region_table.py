@@ -23,40 +23,25 @@ FIELDS = [
 def region_table(points, labels, around, moments):
     """The `regions_` of a `RegionGrowing` in 3D, by the planes `around` points and the moments that
     `region_planes` returns."""
-    sizes, centroids, covariances, values, axes = moments
-    table = np.zeros(len(sizes), FIELDS)
-    table["points"], table["centroid"], table["rms"] = sizes, centroids, np.sqrt(values[:, 0])
-    table["normal"] = normals = point_up(axes[..., 0].copy())
-    table["dip"] = np.degrees(np.arccos(np.clip(normals[:, 2], 0.0, 1.0)))
-    table["dip_direction"] = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
+    sizes, _, _, values, axes = moments
     distinct = region_sizes(labels, len(sizes))  # copies tell nothing more
-    noise = np.sqrt(values[:, 0] * distinct / np.maximum(distinct - N_PLANE, 1))
-    table["height_error"] = noise / np.sqrt(np.maximum(distinct, 1))
-    # Along the narrower axis; 90 where that is none.
-    gap = values[:, 1] - values[:, 0]
-    known = gap > RANK_TOLERANCE * values[:, 2]
-    gap[~known] = np.inf
-    tilt = np.sqrt(tilt_variances(values[:, 1], gap, table["height_error"] ** 2))
-    table["normal_error"] = np.where(known, np.degrees(np.minimum(tilt, np.pi / 2)), 90.0)
-    for name in ("axis_point", "axis", "radius"):
-        table[name] = np.nan
+    table, noise = flat_table(moments, distinct)
     if len(sizes) == 0:
         return table
     most_noise, least_size = JoinLimits().most_noise, CylinderLimits().least_size
     usual = median_by_region(around.scale, labels, len(sizes))
     reach = median_by_region(around.radius, labels, len(sizes))
-    # What eigenvalues round is no bend, and no cylinder about a line.
-    flat, thin = (values[:, i] <= RANK_TOLERANCE * values[:, 2] for i in (0, 1))
-    flat |= table["rms"] <= most_noise * usual
-    flat |= own_noise(covariances, reach) > 0
+    # What eigenvalues round is no cylinder about a line.
+    thin = values[:, 1] <= RANK_TOLERANCE * values[:, 2]
+    flat = are_flat(moments, usual, reach)
     groups = Groups.of(labels).split()
     for region, (own, group) in enumerate(zip(table, groups, strict=True)):
         group = by_place(points, group)
         own["kind"] = "plane" if flat[region] else "curved"
         local = points[group]
         local -= own["centroid"]
-        places, heights = local @ _frame(own["normal"]).T, local @ own["normal"]
-        own["area"], own["outline"] = _outline(places, own["centroid"], own["normal"])
+        places, heights = local @ frame_of(own["normal"]).T, local @ own["normal"]
+        own["area"], own["outline"] = outline_of(places, own["centroid"], own["normal"])
         form = form_of(local @ axes[region][:, 1:], heights)
         if noise[region] > 0 and form.is_alike(noise[region]):
             # Errors of which 1.96 hold 95 %, though few bows tell them.
@@ -76,20 +61,50 @@ def region_table(points, labels, around, moments):
     return table
 
 
-def _frame(normal):
+def flat_table(moments, distinct):
+    """The table of regions that are taken for planes, without area and outline, and their noise, by
+    moments as of `region_planes`, and the `distinct` points of each."""
+    sizes, centroids, _, values, axes = moments
+    table = np.zeros(len(sizes), FIELDS)
+    table["points"], table["centroid"], table["rms"] = sizes, centroids, np.sqrt(values[:, 0])
+    table["normal"] = normals = point_up(axes[..., 0].copy())
+    table["dip"] = np.degrees(np.arccos(np.clip(normals[:, 2], 0.0, 1.0)))
+    table["dip_direction"] = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
+    noise = np.sqrt(values[:, 0] * distinct / np.maximum(distinct - N_PLANE, 1))
+    table["height_error"] = noise / np.sqrt(np.maximum(distinct, 1))
+    # Along the narrower axis; 90 where that is none.
+    gap = values[:, 1] - values[:, 0]
+    known = gap > RANK_TOLERANCE * values[:, 2]
+    gap[~known] = np.inf
+    tilt = np.sqrt(tilt_variances(values[:, 1], gap, table["height_error"] ** 2))
+    table["normal_error"] = np.where(known, np.degrees(np.minimum(tilt, np.pi / 2)), 90.0)
+    for name in ("axis_point", "axis", "radius"):
+        table[name] = np.nan
+    return table, noise
+
+
+def are_flat(moments, usual, reach):
+    """Which regions are planes, by moments, and medians of scales and radii of their planes."""
+    _, _, covariances, values, _ = moments
+    flat = values[:, 0] <= RANK_TOLERANCE * values[:, 2]  # what eigenvalues round is no bend
+    flat |= np.sqrt(values[:, 0]) <= JoinLimits().most_noise * usual
+    return flat | (own_noise(covariances, reach) > 0)
+
+
+def frame_of(normal):
     """Two unit vectors (2, 3) of a plane."""
     u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     u /= np.linalg.norm(u)
     return np.stack([u, np.cross(normal, u)])
 
 
-def _outline(places, centroid, normal):
+def outline_of(places, centroid, normal):
     """Area and convex outline, as WKT, of points (n, 2) in their plane."""
     try:
         hull = ConvexHull(places)
     except (QhullError, ValueError):  # points of a line, or too few
         return 0.0, "POLYGON Z EMPTY"
-    corners = centroid + places[hull.vertices] @ _frame(normal)
+    corners = centroid + places[hull.vertices] @ frame_of(normal)
     corners = np.roll(corners, -np.lexsort(corners.T)[0], axis=0)
     ring = ", ".join(
         " ".join(f"{value:.12g}" for value in corner) for corner in [*corners, corners[0]]

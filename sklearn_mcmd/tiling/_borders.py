@@ -97,33 +97,32 @@ def regions_in_overlap(part, labels, cloud, n_neighbors):
     return {"touching": np.unique(np.concatenate(touching), axis=0), **_halo(part, labels)}
 
 
-def join_regions(results, cells, starts, n):
+def join_regions(results, cells, starts, sizes):
     """The joined region of each region of each cell, from 0 on: those that are one share points.
 
-    ``starts[cell]`` is the number of its first region, of n. The most shared points come first, and
-    never are two joined that touch within a cell.
+    ``starts[cell]`` is the number of its first region; `sizes` (n,) are the own points of all, and
+    a region without any joins none. The most shared points come first, and never are two joined
+    that touch within a cell.
     """
-    pairs, counts = [], np.zeros(n)
-    found = []
+    overlaps: dict[tuple, list] = {}
     for cell, home, at, labels, _ in _overlaps(results, cells):
         theirs = results.mapped(home, "results")[at, 0].astype(np.int64)
-        one, other = labels >= 0, theirs >= 0
-        np.add.at(counts, starts[cell] + labels[one], 1)
-        np.add.at(counts, starts[home] + theirs[other], 1)
-        both = one & other
-        found.append(
-            np.sort(np.stack([starts[cell] + labels[both], starts[home] + theirs[both]]), axis=0)
-        )
-    pairs = np.concatenate([np.empty((2, 0), np.int64), *found], axis=1)
-    shared = coo_array((np.ones(pairs.shape[1]), pairs), shape=(n, n)).tocsr()
-    shared.sum_duplicates()
-    shared = shared.tocoo()
-    least = np.minimum(counts[shared.row], counts[shared.col])
-    kept = (shared.data >= LEAST_SHARED) & (shared.data > LEAST_SHARE * least)
-    row, col, points = shared.row[kept], shared.col[kept], shared.data[kept]
-    groups = Groups(n, [starts[cell] + results.read(cell, "touching") for cell in cells])
-    for i in np.lexsort((col, row, -points)):
-        groups.join(int(row[i]), int(col[i]))
+        both = np.stack([labels, theirs])[:, (labels >= 0) & (theirs >= 0)]
+        both = both if cell < home else both[::-1]
+        overlaps.setdefault((min(cell, home), max(cell, home)), []).append(both)
+    found = [np.empty((3, 0), np.int64)]
+    for (one, other), both in overlaps.items():
+        both = np.concatenate(both, axis=1)
+        pairs, shared = np.unique(both, axis=1, return_counts=True)
+        least = np.minimum(*(np.bincount(side)[of] for side, of in zip(both, pairs, strict=True)))
+        kept = (shared >= LEAST_SHARED) & (shared > LEAST_SHARE * least)
+        found.append(np.stack([starts[one] + pairs[0], starts[other] + pairs[1], shared])[:, kept])
+    one, other, shared = np.concatenate(found, axis=1)
+    kept = (sizes[one] > 0) & (sizes[other] > 0)
+    one, other, shared = one[kept], other[kept], shared[kept]
+    groups = Groups(len(sizes), [starts[cell] + results.read(cell, "touching") for cell in cells])
+    for i in np.lexsort((other, one, -shared)):
+        groups.join(int(one[i]), int(other[i]))
     return groups.labels()
 
 
@@ -168,7 +167,7 @@ def _halo(part, values, vectors=None):
 
 def _overlaps(results, cells):
     """Of each pair of cells, what the first says of points of the second: numbers of both cells,
-    numbers in the second, values, and vectors, None if there are none."""
+    numbers in the second, values, and vectors, if there are any."""
     for cell in cells:
         halo = results.read(cell, "halo").astype(np.int64)
         vectors = (

@@ -96,7 +96,7 @@ def part_of_cell(cells, cell, n_neighbors, hops, usual):
             margin *= 2
             continue
         rings = Rings(cells, cell, xyz, n_own, margin)
-        rings.grow(n_neighbors, hops, 1.5 * usual)
+        rings.grow(n_neighbors, hops, margin)
         is_wide = margin >= width or len(xyz) > limits.most * n_own
         if is_wide or rings.incomplete <= limits.incomplete:
             break

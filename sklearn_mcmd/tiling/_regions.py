@@ -7,14 +7,15 @@ import numpy as np
 
 from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
-from sklearn_mcmd.segmentation._estimator import numbers_by_size
+from sklearn_mcmd.segmentation._estimator import RegionGrowing, numbers_by_size
 from sklearn_mcmd.tiling._borders import join_regions, regions_in_overlap
 from sklearn_mcmd.tiling._outputs import Results
+from sklearn_mcmd.tiling._region_parts import joined_table, parts_of_regions
 from sklearn_mcmd.tiling._run import TiledVerb, most_neighbors, warm_up
 from sklearn_mcmd.tiling._verbs import hops_of, neighbors_of, without_sides
 
 LARGEST = 20  # regions whose points are counted in the report
-HOPS_MORE = 1  # of regions, besides those of normals: links
+HOPS_MORE = 12  # of regions, besides those of normals: links
 
 
 class TiledRegions(TiledVerb):
@@ -44,7 +45,8 @@ class TiledRegions(TiledVerb):
     def find(self, run):
         keep = partial(keep_regions, with_table=bool(self.table))
         hops = hops_of(self.normals) + HOPS_MORE
-        run.fit(self.task, run.job(self.estimator, keep, hops))
+        growing = PartGrowing(**self.estimator.get_params(deep=False))
+        run.fit(self.task, run.job(growing, keep, hops))
         self.found = run.results.once("regions", partial(self._join, run))
 
     def _join(self, run):
@@ -56,7 +58,7 @@ class TiledRegions(TiledVerb):
             labels = results.read(cell, "results")[:, 0]
             own = np.bincount(labels[labels >= 0], minlength=starts[cell + 1] - starts[cell])
             sizes[starts[cell] : starts[cell + 1]] = own
-        group = join_regions(results, cells, starts, n)
+        group = join_regions(results, cells, starts, sizes)
         totals = np.bincount(group, sizes, group.max(initial=-1) + 1)
         number = numbers_by_size(totals, self.estimator.min_region_size)[:-1]
         numbers = number[group] if n else np.empty(0, np.int32)
@@ -65,7 +67,7 @@ class TiledRegions(TiledVerb):
             known = np.append(numbers[starts[cell] : starts[cell + 1]], -1).astype(np.int32)
             results.keep(cell, "final", {"final": known[labels][:, None]})
         if self.table:
-            write_regions(self._place(run.folder), joined_table(results, cells, numbers))
+            write_regions(self._place(run.folder), joined_table(results, cells, starts, numbers))
         kept = np.sort(totals[number >= 0])[::-1].astype(int).tolist()
         return {"n_regions": len(kept), "n_inside": sum(kept), "largest": kept[:LARGEST]}
 
@@ -88,8 +90,20 @@ class TiledRegions(TiledVerb):
         return {"removed_fraction": 0.0, **self.found}
 
 
+class PartGrowing(RegionGrowing):
+    """Keeps the `Segments` of a part of a cloud, and tells nothing else."""
+
+    def fit(self, X, y=None):
+        self.segments_ = self._segment(X)
+        return self
+
+
 def keep_regions(job, cell, part, fitted, cloud, with_table):
     """As `Job.keep`."""
-    labels = fitted.labels_.astype(np.int32)
-    found = {"results": labels[part.own, None], "n_regions": fitted.n_regions_}
-    return found | regions_in_overlap(part, labels, cloud, fitted.n_neighbors)
+    segments = fitted.segments_
+    labels = segments.labels[segments.index.places].astype(np.int32)
+    found = {"results": labels[part.own, None], "n_regions": int(labels.max(initial=-1)) + 1}
+    found |= regions_in_overlap(part, labels, cloud, fitted.n_neighbors)
+    if with_table:
+        found |= parts_of_regions(segments, part.own[segments.index.rows])
+    return found
