@@ -12,7 +12,7 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.tiling._result_files import normal_columns
+from sklearn_mcmd.tiling._verbs import normal_columns
 
 # Few neighbors, so that little lies around small tiles.
 ESTIMATOR = RobustNormalEstimator(16, random_state=0)

@@ -53,9 +53,9 @@ class Part(NamedTuple):
         """Some of the points."""
         return Part(*(None if values is None else values[chosen] for values in self))
 
-    def count_proven(self, cloud, n_neighbors, hops, n_jobs):
-        """How many of the own points have the results of the whole cloud: the neighbors of these
-        are in the part, and so are theirs, hop by hop. `cloud` is the `IndexedCloud` of the points.
+    def proven(self, cloud, n_neighbors, hops, n_jobs):
+        """Which of the own points have the results of the whole cloud: the neighbors of these are
+        in the part, and so are theirs, hop by hop. `cloud` is the `IndexedCloud` of the points.
         """
         n, k = len(cloud.points), min(n_neighbors, len(cloud.points))
         doubtful, reach = np.zeros(n, bool), self.reach[cloud.rows]
@@ -74,7 +74,7 @@ class Part(NamedTuple):
                 doubtful[rows] |= before[cloud.neighbors(rows, k, k)].any(axis=1)
 
             each_slice(n, part_size(k), ask, n_jobs)
-        return int(np.count_nonzero(~doubtful[cloud.places[self.own]]))
+        return ~doubtful[cloud.places[self.own]]
 
 
 def part_of_cell(cells, cell, n_neighbors, hops, usual):
