@@ -87,17 +87,17 @@ def part_of_cell(cells, cell, n_neighbors, hops, usual):
         every = np.ones(n_own, bool)
         return Part(own_xyz, own_rows, every, own_homes, own_at, np.full(n_own, np.inf))
     limits, width = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
-    margin = hops * usual
-    least = min(n_neighbors + 1, cells.n_points)
+    margin = hops * usual or width / 16 or 1.0  # 0 of a sample of copies
     while True:
         halo = cells.within(cell, margin)
         xyz = np.concatenate([own_xyz, halo[0]])
-        if len(xyz) < least:
+        rings = Rings(cells, cell, xyz, n_own, margin)
+        has_all, has_few = len(xyz) == cells.n_points, len(rings.cloud.points) <= n_neighbors
+        if has_few and not has_all:  # distinct ones: copies have no plane
             margin *= 2
             continue
-        rings = Rings(cells, cell, xyz, n_own, margin)
         rings.grow(n_neighbors, hops, margin)
-        is_wide = margin >= width or len(xyz) > limits.most * n_own
+        is_wide = has_all or margin >= width or len(xyz) > limits.most * n_own
         if is_wide or rings.incomplete <= limits.incomplete:
             break
         margin = min(2 * margin, width)
@@ -133,6 +133,8 @@ class Rings:
         ring, n_asked, n_incomplete = np.flatnonzero(self.inside & (self.depth < deep)), 0, 0
         k = min(n_neighbors, len(self.cloud.points))
         for _ in range(hops):
+            if not len(ring):  # the points of no other cell are neighbors
+                break
             near = self._neighbors(ring, k)
             ends = self.cloud.points[near[:, -1]] - self.cloud.points[ring]
             radius = seen_from(np.linalg.norm(ends, axis=1), self.ranges, ring)
