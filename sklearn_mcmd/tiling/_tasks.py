@@ -123,6 +123,8 @@ def compute_cells(task, cells, todo, n_workers):
 
 def _ends(cells, cell):
     """The least and the most coordinates of a cell."""
+    if cells.center is None:  # no file is read, which may be why the cell failed
+        return cells.extent(cell)
     xyz = cells.points(cell)
     return xyz.min(axis=0), xyz.max(axis=0)
 
