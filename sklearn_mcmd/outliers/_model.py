@@ -145,7 +145,9 @@ class JudgedCloud:
         rest, points = off_surface.rest.rows, off_surface.rest.points
         if self.intensity is not None:
             whole = whole_cloud()
-            ranks = isolated(self.intensity[rest], off_surface.isolation)
+            # Those whose isolation no surface would explain.
+            self.isolated = rest[off_surface.isolation > ExplainLimits().explained]
+            ranks = self.intensity[self.isolated]
             self.telling = telling_of([ranks]) if whole is None else whole.telling
         doubt = self.darkness(rest)
         apart = off_surface.isolation * doubt, off_surface.separation
@@ -396,11 +398,6 @@ def ranks_of_intensity(intensity, index, n):
         return largest
     values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)
     return middle_ranks(counts)[place] if len(values) > 1 else None
-
-
-def isolated(ranks, isolation):
-    """Those of points whose isolation no surface would explain."""
-    return ranks[isolation > ExplainLimits().explained]
 
 
 def telling_of(parts):
