@@ -6,24 +6,45 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 
 from sklearn_mcmd.normals._features import flip_columns
 from sklearn_mcmd.normals._sides import TreeLimits
+from sklearn_mcmd.planes._orientation import signs_along, spanning_forest
 from sklearn_mcmd.runtime._chunks import slices
 
 LEAST_SHARED = 10  # points that regions of two cells share at least, if they are one,
 LEAST_SHARE = 0.5  # and this share of the smaller one's points in the overlap
+SMOOTH = 0.9  # cosine between normals of neighbors that are of one smooth part, at least
 AT_ONCE = 100_000  # points whose neighbors are compared at once
 
 
 def sides_in_overlap(part, fitted, cloud):
-    """What `sides_of_cells` asks of a cell whose normals agree along a tree: the connected parts of
-    the tree. Arrays: of the own points, of those of others, and heights of the parts."""
+    """What `sides_of_cells` asks of a cell whose normals agree along a tree of all points: the
+    smooth parts of the tree of own points and their neighbors, and where these are joined.
+
+    Signs of the own points, by which normals agree in each part, and arrays: the parts of own
+    points and of those of others, heights of parts, and pairs of them with a cosine of normals.
+    """
     n, k = len(cloud.points), min(TreeLimits().n_neighbors, len(cloud.points))
-    near = cloud.neighbors(slice(0, n), k, 0)
-    graph = coo_array((np.ones(near.size, bool), (np.repeat(near[:, 0], k), near.ravel())), (n, n))
-    n_parts, tree = connected_components(graph, directed=False)
-    tree = tree[cloud.places]
+    own, normals = np.unique(cloud.places[part.own]), fitted.normals_[cloud.rows]
+    near = np.concatenate([cloud.neighbors(rows, k, 0) for rows in slices(n, AT_ONCE)])[own]
+    ends = spanning_forest(normals, cloud.points, np.repeat(own, k), near.ravel())
+    bent = np.abs(np.einsum("ij,ij->i", *(normals[end] for end in ends))) < SMOOTH
+    first, second = (end[~bent] for end in ends)
+    signs = signs_along(normals, cloud.points, first, second)
+    smooth = coo_array((np.ones(len(first)), (first, second)), shape=(n, n))
+    n_parts, tree = connected_components(smooth, directed=False)
+    normals = normals * signs[:, None]
+    first, second = (end[bent] for end in ends)
+    cosine = np.einsum("ij,ij->i", normals[first], normals[second])
+    joints = np.column_stack([tree[first], tree[second], cosine])
+    near = np.isin(np.arange(n), near)[cloud.places]
+    tree, signs = tree[cloud.places], signs[cloud.places]
     top = np.full(n_parts, -np.inf)
     np.maximum.at(top, tree[part.own], part.xyz[part.own, 2])
-    return {"trees": tree[part.own], "tops": top, **_halo(part, tree, fitted.normals_)}
+    return signs[part.own], {
+        "trees": tree[part.own],
+        "tops": top,
+        "joints": joints,
+        **_halo(part.taken(near), tree[near], fitted.normals_[near] * signs[near, None]),
+    }
 
 
 def sides_of_cells(run, names):
@@ -36,6 +57,10 @@ def sides_of_cells(run, names):
         other = results.mapped(home, "results")[at, :3]
         pairs.append(np.stack([starts[cell] + tree, theirs]))
         votes.append(np.sign(np.einsum("ij,ij->i", normals, other)))
+    for cell in cells:  # they count less than any vote: a tree of the whole has them last, too
+        joints = results.read(cell, "joints")
+        pairs.append(starts[cell] + joints[:, :2].astype(np.int64).T)
+        votes.append(np.where(joints[:, 2] < 0, -1, 1) * np.clip(np.abs(joints[:, 2]), 1e-9, SMOOTH))
     tops = np.concatenate([results.read(cell, "tops") for cell in cells])
     signs = _signs(np.concatenate(pairs, axis=1), np.concatenate(votes), tops)
     for cell in cells:
