@@ -387,7 +387,6 @@ class Sample:
             warnings.simplefilter("ignore")
             return bytes_of_point(self._verb.measure_fit, self.xyz)
 
-
     def warn(self, dtype, n_points):
         """Warn as a fit to the whole cloud does, whose coordinates are of this dtype."""
         index = NeighborIndex(self.xyz, self._verb.n_neighbors)

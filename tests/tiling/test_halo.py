@@ -84,13 +84,6 @@ def test_a_turn_is_divided_in_wedges_whose_halos_are_narrow_and_proven(tmp_path)
     assert np.mean(sizes) < 2
 
 
-def test_the_only_cell_is_all_of_the_cloud(tmp_path):
-    X = CLOUDS["street"]()
-    part = part_of_cell(cells_of(tmp_path, X, 9_000), 0, K, HOPS, 0.0)
-    assert part.own.all()
-    assert part.proven(IndexedCloud(part.xyz), K, HOPS, 1).all()
-
-
 def test_points_that_join_a_part_come_once_in_the_order_of_rows(tmp_path):
     X = CLOUDS["street"]()
     cells = cells_of(tmp_path, X)

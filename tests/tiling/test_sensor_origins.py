@@ -10,7 +10,7 @@ from flights import flight, of
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator, SharpFeatureDetector
 from sklearn_mcmd.io import PointCloud, Trajectory, read_points, sensor_origins, write_points
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
-from sklearn_mcmd.tiling import TilingError, _outliers, process_files
+from sklearn_mcmd.tiling import _outliers, process_files
 from tiled import values_of
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
@@ -144,7 +144,9 @@ def test_a_position_that_is_doubted_is_used_if_it_was_given_and_not_if_it_was_fo
     monkeypatch.setattr(_outliers, "doubt_of", lambda *_: "it cannot be")
     fitted = clone(DETECTOR).fit(read_points(path).xyz)
     with pytest.warns(UserWarning, match="it cannot be. It is not used"):
-        scores, _, report = scores_by_tiles(path, tmp_path / "b.las", DETECTOR, sensor_origin="auto")
+        scores, _, report = scores_by_tiles(
+            path, tmp_path / "b.las", DETECTOR, sensor_origin="auto"
+        )
     assert_array_equal(scores, -fitted.scores_.astype(np.float32))
     assert report.sensor == {"sensor": "not used", "doubt": "it cannot be"}
 
@@ -167,23 +169,6 @@ def test_a_trajectory_along_the_ground_is_doubted_and_used_as_in_memory(drive, t
             report = scores_by_tiles(path, tmp_path / "b.las", DETECTOR, **options)[2]
         assert report.sensor.keys() == words.keys()
         assert size or report.sensor == words
-
-
-def test_another_trajectory_begins_anew_and_the_same_goes_on(drive, tmp_path, monkeypatch):
-    path, trajectory = drive
-    moved = Trajectory(trajectory.times, trajectory.positions + np.array([0.0, 5.0, 0.0]))
-
-    def fail(*_, **__):
-        raise MemoryError("enough")
-
-    for given in (trajectory, moved):
-        options = {"sensor_origin": given, "tile_size": 900, "mode": "mark"}
-        with monkeypatch.context() as patch:
-            patch.setattr("sklearn_mcmd.tiling._run.write_outputs", fail)
-            with pytest.raises(TilingError, match="enough"):
-                process_files(path, tmp_path / "b.las", DETECTOR, **options)
-    report = process_files(path, tmp_path / "b.las", DETECTOR, **options)
-    assert report.n_resumed == report.n_tiles
 
 
 @pytest.mark.parametrize(
@@ -212,10 +197,4 @@ def test_another_trajectory_begins_anew_and_the_same_goes_on(drive, tmp_path, mo
 def test_wrong_positions_are_refused_and_nothing_is_left(turn, tmp_path, estimator, given, message):
     with pytest.raises(ValueError, match=message):
         process_files(turn, tmp_path / "b.las", estimator, sensor_origin=given)
-    assert not list(tmp_path.iterdir())
-
-
-def test_positions_at_the_points_themselves_have_no_rays(turn, tmp_path):
-    with pytest.raises(ValueError, match="where all points are"):
-        process_files(turn, tmp_path / "b.las", NORMALS, sensor_origin=read_points(turn).xyz)
     assert not list(tmp_path.iterdir())
