@@ -60,9 +60,8 @@ def sides_of_cells(run, names):
     for cell in cells:  # they count less than any vote: a tree of the whole has them last, too
         joints = results.read(cell, "joints")
         pairs.append(starts[cell] + joints[:, :2].astype(np.int64).T)
-        votes.append(
-            np.where(joints[:, 2] < 0, -1, 1) * np.clip(np.abs(joints[:, 2]), 1e-9, SMOOTH)
-        )
+        agree = np.clip(np.abs(joints[:, 2]), 1e-9, SMOOTH)
+        votes.append(np.where(joints[:, 2] < 0, -agree, agree))
     tops = np.concatenate([results.read(cell, "tops") for cell in cells])
     signs = _signs(np.concatenate(pairs, axis=1), np.concatenate(votes), tops)
     for cell in cells:

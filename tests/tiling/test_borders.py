@@ -24,7 +24,7 @@ def sphere():
 
 
 def two_spheres():
-    return np.vstack([sphere()[:2_500], sphere()[2_500:] + [0, 9, 3]])
+    return np.vstack([sphere()[:2_500], sphere()[2_500:] + np.array([0, 9, 3])])
 
 
 @pytest.mark.parametrize(

@@ -146,7 +146,7 @@ def test_what_workers_of_a_killed_command_still_write_does_not_matter(small_file
     """Those of the same run write the same; those of another, where nobody reads."""
     target, expected = tmp_path / "out.las", tmp_path / "e.las"
     process_files(small_file, expected, ESTIMATOR, tile_size=2_000)
-    tasks, begin = [], WorkFolder.begin
+    tasks = []
 
     def leave(task, cells, todo, n_workers):
         tasks.append(task)

@@ -1,4 +1,4 @@
-"""Files by tiles: one or many, with all that their points have, the same however work is divided."""
+"""Files by tiles: one or many, with all that their points have, however work is divided."""
 
 from types import SimpleNamespace
 

@@ -144,11 +144,9 @@ def test_a_position_that_is_doubted_is_used_if_it_was_given_and_not_if_it_was_fo
     monkeypatch.setattr(_outliers, "doubt_of", lambda *_: "it cannot be")
     fitted = clone(DETECTOR).fit(read_points(path).xyz)
     with pytest.warns(UserWarning, match="it cannot be. It is not used"):
-        scores, _, report = scores_by_tiles(
-            path, tmp_path / "b.las", DETECTOR, sensor_origin="auto"
-        )
-    assert_array_equal(scores, -fitted.scores_.astype(np.float32))
-    assert report.sensor == {"sensor": "not used", "doubt": "it cannot be"}
+        found = scores_by_tiles(path, tmp_path / "b.las", DETECTOR, sensor_origin="auto")
+    assert_array_equal(found[0], -fitted.scores_.astype(np.float32))
+    assert found[2].sensor == {"sensor": "not used", "doubt": "it cannot be"}
 
 
 @pytest.mark.filterwarnings("ignore:.*outliers lie together")
