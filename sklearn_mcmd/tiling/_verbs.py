@@ -25,7 +25,7 @@ NORMAL_COLUMNS = (
 )
 HOPS = 5  # of planes: neighbors agree on them in two, then noise, bends and edges ask again
 HOPS_OF_SIZES = 17  # where noise decides how many neighbors each has
-HOPS_OF_EDGES = 9
+HOPS_OF_EDGES = 9  # planes of what is left once outliers are removed, and the creases of these
 
 
 class TiledNormals(TiledVerb):
