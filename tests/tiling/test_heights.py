@@ -1,13 +1,11 @@
 """Heights over the ground, and groups below it, by tiles are those in memory."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.cli._denoise import Denoise, _verdict, judged_points
+from sklearn_mcmd.cli._denoise import _verdict, judged_points
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
 from sklearn_mcmd.io._classes import Choice
 from sklearn_mcmd.tiling import _heights, process_files
@@ -47,38 +45,12 @@ def lattice():
     return cloud_of(np.vstack([xyz, xyz[:400]]), np.append(classes, np.full(400, 2)))
 
 
-def in_memory(source, target, mode="mark", choice=None, **heights):
-    """Write the output of memory; returns the `Judged` points, the classes, and scores."""
+def in_memory(source, **heights):
+    """The `Judged` points, the classes, and scores."""
     cloud = read_points(source)
-    points = judged_points(source, cloud, choice or Choice(), **heights)
+    points = judged_points(source, cloud, Choice(), **heights)
     fitted = fit_in_memory(cloud.xyz[points.used], DETECTOR)
-    classes, score, _ = _verdict(cloud, points, fitted, heights.get("low_groups", False))
-    made, noise = Denoise(source, target, mode=mode).written(
-        cloud, SimpleNamespace(classes=classes, score=score)
-    )
-    write_points(target, made, noise=noise)
-    return points, classes, score
-
-
-@pytest.fixture
-def files(tmp_path):
-    return tuple(tmp_path / name for name in ("a.las", "b.las", "c.las"))
-
-
-@pytest.mark.parametrize("mode", ["mark", "drop"])
-@pytest.mark.parametrize(
-    "options", [{}, {"ignore_classes": [6]}, {"only_classes": [1, 2]}], ids=str
-)
-def test_one_tile_has_the_output_of_memory(mode, options, files):
-    a, b, c = files
-    write_points(a, site())
-    choice = Choice(options.get("ignore_classes", ()), options.get("only_classes", ()))
-    points, classes, _ = in_memory(a, b, mode, choice, **ALL)
-    report = process_files(a, c, DETECTOR, mode=mode, **options, **ALL)
-    assert c.read_bytes() == b.read_bytes()
-    assert report.n_outliers == np.count_nonzero(classes)
-    assert report.removed_fraction == (classes > 0).mean()
-    assert (report.n_judged, report.n_used) == (points.judged.sum(), points.used.sum())
+    return points, *_verdict(cloud, points, fitted, heights.get("low_groups", False))[:2]
 
 
 @pytest.mark.parametrize(
@@ -86,13 +58,13 @@ def test_one_tile_has_the_output_of_memory(mode, options, files):
     [*(("site", heights) for heights in (NEAR, GROUPS, ALL)), ("lattice", ALL)],
 )
 def test_the_same_points_are_judged_and_the_same_groups_lie_below_the_ground(
-    scene, heights, files, monkeypatch
+    scene, heights, tmp_path, monkeypatch
 ):
     """The ground has small cells, too; other scores are those of tiles."""
     monkeypatch.setattr(_heights, "CAPACITY", 300)
-    a, b, c = files
+    a, c = tmp_path / "a.las", tmp_path / "c.las"
     write_points(a, (lattice if scene == "lattice" else site)())
-    points, classes, score = in_memory(a, b, **heights)
+    points, classes, score = in_memory(a, **heights)
     report = process_files(a, c, DETECTOR, mode="mark", tile_size=900, **heights)
     found = read_points(c).attributes
     assert report.n_tiles > 4
@@ -111,7 +83,7 @@ def test_the_ground_of_one_file_counts_for_the_points_of_another(tmp_path):
     write_points(tmp_path / "in" / "b.las", cloud.subset(~is_ground))
     order = np.concatenate([np.flatnonzero(is_ground), np.flatnonzero(~is_ground)])
     write_points(tmp_path / "all.las", cloud.subset(order))
-    _, classes, score = in_memory(tmp_path / "all.las", tmp_path / "expected.las", **ALL)
+    _, classes, score = in_memory(tmp_path / "all.las", **ALL)
     process_files(tmp_path / "in", tmp_path / "out", DETECTOR, mode="mark", **ALL)
     found = [read_points(tmp_path / "out" / name).attributes for name in ("a.las", "b.las")]
     found = {name: np.concatenate([f[name] for f in found]) for name in found[0]}
@@ -120,8 +92,8 @@ def test_the_ground_of_one_file_counts_for_the_points_of_another(tmp_path):
     assert_array_equal(found["outlier_score"], score.astype(np.float32))
 
 
-def test_points_without_ground_or_at_other_heights_are_said(files, tmp_path):
-    a, _, c = files
+def test_points_without_ground_or_at_other_heights_are_said(tmp_path):
+    a, c = tmp_path / "a.las", tmp_path / "c.las"
     write_points(a, site(600))
     with pytest.raises(PointFileError, match=r"no points are judged: .* or at other heights"):
         process_files(a, c, DETECTOR, above=1e6)
