@@ -63,4 +63,5 @@ def test_seams_of_real_clouds_are_small(name, verb, by_tiles, tmp_path, shared_d
         pytest.skip(f"shared/data has no {name}")
     with np.load(path) as stored:
         xyz = stored["xyz"].astype(float)
+    xyz = xyz[xyz.any(axis=1)]  # without silent rays
     assert_seams_are_small(verb, written(tmp_path, xyz), by_tiles, AT_ONCE)
