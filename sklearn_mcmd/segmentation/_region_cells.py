@@ -43,18 +43,14 @@ class Cells(NamedTuple):
 
         each_slice(n, index.chunk, find, n_jobs)
         of, begins = gathered(order, starts, near.ravel(), labels)
-        pairs, rows, sizes = [], [], []
+        around, pairs = near[begins], []
+        own = of[around] == np.arange(len(begins))[:, None]
         for some in slices(n, ROWS):
             ends = np.broadcast_arrays(of[some, None], of[near[some]])
             one_region = (labels[near[some]] == labels[some, None]) & (labels[some, None] >= 0)
             pairs.append(once(np.column_stack([cells[one_region] for cells in ends])))
-        for some in slices(len(begins), ROWS):
-            around = near[begins[some]]
-            own = of[around] == of[begins[some], None]
-            rows.append(around[own])
-            sizes.append(own.sum(axis=1))
-        ends = np.append(0, np.cumsum(np.concatenate(sizes)))
-        return cls(of, np.concatenate(rows), ends, once(np.concatenate(pairs)))
+        ends = np.append(0, np.cumsum(own.sum(axis=1)))
+        return cls(of, around[own], ends, once(np.concatenate(pairs)))
 
     @property
     def begins(self):
