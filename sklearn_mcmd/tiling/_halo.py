@@ -77,9 +77,10 @@ class Part(NamedTuple):
         return int(np.count_nonzero(~doubtful[cloud.places[self.own]]))
 
 
-def part_of_cell(cells, cell, n_neighbors, hops, usual):
-    """The `Part` of a cell: as many rings of `n_neighbors` as there are hops; `usual` is about how
-    far the last of a point's neighbors is, in places as of `Cells`."""
+def part_of_cell(cells, cell, n_neighbors, hops, width, usual):
+    """The `Part` of a cell: as many rings of `n_neighbors` as there are hops, and all points nearer
+    than the `width`. This is in units of the `usual`, which is about how far the last of a point's
+    neighbors is, in places as of `Cells`."""
     own_xyz, own_rows = cells.points(cell), np.asarray(cells.rows(cell))
     n_own = len(own_xyz)
     own_homes, own_at = np.full(n_own, cell, np.int32), np.arange(n_own)
@@ -87,7 +88,7 @@ def part_of_cell(cells, cell, n_neighbors, hops, usual):
         every = np.ones(n_own, bool)
         return Part(own_xyz, own_rows, every, own_homes, own_at, np.full(n_own, np.inf))
     limits, width = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
-    margin = hops * usual
+    margin = max(hops, width) * usual
     least = min(n_neighbors + 1, cells.n_points)
     while True:
         halo = cells.within(cell, margin)
@@ -97,6 +98,7 @@ def part_of_cell(cells, cell, n_neighbors, hops, usual):
             continue
         rings = Rings(cells, cell, xyz, n_own, margin)
         rings.grow(n_neighbors, hops, margin)
+        rings.widen(width * usual)
         is_wide = margin >= width or len(xyz) > limits.most * n_own
         if is_wide or rings.incomplete <= limits.incomplete:
             break
@@ -145,6 +147,11 @@ class Rings:
             self.inside[ring] = True
         self.reach[ring] = np.inf  # whose neighbors matter to no own point
         self.incomplete = n_incomplete / max(1, n_asked)
+
+    def widen(self, width):
+        """Add all places nearer to the box than the width."""
+        near = (self.depth > -width) & ~self.inside
+        self.inside[near], self.reach[near] = True, np.inf
 
     def _neighbors(self, rows, k):
         """The k nearest of places, of which the rows ascend."""

@@ -35,6 +35,7 @@ from sklearn_mcmd.tiling._tasks import run_tasks
 
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
 HOPS = 6  # planes agree in two; then surfaces explain, and points around judge
+WIDTH = 3.0  # of the halo, as of `part_of_cell`: groups reach beyond rings, since they have gaps
 AGAIN = "again"  # the task that finds scores without the rays that the first has followed
 
 
@@ -132,16 +133,18 @@ class TiledOutliers(TiledVerb):
             alone = clone(self.scoring).set_params(sensor_origin=None)
             ranks = partial(with_light, run.folder.cells)
             with progress_part(0.0, 0.5):
-                run.fit("light", run.job(alone, keep_light, HOPS, ranks))
+                run.fit("light", run.job(alone, keep_light, HOPS, WIDTH, ranks))
             known["telling"] = telling_of([run.results.read(cell, "isolated") for cell in cells])
         with progress_part(0.5 * self.intensity, 1.0):
-            run.fit(self.task, run.job(self.scoring, keep_scores, HOPS, given, **known))
+            run.fit(self.task, run.job(self.scoring, keep_scores, HOPS, WIDTH, given, **known))
         self.doubt, self.by_rays = self._doubt(run), self.detector.sensor_origin is not None
         if self.doubt and is_auto(self.detector.sensor_origin):
             self.by_rays = False
             scoring = clone(self.scoring).set_params(sensor_origin=None)
             given = partial(with_light, run.folder.cells) if self.intensity else None
-            run.fit(AGAIN, run.job(scoring, keep_scores, HOPS, given, **{**known, "seen": False}))
+            run.fit(
+                AGAIN, run.job(scoring, keep_scores, HOPS, WIDTH, given, **{**known, "seen": False})
+            )
 
     def _doubt(self, run):
         """What speaks against the position of the sensor, in words; "" if nothing does."""
