@@ -1,4 +1,4 @@
-"""Clouds in files, results in memory, which those by tiles must equal, and runs that are killed."""
+"""Clouds in files, results in memory to compare with, and runs that are killed."""
 
 import os
 import subprocess
@@ -8,13 +8,12 @@ from functools import cache
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd import RobustNormalEstimator
+from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.tiling._result_files import normal_columns
+from sklearn_mcmd.tiling._verbs import normal_columns
 
-# Few neighbors, so that little lies around small tiles.
+# Few neighbors, so that the halo of small cells is narrow.
 ESTIMATOR = RobustNormalEstimator(16, random_state=0)
 
 
@@ -57,18 +56,14 @@ def fit_in_memory(xyz, estimator=ESTIMATOR, **given):
     return clone(estimator).fit(single if np.array_equal(single, xyz) else xyz, **given)
 
 
-def in_memory(source, target, estimator=ESTIMATOR):
-    """Write the normals that a run by tiles must equal."""
-    cloud = read_points(source)
-    columns = dict(zip(*columns_of(fit_in_memory(cloud.xyz, estimator)), strict=True))
-    write_points(target, with_results(cloud, columns))
-    return target
-
-
-def columns_of(fitted):
-    """Names and values of normals."""
-    names, columns = normal_columns(fitted)
-    return names, columns.T.copy()
+def values_of(fitted):
+    """The results of a fitted estimator, as those by tiles are before they are written."""
+    if isinstance(fitted, RegionGrowing):
+        return fitted.labels_[:, None]
+    if isinstance(fitted, RobustNormalEstimator):
+        return normal_columns(fitted)[1]
+    sign = -1 if isinstance(fitted, MCMDOutlierDetector) else 1
+    return sign * fitted.scores_[:, None]
 
 
 # A run that kills itself when a function of a module of tiling is called once too often.

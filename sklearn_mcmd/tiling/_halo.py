@@ -53,9 +53,9 @@ class Part(NamedTuple):
         """Some of the points."""
         return Part(*(None if values is None else values[chosen] for values in self))
 
-    def count_proven(self, cloud, n_neighbors, hops, n_jobs):
-        """How many of the own points have the results of the whole cloud: the neighbors of these
-        are in the part, and so are theirs, hop by hop. `cloud` is the `IndexedCloud` of the points.
+    def proven(self, cloud, n_neighbors, hops, n_jobs):
+        """Which of the own points have the results of the whole cloud: the neighbors of these are
+        in the part, and so are theirs, hop by hop. `cloud` is the `IndexedCloud` of the points.
         """
         n, k = len(cloud.points), min(n_neighbors, len(cloud.points))
         doubtful, reach = np.zeros(n, bool), self.reach[cloud.rows]
@@ -74,7 +74,7 @@ class Part(NamedTuple):
                 doubtful[rows] |= before[cloud.neighbors(rows, k, k)].any(axis=1)
 
             each_slice(n, part_size(k), ask, n_jobs)
-        return int(np.count_nonzero(~doubtful[cloud.places[self.own]]))
+        return ~doubtful[cloud.places[self.own]]
 
 
 def part_of_cell(cells, cell, n_neighbors, hops, width, usual):
@@ -87,22 +87,22 @@ def part_of_cell(cells, cell, n_neighbors, hops, width, usual):
     if len(cells) == 1:
         every = np.ones(n_own, bool)
         return Part(own_xyz, own_rows, every, own_homes, own_at, np.full(n_own, np.inf))
-    limits, width = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
-    margin = max(hops, width) * usual
-    least = min(n_neighbors + 1, cells.n_points)
+    limits, length = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
+    margin = max(hops, width) * usual or length / 16 or 1.0  # 0 of a sample of copies
     while True:
         halo = cells.within(cell, margin)
         xyz = np.concatenate([own_xyz, halo[0]])
-        if len(xyz) < least:
+        rings = Rings(cells, cell, xyz, n_own, margin)
+        has_all, has_few = len(xyz) == cells.n_points, len(rings.cloud.points) <= n_neighbors
+        if has_few and not has_all:  # distinct ones: copies have no plane
             margin *= 2
             continue
-        rings = Rings(cells, cell, xyz, n_own, margin)
         rings.grow(n_neighbors, hops, margin)
         rings.widen(width * usual)
-        is_wide = margin >= width or len(xyz) > limits.most * n_own
+        is_wide = has_all or margin >= length or len(xyz) > limits.most * n_own
         if is_wide or rings.incomplete <= limits.incomplete:
             break
-        margin = min(2 * margin, width)
+        margin = min(2 * margin, length)
     places = rings.cloud.places
     ranges = None if rings.ranges is None else rings.ranges[places]
     joined = zip((own_rows, own_homes, own_at), halo[1:], strict=True)
@@ -135,6 +135,8 @@ class Rings:
         ring, n_asked, n_incomplete = np.flatnonzero(self.inside & (self.depth < deep)), 0, 0
         k = min(n_neighbors, len(self.cloud.points))
         for _ in range(hops):
+            if not len(ring):  # the points of no other cell are neighbors
+                break
             near = self._neighbors(ring, k)
             ends = self.cloud.points[near[:, -1]] - self.cloud.points[ring]
             radius = seen_from(np.linalg.norm(ends, axis=1), self.ranges, ring)

@@ -28,6 +28,7 @@ from sklearn_mcmd.tiling._cells import Cells, CellWriter, Rounding, places_of
 from sklearn_mcmd.tiling._files import CellResults
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
 from sklearn_mcmd.tiling._memory import (
+    MEASURED,
     WARM_UP,
     Plan,
     bytes_of_point,
@@ -355,11 +356,16 @@ class Sample:
     takes."""
 
     def __init__(self, verb, catalog):
-        self._verb = verb
+        self._verb, parts = verb, []
         for _, cloud, chosen in parts_of(catalog.paths, verb.choice):
-            self.xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
-            if len(self.xyz) > verb.n_neighbors:
+            parts.append(cloud.xyz if chosen is None else cloud.xyz[chosen])
+            if sum(map(len, parts)) > max(MEASURED):
                 break
+        self.xyz = np.concatenate(parts)
+        if not len(self.xyz):
+            raise PointFileError(
+                f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
+            )
 
     @cached_property
     def usual(self):
@@ -397,10 +403,6 @@ def _scatter(verb, catalog, folder, capacity, told):
     for path in catalog.paths:
         if warning := no_returns_of(path).warning(path):
             warn_caller(warning)
-    if not writer.n_points:
-        raise PointFileError(
-            f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
-        )
     check_sizes(writer.n_points, 3, None)
     writer.close()
     for other in beside:

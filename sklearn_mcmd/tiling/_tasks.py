@@ -59,13 +59,13 @@ def fit_cell(cell, job):
     part, given = job.given(job, cell, part)
     xyz = part.xyz.astype(job.whole.dtype)
     cloud = IndexedCloud.of(xyz.astype(np.float64, copy=False))  # which all stages share
-    proven = part.count_proven(cloud, job.n_neighbors, job.hops, job.n_threads)
+    proven = part.proven(cloud, job.n_neighbors, job.hops, job.n_threads)
     params = job.estimator.get_params()
     threads = {name: job.n_threads for name in params if name.endswith("n_jobs")}
     estimator = clone(job.estimator).set_params(**threads)
     with part_of(job.whole):
         fitted = estimator.fit(xyz, **given)
-    return {"n_proven": proven, **job.keep(job, cell, part, fitted, cloud)}
+    return {"n_proven": int(np.count_nonzero(proven)), **job.keep(job, cell, part, fitted, cloud)}
 
 
 def run_tasks(name, work, job, n_workers):
@@ -124,6 +124,8 @@ def compute_cells(task, cells, todo, n_workers):
 
 def _ends(cells, cell):
     """The least and the most coordinates of a cell."""
+    if cells.center is None:  # no file is read, which may be why the cell failed
+        return cells.extent(cell)
     xyz = cells.points(cell)
     return xyz.min(axis=0), xyz.max(axis=0)
 

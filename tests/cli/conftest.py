@@ -41,7 +41,7 @@ def _empty_figures(request, monkeypatch):
 @pytest.fixture
 def small_machine(monkeypatch):
     """A process takes nothing, so that 2 MB are tiles of few thousand points."""
-    for name, value in {"PROCESS": 0, "PART": 1_000, "LEAST_TILE": 1_000}.items():
+    for name, value in {"PROCESS": 0, "PART": 1_000, "SMALLEST_CELL": 1_000}.items():
         monkeypatch.setattr(_memory, name, value)
 
 

@@ -1,4 +1,4 @@
-"""Verbs on files larger than memory and on folders: the output is that of memory."""
+"""Verbs on files larger than memory and on folders: the output of one tile is that of memory."""
 
 import json
 import re
@@ -9,7 +9,7 @@ import pytest
 
 from commands import done, error_line, files_in, run
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.tiling import _memory, _run, _tiled_normals
+from sklearn_mcmd.tiling import _memory, _run, _tasks
 from sklearn_mcmd.tiling._memory import plan_run
 from tiled import street
 
@@ -27,17 +27,19 @@ def rows_of(result):
 
 
 def same_by_tiles(verb, source, *options):
-    """The rows of a run by tiles, whose output and summary are those of a run in memory."""
-    folder = source.parent
-    a, b = folder / f"a{source.suffix}", folder / f"b{source.suffix}"
+    """A run over a folder of one file is by tiles; one tile has the output and the summary of
+    memory to the bit. Returns the output."""
+    (source.parent / "in").mkdir()
+    shutil.copy(source, source.parent / "in" / source.name)
+    a, b = source.with_name(f"a{source.suffix}"), source.with_name("out")
     whole = rows_of(run(verb, source, a, *options))
-    tiles = rows_of(run(verb, source, b, *options, *TILES))
+    tiles = rows_of(run(verb, source.with_name("in"), b, *options, *ONE))
     assert "tiles" in tiles
-    assert a.read_bytes() == b.read_bytes()
+    assert a.read_bytes() == (b / source.name).read_bytes()
     for name in whole.keys() & set(FOUND) - ({"removed"} if verb == "normals" else set()):
         assert whole[name] == tiles[name]
-    assert not list(folder.glob("*.tiles"))
-    return tiles
+    assert not list(source.parent.glob("*.tiles"))
+    return b / source.name
 
 
 @pytest.mark.parametrize(
@@ -45,19 +47,25 @@ def same_by_tiles(verb, source, *options):
     [
         ("denoise", ("--mode", "mark")),
         ("denoise", ("--contamination", 0.05, "--strictness", "surfaces")),
-        ("normals", ("--features", "roughness,mean_curvature", "--orientation", "up")),
+        ("normals", ("--features", "roughness,mean_curvature", "--orientation", "mst")),
         ("segment", ("--no-colors", "--growth-neighbors", 20, "--max-angle", 8)),
         ("edges", ("--n-neighbors", 16, "--no-colors")),
     ],
 )
-def test_a_file_larger_than_memory_gets_the_output_that_it_has_in_memory(
-    verb, options, small_machine, source
-):
+def test_one_tile_gets_the_output_that_it_has_in_memory(verb, options, source):
     same_by_tiles(verb, source, *options)
 
 
+@pytest.mark.parametrize("verb", RESULTS)
+def test_a_file_larger_than_memory_is_worked_on_in_tiles(verb, small_machine, source, tmp_path):
+    rows = rows_of(run(verb, source, tmp_path / "b.laz", *FAST.get(verb, ()), *TILES))
+    assert int(rows["tiles"][0]) > 1
+    assert RESULTS[verb] in read_points(tmp_path / "b.laz").attributes
+    assert files_in(tmp_path) == ["b.laz", "street.laz"]
+
+
 @pytest.mark.parametrize("options", [(), ("--only-class", 1, "--n-neighbors", 16)])
-def test_intensity_is_evidence_by_tiles_as_in_memory(options, small_machine, tmp_path):
+def test_intensity_is_evidence_by_tiles_as_in_memory(options, tmp_path):
     cloud = street(4_000)
     rng, off = np.random.default_rng(0), street(4_000).xyz[:, 2] > 101.5
     cloud.xyz[off] += rng.normal(0, 1.0, (off.sum(), 3))
@@ -65,9 +73,9 @@ def test_intensity_is_evidence_by_tiles_as_in_memory(options, small_machine, tmp
     known = {"intensity": light.astype(np.uint16), "classification": 1 + (rng.random(4_000) < 0.1)}
     write_points(tmp_path / "in.las", PointCloud(cloud.xyz, known))
     options = ("--mode", "mark", *options)
-    same_by_tiles("denoise", tmp_path / "in.las", "--intensity", *options)
+    found = same_by_tiles("denoise", tmp_path / "in.las", "--intensity", *options)
     done("denoise", tmp_path / "in.las", tmp_path / "without.las", *options)
-    assert (tmp_path / "without.las").read_bytes() != (tmp_path / "b.las").read_bytes()
+    assert (tmp_path / "without.las").read_bytes() != found.read_bytes()
 
 
 def test_inputs_without_intensity_are_told(small_machine, tmp_path):
@@ -80,10 +88,12 @@ def test_inputs_without_intensity_are_told(small_machine, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".geojson"])
-def test_the_table_of_regions_by_tiles_is_that_of_memory(suffix, small_machine, source, tmp_path):
+def test_the_table_of_regions_by_one_tile_is_that_of_memory(suffix, source, tmp_path):
     tables = [tmp_path / f"{name}{suffix}" for name in ("memory", "tiles")]
+    (tmp_path / "in").mkdir()
+    shutil.copy(source, tmp_path / "in")
     done("segment", source, tmp_path / "a.laz", "--regions", tables[0])
-    done("segment", source, tmp_path / "b.laz", "--regions", tables[1], *TILES)
+    done("segment", tmp_path / "in", tmp_path / "b.laz", "--regions", tables[1], *ONE)
     assert tables[0].read_bytes() == tables[1].read_bytes()
     assert len(tables[0].read_bytes()) > 1_000
 
@@ -158,13 +168,12 @@ def test_a_dry_run_reads_no_positions(verb, options, source, tmp_path):
 
 
 @pytest.mark.parametrize("verb", RESULTS)
-def test_rays_without_a_return_are_left_out_by_tiles_too(small_machine, tmp_path, verb):
+def test_rays_without_a_return_are_left_out_by_tiles_too(tmp_path, verb):
     xyz = street(8_000).xyz
     xyz = np.round(xyz - xyz.mean(axis=0), 3)
     xyz[::4] = 0.0
     write_points(tmp_path / "in.las", xyz)
-    same_by_tiles(verb, tmp_path / "in.las")
-    assert 5_500 < len(read_points(tmp_path / "b.las")) <= 6_000
+    assert 5_500 < len(read_points(same_by_tiles(verb, tmp_path / "in.las"))) <= 6_000
 
 
 @pytest.mark.parametrize("verb", RESULTS)
@@ -198,12 +207,12 @@ def test_sources_that_cannot_be_divided_are_told(tmp_path, source):
 def test_each_tile_that_failed_has_a_line_and_the_rest_is_kept(
     small_machine, source, tmp_path, monkeypatch
 ):
-    def fail(cell, job):
+    def fail(*_):
         raise MemoryError
 
     args = ("normals", source, tmp_path / "b.laz", *TILES)
     with monkeypatch.context() as patch:
-        patch.setattr(_tiled_normals, "_fit_own", fail)
+        patch.setattr(_tasks, "part_of_cell", fail)
         result = run(*args)
     assert result.exit_code == 1
     *tiles, error = result.stderr.splitlines()

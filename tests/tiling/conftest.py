@@ -1,18 +1,12 @@
 """Clouds in files, results by tiles as they are before they are written, and tiles that fail."""
 
+import numpy as np
 import pytest
 
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.tiling import _run, _tiled_normals, process_files
-from tiled import in_memory, street
-
-
-@pytest.fixture(scope="session")
-def street_file(tmp_path_factory):
-    """12,000 points, and the same with normals."""
-    folder = tmp_path_factory.mktemp("street")
-    write_points(folder / "street.laz", street(12_000))
-    return folder / "street.laz", in_memory(folder / "street.laz", folder / "normals.laz")
+from sklearn_mcmd.tiling import _run, _tasks, process_files
+from sklearn_mcmd.tiling._halo import Part
+from tiled import street
 
 
 @pytest.fixture
@@ -24,18 +18,29 @@ def small_file(tmp_path):
 
 @pytest.fixture
 def by_tiles(monkeypatch, tmp_path):
-    """A run by tiles; returns the results of all points, its verb, and the report."""
-    found, write = [], _run.write_outputs
+    """A run by tiles in this process; returns the results of all points, which of them are proven
+    to be those of memory, its verb, and the report."""
+    found, proofs, write, prove = [], [], _run.write_outputs, Part.proven
 
     def keep_results(run, verb):
         found.append((verb.results(run).take(0, run.catalog.n_points), verb))
         return write(run, verb)
 
+    def keep_proofs(part, *args):
+        proofs.append((part.rows[part.own], prove(part, *args)))
+        return proofs[-1][1]
+
     monkeypatch.setattr(_run, "write_outputs", keep_results)
+    monkeypatch.setattr(Part, "proven", keep_proofs)
 
     def run(source, estimator, **options):
-        report = process_files(source, tmp_path / "out.las", estimator, **options)
-        return *found.pop(), report
+        proofs.clear()
+        report = process_files(source, tmp_path / "out.las", estimator, n_jobs=1, **options)
+        proven = np.zeros(report.n_points, bool)
+        for rows, are in proofs:
+            proven[rows] = are
+        values, verb = found.pop()
+        return values, proven, verb, report
 
     return run
 
@@ -45,10 +50,10 @@ def failing(monkeypatch):
     """Cells whose tiles fail."""
     cells = set()
 
-    def work(cell, job, fit=_tiled_normals._fit_own):
+    def part_of_cell(cells_of_run, cell, *args, find=_tasks.part_of_cell):
         if cell in cells:
             raise MemoryError("too much\nof it")
-        return fit(cell, job)
+        return find(cells_of_run, cell, *args)
 
-    monkeypatch.setattr(_tiled_normals, "_fit_own", work)
+    monkeypatch.setattr(_tasks, "part_of_cell", part_of_cell)
     return cells

@@ -10,10 +10,11 @@ import time
 import joblib
 import pytest
 
-from sklearn_mcmd import RegionGrowing, RobustNormalEstimator, SharpFeatureDetector
-from sklearn_mcmd.tiling import TilingError, _tiled_normals, process_files
+from sklearn_mcmd import RegionGrowing, SharpFeatureDetector
+from sklearn_mcmd.io import write_points
+from sklearn_mcmd.tiling import TilingError, _run, process_files
 from sklearn_mcmd.tiling._memory import plan_run, usual_memory
-from tiled import ESTIMATOR, in_memory
+from tiled import ESTIMATOR, street
 
 dask, distributed = (pytest.importorskip(name) for name in ("dask", "distributed"))
 
@@ -42,10 +43,9 @@ def client():
 # a tile ignores would be an error now and then.
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("kind", [SharpFeatureDetector, RegionGrowing])
-def test_sweeps_on_dask_give_the_output_of_this_process(client, small_file, tmp_path, kind):
+def test_tiles_on_dask_give_the_output_of_this_process(client, small_file, tmp_path, kind):
     a, b = tmp_path / "a.las", tmp_path / "b.las"
-    normals = RobustNormalEstimator("auto", random_state=0)
-    estimator = kind(12, normal_estimator=normals, random_state=0)
+    estimator = kind(12, normal_estimator=ESTIMATOR, random_state=0)
     process_files(small_file, a, estimator, tile_size=2_000)
     with joblib.parallel_config(backend="dask"):
         report = process_files(small_file, b, estimator, tile_size=2_000)
@@ -56,8 +56,8 @@ def test_sweeps_on_dask_give_the_output_of_this_process(client, small_file, tmp_
 def test_the_memory_is_that_of_the_workers(client):
     with joblib.parallel_config(backend="dask"):
         assert usual_memory() == pytest.approx(1.5e9)
-        assert plan_run(10**9, 8e9).n_workers == 2
-        assert plan_run(10**9, 8e9, 1).n_workers == plan_run(10**9, 9e8).n_workers == 1
+        assert plan_run(10**9, 8e9, None, None, 2_000).n_workers == 2
+        assert plan_run(10**9, 8e9, 1, None, 2_000).n_workers == 1
 
 
 RUN = """
@@ -105,6 +105,15 @@ class Cluster:
         process.wait()
 
 
+@pytest.fixture(scope="module")
+def street_file(tmp_path_factory):
+    """12,000 points, and the same with normals."""
+    folder = tmp_path_factory.mktemp("street")
+    write_points(folder / "street.laz", street(12_000))
+    process_files(folder / "street.laz", folder / "normals.laz", ESTIMATOR, tile_size=1_500)
+    return folder / "street.laz", folder / "normals.laz"
+
+
 @pytest.fixture
 def cluster(tmp_path_factory):
     cluster = Cluster(tmp_path_factory.mktemp("cluster"))
@@ -113,10 +122,10 @@ def cluster(tmp_path_factory):
         cluster.kill(process)
 
 
-def wait_for(folder, report, run=None):
-    """Wait until a tile has been through a step, as its report in the folder of a run says."""
+def wait_for(folder, n_tiles, run=None):
+    """Wait until so many tiles are done, as reports in the folder of a run say."""
     end = time.monotonic() + 600
-    while not list(folder.glob(f"*.tiles/results/*.{report}.json")):
+    while len(list(folder.glob("*.tiles/results/*/*.fit.json"))) < n_tiles:
         assert time.monotonic() < end
         assert run is None or run.poll() is None
         time.sleep(0.01)
@@ -129,8 +138,8 @@ def test_workers_that_are_killed_one_by_one_lose_nothing(street_file, tmp_path, 
     cluster.start_scheduler()
     workers = [cluster.start_worker() for _ in range(3)]
     run = cluster.start_run(source, tmp_path / "out.laz")
-    for step in ("neighbors", "offers1", "bends"):
-        wait_for(tmp_path, step, run)
+    for n_tiles in (1, 3, 5):
+        wait_for(tmp_path, n_tiles, run)
         cluster.kill(workers.pop(0))
         workers.append(cluster.start_worker())
     assert run.wait(600) == 0
@@ -147,7 +156,7 @@ def test_the_same_command_goes_on_when_all_else_was_killed(street_file, tmp_path
     scheduler = cluster.start_scheduler()
     cluster.start_worker()
     run = cluster.start_run(source, tmp_path / "out.laz")
-    wait_for(tmp_path, "planes", run)
+    wait_for(tmp_path, 2, run)
     cluster.kill(scheduler if whom == "scheduler" else run)
     if whom == "scheduler":
         assert run.wait(120) != 0  # it ends by itself
@@ -168,10 +177,11 @@ def test_a_tile_that_kills_its_process_ends_the_run_with_one_line(
         os.kill(os.getpid(), signal.SIGKILL)
 
     target = tmp_path / "out.las"
-    monkeypatch.setattr(_tiled_normals, "_fit_own", die)
+    monkeypatch.setattr(_run, "fit_cell", die)
     with pytest.raises(TilingError, match=r"(?s)terminated.*SIGKILL.*; what was done is kept in"):
         process_files(small_file, target, ESTIMATOR, tile_size=2_000, n_jobs=2)
     assert not target.exists()
     monkeypatch.undo()
     process_files(small_file, target, ESTIMATOR, tile_size=2_000)
-    assert target.read_bytes() == in_memory(small_file, tmp_path / "expected.las").read_bytes()
+    process_files(small_file, tmp_path / "expected.las", ESTIMATOR, tile_size=2_000)
+    assert target.read_bytes() == (tmp_path / "expected.las").read_bytes()

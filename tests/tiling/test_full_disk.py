@@ -13,7 +13,7 @@ from sklearn_mcmd.tiling import _cells, process_files
 from tiled import ESTIMATOR
 
 DETECTOR = MCMDOutlierDetector(16, random_state=0)
-REGIONS = RegionGrowing(16, normal_estimator=ESTIMATOR)
+REGIONS = RegionGrowing(16, normal_estimator=ESTIMATOR, random_state=0)
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_a_full_disk_is_said_and_more_room_helps(disk, small_file, monkeypatch, 
     process_files(small_file, expected, estimator, tile_size=2_000)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1e9))
     refused, kept = [], []
-    for size in range(200, 3_000, 200):  # too little for cells, for arrays, or for the output
+    for size in range(100, 3_000, 100):  # too little for cells, for arrays, or for the output
         remount(f"size={size}k")
         try:
             process_files(small_file, target, estimator, tile_size=2_000)
@@ -56,7 +56,7 @@ def test_a_full_disk_is_said_and_more_room_helps(disk, small_file, monkeypatch, 
         else:
             break
     assert set(kept) == {"out.las.tiles"}
-    assert len(refused) >= 4
+    assert len(refused) >= 3
     assert not [why for why in refused if "no space left" not in why and "tiles failed" not in why]
     assert target.read_bytes() == expected.read_bytes()
     assert small_file.read_bytes() == before
