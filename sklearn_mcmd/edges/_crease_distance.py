@@ -24,8 +24,8 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
 CHUNK = 500_000  # entries of the largest array a task holds
-# Ends of steps, as shares of the time, for the display of progress: of what comes before creases, in
-# which the spacing is measured, and of creases.
+# Ends of steps, as shares of the time, for the display of progress: of what comes before creases,
+# and there of measuring the spacing; then of giving faces and of letting them meet.
 BEFORE, SPACED = 0.1, 0.4
 GIVEN, MET = 0.26, 0.85
 CERTAIN = -np.log(np.finfo(float).eps)  # logarithm of the inverse of the rounding of a likelihood
