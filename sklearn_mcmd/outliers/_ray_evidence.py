@@ -45,7 +45,7 @@ class RayEvidence:
         rays, n = Rays.of(points, origins, RayLimits(), n_jobs), len(points)
         self = cls(rays, one_far_position(points, origins), np.empty(n), n_jobs)
         left, alone = np.empty(n), np.empty(n)
-        grazed, faces, ends = np.empty((3, n), bool)
+        (grazed, faces), (free, ends) = np.empty((2, n), bool), np.empty((2, n), bool)
         going_on = np.zeros(n, np.int8)
 
         def look(rows):
@@ -65,14 +65,16 @@ class RayEvidence:
         def end(part):
             """Which planes may be of sheets: grazed, they end beside surfaces that face elsewhere.
             Grazed ground contains the rays as well, but it goes on: beams beside it end on it."""
-            ends[part] = grazed[part]
-            rows = part.start + np.flatnonzero(grazed[part])
+            of_sheet = grazed[part].copy()
+            rows = np.flatnonzero(of_sheet)
             if len(rows):
-                ends[rows] = going_on[index.query_own(rows).indices].sum(axis=1) <= 0
+                near = index.query_own(part.start + rows).indices
+                of_sheet[rows] = going_on[near].sum(axis=1) <= 0
+            free[part], ends[part] = usable[part] & ~of_sheet, usable[part] & of_sheet
 
         for work in (look, face, go_on, end):
             each_slice(n, index.chunk, work, n_jobs)
-        return self, usable & ~ends, usable & ends
+        return self, free, ends
 
     def doubt(self, on_surface, counts):
         """What speaks against the position, in words: that sheets of rays would have a large share
