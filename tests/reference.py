@@ -421,9 +421,6 @@ class GivenNeighbors:
         self.points, self.neighbors, self.chunk = points, neighbors, chunk
         self.n_neighbors = neighbors.indices.shape[1]
 
-    def empty(self, shape, dtype=float):
-        return np.empty(shape, dtype)
-
     def query_own(self, rows, k):
         around = self.neighbors.take(rows)
         return Neighborhoods(around.indices[:, :k], np.minimum(around.sizes, k))

@@ -8,10 +8,7 @@ without any. The verdict is pooled over the neighbors, as an edge is a line and 
 the planes of all neighbors are alike, nothing is asked.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import accumulate, pairwise
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,8 +24,10 @@ from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
 CHUNK = 500_000  # entries of the largest array a task holds
-# Ends of what comes before creases, as shares of the time, for the display of progress.
-SEARCHED = MEASURED = 0.1
+# Ends of steps, as shares of the time, for the display of progress: of what comes before creases,
+# and there of measuring the spacing; then of giving faces and of letting them meet.
+BEFORE, SPACED = 0.1, 0.4
+GIVEN, MET = 0.26, 0.85
 CERTAIN = -np.log(np.finfo(float).eps)  # logarithm of the inverse of the rounding of a likelihood
 
 
@@ -59,41 +58,6 @@ class Faces(NamedTuple):
 
     owners: np.ndarray  # int32 (m,): the points whose planes they are
     on_face: np.ndarray  # bool (m,): whether the point lies on its plane, and this is a face's
-    doubtful: np.ndarray  # bool (m,): whether planes around differ by the least angle
-
-
-class Step(NamedTuple):
-    """What finds columns of points, by those that the steps before have found.
-
-    ``find(creases, part, queries, around, own)`` fills a slice of the columns `own` of queries;
-    ``around(rows)`` are the `Neighborhoods` of a slice or of some of them.
-    """
-
-    find: Callable
-    share: int  # of the time, beside those of the other steps
-    fills: dict  # columns, and their dtypes
-    ends: tuple = ()  # columns of which no later step asks
-
-
-def spacing_steps():
-    """The steps, by name, that find what is to be known of planes; the spacing is evened out."""
-    numbers = "spacing", "face_radius", "face_noise", "face_kept"
-    found = dict.fromkeys(numbers, float) | {"usable": bool}
-    steps = {"spacing": Step(_measure, 2, found, ("scale",))}
-    for before, name in pairwise(_spacings()):
-        even = partial(_even, before=before, name=name)
-        steps[name] = Step(even, 1, {name: float}, (before,))
-    return steps
-
-
-def crease_steps():
-    """The steps, by name, that find creases then; crease becomes the distance."""
-    faces = {"owners": np.int32, "on_face": bool, "doubtful": bool}
-    return {
-        "faces": Step(_give_faces, 9, {"crease": float, **faces}),
-        "creases": Step(_meet, 20, {"off": float, "evidence": float}),
-        "edges": Step(_judge, 5, {}, ("off",)),
-    }
 
 
 def find_creases(index, planes, min_angle, n_jobs=None):
@@ -102,147 +66,159 @@ def find_creases(index, planes, min_angle, n_jobs=None):
     Of the planes centroids, normals and scale are known; scale is changed. Those of two faces meet
     at `min_angle` degrees at least.
     """
-    known = {name: getattr(planes, name) for name in ("centroids", "normals", "scale")}
-    known |= {"face_noise": planes.scale, "face_kept": planes.kept}  # which are filled
-    creases = Creases(index, known, cosine_of(min_angle), n_jobs)
-    with progress_part(0.0, MEASURED):
-        creases.run(spacing_steps(), index.points, index.query_own, known)
-    creases = replace(creases, usual=np.median(flatness(known)))
-    with progress_part(MEASURED, 1.0):
-        creases.run(crease_steps(), index.points, index.query_own, known)
-    return creases, known.pop("crease")
+    with progress_part(0.0, BEFORE):
+        planes = _measured(index, planes, n_jobs)
+    usual = np.median(planes.scale / np.maximum(planes.radius, np.finfo(float).tiny))
+    creases = Creases(index, planes, usual, np.cos(np.radians(min_angle)), n_jobs)
+    with progress_part(BEFORE, 1.0):
+        return creases, creases.fit()
 
 
-def cosine_of(min_angle):
-    """The largest cosine of the angle between two faces that meet."""
-    return np.cos(np.radians(min_angle))
-
-
-@dataclass(frozen=True)
+@dataclass
 class Creases:
-    """A cloud whose creases become known, step by step."""
+    """The planes of a cloud's points, and what the creases say in which they meet.
+
+    The scale of a plane is its noise, and the spacing that of the points.
+    """
 
     index: NeighborIndex
-    known: dict  # columns of all points, as far as steps have found them
+    planes: Planes
+    usual: float  # noise of half of the planes over their radius, at most
     cosine: float  # that of two faces that meet is smaller
     n_jobs: int | None
-    usual: float | None = None  # flatness of all planes, once they are measured
+    faces: Faces | None = None  # what `fit` finds, as the evidence, float64 (n,); see `_meet`
+    evidence: np.ndarray | None = None
 
-    @property
-    def planes(self):
-        """The planes, with no values of fields that creases do not ask for."""
-        known = self.known
-        return Planes.empty(0, self.index.points.shape[1])._replace(
-            centroids=known["centroids"],
-            normals=known["normals"],
-            scale=known["face_noise"],
-            kept=known["face_kept"],
-            radius=known["face_radius"],
-            spacing=known[_spacings()[-1]],
-        )
+    def fit(self):
+        """Find faces, evidence and distances of the points, as by `distance`."""
+        return self._distances(self.index.points, self.index.query_own, is_fit=True)
 
-    @property
-    def faces(self):
-        return Faces(*(self.known[name] for name in Faces._fields))
-
-    def distance(self, queries, around=None):
+    def distance(self, queries):
         """Distances of queries (m, d) to the nearest crease, in spacings. Where none is found it is
         between `far` and twice as much, the less, the more planes around turn."""
-        with progress_part(0.0, SEARCHED):
-            around = _search(self.index, queries, self.n_jobs) if around is None else around
-        own = {}
-        with progress_part(SEARCHED, 1.0):
-            self.run(crease_steps(), queries, around.take, own)
-        return own["crease"]
+        with progress_part(0.0, BEFORE):
+            around = _search(self.index, queries, self.n_jobs)
+        with progress_part(BEFORE, 1.0):
+            return self._distances(queries, around.take)
 
-    def run(self, steps, queries, around, own):
-        """Take one step after the other; columns of which nobody asks any more are left out."""
-        ends = list(accumulate((step.share for step in steps.values()), initial=0))
-        for step, (low, high) in zip(steps.values(), pairwise(ends), strict=True):
-            with progress_part(low / ends[-1], high / ends[-1]):
-                self.fill(step, queries, around, own)
-            for name in step.ends:
-                own.pop(name, None)
+    def _distances(self, queries, around_of, is_fit=False):
+        """The distances; ``around_of(rows)`` are the `Neighborhoods` of some of the queries."""
+        with progress_part(0.0, GIVEN):
+            faces, doubtful, distances = self._give_faces(queries, around_of)
+        self.faces = faces if is_fit else self.faces
+        with progress_part(GIVEN, MET):
+            off, evidence = self._meet(queries, around_of, faces.owners, doubtful)
+        self.evidence = evidence if is_fit else self.evidence
+        with progress_part(MET, 1.0):
+            self._judge(around_of, off, distances)
+        return distances
 
-    def fill(self, step, queries, around, own):
-        """Fill the columns of a step, which may be there: those `own` of queries."""
+    def _give_faces(self, queries, around_of):
+        """The `Faces` of queries, whether planes around differ by the least angle where they are of
+        a face, bool (m,), and distances as if there were no crease.
+
+        Where the planes of neighbors differ, the one that explains the query best is given, and
+        else that of the nearest neighbor.
+        """
+        m, planes = len(queries), self.planes
+        faces = Faces(np.empty(m, np.int32), np.empty(m, bool))
+        doubtful, distances = np.empty(m, bool), np.empty(m)
+        usable = np.ones(len(planes.scale), bool)
+        # Of two planes that differ by an angle, one differs from any third by half of it.
+        half_turn = np.sqrt(0.5 * (1.0 + self.cosine))
+
+        def give(part):
+            asked, near, turned = queries[part], around_of(part), distances[part]
+            owners = near.indices[:, 0].copy()
+            _compiled("count_turned")(near, planes.normals, half_turn, turned)
+            rows = np.flatnonzero(turned)
+            if len(rows):
+                owners[rows] = give_planes(asked[rows], near.take(rows), planes, usable)
+            given = planes.take(owners)
+            flat = are_faces(given, self.usual)
+            height = np.abs(np.einsum("md,md->m", asked - given.centroids, given.normals))
+            on_plane = height <= ExplainLimits().explained * given.scale
+            faces.owners[part], faces.on_face[part] = owners, flat & on_plane
+            doubtful[part] = flat & (turned > 0.0)
+            turned[:] = CreaseLimits().far * (2.0 - turned)
+
+        _each_slice(self.index, m, give, self.n_jobs)
+        return faces, doubtful, distances
+
+    def _meet(self, queries, around_of, owners, doubtful):
+        """Distances to where faces meet in spacings, inf if nowhere, larger off the planes; and the
+        evidence: half of the BIC of the best two or three faces less that of the best surface
+        without a crease, negative where there is an edge, NaN where nothing is asked."""
         (m, d), k = queries.shape, self.index.n_neighbors
-        own.update({n: np.empty(m, kind) for n, kind in step.fills.items() if n not in own})
+        off, evidence = np.full(m, np.inf), np.full(m, np.nan)
+        told = CreaseLimits(), self.cosine, ExplainLimits().explained
 
-        def task(part):
-            step.find(self, part, queries, around, own)
+        def meet(part):
+            rows = part.start + np.flatnonzero(doubtful[part])
+            if not len(rows):
+                return
+            found = off[rows], evidence[rows]
+            arrays, equations = work_arrays(max(d, 3) + 7, k)
+            room = arrays[7:], arrays[:7], np.empty(d), np.empty(k, bool), equations
+            given = queries[rows], around_of(rows), self.planes, owners[rows]
+            _compiled("meet_faces")(self.index.points, *given, self.faces, told, room, *found)
+            off[rows], evidence[rows] = found
 
-        each_slice(m, max(1, CHUNK // (k * d)), task, self.n_jobs)
+        _each_slice(self.index, m, meet, self.n_jobs)
+        return off, evidence
+
+    def _judge(self, around_of, off, distances):
+        """Let the neighbors say, in place, how far each point counts as from the crease: as far as
+        it is, which `off` says, where they say that an edge is the better model, else farther."""
+
+        def judge(part):
+            rows = part.start + np.flatnonzero(off[part] < np.inf)
+            if len(rows):
+                found, room = off[rows], np.empty(self.index.n_neighbors)
+                _compiled("judge_distances")(around_of(rows), self.evidence, CERTAIN, room, found)
+                distances[rows] = np.minimum(distances[rows], found)
+
+        _each_slice(self.index, len(off), judge, self.n_jobs)
 
 
-def _measure(creases, part, queries, around, own):
-    """Find radius, spacing (the side of the cell that one point of a surface takes), and noise of
-    planes, which is not known better."""
-    points, around = creases.index.points, around(part)
-    n, d = min(FaceLimits().n_spacing, around.indices.shape[1] - 1), points.shape[1]
+def _measured(index, planes, n_jobs):
+    """The planes of an index's points with radius, noise, which is not known better, and spacing:
+    the side of the cell that one point of a surface takes, the mean of those around."""
+    points, (n, d) = index.points, index.points.shape
+    last = min(FaceLimits().n_spacing, index.n_neighbors - 1)
     ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
-    ends = points[around.indices[:, [n, -1]]] - queries[part, None]
-    near, own["face_radius"][part] = np.sqrt(np.einsum("mkd,mkd->km", ends, ends))
-    spacing = near * (ball / n) ** (1.0 / (d - 1))
-    own["face_noise"][part] = np.maximum(own["scale"][part], FaceLimits().least_noise * spacing)
-    own["spacing"][part], own["face_kept"][part], own["usable"][part] = spacing, 1.0, True
+    spacing, radius = np.empty(n), np.empty(n)
+
+    def measure(part):
+        ends = points[index.query_own(part).indices[:, [last, -1]]] - points[part, None]
+        near, radius[part] = np.sqrt(np.einsum("mkd,mkd->km", ends, ends))
+        spacing[part] = near * (ball / last) ** (1.0 / (d - 1))
+        least = FaceLimits().least_noise * spacing[part]
+        np.maximum(planes.scale[part], least, out=planes.scale[part])
+
+    with progress_part(0.0, SPACED):
+        _each_slice(index, n, measure, n_jobs)
+    with progress_part(SPACED, 1.0):
+        for _ in range(CreaseLimits().evening_steps):
+            spacing = _evened(index, spacing, n_jobs)
+    planes.kept[:] = 1.0
+    return planes._replace(spacing=spacing, radius=radius)
 
 
-def _even(creases, part, queries, around, own, before, name):
-    """Find the mean spacing around points."""
-    _compiled("average_around")(creases.known[before], around(part), own[name][part])
+def _evened(index, spacing, n_jobs):
+    """The mean spacing around points."""
+    means = np.empty_like(spacing)
+
+    def even(part):
+        _compiled("average_around")(spacing, index.query_own(part), means[part])
+
+    _each_slice(index, len(means), even, n_jobs)
+    return means
 
 
-def _give_faces(creases, part, queries, around, own):
-    """Find the faces of queries, and their distances as if there were no crease.
-
-    Where the planes of neighbors differ, the one that explains the query best is given, and else
-    that of the nearest neighbor.
-    """
-    asked, near, planes, turned = queries[part], around(part), creases.planes, own["crease"][part]
-    # Of two planes that differ by an angle, one differs from any third by half of it.
-    half_turn, owners = np.sqrt(0.5 * (1.0 + creases.cosine)), near.indices[:, 0].copy()
-    _compiled("count_turned")(near, planes.normals, half_turn, turned)
-    rows = np.flatnonzero(turned)
-    if len(rows):
-        usable = creases.known["usable"]
-        owners[rows] = give_planes(asked[rows], near.take(rows), planes, usable)
-    given = planes.take(owners)
-    flat = are_faces(given, creases.usual)
-    height = np.abs(np.einsum("md,md->m", asked - given.centroids, given.normals))
-    on_plane = height <= ExplainLimits().explained * given.scale
-    own["owners"][part], own["on_face"][part] = owners, flat & on_plane
-    own["doubtful"][part] = flat & (turned > 0.0)
-    own["crease"][part] = CreaseLimits().far * (2.0 - turned)
-
-
-def _meet(creases, part, queries, around, own):
-    """Find distances to where faces meet in spacings, inf if nowhere, larger off the planes; and
-    the evidence: half of the BIC of the best two or three faces less that of the best surface
-    without a crease, negative where there is an edge, NaN where nothing is asked."""
-    index, (k, d) = creases.index, (creases.index.n_neighbors, queries.shape[1])
-    off, evidence = own["off"][part], own["evidence"][part]
-    off[:], evidence[:] = np.inf, np.nan
-    some = np.flatnonzero(own["doubtful"][part])
-    if not len(some):
-        return
-    rows, told = part.start + some, (CreaseLimits(), creases.cosine, ExplainLimits().explained)
-    found = off[some], evidence[some]
-    arrays, equations = work_arrays(max(d, 3) + 7, k)
-    room = arrays[7:], arrays[:7], np.empty(d), np.empty(k, bool), equations
-    given = queries[rows], around(rows), creases.planes, own["owners"][rows]
-    _compiled("meet_faces")(index.points, *given, creases.faces, told, room, *found)
-    off[some], evidence[some] = found
-
-
-def _judge(creases, part, queries, around, own):
-    """Let the neighbors say, in place, how far each point counts as from the crease: as far as it
-    is, which `off` says, where they say that an edge is the better model, else farther."""
-    rows = part.start + np.flatnonzero(own["off"][part] < np.inf)
-    if len(rows):
-        found, room = own["off"][rows], np.empty(creases.index.n_neighbors)
-        _compiled("judge_distances")(around(rows), creases.known["evidence"], CERTAIN, room, found)
-        own["crease"][rows] = np.minimum(own["crease"][rows], found)
+def _each_slice(index, m, work, n_jobs):
+    """Call ``work(part)`` with slices of m queries, each as large as the arrays of a task allow."""
+    each_slice(m, max(1, CHUNK // (index.n_neighbors * index.points.shape[1])), work, n_jobs)
 
 
 def _search(index, queries, n_jobs):
@@ -255,16 +231,6 @@ def _search(index, queries, n_jobs):
 
     each_chunk(queries, index.chunk, search, n_jobs)
     return Neighborhoods(indices, np.full(m, k))
-
-
-def _spacings():
-    """The columns of the spacing: as it is measured, and evened out step by step."""
-    return "spacing", *(f"even{n}" for n in range(CreaseLimits().evening_steps))
-
-
-def flatness(known):
-    """The noise of planes over their radius, by columns that are known."""
-    return known["face_noise"] / np.maximum(known["face_radius"], np.finfo(float).tiny)
 
 
 def are_faces(planes, usual):

@@ -23,6 +23,7 @@ from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._principal_planes import are_rows, normal_errors
 from sklearn_mcmd.planes._quadrics import QuadricLimits, noise_quantiles, whole_planes
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
 # Of the work not yet done, the share that the next step is said to be: their number is not known.
@@ -41,86 +42,63 @@ class SizeLimits(NamedTuple):
     around: int = 64  # points that are around a point
 
 
-def tried_sizes(m):
-    """The sizes of neighborhoods that are tried one after the other, of a cloud of m points."""
-    k, sizes = min(SizeLimits().least, m), []
-    while k <= min(SizeLimits().most // 2, m):
-        sizes.append(k)
-        k *= 2
-    return sizes
-
-
 class ScaleFinder:
     """Finds the size of the neighborhood of each point of a cloud.
 
-    The index is one of ``SizeLimits().around`` neighbors, in 2D or 3D. Each step asks for what the
-    step before has found of neighbors. So another may find the sizes of the first `n_own` of n
-    points, which have all that are around these, step by step.
+    The index is one of ``SizeLimits().around`` neighbors, in 2D or 3D.
     """
 
     def __init__(self, index, n_jobs):
         self.index, self.n_jobs, self.limits = index, n_jobs, SizeLimits()
-        self.n = self.n_own = len(index.points)
-        self._done = 0.0
+        self.n, self._done = len(index.points), 0.0
 
     def sizes(self):
-        """Members of the neighborhoods of the index's points: ndarray of int of shape (m,)."""
-        wanted, fits = np.full(self.n, np.inf), None
-        for k in tried_sizes(self.n):
-            wanted, fits = self.step(k, wanted, fits)
-        return self.joined(self.settled(wanted), self.across_rows())
+        """Members of the neighborhoods of the index's points: ndarray of int of shape (n,)."""
+        everyone, limits = np.ones(self.n, dtype=bool), self.limits
+        by_noise = self._quiet(self._by_noise(), everyone)
+        across = self._quiet(self._across_rows(), everyone, 1 - limits.quiet)
+        sizes = np.rint(np.maximum(by_noise, across).clip(max=limits.most)).astype(np.int64)
+        return sizes.clip(max=self.n)
 
-    def step(self, k, wanted, fits):
-        """How many neighbors own points want, inf where planes of k do not tell; and the fits of
-        twice as many: errors (n,) and normals (n, d).
+    def _by_noise(self):
+        """How many neighbors (n,) it takes for the noise to tilt normals by no more than it may.
 
-        `wanted` (n,), and the fits of k, are what the step before has found; at first inf and None.
+        One size is tried after the other, each twice as large as the one before.
         """
-        least, d = self.limits.least, self.index.points.shape[1]
-        wanted = self._evened(wanted)
+        limits, d = self.limits, self.index.points.shape[1]
+        k, wanted, fits = min(limits.least, self.n), np.full(self.n, np.inf), None
+        while k <= min(limits.most // 2, self.n):
+            self._even(wanted)
+            todo = wanted == np.inf
+            if not todo.any():
+                return wanted
+            errors, normals = fits or self._fit(k, np.ones(self.n, bool))
+            error, found = wanted_by(self._quiet(errors, todo), k, d, limits)
+            known = found <= 2 * k  # larger sizes follow from the next, twice as large
+            if not known.all():
+                fits = self._fit(2 * k, self._reached(todo))
+                turns = self._quiet(angles(normals, fits[1]), todo)
+                bent = ~known & are_turned(turns, error)
+                found[bent] = k
+                known |= bent
+            wanted[todo] = np.where(known, np.maximum(found, limits.least), np.inf)
+            k *= 2
+        self._even(wanted)
+        return np.where(wanted == np.inf, limits.most, wanted)
+
+    def _even(self, wanted):
+        """Let points want what those around want, in place, where it is inf."""
         todo = wanted == np.inf
-        if not todo.any():
-            return wanted, None
-        errors, normals = fits or self._fit(k, np.ones(self.n, bool))
-        error, found = wanted_by(self._quiet(errors, todo), k, d, self.limits)
-        known, larger = found <= 2 * k, None  # larger sizes follow from the next, twice as large
-        if not known.all():
-            larger = self._fit(2 * k, self._reached(todo))
-            turns = self._quiet(angles(normals, larger[1]), todo)
-            bent = ~known & are_turned(turns, error)
-            found[bent] = k
-            known |= bent
-        wanted[todo] = np.where(known, np.maximum(found, least), np.inf)
-        return wanted, larger
+        if not todo.all():
+            wanted[todo] = self._quiet(wanted, todo)
 
-    def settled(self, wanted):
-        """How many neighbors own points want, after the last step."""
-        wanted = self._evened(wanted)
-        return np.where(wanted == np.inf, self.limits.most, wanted)
-
-    def joined(self, wanted, across):
-        """The sizes (n_own,) by what all points want, and `across_rows` of all, both (n,)."""
-        everyone = np.ones(self.n_own, dtype=bool)
-        wanted = self._quiet(wanted, everyone)
-        across = self._quiet(across, everyone, 1 - self.limits.quiet)
-        sizes = np.rint(np.maximum(wanted, across).clip(max=self.limits.most)).astype(np.int64)
-        return sizes.clip(max=len(self.index.points))
-
-    def _evened(self, wanted):
-        """What own points want: by those around where it is inf."""
-        own = wanted[: self.n_own].copy()
-        todo = own == np.inf
-        if (wanted < np.inf).any():
-            own[todo] = self._quiet(wanted, todo)
-        return own
-
-    def across_rows(self):
-        """How many neighbors (n_own,) it takes for rows to be less than faces; 0 where none are.
+    def _across_rows(self):
+        """How many neighbors (n,) it takes for rows to be less than faces; 0 where none are.
 
         In rows that are D apart, a point's n = 2 D / s nearest are of its own, s apart. Of k in a
         disk its row has the share ``sqrt(2 n / (pi k))``.
         """
-        k, needed = self.limits.least // 2, np.zeros(self.n_own)
+        k, needed = self.limits.least // 2, np.zeros(self.n)
         rows, times = needed == 0, 2 / (pi * AgreementLimits().face ** 2)
 
         def task(part, around):
@@ -136,11 +114,11 @@ class ScaleFinder:
         return needed
 
     def _reached(self, rows):
-        """Whether each point is around any of some own points: bool (n,)."""
+        """Whether each point is around any of some points: bool (n,)."""
         reached = np.full(self.n, rows.all())
 
         def task(part, around):
-            reached[self._numbers(around).indices] = True
+            reached[around.indices] = True
 
         if not rows.all():
             self._each(rows, self.limits.around, task)
@@ -163,24 +141,28 @@ class ScaleFinder:
         return errors, normals
 
     def _quiet(self, values, rows, share=None):
-        """The value that the share `quiet` of those around do not exceed, of some own points."""
-        found, share = np.empty(self.n_own), self.limits.quiet if share is None else share
+        """The value that the share `quiet` of those around do not exceed, of some points."""
+        found, share = np.empty(self.n), self.limits.quiet if share is None else share
 
         def task(part, around):
-            found[part] = quantile_around(values, self._numbers(around), share)
+            found[part] = quantile_around(values, around, share)
 
         self._each(rows, self.limits.around, task)
         return found[rows]
 
-    def _numbers(self, around):
-        """Neighborhoods by numbers among the n points, in place of rows of the index."""
-        return around
-
     def _each(self, wanted, k, work):
         """Call ``work(some, around)`` with points that are wanted and their k nearest."""
+        k, index = min(k, self.n), self.index
+
+        def task(part):
+            rows = np.flatnonzero(wanted[part])
+            if len(rows):
+                around = index.query_own(part, k, keep=k <= index.n_neighbors)
+                work(part.start + rows, around.take(rows))
+
         done, self._done = self._done, self._done + (1 - self._done) * SHARE
         with progress_part(done, self._done):
-            self.index.visit_own(wanted, min(k, len(wanted)), work, self.n_jobs)
+            each_slice(self.n, index.chunk, task, self.n_jobs)
 
 
 def sized_index(xyz, radius, n_jobs):

@@ -84,7 +84,7 @@ def curvatures_of_fitted(model, planes, X, n_jobs=None):
 
     def task(rows):
         own, around = planes.take(index.rows[rows]), index.query_own(rows, keep=False)
-        found.put(rows, curvatures_of_each(model, own, index.points[rows], around))
+        found.put(rows, _curvatures_of_each(model, own, index.points[rows], around))
 
     each_slice(len(index.points), model.chunk(), task, n_jobs)
     places, found = index.places, found.take(index.places)
@@ -106,13 +106,13 @@ def curvatures_of_new(model, planes, queries, n_jobs=None):
     def task(rows):
         part = queries[rows]
         around = model.index.query(part)
-        found.put(rows, curvatures_of_each(model, planes.take(rows), part, around))
+        found.put(rows, _curvatures_of_each(model, planes.take(rows), part, around))
 
     each_chunk(queries, model.chunk(), task, n_jobs)
     return found
 
 
-def curvatures_of_each(model, planes, queries, around):
+def _curvatures_of_each(model, planes, queries, around):
     """Curvatures where each query has its neighborhood."""
     tangents = tangents_of(planes.normals)
     jets = _fit_jets(model, planes, queries, around, tangents)

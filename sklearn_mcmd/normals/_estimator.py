@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import TransformerMixin, clone
+from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from sklearn_mcmd._choices import RuleMethod, choices_of
@@ -352,10 +352,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                     planes, _ = self._model.evaluate_fitted(xyz, n_jobs=self.n_jobs)
                 self.plane_index_ = np.arange(len(xyz))
 
-        def orient(normals):
-            self._sides.fit(self._model.index, normals, xyz, self.n_jobs)
-
-        self._fill(planes, xyz, orient, curvatures_of_fitted)
+        self._fill(planes, xyz)
         return self
 
     def fit_transform(
@@ -439,15 +436,15 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         tags.transformer_tags.preserves_dtype = ["float64", "float32"]
         return tags
 
-    def _fill(self, planes, X, orient, find_curvatures):
-        """Fill what is public of points X (n, d); `orient` flips normals that point up in place."""
+    def _fill(self, planes, X):
+        """Fill what is public of the fitted points X (n, d)."""
         self.normals_ = point_up(planes.normals)
         self.eigenvalues_ = planes.eigenvalues
         self.surface_variation_ = surface_variation(planes.eigenvalues)
         self.removed_fraction_ = 1.0 - planes.kept
         self.normal_error_ = planes.normal_error
-        orient(self.normals_)
-        self.features_ = self._evaluate_features(planes, self.normals_, X, find_curvatures)
+        self._sides.fit(self._model.index, self.normals_, X, self.n_jobs)
+        self.features_ = self._evaluate_features(planes, self.normals_, X, curvatures_of_fitted)
         self.plane_offset_ = plane_offsets(planes, self.normals_, X)
         self.plane_scale_ = planes.scale
 
@@ -477,15 +474,3 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             with progress_part(0.9, 1.0, "curvatures"):
                 curvatures = find_curvatures(self._model, planes, X, self.n_jobs)
         return evaluate_features(self._feature_names, planes, X, curvatures)
-
-
-def fitted_of(estimator, model, planes, X, orient, find_curvatures, n_jobs):
-    """A clone of an estimator that has what is public of points X (n, d), from their planes.
-
-    A model found these elsewhere; `orient` and `find_curvatures` are as of `_fill`.
-    """
-    fitted = clone(estimator).set_params(n_jobs=n_jobs)
-    fitted.n_features_in_, fitted._model = X.shape[1], model
-    fitted._feature_names = check_features(fitted.features, X.shape[1])
-    fitted._fill(planes, X, orient, find_curvatures)
-    return fitted

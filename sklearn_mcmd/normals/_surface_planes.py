@@ -28,7 +28,7 @@ from sklearn_mcmd.planes._quadrics import (
     work_arrays,
 )
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import each_chunk, each_part, each_slice
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -76,94 +76,65 @@ class Surfaces(NamedTuple):
 
 
 class SurfacePlanes:
-    """Planes of the surfaces of a cloud's points, in memory or on disk.
+    """Planes of the surfaces of a cloud's points.
 
-    The estimator is one that `mends_planes`. `members`, the `Surfaces` of all points of the model's
-    index, are filled part by part by `fit_own` and then `bend`.
+    The estimator is one that `mends_planes`. `fit` finds `members`, the `Surfaces` of all points of
+    the model's index.
     """
 
-    def __init__(self, estimator, model, members=None):
+    def __init__(self, estimator, model):
         self.model, self.tangents = model, estimator.tangents
         self.lends = estimator.neighbor_planes is not False
-        if members is None:
-            m, d = model.index.points.shape
-            planes = Planes.empty(m, d).without(UNUSED)
-            members = Surfaces(planes, np.empty(m, np.int8), np.empty(m), np.empty(m))
-        self.members = members
+        self.members = None
 
     def fit(self, X, n_jobs):
         """Planes of the fitted points X (n, d), the rows of X (n,) whose planes they are, and the
         `FittedSurfaces`, which answer for other points. The members' planes are used up."""
-        index, members, m = self.model.index, self.members, len(self.model.index.points)
-        everyone = slice(0, m)
+        index, (m, d) = self.model.index, self.model.index.points.shape
+        planes = Planes.empty(m, d).without(UNUSED)
+        members = Surfaces(planes, np.empty(m, np.int8), np.empty(m), np.empty(m))
+        self.members, chunk = members, self.model.chunk()
         lenders, errors = np.full(m, -1, dtype=np.int32), np.empty(m)
 
-        def find_last(rows):
-            lenders[rows], planes = self.last(rows)
-            errors[rows] = planes.normal_error
+        def keep_whole(rows, whole, deviation, left, ordinary):
+            planes.put(rows, whole)
+            members.forms[rows] = np.where(ordinary, FLAT, BENT)
+            members.noise[rows], members.left[rows] = deviation, left
+
+        def find_rough(rows):
+            self._find_rough(index.points[rows], index.query_own(rows), members.take(rows))
+
+        def bend(rows):
+            bent, forms, _, left = members.take(rows)  # views, which are filled
+            around = index.query_own(rows)
+            self._bend(index.points[rows], bent, forms, left, around, members.noise)
+            left[:] = np.where(forms == BENT, left, bent.scale)
+
+        def finish(rows):
+            last = planes.take(np.arange(rows.start, rows.stop))  # a copy
+            given = index.points[rows], last, members.forms[rows], index.query_own(rows)
+            lenders[rows], errors[rows] = self._finish(*given, planes), last.normal_error
 
         with progress_part(0.0, 0.8, "normals"):
             with progress_part(0.0, 0.7):
-                self.model.agree(n_jobs, self._put_whole)
+                self.model.agree(n_jobs, keep_whole)
             with progress_part(0.7, 1.0):
-                self.fit_own(everyone, n_jobs, is_whole=True)
+                each_slice(m, chunk, find_rough, n_jobs)
         with progress_part(0.8, 1.0, "normals next to edges"):
             with progress_part(0.0, 0.5):
-                self.bend(everyone, n_jobs)
+                each_slice(m, chunk, bend, n_jobs)
             with progress_part(0.5, 1.0):
-                each_slice(m, self.model.chunk(), find_last, n_jobs)
+                each_slice(m, chunk, finish, n_jobs)
         borrowing = np.flatnonzero(lenders >= 0)
-        before, own_errors = members.planes.take(borrowing), members.planes.normal_error.copy()
-        lend(members.planes, borrowing, members.planes, lenders[borrowing])
-        members.planes.normal_error[:] = errors
-        planes, lenders = _moved(members.planes, index.places), lenders[index.places]
+        before, own_errors = planes.take(borrowing), planes.normal_error.copy()
+        lend(planes, borrowing, planes, lenders[borrowing])
+        planes.normal_error[:] = errors
+        planes, lenders = _moved(planes, index.places), lenders[index.places]
         self.members = members._replace(planes=None)
         fitted = FittedSurfaces(
             surfaces=self, planes=planes, borrowing=borrowing, before=before, errors=own_errors
         )
         return planes, np.where(lenders >= 0, index.rows[lenders], np.arange(len(X))), fitted
-
-    def fit_own(self, own, n_jobs, is_whole=False):
-        """Fill the planes of a slice of points, each of its own neighborhood, and their forms.
-
-        `is_whole` says that they have the planes of all members already.
-        """
-        index = self.model.index
-
-        def fit(rows, _):
-            points, around = index.points[rows], index.query_own(rows)
-            if not is_whole:
-                self._put_whole(rows, *self.model.whole_planes(points, around))
-            self._find_rough(points, around, self.members.take(rows))
-
-        each_part(own, self.model.chunk(), fit, n_jobs)
-
-    def _put_whole(self, rows, planes, deviation, left, ordinary):
-        """Give points the planes of all members that `whole_planes` of the model has found."""
-        members = self.members
-        members.planes.put(rows, planes)
-        members.forms[rows] = np.where(ordinary, FLAT, BENT)
-        members.noise[rows], members.left[rows] = deviation, left
-
-    def bend(self, own, n_jobs):
-        """Correct the forms of a slice of points, once all planes are filled, and fill what
-        changes."""
-        index, (planes, forms, noise, left) = self.model.index, self.members
-
-        def bend(rows, _):
-            part, around = planes.take(rows), index.query_own(rows)  # views, which are filled
-            self._bend(index.points[rows], part, forms[rows], left[rows], around, noise)
-            left[rows] = np.where(forms[rows] == BENT, left[rows], part.scale)
-
-        each_part(own, self.model.chunk(), bend, n_jobs)
-
-    def last(self, rows):
-        """Whose planes some rows take, once all are bent, -1 of those that keep theirs; and the
-        planes that they have in the end."""
-        index, members = self.model.index, self.members
-        planes = members.planes.take(np.arange(rows.start, rows.stop))  # a copy
-        found = index.points[rows], planes, members.forms[rows], index.query_own(rows)
-        return self._finish(*found, members.planes), planes
 
     def evaluate_neighborhoods(self, points, around, all_planes):
         """Planes of queries (m, d) whose neighborhoods are given; `all_planes` are the members'."""

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.outliers._model import JudgedCloud
-from sklearn_mcmd.planes._around import at_ranks, ratio
+from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 
@@ -126,14 +126,7 @@ def roughness_of(model):
 
 def _even_rows(index):
     """Rows evenly along the first axis, so that neither the order of rows nor the unit matters."""
-    origin = index.points[0, 0]  # near which there are more bins
-
-    def parts():
-        for rows, points in index.in_parts():
-            yield np.column_stack([points[:, 0] - origin, points, rows])
-
-    n = len(index.points)
-    return at_ranks(parts, np.arange(0, n, max(1, n // MATCHED)))[:, -1].astype(np.intp)
+    return np.lexsort(index.points.T[::-1])[:: max(1, len(index.points) // MATCHED)]
 
 
 def _roughness(model, rows):

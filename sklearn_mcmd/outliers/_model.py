@@ -22,7 +22,7 @@ from sklearn_mcmd.planes._explaining import ExplainLimits, explain
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import small_sample_inflation
 from sklearn_mcmd.planes._whole import whole_cloud
-from sklearn_mcmd.runtime._chunks import each_chunk, each_part, each_slice, run, slices
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.sensors._rays import RayLimits, distances_between
 
@@ -131,7 +131,7 @@ class JudgedCloud:
             with progress_part(0.0, 0.8):
                 self.model.agree(self.n_jobs)
             with progress_part(0.8, 1.0):
-                planes, *spacings = self.measure_planes(slice(0, len(index.points)))
+                planes, *spacings = self._measure_planes()
         self.model.offers = None  # nobody asks any more
         with progress_part(FITTING, 1.0, "outliers"):
             with progress_part(0.0, 0.4):
@@ -220,22 +220,21 @@ class JudgedCloud:
             distances = ratio(distances * planes.scale, self.noise_scale)
         return np.minimum(distances, np.finfo(float).max)
 
-    def measure_planes(self, own):
-        """Planes of a slice of the index's points, and both of their spacings."""
-        index = self.model.index
-        n, d = own.stop - own.start, index.points.shape[1]
+    def _measure_planes(self):
+        """Planes of the index's points, and both of their spacings."""
+        index, (n, d) = self.model.index, self.model.index.points.shape
         spacing = np.empty(n)
         other_spacing = np.empty(n) if self.counts.strides[0] else spacing  # there are copies
         # The share of members that are kept counts where all points share one plane.
-        unused = (*UNUSED, "kept") if len(index.points) > index.n_neighbors else UNUSED
+        unused = (*UNUSED, "kept") if n > index.n_neighbors else UNUSED
         planes = Planes.empty(n, d).without(*unused)
 
-        def task(rows, part):
+        def task(rows):
             around = index.query_own(rows)
-            planes.put(part, self.model.own_planes(rows, around))
-            spacing[part], other_spacing[part] = self._spacings(index.points[rows], around.indices)
+            planes.put(rows, self.model.own_planes(rows, around))
+            spacing[rows], other_spacing[rows] = self._spacings(index.points[rows], around.indices)
 
-        each_part(own, self.model.chunk(), task, self.n_jobs)
+        each_slice(n, self.model.chunk(), task, self.n_jobs)
         return planes, spacing, other_spacing
 
     def _spacings(self, queries, near):
@@ -257,13 +256,12 @@ class JudgedCloud:
         distances = np.empty(n)
 
         def measure(rows):
-            distances[rows] = self.from_own_planes(points[rows], self.planes.take(rows))
+            floor = self._floor(points[rows], 0.0)
+            distances[rows] = own_distances(points[rows], self.planes.take(rows), floor)
 
         run([(rows,) for rows in slices(n, chunk)], measure, self.n_jobs)
-        least, usable = (
-            least_surface(index.n_neighbors, n_of_whole(n)),
-            are_usable(planes, distances),
-        )
+        least = least_surface(index.n_neighbors, n_of_whole(n))
+        usable = are_usable(planes, distances)
         free = usable
         if self.origins is not None:
             given = self.origins, self.planes, usable, self.n_jobs
@@ -277,28 +275,25 @@ class JudgedCloud:
             if self.ray_doubt and self.doubted and whole_cloud() is None:
                 self.rays = None
                 self.explaining = find_surfaces(index, planes, usable, least)
-            warn_of_doubt(self.ray_doubt, not self.doubted)
+            if self.ray_doubt:
+                warn(f"{self.ray_doubt}. {NOT_USED if self.doubted else USED}")
         with progress_part(0.6, 1.0):
-            owners = self.explain_others(slice(0, n), distances)
+            owners = self._explain_others(distances)
         self.explained = distances <= ExplainLimits().explained
         if self.level.off_surfaces:
             self.explained_scale = self.planes.scale[owners[self.explained]]
         return owners, distances
 
-    def explain_others(self, own, distances):
-        """The rows whose planes explain points of a slice, and, filled in, the distances of those
-        that are on no surface from these planes."""
-        index, owners = self.model.index, np.arange(own.start, own.stop, dtype=np.int32)
-        others = owners[~self.explaining[own]]
-        found, distances[others - own.start] = self.to_planes(
+    def _explain_others(self, distances):
+        """The rows whose planes explain points, and, filled in, the distances of those that are on
+        no surface from these planes."""
+        index, owners = self.model.index, np.arange(len(distances), dtype=np.int32)
+        others = owners[~self.explaining]
+        found, distances[others] = self.to_planes(
             index.points[others], lambda rows: index.query_own(others[rows]), self.explaining
         )
-        owners[others - own.start] = np.where(found < 0, others, found)
+        owners[others] = np.where(found < 0, others, found)
         return owners
-
-    def from_own_planes(self, points, planes):
-        """Distances of points from the planes of the same rows, in standard deviations."""
-        return own_distances(points, planes, self._floor(points, 0.0))
 
     def to_planes(self, queries, neighbors_of, wanted, precision=0.0):
         """The nearest of the wanted planes among each query's neighbors: its row, and the distance.
@@ -365,12 +360,6 @@ def n_of_whole(n_points):
     """Points of the cloud of which these may be a part."""
     whole = whole_cloud()
     return n_points if whole is None else max(n_points, whole.n_points)
-
-
-def warn_of_doubt(doubt, used):
-    """Warn of what speaks against the position of the sensor, which is used or not."""
-    if doubt:
-        warn(f"{doubt}. {USED if used else NOT_USED}")
 
 
 def n_by_rays(raised, cutoff):

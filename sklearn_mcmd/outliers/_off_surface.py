@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.outliers._small_groups import Groups, SmallGroups, gaps_to
+from sklearn_mcmd.outliers._small_groups import SmallGroups, gaps_to
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import known_at, ratio
 from sklearn_mcmd.planes._explaining import connected
@@ -123,16 +123,16 @@ class Rest(NamedTuple):
         self.reference.visit(queries, n_usual, measure, n_jobs)
         return usual, gaps
 
-    def neighbors(self, usual, n_jobs, own=slice(None)):
-        """Mean distance of each point of a slice to others, and those that are of its group."""
-        points, near_usual, first = self.points[own], usual[own], own.start or 0
-        m, n_links = len(points), max(SurfaceLimits().n_links, self.limits.n_near)
-        rows_of = np.arange(first, first + m, dtype=np.int32)  # as `connected` takes them
+    def neighbors(self, usual, n_jobs):
+        """Mean distance of each point to others, and those that are of its group."""
+        points, m = self.points, len(self.points)
+        n_links = max(SurfaceLimits().n_links, self.limits.n_near)
+        rows_of = np.arange(m, dtype=np.int32)  # as `connected` takes them
         among_rest, linked = np.empty(m), np.empty((m, n_links), np.int32)
 
         def measure(rows, distances, near):
             among_rest[rows] = self.spacing(points[rows], distances, near, itself=True)
-            steps = _steps(near_usual[rows], usual, distances[:, 1:], near[:, 1:])
+            steps = _steps(usual[rows], usual, distances[:, 1:], near[:, 1:])
             own = rows_of[rows][:, None]
             linked[rows] = np.where(steps <= self.limits.reach, near[:, 1:], own)
 
@@ -170,22 +170,9 @@ def judge_off_surface(rest, least, n_jobs):
     isolation = rest.isolated(among_rest, rest.among_all, usual)
     groups = connected(linked)[0]
     del linked
-
-    def members(chosen):
-        rows = np.flatnonzero(chosen[groups])
-        return rows, groups[rows]
-
-    known = Groups.of(groups, rest.counts, usual)
-    small = SmallGroups(rest, usual, gaps, known, members, least, n_jobs)
-    del known
+    small = SmallGroups(rest, usual, gaps, groups, least, n_jobs)
     with progress_part(0.7, 1.0):
-        real = small.judge()
-    separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
-    straight[small.rows] = small.straight
-    judged, *found, _ = small.verdict(isolation)
-    isolation[judged], separation[judged] = found
-    groups = np.cumsum(~small.are_few, dtype=np.int32)[groups] - 1
-    groups[small.rows] = len(small.large.counts) + small.groups
+        real, groups, separation, straight = small.judge(isolation)
     return OffSurface(
         rest=rest,
         usual=usual,

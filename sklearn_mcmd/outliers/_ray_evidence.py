@@ -32,54 +32,49 @@ class RayEvidence:
     the rays to them and do not go on, which are part of no surface. `judge` finds the `rest`.
     """
 
-    def __init__(self, rays, approximate, n_jobs, scatter=None, on_sheet=None):
-        self.rays, self.approximate, self.n_jobs = rays, approximate, n_jobs
-        self.scatter, self.on_sheet, self.rest = scatter, on_sheet, None
+    def __init__(self, rays, approximate, scatter, n_jobs):
+        self.rays, self.approximate, self.scatter, self.n_jobs = rays, approximate, scatter, n_jobs
+        self.on_sheet = self.rest = None
 
     @classmethod
     def of(cls, index, origins, planes, usable, n_jobs):
         """Of an index, whose points were measured from `origins` (n, d), and have `planes`, which
-        are `usable`, bool (n,); and which of them `end` finds free, and ending."""
-        rays, n = Rays.of(index.points, origins, RayLimits(), n_jobs), len(index.points)
-        self = cls(rays, one_far_position(index.points, origins), n_jobs)
-        known = {name: np.empty(n, dtype) for name, dtype in FOUND.items()} | {"usable": usable}
-        for ask in ASKS:
+        are `usable`, bool (n,). Also which of them are free to be of surfaces, and which may be of
+        sheets."""
+        points, limits = index.points, SurfaceLimits()
+        rays, n = Rays.of(points, origins, RayLimits(), n_jobs), len(points)
+        self = cls(rays, one_far_position(points, origins), np.empty(n), n_jobs)
+        left, alone = np.empty(n), np.empty(n)
+        (grazed, faces), (free, ends) = np.empty((2, n), bool), np.empty((2, n), bool)
+        going_on = np.zeros(n, np.int8)
 
-            def task(rows, ask=ask):
-                for name, values in ask(self, rows, index, planes, known).items():
-                    known[name][rows] = values
+        def look(rows):
+            left[rows], alone[rows] = rays.look(rows, planes.take(rows))
 
-            each_slice(n, index.chunk, task, n_jobs)
-        self.scatter = known["scatter"]
-        return self, known["free"], known["ends"]
+        def face(rows):
+            """Which flat planes contain the rays to their points, and which face the sensor."""
+            self.scatter[rows] = scatter = rays.scatter(index, rows, left, alone)
+            contain = (scatter > ExplainLimits().explained) & (not self.approximate)
+            flat = are_flat(planes.take(rows), limits.flat)
+            grazed[rows], faces[rows] = flat & contain, flat & ~contain
 
-    def look(self, rows, index, planes, known):
-        """As of `Rays`, of a slice of the points."""
-        return dict(zip(("left", "alone"), self.rays.look(rows, planes.take(rows)), strict=True))
+        def go_on(part):
+            rows = part.start + np.flatnonzero(grazed[part])
+            going_on[rows] = rays.going_on(rows, planes, faces, limits.angle)
 
-    def face(self, rows, index, planes, known):
-        """Which flat planes contain the rays to their points, and which others face the sensor."""
-        scatter = self.rays.scatter(index, rows, known["left"], known["alone"])
-        contain = (scatter > ExplainLimits().explained) & (not self.approximate)
-        flat = are_flat(planes.take(rows), SurfaceLimits().flat)
-        return {"scatter": scatter, "grazed": flat & contain, "faces": flat & ~contain}
+        def end(part):
+            """Which planes may be of sheets: grazed, they end beside surfaces that face elsewhere.
+            Grazed ground contains the rays as well, but it goes on: beams beside it end on it."""
+            of_sheet = grazed[part].copy()
+            rows = np.flatnonzero(of_sheet)
+            if len(rows):
+                near = index.query_own(part.start + rows).indices
+                of_sheet[rows] = going_on[near].sum(axis=1) <= 0
+            free[part], ends[part] = usable[part] & ~of_sheet, usable[part] & of_sheet
 
-    def go_on(self, rows, index, planes, known):
-        """As `Rays.going_on`, of the grazed planes."""
-        own, going_on = np.flatnonzero(known["grazed"][rows]), np.zeros(rows.stop - rows.start)
-        given = planes, known["faces"], SurfaceLimits().angle
-        going_on[own] = self.rays.going_on(rows.start + own, *given)
-        return {"going_on": going_on}
-
-    def end(self, rows, index, planes, known):
-        """Which planes may be of sheets: grazed, they end beside surfaces that face elsewhere; and
-        which are free to be of surfaces. Grazed ground contains the rays as well, but it goes on:
-        beams beside it end on it, too."""
-        ends = np.array(known["grazed"][rows])
-        if len(own := np.flatnonzero(ends)):
-            near = index.query_own(rows.start + own).indices
-            ends[own] = known["going_on"][near].sum(axis=1) <= 0
-        return {"free": known["usable"][rows] & ~ends, "ends": known["usable"][rows] & ends}
+        for work in (look, face, go_on, end):
+            each_slice(n, index.chunk, work, n_jobs)
+        return self, free, ends
 
     def doubt(self, on_surface, counts):
         """As `doubt_of`, by surfaces, bool (n,), and `counts` (n,) of measurements."""
@@ -92,18 +87,21 @@ class RayEvidence:
         (n,), and `to_planes` as `JudgedCloud.to_planes`. `doubt`, a number or (m,), is a factor on
         how isolated points are, which does not touch sheets of rays.
         """
-        rest, company = off_surface.rest, (off_surface.isolation, off_surface.separation)
-        rows, points, stand_off = rest.rows, rest.points, off_surface.separation > 0
-        group, groups = np.zeros(len(explained), np.int32), off_surface.groups[stand_off]
-        group[rows[stand_off]] = groups + 1
-        empty, apart, around = self.hear(rows, company[0], spacing, group, explained)
-        together = around.pooled(groups, points[stand_off]).together()
-        heard = empty, apart, together
-        isolation, separation = self.verdict(rows, points, rest.others, company, heard)
+        rest, isolation = off_surface.rest, off_surface.isolation
+        rows, points, step = rest.rows, rest.points, self.rays.steps(rest.rows)
+        empty = self.rays.next_to(rows, explained)
+        apart, by_beams = in_steps(isolation, spacing, step), np.empty(len(rows))
+
+        def ask(some, _, near):
+            around = _around(empty.take(some), apart[some], empty, apart, near[:, 1:])
+            by_beams[some] = self._isolation(isolation[some], *around, step[some])
+
+        rest.others.visit(points, SurfaceLimits().n_links + 1, ask, self.n_jobs)
         rest.others.release()
-        isolation = doubt * isolation
+        separation = self._separation(off_surface, explained, step)
         on_sheet = self.on_sheets(points, lambda some: index.query_own(rows[some]), to_planes)
         self.rays.release()
+        isolation = doubt * by_beams
         self.rest = RestByRays(
             others=rest.others,
             empty=empty,
@@ -113,29 +111,18 @@ class RayEvidence:
         )
         return np.maximum(isolation, on_sheet), separation
 
-    def hear(self, rows, isolation, spacing, group, explained):
-        """What beams say of places `rows` off the surfaces: the `Emptiness` by those next to each,
-        how far apart each is from others, and the `Emptiness` around those whose groups stand off,
-        which have numbers from 1 on, `group` (n,)."""
-        empty = self.rays.next_to(rows, explained)
-        apart = in_steps(isolation, spacing, self.rays.steps(rows))
-        return empty, apart, self.rays.around(rows[group[rows] > 0], group, explained)
-
-    def verdict(self, rows, points, others, company, heard, own=slice(None)):
-        """Isolation and separation of a slice of the m places off the surfaces, which `others`
-        search. `company` is both of the slice without rays, and `heard` of all m the first two that
-        `hear` returns, and `Emptiness.together` of those in the slice that stand off."""
-        isolation, separation, (empty, apart, together) = company[0], company[1].copy(), heard
-        found, step, stand_off = np.empty(len(rows)), self.rays.steps(rows), separation > 0
-        own_empty, own_apart = empty.take(own), apart[own]
-
-        def judge(some, _, near):
-            around = _around(own_empty.take(some), own_apart[some], empty, apart, near[:, 1:])
-            found[some] = self._isolation(isolation[some], *around, step[some])
-
-        others.visit(points, SurfaceLimits().n_links + 1, judge, self.n_jobs)
+    def _separation(self, off_surface, explained, step):
+        """The separation of points off the surfaces, by the beams around their groups; `step` (m,)
+        is theirs."""
+        rest, separation = off_surface.rest, off_surface.separation.copy()
+        stand_off = np.flatnonzero(separation > 0)
+        rows, groups = rest.rows[stand_off], off_surface.groups[stand_off]
+        group = np.zeros(len(explained), np.int32)  # from 1 on, 0 of points in none
+        group[rows] = groups + 1
+        around = self.rays.around(rows, group, explained)
+        together = around.pooled(groups, rest.points[stand_off]).together()
         separation[stand_off] = separation_of(separation[stand_off], together, step[stand_off])
-        return found, separation
+        return separation
 
     def judge_new(self, queries, around, apart, spacing, explained, to_planes, doubt=1.0):
         """The same of new points (m, d) and their neighborhoods, each for itself; `apart` is as
@@ -176,15 +163,6 @@ def doubt_of(n_on_sheets, n_on_surfaces):
         f"as seen from the sensor, {100 * share:.0f} % of all that is flat would be sheets of "
         "rays. Mixed pixels are fewer: it seems to have stood elsewhere"
     )
-
-
-# The steps that find these of all points, each of which asks for what those before have found.
-ASKS = RayEvidence.look, RayEvidence.face, RayEvidence.go_on, RayEvidence.end
-FOUND = {
-    **dict.fromkeys(("left", "alone", "scatter"), np.float64),
-    **dict.fromkeys(("grazed", "faces", "free", "ends"), bool),
-    "going_on": np.int8,
-}
 
 
 def _around(empty, apart, all_empty, all_apart, near):

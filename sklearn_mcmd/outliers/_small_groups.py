@@ -1,8 +1,5 @@
 """Groups of too few points for a thing: rows among them, pieces of one, and how far they are."""
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -18,89 +15,60 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._nearest import NearestPoints
 
 
-class Groups(NamedTuple):
-    """Sums over g groups of points off the surfaces: arrays (g,)."""
-
-    one: np.ndarray  # the row of a point of each
-    sizes: np.ndarray  # points
-    counts: np.ndarray  # measurements
-    usual: np.ndarray  # sum of the usual spacings around the points
-
-    @classmethod
-    def of(cls, groups, counts, usual):
-        """Of points whose `groups` count from 0 on; rows are theirs."""
-        one = np.empty(groups.max(initial=-1) + 1, np.intp)
-        one[groups[::-1]] = np.arange(len(groups))[::-1]
-        sums = (np.bincount(groups, weights) for weights in (None, counts, usual))
-        return cls(one, *sums)
-
-    def take(self, chosen):
-        """Some of them, or in another order."""
-        return Groups(*(part[chosen] for part in self))
-
-
 class SmallGroups:
     """The points of all groups off the surfaces that have fewer than `least` measurements.
 
-    `rest` is the `Rest`, of whose m points `usual` (m,) are the usual spacings, and `gaps` (m,) the
-    distances from surfaces. `known` are all groups, and ``members(chosen)`` finds the points of
-    some of these, bool (g,): their rows, ascending, and the group of each.
+    `rest` is the `Rest`, of whose m points `usual` (m,) are the usual spacings, `gaps` (m,) the
+    distances from surfaces, and `groups` (m,) their groups, from 0 on.
     """
 
-    def __init__(self, rest, usual, gaps, known: Groups, members: Callable, least: float, n_jobs):
+    def __init__(self, rest, usual, gaps, groups, least, n_jobs):
         self.rest, self.least, self.n_jobs = rest, least, n_jobs
-        self.are_few = known.counts < least
-        rows, groups = members(self.are_few)
+        counts = np.bincount(groups, rest.counts)
+        are_large = counts >= least
+        rows = np.flatnonzero(~are_large[groups])
         self.rows = rows.astype(np.int32)
-        self.points, self.counts = np.array(rest.points[rows]), np.array(rest.counts[rows])
-        self.usual, self.gaps, self.groups = usual, gaps, _numbered(groups)
-        self.large, self._members = known.take(~self.are_few), members
-        # What `judge` finds of these points, and the separation of some large groups' points.
-        self.in_row, self.separation, self.straight = np.zeros(len(rows), bool), None, None
-        self.apart, self.groups_apart = np.empty((2, 0), np.intp)
-        self.separation_apart = np.empty(0)
+        self.points, self.counts = rest.points[rows], rest.counts[rows]
+        self.usual, self.gaps, self.groups = usual, gaps, _numbered(groups[rows])
+        self.most = counts[are_large].max(initial=0)  # measurements of the largest
+        # Of all points the groups when `judge` has found those of small ones; large ones are first.
+        self.all_groups = np.cumsum(are_large, dtype=np.int32)[groups] - 1
+        self.n_large = np.count_nonzero(are_large)
 
-    def judge(self):
-        """Find which groups are rows, pieces of one thing, or a thing; how far others stand off."""
+    def judge(self, isolation):
+        """Find which groups are rows, pieces of one thing, or a thing; how far others stand off.
+
+        What is in a row keeps company with it, however far apart its points are: its `isolation`
+        (m,) changes. Returns searches of all that is real, the groups (m,) from 0 on, their
+        separation (m,), and which points are in small groups that are straight, bool (m,).
+        """
+        in_row = np.zeros(len(self.rows), bool)
         if len(self.rows):
-            self._part_rows()
+            in_row = self._part_rows()
             self._join_pieces()
         self.rest.others.release()
+        groups = self.all_groups
+        groups[self.rows] = self.n_large + self.groups
+        separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
         small = self._are_small()
-        real, some = self._real(small), np.flatnonzero(small)
-        gaps = self._gaps(some, real)
-        found = self._separation(self.rows[some], self.groups[some], gaps)
-        self.separation, self.straight = np.zeros(len(small)), np.zeros(len(small), bool)
-        self.separation[some], self.straight[some] = found
+        real, some = self._real(small), self.rows[small]
+        found = self._separation(some, groups[some], self._gaps(small, real))
+        separation[some], straight[some] = found
+        in_row = self.rows[in_row | straight[self.rows]]
+        isolation[in_row] = np.minimum(isolation[in_row], separation[in_row])
         if self.rest.has_surface:
-            self._separate_large(small)
+            self._separate_large(groups, some, separation)
         real = [self.rest.reference] * self.rest.has_surface + real
         for search in real:
             search.release()
-        return real
-
-    def verdict(self, isolation):
-        """The rows of points whose isolation or separation `judge` tells, ascending, both, and
-        their groups.
-
-        What is in a row keeps company with it, however far apart its points are.
-        """
-        rows = np.union1d(self.rows, self.apart)
-        isolation, separation = np.array(isolation[rows]), np.zeros(len(rows))
-        own, in_row = np.searchsorted(rows, self.rows), self.in_row | self.straight
-        separation[own] = self.separation
-        isolation[own[in_row]] = np.minimum(isolation[own], self.separation)[in_row]
-        apart, groups = np.searchsorted(rows, self.apart), np.empty(len(rows), np.int32)
-        separation[apart] = self.separation_apart
-        groups[own], groups[apart] = self.groups, self.groups_apart
-        return rows, isolation, separation, groups
+        return real, groups, separation, straight
 
     def _are_small(self):
         """Which points are in groups too small for a thing, bool."""
         sizes = np.bincount(self.groups, self.counts)
         small = sizes < self.least
         if not self.rest.has_surface:
-            small &= sizes < max(sizes.max(initial=0), self.large.counts.max(initial=0))
+            small &= sizes < max(sizes.max(initial=0), self.most)
         return small[self.groups]
 
     def _real(self, small):
@@ -122,11 +90,11 @@ class SmallGroups:
 
     def _part_rows(self):
         """Let points of small groups that lie in a row be a group of their own: straight with their
-        nearest others, and among the nearest of each other."""
+        nearest others, and among the nearest of each other. Returns which points are, bool."""
         m, n_near = len(self.rows), self.rest.limits.n_near
-        asked, links = np.flatnonzero(self._are_small()), []
+        in_row, asked, links = np.zeros(m, bool), np.flatnonzero(self._are_small()), []
         if self.rest.others.n <= n_near or len(asked) == 0:
-            return
+            return in_row
 
         def link(some, distances, near):
             around = self.rest.points[near]
@@ -146,9 +114,10 @@ class SmallGroups:
         rows = rows[np.lexsort(self.points[rows].T[::-1])]
         part = _numbered(part[rows])
         straight = Shapes.of(self.points[rows], part).straight[part]
-        self.in_row[rows] = straight
+        in_row[rows] = straight
         self.groups[rows[straight]] = m + part[straight]
         self.groups = _numbered(self.groups)
+        return in_row
 
     def _join_pieces(self):
         """Let groups that are pieces of one thing be one."""
@@ -192,47 +161,38 @@ class SmallGroups:
     def _separation(self, rows, groups, gaps):
         """Of points of the rest the separation of their groups, none of whose points is left out,
         and whether these are straight."""
-        group, usual = _numbered(groups), np.array(self.usual[rows])
-        separation, straight = separation_of_groups(self.rest.points[rows], group, usual, gaps)
+        group, points = _numbered(groups), self.rest.points[rows]
+        separation, straight = separation_of_groups(points, group, self.usual[rows], gaps)
         return separation[group], straight[group]
 
-    def _separate_large(self, small):
-        """Find the separation of large groups that stand off from all else: over how many times as
-        large they are as the least thing. What is large by copies alone is real."""
-        points = self.rest.points
-        own = Groups.of(self.groups, self.counts, self.usual[self.rows])
-        own, n_own = own._replace(one=self.rows[own.one]), len(own.one)
-        known = Groups(*map(np.concatenate, zip(own, self.large, strict=True)))
+    def _separate_large(self, groups, small, separation):
+        """Fill the separation of large groups that stand off from all else, `small` points apart:
+        over how many times as large they are as the least thing. What is large by copies alone is
+        real."""
+        counts, sizes = np.bincount(groups, self.rest.counts), np.bincount(groups)
+        weight, large = self.least / counts, sizes >= self.least
         # One point of each group, and the least size that it may have, tell which may stand off.
-        weight, large = self.least / known.counts, known.sizes >= self.least
-        gaps = self.gaps[known.one[large]]
-        size = known.usual[large] / known.sizes[large]
+        one = np.empty(len(sizes), np.intp)
+        one[groups] = np.arange(len(groups))
+        gaps = self.gaps[one[large]]
+        size = np.bincount(groups, self.usual)[large] / sizes[large]
         stands_off = ExplainLimits().explained
         large[large] = ratio(gaps, size) * weight[large] > (1 - 1e-9) * stands_off
-        inside = np.flatnonzero(large[self.groups])
-        chosen = ~self.are_few
-        chosen[chosen] = large[n_own:]
-        rows, of = self._members(chosen)
-        groups = (np.cumsum(~self.are_few) - 1)[of]  # their places among the large ones
-        rows = np.concatenate([self.rows[inside], rows])
-        groups = np.concatenate([self.groups[inside], n_own + groups])
-
-        gaps = np.array(self.gaps[rows])
+        rows = np.flatnonzero(large[groups])
+        groups, gaps = groups[rows], self.gaps[rows]
         apart = self._separation(rows, groups, gaps)[0] * weight[groups] > stands_off
         rows, groups, gaps = rows[apart], groups[apart], gaps[apart]
         code = _numbered(groups) + 1  # 0 of all others that are real
         # The codes of two groups differ in one bit at least, so some search is of the other.
         for bit in range(int(code.max(initial=0)).bit_length()):
             one = code >> bit & 1 == 1
-            without = np.concatenate([self.rows[small], rows[one]])
-            searches = self.rest.others.without(without), NearestPoints(points[rows[one]])
+            others = self.rest.others.without(np.concatenate([small, rows[one]]))
+            searches = others, NearestPoints(self.rest.points[rows[one]])
             for asked, search in zip((one, ~one), searches, strict=True):
                 if search.n and asked.any():
-                    near = search.query(points[rows[asked]], 1, self.n_jobs)[0][:, 0]
+                    near = search.query(self.rest.points[rows[asked]], 1, self.n_jobs)[0][:, 0]
                     gaps[asked] = np.minimum(gaps[asked], near)
-        separation, _ = self._separation(rows, groups, gaps)
-        self.apart, self.groups_apart = rows, groups
-        self.separation_apart = separation * weight[groups]
+        separation[rows] = self._separation(rows, groups, gaps)[0] * weight[groups]
 
 
 def _numbered(groups):

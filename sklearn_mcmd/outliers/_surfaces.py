@@ -28,7 +28,15 @@ def find_surfaces(index, planes, usable, least):
     explain each other's point and their normals agree. A surface is a connected part of at least
     `least` points.
     """
-    labels, sizes = connected_planes(index, *surface_links(index, planes), usable)
+    links = LinkLimits(
+        min_cosine=float(np.cos(np.radians(SurfaceLimits().angle))),
+        explained=ExplainLimits().explained,
+        max_gap=np.inf,
+        mutual=True,
+        both_near=True,
+    )
+    k = min(SurfaceLimits().n_links, index.n_neighbors)
+    labels, sizes = connected_planes(index, k, planes, links, usable)
     return usable & (sizes >= least)[labels]
 
 
@@ -41,23 +49,6 @@ def are_usable(planes, distances):
     """Which points may be part of a surface, bool (n,): their planes are flat and explain the point
     itself. `distances` (n,) are those from their own planes, in standard deviations."""
     return are_flat(planes, SurfaceLimits().flat) & (distances <= ExplainLimits().explained)
-
-
-def surface_links(index, planes):
-    """What links the points of surfaces, as `connected_planes` takes it."""
-    links = LinkLimits(
-        min_cosine=float(np.cos(np.radians(SurfaceLimits().angle))),
-        explained=ExplainLimits().explained,
-        max_gap=np.inf,
-        mutual=True,
-        both_near=True,
-    )
-    return surface_width(index), planes, links
-
-
-def surface_width(index):
-    """How many neighbors of a point may be linked to it."""
-    return min(SurfaceLimits().n_links, index.n_neighbors)
 
 
 def own_distances(queries, planes, floor):

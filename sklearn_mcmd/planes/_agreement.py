@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import each_part
+from sklearn_mcmd.runtime._chunks import each_slice
 
 # Fields of planes that are not offered.
 UNUSED = "eigenvalues", "kept", "radius", "spacing", "normal_error"
@@ -40,39 +40,36 @@ class Offers(NamedTuple):
     planes: Planes  # without fields that are not offered
     asks: np.ndarray  # bool (n,): whether a point asks others for planes
 
-    @classmethod
-    def empty(cls, n, d):
-        """A record to be filled."""
-        return cls(Planes.empty(n, d).without(*UNUSED), np.empty(n, dtype=bool))
-
 
 def agreed_offers(model, n_jobs, keep=None):
     """The `Offers` of all points of a model's index before they ask for the last time.
 
     ``keep(rows, *found)``, if it is given, gets what `whole_planes` of the model finds of slices.
     """
-    offers, own = None, slice(0, len(model.index.points))
-    for _ in range(AgreementLimits().passes):
-        offers = offers_of(model, offers, own, n_jobs, keep)
-    return offers
+    index, n = model.index, len(model.index.points)
+    planes, asks = Planes.empty(*index.points.shape).without(*UNUSED), np.empty(n, dtype=bool)
+
+    def offer(rows):
+        given = index.points[rows], index.query_own(rows)
+        first, asks[rows] = model.first_planes(*given, keep and partial(keep, rows))
+        planes.put(rows, first)
+
+    each_slice(n, model.chunk(), offer, n_jobs)
+    for _ in range(AgreementLimits().passes - 1):
+        planes = _asked(model, Offers(planes, asks), n_jobs)
+    return Offers(planes, asks)
 
 
-def offers_of(model, before, own, n_jobs, keep=None):
-    """What a slice of points offers, from what all offered in the pass before, if any."""
-    index, offers = model.index, Offers.empty(own.stop - own.start, model.index.points.shape[1])
+def _asked(model, offers, n_jobs):
+    """The planes that points have once they have asked, from what all offered before."""
+    index, planes = model.index, Planes(*map(np.copy, offers.planes))
 
-    def offer(rows, part):
-        points, around = index.points[rows], index.query_own(rows)
-        if before is None:
-            kept = keep and partial(keep, rows)
-            planes, offers.asks[part] = model.first_planes(points, around, kept)
-            return offers.planes.put(part, planes)
-        offers.asks[part] = before.asks[rows]
-        offers.planes.put(part, before.planes.take(rows))
-        asking = np.flatnonzero(before.asks[rows])
+    def ask(part):
+        asking = np.flatnonzero(offers.asks[part])
         if len(asking):
-            asked = points[asking], around.take(asking), model.rounding, before.planes
-            offers.planes.put(part.start + asking, model.robust_planes(*asked)[0])
+            rows, around = part.start + asking, index.query_own(part).take(asking)
+            found = model.robust_planes(index.points[rows], around, model.rounding, offers.planes)
+            planes.put(rows, found[0])
 
-    each_part(own, model.chunk(), offer, n_jobs)
-    return offers
+    each_slice(len(offers.asks), model.chunk(), ask, n_jobs)
+    return planes

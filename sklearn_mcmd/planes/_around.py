@@ -29,12 +29,12 @@ def quantile_of(parts, q):
     """What `numpy.quantile` returns of all values, float64, of the arrays of ``parts()``."""
     n = sum(map(len, parts()))
     low = int((n - 1) * q)
-    return np.quantile(at_ranks(parts, [low, min(low + 1, n - 1)]), (n - 1) * q - low)
+    return np.quantile(_at_ranks(parts, [low, min(low + 1, n - 1)]), (n - 1) * q - low)
 
 
-def at_ranks(parts, ranks):
-    """Values, float64 (n,) or (n, d), at ranks among all of the arrays that ``parts()`` iterates
-    over, in ascending order; of rows (n, d) the first column counts first. NaN if one is.
+def _at_ranks(parts, ranks):
+    """Values at ranks among all of the arrays, float64 (n,), that ``parts()`` iterates over, in
+    ascending order. NaN if one is.
 
     They are counted in bins, so that only those of the bins of these ranks are in memory.
     """
@@ -50,14 +50,12 @@ def at_ranks(parts, ranks):
     chosen[of] = True
     left_out = np.cumsum(np.where(chosen, 0, counts))
     found = np.concatenate([v[chosen[np.searchsorted(keys, _bins(v))]] for v in parts()])
-    order = np.lexsort(found.reshape(len(found), -1).T[::-1])
-    return found[order[ranks - left_out[of]]]
+    return np.sort(found)[ranks - left_out[of]]
 
 
 def _bins(values):
-    """Numbers of 28 bits that ascend as the values do, or those of the first column."""
-    first = values if values.ndim == 1 else values[:, 0]
-    bits = (first + 0.0).view(np.int64)  # -0.0 and 0.0 are equal
+    """Numbers of 28 bits that ascend as the values do."""
+    bits = (values + 0.0).view(np.int64)  # -0.0 and 0.0 are equal
     return (bits ^ (bits >> 63 & np.iinfo(np.int64).max)) >> LOWER_BITS
 
 

@@ -43,16 +43,11 @@ class Columns(NamedTuple):
             # A file may have rounded them.
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
             planes.normals[part] = normals
-            planes.centroids[part] = points_off(self.coordinates[some], self.offset[some], normals)
+            planes.centroids[part] = self.coordinates[some] + self.offset[some, None] * normals
             planes.scale[part] = self.scale[some]
 
         run([(part,) for part in slices(len(rows), CHUNK)], task, n_jobs)
         return planes
-
-
-def points_off(points, offset, normals):
-    """The points of planes that are nearest to some points, by `Columns.offset`."""
-    return points + offset[:, None] * normals
 
 
 def column_names(coordinates, features):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import extents
-from sklearn_mcmd.runtime._chunks import each_part, each_slice
+from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -50,25 +50,21 @@ class LinkLimits(NamedTuple):
     both_near: bool  # whether it must be as near to the neighbor as the last of the neighbor's own
 
 
-def connected_planes(index, k, planes, limits, usable, farthest=None, own=None):
-    """What hangs together by the links of `row_linker`, as by `connected`, in less memory.
-
-    Of a slice of rows, `own`, it is what hangs together by links among these, as by `parts_within`.
-    """
-    link = row_linker(index, k, planes, limits, usable, farthest)
-    first, end, _ = slice(None).indices(len(index.points)) if own is None else own.indices(2**62)
-    join, roots = _compiled("join"), np.arange(end - first, dtype=np.int32)
-    links, pairs = np.empty((index.chunk, k), np.int32), []
+def connected_planes(index, k, planes, limits, usable):
+    """What hangs together by the links of `row_linker`, as by `connected`, in less memory."""
+    link, roots = (
+        row_linker(index, k, planes, limits, usable),
+        np.arange(len(usable), dtype=np.int32),
+    )
+    join, links = _compiled("join"), np.empty((index.chunk, k), np.int32)
 
     def task(rows):
         part = links[: rows.stop - rows.start]
-        link(slice(first + rows.start, first + rows.stop), part)
-        if own is not None:
-            pairs.append(leaving(part, first + rows.start, own))
+        link(rows, part)
         join(part, rows.start, roots)
 
     each_slice(len(roots), index.chunk, task, 1)
-    return _parts(roots) if own is None else (_parts(roots)[0], np.concatenate(pairs))
+    return _parts(roots)
 
 
 def connected(links):
@@ -83,65 +79,35 @@ def connected(links):
     return _parts(roots)
 
 
-def parts_within(links, own):
-    """Parts of the rows of a slice, `own`, whose links (m, width) are to any rows, and are changed.
-
-    Returns the part of each row, as `connected` does, and the links that lead out of the slice:
-    pairs of rows (n, 2).
-    """
-    pairs = leaving(links, own.start, own)
-    return connected(links)[0], pairs
-
-
-def leaving(links, start, own):
-    """The links of rows from `start` on that lead out of a slice, which become links to the row
-    itself; all others count from the first row of the slice."""
-    out = (links >= own.stop) | ((links >= 0) & (links < own.start))
-    row, place = np.nonzero(out)
-    pairs = np.stack([start + row, links[row, place]], axis=1)
-    links[row, place] = start + row
-    links[links >= 0] -= own.start
-    return pairs
-
-
 def _parts(roots):
     labels = _compiled("number_parts")(roots)
     return labels, np.bincount(labels)
 
 
-def row_linker(index, k, planes, limits, usable=None, farthest=None):
+def row_linker(index, k, planes, limits, usable=None):
     """What links points to those of their k neighbors that the `LinkLimits` allow.
 
     Only `usable` points, bool (n,), are linked, all of them with None, and a plane of a negative
     scale explains nothing. Returns a function that takes a slice of m rows and int32 (m, k), which
     becomes the neighbors, the nearest first, with -1 in the places of those that are not linked.
-    The point itself is none. Distances of the `farthest` of the k neighbors are found, unless they
-    are given.
+    The point itself is none.
     """
-    own = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
-    link = _compiled("link_rows")
-    if farthest is None and own.both_near:
-        farthest = np.empty(len(index.points))
+    limits = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
+    link, points = _compiled("link_rows"), index.points
+    farthest = np.empty(len(points) if limits.both_near else 0)  # distances of the last neighbors
+
+    def measure(rows):
+        farthest[rows] = extents(points, points[rows], index.query_own(rows, k))[1]
+
+    if limits.both_near:
         with progress_part(0.0, 0.4):
-            measure_farthest(index, k, slice(0, len(farthest)), farthest)
-    given = np.empty(0) if farthest is None else farthest
+            each_slice(len(points), index.chunk, measure, None)
     asked = np.empty(0, bool) if usable is None else usable
 
     def fill(rows, links):
-        around = index.query_own(rows, k)
-        link(index.points, around, planes, own, asked, given, rows.start, links)
+        link(points, index.query_own(rows, k), planes, limits, asked, farthest, rows.start, links)
 
     return fill
-
-
-def measure_farthest(index, k, own, farthest, n_jobs=None):
-    """Fill the distances of the last of the k neighbors of a slice of an index's points."""
-
-    def measure(rows, part):
-        around = index.query_own(rows, k)
-        farthest[part] = extents(index.points, index.points[rows], around)[1]
-
-    each_part(own, index.chunk, measure, n_jobs)
 
 
 def _compiled(name):

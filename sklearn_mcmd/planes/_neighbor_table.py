@@ -83,7 +83,7 @@ class Packed(NamedTuple):
     def of(cls, near):
         """Pack neighbors, int32 (m, k)."""
         (m, k), bits = near.shape, bits_of(near.shape[1])
-        block, n_blocks = 1 << bits, n_blocks_of(m, k)
+        block, n_blocks = 1 << bits, -(-m // (1 << bits))
         groups, starts = np.zeros((n_blocks, block - 1), np.int32), np.empty(n_blocks + 1, np.int32)
         codes, far = np.empty((m, k), f"u{bits // 4}"), np.empty(m * k, np.int32)
         slots = np.full(1 << (2 * block * k - 1).bit_length(), -1)
@@ -103,11 +103,6 @@ class Packed(NamedTuple):
 def bits_of(k):
     """Binary digits of a place in a group, and of a group in its list, for k neighbors."""
     return 4 if k <= MOST_SHORT else 8
-
-
-def n_blocks_of(m, k):
-    """Blocks of m rows with k neighbors each."""
-    return -(-m // (1 << bits_of(k)))
 
 
 def part_size(k):

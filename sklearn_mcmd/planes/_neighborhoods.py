@@ -5,7 +5,6 @@ import numpy as np
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighbor_table import NeighborTable, part_size
 from sklearn_mcmd.planes._record import Neighborhoods
-from sklearn_mcmd.runtime._chunks import each_slice
 
 
 class NeighborIndex:
@@ -110,22 +109,6 @@ class NeighborIndex:
         if self.radius is None:
             return Neighborhoods(padded(indices, sizes), sizes)
         return within_radius(indices, distances, sizes, self.radius, self.points.shape[1])
-
-    def visit_own(self, wanted, k, work, n_jobs=None):
-        """Call ``work(rows, around)`` with those of the points that are wanted, bool (m,), and the
-        neighborhoods of their k nearest."""
-
-        def task(part):
-            rows = np.flatnonzero(wanted[part])
-            if len(rows):
-                around = self.query_own(part, k, keep=k <= self.n_neighbors).take(rows)
-                work(part.start + rows, around)
-
-        each_slice(len(wanted), self.chunk, task, n_jobs)
-
-    def in_parts(self):
-        """Rows and points (m, d), part by part; only one part is in memory at a time."""
-        yield np.arange(len(self.points)), self.points
 
     def nearest(self, queries, n_workers=1):
         """Row of `points` nearest to each query; 0 with one neighborhood of all points."""

@@ -165,11 +165,6 @@ def coarse_warning(index):
     # Medians, which a few far points do not move.
     radius, largest = float(np.median(radius)), float(np.median(np.abs(sample).max(axis=1)))
     rounding = float(np.spacing(np.float32(largest)))
-    if radius > 0 and is_coarse(rounding, radius):
+    if radius > 0 and rounding > RoundingLimits().coarse * radius:
         return CoarseCoordinatesWarning(largest, rounding, radius)
     return None
-
-
-def is_coarse(rounding, radius):
-    """Whether coordinates are rounded to steps too long for neighborhoods of this radius."""
-    return rounding > RoundingLimits().coarse * radius

@@ -293,8 +293,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
             the columns of a :class:`RobustNormalEstimator`.
         """
         index, labels, planes, copies = self._segment(X)
-        points, n_regions = index.points, n_regions_of(labels)
-        weights = copies if len(points) < len(index.places) else None
+        points, places, n_regions = index.points, index.places, n_regions_of(labels)
+        weights = copies if len(points) < len(places) else None
         moments = region_planes(points, labels, n_regions, weights)
         sizes, centroids, _, values, axes = moments
         self.n_regions_ = n_regions
@@ -305,7 +305,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         self.regions_ = None
         if points.shape[1] == 3:
             self.regions_ = region_table(points, labels, planes, moments)
-        self.labels_ = labels[index.places].astype(np.int64)
+        self.labels_ = labels[places].astype(np.int64)
         return self
 
     def _segment(self, X):
@@ -317,10 +317,9 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         floor = least_scales(points, np.finfo(xyz.dtype).eps, coordinate_step(xyz))
         planes = columns.planes(rows, self.n_jobs).without("kept", "spacing")
         planes.scale[:] = np.maximum(planes.scale, floor)
+        rules = self._rules()
         with progress_part(0.35, 0.5, "links of neighbors"):
-            links, planes.radius[:] = link_neighbors(
-                index, planes, floor, self._rules(), self.n_jobs
-            )
+            links, planes.radius[:] = link_neighbors(index, planes, floor, rules, self.n_jobs)
         with progress_part(0.5, 0.55, "growing regions"):
             seeds = seed_order(columns.surface_variation[rows], points, planes)
             labels = grow_regions(links, seeds)

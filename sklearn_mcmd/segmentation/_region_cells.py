@@ -12,8 +12,6 @@ from sklearn_mcmd.segmentation._region_sums import median_by_region, region_mome
 
 UPPER = [0, 1, 2, 4, 5, 8]  # places of the six numbers of a symmetric matrix in its nine
 ROWS = 2**14  # whose neighbors are looked at at once; it limits the memory
-PLACE_BITS = 20  # of a place, as a share of the extent, by which equally flat points are scrambled
-SCRAMBLING = 0x9E3779B97F4A7C15  # an odd number without a pattern, as of Fibonacci hashing
 
 
 class Sums(NamedTuple):
@@ -45,18 +43,14 @@ class Cells(NamedTuple):
 
         each_slice(n, index.chunk, find, n_jobs)
         of, begins = gathered(order, starts, near.ravel(), labels)
-        pairs, rows, sizes = [], [], []
+        around, pairs = near[begins], []
+        own = of[around] == np.arange(len(begins))[:, None]
         for some in slices(n, ROWS):
             ends = np.broadcast_arrays(of[some, None], of[near[some]])
             one_region = (labels[near[some]] == labels[some, None]) & (labels[some, None] >= 0)
             pairs.append(once(np.column_stack([cells[one_region] for cells in ends])))
-        for some in slices(len(begins), ROWS):
-            around = near[begins[some]]
-            own = of[around] == of[begins[some], None]
-            rows.append(around[own])
-            sizes.append(own.sum(axis=1))
-        ends = np.append(0, np.cumsum(np.concatenate(sizes)))
-        return cls(of, np.concatenate(rows), ends, once(np.concatenate(pairs)))
+        ends = np.append(0, np.cumsum(own.sum(axis=1)))
+        return cls(of, around[own], ends, once(np.concatenate(pairs)))
 
     @property
     def begins(self):
@@ -122,19 +116,10 @@ def usual_noise(index, planes, rules, n_jobs=None):
 def flattest_first(rows, points, scale, noise):
     """Some rows, the flattest first. Their order depends on no rounding error, and on no rows.
 
-    Those that are as flat come scrambled. `scale` and `noise` (n,) are those of planes and what is
-    usual around them.
+    `scale` and `noise` (n,) are those of planes and what is usual around them.
     """
-    low = points.min(axis=0)
-    extent = np.max(points.max(axis=0) - low) or 1.0
-    flatness, points = np.rint(np.ldexp(ratio(scale, noise)[rows], HEIGHT_BITS)), points[rows]
-    chance = scrambled(np.rint(np.ldexp((points - low) / extent, PLACE_BITS)))
-    order = np.lexsort((chance, flatness))
-    same = (np.diff(flatness[order]) == 0) & (np.diff(chance[order]) == 0)
-    tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
-    equal = order[tied]
-    order[tied] = equal[np.lexsort((*points[equal].T, chance[equal], flatness[equal]))]
-    return rows[order]
+    flatness = np.rint(np.ldexp(ratio(scale[rows], noise[rows]), HEIGHT_BITS))
+    return rows[np.lexsort((*points[rows].T, flatness))]
 
 
 def once(pairs):
@@ -142,15 +127,6 @@ def once(pairs):
     pairs = pairs[pairs[:, 0] != pairs[:, 1]].astype(np.int64)
     keys = np.unique(pairs << 32 | pairs[:, ::-1])
     return np.column_stack([keys >> 32, keys & (2**32 - 1)])
-
-
-def scrambled(places):
-    """A number by each row of whole numbers (m, d), which grows in no direction."""
-    found = np.zeros(len(places), np.uint64)
-    for column in places.T:
-        found = (found ^ column.astype(np.uint64)) * np.uint64(SCRAMBLING)
-        found ^= found >> np.uint64(29)
-    return found
 
 
 def joined(sums, beside):

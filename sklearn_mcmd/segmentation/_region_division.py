@@ -51,11 +51,8 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     which its crease has them. Points of patches that are of both sides get label -1.
     Last, groups that are no planes are joined again, unless their crease is steep (`join_blunt`).
     """
-    points, usual, size = (
-        index.points,
-        usual_noise(index, planes, rules, n_jobs),
-        n_linked(index, rules),
-    )
+    points, size = index.points, n_linked(index, rules)
+    usual = usual_noise(index, planes, rules, n_jobs)
     unit = float(np.exp2(np.frexp(usual.max())[1]))  # no square leaves the numbers
     rows = np.flatnonzero(labels >= 0)
     if len(rows) == 0 or not usual.min() * unit > 0:

@@ -122,8 +122,8 @@ class Rays:
     limits: RayLimits
     n_jobs: int | None
     beam_of: np.ndarray  # int32 (n,)
-    origins: np.ndarray | None = None  # (n, d)
-    unit: float | None = None  # of positions, where there are several
+    origins: np.ndarray  # (n, d)
+    unit: float | None  # of positions, where there are several
 
     @classmethod
     def of(cls, points, origins, limits, n_jobs):
@@ -147,7 +147,8 @@ class Rays:
 
         def search(rows):
             near[rows] = cloud.neighbors(rows, k + 1, 0)
-            angles[rows] = mean_angles(cloud.points, rows, near[rows])
+            beside = cloud.points[near[rows, 1:]]
+            angles[rows] = distances_between(beside, cloud.points[rows]).mean(axis=1)
 
         each_slice(n_beams, CHUNK, search, n_jobs)
         return cls(
@@ -299,11 +300,6 @@ def one_far_position(points, origins):
 def beams_of(directions, origins, unit):
     """Rays are next to each other if their directions are, and the sensor's positions too."""
     return directions if unit is None else np.hstack([directions, origins / unit])
-
-
-def mean_angles(beams, rows, near):
-    """The mean angle of some of the beams to those next to them, `near` without the first."""
-    return distances_between(beams[near[:, 1:]], beams[rows]).mean(axis=1)
 
 
 def polar(points, origins):

@@ -77,17 +77,18 @@ class Part(NamedTuple):
         return ~doubtful[cloud.places[self.own]]
 
 
-def part_of_cell(cells, cell, n_neighbors, hops, usual):
-    """The `Part` of a cell: as many rings of `n_neighbors` as there are hops; `usual` is about how
-    far the last of a point's neighbors is, in places as of `Cells`."""
+def part_of_cell(cells, cell, n_neighbors, hops, width, usual):
+    """The `Part` of a cell: as many rings of `n_neighbors` as there are hops, and all points nearer
+    than the `width`. This is in units of the `usual`, which is about how far the last of a point's
+    neighbors is, in places as of `Cells`."""
     own_xyz, own_rows = cells.points(cell), np.asarray(cells.rows(cell))
     n_own = len(own_xyz)
     own_homes, own_at = np.full(n_own, cell, np.int32), np.arange(n_own)
     if len(cells) == 1:
         every = np.ones(n_own, bool)
         return Part(own_xyz, own_rows, every, own_homes, own_at, np.full(n_own, np.inf))
-    limits, width = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
-    margin = hops * usual or width / 16 or 1.0  # 0 of a sample of copies
+    limits, length = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
+    margin = max(hops, width) * usual or length / 16 or 1.0  # 0 of a sample of copies
     while True:
         halo = cells.within(cell, margin)
         xyz = np.concatenate([own_xyz, halo[0]])
@@ -97,10 +98,11 @@ def part_of_cell(cells, cell, n_neighbors, hops, usual):
             margin *= 2
             continue
         rings.grow(n_neighbors, hops, margin)
-        is_wide = has_all or margin >= width or len(xyz) > limits.most * n_own
+        rings.widen(width * usual)
+        is_wide = has_all or margin >= length or len(xyz) > limits.most * n_own
         if is_wide or rings.incomplete <= limits.incomplete:
             break
-        margin = min(2 * margin, width)
+        margin = min(2 * margin, length)
     places = rings.cloud.places
     ranges = None if rings.ranges is None else rings.ranges[places]
     joined = zip((own_rows, own_homes, own_at), halo[1:], strict=True)
@@ -147,6 +149,11 @@ class Rings:
             self.inside[ring] = True
         self.reach[ring] = np.inf  # whose neighbors matter to no own point
         self.incomplete = n_incomplete / max(1, n_asked)
+
+    def widen(self, width):
+        """Add all places nearer to the box than the width."""
+        near = (self.depth > -width) & ~self.inside
+        self.inside[near], self.reach[near] = True, np.inf
 
     def _neighbors(self, rows, k):
         """The k nearest of places, of which the rows ascend."""

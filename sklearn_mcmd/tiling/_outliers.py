@@ -35,6 +35,7 @@ from sklearn_mcmd.tiling._tasks import run_tasks
 
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
 HOPS = 6  # planes agree in two; then surfaces explain, and points around judge
+WIDTH = 3.0  # of the halo, as of `part_of_cell`: groups reach beyond rings, since they have gaps
 AGAIN = "again"  # the task that finds scores without the rays that the first has followed
 
 
@@ -131,7 +132,7 @@ class TiledOutliers(TiledVerb):
         with progress_part(0.0, 0.5 * self.intensity):
             known["telling"] = self._telling(run, "light", self.scoring, given, **known)
         with progress_part(0.5 * self.intensity, 1.0):
-            run.fit(self.task, run.job(self.scoring, keep_scores, HOPS, given, **known))
+            run.fit(self.task, run.job(self.scoring, keep_scores, HOPS, WIDTH, given, **known))
         self.doubt, self.by_rays = self._doubt(run), self.detector.sensor_origin is not None
         warn_of_doubt(self.doubt, not is_auto(self.detector.sensor_origin))
         if self.doubt and is_auto(self.detector.sensor_origin):
@@ -139,13 +140,13 @@ class TiledOutliers(TiledVerb):
             scoring = clone(self.scoring).set_params(sensor_origin=None)
             given = partial(with_light, run.folder.cells) if self.intensity else None
             telling = self._telling(run, f"light {AGAIN}", scoring, given)
-            run.fit(AGAIN, run.job(scoring, keep_scores, HOPS, given, telling=telling))
+            run.fit(AGAIN, run.job(scoring, keep_scores, HOPS, WIDTH, given, telling=telling))
 
     def _telling(self, run, task, scoring, given, **known):
         """How far intensity tells in the whole cloud, by the points that a fit finds isolated."""
         if not self.intensity:
             return 0.0
-        run.fit(task, run.job(scoring, keep_light, HOPS, given, **known))
+        run.fit(task, run.job(scoring, keep_light, HOPS, WIDTH, given, **known))
         cells = range(len(run.cells))
 
         def find():

@@ -15,7 +15,8 @@ from sklearn_mcmd.tiling._run import TiledVerb, most_neighbors, warm_up
 from sklearn_mcmd.tiling._verbs import hops_of, neighbors_of, without_sides
 
 LARGEST = 20  # regions whose points are counted in the report
-HOPS_MORE = 12  # of regions, besides those of normals: links
+HOPS_MORE = 1  # of regions, besides those of normals: links
+WIDTH = 3.0  # of the halo, as of `part_of_cell`: what regions of two cells share must tell
 
 
 class TiledRegions(TiledVerb):
@@ -46,7 +47,7 @@ class TiledRegions(TiledVerb):
         keep = partial(keep_regions, with_table=bool(self.table))
         hops = hops_of(self.normals) + HOPS_MORE
         growing = PartGrowing(**self.estimator.get_params(deep=False))
-        run.fit(self.task, run.job(growing, keep, hops))
+        run.fit(self.task, run.job(growing, keep, hops, WIDTH))
         self.found = run.results.once("regions", partial(self._join, run))
 
     def _join(self, run):

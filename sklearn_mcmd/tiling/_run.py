@@ -127,8 +127,8 @@ class TiledRun(NamedTuple):
     def results(self):
         return CellResults(self.folder.results)
 
-    def job(self, estimator, keep, hops, given=None, **told):
-        """The `Job` of an estimator with so many hops; `told` are fields of its `Whole`."""
+    def job(self, estimator, keep, hops, width=0.0, given=None, **told):
+        """The `Job` of an estimator; `told` are fields of its `Whole`."""
         constants = self.folder.constants
         whole = Whole(self.cells.n_points, constants["dtype"], constants["step"], **told)
         return Job(
@@ -138,6 +138,7 @@ class TiledRun(NamedTuple):
             whole=whole,
             n_neighbors=constants["n_neighbors"],
             hops=hops,
+            width=width,
             usual=constants["usual"],
             keep=keep,
             given=given or nothing_more,

@@ -35,6 +35,7 @@ class Job:
     whole: Whole
     n_neighbors: int  # of which the rings of a halo are
     hops: int  # as many rings
+    width: float  # as of `part_of_cell`
     usual: float  # as of `part_of_cell`
     # keep(job, cell, part, fitted, cloud) returns what is kept of a fit to a `Part` of a cell,
     # whose points have this `IndexedCloud`.
@@ -54,7 +55,7 @@ class Job:
 
 def fit_cell(cell, job):
     """Fit the estimator to a cell and its halo; returns what is kept of its own points."""
-    part = part_of_cell(job.cells, cell, job.n_neighbors, job.hops, job.usual)
+    part = part_of_cell(job.cells, cell, job.n_neighbors, job.hops, job.width, job.usual)
     part, given = job.given(job, cell, part)
     xyz = part.xyz.astype(job.whole.dtype)
     cloud = IndexedCloud.of(xyz.astype(np.float64, copy=False))  # which all stages share

@@ -68,7 +68,7 @@ class TiledNormals(TiledVerb):
 
     def find(self, run):
         given = None if self.sensor is None else partial(with_origins, run.folder.cells)
-        run.fit(self.task, run.job(self.fitted, keep_normals, hops_of(self.estimator), given))
+        run.fit(self.task, run.job(self.fitted, keep_normals, hops_of(self.estimator), given=given))
         if has_tree(self.estimator):
             run.results.once("sides", partial(sides_of_cells, run, self.all_names))
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.planes._around import are_flat, at_ranks, most_noise_around, quantile_of
+from sklearn_mcmd.planes._around import are_flat, most_noise_around, quantile_of
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
@@ -55,11 +54,3 @@ def test_a_quantile_of_parts_is_that_of_all_values(n, spread, q):
 
 def test_a_quantile_of_parts_is_no_number_where_one_is_none():
     assert np.isnan(quantile_of(lambda: [np.ones(3), np.array([np.nan])], 0.5))
-
-
-def test_rows_at_ranks_are_those_of_a_sorted_table_however_it_is_divided():
-    rows = np.random.default_rng(0).integers(-3, 4, (500, 3)).astype(float)
-    ordered, ranks = rows[np.lexsort(rows.T[::-1])], np.arange(0, 500, 7)
-    for ends in ([], [0, 1, 400]):
-        parts = np.split(rows, ends)
-        assert_array_equal(at_ranks(lambda parts=parts: parts, ranks), ordered[ranks])

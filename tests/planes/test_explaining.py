@@ -14,7 +14,6 @@ from sklearn_mcmd.planes._explaining import (
     connected,
     connected_planes,
     explain,
-    parts_within,
     row_linker,
 )
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
@@ -154,28 +153,6 @@ def test_parts_of_planes_are_those_of_their_links_in_any_chunks_and_threads(name
     assert 3 < len(sizes) < len(points)
     assert_array_equal(found[0], labels)
     assert_array_equal(found[1], sizes)
-
-
-@pytest.mark.parametrize("cut", [1, 60, 149])
-@pytest.mark.parametrize("name", LIMITS)
-def test_parts_of_two_slices_and_the_links_between_them_are_those_of_all(name, cut):
-    points, neighbors, planes, usable = cloud = sheets(3)
-    index, k = GivenNeighbors(points, neighbors, 7), neighbors.indices.shape[1]
-    links, labels, pairs = links_of(cloud, LIMITS[name]), [], []
-    for own in (slice(0, cut), slice(cut, len(points))):
-        found = connected_planes(index, k, planes, LIMITS[name], usable, own=own)
-        of_links = parts_within(links[own].copy(), own)
-        assert_array_equal(found[0], of_links[0])
-        assert_array_equal(np.unique(found[1], axis=0), np.unique(of_links[1], axis=0))
-        labels.append(found[0] + sum(map(len, labels)))
-        pairs.append(found[1])
-    labels, pairs = np.concatenate(labels), np.concatenate(pairs)
-    assert ((pairs[:, 0] < cut) != (pairs[:, 1] < cut)).all()
-    joined = np.arange(len(points))
-    for one, other in labels[pairs]:
-        joined[joined == joined[one]] = joined[other]
-    both = np.stack([joined[labels], connected(links)[0]])
-    assert len(np.unique(both, axis=1).T) == len(np.unique(both[0])) == both[1].max() + 1
 
 
 def test_those_equally_near_as_the_last_are_near():

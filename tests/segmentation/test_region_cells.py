@@ -119,15 +119,11 @@ def test_pairs_of_different_numbers_are_told_once_and_both_ways():
     assert_array_equal(once(pairs), [[0, 2**31 - 1], [3, 7], [7, 3], [2**31 - 1, 0]])
 
 
-def test_points_as_flat_and_so_near_that_chance_is_equal_too_come_by_their_coordinates():
+def test_points_as_flat_come_by_their_coordinates():
     rng = np.random.default_rng(0)
-    points = np.vstack([np.repeat(rng.uniform(0, 1, (50, 3)), 2, axis=0), [[0, 0, 0], [1, 1, 1]]])
-    points[1:100:2] += 1e-9  # of an extent of 1, less than 2 ** -20
-
-    def in_order(order):
-        own = points[order], np.ones(102), np.ones(102)
-        return order[flattest_first(np.arange(102), *own)]
-
-    order = in_order(np.arange(102))
-    for _ in range(3):
-        assert_array_equal(in_order(rng.permutation(102)), order)
+    points, scale = rng.integers(0, 9, (100, 3)) / 9, np.repeat([2.0, 1.0], 50)
+    scale *= 1 + 1e-9 * rng.uniform(size=100)  # by less than 2 ** -17
+    rows = rng.permutation(100)
+    expected = sorted(rows, key=lambda i: (round(scale[i]), *points[i, ::-1]))
+    found = flattest_first(rows, points, scale, np.ones(100))
+    assert_array_equal(points[found], points[expected])
