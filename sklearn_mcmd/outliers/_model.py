@@ -275,8 +275,7 @@ class JudgedCloud:
             if self.ray_doubt and self.doubted and whole_cloud() is None:
                 self.rays = None
                 self.explaining = find_surfaces(index, planes, usable, least)
-            if self.ray_doubt:
-                warn(f"{self.ray_doubt}. {NOT_USED if self.doubted else USED}")
+            warn_of_doubt(self.ray_doubt, not self.doubted)
         with progress_part(0.6, 1.0):
             owners = self._explain_others(distances)
         self.explained = distances <= ExplainLimits().explained
@@ -360,6 +359,12 @@ def n_of_whole(n_points):
     """Points of the cloud of which these may be a part."""
     whole = whole_cloud()
     return n_points if whole is None else max(n_points, whole.n_points)
+
+
+def warn_of_doubt(doubt, used):
+    """Warn of what speaks against the position of the sensor, which is used or not."""
+    if doubt:
+        warn(f"{doubt}. {USED if used else NOT_USED}")
 
 
 def n_by_rays(raised, cutoff):

@@ -232,7 +232,7 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
             plan = _put_in_cells(verb, catalog, folder, key, restart, memory, n_jobs, tile_size)
             run = TiledRun(catalog, targets, folder, Cells(folder.cells), plan)
             done = [run.results.is_done(cell, verb.task) for cell in range(len(run.cells))]
-            with progress_part(SCATTERED, FOUND):
+            with progress_part(SCATTERED, FOUND, "tiles"):
                 verb.find(run)
             with progress_part(FOUND, 1.0, "writing"):
                 found = verb.report(run, write_outputs(run, verb))

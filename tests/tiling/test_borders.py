@@ -10,7 +10,7 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 from sklearn_mcmd.io import read_points
-from sklearn_mcmd.tiling._borders import Groups, _signs
+from sklearn_mcmd.tiling._borders import _signs
 from tiled import fit_in_memory, street, values_of, written
 
 CURVATURES = ["mean_curvature", "max_curvature", "max_curvature_direction"]
@@ -46,13 +46,6 @@ def test_parts_agree_along_the_tree_of_the_most_votes_with_the_highest():
     signs = _signs(pairs, np.array([-3.0, -2.0, 4.0, 0.5, -0.1]), np.array([1.0, 5, 2, 7, 3]))
     assert_array_equal(signs, [-1, 1, 1, 1, -1])
     assert_array_equal(_signs(np.empty((2, 0), int), np.empty(0), np.zeros(3)), np.ones(3))
-
-
-def test_groups_become_one_unless_some_of_both_touch():
-    groups = Groups(6, [np.array([[0, 3]]), np.array([[4, 5]])])
-    for pair in ([0, 1], [3, 2], [1, 2], [4, 2], [5, 3], [5, 0]):
-        groups.join(*pair)
-    assert_array_equal(groups.labels(), [0, 0, 1, 1, 1, 0])
 
 
 def table_of(path):
