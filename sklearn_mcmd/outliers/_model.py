@@ -275,8 +275,7 @@ class JudgedCloud:
             if self.ray_doubt and self.doubted and whole_cloud() is None:
                 self.rays = None
                 self.explaining = find_surfaces(index, planes, usable, least)
-            if self.ray_doubt:
-                warn(f"{self.ray_doubt}. {NOT_USED if self.doubted else USED}")
+            warn_of_doubt(self.ray_doubt, not self.doubted)
         with progress_part(0.6, 1.0):
             owners = self._explain_others(distances)
         self.explained = distances <= ExplainLimits().explained
@@ -387,6 +386,12 @@ def ranks_of_intensity(intensity, index, n):
         return largest
     values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)
     return middle_ranks(counts)[place] if len(values) > 1 else None
+
+
+def warn_of_doubt(doubt, used):
+    """Warn of what speaks against the position of the sensor, which is used or not."""
+    if doubt:
+        warn(f"{doubt}. {USED if used else NOT_USED}")
 
 
 def telling_of(parts):
