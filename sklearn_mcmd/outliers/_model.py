@@ -394,6 +394,12 @@ def ranks_of_intensity(intensity, index, n):
     return middle_ranks(counts)[place] if len(values) > 1 else None
 
 
+def warn_of_doubt(doubt, used):
+    """Warn of what speaks against the position of the sensor, which is used or not."""
+    if doubt:
+        warn(f"{doubt}. {USED if used else NOT_USED}")
+
+
 def telling_of(parts):
     """How far intensity tells, by the ranks of isolated points, in any parts and order."""
     n = sum(map(len, parts))

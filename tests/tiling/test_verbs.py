@@ -87,4 +87,5 @@ def test_edges_of_cells_are_nearly_those_of_memory(params, source, by_tiles):
     assert_allclose(verb.limit, fitted.offset_, rtol=0.02)
     assert np.count_nonzero((values[:, 0] < verb.limit) != is_edge) <= 0.01 * 6_000
     assert report.n_edges == np.count_nonzero(values[:, 0] < verb.limit)
-    assert abs(report.n_outliers - np.count_nonzero(~fitted.inlier_mask_)) <= 12
+    n_removed = np.count_nonzero(~fitted.inlier_mask_)  # cells have a share of their own removed
+    assert abs(report.n_outliers - n_removed) <= 0.06 * n_removed + 5
