@@ -231,7 +231,7 @@ def tiles_row(told):
     share = 100 * told.n_proven / max(1, told.n_points)
     return {
         "tiles": f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
-        "as in memory": f"proven of {share:.2f} % of the points",
+        "halos": f"complete for {share:.2f} % of the points",
     }
 
 

@@ -10,7 +10,7 @@ from sklearn_mcmd.planes._orientation import signs_along, spanning_forest
 from sklearn_mcmd.runtime._chunks import slices
 
 LEAST_SHARED = 10  # points that regions of two cells share at least, if they are one,
-LEAST_SHARE = 0.5  # and this share of the smaller one's points in the overlap
+LEAST_SHARE = 0.7  # and this share of the smaller one's points in the overlap
 SMOOTH = 0.9  # cosine between normals of neighbors that are of one smooth part, at least
 
 AT_ONCE = 100_000  # points whose neighbors are asked for at once

@@ -16,7 +16,7 @@ from sklearn_mcmd.tiling._verbs import hops_of, neighbors_of, without_sides
 
 LARGEST = 20  # regions whose points are counted in the report
 HOPS_MORE = 1  # of regions, besides those of normals: links
-WIDTH = 3.0  # of the halo, as of `part_of_cell`: what regions of two cells share must tell
+WIDTH = 5.0  # of the halo, as of `part_of_cell`: what regions of two cells share must tell
 
 
 class TiledRegions(TiledVerb):

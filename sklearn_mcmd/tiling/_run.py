@@ -68,7 +68,9 @@ class RunReport(NamedTuple):
         Mean share of a neighborhood that was removed; of outliers, their share.
     seconds : float
     n_proven : int
-        Points whose results are proven to be those of the whole cloud in memory.
+        Points of which a tile and its halo hold all neighbors, theirs, and so on, hop by hop.
+        Their normals are those of memory to the last bit; their scores, edges and regions nearly
+        always, which also ask how large things are.
     n_outliers : int
         Also of edges, before these are looked for.
     n_exact : int
