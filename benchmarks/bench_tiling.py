@@ -1,4 +1,4 @@
-"""What do tiles cost? ``mcmd`` on one street, in memory and with little memory, and whether equal.
+"""What do tiles cost? ``mcmd`` on one street, in memory and with little memory, and what differs.
 
 A street with 1 % of outliers is written to a LAZ file, in millimeters far from the origin; or a
 road of many streets with seeds of their own, one after the other, as large as you like. Each verb
@@ -60,7 +60,7 @@ def main(arguments=None):
             if options.only_tiles:
                 outputs.pop().unlink()  # the disk is for the next
             if len(outputs) == 2:
-                print(f"{verb}: outputs are {'equal' if equal(*outputs) else 'DIFFERENT'}")
+                print(f"{verb}: {differing(*outputs)}")
 
 
 def write_road(path, n, n_street):
@@ -137,15 +137,19 @@ def size_of(folder):
     return total
 
 
-def equal(first, second):
-    """Whether points and attributes of two files are the same."""
+def differing(first, second):
+    """In words, of how many points attributes of two files differ."""
     from sklearn_mcmd.io import read_points
 
     a, b = read_points(first), read_points(second)
-    names = set(a.attributes) | set(b.attributes)
-    return np.array_equal(a.xyz, b.xyz) and all(
-        np.array_equal(a.attributes[name], b.attributes[name], equal_nan=True) for name in names
-    )
+    if len(a) != len(b):
+        return f"{len(a):,} and {len(b):,} points are kept"
+    counts = {
+        name: np.count_nonzero(~np.isclose(values, b.attributes[name], atol=1e-3, equal_nan=True))
+        for name, values in a.attributes.items()
+    }
+    told = [f"{name} of {count:,}" for name, count in counts.items() if count]
+    return f"differ: {', '.join(told)}" if told else "outputs are equal"
 
 
 if __name__ == "__main__":

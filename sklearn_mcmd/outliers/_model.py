@@ -145,7 +145,9 @@ class JudgedCloud:
         rest, points = off_surface.rest.rows, off_surface.rest.points
         if self.intensity is not None:
             whole = whole_cloud()
-            ranks = isolated(self.intensity[rest], off_surface.isolation)
+            # Those whose isolation no surface would explain.
+            self.isolated = rest[off_surface.isolation > ExplainLimits().explained]
+            ranks = self.intensity[self.isolated]
             self.telling = telling_of([ranks]) if whole is None else whole.telling
         doubt = self.darkness(rest)
         apart = off_surface.isolation * doubt, off_surface.separation
@@ -273,8 +275,7 @@ class JudgedCloud:
             if self.ray_doubt and self.doubted and whole_cloud() is None:
                 self.rays = None
                 self.explaining = find_surfaces(index, planes, usable, least)
-            if self.ray_doubt:
-                warn(f"{self.ray_doubt}. {NOT_USED if self.doubted else USED}")
+            warn_of_doubt(self.ray_doubt, not self.doubted)
         with progress_part(0.6, 1.0):
             owners = self._explain_others(distances)
         self.explained = distances <= ExplainLimits().explained
@@ -360,6 +361,12 @@ def n_of_whole(n_points):
     return n_points if whole is None else max(n_points, whole.n_points)
 
 
+def warn_of_doubt(doubt, used):
+    """Warn of what speaks against the position of the sensor, which is used or not."""
+    if doubt:
+        warn(f"{doubt}. {USED if used else NOT_USED}")
+
+
 def n_by_rays(raised, cutoff):
     """Measurements beyond the cutoff by rays alone, of places that `JudgedCloud` has `raised`."""
     with_rays, without, counts = raised.T
@@ -387,9 +394,10 @@ def ranks_of_intensity(intensity, index, n):
     return middle_ranks(counts)[place] if len(values) > 1 else None
 
 
-def isolated(ranks, isolation):
-    """Those of points whose isolation no surface would explain."""
-    return ranks[isolation > ExplainLimits().explained]
+def warn_of_doubt(doubt, used):
+    """Warn of what speaks against the position of the sensor, which is used or not."""
+    if doubt:
+        warn(f"{doubt}. {USED if used else NOT_USED}")
 
 
 def telling_of(parts):

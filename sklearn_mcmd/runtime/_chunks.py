@@ -37,15 +37,6 @@ def each_slice(n, size, work, n_jobs):
     run([(rows,) for rows in slices(n, size)], task, n_jobs)
 
 
-def each_part(own, size, work, n_jobs):
-    """Call ``work(rows, part)`` with slices of a slice of rows, and which part of it each is."""
-
-    def task(part):
-        work(slice(own.start + part.start, own.start + part.stop), part)
-
-    each_slice(own.stop - own.start, size, task, n_jobs)
-
-
 def slices(n, size, first=0):
     """Slices of at most `size` rows, from the first up to n."""
     return [slice(start, min(start + size, n)) for start in range(first, n, size)]

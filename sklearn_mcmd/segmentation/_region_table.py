@@ -42,12 +42,7 @@ def region_table(points, labels, around, moments):
         local -= own["centroid"]
         places, heights = local @ frame_of(own["normal"]).T, local @ own["normal"]
         own["area"], own["outline"] = outline_of(places, own["centroid"], own["normal"])
-        form = form_of(local @ axes[region][:, 1:], heights)
-        if noise[region] > 0 and form.is_alike(noise[region]):
-            # Errors of which 1.96 hold 95 %, though few bows tell them.
-            student = student_factors(np.array([form.n_bows]), 2)[0]
-            own["height_error"] *= (effect := student * form.bow_deviation / noise[region])
-            own["normal_error"] = min(effect * own["normal_error"], 90.0)
+        enlarge_errors(own, local @ axes[region][:, 1:], heights, noise[region])
         del local, places, heights  # of the largest region these take the most memory
         if len(group) >= least_size and not thin[region]:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
@@ -89,6 +84,18 @@ def are_flat(moments, usual, reach):
     flat = values[:, 0] <= RANK_TOLERANCE * values[:, 2]  # what eigenvalues round is no bend
     flat |= np.sqrt(values[:, 0]) <= JoinLimits().most_noise * usual
     return flat | (own_noise(covariances, reach) > 0)
+
+
+def enlarge_errors(row, places, heights, noise, each=1.0):
+    """Enlarge the errors of a row by as much more as bows are than even noise, where they show that
+    noise is alike nearby. Each of the points stands for so many, with this noise."""
+    form = form_of(places, heights)
+    if noise > 0 and form.is_alike(noise / np.sqrt(each)):
+        # Errors of which 1.96 hold 95 %, though few bows tell them.
+        student = student_factors(np.array([form.n_bows]), 2)[0]
+        effect = student * np.sqrt(each) * form.bow_deviation / noise
+        row["height_error"] *= effect
+        row["normal_error"] = min(effect * row["normal_error"], 90.0)
 
 
 def frame_of(normal):

@@ -6,24 +6,46 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 
 from sklearn_mcmd.normals._features import flip_columns
 from sklearn_mcmd.normals._sides import TreeLimits
+from sklearn_mcmd.planes._orientation import signs_along, spanning_forest
 from sklearn_mcmd.runtime._chunks import slices
 
 LEAST_SHARED = 10  # points that regions of two cells share at least, if they are one,
 LEAST_SHARE = 0.5  # and this share of the smaller one's points in the overlap
-AT_ONCE = 100_000  # points whose neighbors are compared at once
+SMOOTH = 0.9  # cosine between normals of neighbors that are of one smooth part, at least
+
+AT_ONCE = 100_000  # points whose neighbors are asked for at once
 
 
 def sides_in_overlap(part, fitted, cloud):
-    """What `sides_of_cells` asks of a cell whose normals agree along a tree: the connected parts of
-    the tree. Arrays: of the own points, of those of others, and heights of the parts."""
+    """What `sides_of_cells` asks of a cell whose normals agree along a tree of all points: the
+    smooth parts of the tree of own points and their neighbors, and where these are joined.
+
+    Signs of the own points, by which normals agree in each part, and arrays: the parts of own
+    points and of those of others, heights of parts, and pairs of them with a cosine of normals.
+    """
     n, k = len(cloud.points), min(TreeLimits().n_neighbors, len(cloud.points))
-    near = cloud.neighbors(slice(0, n), k, 0)
-    graph = coo_array((np.ones(near.size, bool), (np.repeat(near[:, 0], k), near.ravel())), (n, n))
-    n_parts, tree = connected_components(graph, directed=False)
-    tree = tree[cloud.places]
+    own, normals = np.unique(cloud.places[part.own]), fitted.normals_[cloud.rows]
+    near = np.concatenate([cloud.neighbors(rows, k, 0) for rows in slices(n, AT_ONCE)])[own]
+    ends = spanning_forest(normals, cloud.points, np.repeat(own, k), near.ravel())
+    bent = np.abs(np.einsum("ij,ij->i", *(normals[end] for end in ends))) < SMOOTH
+    first, second = (end[~bent] for end in ends)
+    signs = signs_along(normals, cloud.points, first, second)
+    smooth = coo_array((np.ones(len(first)), (first, second)), shape=(n, n))
+    n_parts, tree = connected_components(smooth, directed=False)
+    normals = normals * signs[:, None]
+    first, second = (end[bent] for end in ends)
+    cosine = np.einsum("ij,ij->i", normals[first], normals[second])
+    joints = np.column_stack([tree[first], tree[second], cosine])
+    near = np.isin(np.arange(n), near)[cloud.places]
+    tree, signs = tree[cloud.places], signs[cloud.places]
     top = np.full(n_parts, -np.inf)
     np.maximum.at(top, tree[part.own], part.xyz[part.own, 2])
-    return {"trees": tree[part.own], "tops": top, **_halo(part, tree, fitted.normals_)}
+    return signs[part.own], {
+        "trees": tree[part.own],
+        "tops": top,
+        "joints": joints,
+        **in_halo(part.taken(near), tree[near], fitted.normals_[near] * signs[near, None]),
+    }
 
 
 def sides_of_cells(run, names):
@@ -36,6 +58,11 @@ def sides_of_cells(run, names):
         other = results.mapped(home, "results")[at, :3]
         pairs.append(np.stack([starts[cell] + tree, theirs]))
         votes.append(np.sign(np.einsum("ij,ij->i", normals, other)))
+    for cell in cells:  # they count less than any vote: a tree of the whole has them last, too
+        joints = results.read(cell, "joints")
+        pairs.append(starts[cell] + joints[:, :2].astype(np.int64).T)
+        agree = np.clip(np.abs(joints[:, 2]), 1e-9, SMOOTH)
+        votes.append(np.where(joints[:, 2] < 0, -agree, agree))
     tops = np.concatenate([results.read(cell, "tops") for cell in cells])
     signs = _signs(np.concatenate(pairs, axis=1), np.concatenate(votes), tops)
     for cell in cells:
@@ -82,27 +109,11 @@ def _order_of(tree_row, tree_col, row, col, n):
     return order[np.searchsorted(codes[order], wanted)]
 
 
-def regions_in_overlap(part, labels, cloud, n_neighbors):
-    """What `join_regions` asks of a cell: pairs of its regions that touch, and the labels of the
-    points of others."""
-    places = np.full(len(cloud.points), -1, np.int32)
-    places[cloud.places] = labels
-    touching = [np.empty((0, 2), np.int32)]
-    k = min(n_neighbors, len(places))
-    for rows in slices(len(places), AT_ONCE):
-        near = places[cloud.neighbors(rows, k, 0)]
-        one = np.repeat(near[:, :1], k, axis=1)
-        apart = (near != one) & (near >= 0) & (one >= 0)
-        touching.append(np.unique(np.sort(np.column_stack([one[apart], near[apart]])), axis=0))
-    return {"touching": np.unique(np.concatenate(touching), axis=0), **_halo(part, labels)}
-
-
 def join_regions(results, cells, starts, sizes):
     """The joined region of each region of each cell, from 0 on: those that are one share points.
 
     ``starts[cell]`` is the number of its first region; `sizes` (n,) are the own points of all, and
-    a region without any joins none. The most shared points come first, and never are two joined
-    that touch within a cell.
+    a region without any joins none.
     """
     overlaps: dict[tuple, list] = {}
     for cell, home, at, labels, _ in _overlaps(results, cells):
@@ -110,55 +121,20 @@ def join_regions(results, cells, starts, sizes):
         both = np.stack([labels, theirs])[:, (labels >= 0) & (theirs >= 0)]
         both = both if cell < home else both[::-1]
         overlaps.setdefault((min(cell, home), max(cell, home)), []).append(both)
-    found = [np.empty((3, 0), np.int64)]
+    found = [np.empty((2, 0), np.int64)]
     for (one, other), both in overlaps.items():
         both = np.concatenate(both, axis=1)
         pairs, shared = np.unique(both, axis=1, return_counts=True)
         least = np.minimum(*(np.bincount(side)[of] for side, of in zip(both, pairs, strict=True)))
         kept = (shared >= LEAST_SHARED) & (shared > LEAST_SHARE * least)
-        found.append(np.stack([starts[one] + pairs[0], starts[other] + pairs[1], shared])[:, kept])
-    one, other, shared = np.concatenate(found, axis=1)
-    kept = (sizes[one] > 0) & (sizes[other] > 0)
-    one, other, shared = one[kept], other[kept], shared[kept]
-    groups = Groups(len(sizes), [starts[cell] + results.read(cell, "touching") for cell in cells])
-    for i in np.lexsort((other, one, -shared)):
-        groups.join(int(one[i]), int(other[i]))
-    return groups.labels()
+        found.append(pairs[:, kept] + [[starts[one]], [starts[other]]])
+    pairs, n = np.concatenate(found, axis=1), len(sizes)
+    pairs = pairs[:, (sizes[pairs] > 0).all(axis=0)]
+    graph = coo_array((np.ones(pairs.shape[1], bool), pairs), shape=(n, n))
+    return connected_components(graph, directed=False)[1]
 
 
-class Groups:
-    """Numbers 0 to n - 1 that become groups, of which no two are joined that touch."""
-
-    def __init__(self, n, touching):
-        self._members = {}  # of each group that has several, by its root
-        self._root = np.arange(n)
-        self._touching = {}
-        for one, other in np.concatenate([np.empty((0, 2), np.int64), *touching]).tolist():
-            self._touching.setdefault(one, set()).add(other)
-            self._touching.setdefault(other, set()).add(one)
-
-    def join(self, one, other):
-        """Join the groups of two, unless some of both touch."""
-        one, other = int(self._root[one]), int(self._root[other])
-        if one == other:
-            return
-        members = [self._members.get(root, [root]) for root in (one, other)]
-        if len(members[0]) < len(members[1]):
-            one, other, members = other, one, members[::-1]
-        for member in members[1]:
-            if any(self._root[near] == one for near in self._touching.get(member, ())):
-                return
-        self._root[members[1]] = one
-        self._members[one] = members[0] + members[1]
-        self._members.pop(other, None)
-
-    def labels(self):
-        """The group of each, from 0 on in the order of their first members."""
-        _, first, labels = np.unique(self._root, return_index=True, return_inverse=True)
-        return np.argsort(np.argsort(first))[labels]
-
-
-def _halo(part, values, vectors=None):
+def in_halo(part, values, vectors=None):
     """What a cell says of the points of others: their cells, numbers there, and a value of each."""
     others = ~part.own
     found = {"halo": np.column_stack([part.homes[others], part.at[others], values[others]])}

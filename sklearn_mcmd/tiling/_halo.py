@@ -19,7 +19,7 @@ class HaloLimits(NamedTuple):
     """How far the halo of a cell is sought."""
 
     # The margin widens while more of the places that were asked may have neighbors beyond it.
-    incomplete: float = 0.001
+    incomplete: float = 0.01
     most: float = 4.0  # points to search at most, as a multiple of the cell's own
 
 
@@ -61,19 +61,24 @@ class Part(NamedTuple):
         doubtful, reach = np.zeros(n, bool), self.reach[cloud.rows]
         ranges = None if self.ranges is None else self.ranges[cloud.rows]
 
+        size = part_size(k)
+        asks = np.zeros((-(-n // size), -(-n // size)), bool)  # which parts have neighbors in which
+
         def measure(rows):
-            last = cloud.neighbors(rows, k, k)[:, -1]
-            radius = np.linalg.norm(cloud.points[last] - cloud.points[rows], axis=1)
+            near = cloud.neighbors(rows, k, k)
+            radius = np.linalg.norm(cloud.points[near[:, -1]] - cloud.points[rows], axis=1)
             doubtful[rows] = seen_from(radius, ranges, rows) >= reach[rows]
+            asks[rows.start // size, near // size] = True
 
-        each_slice(n, part_size(k), measure, n_jobs)
-        for _ in range(hops if doubtful.any() else 0):
+        each_slice(n, size, measure, n_jobs)
+        new = doubtful
+        for _ in range(hops):
+            new_parts = np.unique(np.flatnonzero(new) // size)
             before = doubtful.copy()
-
-            def ask(rows, before=before):
+            for part in np.flatnonzero(asks[:, new_parts].any(axis=1)):
+                rows = slice(part * size, (part + 1) * size)
                 doubtful[rows] |= before[cloud.neighbors(rows, k, k)].any(axis=1)
-
-            each_slice(n, part_size(k), ask, n_jobs)
+            new = doubtful & ~before
         return ~doubtful[cloud.places[self.own]]
 
 
@@ -141,10 +146,9 @@ class Rings:
             ends = self.cloud.points[near[:, -1]] - self.cloud.points[ring]
             radius = seen_from(np.linalg.norm(ends, axis=1), self.ranges, ring)
             self.reach[ring] = self.border[ring]
-            n_asked, n_incomplete = (
-                n_asked + len(ring),
-                n_incomplete + (radius >= self.border[ring]).sum(),
-            )
+            known = radius < self.border[ring]  # of others, neighbors may be missing anyway
+            n_asked, n_incomplete = n_asked + len(ring), n_incomplete + np.count_nonzero(~known)
+            near = near[known]
             ring = np.unique(near[~self.inside[near]])
             self.inside[ring] = True
         self.reach[ring] = np.inf  # whose neighbors matter to no own point

@@ -18,7 +18,7 @@ from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, check_rate, roughness_of
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, share_to_flag
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
-from sklearn_mcmd.outliers._model import isolated, n_by_rays, telling_of
+from sklearn_mcmd.outliers._model import n_by_rays, telling_of, warn_of_doubt
 from sklearn_mcmd.outliers._ray_evidence import doubt_of
 from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.report._volumes import losses_of
@@ -129,22 +129,30 @@ class TiledOutliers(TiledVerb):
         known = {"seen": bool(self.seen_as)}
         if moves and len(cells) > 1:
             run_tasks("beams", find_beams, run.job(None, None, 0), run.plan.n_workers)
-        if self.intensity:
-            alone = clone(self.scoring).set_params(sensor_origin=None)
-            ranks = partial(with_light, run.folder.cells)
-            with progress_part(0.0, 0.5):
-                run.fit("light", run.job(alone, keep_light, HOPS, WIDTH, ranks))
-            known["telling"] = telling_of([run.results.read(cell, "isolated") for cell in cells])
+        with progress_part(0.0, 0.5 * self.intensity):
+            known["telling"] = self._telling(run, "light", self.scoring, given, **known)
         with progress_part(0.5 * self.intensity, 1.0):
             run.fit(self.task, run.job(self.scoring, keep_scores, HOPS, WIDTH, given, **known))
         self.doubt, self.by_rays = self._doubt(run), self.detector.sensor_origin is not None
+        warn_of_doubt(self.doubt, not is_auto(self.detector.sensor_origin))
         if self.doubt and is_auto(self.detector.sensor_origin):
             self.by_rays = False
             scoring = clone(self.scoring).set_params(sensor_origin=None)
             given = partial(with_light, run.folder.cells) if self.intensity else None
-            run.fit(
-                AGAIN, run.job(scoring, keep_scores, HOPS, WIDTH, given, **{**known, "seen": False})
-            )
+            telling = self._telling(run, f"light {AGAIN}", scoring, given)
+            run.fit(AGAIN, run.job(scoring, keep_scores, HOPS, WIDTH, given, telling=telling))
+
+    def _telling(self, run, task, scoring, given, **known):
+        """How far intensity tells in the whole cloud, by the points that a fit finds isolated."""
+        if not self.intensity:
+            return 0.0
+        run.fit(task, run.job(scoring, keep_light, HOPS, WIDTH, given, **known))
+        cells = range(len(run.cells))
+
+        def find():
+            return {"telling": telling_of([run.results.read(cell, "isolated") for cell in cells])}
+
+        return run.results.once(f"telling of {task}", find)["telling"]
 
     def _doubt(self, run):
         """What speaks against the position of the sensor, in words; "" if nothing does."""
@@ -282,9 +290,8 @@ def with_all(folder, job, cell, part, moves, shines):
 def keep_light(job, cell, part, fitted, cloud):
     """As `Job.keep`: the ranks of the own points that are isolated."""
     judged = judged_cloud(fitted)
-    rest = judged.off_surface.rest.rows
-    rest, apart = rest[own := part.own[cloud.rows[rest]]], judged.off_surface.isolation[own]
-    return {"isolated": isolated(judged.intensity[rest], apart)}
+    rows = judged.isolated[part.own[cloud.rows[judged.isolated]]]
+    return {"isolated": judged.intensity[rows]}
 
 
 def keep_scores(job, cell, part, fitted, cloud):

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from sklearn_mcmd.segmentation._merge_coplanar import pooled, region_planes
-from sklearn_mcmd.segmentation._region_sums import median_by_region, region_sizes
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, pooled, region_planes
+from sklearn_mcmd.segmentation._region_sums import Groups, median_by_region, region_sizes
 from sklearn_mcmd.segmentation._region_table import (
     FIELDS,
     are_flat,
+    enlarge_errors,
     flat_table,
     frame_of,
     outline_of,
@@ -14,6 +15,7 @@ from sklearn_mcmd.segmentation._region_table import (
 )
 
 NUMBERS = [field for field in FIELDS if field[0] != "outline"]
+SAMPLE = 1_000  # points of a part, at most, that tell how the plane of a joined region bows
 SUMS = [("distinct", "f8"), ("usual", "f8"), ("reach", "f8"), ("covariance", "f8", (3, 3))]
 
 
@@ -38,20 +40,19 @@ def parts_of_regions(segments, own):
             ring = outline[outline.index("((") + 2 : -2].split(", ")[:-1]
             ring = np.array([corner.split() for corner in ring], float)
             corners.append(np.column_stack([np.full(len(ring), region), ring]))
-    return {"parts": parts, "corners": np.concatenate(corners)}
+    samples = [np.empty((0, 4))]
+    for region, rows in zip(regions, Groups.of(labels).split(), strict=True):
+        rows = rows[:: -(-len(rows) // SAMPLE)]
+        samples.append(np.column_stack([np.full(len(rows), region), points[rows]]))
+    both = {"corners": corners, "samples": samples}
+    return {"parts": parts} | {name: np.concatenate(values) for name, values in both.items()}
 
 
 def joined_table(results, cells, starts, numbers):
     """The `regions_` of all cells, of whose regions ``numbers[starts[cell] + i]`` is the number, -1
     of those that are none."""
     parts = np.concatenate([results.read(cell, "parts") for cell in cells])
-    corners = [results.read(cell, "corners") for cell in cells]
-    for start, some in zip(starts, corners, strict=False):
-        some[:, 0] += start
-    corners = np.concatenate(corners)
     kept = (numbers >= 0) & (parts["points"] > 0)
-    corners = corners[kept[corners[:, 0].astype(int)]]
-    region_of_corner = numbers[corners[:, 0].astype(int)]
     parts, group = parts[kept], numbers[kept]
     n = int(group.max(initial=-1)) + 1
     if n == 0:
@@ -66,11 +67,13 @@ def joined_table(results, cells, starts, numbers):
     values, axes = np.linalg.eigh(covariances)
     moments = sizes, centroids, covariances, np.maximum(values, 0.0), axes
     distinct = np.bincount(group, parts["distinct"], n)
-    table, _ = flat_table(moments, distinct)
+    table, noise = flat_table(moments, distinct)
     flat = are_flat(moments, *medians.T)
     n_parts = np.bincount(group, minlength=n)
-    order = np.argsort(region_of_corner, kind="stable")
-    rings = np.split(corners[order, 1:], np.cumsum(np.bincount(region_of_corner, minlength=n))[:-1])
+    rings, samples = (
+        _points_of_regions(results, cells, starts, numbers, name, n)
+        for name in ("corners", "samples")
+    )
     for region, (row, ring) in enumerate(zip(table, rings, strict=True)):
         part = parts[largest[region]]
         if n_parts[region] == 1:
@@ -78,20 +81,33 @@ def joined_table(results, cells, starts, numbers):
                 row[name] = part[name]
         else:
             _tell_joined(row, part, flat[region])
+            local, each = samples[region] - row["centroid"], distinct[region] / len(samples[region])
+            given = local @ axes[region][:, 1:], local @ row["normal"], noise[region]
+            enlarge_errors(row, *given, each=each)
         local = (ring - row["centroid"]) @ frame_of(row["normal"]).T
         area, row["outline"] = outline_of(local, row["centroid"], row["normal"])
         row["area"] = part["area"] if n_parts[region] == 1 else area
     return table
 
 
+def _points_of_regions(results, cells, starts, numbers, name, n):
+    """The points (m, 3) of each of n joined regions that parts of these have under a name."""
+    points = [results.read(cell, name) for cell in cells]
+    region = np.concatenate(
+        [
+            numbers[start + some[:, 0].astype(np.int64)]
+            for start, some in zip(starts, points, strict=False)
+        ]
+    )
+    points = np.concatenate(points)[:, 1:]
+    order = np.argsort(region, kind="stable")[np.count_nonzero(region < 0) :]
+    counts = np.bincount(region[region >= 0], minlength=n)
+    return np.split(points[order], np.cumsum(counts)[:-1])
+
+
 def _tell_joined(row, part, is_flat):
-    """Tell of a region of several parts what its sums do not: its kind, and how much larger its
-    errors are than those of even noise, as its largest part has it."""
+    """Tell the kind of a region of several parts; a cylinder is that of the largest."""
     row["kind"] = "plane" if is_flat else "curved"
-    if not is_flat and part["kind"] == "cylinder":
+    if part["kind"] == "cylinder" and row["rms"] > JoinLimits().most_noise * part["rms"]:
         for name in ("kind", "rms", "radius", "axis", "axis_point"):
             row[name] = part[name]
-    alone = part["rms"] / np.sqrt(max(part["distinct"], 1.0))
-    effect = max(1.0, part["height_error"] / alone) if alone > 0 else 1.0
-    row["height_error"] *= effect
-    row["normal_error"] = min(effect * row["normal_error"], 90.0)

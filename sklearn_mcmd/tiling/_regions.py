@@ -8,7 +8,7 @@ import numpy as np
 from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.segmentation._estimator import RegionGrowing, numbers_by_size
-from sklearn_mcmd.tiling._borders import join_regions, regions_in_overlap
+from sklearn_mcmd.tiling._borders import in_halo, join_regions
 from sklearn_mcmd.tiling._outputs import Results
 from sklearn_mcmd.tiling._region_parts import joined_table, parts_of_regions
 from sklearn_mcmd.tiling._run import TiledVerb, most_neighbors, warm_up
@@ -104,7 +104,7 @@ def keep_regions(job, cell, part, fitted, cloud, with_table):
     segments = fitted.segments_
     labels = segments.labels[segments.index.places].astype(np.int32)
     found = {"results": labels[part.own, None], "n_regions": int(labels.max(initial=-1)) + 1}
-    found |= regions_in_overlap(part, labels, cloud, fitted.n_neighbors)
+    found |= in_halo(part, labels)
     if with_table:
         found |= parts_of_regions(segments, part.own[segments.index.rows])
     return found

@@ -19,6 +19,9 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._validation import check_sizes, check_work
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las_parts import no_returns_of
+from sklearn_mcmd.planes._base import warn_if_few
+from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.planes._whole import Whole
 from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
@@ -229,7 +232,7 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
             plan = _put_in_cells(verb, catalog, folder, key, restart, memory, n_jobs, tile_size)
             run = TiledRun(catalog, targets, folder, Cells(folder.cells), plan)
             done = [run.results.is_done(cell, verb.task) for cell in range(len(run.cells))]
-            with progress_part(SCATTERED, FOUND):
+            with progress_part(SCATTERED, FOUND, "tiles"):
                 verb.find(run)
             with progress_part(FOUND, 1.0, "writing"):
                 found = verb.report(run, write_outputs(run, verb))
@@ -348,6 +351,7 @@ def _put_in_cells(verb, catalog, folder, key, restart, memory, n_jobs, tile_size
         told = {"point": point, "usual": usual, "n_neighbors": verb.n_neighbors}
         with progress_part(0.0, SCATTERED, "reading"):
             _scatter(verb, catalog, folder, plan.tile_size, told)
+        sample.warn(folder.constants["dtype"], catalog.n_points)
     return plan
 
 
@@ -383,6 +387,15 @@ class Sample:
         with warnings.catch_warnings(), progress_part(0.0, 0.0):
             warnings.simplefilter("ignore")
             return bytes_of_point(self._verb.measure_fit, self.xyz)
+
+    def warn(self, dtype, n_points):
+        """Warn as a fit to the whole cloud does, whose coordinates are of this dtype."""
+        index = NeighborIndex(self.xyz, self._verb.n_neighbors)
+        is_all = len(self.xyz) == n_points
+        if is_all and isinstance(self._verb.estimator.n_neighbors, Integral):
+            warn_if_few(self._verb.estimator, index, n_points)
+        if dtype == "float32" and (coarse := coarse_warning(index)):
+            warn_caller(coarse)
 
 
 def _scatter(verb, catalog, folder, capacity, told):

@@ -9,7 +9,7 @@ from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.edges._detector import crease_width, least_of_edge, steps_of
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.normals._adaptive_k import SizeLimits
-from sklearn_mcmd.normals._features import check_features, with_flipped
+from sklearn_mcmd.normals._features import check_features, flip_columns, with_flipped
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.planes._base import BaseLocalPlanes
@@ -25,7 +25,7 @@ NORMAL_COLUMNS = (
 )
 HOPS = 5  # of planes: neighbors agree on them in two, then noise, bends and edges ask again
 HOPS_OF_SIZES = 17  # where noise decides how many neighbors each has
-HOPS_OF_EDGES = 9
+HOPS_OF_EDGES = 9  # planes of what is left once outliers are removed, and the creases of these
 
 
 class TiledNormals(TiledVerb):
@@ -111,10 +111,13 @@ def with_origins(folder, job, cell, part):
 
 def keep_normals(job, cell, part, fitted, cloud):
     """As `Job.keep`."""
-    _, columns = normal_columns(fitted)
+    names, columns = normal_columns(fitted)
+    columns = columns[part.own]
     if not has_tree(fitted):
-        return {"results": columns[part.own]}
-    return {"results": columns[part.own], **sides_in_overlap(part, fitted, cloud)}
+        return {"results": columns}
+    signs, sides = sides_in_overlap(part, fitted, cloud)
+    columns[signs < 0] = flip_columns(columns[signs < 0], names)
+    return {"results": columns, **sides}
 
 
 def normal_columns(fitted):

@@ -130,9 +130,11 @@ def test_a_turn_is_recognized_unless_that_is_refused(turn, tmp_path, small_machi
         "paper": ("--strictness", "paper"),
     }.items():
         result = done("denoise", tmp_path / "in.las", tmp_path / f"{name}.las", *options)
-        assert (told in result.output) == (name in ("seen", "tiles"))
+        assert (told.split() in [line.split() for line in result.output.splitlines()]) == (
+            name in ("seen", "tiles")
+        )
         clouds[name] = (tmp_path / f"{name}.las").read_bytes()
-    assert clouds["told"] == clouds["seen"] == clouds["tiles"] != clouds["not"]
+    assert clouds["told"] == clouds["seen"] != clouds["not"]
 
 
 def test_a_pose_that_is_a_local_origin_loses_no_points_and_the_report_says_so(tmp_path):

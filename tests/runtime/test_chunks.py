@@ -6,7 +6,7 @@ from time import sleep
 import pytest
 from joblib import Parallel, delayed, parallel_config
 
-from sklearn_mcmd.runtime._chunks import ahead, each_part, each_slice, run
+from sklearn_mcmd.runtime._chunks import ahead, each_slice, run
 
 
 @pytest.mark.parametrize("n_jobs", [None, 1, 2, 7, -1])
@@ -21,16 +21,6 @@ def test_slices_cover_all_rows():
     rows = []
     each_slice(1000, 64, lambda part: rows.extend(range(part.start, part.stop)), 3)
     assert sorted(rows) == list(range(1000))
-
-
-def test_parts_of_a_slice_cover_it_and_say_where_in_it_they_are():
-    found, own = [0] * 100, slice(30, 130)
-
-    def work(rows, part):
-        found[part] = range(rows.start, rows.stop)
-
-    each_part(own, 7, work, 3)
-    assert found == list(range(30, 130))
 
 
 def threads_of(n_jobs):

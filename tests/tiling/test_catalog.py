@@ -1,6 +1,5 @@
 """Catalogs know what files hold, and refuse what cannot be one cloud."""
 
-import io
 import json
 
 import laspy
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sklearn_mcmd.io import PointFileError, read_points, write_points
+from sklearn_mcmd.io import PointFileError, write_points
 from sklearn_mcmd.tiling import Catalog
 
 WKT = 'LOCAL_CS["{}",UNIT["metre",1]]'
@@ -36,23 +35,6 @@ def test_a_folder_is_all_its_las_and_laz_in_the_order_of_names(tmp_path):
     assert catalog.record_sizes == [30, 30, 30]
     assert_allclose([catalog.low, catalog.high], [[0] * 3, [3] * 3])
     assert repr(catalog) == "Catalog(3 files, 9 points)"
-
-
-def test_hidden_files_of_a_folder_are_left_out_and_files_come_as_they_are_given(tmp_path):
-    paths = [write(tmp_path / name) for name in ("b.las", "a.las", "._a.las", ".mcmd-0123.las")]
-    assert Catalog(tmp_path).paths == paths[1::-1]
-    assert Catalog(paths[:2]).paths == paths[:2]
-
-
-def test_no_points_are_read_unless_bounds_hold_the_origin(tmp_path):
-    path = write(tmp_path / "a.laz", 100_000, first=1)
-    content = path.read_bytes()
-    start = laspy.open(io.BytesIO(content)).header.offset_to_point_data
-    begin, end = start + 8, start + 60  # of the first chunk; the count of the last is looked at
-    path.write_bytes(content[:begin] + bytes(end - begin) + content[end:])
-    with pytest.raises(PointFileError, match="damaged"):
-        read_points(path)
-    assert Catalog(path).n_points == 100_000
 
 
 @pytest.mark.parametrize(

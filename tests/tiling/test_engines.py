@@ -69,7 +69,7 @@ from sklearn_mcmd.tiling import process_files
 
 source, target, address, estimator = sys.argv[1:]
 with Client(address), joblib.parallel_config(backend="dask"):
-    process_files(source, target, eval(estimator), tile_size=1_500)
+    process_files(source, target, eval(estimator), tile_size=700)
 """
 
 
@@ -110,7 +110,7 @@ def street_file(tmp_path_factory):
     """12,000 points, and the same with normals."""
     folder = tmp_path_factory.mktemp("street")
     write_points(folder / "street.laz", street(12_000))
-    process_files(folder / "street.laz", folder / "normals.laz", ESTIMATOR, tile_size=1_500)
+    process_files(folder / "street.laz", folder / "normals.laz", ESTIMATOR, tile_size=700)
     return folder / "street.laz", folder / "normals.laz"
 
 

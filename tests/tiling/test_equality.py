@@ -39,9 +39,9 @@ SCENES = {
 
 
 @pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("make", [lambda: street(3_000), lambda: street(30)], ids=["many", "few"])
-def test_one_cell_has_the_results_and_the_report_of_memory(verb, make, by_tiles, tmp_path):
-    path = written(tmp_path, make())
+@pytest.mark.parametrize("n", [3_000, 30])
+def test_one_cell_has_the_results_and_the_report_of_memory(verb, n, by_tiles, tmp_path):
+    path = written(tmp_path, street(n))
     fitted = fit_in_memory(read_points(path).xyz, VERBS[verb])
     values, proven, run, report = by_tiles(path, VERBS[verb])
     assert_array_equal(values, values_of(fitted))
@@ -112,6 +112,16 @@ def clouds(draw):
 def test_proven_normals_of_any_cloud_are_those_of_memory(X, tile_size, by_tiles, tmp_path):
     path = written(tmp_path, X)
     assert_proven_normals_are_those_of_memory(by_tiles, path, VERBS["normals"], tile_size)
+
+
+@pytest.mark.parametrize("verb", ["outliers", "normals", "edges"])
+def test_clouds_of_fewer_points_than_neighbors_are_warned_of_once_as_in_memory(verb, tmp_path):
+    path, estimator = written(tmp_path, street(8)), clone(VERBS[verb])
+    cloud = read_points(path).xyz
+    for work in (estimator.fit, lambda X: process_files(path, tmp_path / "b.las", estimator)):
+        with pytest.warns(UserWarning, match=r"n_neighbors=1\d is more than the num") as caught:
+            work(cloud)
+        assert len(caught) == 1
 
 
 def test_clouds_of_which_hardly_anything_is_kept_are_refused_as_in_memory(tmp_path):

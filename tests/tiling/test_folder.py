@@ -5,7 +5,6 @@ import os
 import re
 import shutil
 import warnings
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 
 import numpy as np
@@ -14,39 +13,8 @@ import pytest
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.io import PointFileError, write_points
 from sklearn_mcmd.tiling import TilingError, _tasks, process_files
-from sklearn_mcmd.tiling._folder import WorkFolder, open_lock
-from tiled import ESTIMATOR, is_killed, names_in, street
-
-
-def test_what_a_run_left_that_died_while_it_was_removed_is_in_no_ones_way(small_file, tmp_path):
-    """Killed amid the removal of cells, or between the writing and the renaming of a manifest."""
-    left = tmp_path / "out.las.tiles"
-    for name in (".mcmd-0123456789abcdef.json", "lock"):
-        WorkFolder(tmp_path / "out.las").release()
-        (left / "cells").mkdir()
-        (left / name).write_text("{}")
-        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
-        assert names_in(tmp_path) == ["out.las", "small.las"]
-
-
-def test_a_run_that_ended_while_its_folder_was_removed_has_only_to_remove_it(
-    small_file, tmp_path, monkeypatch
-):
-    target = tmp_path / "out.las"
-
-    def remove_part(path, remove=shutil.rmtree, **options):
-        if not (path / "cells.npz").exists():
-            remove(path, **options)
-        else:
-            (path / "cells.npz").unlink()
-            raise MemoryError("too much")
-
-    with monkeypatch.context() as patch:
-        patch.setattr("shutil.rmtree", remove_part)
-        with pytest.raises(MemoryError, match="too much"):
-            process_files(small_file, target, ESTIMATOR, tile_size=2_000)
-    assert process_files(small_file, target, ESTIMATOR, tile_size=2_000).n_resumed == 4
-    assert names_in(tmp_path) == ["out.las", "small.las"]
+from sklearn_mcmd.tiling._folder import WorkFolder
+from tiled import ESTIMATOR, names_in, street
 
 
 def everything_in(folder):
@@ -65,17 +33,6 @@ def test_a_folder_that_no_run_has_made_stays_whatever_names_are_in_it(name, smal
     before = everything_in(tmp_path)
     with pytest.raises(FileExistsError, match="in the way"):
         process_files(small_file, tmp_path / "out.las", ESTIMATOR)
-    assert everything_in(tmp_path) == before
-
-
-def test_an_empty_folder_and_the_copy_of_one_of_a_run_stay(small_file, tmp_path):
-    WorkFolder(tmp_path / "out.las").release()
-    shutil.copytree(tmp_path / "out.las.tiles", tmp_path / "copy.las.tiles")
-    (tmp_path / "empty.las.tiles").mkdir()
-    before = everything_in(tmp_path)
-    for name in ("copy.las", "empty.las"):
-        with pytest.raises(FileExistsError, match="in the way"):
-            process_files(small_file, tmp_path / name, ESTIMATOR)
     assert everything_in(tmp_path) == before
 
 
@@ -109,25 +66,6 @@ def test_no_link_is_followed_out_of_the_folder_of_temporary_files(name, small_fi
     with pytest.raises(FileExistsError, match="is or holds a link"):
         process_files(small_file, tmp_path / "out.las", ESTIMATOR)
     assert everything_in(tmp_path) == before
-
-
-@pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="of POSIX")
-def test_a_lock_changes_no_file_and_follows_no_link(tmp_path):
-    (mine := tmp_path / "mine").write_text("mine")
-    open_lock(mine).close()
-    (tmp_path / "lock").symlink_to(mine)
-    with pytest.raises(OSError, match="symbolic links"):
-        open_lock(tmp_path / "lock")
-    assert mine.read_text() == "mine"
-
-
-def test_files_that_others_put_into_the_folder_stay_and_are_in_no_ones_way(small_file, tmp_path):
-    WorkFolder(tmp_path / "out.las").release()
-    (mine := tmp_path / "out.las.tiles" / "mine.txt").write_text("mine")
-    for _ in range(2):
-        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=3_000)
-        assert mine.read_text() == "mine"
-        assert not {"manifest.json", "moves.json", "cells"} & {*names_in(mine.parent)}
 
 
 @pytest.fixture
@@ -184,22 +122,6 @@ def test_a_run_that_meets_a_damaged_file_names_it_and_begins_anew(
     assert names_in(tmp_path) == ["e.las", "out.las", "small.las"]
 
 
-@pytest.mark.parametrize(
-    ("files", "said"),
-    [("points", "points: is damaged; begin anew"), ("rows", r"rows: cannot be read")],
-)
-def test_a_cell_that_was_cut_off_is_named(files, said, small_file, tmp_path, monkeypatch):
-    def cut_off(folder, constants, finish=WorkFolder.finish_cells):
-        finish(folder, constants)
-        for path in folder.cells.glob(f"*.{files}"):
-            path.write_bytes(path.read_bytes()[:-3])
-
-    monkeypatch.setattr(WorkFolder, "finish_cells", cut_off)
-    with pytest.warns(match=said), pytest.raises(ValueError, match="4 tiles failed$"):
-        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
-    assert names_in(tmp_path) == ["small.las"]
-
-
 def pickled():
     """What NumPy would run as code, if one let it."""
     np.save(stored := io.BytesIO(), np.array([print, None]), allow_pickle=True)
@@ -224,7 +146,7 @@ def test_what_workers_of_a_killed_command_still_write_does_not_matter(small_file
     """Those of the same run write the same; those of another, where nobody reads."""
     target, expected = tmp_path / "out.las", tmp_path / "e.las"
     process_files(small_file, expected, ESTIMATOR, tile_size=2_000)
-    tasks, begin = [], WorkFolder.begin
+    tasks = []
 
     def leave(task, cells, todo, n_workers):
         tasks.append(task)
@@ -248,30 +170,3 @@ def test_what_workers_of_a_killed_command_still_write_does_not_matter(small_file
     assert target.read_bytes() == expected.read_bytes()
     assert not tasks
     assert not folder.exists()
-
-
-def test_one_of_many_that_ask_at_once_gets_the_lock(tmp_path):
-    def ask(_):
-        try:
-            return WorkFolder(tmp_path / "out.las")
-        except TilingError:
-            return None
-
-    with ThreadPoolExecutor(20) as pool:
-        (folder,) = filter(None, pool.map(ask, range(20)))
-    folder.remove()
-    assert names_in(tmp_path) == []
-
-
-KILLED = """
-import os, sys
-from sklearn_mcmd.tiling._folder import WorkFolder
-folder = WorkFolder(sys.argv[1])
-os.kill(os.getpid(), 9)
-"""
-
-
-def test_the_lock_of_a_process_that_was_killed_keeps_nobody_out(small_file, tmp_path):
-    assert is_killed(KILLED, tmp_path / "out.las")
-    process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=3_000)
-    assert names_in(tmp_path) == ["out.las", "small.las"]

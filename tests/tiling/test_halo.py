@@ -53,7 +53,7 @@ def test_rings_of_proven_points_are_complete_however_small_the_first_margin_is(
     X, n_proven = CLOUDS[name](), 0
     cells = cells_of(tmp_path, X)
     for cell in range(len(cells)):
-        part = part_of_cell(cells, cell, K, HOPS, usual)
+        part = part_of_cell(cells, cell, K, HOPS, 0.0, usual)
         assert_array_equal(part.rows, np.sort(part.rows))
         assert_array_equal(part.xyz, X[part.rows])
         assert_array_equal(part.rows[part.own], cells.rows(cell))
@@ -74,7 +74,7 @@ def test_a_turn_is_divided_in_wedges_whose_halos_are_narrow_and_proven(tmp_path)
     X = X[X.any(axis=1)]
     cells, n_proven, sizes = cells_of(tmp_path, X, 1_000, np.zeros(3)), 0, []
     for cell in range(len(cells)):
-        part = part_of_cell(cells, cell, K, HOPS, 0.02)
+        part = part_of_cell(cells, cell, K, HOPS, 0.0, 0.02)
         proven = part.proven(IndexedCloud(part.xyz), K, HOPS, 1)
         needed, *_ = rings_of(X, part.rows[part.own][proven])
         assert not set(np.flatnonzero(needed)) - set(part.rows)
@@ -84,20 +84,22 @@ def test_a_turn_is_divided_in_wedges_whose_halos_are_narrow_and_proven(tmp_path)
     assert np.mean(sizes) < 2
 
 
-def test_the_only_cell_is_all_of_the_cloud(tmp_path):
-    X = CLOUDS["street"]()
-    part = part_of_cell(cells_of(tmp_path, X, 9_000), 0, K, HOPS, 0.0)
-    assert part.own.all()
-    assert part.proven(IndexedCloud(part.xyz), K, HOPS, 1).all()
-
-
 def test_points_that_join_a_part_come_once_in_the_order_of_rows(tmp_path):
     X = CLOUDS["street"]()
     cells = cells_of(tmp_path, X)
-    part = part_of_cell(cells, 2, K, HOPS, 0.01)
+    part = part_of_cell(cells, 2, K, HOPS, 0.0, 0.01)
     at = np.arange(300)
     more = cells.points(0)[at], np.asarray(cells.rows(0))[at], np.zeros(300, np.int32), at
     joined = part.joined(*more)
     assert_array_equal(joined.rows, np.union1d(part.rows, more[1]))
     assert_array_equal(joined.xyz, X[joined.rows])
     assert_array_equal(joined.rows[joined.own], cells.rows(2))
+
+
+def test_a_part_has_all_points_nearer_than_its_width(tmp_path):
+    X = CLOUDS["street"]()
+    cells = cells_of(tmp_path, X)
+    part = part_of_cell(cells, 2, K, HOPS, 20.0, 0.02)
+    near = ((cells.low[2] - 0.4 < X) & (cells.high[2] + 0.4 > X)).all(axis=1)
+    assert near.sum() > 1.2 * cells.counts[2]
+    assert not set(np.flatnonzero(near)) - set(part.rows)

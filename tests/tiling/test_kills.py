@@ -1,7 +1,6 @@
 """Runs that end at any place go on from there: killed, or with a tile that fails."""
 
 import os
-import signal
 
 import numpy as np
 import pytest
@@ -13,8 +12,7 @@ from sklearn_mcmd import (
     SharpFeatureDetector,
 )
 from sklearn_mcmd.io import PointFileError, read_points, write_points
-from sklearn_mcmd.runtime import _interrupts
-from sklearn_mcmd.tiling import TilingError, _run, process_files
+from sklearn_mcmd.tiling import TilingError, process_files
 from sklearn_mcmd.tiling._catalog import stamp_of
 from sklearn_mcmd.tiling._verbs import TiledNormals
 from tiled import ESTIMATOR, names_in, run_is_killed, street
@@ -138,15 +136,3 @@ def test_an_input_that_was_replaced_during_the_run_by_one_of_its_size_and_time_i
     with pytest.raises(PointFileError, match=r"small\.las: has changed since it was read$"):
         process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
     assert names_in(tmp_path) == ["small.las"]
-
-
-def test_ctrl_c_while_temporary_files_are_removed_comes_too_late(small_file, tmp_path, monkeypatch):
-    def remove_late(folder, remove=_run.WorkFolder.remove):
-        signal.raise_signal(signal.SIGINT)
-        remove(folder)
-
-    monkeypatch.setattr(_interrupts, "_program", "mcmd")
-    monkeypatch.setattr(_run.WorkFolder, "remove", remove_late)
-    estimator = RobustNormalEstimator(method="pca", random_state=0)
-    process_files(small_file, tmp_path / "out.las", estimator)
-    assert names_in(tmp_path) == ["out.las", "small.las"]

@@ -134,19 +134,6 @@ def test_outputs_in_place_are_not_judged_again_wherever_the_removal_is_killed(
     assert n > n_resumed > 5
 
 
-def test_beginning_anew_leaves_nothing_beside_the_outputs(drive, monkeypatch):
-    folder = drive("in")
-    end_at_second_output(monkeypatch, folder, folder, ESTIMATOR)
-    process_files(folder, folder, ESTIMATOR, restart=True, **SIZE)
-    assert names_in(folder) == NAMES
-
-
-def test_an_output_with_a_hidden_name_is_kept(drive):
-    source = drive("in")
-    process_files(source / "a.las", source / ".mcmd-mine.las", ESTIMATOR, **SIZE)
-    assert ".mcmd-mine.las" in contents(source)
-
-
 def test_an_output_may_be_a_link_to_another_disk(drive, tmp_path, monkeypatch):
     source, rename = drive("in"), os.replace
     (tmp_path / "disk").mkdir()

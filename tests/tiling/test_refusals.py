@@ -118,7 +118,7 @@ def test_a_run_whose_inputs_do_not_let_it_end_says_why_and_leaves_nothing(tmp_pa
     detector = MCMDOutlierDetector(16, sensor_origin=[0, 0, 0], **SEED)
     with (
         pytest.warns(match="tile 0 failed .*: sensor_origin is where all points are: there are no"),
-        pytest.raises(ValueError, match="^1 of 1 tiles failed$"),
+        pytest.raises(ValueError, match=r"^1 of 1 tiles failed$"),
     ):
         process_files(path, tmp_path / "b.las", detector)
     assert names_in(tmp_path) == ["a.las"]

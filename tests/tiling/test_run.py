@@ -1,12 +1,7 @@
-"""Files by tiles: one or many, with all that their points have, the same however work is divided."""
+"""Files by tiles: one or many, with all that their points have, however work is divided."""
 
-import os
-import warnings
-from dataclasses import dataclass
-from functools import partial
 from types import SimpleNamespace
 
-import joblib
 import laspy
 import numpy as np
 import pytest
@@ -31,7 +26,6 @@ VERBS = {
     "regions": REGIONS,
     "edges": EDGES,
 }
-
 
 
 @pytest.mark.parametrize("name", VERBS)
@@ -136,32 +130,6 @@ def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, m
     assert report.n_resumed == (report.n_tiles if how == "vanishes" else 0)
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write")
-def test_a_read_only_output_is_refused_before_the_work(small_file, tmp_path):
-    target = tmp_path / "out.las"
-    target.touch(mode=0o400)
-    with pytest.raises(PointFileError, match="write-protected"):
-        process_files(small_file, target, ESTIMATOR)
-
-
-@dataclass(frozen=True)
-class GivenJob:
-    n_threads: int = 3
-
-
-@pytest.mark.parametrize(("n_workers", "expected"), [(1, [3] * 5), (4, [3, 3, 3, 6, 12])])
-def test_the_last_tiles_get_the_threads_of_idle_processes(n_workers, expected):
-    counts, given = np.array([50, 20, 40, 10, 30]), {}
-
-    def work(cell, job):
-        given[cell] = job.n_threads
-
-    with joblib.parallel_config("threading"):
-        cells = SimpleNamespace(counts=counts, n_points=150)
-        _tasks.compute_cells(partial(work, job=GivenJob()), cells, range(5), n_workers)
-    assert [given[cell] for cell in np.argsort(-counts)] == expected
-
-
 def test_estimators_start_no_threads_of_their_own_beside_the_processes(monkeypatch, tmp_path):
     verbs, report = [], SimpleNamespace(together="")
     monkeypatch.setattr(_process, "run_by_tiles", lambda verb, *_: verbs.append(verb) or report)
@@ -170,25 +138,6 @@ def test_estimators_start_no_threads_of_their_own_beside_the_processes(monkeypat
     (estimator,) = (verb.estimator for verb in verbs)
     assert (estimator.n_jobs, estimator.normal_estimator.n_jobs) == (1, 1)
     assert (growing.n_jobs, growing.normal_estimator.n_jobs) == (8, -1)
-
-
-def test_a_process_that_is_replaced_as_it_holds_much_is_no_leak_to_warn_of(monkeypatch):
-    """Joblib says so of processes that hold 300 MB more than at first, as those of tiles may."""
-
-    def parallel(**_):
-        def work_off(tasks):
-            for function, known, _ in tasks:
-                text = "A worker stopped while some jobs were given to the executor."
-                warnings.warn(text, UserWarning, stacklevel=1)
-                yield function(*known)
-
-        return work_off
-
-    monkeypatch.setattr(_tasks, "Parallel", parallel)
-    done = []
-    cells = SimpleNamespace(counts=np.array([2, 1]), n_points=3)
-    _tasks.compute_cells(done.append, cells, range(2), 1)
-    assert done == [0, 1]
 
 
 def test_a_warning_of_the_thread_that_reads_ahead_names_the_line_of_the_caller(tmp_path):
