@@ -53,11 +53,13 @@ def process_files(
     tile_size: int | None = None,
     restart: bool = False,
 ) -> RunReport:
-    """Write what an estimator finds in files larger than memory, equal to what it finds in memory.
+    """Write what an estimator finds in files larger than memory.
 
-    All points are read once and divided into tiles. What a point's result depends on is sought in
-    other tiles too, wherever these may hold it. So the output is that of ``estimator.fit`` on all
-    points together, to the last bit, whatever the tiles are.
+    All points are read once and divided into tiles. The estimator is fitted to each tile and the
+    points around it, which are the neighbors of its points, their neighbors, and so on. One tile
+    has the results of ``estimator.fit`` on all points, to the last bit. Of several, a few points
+    where tiles meet may have others; `n_proven` of the report counts those for which nothing around
+    is missing. The output is the same for any number of threads, processes and workers.
 
     Parameters
     ----------
@@ -75,8 +77,7 @@ def process_files(
         - :class:`~sklearn_mcmd.MCMDOutlierDetector` removes outliers, or marks them: see `mode`;
         - :class:`~sklearn_mcmd.RobustNormalEstimator` adds normals and what else it finds;
         - :class:`~sklearn_mcmd.RegionGrowing` adds an attribute ``region``. It takes
-          ``normals="estimate"``. One process joins regions, with 8 bytes a point of the whole
-          cloud, and up to 130 for the table `regions`;
+          ``normals="estimate"``. Regions of two tiles that share enough points are one;
         - :class:`~sklearn_mcmd.SharpFeatureDetector` adds ``edge``, 1 or 0, and ``edge_score``: the
           distance to the nearest crease in spacings, or the value of another criterion. It takes
           ``normals="estimate"``, and no detector but the first.
@@ -120,7 +121,8 @@ def process_files(
         Processes. None means 1 unless in a :obj:`joblib.parallel_config` context, and -1 means all
         processors; fewer, where the memory asks for it.
     tile_size : int, default=None
-        Largest number of points in a tile; None is what the memory allows.
+        Largest number of points in a tile. None is 1,000,000, halved until a tile and what is
+        around it fit into the memory, however many processes there are.
     restart : bool, default=False
         Whether to forget what an earlier run has left. By default a run with the same inputs and
         parameters goes on where the earlier one ended.
@@ -137,17 +139,16 @@ def process_files(
         If some tiles failed, or the run ended in another way after all points were read, and the
         same run may go on. Temporary files are then kept, and the message names them.
     ValueError
-        If inputs make tiles fail, the estimator's results depend on the whole cloud, an option has
-        no meaning for it, a class is no whole number from 0 to 255, a height is not finite, or the
-        memory is too little.
+        If inputs make tiles fail, the estimator makes the whole cloud one neighborhood, an option
+        has no meaning for it, a class is no whole number from 0 to 255, a height is not finite, or
+        the memory is too little.
 
     Warns
     -----
     UserWarning
-        If an input was denoised before; if an output has no points, because all were outliers; if
-        hundreds of outliers, or 8 % of a small cloud, lie together, as a thing does that is sparser
-        than what is around it; or if so many points are on no surface that regions take more than
-        the memory.
+        If an input was denoised before; if an output has no points, because all were outliers; or
+        if hundreds of outliers, or 8 % of a small cloud, lie together, as a thing does that is
+        sparser than what is around it.
 
     See Also
     --------
