@@ -11,9 +11,9 @@ from sklearn_mcmd.io import PointFileError, read_points, read_trajectory
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.tiling import Catalog, TilingError
 from sklearn_mcmd.tiling._cells import Cells
+from sklearn_mcmd.tiling._files import CellResults
 from sklearn_mcmd.tiling._folder import WorkFolder
 from sklearn_mcmd.tiling._outputs import resume_moves
-from sklearn_mcmd.tiling._stored_columns import CellColumns
 
 STORED = "manifest.json moves.json cells.npz 0.a.npy 0.a.json"
 
@@ -80,7 +80,7 @@ def _stores(folder):
             except FileExistsError:
                 continue
             _ = opened.constants
-            columns = CellColumns(place)
+            columns = CellResults(place)
             for read, args in ((Cells, [place]), (columns.read, "0a"), (columns.report, "0a")):
                 with suppress(PointFileError):
                     read(*args)

@@ -361,12 +361,6 @@ def n_of_whole(n_points):
     return n_points if whole is None else max(n_points, whole.n_points)
 
 
-def warn_of_doubt(doubt, used):
-    """Warn of what speaks against the position of the sensor, which is used or not."""
-    if doubt:
-        warn(f"{doubt}. {USED if used else NOT_USED}")
-
-
 def n_by_rays(raised, cutoff):
     """Measurements beyond the cutoff by rays alone, of places that `JudgedCloud` has `raised`."""
     with_rays, without, counts = raised.T

@@ -1,4 +1,4 @@
-"""Clouds larger than memory: by tiles, with results equal to those in memory."""
+"""Clouds larger than memory: many small ones that overlap."""
 
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._process import process_files

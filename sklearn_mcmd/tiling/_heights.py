@@ -2,14 +2,17 @@
 
 import numpy as np
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io._classes import ground_in
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._ground import Ground, GroundLimits, check_ground
 from sklearn_mcmd.outliers._groups import group_depths
 from sklearn_mcmd.tiling._cells import Cells, CellWriter
+from sklearn_mcmd.tiling._memory import PROCESS
 
 GROUND = "ground"  # the folder of the cells of the ground
 CAPACITY = 250_000  # points of such a cell, at most
+BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
 
 
 class GroundWriter(CellWriter):
@@ -51,8 +54,15 @@ def find_heights(cell, job, limits):
     return found
 
 
-def judge_groups(results, cells):
+def judge_groups(results, cells, memory):
     """Write how deep the groups of points below the ground lie; all are in memory at once."""
+    n_below = sum(len(results.mapped(cell, "below")) for cell in cells)
+    if (needed := PROCESS + BELOW_POINT * n_below) > memory:
+        raise ParameterError(
+            f"{n_below:,} points lie below the ground, whose groups take about "
+            f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory, check "
+            "the ground (class 2), or leave groups below it out (low_groups)"
+        )
     parts = [results.read(cell, "below") for cell in cells]
     below, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
     depths = group_depths(below[:, 1:4], below[:, 4], below[:, 5])

@@ -99,6 +99,7 @@ def bytes_of_point(fit, xyz):
     order = np.argsort(np.linalg.norm(xyz - np.median(xyz, axis=0), axis=1), kind="stable")
     sizes = [min(n, len(xyz)) for n in MEASURED]
     peaks = []
+    fit(xyz[np.sort(order[: sizes[0]])])  # what is loaded at the first time is in no slope
     for n in sizes:
         points = xyz[np.sort(order[:n])]
         tracemalloc.start()
@@ -138,8 +139,9 @@ def plan_run(n_points, memory, n_jobs, tile_size, point, whole=0.0, does=""):
             f"$memory={given} is too little: at least {least / 1e6:.0f}MB is needed{why}."
         )
     if tile_size is None:
-        tile_size = USUAL_CELL
-        while PROCESS + HALO * tile_size * point > memory:
+        # Of dask each worker has memory of its own.
+        tile_size, share = USUAL_CELL, memory if gives_threads() else memory / n_jobs
+        while PROCESS + HALO * tile_size * point > share and tile_size > SMALLEST_CELL:
             tile_size //= 2
     cell = HALO * min(tile_size, n_points) * point
     # One process works by itself; of several, the first waits.

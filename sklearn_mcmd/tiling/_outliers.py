@@ -121,7 +121,7 @@ class TiledOutliers(TiledVerb):
         if not self.n_judged:
             raise PointFileError(f"{run.catalog.paths[0]}: {NONE_JUDGED}")
         if self.limits.low_groups:
-            run.results.once("groups", partial(judge_groups, run.results, cells))
+            run.results.once("groups", partial(judge_groups, run.results, cells, run.memory))
 
     def _find_scores(self, run):
         moves, cells = self.sensor is not None, range(len(run.cells))

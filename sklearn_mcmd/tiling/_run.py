@@ -124,6 +124,7 @@ class TiledRun(NamedTuple):
     folder: WorkFolder
     cells: Cells
     plan: Plan
+    memory: float  # bytes that the run may take
 
     @property
     def results(self):
@@ -232,7 +233,7 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
             verb.prepare(catalog)
             key = _key(verb, catalog, tile_size)
             plan = _put_in_cells(verb, catalog, folder, key, restart, memory, n_jobs, tile_size)
-            run = TiledRun(catalog, targets, folder, Cells(folder.cells), plan)
+            run = TiledRun(catalog, targets, folder, Cells(folder.cells), plan, memory)
             done = [run.results.is_done(cell, verb.task) for cell in range(len(run.cells))]
             with progress_part(SCATTERED, FOUND, "tiles"):
                 verb.find(run)

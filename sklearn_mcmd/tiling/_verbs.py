@@ -12,9 +12,12 @@ from sklearn_mcmd.normals._adaptive_k import SizeLimits
 from sklearn_mcmd.normals._features import check_features, flip_columns, with_flipped
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.outliers import MCMDOutlierDetector
+from sklearn_mcmd.outliers._detector import share_to_flag
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._orientation import count_upright
+from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._borders import sides_in_overlap, sides_of_cells
+from sklearn_mcmd.tiling._outliers import TiledOutliers
 from sklearn_mcmd.tiling._outputs import Results
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, most_neighbors, warm_up
 from sklearn_mcmd.tiling._sensor_origins import recognized, sensor_path, stored_origins
@@ -163,14 +166,28 @@ class TiledEdges(TiledVerb):
     def prepare(self, catalog):
         most_neighbors(catalog.n_points, self.estimator, self.detector, self.normals)
         warm_up(self.estimator)
-        self.seen = False
+        self.seen, self.cleaning = False, None
         if self.detector is not None:
             _, words = recognized(self.detector, catalog)
             self.seen = bool(words)
+            if share_to_flag(self.detector) or self.detector.false_positive_rate:
+                # The cutoff is that of all cells.
+                self.cleaning = TiledOutliers(
+                    self.detector, "mark", (), (), None, False, **NO_HEIGHTS
+                )
+                self.cleaning.task = "clean"
+                self.cleaning.prepare(catalog)
 
     def find(self, run):
-        hops = HOPS_OF_EDGES + hops_of(self.normals) - HOPS
-        run.fit(self.task, run.job(self.estimator, keep_edges, hops, seen=self.seen))
+        hops, estimator = HOPS_OF_EDGES + hops_of(self.normals) - HOPS, self.estimator
+        if self.cleaning is not None:
+            with progress_part(0.0, 0.5):
+                self.cleaning.find(run)
+            known = {"contamination": None, "false_positive_rate": None}
+            detector = clone(self.detector).set_params(cutoff=self.cleaning.cutoff, **known)
+            estimator = clone(estimator).set_params(outlier_detector=detector)
+        with progress_part(0.0 if self.cleaning is None else 0.5, 1.0):
+            run.fit(self.task, run.job(estimator, keep_edges, hops, seen=self.seen))
         reports = [run.results.report(cell, self.task) for cell in range(len(run.cells))]
         self.n_kept = sum(report["n_kept"] for report in reports)
         if self.by_distance:
