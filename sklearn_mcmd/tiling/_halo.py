@@ -93,7 +93,7 @@ def part_of_cell(cells, cell, n_neighbors, hops, width, usual):
         every = np.ones(n_own, bool)
         return Part(own_xyz, own_rows, every, own_homes, own_at, np.full(n_own, np.inf))
     limits, length = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
-    margin = max(hops, width) * usual or length / 16 or 1.0  # 0 of a sample of copies
+    margin = 2 * max(hops, width) * usual or length / 16 or 1.0  # 0 of a sample of copies
     while True:
         halo = cells.within(cell, margin)
         xyz = np.concatenate([own_xyz, halo[0]])

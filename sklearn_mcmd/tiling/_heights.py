@@ -60,8 +60,8 @@ def judge_groups(results, cells, memory):
     if (needed := PROCESS + BELOW_POINT * n_below) > memory:
         raise ParameterError(
             f"{n_below:,} points lie below the ground, whose groups take about "
-            f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory, check "
-            "the ground (class 2), or leave groups below it out (low_groups)"
+            f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory, "
+            "check the ground (class 2), or leave groups below it out (low_groups)"
         )
     parts = [results.read(cell, "below") for cell in cells]
     below, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])

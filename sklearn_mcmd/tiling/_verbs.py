@@ -28,6 +28,7 @@ NORMAL_COLUMNS = (
 )
 HOPS = 5  # of planes: neighbors agree on them in two, then noise, bends and edges ask again
 HOPS_OF_SIZES = 17  # where noise decides how many neighbors each has
+NO_HEIGHTS = {"above": None, "below": None, "low_groups": False}  # of a detector that cleans
 HOPS_OF_EDGES = 9  # planes of what is left once outliers are removed, and the creases of these
 
 
