@@ -27,6 +27,7 @@ CELL_POINT = 200  # bytes of a point in a cell or its halo, besides the fit
 HALO = 1.2  # points of a cell with its halo, as a multiple of its own
 USUAL_CELL = 1_000_000  # points; the halo of larger ones takes hardly less time
 SMALLEST_CELL = 15_000  # points; the halo of smaller ones is larger than they are
+USUAL_NEIGHBORS = 50
 WARM_UP = 100  # neighbors at most that load or compile the code
 
 
@@ -93,11 +94,12 @@ def bytes_in_memory(catalog):
     return PROCESS + sum(n * (size + IN_MEMORY) for n, size in sizes)
 
 
-def bytes_of_point(fit, xyz):
+def bytes_of_point(fit, xyz, n_neighbors=USUAL_NEIGHBORS):
     """What a point takes while ``fit(points)`` works, in a cell: measured with some of the points
-    near each other, where there are enough."""
+    near each other, where there are enough; with fewer, if neighborhoods are large."""
     order = np.argsort(np.linalg.norm(xyz - np.median(xyz, axis=0), axis=1), kind="stable")
-    sizes = [min(n, len(xyz)) for n in MEASURED]
+    fewer = min(1.0, (2 * USUAL_NEIGHBORS / n_neighbors) ** 2)
+    sizes = [min(max(int(fewer * n), n_neighbors * n // MEASURED[0]), len(xyz)) for n in MEASURED]
     peaks = []
     fit(xyz[np.sort(order[: sizes[0]])])  # what is loaded at the first time is in no slope
     for n in sizes:
@@ -120,7 +122,28 @@ def check_tile_size(tile_size):
         raise ValueError(f"tile_size={tile_size!r} must be an int of 1 or more, or None.")
 
 
-def plan_run(n_points, memory, n_jobs, tile_size, point, whole=0.0, does=""):
+def check_memory(n_points, memory, point, whole=0.0, does="", n_neighbors=0):
+    """Raise if the memory is too little, as `plan_run`; returns what the first process takes."""
+    first = PROCESS + PART * PART_POINT + whole * n_points  # reads, writes and joins
+    cell = PROCESS + HALO * min(SMALLEST_CELL, n_points) * point
+    if memory < max(first, cell):
+        given = f"{memory / 1e6:.0f}MB" if memory >= 1e6 else f"{memory:g} bytes"
+        why = f", because one process {does} all {n_points:,} points" if whole else ""
+        if cell > first:
+            why = f" with $n_neighbors={n_neighbors}" if n_neighbors > USUAL_NEIGHBORS else ""
+        raise ParameterError(
+            f"$memory={given} is too little: at least {max(first, cell) / 1e6:.0f}MB is needed"
+            f"{why}."
+        )
+    return first
+
+
+def least_bytes_of_point(n_neighbors):
+    """What a point takes at least: its neighbors, as they are found and as they are kept."""
+    return CELL_POINT + 8 * n_neighbors
+
+
+def plan_run(n_points, memory, n_jobs, tile_size, point, whole=0.0, does="", n_neighbors=0):
     """Divide points so that all workers stay within the memory.
 
     A point of a cell takes `point` bytes. One process has `whole` bytes of each point of the cloud,
@@ -130,14 +153,7 @@ def plan_run(n_points, memory, n_jobs, tile_size, point, whole=0.0, does=""):
     asked, n_jobs = n_jobs, effective_n_jobs(n_jobs)
     if asked is not None and asked > 0:  # dask counts all of its workers
         n_jobs = min(n_jobs, asked)
-    first = PROCESS + PART * PART_POINT + whole * n_points  # reads, writes and joins
-    least = max(first, PROCESS + HALO * min(SMALLEST_CELL, n_points) * point)
-    if memory < least:
-        given = f"{memory / 1e6:.0f}MB" if memory >= 1e6 else f"{memory:g} bytes"
-        why = f", because one process {does} all {n_points:,} points" if whole else ""
-        raise ParameterError(
-            f"$memory={given} is too little: at least {least / 1e6:.0f}MB is needed{why}."
-        )
+    first = check_memory(n_points, memory, point, whole, does, n_neighbors)
     if tile_size is None:
         # Of dask each worker has memory of its own.
         tile_size, share = USUAL_CELL, memory if gives_threads() else memory / n_jobs

@@ -35,7 +35,9 @@ from sklearn_mcmd.tiling._memory import (
     WARM_UP,
     Plan,
     bytes_of_point,
+    check_memory,
     check_tile_size,
+    least_bytes_of_point,
     parse_memory,
     plan_run,
     usual_memory,
@@ -337,13 +339,16 @@ def _put_in_cells(verb, catalog, folder, key, restart, memory, n_jobs, tile_size
     """Read all points once, unless an earlier run has, if that was the same; returns the `Plan`."""
     folder.begin(key, restart)
     known = folder.constants
+    whole = (0.0, "") if verb.sensor is None else verb.sensor.costs
+    asked = catalog.n_points, memory
     if known is None:
+        k = verb.n_neighbors
+        check_memory(*asked, least_bytes_of_point(k), *whole, n_neighbors=k)  # before it takes long
         sample = Sample(verb, catalog)
         point, usual = sample.bytes_of_point(), sample.usual
     else:
         point, tile_size = known["point"], known["tile_size"]
-    whole = (0.0, "") if verb.sensor is None else verb.sensor.costs
-    plan = plan_run(catalog.n_points, memory, n_jobs, tile_size, point, *whole)
+    plan = plan_run(*asked, n_jobs, tile_size, point, *whole, n_neighbors=verb.n_neighbors)
     if known is None:
         free, needed = shutil.disk_usage(folder.path).free, DISK_POINT * catalog.n_points
         if free < needed:
@@ -389,7 +394,7 @@ class Sample:
         """As of `plan_run`."""
         with warnings.catch_warnings(), progress_part(0.0, 0.0):
             warnings.simplefilter("ignore")
-            return bytes_of_point(self._verb.measure_fit, self.xyz)
+            return bytes_of_point(self._verb.measure_fit, self.xyz, self._verb.n_neighbors)
 
     def warn(self, dtype, n_points):
         """Warn as a fit to the whole cloud does, whose coordinates are of this dtype."""
