@@ -50,8 +50,10 @@ class GrowthSteps(NamedTuple):
 class Segments(NamedTuple):
     """The points of a cloud, and the regions found among them."""
 
-    index: NeighborIndex
-    labels: np.ndarray  # (n,) of ``index.points``, from 0 for the largest region on; -1 for none
+    neighbor_index: NeighborIndex
+    labels: (
+        np.ndarray
+    )  # (n,) of the points of the index, from 0 for the largest region on; -1 for none
     planes: Planes  # of these points; `scale` and `radius` are those that growth uses
     copies: np.ndarray | None  # (n,), points at each place; None for one
 

@@ -27,7 +27,7 @@ CELL_POINT = 200  # bytes of a point in a cell or its halo, besides the fit
 HALO = 1.2  # points of a cell with its halo, as a multiple of its own
 USUAL_CELL = 1_000_000  # points; the halo of larger ones takes hardly less time
 SMALLEST_CELL = 15_000  # points; the halo of smaller ones is larger than they are
-USUAL_NEIGHBORS = 50
+USUAL_NEIGHBORS = 50  # of which `MEASURED` fits take little time
 WARM_UP = 100  # neighbors at most that load or compile the code
 
 

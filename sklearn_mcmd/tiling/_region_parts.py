@@ -25,7 +25,7 @@ def parts_of_regions(segments, own):
     n_regions = int(segments.labels.max(initial=-1)) + 1
     regions, labels = np.unique(np.append(segments.labels[own], -1), return_inverse=True)
     regions, labels, n = regions[1:], labels[:-1] - 1, len(regions) - 1  # of those with own points
-    points, planes = segments.index.points[own], segments.planes.take(np.flatnonzero(own))
+    points, planes = segments.neighbor_index.points[own], segments.planes.take(np.flatnonzero(own))
     copies = None if segments.copies is None else segments.copies[own]
     moments, parts = region_planes(points, labels, n, copies), np.zeros(n_regions, SUMS + NUMBERS)
     table = region_table(points, labels, planes, moments)

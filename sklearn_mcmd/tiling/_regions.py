@@ -102,9 +102,9 @@ class PartGrowing(RegionGrowing):
 def keep_regions(job, cell, part, fitted, cloud, with_table):
     """As `Job.keep`."""
     segments = fitted.segments_
-    labels = segments.labels[segments.index.places].astype(np.int32)
+    labels = segments.labels[segments.neighbor_index.places].astype(np.int32)
     found = {"results": labels[part.own, None], "n_regions": int(labels.max(initial=-1)) + 1}
     found |= in_halo(part, labels)
     if with_table:
-        found |= parts_of_regions(segments, part.own[segments.index.rows])
+        found |= parts_of_regions(segments, part.own[segments.neighbor_index.rows])
     return found

@@ -35,7 +35,7 @@ def test_the_output_is_the_same_for_any_threads_and_processes(small_file, tmp_pa
         plan = _run.plan_run(5_000, 8e9, n_workers, 1_500, 5_000)
         plan = plan._replace(n_threads=n_threads)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(_run, "plan_run", lambda *args, plan=plan: plan)
+            patch.setattr(_run, "plan_run", lambda *args, plan=plan, **known: plan)
             report = process_files(small_file, tmp_path / "out.laz", estimator)
         assert (report.n_workers, report.n_tiles) == (n_workers, 4)
         outputs.append((tmp_path / "out.laz").read_bytes())
