@@ -132,7 +132,7 @@ def once(pairs):
 def joined(sums, beside):
     """Cells joined to patches, see `join_cells`: the patch (m,) of each, numbered in the order of
     their first cells, and the `Sums` of patches. Pairs of cells are `beside` each other."""
-    m, sums = len(sums.sizes), Sums(*map(np.array, sums))
+    m, sums = len(sums.sizes), Sums(*(np.array(values, order="C") for values in sums))
     left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
     edges = beside[beside[:, 0] < beside[:, 1]]
     _compiled("join_cells")(*sums, edges, left, turn, root)

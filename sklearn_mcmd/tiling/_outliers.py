@@ -35,7 +35,7 @@ from sklearn_mcmd.tiling._tasks import run_tasks
 
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
 HOPS = 6  # planes agree in two; then surfaces explain, and points around judge
-WIDTH = 3.0  # of the halo, as of `part_of_cell`: groups reach beyond rings, since they have gaps
+WIDTH = 4.0  # of the halo, as of `part_of_cell`: groups reach beyond rings, since they have gaps
 AGAIN = "again"  # the task that finds scores without the rays that the first has followed
 
 
