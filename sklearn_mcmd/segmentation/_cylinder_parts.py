@@ -8,6 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._indexed_cloud import distinct_numbers
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._quadrics import n_terms, work_arrays
 from sklearn_mcmd.planes._record import Planes
@@ -230,7 +231,7 @@ class CylinderParts:
         row, column = np.nonzero((other != own[:, None]) & (other >= 0))
         first, second = own[row].astype(np.int64), other[row, column].astype(np.int64)
         # Pairs are sorted as single numbers, which is much faster than as rows.
-        pairs = np.unique(np.minimum(first, second) << 32 | np.maximum(first, second))
+        pairs = distinct_numbers(np.minimum(first, second) << 32 | np.maximum(first, second))
         pairs = zip((pairs >> 32).tolist(), (pairs & (2**32 - 1)).tolist(), strict=True)
         return [(a, b) for a, b in pairs if a in parts and b in parts]
 
@@ -277,7 +278,7 @@ class CylinderParts:
         """Give points without region to the cylinder that they touch and lie on best: the names of
         the parts that grew. Claimed points lead to others, until a part has grown enough."""
         curved = [name for name in sorted(fresh) if parts[name].curved]
-        edges = {name: np.unique(self._around(parts[name].rows)) for name in curved}
+        edges = {name: distinct_numbers(self._around(parts[name].rows)) for name in curved}
         gained = {name: [] for name in edges}
         while edges:
             claimed, owner = self._claims_of(labels, parts, edges)
@@ -287,7 +288,7 @@ class CylinderParts:
                 rows = by_place(self.index.points, claimed[owner == name])
                 gained[name].append(rows)
                 if sum(map(len, gained[name])) < (CylinderLimits().growth - 1) * parts[name].size:
-                    edges[name] = np.unique(self._around(rows))
+                    edges[name] = distinct_numbers(self._around(rows))
         grown = [name for name, rows in gained.items() if rows]
 
         def fit(name):
@@ -300,7 +301,7 @@ class CylinderParts:
         """Rows without region among `edges`, name -> rows in order, and the part that each lies on
         best."""
         rows, names, shares = [np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)]
-        free = np.unique(np.concatenate(list(edges.values())))
+        free = distinct_numbers(np.concatenate(list(edges.values())))
         free = free[labels[free] < 0]
         points = self.index.points[free]
         for name, own in edges.items():

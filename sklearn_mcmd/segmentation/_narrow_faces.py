@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._indexed_cloud import distinct_numbers
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._principal_planes import fit_planes
 from sklearn_mcmd.planes._record import Planes
@@ -79,7 +80,7 @@ class NarrowFaces:
         usual = np.concatenate([outer[:-1], own, [np.inf]])
         fresh, members = rows, by_place(self.index.points, rows)
         while len(fresh):
-            around = np.unique(self.index.query_own(fresh, self.k).indices)
+            around = distinct_numbers(self.index.query_own(fresh, self.k).indices)
             around = around[labels[around] < first]
             owner, share, _ = self._nearest(around, self.k, labels, usual)
             won = (owner >= first) & (share <= cutoff)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import quantile_around, ratio
+from sklearn_mcmd.planes._indexed_cloud import distinct_numbers
 from sklearn_mcmd.runtime._chunks import each_slice, slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._graph import HEIGHT_BITS, GrowthLimits, n_linked
@@ -125,7 +126,7 @@ def flattest_first(rows, points, scale, noise):
 def once(pairs):
     """Pairs (p, 2) of different numbers, each once and both ways, in ascending order."""
     pairs = pairs[pairs[:, 0] != pairs[:, 1]].astype(np.int64)
-    keys = np.unique(pairs << 32 | pairs[:, ::-1])
+    keys = distinct_numbers(pairs << 32 | pairs[:, ::-1])
     return np.column_stack([keys >> 32, keys & (2**32 - 1)])
 
 

@@ -14,6 +14,13 @@ from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighbor_table import part_size
 from sklearn_mcmd.runtime._chunks import each_slice
 
+# How far a result depends on others, as of `part_of_cell`.
+HOPS = 5  # of planes: neighbors agree on them in two, then noise, bends and edges ask again
+HOPS_OF_SIZES = 17  # where noise decides how many neighbors each has
+HOPS_MORE = 1  # of outliers, regions and edges: planes explain points, are linked, and meet
+WIDTH = 5.0  # of outliers and regions: groups have gaps, and what regions of two cells share tells
+BLOCK = 256  # places in succession of which it is known in which others they have neighbors
+
 
 class HaloLimits(NamedTuple):
     """How far the halo of a cell is sought."""
@@ -60,24 +67,28 @@ class Part(NamedTuple):
         n, k = len(cloud.points), min(n_neighbors, len(cloud.points))
         doubtful, reach = np.zeros(n, bool), self.reach[cloud.rows]
         ranges = None if self.ranges is None else self.ranges[cloud.rows]
-
-        size = part_size(k)
-        asks = np.zeros((-(-n // size), -(-n // size)), bool)  # which parts have neighbors in which
+        size, n_blocks = part_size(k), -(-n // BLOCK)
+        asks = np.zeros((n_blocks, n_blocks), bool)  # which blocks have neighbors in which
 
         def measure(rows):
             near = cloud.neighbors(rows, k, k)
             radius = np.linalg.norm(cloud.points[near[:, -1]] - cloud.points[rows], axis=1)
             doubtful[rows] = seen_from(radius, ranges, rows) >= reach[rows]
-            asks[rows.start // size, near // size] = True
+            asks[np.arange(rows.start, rows.stop)[:, None] // BLOCK, near // BLOCK] = True
 
         each_slice(n, size, measure, n_jobs)
         new = doubtful
         for _ in range(hops):
-            new_parts = np.unique(np.flatnonzero(new) // size)
-            before = doubtful.copy()
-            for part in np.flatnonzero(asks[:, new_parts].any(axis=1)):
-                rows = slice(part * size, (part + 1) * size)
-                doubtful[rows] |= before[cloud.neighbors(rows, k, k)].any(axis=1)
+            hit, before = np.zeros(n_blocks, bool), doubtful.copy()
+            hit[np.flatnonzero(new) // BLOCK] = True
+            asking = np.repeat(asks[:, hit].any(axis=1), BLOCK)[:n] & ~before
+            rows = np.flatnonzero(asking)
+
+            def spread(some, rows=rows, before=before):
+                near = cloud.neighbors(rows[some], k, k)
+                doubtful[rows[some]] = before[near].any(axis=1)
+
+            each_slice(len(rows), size, spread, n_jobs)
             new = doubtful & ~before
         return ~doubtful[cloud.places[self.own]]
 
@@ -102,7 +113,7 @@ def part_of_cell(cells, cell, n_neighbors, hops, width, usual):
         if has_few and not has_all:  # distinct ones: copies have no plane
             margin *= 2
             continue
-        rings.grow(n_neighbors, hops, margin)
+        rings.grow(n_neighbors, hops)
         rings.widen(width * usual)
         is_wide = has_all or margin >= length or len(xyz) > limits.most * n_own
         if is_wide or rings.incomplete <= limits.incomplete:
@@ -135,10 +146,10 @@ class Rings:
             self.ranges = np.linalg.norm(cloud.points - cells.center, axis=1)
         self.reach, self.incomplete = self.depth.copy(), 0.0
 
-    def grow(self, n_neighbors, hops, deep):
-        """Add ring by ring; own points deeper in the cell than `deep` are not asked."""
-        ring, n_asked, n_incomplete = np.flatnonzero(self.inside & (self.depth < deep)), 0, 0
-        k = min(n_neighbors, len(self.cloud.points))
+    def grow(self, n_neighbors, hops):
+        """Add ring by ring."""
+        k, n_asked, n_incomplete = min(n_neighbors, len(self.cloud.points)), 0, 0
+        ring = np.flatnonzero(self.inside & (self.depth <= self._farthest(k)))
         for _ in range(hops):
             if not len(ring):  # the points of no other cell are neighbors
                 break
@@ -148,11 +159,22 @@ class Rings:
             self.reach[ring] = self.border[ring]
             known = radius < self.border[ring]  # of others, neighbors may be missing anyway
             n_asked, n_incomplete = n_asked + len(ring), n_incomplete + np.count_nonzero(~known)
-            near = near[known]
-            ring = np.unique(near[~self.inside[near]])
+            new = np.zeros(len(self.inside), bool)
+            new[near[known]] = True
+            ring = np.flatnonzero(new & ~self.inside)
             self.inside[ring] = True
         self.reach[ring] = np.inf  # whose neighbors matter to no own point
         self.incomplete = n_incomplete / max(1, n_asked)
+
+    def _farthest(self, k):
+        """How far the k-th neighbor of each place is at most: no farther than the end of a box
+        around k places in succession, of which it is one."""
+        points = self.cloud.points
+        starts = np.arange(max(1, len(points) // k)) * k
+        of = np.minimum(np.arange(len(points)) // k, len(starts) - 1)
+        low, high = (f.reduceat(points, starts)[of] for f in (np.minimum, np.maximum))
+        ends = np.linalg.norm(np.maximum(points - low, high - points), axis=1)
+        return seen_from(ends, self.ranges, slice(None))
 
     def widen(self, width):
         """Add all places nearer to the box than the width."""

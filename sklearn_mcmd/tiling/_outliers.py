@@ -26,6 +26,7 @@ from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._beams import find_beams, with_beams
 from sklearn_mcmd.tiling._catalog import parts_of
+from sklearn_mcmd.tiling._halo import HOPS, HOPS_MORE, WIDTH
 from sklearn_mcmd.tiling._heights import GroundWriter, find_heights, judge_groups
 from sklearn_mcmd.tiling._light import LightWriter, stored_light
 from sklearn_mcmd.tiling._outputs import Results
@@ -34,8 +35,7 @@ from sklearn_mcmd.tiling._sensor_origins import recognized, sensor_path, stored_
 from sklearn_mcmd.tiling._tasks import run_tasks
 
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
-HOPS = 6  # planes agree in two; then surfaces explain, and points around judge
-WIDTH = 4.0  # of the halo, as of `part_of_cell`: groups reach beyond rings, since they have gaps
+RINGS = HOPS + HOPS_MORE
 AGAIN = "again"  # the task that finds scores without the rays that the first has followed
 
 
@@ -132,7 +132,7 @@ class TiledOutliers(TiledVerb):
         with progress_part(0.0, 0.5 * self.intensity):
             known["telling"] = self._telling(run, "light", self.scoring, given, **known)
         with progress_part(0.5 * self.intensity, 1.0):
-            run.fit(self.task, run.job(self.scoring, keep_scores, HOPS, WIDTH, given, **known))
+            run.fit(self.task, run.job(self.scoring, keep_scores, RINGS, WIDTH, given, **known))
         self.doubt, self.by_rays = self._doubt(run), self.detector.sensor_origin is not None
         warn_of_doubt(self.doubt, not is_auto(self.detector.sensor_origin))
         if self.doubt and is_auto(self.detector.sensor_origin):
@@ -140,13 +140,13 @@ class TiledOutliers(TiledVerb):
             scoring = clone(self.scoring).set_params(sensor_origin=None)
             given = partial(with_light, run.folder.cells) if self.intensity else None
             telling = self._telling(run, f"light {AGAIN}", scoring, given)
-            run.fit(AGAIN, run.job(scoring, keep_scores, HOPS, WIDTH, given, telling=telling))
+            run.fit(AGAIN, run.job(scoring, keep_scores, RINGS, WIDTH, given, telling=telling))
 
     def _telling(self, run, task, scoring, given, **known):
         """How far intensity tells in the whole cloud, by the points that a fit finds isolated."""
         if not self.intensity:
             return 0.0
-        run.fit(task, run.job(scoring, keep_light, HOPS, WIDTH, given, **known))
+        run.fit(task, run.job(scoring, keep_light, RINGS, WIDTH, given, **known))
         cells = range(len(run.cells))
 
         def find():

@@ -9,14 +9,13 @@ from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.segmentation._estimator import RegionGrowing, numbers_by_size
 from sklearn_mcmd.tiling._borders import in_halo, join_regions
+from sklearn_mcmd.tiling._halo import HOPS_MORE, WIDTH
 from sklearn_mcmd.tiling._outputs import Results
 from sklearn_mcmd.tiling._region_parts import joined_table, parts_of_regions
 from sklearn_mcmd.tiling._run import TiledVerb, most_neighbors, warm_up
 from sklearn_mcmd.tiling._verbs import hops_of, neighbors_of, without_sides
 
 LARGEST = 20  # regions whose points are counted in the report
-HOPS_MORE = 1  # of regions, besides those of normals: links
-WIDTH = 5.0  # of the halo, as of `part_of_cell`: what regions of two cells share must tell
 
 
 class TiledRegions(TiledVerb):

@@ -17,6 +17,7 @@ from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._orientation import count_upright
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._borders import sides_in_overlap, sides_of_cells
+from sklearn_mcmd.tiling._halo import HOPS, HOPS_MORE, HOPS_OF_SIZES
 from sklearn_mcmd.tiling._outliers import TiledOutliers
 from sklearn_mcmd.tiling._outputs import Results
 from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, most_neighbors, warm_up
@@ -26,10 +27,7 @@ NORMAL_COLUMNS = (
     *("normal_x", "normal_y", "normal_z", "surface_variation"),
     *("eigenvalue_0", "eigenvalue_1", "eigenvalue_2", "removed_fraction"),
 )
-HOPS = 5  # of planes: neighbors agree on them in two, then noise, bends and edges ask again
-HOPS_OF_SIZES = 17  # where noise decides how many neighbors each has
 NO_HEIGHTS = {"above": None, "below": None, "low_groups": False}  # of a detector that cleans
-HOPS_OF_EDGES = 9  # planes of what is left once outliers are removed, and the creases of these
 
 
 class TiledNormals(TiledVerb):
@@ -180,7 +178,7 @@ class TiledEdges(TiledVerb):
                 self.cleaning.prepare(catalog)
 
     def find(self, run):
-        hops, estimator = HOPS_OF_EDGES + hops_of(self.normals) - HOPS, self.estimator
+        hops, estimator = hops_of(self.normals) + HOPS_MORE, self.estimator
         if self.cleaning is not None:
             with progress_part(0.0, 0.5):
                 self.cleaning.find(run)
