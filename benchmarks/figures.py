@@ -41,14 +41,14 @@ RESULTS = (
     ("docs/benchmarks/panel.csv", OUTLIERS, "bench_real.py --panel --output docs/benchmarks"),
     ("docs/limits.rst", OUTLIERS, "readme_figures.py, bench_quantity.py at c7f1ef3"),
     ("docs/normals.rst", NORMALS, "bench_normals.py, bench_errors.py at f4a94cc"),
-    ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py, bench_false_positives.py"),
+    ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py"),
     ("docs/planes.rst", "adjustment", "bench_reliability.py at c7f1ef3"),
     ("docs/promises.rst", STAGES, "fuzz_files.py, kill_runs.py, mutate.py, golden_results.py"),
     ("docs/reproduction.rst", f"{STAGES} baselines", "python -m benchmarks.paper"),
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),
-    ("docs/sensor.rst", OUTLIERS, "bench_sensor.py"),
+    ("docs/sensor.rst", OUTLIERS, "bench_sensor.py at 0bdc31fa"),
     ("docs/tiling.rst", "planes tiling", "bench_tiling.py"),
-    ("docs/user_guide.rst", OUTLIERS, "bench_seeds.py"),
+    ("docs/user_guide.rst", OUTLIERS, "bench_seeds.py at 0bdc31fa"),
     ("docs/view.rst", "view", "bench_view.py at 7f76556"),
 )
 

@@ -62,7 +62,6 @@ SMOKE = [
     ("bench_normals", "streets --size 1500 --seeds 1", "true planes"),
     ("bench_outliers", "--sizes 1500 --shares 0.1 --seeds 1", "mean kNN distance"),
     ("bench_real", "--data {data} --clouds ball large --methods default radius", "worst"),
-    ("bench_seeds", "--data {data} --most 700 --pairs 1", "normals: mean"),
     ("bench_segmentation", "roofs --sizes 300 --creases 30 --noises 0.1 --seeds 1", "barrel"),
     ("bench_segmentation", "labelled --sizes 500 --seeds 1 --data {data}", "crown roof"),
     ("bench_segmentation", "peers --methods --output {data}/none.json", "CGAL growing, 10"),
@@ -71,14 +70,12 @@ SMOKE = [
 ]
 SLOW = [
     ("bench_planes", "--repetitions 8 --data {data} --limit 6000", "a tilt of 80 degrees"),
-    ("bench_false_positives", "--clouds cylinder --n-points 1000 --rates 0.05", "known"),
     (
         "bench_segmentation",
         "peers --clouds crown --methods sklearn_mcmd --output {data}/a.json",
         "0.99         not run",
     ),
     ("bench_segmentation", "scenes --size 3000 --seeds 1", "make_bus_stop"),
-    ("bench_sensor", "--data {data} --points 2000", "3 mrad"),
 ]
 
 
