@@ -42,7 +42,7 @@ RESULTS = (
     ("docs/limits.rst", OUTLIERS, "readme_figures.py, bench_quantity.py at c7f1ef3"),
     ("docs/normals.rst", NORMALS, "bench_normals.py, bench_errors.py at f4a94cc"),
     ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py"),
-    ("docs/planes.rst", "adjustment", "bench_reliability.py at c7f1ef3"),
+    ("docs/planes.rst", "adjustment", "bench_planes.py, bench_reliability.py at c7f1ef3"),
     ("docs/promises.rst", STAGES, "fuzz_files.py, kill_runs.py, mutate.py, golden_results.py"),
     ("docs/reproduction.rst", f"{STAGES} baselines", "python -m benchmarks.paper"),
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),

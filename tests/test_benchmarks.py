@@ -69,7 +69,7 @@ SMOKE = [
     ("readme_figures", "{data}/street.npy", "not reweighted"),
 ]
 SLOW = [
-    ("bench_planes", "--repetitions 8 --data {data} --limit 6000", "a tilt of 80 degrees"),
+    ("bench_planes", "--data {data} --limit 6000", "real planes agree, tilt"),
     (
         "bench_segmentation",
         "peers --clouds crown --methods sklearn_mcmd --output {data}/a.json",
