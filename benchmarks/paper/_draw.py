@@ -1,4 +1,4 @@
-"""Box plots, bars, line diagrams, and histograms, with one color for each method."""
+"""Box plots and bars, with one color for each method."""
 
 import numpy as np
 
@@ -26,7 +26,6 @@ FALLBACK = {
     "RANSAC sigma=.1": "RANSAC",
     "RPCA rrcov": "RPCA",
 }
-STYLES = {"reweighted": "--"} | dict.fromkeys(FALLBACK, ":")
 
 
 def color(name):
@@ -64,15 +63,3 @@ def bars(ax, ours, printed, title, xlabel):
     ax.plot(ticks, height, "k|", markersize=16, markeredgewidth=2)
     ax.set_yticks(height, list(ours))
     ax.set(title=title, xlim=(0, 102), xlabel=xlabel)
-
-
-def lines(ax, x, curves, title, xlabel, ylabel="mean bias angle, degrees", errors=None):
-    """A line for each method; `errors` are drawn as bands of two standard errors."""
-    for name, values in curves.items():
-        ax.plot(x, values, STYLES.get(name, "-"), color=color(name), label=name, linewidth=1.6)
-        if errors is not None:
-            low, high = values - 2 * errors[name], values + 2 * errors[name]
-            ax.fill_between(x, low, high, color=color(name), alpha=0.2, linewidth=0)
-    ax.set(title=title, xlabel=xlabel, ylabel=ylabel)
-    ax.set_ylim(bottom=0)
-    ax.grid(alpha=0.3)
