@@ -44,7 +44,7 @@ RESULTS = (
     ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py"),
     ("docs/planes.rst", "adjustment", "bench_planes.py, bench_reliability.py at c7f1ef3"),
     ("docs/promises.rst", STAGES, "fuzz_files.py, kill_runs.py, mutate.py, golden_results.py"),
-    ("docs/reproduction.rst", f"{STAGES} baselines", "python -m benchmarks.paper, here and at 0bdc31fa"),
+    ("docs/reproduction.rst", f"{STAGES} baselines", "-m benchmarks.paper, also at 0bdc31fa"),
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),
     ("docs/sensor.rst", OUTLIERS, "bench_sensor.py at 0bdc31fa"),
     ("docs/tiling.rst", "planes tiling", "bench_tiling.py"),
