@@ -24,7 +24,6 @@ STAGES = "planes outliers normals segmentation edges datasets"
 # renew it. Last the commit after which all were renewed, of which some came out as before.
 RESULTS = (
     ("docs/benchmarks/peers.json", STAGES, "bench_peers.py"),
-    ("docs/benchmarks/segmentation.json", STAGES, "bench_segmentation.py peers"),
     ("docs/images/demo.png", f"{NORMALS} outliers", "mcmd demo, demo_figures.py"),
     ("docs/benchmarks/demo.csv", f"{NORMALS} outliers", "mcmd demo, demo_figures.py"),
     ("docs/images/failure_*", STAGES, "docs/figures_failure.py, rings_figure.py", "900703c"),

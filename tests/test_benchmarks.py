@@ -63,8 +63,7 @@ SMOKE = [
     ("bench_outliers", "--sizes 1500 --shares 0.1 --seeds 1", "mean kNN distance"),
     ("bench_real", "--data {data} --clouds ball large --methods default radius", "worst"),
     ("bench_segmentation", "roofs --sizes 300 --creases 30 --noises 0.1 --seeds 1", "barrel"),
-    ("bench_segmentation", "labelled --sizes 500 --seeds 1 --data {data}", "crown roof"),
-    ("bench_segmentation", "peers --methods --output {data}/none.json", "CGAL growing, 10"),
+    ("bench_segmentation", "peers --methods --output {data}/none.json", "CGAL growing, 20"),
     ("figures", "", "docs/view.rst"),
     ("readme_figures", "{data}/street.npy", "not reweighted"),
 ]
@@ -75,7 +74,6 @@ SLOW = [
         "peers --clouds crown --methods sklearn_mcmd --output {data}/a.json",
         "0.99         not run",
     ),
-    ("bench_segmentation", "scenes --size 3000 --seeds 1", "make_bus_stop"),
 ]
 
 
