@@ -3,11 +3,11 @@
 Each function takes the program's options, and yields name or "name/part", points and truth.
 """
 
+import zlib
 from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
-from _pcpnet import benchmark_clouds
 from _real_clouds import inject, load_clouds
 from simulators import make_bus_stop, make_traffic_furniture
 
@@ -85,12 +85,15 @@ def ridges(options):
 
 def shapes(options):
     """A hand and a vase, clean and with two levels of noise."""
-    path = Path(options.data) / "dipole_shapes"
-    if path.is_dir():
-        for cloud in benchmark_clouds(path, ["none", "0.12 %", "0.6 %"]):
-            everyone = np.ones(len(cloud.points), dtype=bool)
-            truth = cloud.normals, everyone, everyone
-            yield f"{cloud.shape} {cloud.kind}", cloud.points, truth
+    for path in sorted(Path(options.data).glob("dipole_shapes/*.npz")):
+        with np.load(path) as arrays:
+            X, normals = (arrays[name].astype(np.float64) for name in ("xyz", "normals"))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        diagonal, everyone = np.linalg.norm(np.ptp(X, axis=0)), np.ones(len(X), dtype=bool)
+        for kind, noise in (("none", 0.0), ("0.12 %", 0.0012), ("0.6 %", 0.006)):
+            rng = np.random.default_rng([zlib.crc32(name.encode()) for name in (path.stem, kind)])
+            points = X + rng.normal(0, noise * diagonal, X.shape)
+            yield f"{path.stem} {kind}", points, (normals, everyone, everyone)
 
 
 def spacing_of(X):
