@@ -42,16 +42,6 @@ def data(tmp_path_factory):
     return folder
 
 
-def turn():
-    """Rings on a noisy ground and a wall, and flakes: 300 points about the sensor."""
-    rng = np.random.default_rng(0)
-    azimuth = np.tile(np.linspace(0, 2 * np.pi, 60, endpoint=False), 4)
-    reach = np.repeat([4.0, 6.0, 9.0, 14.0], 60) * rng.normal(1, 0.002, 240)
-    ground = np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), np.full(240, -1.8)])
-    return np.vstack([ground + rng.normal(0, 0.01, ground.shape), rng.uniform(-25, 25, (60, 3))])
-
-
-TURN = turn()
 SMOKE = [
     ("bench_edges", "--shares 0.1 --street 1000 --forms crease", "crease"),
     ("bench_edges", "--panel barrels --data {data}", "s of processor time"),
@@ -142,34 +132,6 @@ def test_the_stored_tables_are_those_of_the_stored_results(name, load):
     for table, rows in tables(json.loads((STORED / f"{name}.json").read_text())).items():
         with open(STORED / f"{prefix}{table}.csv", newline="") as file:
             assert list(csv.reader(file)) == rows
-
-
-DISTANCES = np.linalg.norm(TURN[:, None] - TURN, axis=2)
-RISING = np.sort(DISTANCES, axis=1)[:, 1:]  # without the point itself
-SPACING = np.median(RISING[:, :8].mean(axis=1))
-
-
-def off_plane(i):
-    """Whether a point is farther from the plane of its neighbors than these deviate."""
-    near = TURN[(DISTANCES[i] <= 3 * SPACING) & (np.arange(len(TURN)) != i)]
-    if len(near) < 3:
-        return True
-    normal = np.linalg.svd(near - near.mean(axis=0))[2][2]
-    off = (near - near.mean(axis=0)) @ normal
-    return abs((TURN[i] - near.mean(axis=0)) @ normal) > off.std()
-
-
-@pytest.mark.parametrize("method", ["isolated voxels", "CloudCompare"])
-def test_comparators_take_what_loops_over_all_pairs_take(method, load):
-    labels, outlyingness = load("_real_methods").METHODS[method](TURN, None)
-    if method == "CloudCompare":
-        wanted = np.array([off_plane(i) for i in range(len(TURN))])
-    else:
-        voxels = np.floor((TURN - TURN.min(axis=0)) / (4 * SPACING))
-        wanted = (np.abs(voxels[:, None] - voxels).max(axis=2) <= 1).sum(axis=1) - 1 <= 5
-    assert 0 < wanted.sum() < len(TURN)
-    assert_array_equal(labels == -1, wanted)
-    assert not np.isnan(outlyingness).any()
 
 
 def test_a_flat_region_is_pure_and_a_right_angle_in_one_is_half(load):
