@@ -101,24 +101,6 @@ def test_ransac_with_the_right_noise_keeps_its_inliers(percentage):
         assert least < 100 * inliers[clouds.regular].mean() < most
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "found", "kept"),
-    [
-        ("LOF", (87, 3, 30), (99, 76, 54)),
-        ("IsolationForest", (96, 70, 54), (100, 92, 69)),
-        ("EllipticEnvelope", (100, 100, 33), (100, 100, 55)),
-    ],
-)
-def test_peers_told_the_share_are_as_in_the_replication(verdicts, method, found, kept):
-    """Few runs, of 10 (IsolationForest) to 40; the replication's are printed in whole percents."""
-    for i, percentage in enumerate((5, 20, 40)):
-        rates = verdicts[percentage, method]
-        errors = rates.std(axis=0, ddof=1) / np.sqrt(len(rates))
-        assert abs(rates[:, 0].mean() - found[i]) < 4 * np.sqrt(2) * errors[0] + 1.5
-        assert abs(rates[:, 1].mean() - kept[i]) < 4 * np.sqrt(2) * errors[1] + 1.5
-
-
 def test_scores_flag_as_many_points_as_the_paper_did(few_verdicts):
     for name, counts in (("uLSIF", (7, 23, 46)), ("qSp", (8, 30, 40))):
         for percentage, count in zip((5, 20, 40), counts, strict=True):
