@@ -4,7 +4,6 @@ Each function takes the program's options, and yields name or "name/part", point
 """
 
 import zlib
-from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -65,22 +64,23 @@ def edge_distances(scene):
 
 def machined_edges(options):
     """Parts as they are, and with 20 % of displaced points."""
-    from bench_edges import clouds
+    from bench_edges import of_file
 
     for path in sorted(Path(options.data).glob("cad_*/cloud.npz")):
         for share in (0.0, 0.2):
-            for name, X, *truth in clouds(Namespace(clouds=[path], most=15_000, roofs=[]), share):
-                yield name.removeprefix("cad_"), X, truth
+            X, *truth = of_file(path, share)
+            yield path.parent.name.removeprefix("cad_"), X, truth
 
 
 def ridges(options):
     """Roofs whose planes are told by hand, and simulated ones."""
-    from bench_edges import clouds
+    from bench_edges import of_file, simulated_roofs
 
-    paths = sorted(Path(options.data).glob("roof_planes/*.npz"))
-    for name, X, *truth in clouds(Namespace(clouds=paths, most=15_000, roofs=[30.0, 45.0]), 0.0):
-        kind = "roofs" if name.startswith("roof_") else "simulated roofs"
-        yield kind, X, truth
+    for path in sorted(Path(options.data).glob("roof_planes/*.npz")):
+        X, *truth = of_file(path)
+        yield "roofs", X, truth
+    for X, *truth in simulated_roofs():
+        yield "simulated roofs", X, truth
 
 
 def shapes(options):

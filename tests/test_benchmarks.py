@@ -43,8 +43,7 @@ def data(tmp_path_factory):
 
 
 SMOKE = [
-    ("bench_edges", "--shares 0.1 --street 1000 --forms crease", "crease"),
-    ("bench_edges", "--panel barrels --data {data}", "s of processor time"),
+    ("bench_edges", "barrels --data {data}", "s of processor time"),
     ("bench_normals", "clouds {data}/ball/cloud.npz --n-neighbors 20", "least squares"),
     ("bench_normals", "streets --size 1500 --seeds 1", "true planes"),
     ("bench_normals", "halves --data {data}", "auto, error"),
@@ -98,7 +97,7 @@ def test_a_wireframe_tells_distances_from_creases_and_nothing_near_eaves(load, t
     lines = np.array([[0, 0, 0, 0, 20, 0], [10, 0, -10, 10, 20, -10.0]])
     known = {"segments": lines, "segment_faces": [2, 1], "segment_building": [0, 0]}
     np.savez(tmp_path / "roofs.npz", xyz=roof, building=np.zeros(len(roof)), **known)
-    ((X, distance, spacing),) = load("_edge_panel").wireframes(tmp_path / "roofs.npz", True)
+    ((X, distance, spacing),) = load("bench_edges").wireframes(tmp_path / "roofs.npz", True)
     away = np.sqrt(2) * np.abs(roof[:, 0])  # along the slope
     near_eave = np.sqrt(2) * (10 - roof[:, 0]) <= 2 * spacing
     assert 0 < near_eave.sum() < 100
