@@ -55,6 +55,11 @@ SMOKE = [
     ("readme_figures", "{data}/street.npy", "not reweighted"),
 ]
 SLOW = [
+    (
+        "ablation",
+        "growing --size 1500 --seeds 1 --factors 0.8 --only join_curved --data {data}/none",
+        "join_curved                   off",
+    ),
     ("bench_planes", "--data {data} --limit 6000", "real planes agree, tilt"),
     (
         "bench_segmentation",
