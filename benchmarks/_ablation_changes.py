@@ -1,7 +1,7 @@
-"""The changes that `ablation.py` makes, one at a time: of limits, steps and parameters."""
+"""The changes that `ablation.py` makes, one at a time: of limits and steps."""
 
 import importlib
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +41,7 @@ class Limit:
         if self.off is not None:
             changes.append(("off", self.off))
         for label, value in changes:
-            yield label, lambda value=value: changed(record, **{self.name: value}), {}
+            yield label, lambda value=value: changed(record, **{self.name: value})
 
     def __str__(self):
         return f"{self.record}.{self.name}"
@@ -54,22 +54,7 @@ class Step:
     name: str
 
     def variants(self, factors):
-        yield "off", lambda: without_steps(self.name), {}
-
-    def __str__(self):
-        return self.name
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of the estimator, with the values to try."""
-
-    name: str
-    values: tuple
-
-    def variants(self, factors):
-        for value in self.values:
-            yield f"{value}", nullcontext, {self.name: value}
+        yield "off", lambda: without_steps(self.name)
 
     def __str__(self):
         return self.name

@@ -3,11 +3,10 @@
 Each function takes the program's options, and yields name or "name/part", points and truth.
 """
 
-from argparse import Namespace
+import zlib
 from pathlib import Path
 
 import numpy as np
-from _pcpnet import benchmark_clouds
 from _real_clouds import inject, load_clouds
 from simulators import make_bus_stop, make_traffic_furniture
 
@@ -65,32 +64,36 @@ def edge_distances(scene):
 
 def machined_edges(options):
     """Parts as they are, and with 20 % of displaced points."""
-    from bench_edges import clouds
+    from bench_edges import of_file
 
     for path in sorted(Path(options.data).glob("cad_*/cloud.npz")):
         for share in (0.0, 0.2):
-            for name, X, *truth in clouds(Namespace(clouds=[path], most=15_000, roofs=[]), share):
-                yield name.removeprefix("cad_"), X, truth
+            X, *truth = of_file(path, share)
+            yield path.parent.name.removeprefix("cad_"), X, truth
 
 
 def ridges(options):
     """Roofs whose planes are told by hand, and simulated ones."""
-    from bench_edges import clouds
+    from bench_edges import of_file, simulated_roofs
 
-    paths = sorted(Path(options.data).glob("roof_planes/*.npz"))
-    for name, X, *truth in clouds(Namespace(clouds=paths, most=15_000, roofs=[30.0, 45.0]), 0.0):
-        kind = "roofs" if name.startswith("roof_") else "simulated roofs"
-        yield kind, X, truth
+    for path in sorted(Path(options.data).glob("roof_planes/*.npz")):
+        X, *truth = of_file(path)
+        yield "roofs", X, truth
+    for X, *truth in simulated_roofs():
+        yield "simulated roofs", X, truth
 
 
 def shapes(options):
     """A hand and a vase, clean and with two levels of noise."""
-    path = Path(options.data) / "dipole_shapes"
-    if path.is_dir():
-        for cloud in benchmark_clouds(path, ["none", "0.12 %", "0.6 %"]):
-            everyone = np.ones(len(cloud.points), dtype=bool)
-            truth = cloud.normals, everyone, everyone
-            yield f"{cloud.shape} {cloud.kind}", cloud.points, truth
+    for path in sorted(Path(options.data).glob("dipole_shapes/*.npz")):
+        with np.load(path) as arrays:
+            X, normals = (arrays[name].astype(np.float64) for name in ("xyz", "normals"))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        diagonal, everyone = np.linalg.norm(np.ptp(X, axis=0)), np.ones(len(X), dtype=bool)
+        for kind, noise in (("none", 0.0), ("0.12 %", 0.0012), ("0.6 %", 0.006)):
+            rng = np.random.default_rng([zlib.crc32(name.encode()) for name in (path.stem, kind)])
+            points = X + rng.normal(0, noise * diagonal, X.shape)
+            yield f"{path.stem} {kind}", points, (normals, everyone, everyone)
 
 
 def spacing_of(X):

@@ -223,7 +223,7 @@ def evaluate(labels, outlyingness, kind, classes=None):
 
     Labels of -1 are flagged, outlyingness is high for outliers, and `kind` is "real" or a kind of
     outliers. "flagged" is the share of real points, of all and by class. If there are outliers,
-    "TPR" (of all and by kind), "TNR", "accuracy", "precision" and "average precision" follow.
+    "TPR" and "average precision" follow.
     """
     real, flagged = np.asarray(kind) == "real", np.asarray(labels) == -1
     found = {("flagged", "all"): flagged[real].mean()}
@@ -232,11 +232,6 @@ def evaluate(labels, outlyingness, kind, classes=None):
             found["flagged", str(name)] = flagged[real & (classes == name)].mean()
     if not real.all():
         found["TPR", "all"] = flagged[~real].mean()
-        for name in np.unique(kind[~real]):
-            found["TPR", str(name)] = flagged[kind == name].mean()
-        found["TNR", "all"] = (~flagged[real]).mean()
-        found["accuracy", "all"] = (flagged != real).mean()
-        found["precision", "all"] = (~real[flagged]).mean() if flagged.any() else np.nan
         order = rankdata(outlyingness, method="dense")
         found["average precision", "all"] = average_precision_score(~real, order)
     return {key: 100 * float(value) for key, value in found.items()}

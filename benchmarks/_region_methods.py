@@ -1,48 +1,35 @@
-"""Regions by our default, by our other settings, and by peers: `bench_segmentation.py peers`.
+"""Regions by our default and by peers: `bench_segmentation.py peers`.
 
 A method takes a `Case`, works inside its clock, and returns a label for each point, -1 for none.
 Where a library asks for a distance, it is told what nobody tells us: three standard deviations of
 the cloud's noise, but half a spacing at least.
 """
 
-import functools
 import importlib.metadata
-import resource
-import shutil
-import subprocess
-import tempfile
 import time
 from collections.abc import Callable
 from importlib.util import find_spec
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from _ablation_changes import without_steps
 from scipy.spatial import cKDTree
 
 OURS = "sklearn_mcmd"
-PCL = "pcl_segmentation"
 LEAST = 50  # points of a plane: of PCL's tutorial and of CGAL's example
 SMALL, LEAST_OF_SMALL = 2000, 20  # in smaller clouds: of 10, 20 and 50 best for most peers
 MOST_PLANES = 200
 
 
 class Clock:
-    """Processor seconds of what runs inside it, child processes included."""
+    """Processor seconds of what runs inside it."""
 
     seconds = 0.0
 
     def __enter__(self):
-        self.seconds -= processor_seconds()
+        self.seconds -= time.process_time()
 
     def __exit__(self, *_):
-        self.seconds += processor_seconds()
-
-
-def processor_seconds():
-    children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return time.process_time() + children.ru_utime + children.ru_stime
+        self.seconds += time.process_time()
 
 
 class Case(NamedTuple):
@@ -56,37 +43,25 @@ class Case(NamedTuple):
 
 
 class Method(NamedTuple):
-    run: Callable[[Case], np.ndarray]
-    package: str  # the module, or pkg-config's name of the library
+    run: Callable[[Case], np.ndarray] | None  # None: stored results alone
+    package: str  # the module
     setting: str
 
 
 def version_of(method):
     """Package and version, or None if it is not installed."""
     package = METHODS[method].package
-    if package == PCL:
-        tools = shutil.which("g++") and shutil.which("pkg-config")
-        command = ["pkg-config", "--modversion", PCL]
-        answer = subprocess.run(command, capture_output=True, text=True) if tools else None
-        return f"PCL {answer.stdout.strip()}" if answer and not answer.returncode else None
     if not find_spec(package):
         return None
     name = {OURS: "sklearn-mcmd", "CGAL": "cgal"}.get(package, package)
     return f"{name} {importlib.metadata.version(name)}"
 
 
-def ours(size=None, without=(), **parameters):
-    """`size` is of the normals' neighborhoods, `without` are steps that are left out."""
+def ours(case):
+    from sklearn_mcmd import RegionGrowing
 
-    def run(case):
-        from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
-
-        normals = size and RobustNormalEstimator(size, random_state=0)
-        growing = RegionGrowing(normal_estimator=normals, random_state=0, **parameters)
-        with case.clock, without_steps(*without):
-            return growing.fit_predict(case.X)
-
-    return run
+    with case.clock:
+        return RegionGrowing(random_state=0).fit_predict(case.X)
 
 
 def open3d_cloud(X):
@@ -112,25 +87,21 @@ def open3d_patches(case):
     return labels
 
 
-def open3d_planes(factor):
+def open3d_planes(case):
     """One plane after another is taken out, until one has too few points."""
-
-    def run(case):
-        _, cloud = open3d_cloud(case.X)
-        labels, rows = np.full(len(case.X), -1), np.arange(len(case.X))
-        for i in range(MOST_PLANES):
-            if len(rows) < case.least:
-                break
-            with case.clock:
-                _, inside = cloud.segment_plane(factor * case.distance, 3, 1000)
-                rest = cloud.select_by_index(inside, invert=True)
-            if len(inside) < case.least:
-                break
-            labels[rows[inside]] = i
-            rows, cloud = np.delete(rows, inside), rest
-        return labels
-
-    return run
+    _, cloud = open3d_cloud(case.X)
+    labels, rows = np.full(len(case.X), -1), np.arange(len(case.X))
+    for i in range(MOST_PLANES):
+        if len(rows) < case.least:
+            break
+        with case.clock:
+            _, inside = cloud.segment_plane(case.distance, 3, 1000)
+            rest = cloud.select_by_index(inside, invert=True)
+        if len(inside) < case.least:
+            break
+        labels[rows[inside]] = i
+        rows, cloud = np.delete(rows, inside), rest
+    return labels
 
 
 def cgal_points(case):
@@ -168,23 +139,19 @@ def cgal_labels(labels, order):
     return unordered
 
 
-def cgal_growing(angle):
+def cgal_growing(case):
     """With four times the distance: of once, twice and four times, it was best on most clouds."""
+    from CGAL.CGAL_Shape_detection import region_growing
 
-    def run(case):
-        from CGAL.CGAL_Shape_detection import region_growing
-
-        points, order = cgal_points(case)
-        labels = points.add_int_map("region")
-        with case.clock:
-            cosine = float(np.cos(np.radians(angle)))
-            region_growing(points, labels, case.least, 4 * case.distance, -1.0, cosine, 12)
-        return cgal_labels(labels, order)
-
-    return run
+    points, order = cgal_points(case)
+    labels = points.add_int_map("region")
+    with case.clock:
+        cosine = float(np.cos(np.radians(20)))
+        region_growing(points, labels, case.least, 4 * case.distance, -1.0, cosine, 12)
+    return cgal_labels(labels, order)
 
 
-def cgal_ransac(factor=None):
+def cgal_ransac(*, told):
     """Told no distance, its defaults are 1 % of the points and of the box's diagonal."""
 
     def run(case):
@@ -194,8 +161,8 @@ def cgal_ransac(factor=None):
         labels = points.add_int_map("shape")
         percent = 0.01 * float(np.linalg.norm(np.ptp(case.X, axis=0)))
         settings = (len(case.X) // 100, percent, percent)
-        if factor:
-            settings = (case.least, factor * case.distance, 2 * case.spacing)
+        if told:
+            settings = (case.least, case.distance, 2 * case.spacing)
         with case.clock:
             efficient_RANSAC(points, labels, *settings, 0.9, 0.05)
         return cgal_labels(labels, order)
@@ -203,73 +170,25 @@ def cgal_ransac(factor=None):
     return run
 
 
-@functools.cache
-def pcl_program():
-    """The folder, which is removed when Python ends, and the program in it."""
-    folder = tempfile.TemporaryDirectory()
-    source = Path(__file__).parent / "peers_cpp" / "pcl_growing.cpp"
-    command = ["pkg-config", "--cflags", "--libs", PCL, "pcl_features"]
-    flags = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-    program = Path(folder.name) / "pcl_growing"
-    subprocess.run(["g++", "-O2", "-w", "-o", program, source, *flags], check=True)
-    return folder, program
-
-
-def pcl_growing(degrees, curvature):
-    def run(case):
-        _, program = pcl_program()
-        with tempfile.TemporaryDirectory() as folder:
-            points, labels = Path(folder) / "points", Path(folder) / "labels"
-            case.X.astype(np.float32).tofile(points)
-            numbers = (50, 30, degrees, curvature, case.least)
-            with case.clock:
-                subprocess.run([program, points, labels, *map(str, numbers)], check=True)
-            return np.fromfile(labels, dtype=np.int32).astype(int)
-
-    return run
-
-
-PEERS = {
-    OURS: Method(ours(), OURS, "told nothing"),
+METHODS = {
+    OURS: Method(ours, OURS, "told nothing"),
     "Open3D patches": Method(
         open3d_patches, "open3d", "``detect_planar_patches``, defaults; normals of 30 neighbors"
     ),
-    "Open3D RANSAC, d/2": Method(
-        open3d_planes(0.5),
-        "open3d",
-        "``segment_plane``, 1,000 trials, plane after plane; d/2",
+    "Open3D RANSAC, d": Method(
+        open3d_planes, "open3d", "``segment_plane``, 1,000 trials, plane after plane; d"
     ),
-    "Open3D RANSAC, d": Method(open3d_planes(1), "open3d", "the same, d"),
-    "CGAL growing, 10": Method(
-        cgal_growing(10), "CGAL", "``region_growing``, 12 neighbors, 4 d, 10 degrees"
+    "CGAL growing, 20": Method(
+        cgal_growing, "CGAL", "``region_growing``, 12 neighbors, 4 d, 20 degrees, its example's"
     ),
-    "CGAL growing, 20": Method(cgal_growing(20), "CGAL", "the same, 20 degrees, its example's"),
-    "CGAL RANSAC": Method(cgal_ransac(), "CGAL", "``Efficient_RANSAC``, defaults"),
-    "CGAL RANSAC, d/2": Method(
-        cgal_ransac(0.5), "CGAL", "the same, d/2, ``cluster_epsilon`` of 2 spacings"
+    "CGAL RANSAC": Method(cgal_ransac(told=False), "CGAL", "``Efficient_RANSAC``, defaults"),
+    "CGAL RANSAC, d": Method(
+        cgal_ransac(told=True), "CGAL", "the same, d, ``cluster_epsilon`` of 2 spacings"
     ),
-    "CGAL RANSAC, d": Method(cgal_ransac(1), "CGAL", "the same, d"),
+    # Their results are stored: commit 0bdc31fa has the program.
     "PCL growing, 3": Method(
-        pcl_growing(3, 1.0), PCL, "``RegionGrowing``, 3 degrees, curvature 1, as in its tutorial"
+        None, "PCL", "``RegionGrowing``, 3 degrees, curvature 1, as in its tutorial"
     ),
-    "PCL growing, 30": Method(
-        pcl_growing(30, 0.05), PCL, "the same, 30 degrees, curvature .05, its defaults"
-    ),
+    "PCL growing, 30": Method(None, "PCL", "the same, 30 degrees, curvature .05, its defaults"),
 }
-SETTINGS = {
-    setting: Method(run, OURS, setting)
-    for setting, run in {
-        "max_angle=5": ours(max_angle=5),
-        "max_angle=10": ours(max_angle=10),
-        "normals of 20": ours(20),
-        "normals of 30": ours(30),
-        "normals of 100": ours(100),
-        "normals auto": ours("auto"),
-        "n_neighbors=15": ours(n_neighbors=15),
-        **{
-            f"{step}=False": ours(without=(step,))
-            for step in ("find_narrow_faces", "divide_at_creases", "join_curved", "mutual")
-        },
-    }.items()
-}
-METHODS = PEERS | SETTINGS
+MEASURED = [name for name, method in METHODS.items() if method.run]

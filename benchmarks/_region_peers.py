@@ -23,9 +23,6 @@ from _region_methods import (
     LEAST,
     LEAST_OF_SMALL,
     METHODS,
-    OURS,
-    PEERS,
-    SETTINGS,
     SMALL,
     Case,
     Clock,
@@ -141,41 +138,38 @@ def tables(stored):
     planes = [row for row in labeled if not has(rows[row], "road")]  # classes are no planes
     unlabeled = [row for row in rows if row not in labeled]
 
-    def table(names, methods, cell):
-        return [["cloud", "points", *methods]] + [
-            [name, points(rows[name]), *(cell(rows[name].get(method)) for method in methods)]
+    def table(names, cell):
+        return [["cloud", "points", *METHODS]] + [
+            [name, points(rows[name]), *(cell(rows[name].get(method)) for method in METHODS)]
             for name in names
         ]
 
-    def of_methods(head, columns, methods=PEERS):
+    def of_methods(head, columns):
         """`columns` are pairs of cell and what yields the figures of a method."""
         return [["method", *head]] + [
-            [method, *(cell(parts(method)) for cell, parts in columns)] for method in methods
+            [method, *(cell(parts(method)) for cell, parts in columns)] for method in METHODS
         ]
 
-    def covers(methods):
+    def covers():
         columns = [(cell, rows[name].get) for cell in (cover, pure_regions) for name in unlabeled]
-        return of_methods([*unlabeled, *(f"{name}, pure" for name in unlabeled)], columns, methods)
+        return of_methods([*unlabeled, *(f"{name}, pure" for name in unlabeled)], columns)
 
     def measured(names, measures):
         cells = [mean_of("score"), *map(percent_of, measures)]
         columns = [(cell, partial(each_row, rows, names, measures)) for cell in cells]
         return of_methods(["ARI", *measures.values()], columns)
 
-    ours = [OURS, *SETTINGS]
-    packages = {name: stored.get(name, {}).get("package", "not installed") for name in PEERS}
+    packages = {name: stored.get(name, {}).get("package", "not installed") for name in METHODS}
     return {
         "methods": [["method", "setting", "package"]]
-        + [[name, method.setting, packages[name]] for name, method in PEERS.items()],
-        "scores": table(labeled, PEERS, mean_of("score")),
-        "f1": table(planes, PEERS, percent_of("f1")),
-        "iou": table(planes, PEERS, mean_of("iou")),
+        + [[name, method.setting, packages[name]] for name, method in METHODS.items()],
+        "scores": table(labeled, mean_of("score")),
+        "f1": table(planes, percent_of("f1")),
+        "iou": table(planes, mean_of("iou")),
         "planes": measured(planes, MEASURES),
         "street": measured([row for row in labeled if row not in planes], STREET),
-        "purity": covers(PEERS),
-        "seconds": table(rows, PEERS, seconds),
-        "settings": table(labeled, ours, mean_of("score")),
-        "settings_purity": covers(ours),
+        "purity": covers(),
+        "seconds": table(rows, seconds),
     }
 
 

@@ -14,13 +14,12 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
 
 The detector is measured by what it keeps of real points, what it finds of outliers (TPR), the
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
-into which outliers were put. ``--csv`` names a file for all numbers, one a line.
+into which outliers were put.
 
 A limit is changed in its record, for all who make one.
 """
 
 import argparse
-import csv
 import functools
 import warnings
 from collections.abc import Callable
@@ -29,7 +28,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from _ablation_changes import FACTORS, Limit, Parameter, Step
+from _ablation_changes import FACTORS, Limit, Step
 from _ablation_clouds import (
     below_ground,
     contaminated,
@@ -52,12 +51,12 @@ from sklearn_mcmd.segmentation._estimator import GrowthSteps
 
 @dataclass(frozen=True)
 class Part:
-    """What is tried: constants and parameters, on clouds, by what measures.
+    """What is tried: constants and steps, on clouds, by what measures.
 
     scenes : (options) -> name, points and truth of each cloud with a truth; means are taken over
         the parts of a "name/part" and over clouds of the same name
     prepare : (X) -> what `run` takes; slow steps before the part, done once a cloud
-    run : (prepared, **parameters) -> result
+    run : (prepared) -> result
     measure : (truth, result) -> dict of numbers, 100 being perfect
     clouds : names of real clouds without a truth
     count : (result) -> number to print for these
@@ -80,10 +79,10 @@ def columns_of(X):
     return RobustNormalEstimator(random_state=0).fit_transform(X)
 
 
-def regions_of(columns, **parameters):
+def regions_of(columns):
     from sklearn_mcmd import RegionGrowing
 
-    return RegionGrowing(normals="precomputed", **parameters).fit_predict(columns)
+    return RegionGrowing(normals="precomputed").fit_predict(columns)
 
 
 def region_scores(surface, labels):
@@ -123,13 +122,13 @@ def faces_of(X):
     return found
 
 
-def edge_scores_of(columns, **parameters):
+def edge_scores_of(columns):
     """Scores of points, and which are edges'."""
     from sklearn_mcmd import SharpFeatureDetector
 
     kept, scores = np.isfinite(columns).all(axis=1), np.empty(len(columns))
     detector = SharpFeatureDetector(
-        outlier_detector="passthrough", normals="precomputed", n_jobs=-1, **parameters
+        outlier_detector="passthrough", normals="precomputed", n_jobs=-1
     ).fit(columns[kept])
     scores[kept] = detector.scores_
     scores[~kept] = detector._model.distance(columns[~kept, :3])
@@ -138,10 +137,11 @@ def edge_scores_of(columns, **parameters):
 
 def edge_figures(truth, result):
     """F1 of the band of two spacings, and average precision of the score."""
-    from bench_edges import figures
-
-    _, _, f1, _, average, _ = figures(*truth, *result)
-    return {"F1": f1, "AP": average}
+    (distance, spacing), (scores, found) = truth, result
+    regular = np.isfinite(distance)
+    edge, found = distance[regular] <= 2 * spacing, found[regular]
+    f1 = 200 * np.count_nonzero(found & edge) / (found.sum() + edge.sum())
+    return {"F1": f1, "AP": 100 * average_precision_score(edge, -scores[regular])}
 
 
 def judged(X):
@@ -199,10 +199,6 @@ PARTS = {
             Limit("segmentation._cylinder_parts", "CylinderLimits", "least_size", 6),
             Limit("segmentation._cylinder_parts", "FitLimits", "n_steps"),
             Limit("segmentation._cylinder_parts", "FitLimits", "least_gain"),
-            Parameter("n_neighbors", (15, 24, 37, 60)),
-            Parameter("max_angle", (7.5, 12, 18.75, 30)),
-            Parameter("min_region_size", (1, 5, 8, 12, 20)),
-            Parameter("refine", (False,)),
             *map(Step, GrowthSteps._fields),
         ),
         scenes=lambda options: chain(
@@ -234,9 +230,6 @@ PARTS = {
             Limit("planes._agreement", "AgreementLimits", "passes", 0),
             Limit("planes._agreement", "AgreementLimits", "face", np.inf),
             Limit("planes._principal_planes", "RowLimits", "width", 0.0),
-            Parameter("reweight", (False,)),
-            Parameter("neighbor_planes", (False,)),
-            Parameter("n_neighbors", (20, 30, 80)),
         ),
         scenes=lambda options: chain(
             simulated(options, true_normals, 0.1), machined_parts(options)
@@ -253,7 +246,6 @@ PARTS = {
             Limit("normals._adaptive_k", "SizeLimits", "quiet", most=0.99),
             Limit("normals._adaptive_k", "SizeLimits", "around"),
             Limit("planes._quadrics", "QuadricLimits", "chance", 0.0),
-            Parameter("n_neighbors", (16, 30, 50, 100, 200)),
         ),
         scenes=lambda options: chain(
             simulated(options, true_normals, 0.1), machined_parts(options), shapes(options)
@@ -274,8 +266,6 @@ PARTS = {
             Limit("edges._crease_distance", "CreaseLimits", "smooth_steps", 1),
             Limit("edges._crease_distance", "CreaseLimits", "huber", np.inf),
             Limit("edges._detector", "EdgeLimits", "width"),
-            Parameter("n_neighbors", (20, 30, 50)),
-            Parameter("min_angle", (10, 16, 25, 40)),
         ),
         scenes=lambda options: chain(
             simulated(options, edge_distances, 0.1), machined_edges(options), ridges(options)
@@ -283,9 +273,6 @@ PARTS = {
         prepare=faces_of,
         run=edge_scores_of,
         measure=edge_figures,
-        clouds=("pcl_building_region_growing", "pcl_cars_mincut"),
-        count=lambda result: float(round(100 * result[1].mean(), 2)),
-        most=10_000,
     ),
     "detector": Part(
         tried=(
@@ -354,25 +341,17 @@ def clouds_of(part, options):
             yield name, part.prepare(X)
 
 
-def evaluate(part, scenes, clouds, parameters):
+def evaluate(part, scenes, clouds):
     """Means over the seeds, (measure, scene) -> number; and counts of real clouds."""
     found = {}
     for name, prepared, truth in scenes:
-        for measure, value in part.measure(truth, part.run(prepared, **parameters)).items():
+        for measure, value in part.measure(truth, part.run(prepared)).items():
             found.setdefault((measure, name), []).append(value)
-    counts = [part.count(part.run(prepared, **parameters)) for _, prepared in clouds]
+    counts = [part.count(part.run(prepared)) for _, prepared in clouds]
     return {key: float(np.mean(values)) for key, values in found.items()}, counts
 
 
-def save(path, tried, label, values):
-    """Add to the file: what was tried and how, the measure, the cloud and the value."""
-    if path is not None:
-        with open(path, "a", encoding="utf-8", newline="") as file:
-            rows = ((tried, label, *key, f"{value:.6g}") for key, value in values.items())
-            csv.writer(file).writerows(rows)
-
-
-def main():
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("part", choices=list(PARTS))
     parser.add_argument("--size", type=int, default=20_000, help="points of a scene")
@@ -380,15 +359,13 @@ def main():
     parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
     parser.add_argument("--only", help="try only what has this in its name")
     parser.add_argument("--factors", type=float, nargs="+", default=FACTORS)
-    parser.add_argument("--csv", help="file for all numbers; lines are added to it")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     part = PARTS[options.part]
     scenes, clouds = list(scenes_of(part, options)), list(clouds_of(part, options))
-    default, counts = evaluate(part, scenes, clouds, {})
+    default, counts = evaluate(part, scenes, clouds)
     names = list(dict.fromkeys(name for name, _, _ in scenes))
     for (measure, name), value in default.items():
         print(f"default: {name:20} {measure:6} {value:7.2f}")
-    save(options.csv, "default", "", default)
     measures = list(dict.fromkeys(measure for measure, _ in default))
     print(f"\npoints gained (lost: -), by scene, for {' and '.join(measures)}")
     width = 7 * len(measures)
@@ -398,10 +375,9 @@ def main():
     for tried in part.tried:
         if options.only and options.only not in str(tried):
             continue
-        for label, context, parameters in tried.variants(options.factors):
+        for label, context in tried.variants(options.factors):
             with context():
-                values, counts = evaluate(part, scenes, clouds, parameters)
-            save(options.csv, str(tried), label, values)
+                values, counts = evaluate(part, scenes, clouds)
             gained = [values[m, name] - default[m, name] for name in names for m in measures]
             row = "".join(f"{g:7.2f}" for g in gained)
             print(

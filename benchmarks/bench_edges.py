@@ -1,48 +1,39 @@
-"""Which points belong to edges? Our forms and the paper's are compared with the truth.
+"""Which points belong to edges? What the default finds and what it labels beside, with the truth.
 
-The clouds are the box, the crown roof and the street, whose edges are known, or clouds with the
-true distance to the edge (`edge_dist` in an npz file), or with the plane of each point (`plane`),
-or simulated roofs, without outliers. A point belongs to an edge if its true
-distance is at most two spacings. Precision, recall, F1, area under the ROC curve and average
-precision are in percent of the regular points. "P all" is the precision if outliers labelled as
-edges count as errors too. All forms have their default parameters.
+It takes less than a minute of processor time, so that a change of the detector is judged at once,
+beside the stored figures. A row is the mean over its clouds and seeds. F1, and "beside", the share
+of points of no edge that are labelled, have the standard error of that mean. Where there is no
+edge, "beside" alone counts.
 
     python benchmarks/bench_edges.py
-    python benchmarks/bench_edges.py --street 100000 --shares 0 0.1 0.2 --forms crease
-    python benchmarks/bench_edges.py --clouds ../shared/data/cad_*/cloud.npz --most 30000
-    python benchmarks/bench_edges.py --shares 0 --forms crease --roofs 30 45
-    python benchmarks/bench_edges.py --panel
+    python benchmarks/bench_edges.py street "dense roofs"  # rows that begin so
+    python benchmarks/bench_edges.py --output docs/benchmarks
 
-The panel is of the default alone: what it finds and what it labels beside, on few clouds of each
-kind, in less than a minute of processor time, beside the stored figures. ``--panel street`` shows
-the rows that begin so, ``--panel --output docs/benchmarks`` stores all.
+Machined parts have the true distance to the edge (`edge_dist`), roofs the plane of each point
+(`plane`) or a wireframe. A point belongs to an edge if its true distance is two spacings at most.
 """
 
 import argparse
+import csv
 import time
+from functools import partial
 from itertools import product
 from pathlib import Path
 
 import numpy as np
-from _edge_panel import show_panel
-from _tables import print_table
+from _ablation_clouds import spacing_of as wide_spacing
+from _tables import print_table, texts, write_csv
 from scipy.spatial import cKDTree
-from simulators import roof_edges
-from sklearn.metrics import average_precision_score, roc_auc_score
+from simulators import make_roof, roof_edges
 
-from sklearn_mcmd import RobustNormalEstimator, SharpFeatureDetector
-from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
+from sklearn_mcmd import SharpFeatureDetector
+from sklearn_mcmd.datasets import make_street
 
-HEAD = ["P", "R", "F1", "AUC", "AP", "P all", "seconds"]
-LITERAL = {"criterion": "eigenvalue", "threshold": "mean", "outlier_detector": "passthrough"}
-FORMS = {
-    "Eq. 25, PCA": {"normal_estimator": RobustNormalEstimator(30, method="pca"), **LITERAL},
-    "Eq. 25, MCMD_Z": {"normal_estimator": RobustNormalEstimator(30, reweight=False), **LITERAL},
-    "eigenvalue": {"criterion": "eigenvalue"},
-    "surface_variation": {"criterion": "surface_variation"},
-    "removed_fraction": {"criterion": "removed_fraction"},
-    "crease (default)": {"n_neighbors": 40},
-}
+STORED = Path(__file__).resolve().parents[1] / "docs" / "benchmarks" / "edges_panel.csv"
+HEAD = ["cloud", "clouds", "P", "R", "F1", "its error", "beside", "error of it"]
+BAND = 2  # spacings from an edge that belong to it
+MOST = 15_000  # points of a cloud of a file
+N_SEEDS = 3  # of rows that draw points or outliers
 
 
 def spacing_of(X):
@@ -61,89 +52,147 @@ def from_planes(arrays):
     return distance - 0.5 * spacing_of(X)
 
 
-def clouds(options, share, seed=0):
-    """Name, points, distance to the edge (NaN: outlier) and spacing."""
-    for path in options.clouds:
-        rng = np.random.default_rng(seed)
-        with np.load(path) as arrays:
-            X = arrays["xyz"].astype(np.float64)
-            distance = arrays["edge_dist"] if "edge_dist" in arrays else from_planes(arrays)
-        if len(X) > options.most:
-            rows = rng.permutation(len(X))[: options.most]
-            X, distance = X[rows], distance[rows]
-        spacing = spacing_of(X)
-        n = round(len(X) * share / (1 - share))
-        displaced = X[rng.permutation(len(X))[:n]] + rng.normal(0, 5 * spacing, (n, 3))
-        points = np.vstack([X, displaced])
-        name = Path(path).parent.name if Path(path).stem == "cloud" else Path(path).stem
-        yield name, points, np.r_[distance, np.full(n, np.nan)], spacing
+def of_file(path, share=0.0, seed=0):
+    """Points, of which a share is displaced, distance to the edge (NaN: outlier) and spacing."""
+    rng = np.random.default_rng(seed)
+    with np.load(path) as arrays:
+        X = arrays["xyz"].astype(np.float64)
+        distance = arrays["edge_dist"] if "edge_dist" in arrays else from_planes(arrays)
+    if len(X) > MOST:
+        rows = rng.permutation(len(X))[:MOST]
+        X, distance = X[rows], distance[rows]
+    spacing = spacing_of(X)
+    n = round(len(X) * share / (1 - share))
+    displaced = X[rng.permutation(len(X))[:n]] + rng.normal(0, 5 * spacing, (n, 3))
+    return np.vstack([X, displaced]), np.r_[distance, np.full(n, np.nan)], spacing
+
+
+def simulated_roofs():
+    """The same of 36 roofs."""
     for kind, n, crease, noise in product(
-        ("gable", "hip", "mansard"), (500, 2_000, 8_000), options.roofs, (0.1, 0.3)
+        ("gable", "hip", "mansard"), (500, 2_000, 8_000), (30.0, 45.0), (0.1, 0.3)
     ):
-        yield f"{kind}, {crease:g} degrees, noise {noise}", *roof_edges(kind, n, crease, noise)
-    if options.clouds or options.roofs:
+        yield roof_edges(kind, n, crease, noise)
+
+
+def rows(data):
+    """Name -> function that yields points, distances to the edge (NaN: unknown), and spacing."""
+    parts = {name: sorted(data.glob(f"cad_{name}*/cloud.npz")) for name in ("cube", "plate")}
+    drawn = {
+        f"{name}{', 20 % outliers' * (share > 0)}": partial(of_files, paths, share)
+        for name, paths in parts.items()
+        for share in (0.0, 0.2)
+    }
+    streets = {
+        f"street, {100 * share:g} % outliers": partial(street, share) for share in (0.1, 0.2)
+    }
+    dense = data / "roofs_dense" / "roofs.npz"
+    return {
+        **drawn,
+        **streets,
+        "roofs' ridges": partial(of_files, sorted(data.glob("roof_planes/*.npz")), 0.0, 1),
+        "simulated roofs": simulated_roofs,
+        "dense roofs' wireframes": partial(wireframes, dense, True),
+        "dense roofs without a crease": partial(wireframes, dense, False),
+        "barrels": barrels,
+    }
+
+
+def of_files(paths, share, n_seeds=N_SEEDS):
+    for seed, path in product(range(n_seeds), paths):
+        yield of_file(path, share, seed)
+
+
+def street(share):
+    for seed in range(N_SEEDS):
+        cloud = make_street(20_000, outlier_share=share, random_state=seed)
+        yield cloud.data, cloud.edge_distance, cloud.spacing
+
+
+def barrels():
+    """Smooth: a quarter of a cylinder's outline, of the simulated roofs' sizes and noises."""
+    for n in (500, 2_000, 8_000):
+        for noise in (0.1, 0.3):
+            X, _ = make_roof("barrel", n, 45, noise)
+            yield X, np.full(n, np.inf), wide_spacing(X)
+
+
+def wireframes(path, with_creases):
+    """Dense roofs, by lines that were drawn by hand where two faces meet, if they have any.
+
+    What is near eaves and walls alone is unknown: a wall below may have been seen or not.
+    """
+    if not path.is_file():
         return
-    for make in (make_box, make_crown_roof):
-        cloud = make(outlier_share=share, random_state=seed)
-        yield make.__name__, cloud.data, cloud.edge_distance, cloud.spacing
-    street = make_street(options.street, outlier_share=share, random_state=seed)
-    yield f"make_street({options.street})", street.data, street.edge_distance, street.spacing
+    with np.load(path) as arrays:
+        X, building, lines = (arrays[name] for name in ("xyz", "building", "segments"))
+        of_line, faces = arrays["segment_building"], arrays["segment_faces"]
+    for number in np.unique(building):
+        roof, mine = X[building == number], of_line == number
+        creases = lines[mine & (faces == 2)]
+        if (len(creases) > 0) == with_creases:
+            spacing, distance = wide_spacing(roof), from_lines(roof, creases)
+            rim = from_lines(roof, lines[mine & (faces < 2)]) <= BAND * spacing
+            yield roof, np.where(rim & (distance > BAND * spacing), np.nan, distance), spacing
 
 
-def figures(distance, spacing, scores, found):
-    regular = np.isfinite(distance)
-    edge = distance[regular] <= 2 * spacing
-    hits = np.count_nonzero(found[regular] & edge)
-    precision, recall = hits / max(found[regular].sum(), 1), hits / edge.sum()
-    f1 = 2 * hits / (found[regular].sum() + edge.sum())
-    area = roc_auc_score(edge, -scores[regular])
-    average = average_precision_score(edge, -scores[regular])
-    return 100 * np.array([precision, recall, f1, area, average, hits / max(found.sum(), 1)])
+def from_lines(X, lines):
+    """Distance of each point to the nearest of the lines (m, 6), infinite without lines."""
+    nearest = np.full(len(X), np.inf)
+    for begin, end in zip(lines[:, :3], lines[:, 3:], strict=True):
+        way = end - begin
+        along = np.clip((X - begin) @ way / (way @ way), 0, 1)
+        np.minimum(nearest, np.linalg.norm(X - begin - along[:, None] * way, axis=1), out=nearest)
+    return nearest
+
+
+def found_and_beside(distance, spacing, found):
+    """Precision, recall and F1 of the known points, and the share of others that is labelled."""
+    known = ~np.isnan(distance)
+    edge, found = distance[known] <= BAND * spacing, found[known]
+    hits = np.count_nonzero(edge & found)
+    beside = 100 * np.mean(found[~edge])
+    if not edge.any():
+        return [np.nan, np.nan, np.nan, beside]
+    precision, recall = hits / max(found.sum(), 1), hits / edge.sum()
+    return [100 * precision, 100 * recall, 200 * hits / (found.sum() + edge.sum()), beside]
 
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--shares", type=float, nargs="+", default=[0.0, 0.1, 0.2])
-    parser.add_argument("--street", type=int, default=20_000, help="points of the street")
-    parser.add_argument("--clouds", nargs="+", default=[], help="npz files, instead of scenes")
-    parser.add_argument(
-        "--roofs", type=float, nargs="+", default=[], help="angles of roofs, instead of scenes"
-    )
-    parser.add_argument("--most", type=int, default=30_000, help="points of a cloud at most")
-    parser.add_argument("--forms", nargs="+", default=[""], help="parts of the forms' names")
-    parser.add_argument(
-        "--panel", nargs="*", metavar="ROW", help="of the default, beside the stored"
-    )
-    parser.add_argument(
-        "--data", default="../shared/data", help="folder of real clouds, of --panel"
-    )
-    parser.add_argument("--output", help="folder for the panel")
+    parser.add_argument("rows", nargs="*", help="beginnings of their names; all by default")
+    parser.add_argument("--data", type=Path, default="../shared/data", help="real clouds")
+    parser.add_argument("--output", type=Path, help="folder for the table")
     options = parser.parse_args(arguments)
-    if options.panel and options.output:
-        parser.error("--output stores the whole panel: name no rows")
-    if options.panel is not None:
-        return show_panel(clouds, options.data, options.panel, options.output)
-    of_kind = {}
-    for share in options.shares:
-        for name, X, distance, spacing in clouds(options, share):
-            rows = []
-            for form, parameters in FORMS.items():
-                if not any(part in form for part in options.forms):
-                    continue
-                start = time.perf_counter()
-                detector = SharpFeatureDetector(
-                    **{"n_neighbors": 30, "random_state": 0, "n_jobs": -1} | parameters
-                )
-                scores = detector.fit(X).scores_
-                seconds = time.perf_counter() - start
-                row = [*figures(distance, spacing, scores, scores < detector.offset_), seconds]
-                rows.append([form, *row])
-                of_kind.setdefault(f"{name.partition(',')[0]}, {form}", []).append(row)
-            title = f"{name}, {len(X):,} points, {100 * share:g} % outliers"
-            print_table(title, ["", *HEAD], rows)
-    if options.roofs:
-        rows = [[name, *np.mean(found, axis=0)] for name, found in of_kind.items()]
-        print_table("means", ["", *HEAD], rows)
+    if options.rows and options.output:
+        parser.error("--output stores the whole table: name no rows")
+    before, shown = {}, []
+    if STORED.is_file():
+        with open(STORED, newline="", encoding="utf-8") as file:
+            before = {
+                row[0]: [float(cell or "nan") for cell in row[1:]]
+                for row in list(csv.reader(file))[1:]
+            }
+    for name, load in rows(options.data).items():
+        if not name.startswith(tuple(options.rows or [""])):
+            continue
+        scores = []
+        for X, distance, spacing in load():
+            detector = SharpFeatureDetector(n_neighbors=40, random_state=0).fit(X)
+            found = detector.scores_ < detector.offset_
+            scores.append(found_and_beside(distance, spacing, found))
+        if scores:
+            mean = np.mean(scores, axis=0)
+            error = np.std(scores, axis=0, ddof=1) / np.sqrt(len(scores))
+            then = before.get(name, [np.nan] * (len(HEAD) - 1))
+            row = [name, len(scores), *mean[:3], error[2], mean[3], error[3], then[3], then[5]]
+            shown.append(row)
+    print_table("in percent", [*HEAD, "F1 before", "beside before"], shown)
+    print(f"{time.process_time():.0f} s of processor time")
+    if options.output:
+        stored = texts([row[: len(HEAD)] for row in shown], digits=1)
+        stored = [["" if cell == "nan" else cell for cell in row] for row in stored]
+        write_csv(options.output / STORED.name, [HEAD, *stored])
 
 
 if __name__ == "__main__":

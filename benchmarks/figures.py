@@ -24,7 +24,6 @@ STAGES = "planes outliers normals segmentation edges datasets"
 # renew it. Last the commit after which all were renewed, of which some came out as before.
 RESULTS = (
     ("docs/benchmarks/peers.json", STAGES, "bench_peers.py"),
-    ("docs/benchmarks/segmentation.json", STAGES, "bench_segmentation.py peers"),
     ("docs/images/demo.png", f"{NORMALS} outliers", "mcmd demo, demo_figures.py"),
     ("docs/benchmarks/demo.csv", f"{NORMALS} outliers", "mcmd demo, demo_figures.py"),
     ("docs/images/failure_*", STAGES, "docs/figures_failure.py, rings_figure.py", "900703c"),
@@ -32,23 +31,19 @@ RESULTS = (
     ("README.md", OUTLIERS, "bench_real.py, bench_outliers.py, readme_figures.py"),
     ("docs/benchmarks.rst", STAGES, "bench_peers.py"),
     ("docs/constants.rst", STAGES, "ablation.py"),
-    ("docs/edges.rst", f"{NORMALS} outliers edges", "bench_edges.py"),
-    (
-        "docs/benchmarks/edges_panel.csv",
-        f"{NORMALS} outliers edges",
-        "bench_edges.py --panel --output docs/benchmarks",
-    ),
+    ("docs/edges.rst", f"{NORMALS} outliers edges", "bench_edges.py, also at 0bdc31fa"),
+    ("docs/benchmarks/edges_panel.csv", f"{NORMALS} outliers edges", "bench_edges.py --output"),
     ("docs/benchmarks/panel.csv", OUTLIERS, "bench_real.py --panel --output docs/benchmarks"),
     ("docs/limits.rst", OUTLIERS, "readme_figures.py, bench_quantity.py at c7f1ef3"),
     ("docs/normals.rst", NORMALS, "bench_normals.py, bench_errors.py at f4a94cc"),
-    ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py, bench_false_positives.py"),
-    ("docs/planes.rst", "adjustment", "bench_reliability.py at c7f1ef3"),
+    ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py"),
+    ("docs/planes.rst", "adjustment", "bench_planes.py, bench_reliability.py at c7f1ef3"),
     ("docs/promises.rst", STAGES, "fuzz_files.py, kill_runs.py, mutate.py, golden_results.py"),
-    ("docs/reproduction.rst", f"{STAGES} baselines", "python -m benchmarks.paper"),
+    ("docs/reproduction.rst", f"{STAGES} baselines", "-m benchmarks.paper, also at 0bdc31fa"),
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),
-    ("docs/sensor.rst", OUTLIERS, "bench_sensor.py"),
+    ("docs/sensor.rst", OUTLIERS, "bench_sensor.py at 0bdc31fa"),
     ("docs/tiling.rst", "planes tiling", "bench_tiling.py"),
-    ("docs/user_guide.rst", OUTLIERS, "bench_seeds.py"),
+    ("docs/user_guide.rst", OUTLIERS, "bench_seeds.py at 0bdc31fa"),
     ("docs/view.rst", "view", "bench_view.py at 7f76556"),
 )
 

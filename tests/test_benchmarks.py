@@ -42,43 +42,30 @@ def data(tmp_path_factory):
     return folder
 
 
-def turn():
-    """Rings on a noisy ground and a wall, and flakes: 300 points about the sensor."""
-    rng = np.random.default_rng(0)
-    azimuth = np.tile(np.linspace(0, 2 * np.pi, 60, endpoint=False), 4)
-    reach = np.repeat([4.0, 6.0, 9.0, 14.0], 60) * rng.normal(1, 0.002, 240)
-    ground = np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), np.full(240, -1.8)])
-    return np.vstack([ground + rng.normal(0, 0.01, ground.shape), rng.uniform(-25, 25, (60, 3))])
-
-
-TURN = turn()
 SMOKE = [
-    ("bench_edges", "--shares 0.1 --street 1000 --forms crease", "crease"),
-    ("bench_edges", "--panel barrels --data {data}", "s of processor time"),
+    ("bench_edges", "barrels --data {data}", "s of processor time"),
     ("bench_normals", "clouds {data}/ball/cloud.npz --n-neighbors 20", "least squares"),
-    ("bench_normals", "curvatures --size 300", "ring, 0.3"),
-    ("bench_normals", "curved --size 300", "ring, noise 0.005"),
-    ("bench_normals", "pcpnet {data}/ball --points 50", "best k of each point"),
     ("bench_normals", "streets --size 1500 --seeds 1", "true planes"),
+    ("bench_normals", "halves --data {data}", "auto, error"),
     ("bench_outliers", "--sizes 1500 --shares 0.1 --seeds 1", "mean kNN distance"),
     ("bench_real", "--data {data} --clouds ball large --methods default radius", "worst"),
-    ("bench_seeds", "--data {data} --most 700 --pairs 1", "normals: mean"),
     ("bench_segmentation", "roofs --sizes 300 --creases 30 --noises 0.1 --seeds 1", "barrel"),
-    ("bench_segmentation", "labelled --sizes 500 --seeds 1 --data {data}", "crown roof"),
-    ("bench_segmentation", "peers --methods --output {data}/none.json", "CGAL growing, 10"),
+    ("bench_segmentation", "peers --methods --output {data}/none.json", "CGAL growing, 20"),
     ("figures", "", "docs/view.rst"),
     ("readme_figures", "{data}/street.npy", "not reweighted"),
 ]
 SLOW = [
-    ("bench_planes", "--repetitions 8 --data {data} --limit 6000", "a tilt of 80 degrees"),
-    ("bench_false_positives", "--clouds cylinder --n-points 1000 --rates 0.05", "known"),
+    (
+        "ablation",
+        "growing --size 1500 --seeds 1 --factors 0.8 --only join_curved --data {data}/none",
+        "join_curved                   off",
+    ),
+    ("bench_planes", "--data {data} --limit 6000", "real planes agree, tilt"),
     (
         "bench_segmentation",
         "peers --clouds crown --methods sklearn_mcmd --output {data}/a.json",
         "0.99         not run",
     ),
-    ("bench_segmentation", "scenes --size 3000 --seeds 1", "make_bus_stop"),
-    ("bench_sensor", "--data {data} --points 2000", "3 mrad"),
 ]
 
 
@@ -115,7 +102,7 @@ def test_a_wireframe_tells_distances_from_creases_and_nothing_near_eaves(load, t
     lines = np.array([[0, 0, 0, 0, 20, 0], [10, 0, -10, 10, 20, -10.0]])
     known = {"segments": lines, "segment_faces": [2, 1], "segment_building": [0, 0]}
     np.savez(tmp_path / "roofs.npz", xyz=roof, building=np.zeros(len(roof)), **known)
-    ((X, distance, spacing),) = load("_edge_panel").wireframes(tmp_path / "roofs.npz", True)
+    ((X, distance, spacing),) = load("bench_edges").wireframes(tmp_path / "roofs.npz", True)
     away = np.sqrt(2) * np.abs(roof[:, 0])  # along the slope
     near_eave = np.sqrt(2) * (10 - roof[:, 0]) <= 2 * spacing
     assert 0 < near_eave.sum() < 100
@@ -149,34 +136,6 @@ def test_the_stored_tables_are_those_of_the_stored_results(name, load):
     for table, rows in tables(json.loads((STORED / f"{name}.json").read_text())).items():
         with open(STORED / f"{prefix}{table}.csv", newline="") as file:
             assert list(csv.reader(file)) == rows
-
-
-DISTANCES = np.linalg.norm(TURN[:, None] - TURN, axis=2)
-RISING = np.sort(DISTANCES, axis=1)[:, 1:]  # without the point itself
-SPACING = np.median(RISING[:, :8].mean(axis=1))
-
-
-def off_plane(i):
-    """Whether a point is farther from the plane of its neighbors than these deviate."""
-    near = TURN[(DISTANCES[i] <= 3 * SPACING) & (np.arange(len(TURN)) != i)]
-    if len(near) < 3:
-        return True
-    normal = np.linalg.svd(near - near.mean(axis=0))[2][2]
-    off = (near - near.mean(axis=0)) @ normal
-    return abs((TURN[i] - near.mean(axis=0)) @ normal) > off.std()
-
-
-@pytest.mark.parametrize("method", ["isolated voxels", "CloudCompare"])
-def test_comparators_take_what_loops_over_all_pairs_take(method, load):
-    labels, outlyingness = load("_real_methods").METHODS[method](TURN, None)
-    if method == "CloudCompare":
-        wanted = np.array([off_plane(i) for i in range(len(TURN))])
-    else:
-        voxels = np.floor((TURN - TURN.min(axis=0)) / (4 * SPACING))
-        wanted = (np.abs(voxels[:, None] - voxels).max(axis=2) <= 1).sum(axis=1) - 1 <= 5
-    assert 0 < wanted.sum() < len(TURN)
-    assert_array_equal(labels == -1, wanted)
-    assert not np.isnan(outlyingness).any()
 
 
 def test_a_flat_region_is_pure_and_a_right_angle_in_one_is_half(load):

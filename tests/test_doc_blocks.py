@@ -147,8 +147,11 @@ def test_scripts_that_a_page_names_exist_and_have_the_options_it_gives(name):
 
 def test_functions_and_tests_that_the_papers_page_names_exist():
     text = PAGES["papers"].read_text("utf-8")
-    rows = re.findall(r"^     [- ] \| (.*)$", text, re.MULTILINE)
-    names = [name for row in rows for name in re.findall(r"``([\w./]+)``", row)]
+    rows = "\n".join(re.findall(r'^   ".*"$', text, re.MULTILINE))
+    names = re.findall(r"``([\w./]+)``", re.sub(r"``[\w/]+\.py`` at ``\w+``", "", rows))
+    scripts = re.findall(r'"(\w+)(?:, ``adjustment/test_table5``)?"$', rows, re.MULTILINE)
+    names += [f"examples/papers/plot_adjustment_{script}.py" for script in scripts]
+    assert len(scripts) == 6
     for name in names:
         if "/" in name:
             path = ROOT / (name if name.startswith(("tests/", "examples/")) else f"tests/{name}.py")

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from benchmarks.paper import _draw
 from benchmarks.paper._clouds import contaminated_planes
 from benchmarks.paper._methods import METHODS
 from benchmarks.paper._printed import ANGLES, OUTLIERS, STATISTICS
@@ -63,16 +62,8 @@ def table1(runs=1000, *, seed=0):
         *(f"{method.name}: {method.reading}" for method in methods),
     ]
 
-    def draw(figure):
-        axes = figure.subplots(1, 2)
-        for ax, law in zip(axes, OUTLIERS, strict=True):
-            _draw.boxes(ax, {m.name: angles[law, m.name] for m in methods}, f"{law} outliers")
-            means = [ANGLES[m.name][law][0] if m.in_paper else np.nan for m in methods]
-            _draw.printed_means(ax, means)
-            ax.set(yscale="log", ylim=(1e-3, 120))
-
     title = f"Table 1: bias angles (degrees) of 50 points, 10 of them outliers, {runs} runs"
-    return Report("table1", title, tables, notes, angles, draw, (11.0, 5.0))
+    return Report("table1", title, tables, notes, angles)
 
 
 def _table_1_rows(method, law, angles):
@@ -127,25 +118,9 @@ def figure4(runs=1000, *, seed=0):
         "not state.",
     ]
 
-    def draw(figure):
-        axes = figure.subplots(2, 2).ravel()
-        names = [m.name for m in methods]
-        panels = [
-            ("(a) all methods, 20 % clustered", "20 % clustered", names),
-            (
-                "(b) without PCA and qSp, 20 % clustered",
-                "20 % clustered",
-                [name for name in names if name not in ("PCA", "qSp")],
-            ),
-            ("(c) 70 % clustered", "70 % clustered", names),
-            ("(d) 80 % uniform", "80 % uniform", names),
-        ]
-        for ax, (title, scene, chosen) in zip(axes, panels, strict=True):
-            _draw.boxes(ax, {name: angles[scene, name] for name in chosen}, title)
-
     title = f"Figure 4: bias angles (degrees) of 50 points, {runs} runs"
     table = Table("bias angle in degrees", header, rows, n_labels=2)
-    return Report("figure4", title, [table], notes, angles, draw, (12.0, 9.0))
+    return Report("figure4", title, [table], notes, angles)
 
 
 def _deviation(values, axis):

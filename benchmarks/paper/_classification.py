@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from benchmarks.paper import _draw
 from benchmarks.paper._clouds import contaminated_planes
 from benchmarks.paper._methods import METHODS
 from benchmarks.paper._printed import CLASSIFICATION, RATES, SHARES
@@ -80,23 +79,8 @@ def table4(runs=1000, *, seed=0):
         *(f"{method.name}: {method.reading}" for method in methods),
     ]
 
-    def draw(figure):
-        names = [m.name for m in methods]
-        height = np.arange(len(names))
-        colors = [_draw.color(name) for name in names]
-        for ax, percentage in zip(figure.subplots(1, 3, sharey=True), SHARES, strict=True):
-            for offset, column, alpha in ((-0.2, 0, 0.5), (0.2, 1, 1.0)):  # TPR, TNR
-                ours = [results[percentage, name][:, column].mean() for name in names]
-                ax.barh(height + offset, ours, 0.38, color=colors, alpha=alpha)
-                printed = [_printed(name, percentage)[column] for name in names]
-                ax.plot(printed, height + offset, "k|", markersize=9)
-            ax.set_yticks(height, names)
-            ax.set(title=f"{percentage} % of outliers", xlim=(0, 102), xlabel="%")
-        ax.invert_yaxis()
-        figure.suptitle("pale: TPR, full: TNR; black ticks: the paper's")
-
     title = f"Table 4: classification of 100 points, {runs} runs for each percentage"
-    return Report("table4", title, tables, notes, results, draw, (13.0, 5.0))
+    return Report("table4", title, tables, notes, results)
 
 
 def _table_4_rows(method, percentage, found):

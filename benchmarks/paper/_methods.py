@@ -9,9 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from sklearn.covariance import EllipticEnvelope
-from sklearn.ensemble import IsolationForest
-from sklearn.neighbors import LocalOutlierFactor
 
 from sklearn_mcmd.baselines import Msac, Pca, Qsp, Ransac, Robpca, Ulsif
 from sklearn_mcmd.planes._consistent_set import (
@@ -90,20 +87,6 @@ class TrainedUlsif(Ulsif):
 
     def _training(self, points, table, floor):
         return self.clean
-
-
-def _peer(make, score):
-    """A detector of scikit-learn, one cloud at a time, with a given number of points to flag."""
-
-    def apply(points, regular, n_outliers, n_flagged, random_state):
-        seeds = random_state.randint(2**31 - 1, size=len(points))
-        scores = [
-            -score(make(int(seed)).fit(cloud), cloud)
-            for cloud, seed in zip(points, seeds, strict=True)
-        ]
-        return _without_highest(points, np.array(scores), n_flagged)
-
-    return apply
 
 
 def _without_highest(points, scores, n_flagged):
@@ -214,36 +197,5 @@ METHODS = {
             "this package's default: MCMD_Z without given values, plane and scale reweighted twice",
             mcmd("mcmd_z", told=False, reweight=True),
         ),
-        Method(
-            "LOF",
-            False,
-            "scikit-learn's LocalOutlierFactor of 19 neighbors, given the number of outliers",
-            _peer(
-                lambda seed: LocalOutlierFactor(19),
-                lambda fitted, cloud: fitted.negative_outlier_factor_,
-            ),
-            effort=0.2,
-        ),
-        Method(
-            "IsolationForest",
-            False,
-            "scikit-learn's, of 100 trees, given the number of outliers",
-            _peer(
-                lambda seed: IsolationForest(random_state=seed),
-                lambda fitted, cloud: fitted.score_samples(cloud),
-            ),
-            effort=0.05,
-        ),
-        Method(
-            "EllipticEnvelope",
-            False,
-            "scikit-learn's, given the number of outliers",
-            _peer(
-                lambda seed: EllipticEnvelope(random_state=seed),
-                lambda fitted, cloud: fitted.score_samples(cloud),
-            ),
-            effort=0.1,
-        ),
     )
 }
-PEERS = ("LOF", "IsolationForest", "EllipticEnvelope")

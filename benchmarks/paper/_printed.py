@@ -1,4 +1,4 @@
-"""Numbers that the first paper prints in Tables 1 to 6 and in the text of Section 5.1.
+"""Numbers that the first paper prints in Tables 1, 3, 4 and 6.
 
 They are shown beside the reproduced numbers, with their misprints.
 """
@@ -43,35 +43,12 @@ MCMD_MD  uniform     0.522  0.012   2.244   0.452   0.335   0.420
     n_keys=2,
 )
 
-# Table 2, variances along x, and the same along y: data set -> (regular, outliers).
-VARIANCES = {
-    "I": (2.0, 1.0),
-    "II": (6.0, 2.0),
-    "III": (8.0, 4.0),
-    "IV": (10.0, 6.0),
-    "V": (12.0, 8.0),
-    "VI": (15.0, 10.0),
-}
-Z_VARIANCES = (0.001, 0.01, 0.02, 0.05, 0.1)  # Section 5.1.4, of the regular points
-
-# Table 3, seconds for a plane: by sample size with 20 % outliers, by share with 50 points.
-SIZES = (20, 50, 100, 1000, 10_000)
+# Table 3, seconds for a plane of 50 points, by the share of outliers.
 TIMED_SHARES = (5, 10, 20, 40, 50)
-# Each line: by size, then by share.
-SECONDS = {
-    method: (seconds[: len(SIZES)], seconds[len(SIZES) :])
-    for method, seconds in rows_of(
-        """
-PCA      0.0004  0.0004  0.0005  0.0005    0.0016  0.0005  0.0004  0.0004  0.0005  0.0005
-RANSAC   0.0714  0.1282  0.1845  0.4318    2.3934  0.0734  0.0934  0.1278  0.2562  0.3640
-RPCA     0.8289  0.8365  0.8553  1.0751    1.2691  0.7937  0.7990  0.8007  0.8010  0.7937
-uLSIF    0.0147  0.0420  0.1507  2.4642  139.7496  0.0430  0.0405  0.0440  0.0431  0.0409
-qSp      0.0009  0.0019  0.0037  0.0329    0.2910  0.0017  0.0019  0.0020  0.0019  0.0020
-MCMD_Z   0.0088  0.0085  0.0098  0.0123    0.0400  0.0047  0.0064  0.0091  0.0238  0.0407
-MCMD_MD  0.0079  0.0084  0.0092  0.0110    0.0376  0.0042  0.0054  0.0085  0.0228  0.0395
-"""
-    ).items()
-}
+SECONDS = rows_of("""
+MCMD_Z   0.0047  0.0064  0.0091  0.0238  0.0407
+MCMD_MD  0.0042  0.0054  0.0085  0.0228  0.0395
+""")
 
 # Table 4, percent, 100 points: method, percentage of outliers, RATES.
 SHARES = (5, 20, 40)
@@ -99,19 +76,6 @@ MCMD_MD  40  100.0   98.3   1.7   0.0   98.97
 """,
     n_keys=2,
 )
-
-# Section 5.1.2 and Fig. 5: percentage of outliers at which a method breaks down.
-BREAKDOWN = {"PCA": 0, "RPCA": 47, "MCMD_Z": 49, "RANSAC": 64, "MCMD_MD": 74}
-
-# Table 5: method, noise points found, regular points kept, then RATES.
-DENOISING = rows_of("""
-RANSAC   1086  10926  79.50  79.96  20.04  20.50  79.92
-RPCA     1267  12014  92.75  87.92  12.08   7.25  88.36
-uLSIF     658  12164  48.17  89.02  10.98  51.83  85.31
-qSp       641  12082  46.93  88.42  11.58  53.07  84.65
-MCMD_Z   1299  12765  95.10  93.42   6.58   4.90  93.57
-MCMD_MD  1282  12550  93.85  91.85   8.15   6.15  92.03
-""")
 
 # Table 6, by scene: method, TS, PS, OS, US, and recall, precision and F-score in percent.
 SEGMENTATION = {

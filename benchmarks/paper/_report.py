@@ -1,6 +1,5 @@
-"""The result of an experiment: tables of text, arrays, notes, and a figure to draw."""
+"""The result of an experiment: tables of text, arrays and notes."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 
@@ -48,10 +47,6 @@ class Report:
         Numbers that cannot be reproduced, with the reason, and readings of the rows.
     results : dict
         The reproduced numbers as arrays; the function `name` documents the keys.
-    draw : callable
-        Function that draws on an empty :class:`matplotlib.figure.Figure`. None without a plot.
-    size : (float, float)
-        Width and height of that figure, in inches.
     """
 
     name: str
@@ -59,29 +54,7 @@ class Report:
     tables: list
     notes: list
     results: dict
-    draw: Callable | None = None
-    size: tuple = (9.0, 5.0)
 
     def __str__(self):
         notes = "\n".join(f"- {note}" for note in self.notes)
         return "\n\n".join([self.title, *map(str, self.tables), notes])
-
-    def plot(self):
-        """Draw the figure.
-
-        Returns
-        -------
-        figure : matplotlib.figure.Figure
-
-        Raises
-        ------
-        ValueError
-            If there is nothing to draw.
-        """
-        if self.draw is None:
-            raise ValueError(f"{self.name} has no plot.")
-        import matplotlib.pyplot as plt
-
-        figure = plt.figure(figsize=self.size, layout="constrained")
-        self.draw(figure)
-        return figure

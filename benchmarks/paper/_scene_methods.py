@@ -5,9 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.paper._methods import QSP_SAMPLE
-from sklearn_mcmd.baselines import PlaneOutlierDetector
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
-from sklearn_mcmd.outliers._detector import MCMDOutlierDetector
 from sklearn_mcmd.runtime._progress import listen_to_progress
 
 # Share of each neighborhood that uLSIF and qSp remove for normals. They have no cut-off, and the
@@ -24,8 +22,7 @@ class SceneMethod:
     reading : the reading of the row, in one line
     method : `method` of RobustNormalEstimator
     method_params : parameters of the methods compared with
-    mcmd_params : parameters of MCMD's planes, for outliers and for normals
-    verdict_params : parameters of MCMD for outliers alone
+    mcmd_params : parameters of MCMD's planes
     slow : whether a point takes milliseconds
     """
 
@@ -35,7 +32,6 @@ class SceneMethod:
     method: str
     method_params: dict | None = None
     mcmd_params: dict = field(default_factory=dict)
-    verdict_params: dict = field(default_factory=dict)
     slow: bool = False
 
     def normal_estimator(self, n_neighbors, seed):
@@ -50,26 +46,7 @@ class SceneMethod:
             **self.mcmd_params,
         )
 
-    def outlier_detector(self, n_neighbors, share, seed):
-        """`share` is the share of outliers, for those that have no cut-off."""
-        if self.method.startswith("mcmd"):
-            return MCMDOutlierDetector(
-                n_neighbors,
-                method=self.method,
-                random_state=seed,
-                **self.mcmd_params,
-                **self.verdict_params,
-            )
-        return PlaneOutlierDetector(
-            n_neighbors,
-            method=self.method,
-            method_params=self.method_params,
-            contamination=share if self.method in ("ulsif", "qsp") else "auto",
-            random_state=seed,
-        )
 
-
-OWN_PLANE = {"strictness": None}
 LITERAL = {"reweight": False}
 
 SCENE_METHODS = {
@@ -113,7 +90,6 @@ SCENE_METHODS = {
             "as in the text: h = .5 k, 69 trials, median and MAD of all k",
             "mcmd_z",
             mcmd_params=LITERAL,
-            verdict_params=OWN_PLANE,
         ),
         SceneMethod(
             "MCMD_MD",
@@ -121,7 +97,6 @@ SCENE_METHODS = {
             "h = .75 k, which gives its rows of Table 5; the text's .5 k does not",
             "mcmd_md",
             mcmd_params={**LITERAL, "support_fraction": 0.75},
-            verdict_params=OWN_PLANE,
         ),
         SceneMethod(
             "MCMD_MD h=.5k",
@@ -129,7 +104,6 @@ SCENE_METHODS = {
             "as in the text: h = .5 k",
             "mcmd_md",
             mcmd_params=LITERAL,
-            verdict_params=OWN_PLANE,
         ),
         SceneMethod("default", False, "this package's defaults, without given values", "mcmd_z"),
     )

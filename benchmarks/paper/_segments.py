@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.exceptions import UndefinedMetricWarning
 
-from benchmarks.paper import _draw
 from benchmarks.paper._printed import SEGMENTATION
 from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, stream
@@ -114,20 +113,8 @@ def table6(runs=2, *, seed=0, n_points=None, slow_points=SLOW_POINTS):
         )
         tables.append(Table(caption, ("method", "", "runs", *COLUMNS), lines, n_labels=2))
     notes = _notes()
-    scenes = [(scene, n) for scene, n, slow in plan if slow]
-
-    def draw(figure):
-        axes = figure.subplots(1, len(scenes), sharey=True, squeeze=False)[0]
-        names = list(rows_of(True))
-        for ax, (scene, n) in zip(axes, scenes, strict=True):
-            ours = {name: results[scene, n, name][:, 7].mean() for name in names}
-            printed = {name: row[6] for name, row in SEGMENTATION[scene].items()}
-            _draw.bars(ax, ours, printed, f"{scene}, {n:,} points", "F-score, %")
-        axes[0].invert_yaxis()
-        figure.suptitle("bars: simulated counterparts; black ticks: the paper's real scans")
-
     title = f"Table 6: segments by normals of each method, {runs} scenes of each kind"
-    return Report("table6", title, tables, notes, results, draw, (11.0, 5.0))
+    return Report("table6", title, tables, notes, results)
 
 
 def _table_6_rows(scene, name, found, printed):

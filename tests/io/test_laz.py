@@ -2,7 +2,6 @@
 
 import io
 import os
-import re
 import struct
 import subprocess
 import sys
@@ -172,11 +171,10 @@ def test_damage_is_named(tmp_path, where, offset, form, value, message):
 @pytest.mark.skipif(sys.platform != "linux", reason="limits memory as Linux does")
 def test_no_damage_ends_the_process_or_takes_its_time_or_memory(tmp_path):
     """lazrs ends the process (SIGABRT) when it gets less memory than it asks for."""
-    command = [sys.executable, "benchmarks/fuzz_files.py", "--reader", "laz", "--unguided"]
-    command += ["--executions", "150", "--keep", tmp_path]
+    command = [sys.executable, "benchmarks/fuzz_files.py", "--reader", "laz"]
+    command += ["--executions", "150", "--folder", tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, cwd=ROOT)
-    failures = "\n".join(path.read_text() for path in tmp_path.glob("*.txt"))
-    assert re.match(r"laz +150 executions +[\d.]+ h +0 failures", done.stdout), failures
+    assert done.stdout == "laz                150 executions without a failure\n", done.stderr
 
 
 def test_compressed_bytes_that_end_before_points_that_two_counts_have_are_damaged(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from benchmarks.paper import EXPERIMENTS, figure5, figure6, table1, table4
+from benchmarks.paper import EXPERIMENTS, table1, table4
 from benchmarks.paper._clouds import contaminated_planes
 from benchmarks.paper._methods import METHODS
 from benchmarks.paper._runs import bootstrap_error, stream
@@ -101,42 +101,11 @@ def test_ransac_with_the_right_noise_keeps_its_inliers(percentage):
         assert least < 100 * inliers[clouds.regular].mean() < most
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "found", "kept"),
-    [
-        ("LOF", (87, 3, 30), (99, 76, 54)),
-        ("IsolationForest", (96, 70, 54), (100, 92, 69)),
-        ("EllipticEnvelope", (100, 100, 33), (100, 100, 55)),
-    ],
-)
-def test_peers_told_the_share_are_as_in_the_replication(verdicts, method, found, kept):
-    """Few runs, of 10 (IsolationForest) to 40; the replication's are printed in whole percents."""
-    for i, percentage in enumerate((5, 20, 40)):
-        rates = verdicts[percentage, method]
-        errors = rates.std(axis=0, ddof=1) / np.sqrt(len(rates))
-        assert abs(rates[:, 0].mean() - found[i]) < 4 * np.sqrt(2) * errors[0] + 1.5
-        assert abs(rates[:, 1].mean() - kept[i]) < 4 * np.sqrt(2) * errors[1] + 1.5
-
-
 def test_scores_flag_as_many_points_as_the_paper_did(few_verdicts):
     for name, counts in (("uLSIF", (7, 23, 46)), ("qSp", (8, 30, 40))):
         for percentage, count in zip((5, 20, 40), counts, strict=True):
             found, _, swamped, _, _ = few_verdicts[percentage, name].T
             assert_allclose((percentage * found + (100 - percentage) * swamped) / 100, count)
-
-
-@pytest.mark.slow
-def test_breakdown_points_are_within_two_percent_of_the_replication():
-    percentages = (1, *range(47, 53), *range(62, 79, 2))
-    found = figure5(60, seed=0, percentages=percentages).results
-    broken = {m: found["breakdown", m] for m in ("PCA", "RPCA", "MCMD_Z", "RANSAC", "MCMD_MD")}
-    assert broken["PCA"] == 1
-    assert abs(broken["RPCA"] - 49) <= 2
-    assert abs(broken["MCMD_Z"] - 50) <= 2
-    assert 62 <= broken["RANSAC"] <= 72
-    assert 72 <= broken["MCMD_MD"] <= 78
-    assert abs(found["breakdown", "MCMD_MD h=.5n"] - 51) <= 2
 
 
 @pytest.mark.parametrize(
@@ -182,37 +151,19 @@ def test_the_bootstrap_gives_the_known_error_of_a_mean():
 
 
 def test_the_same_seed_gives_the_same_figures_and_another_one_others():
-    sweep = {"percentages": (5,)}
-    first, again, other = (figure6(2, seed=seed, **sweep).results for seed in (0, 0, 1))
-    del first["percentages"]
+    first, again, other = (table1(2, seed=seed).results for seed in (0, 0, 1))
     for key, values in first.items():
         assert_array_equal(values, again[key])
         assert not np.array_equal(values, other[key])
 
 
-FEW = {
-    "figure5": {"percentages": (5, 50)},
-    "figure6": {"percentages": (5, 45)},
-    "table3": {"sizes": (20, 50), "shares": (20,)},
-}
-
-
-# Those of section 5.2 take whole scenes, in test_paper_scenes.
-OF_SCENES = {"table5", "table6", *(f"figure{number}" for number in range(9, 16))}
-
-
-@pytest.mark.parametrize("name", sorted(set(EXPERIMENTS) - OF_SCENES))
-def test_every_experiment_reports_and_draws(name):
-    plt = pytest.importorskip("matplotlib.pyplot")
-    plt.switch_backend("agg")
+@pytest.mark.parametrize("name", sorted(set(EXPERIMENTS) - {"table6"}))  # it is in test_scenes
+def test_every_experiment_reports_and_tells_its_progress(name):
     heard = []
     with listen_to_progress(lambda told: heard.append(told.share)):
-        report = EXPERIMENTS[name](2, seed=0, **FEW.get(name, {}))
+        report = EXPERIMENTS[name](2, seed=0)
     assert report.name == name
     assert "reweighted" in str(report)
     shares = [share for share in heard if share is not None]  # None is news of compiling
     assert (np.diff(shares) >= 0).all()
     assert shares[-1] == 1
-    figure = report.plot()
-    assert all(ax.has_data() or not ax.axison for ax in figure.axes)
-    plt.close(figure)
