@@ -74,21 +74,6 @@ def test_the_same_points_are_judged_and_the_same_groups_lie_below_the_ground(
     assert np.count_nonzero(noise) > 10
 
 
-def test_the_ground_of_one_file_counts_for_the_points_of_another(tmp_path):
-    cloud = site()
-    is_ground = cloud.attributes["classification"] == 2
-    (tmp_path / "in").mkdir()
-    write_points(tmp_path / "in" / "a.las", cloud.subset(is_ground))
-    write_points(tmp_path / "in" / "b.las", cloud.subset(~is_ground))
-    order = np.concatenate([np.flatnonzero(is_ground), np.flatnonzero(~is_ground)])
-    write_points(tmp_path / "all.las", cloud.subset(order))
-    expected = in_memory(tmp_path / "all.las", ALL)
-    process_files(tmp_path / "in", tmp_path / "out.las", OUTLIERS, mode="mark", **ALL)
-    found = read_points(tmp_path / "out.las").attributes
-    for name in ("classification", "outlier_score"):
-        assert_array_equal(found[name], expected[name])
-
-
 def test_points_without_ground_or_at_other_heights_are_said(tmp_path):
     a, c = tmp_path / "a.las", tmp_path / "c.las"
     write_points(a, cloud := site())

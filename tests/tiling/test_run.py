@@ -10,7 +10,7 @@ from sklearn.base import clone
 
 from sklearn_mcmd.io import PointFileError, read_points, write_points
 from sklearn_mcmd.tiling import _process, _run, process_files
-from tiled import EDGES, ESTIMATOR, OUTLIERS, REGIONS, VERBS, names_in, street, two_files
+from tiled import ESTIMATOR, OUTLIERS, REGIONS, VERBS, names_in, street, two_files
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -50,13 +50,6 @@ def test_a_folder_is_one_cloud_and_keeps_its_attributes(verb, tmp_path):
         assert_array_equal((joined.attributes | {"xyz": joined.xyz})[name], values[0])
     assert_array_equal(joined.attributes["red"][-len(found[1]) :], found[1].attributes["red"])
     assert names_in(tmp_path) == ["all.las", "in", "joined.laz", "out"]
-
-
-@pytest.mark.parametrize("estimator", [REGIONS, EDGES])
-@pytest.mark.parametrize("colors", [True, False])
-def test_colors_are_written_if_they_are_asked_for(estimator, colors, small_file, tmp_path):
-    process_files(small_file, tmp_path / "b.las", estimator, tile_size=2_500, colors=colors)
-    assert ("red" in read_points(tmp_path / "b.las").attributes) == colors
 
 
 def test_a_file_of_nothing_but_outliers_is_warned_of(tmp_path):
