@@ -100,12 +100,23 @@ def test_an_index_becomes_one_file_or_a_folder(source, tmp_path):
     assert files_in(tmp_path / "out") == ["b.laz", "street.laz"]
 
 
-@pytest.mark.parametrize("verb", RESULTS)
-def test_a_dry_run_shows_the_plan_and_writes_nothing(verb, small_machine, source, tmp_path):
+@pytest.mark.parametrize(
+    ("verb", "options"),
+    [
+        ("normals", ("--orientation", "sensor", "--sensor", "auto")),
+        ("normals", ("--orientation", "sensor", "--trajectory", "path.csv")),
+        ("denoise", ("--sensor", "0,0,0")),
+        ("segment", ()),
+        ("edges", ()),
+    ],
+)
+def test_a_dry_run_shows_the_plan_reads_no_positions_and_writes_nothing(
+    verb, options, small_machine, source, tmp_path
+):
     result = done(verb, source, tmp_path / "b.laz", "--dry-run", *TILES)
     for words in ("6,000", "tiles", "GB for temporary files", "seconds"):
         assert words in result.stdout
-    fits = run(verb, source, tmp_path / "b.laz", "--dry-run", "--memory", "4GB")
+    fits = done(verb, source, tmp_path / "b.laz", *options, "--dry-run", "--memory", "4GB")
     assert "without tiles" in fits.stdout
     assert files_in(tmp_path) == ["street.laz"]
 
@@ -134,18 +145,6 @@ def test_a_dry_run_plans_as_the_run_does(verb, options, source, tmp_path, monkey
         done(verb, source.parent, tmp_path / "out", *options, *ONE, *more)
     assert len(plans) == 2
     assert plans[0] == plans[1]
-
-
-@pytest.mark.parametrize(
-    ("verb", "options"),
-    [
-        ("normals", ("--orientation", "sensor", "--sensor", "auto")),
-        ("normals", ("--orientation", "sensor", "--trajectory", "path.csv")),
-        ("denoise", ("--sensor", "0,0,0")),
-    ],
-)
-def test_a_dry_run_reads_no_positions(verb, options, source, tmp_path):
-    done(verb, source, tmp_path / "b.laz", "--memory", "4GB", *options, "--dry-run")
 
 
 @pytest.mark.parametrize("verb", RESULTS)

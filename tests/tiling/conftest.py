@@ -35,7 +35,8 @@ def by_tiles(monkeypatch, tmp_path):
 
     def run(source, estimator, **options):
         proofs.clear()
-        report = process_files(source, tmp_path / "out.las", estimator, n_jobs=1, **options)
+        target = tmp_path / ("out" if isinstance(source, list) else "out.las")
+        report = process_files(source, target, estimator, n_jobs=1, **options)
         proven = np.zeros(report.n_points, bool)
         for rows, are in proofs:
             proven[rows] = are

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from benchmarks.simulators import make_lidar_turn
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
-from sklearn_mcmd.tiling._cells import Cells, CellWriter
+from sklearn_mcmd.tiling._cells import Cells, CellWriter, Levels
 from sklearn_mcmd.tiling._halo import part_of_cell
 
 K, HOPS, CAPACITY = 8, 3, 400
@@ -102,3 +102,10 @@ def test_points_that_join_a_part_come_once_in_the_order_of_rows(tmp_path):
     assert_array_equal(joined.rows, np.union1d(part.rows, more[1]))
     assert_array_equal(joined.xyz, X[joined.rows])
     assert_array_equal(joined.rows[joined.own], cells.rows(2))
+
+
+def test_levels_of_parts_are_those_of_all_values_with_their_counts():
+    levels, values = Levels(), np.random.default_rng(0).integers(0, 50, 1000) / 4
+    for part in np.split(values, [300, 310, 600]):
+        levels.add(*np.unique(part, return_counts=True))
+    assert_array_equal(levels.merged(), np.unique(values, return_counts=True))
