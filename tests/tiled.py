@@ -29,6 +29,11 @@ VERBS = {"outliers": OUTLIERS, "normals": ESTIMATOR, "tree": TREE, "regions": RE
 VERBS["edges"] = EDGES
 
 
+def but(estimator, **params):
+    """An estimator with some other parameters."""
+    return clone(estimator).set_params(**params)
+
+
 def street(n, seed=0):
     """A part of a street in national coordinates, in millimeters, with copies and attributes."""
     xyz = np.round(_made(n, seed) + np.array([362_000, 5_157_000, 100]), 3)

@@ -9,12 +9,11 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from sklearn.base import clone
 
 from sklearn_mcmd.io import PointFileError, write_points
 from sklearn_mcmd.tiling import TilingError, _tasks, process_files
 from sklearn_mcmd.tiling._folder import WorkFolder
-from tiled import ESTIMATOR, goes_on, names_in, street
+from tiled import ESTIMATOR, but, goes_on, names_in, street
 
 SIZE = {"tile_size": 2_000}
 
@@ -141,7 +140,7 @@ def test_what_workers_of_a_killed_command_still_write_does_not_matter(
 
     monkeypatch.setattr(_tasks, "compute_cells", leave)
     with pytest.raises(TilingError, match="killed; what was done is kept"):
-        process_files(small_file, target, clone(ESTIMATOR).set_params(n_neighbors=k), **SIZE)
+        process_files(small_file, target, but(ESTIMATOR, n_neighbors=k), **SIZE)
     folder = tasks[0].keywords["job"].results.folder
     monkeypatch.undo()
     monkeypatch.setattr(_tasks, "part_of_cell", find)

@@ -5,7 +5,6 @@ import shutil
 
 import numpy as np
 import pytest
-from sklearn.base import clone
 
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.tiling import Catalog, TilingError, process_files
@@ -16,13 +15,14 @@ from tiled import (
     OUTLIERS,
     REGIONS,
     TREE,
+    but,
     goes_on,
     names_in,
     run_is_killed,
     street,
 )
 
-SHARE = clone(OUTLIERS).set_params(contamination=0.05)
+SHARE = but(OUTLIERS, contamination=0.05)
 HEIGHTS = {"mode": "mark", "above": -30.0, "below": 40.0, "low_groups": True}
 LIGHT = {"mode": "mark", "intensity": True}
 # The place at which a run is killed, after so many calls, and how many tiles are resumed then.
@@ -95,9 +95,9 @@ def change_a_byte(path, at, more=b"", replace=False):
 
 @pytest.mark.parametrize("change", ["parameters", "time", "replaced", "rewritten", "restart"])
 def test_other_parameters_or_inputs_begin_anew(small_file, ended, change):
-    estimator, stamps = clone(ESTIMATOR), Catalog(small_file).stamps
+    stamps, estimator = Catalog(small_file).stamps, ESTIMATOR
     if change == "parameters":
-        estimator.set_params(n_neighbors=20)
+        estimator = but(ESTIMATOR, n_neighbors=20)
     elif change == "time":
         os.utime(small_file, (1, 1))
     elif change == "replaced":  # what only its inode tells

@@ -23,12 +23,6 @@ def test_sizes_are_read_as_people_write_them(text, size):
     assert parse_memory(text) == size
 
 
-@pytest.mark.parametrize("text", ["much", "", "-2GB", "2XB", "0GB"])
-def test_what_is_no_size_is_refused(text):
-    with pytest.raises(ValueError, match="write it like 2GB"):
-        parse_memory(text)
-
-
 @pytest.mark.parametrize("memory", [6e8, 1e9, 4e9, 64e9])
 @pytest.mark.parametrize("whole", [0.0, 0.15])
 def test_all_processes_stay_within_the_memory_and_the_size_of_cells_does_not_depend_on_them(

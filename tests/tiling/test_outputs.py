@@ -7,13 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from sklearn.base import clone
 
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.tiling import TilingError, _outputs, _run, process_files
-from tiled import ESTIMATOR, OUTLIERS, goes_on, is_killed, names_in, street
+from tiled import ESTIMATOR, OUTLIERS, but, goes_on, is_killed, names_in, street
 
-DETECTOR = clone(OUTLIERS).set_params(contamination=0.05)
+DETECTOR = but(OUTLIERS, contamination=0.05)
 NAMES = ["a.las", "b.las"]
 SIZE = {"tile_size": 1_500}
 

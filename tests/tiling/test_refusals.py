@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from sklearn.base import clone
 from sklearn.ensemble import IsolationForest
 
 from sklearn_mcmd import (
@@ -13,48 +12,38 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.io import PointCloud, PointFileError
 from sklearn_mcmd.tiling import TilingError, _run, process_files
-from tiled import EDGES, ESTIMATOR, OUTLIERS, REGIONS, VERBS, names_in, street, written
+from tiled import EDGES, ESTIMATOR, OUTLIERS, REGIONS, VERBS, but, names_in, street, written
 
 N = 2_000
-
-
-def outliers(**params):
-    return clone(OUTLIERS).set_params(**params)
-
-
-def normals(**params):
-    return clone(ESTIMATOR).set_params(**params)
-
-
-def edges(**params):
-    return clone(EDGES).set_params(**params)
-
-
 NORMALS_OF_TEN = {"normal_estimator": RobustNormalEstimator(10)}
 ESTIMATORS = [
     (IsolationForest(), "IsolationForest cannot work by tiles"),
-    (outliers(n_neighbors=None), "n_neighbors=None"),
+    (but(OUTLIERS, n_neighbors=None), "n_neighbors=None"),
     (MCMDOutlierDetector(), "random_state"),
-    (outliers(cutoff=3, contamination=0.1), "exclude each other"),
-    (outliers(cutoff=3, false_positive_rate=0.1), "exclude each other"),
-    (outliers(false_positive_rate=1e-9), "less than the simulation"),
-    (outliers(strictness="much"), "strictness"),
-    (outliers(sensor_origin=np.zeros((5, 3))), "is one position"),
-    (normals(n_neighbors=None, orientation="mst"), "whole cloud"),
-    (normals(n_neighbors=None), "whole cloud"),
+    (but(OUTLIERS, cutoff=3, contamination=0.1), "exclude each other"),
+    (but(OUTLIERS, cutoff=3, false_positive_rate=0.1), "exclude each other"),
+    (but(OUTLIERS, false_positive_rate=1e-9), "less than the simulation"),
+    (but(OUTLIERS, strictness="much"), "strictness"),
+    (but(OUTLIERS, sensor_origin=np.zeros((5, 3))), "is one position"),
+    (but(ESTIMATOR, n_neighbors=None, orientation="mst"), "whole cloud"),
+    (but(ESTIMATOR, n_neighbors=None), "whole cloud"),
     (RobustNormalEstimator(), "random_state"),
-    (normals(orientation="sensor", sensor_origin=np.zeros((4, 3))), "one position by"),
-    (normals(orientation="sensor"), "needs sensor_origin"),
+    (but(ESTIMATOR, orientation="sensor", sensor_origin=np.zeros((4, 3))), "one position by"),
+    (but(ESTIMATOR, orientation="sensor"), "needs sensor_origin"),
     (RegionGrowing(normals="precomputed"), "precomputed"),
     (RegionGrowing(), "random_state"),
-    (clone(REGIONS).set_params(max_angle=100), "max_angle"),
+    (but(REGIONS, max_angle=100), "max_angle"),
     (SharpFeatureDetector(), "random_state"),
-    (edges(normals="precomputed"), "normals='precomputed'"),
-    (edges(threshold="mean"), "threshold='mean' is for eigenvalues"),
-    (edges(outlier_detector=IsolationForest()), "IsolationForest"),
-    (edges(criterion="removed_fraction", **NORMALS_OF_TEN), "needs the column removed_fraction"),
+    (but(EDGES, normals="precomputed"), "normals='precomputed'"),
+    (but(EDGES, threshold="mean"), "threshold='mean' is for eigenvalues"),
+    (but(EDGES, outlier_detector=IsolationForest()), "IsolationForest"),
+    (
+        but(EDGES, criterion="removed_fraction", **NORMALS_OF_TEN),
+        "needs the column removed_fraction",
+    ),
 ]
 CLASSES = [["6"], "6", [6.5], [600], [-1], [True], 7, [None]]
+NO_SIZES = ["much", "", "-2GB", "2XB", "0GB"]
 NO_LIST = "is no list of classes, whole numbers from"
 AT_ONE = [[0, 0, 1.0]] * N
 ORIGINS = [
@@ -64,8 +53,8 @@ ORIGINS = [
     (OUTLIERS, np.zeros((5, 3)), "has 5 positions, and the inputs have 2,000 points"),
     (OUTLIERS, "auto", "no position of the sensor is known"),
     (OUTLIERS, ([5.0, 6.0], np.zeros((2, 3))), "2,000 points were measured when there is no"),
-    (outliers(strictness=None), AT_ONE, "has no meaning where"),
-    (outliers(sensor_origin="origin"), "auto", "given twice"),
+    (but(OUTLIERS, strictness=None), AT_ONE, "has no meaning where"),
+    (but(OUTLIERS, sensor_origin="origin"), "auto", "given twice"),
     (ESTIMATOR, "auto", "orientation is not"),
     (EDGES, "auto", "no meaning for SharpFeatureDetector"),
 ]
@@ -79,10 +68,11 @@ OPTIONS = [
     (OUTLIERS, {"above": np.nan}, "must be a finite number, or None"),
     (OUTLIERS, {"below": "2"}, "must be a finite number, or None"),
     (OUTLIERS, {"intensity": True}, r"a\.las: intensity is asked for, but the inputs have none"),
-    (outliers(strictness=None), {"intensity": True}, "has no meaning where"),
+    (but(OUTLIERS, strictness=None), {"intensity": True}, "has no meaning where"),
     (ESTIMATOR, {"memory": "10MB"}, "too little"),
     *((ESTIMATOR, {"tile_size": n}, "^tile_size=.* must be") for n in (0, -5, 1.5, "2000", True)),
     *((ESTIMATOR, {"memory": n}, "^memory=.* must be") for n in (0, -1e9, np.nan, np.inf)),
+    *((ESTIMATOR, {"memory": text}, "write it like 2GB") for text in NO_SIZES),
     *((estimator, {"sensor_origin": given}, told) for estimator, given, told in ORIGINS),
 ]
 
@@ -139,7 +129,7 @@ def test_a_run_whose_inputs_do_not_let_it_end_says_why_and_leaves_nothing(tmp_pa
         pytest.warns(match="tile 0 failed .*: sensor_origin is where all points are: there are no"),
         pytest.raises(ValueError, match=r"^1 of 1 tiles failed$"),
     ):
-        process_files(path, tmp_path / "b.las", outliers(sensor_origin=[0, 0, 0]))
+        process_files(path, tmp_path / "b.las", but(OUTLIERS, sensor_origin=[0, 0, 0]))
     assert names_in(tmp_path) == ["a.las"]
 
 

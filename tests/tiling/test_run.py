@@ -6,11 +6,10 @@ import laspy
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from sklearn.base import clone
 
 from sklearn_mcmd.io import PointFileError, read_points, write_points
 from sklearn_mcmd.tiling import _process, _run, process_files
-from tiled import ESTIMATOR, OUTLIERS, REGIONS, VERBS, names_in, street, two_files
+from tiled import ESTIMATOR, OUTLIERS, REGIONS, VERBS, but, names_in, street, two_files
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -77,9 +76,7 @@ def test_estimators_have_plain_parameters_and_no_threads_of_their_own(monkeypatc
     """The folder of a run knows parameters by their repr; processes work beside each other."""
     verbs, report = [], SimpleNamespace(together="")
     monkeypatch.setattr(_process, "run_by_tiles", lambda verb, *_: verbs.append(verb) or report)
-    growing = clone(REGIONS).set_params(
-        n_neighbors=np.uint8(20), n_jobs=8, normal_estimator__n_jobs=-1
-    )
+    growing = but(REGIONS, n_neighbors=np.uint8(20), n_jobs=8, normal_estimator__n_jobs=-1)
     process_files(tmp_path / "a.las", tmp_path / "b.las", growing, n_jobs=2)
     (estimator,) = (verb.estimator for verb in verbs)
     assert type(estimator.n_neighbors) is int

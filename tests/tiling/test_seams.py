@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from sklearn.base import clone
 from sklearn.metrics import adjusted_rand_score
 
 from sklearn_mcmd import (
@@ -14,7 +13,7 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import read_points
-from tiled import EDGES, OUTLIERS, fit_in_memory, shining_street, street, values_of, written
+from tiled import EDGES, OUTLIERS, but, fit_in_memory, shining_street, street, values_of, written
 
 ESTIMATORS = [
     MCMDOutlierDetector(random_state=0),
@@ -98,7 +97,7 @@ def test_seams_of_a_street_are_small(estimator, by_tiles, tmp_path):
 def test_what_is_decided_of_all_cells_is_nearly_what_memory_decides(
     estimator, params, by_tiles, tmp_path
 ):
-    path, estimator = written(tmp_path, street(6_000)), clone(estimator).set_params(**params)
+    path, estimator = written(tmp_path, street(6_000)), but(estimator, **params)
     assert_seams_are_small(estimator, path, by_tiles, 2_000, small=True)
 
 

@@ -10,11 +10,7 @@ from flights import flight, of
 from sklearn_mcmd.io import PointCloud, Trajectory, read_points, sensor_origins, write_points
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.tiling import _outliers
-from tiled import ESTIMATOR, OUTLIERS, values_of, written
-
-
-def outliers(**params):
-    return clone(OUTLIERS).set_params(**params)
+from tiled import ESTIMATOR, OUTLIERS, but, values_of, written
 
 
 @pytest.fixture(scope="module")
@@ -66,14 +62,14 @@ def assert_nearly_memory(by_tiles):
     ids=str,
 )
 def test_outliers_with_one_position_are_those_of_memory(turn, assert_nearly_memory, params):
-    assert_nearly_memory(turn, outliers(**params).fit(read_points(turn).xyz), 100)
+    assert_nearly_memory(turn, but(OUTLIERS, **params).fit(read_points(turn).xyz), 100)
 
 
 @pytest.mark.parametrize("strictness", ["groups", None])
 def test_a_turn_is_recognized_as_in_memory(tmp_path, assert_nearly_memory, strictness):
     xyz = make_lidar_turn(4_000, random_state=0).data
     path = written(tmp_path, np.round(xyz[xyz.any(axis=1)], 3))  # without silent rays
-    detector = outliers(sensor_origin="auto", strictness=strictness)
+    detector = but(OUTLIERS, sensor_origin="auto", strictness=strictness)
     fitted = detector.fit(read_points(path).xyz)
     words = "" if strictness is None else "0, 0, 0 (a turn about the origin)"
     assert (fitted.sensor_origin_ is None) == (strictness is None)
@@ -86,7 +82,7 @@ def test_intensity_with_rays_is_judged_as_in_memory(turn, tmp_path, assert_nearl
     light = np.random.default_rng(0).integers(0, 300, len(xyz)).astype(np.uint16)
     light[np.linalg.norm(xyz, axis=1) < 5] //= 3
     path = written(tmp_path, PointCloud(xyz, {"intensity": light}))
-    detector, xyz = outliers(sensor_origin="origin"), read_points(path).xyz
+    detector, xyz = but(OUTLIERS, sensor_origin="origin"), read_points(path).xyz
     fitted, without = (clone(detector).fit(xyz, intensity=given) for given in (light, None))
     assert (fitted.scores_ != without.scores_).any()
     assert_nearly_memory(path, fitted, 100, intensity=True)
@@ -96,14 +92,14 @@ def test_outliers_along_a_trajectory_are_those_of_memory(drive, assert_nearly_me
     path, trajectory = drive
     cloud = read_points(path)
     origins = sensor_origins(cloud, trajectory)
-    fitted = outliers().fit(cloud.xyz, sensor_origin=origins)
+    fitted = clone(OUTLIERS).fit(cloud.xyz, sensor_origin=origins)
     for given in (trajectory, origins):
         assert_nearly_memory(path, fitted, 30, sensor_origin=given)
 
 
 def test_normals_look_at_where_the_sensor_was_for_each_copy_of_a_point(drive, by_tiles):
     path, trajectory = drive
-    estimator = clone(ESTIMATOR).set_params(orientation="sensor", features="mean_curvature")
+    estimator = but(ESTIMATOR, orientation="sensor", features="mean_curvature")
     origins = sensor_origins(read_points(path), trajectory)
     values, proven, _, _ = by_tiles(path, estimator, tile_size=1_200, sensor_origin=trajectory)
     fitted = estimator.fit(read_points(path).xyz, sensor_origin=origins)
@@ -123,7 +119,7 @@ def test_flight_lines_over_several_files_are_adjusted_together(tmp_path, assert_
         {name: np.concatenate([part.attributes[name] for part in parts]) for name in names},
         {"las_header": parts[0].metadata["las_header"]},
     )
-    fitted = outliers().fit(whole.xyz, sensor_origin=sensor_origins(whole))
+    fitted = clone(OUTLIERS).fit(whole.xyz, sensor_origin=sensor_origins(whole))
     assert_nearly_memory(paths, fitted, sensor_origin="auto")
 
 
@@ -133,7 +129,7 @@ def test_a_position_that_was_found_is_not_used_if_it_is_doubted(tmp_path, by_til
     monkeypatch.setattr(_outliers, "doubt_of", lambda *_: "it cannot be")
     with pytest.warns(UserWarning, match="it cannot be. It is not used"):
         values, _, _, report = by_tiles(path, OUTLIERS, sensor_origin="auto")
-    assert_array_equal(values, values_of(outliers().fit(read_points(path).xyz)))
+    assert_array_equal(values, values_of(clone(OUTLIERS).fit(read_points(path).xyz)))
     assert report.sensor == {"sensor": "not used", "doubt": "it cannot be"}
 
 
@@ -143,7 +139,7 @@ def test_a_trajectory_along_the_ground_is_doubted_and_used_as_in_memory(drive, b
     cloud, low = read_points(path), Trajectory(times, positions * [1, 1, 0])
     origins = sensor_origins(cloud, low)
     with pytest.warns(UserWarning, match="would be sheets of rays"):
-        fitted = outliers().fit(cloud.xyz, sensor_origin=origins)
+        fitted = clone(OUTLIERS).fit(cloud.xyz, sensor_origin=origins)
     where, n = place_words(origins, "trajectory"), fitted.n_by_rays_
     words = rows_of_sensor(where, fitted._cloud.ray_doubt, n)
     assert n > 100
