@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from commands import done
-from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.tiling import _heights, process_files
-from tiled import OUTLIERS, names_in
+from tiled import OUTLIERS
 
 NEAR = {"above": -0.5, "below": 6.0}
 GROUPS = {"low_groups": True}
@@ -72,14 +72,3 @@ def test_the_same_points_are_judged_and_the_same_groups_lie_below_the_ground(
     noise = np.isin(classes, (7, 18)) | np.isin(other, (7, 18))
     assert np.count_nonzero((classes != other)[noise]) <= 0.01 * np.count_nonzero(noise) + 2
     assert np.count_nonzero(noise) > 10
-
-
-def test_points_without_ground_or_at_other_heights_are_said(tmp_path):
-    a, c = tmp_path / "a.las", tmp_path / "c.las"
-    write_points(a, cloud := site())
-    with pytest.raises(PointFileError, match=r"no points are judged: .* or at other heights"):
-        process_files(a, c, OUTLIERS, above=1e6)
-    write_points(a, cloud.subset(cloud.attributes["classification"] != 2))
-    with pytest.raises(PointFileError, match=r"a\.las: .* fewer than 3 points have the class 2"):
-        process_files(a, c, OUTLIERS, low_groups=True, restart=True)
-    assert names_in(tmp_path) == ["a.las"]

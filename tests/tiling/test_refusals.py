@@ -64,7 +64,8 @@ OPTIONS = [
     (ESTIMATOR, {"mode": "mark"}, "mode='mark' has no meaning for RobustNormalEstimator"),
     *((OUTLIERS, {"only_classes": given}, f"^only_classes=.* {NO_LIST}") for given in CLASSES),
     (OUTLIERS, {"ignore_classes": [600]}, f"^ignore_classes=.* {NO_LIST}"),
-    *((OUTLIERS, {"only_classes": [2], "tile_size": n}, "all are withheld") for n in (400, 5_000)),
+    *((OUTLIERS, {"only_classes": [3], "tile_size": n}, "all are withheld") for n in (400, 5_000)),
+    (OUTLIERS, {"above": 1e6}, "no points are judged: .* or at other heights"),
     (OUTLIERS, {"above": np.nan}, "must be a finite number, or None"),
     (OUTLIERS, {"below": "2"}, "must be a finite number, or None"),
     (OUTLIERS, {"intensity": True}, r"a\.las: intensity is asked for, but the inputs have none"),
@@ -83,7 +84,8 @@ OPTIONS = [
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_what_cannot_work_is_refused_before_the_work(tmp_path, estimator, options, message):
-    path = written(tmp_path, PointCloud(street(N).xyz, {"gps_time": np.zeros(N)}))
+    known = {"gps_time": np.zeros(N), "classification": np.full(N, 2)}
+    path = written(tmp_path, PointCloud(street(N).xyz, known))
     with pytest.raises(ValueError, match=message):
         process_files(path, tmp_path / "b.las", estimator, **options)
     assert names_in(tmp_path) == ["a.las"]
