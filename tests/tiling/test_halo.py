@@ -94,11 +94,13 @@ def test_halos_of_wedges_are_narrow(tmp_path):
 
 
 def test_points_that_join_a_part_come_once_in_the_order_of_rows(tmp_path):
-    X, at = CLOUDS["street"](), np.arange(300)
+    X = CLOUDS["street"]()
     cells = cells_of(tmp_path, X)
     part = part_of_cell(cells, 2, K, HOPS, 0.0, 0.01)
-    more = cells.points(0)[at], np.asarray(cells.rows(0))[at], np.zeros(300, np.int32), at
+    home, at = part.homes[~part.own][0], np.arange(100)  # a cell of which it has points
+    more = cells.points(home)[at], np.asarray(cells.rows(home))[at], np.full(100, home), at
     joined = part.joined(*more)
+    assert np.isin(more[1], part.rows).any()
     assert_array_equal(joined.rows, np.union1d(part.rows, more[1]))
     assert_array_equal(joined.xyz, X[joined.rows])
     assert_array_equal(joined.rows[joined.own], cells.rows(2))
