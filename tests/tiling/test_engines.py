@@ -71,7 +71,8 @@ from sklearn_mcmd import *
 from sklearn_mcmd.tiling import process_files
 
 source, target, address, estimator = sys.argv[1:]
-with Client(address), joblib.parallel_config(backend="dask"):
+with Client(address) as client, joblib.parallel_config(backend="dask"):
+    client.wait_for_workers(2)  # with one, this process does the work
     process_files(source, target, eval(estimator), tile_size=700)
 """
 
@@ -154,7 +155,7 @@ def test_workers_that_are_killed_one_by_one_lose_nothing(street_file, tmp_path, 
 @pytest.mark.parametrize("whom", ["scheduler", "run"])
 def test_the_same_command_goes_on_when_all_else_was_killed(street_file, tmp_path, cluster, whom):
     source, expected = street_file
-    cluster.start_worker()
+    workers = [cluster.start_worker() for _ in range(2)]
     run = cluster.start_run(source, tmp_path / "out.laz")
     wait_for(tmp_path, 2, run)
     cluster.kill(cluster.scheduler if whom == "scheduler" else run)
@@ -162,7 +163,9 @@ def test_the_same_command_goes_on_when_all_else_was_killed(street_file, tmp_path
         assert run.wait(120) != 0  # it ends by itself
         assert "the same run goes on from there" in (cluster.folder / "log.txt").read_text()
         cluster.start_scheduler()
-        cluster.start_worker()
+        for worker in workers:
+            worker.wait(120)  # it ends, too
+            cluster.start_worker()
     assert cluster.start_run(source, tmp_path / "out.laz").wait(600) == 0
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
     assert names_in(tmp_path) == ["out.laz"]

@@ -88,7 +88,7 @@ def pickled(_):
     ("name", "damage", "said"),
     [
         ("manifest.json", lambda told: told[:-9], ""),
-        ("manifest.json", lambda told: told.replace(b"f", b"i"), ""),
+        ("manifest.json", lambda told: told.replace(b'"usual": 0.', b'"usual": 1.'), ""),
         ("cells/cells.npz", lambda _: b"PK", r"cells.npz: cannot be read.*begins anew"),
         ("*/*/0.results.npy", lambda stored: stored[:99], r"results.npy: cannot be .*begins anew"),
         ("*/*/0.results.npy", pickled, "results.npy: cannot be read.*begins anew"),
@@ -100,7 +100,9 @@ def test_a_run_that_meets_a_damaged_file_names_it_and_begins_anew(
     small_file, ended, name, damage, said
 ):
     (path,) = ended.with_name("out.las.tiles").glob(name)
-    path.write_bytes(damage(path.read_bytes()))
+    before = path.read_bytes()
+    path.write_bytes(damage(before))
+    assert path.read_bytes() != before
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         report = goes_on(small_file, ended, **SIZE)
