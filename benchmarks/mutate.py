@@ -103,6 +103,7 @@ def patch(file, source):
     """Put a changed file in place of the one in memory; whether that changes anything."""
     name, path, changed = file[:-3].replace("/", "."), str(ROOT / file), False
     module, new, functions = import_module(name), ModuleType(name), {False: [], True: []}
+    gc.unfreeze()  # the settings of tests hide what was collected
     exec(compile(source, path, "exec"), vars(new))
     for thing in gc.get_objects():
         if isinstance(thing, FunctionType) and thing.__code__.co_filename == path:
@@ -185,7 +186,7 @@ def draw_map(folder, *arguments):
     cover.stop()
     data, lines = cover.get_data(), {}
     for path in data.measured_files():
-        if path.endswith("_numba.py") == PYTHON:
+        if path.endswith(".py") and path.endswith("_numba.py") == PYTHON:
             statements = cover.analysis2(path)[1]
             lines[os.path.relpath(path, ROOT)] = data.contexts_by_lineno(path), statements
     kept = folder / f"map_{len(list(folder.glob('map_*')))}.json"

@@ -8,13 +8,30 @@ from functools import cache
 import numpy as np
 from sklearn.base import clone
 
-from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd import (
+    MCMDOutlierDetector,
+    RegionGrowing,
+    RobustNormalEstimator,
+    SharpFeatureDetector,
+)
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, read_points, write_points
+from sklearn_mcmd.tiling import process_files
 from sklearn_mcmd.tiling._verbs import normal_columns
 
 # Few neighbors, so that the halo of small cells is narrow.
 ESTIMATOR = RobustNormalEstimator(16, random_state=0)
+OUTLIERS = MCMDOutlierDetector(16, random_state=0)
+TREE = RobustNormalEstimator(16, orientation="mst", features="all", random_state=0)
+REGIONS = RegionGrowing(20, normal_estimator=RobustNormalEstimator(24, random_state=0))
+EDGES = SharpFeatureDetector(12, random_state=0)
+VERBS = {"outliers": OUTLIERS, "normals": ESTIMATOR, "tree": TREE, "regions": REGIONS}
+VERBS["edges"] = EDGES
+
+
+def but(estimator, **params):
+    """An estimator with some other parameters."""
+    return clone(estimator).set_params(**params)
 
 
 def street(n, seed=0):
@@ -27,6 +44,15 @@ def street(n, seed=0):
 @cache
 def _made(n, seed):
     return make_street(n, outlier_share=0.03, random_state=seed).data
+
+
+def shining_street(n):
+    """A street without copies, where stray points are dark."""
+    cloud, rng = street(n + 50).subset(slice(0, n)), np.random.default_rng(0)
+    off, xyz = cloud.xyz[:, 2] > 101.5, cloud.xyz.copy()
+    xyz[off] += rng.normal(0, 1.0, (off.sum(), 3))
+    light = np.where(off, rng.integers(0, 9, n), rng.integers(5, 200, n)).astype(np.uint16)
+    return PointCloud(np.round(xyz, 3), {"intensity": light})
 
 
 def written(folder, cloud):
@@ -48,6 +74,17 @@ def two_files(folder, cloud):
 
 def names_in(folder):
     return sorted(path.name for path in folder.iterdir())
+
+
+def goes_on(source, target, estimator=ESTIMATOR, **options):
+    """The report of a run, whose output is that of an undisturbed one, and nothing else is left."""
+    report = process_files(source, target, estimator, **options)
+    expected = target.with_name(f"expected{target.suffix}")
+    process_files(source, expected, estimator, **options)
+    assert target.read_bytes() == expected.read_bytes()
+    expected.unlink()
+    assert not list(target.parent.glob("*.tiles"))
+    return report
 
 
 def fit_in_memory(xyz, estimator=ESTIMATOR, **given):

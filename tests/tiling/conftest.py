@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.tiling import _run, _tasks, process_files
+from sklearn_mcmd.tiling import TilingError, _run, _tasks, process_files
 from sklearn_mcmd.tiling._halo import Part
-from tiled import street
+from tiled import ESTIMATOR, street
 
 
 @pytest.fixture
@@ -35,7 +35,8 @@ def by_tiles(monkeypatch, tmp_path):
 
     def run(source, estimator, **options):
         proofs.clear()
-        report = process_files(source, tmp_path / "out.las", estimator, n_jobs=1, **options)
+        target = tmp_path / ("out" if isinstance(source, list) else "out.las")
+        report = process_files(source, target, estimator, n_jobs=1, **options)
         proven = np.zeros(report.n_points, bool)
         for rows, are in proofs:
             proven[rows] = are
@@ -57,3 +58,13 @@ def failing(monkeypatch):
 
     monkeypatch.setattr(_tasks, "part_of_cell", part_of_cell)
     return cells
+
+
+@pytest.fixture
+def ended(small_file, tmp_path, failing):
+    """The output of a run that ended, of whose four tiles three are done."""
+    failing.add(1)
+    with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
+        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+    failing.clear()
+    return tmp_path / "out.las"

@@ -10,17 +10,21 @@ import time
 import joblib
 import pytest
 
-from sklearn_mcmd import RegionGrowing, SharpFeatureDetector
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.tiling import TilingError, _run, process_files
 from sklearn_mcmd.tiling._memory import plan_run, usual_memory
-from tiled import ESTIMATOR, street
+from tiled import ESTIMATOR, VERBS, goes_on, names_in, street
 
 dask, distributed = (pytest.importorskip(name) for name in ("dask", "distributed"))
 
 # A warning that is an error would be lost in a thread of dask, and the test would wait for it.
 pytestmark = pytest.mark.filterwarnings("default")
 LOCAL = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "threads_per_worker": 1}
+
+
+def kills(test):
+    """Marks of a test that kills processes."""
+    return pytest.mark.slow(pytest.mark.skipif(os.name != "posix", reason="kill -9")(test))
 
 
 @pytest.fixture
@@ -42,13 +46,12 @@ def client():
 # These workers are threads of one process, which leave their filters of warnings in any order: what
 # a tile ignores would be an error now and then.
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("kind", [SharpFeatureDetector, RegionGrowing])
-def test_tiles_on_dask_give_the_output_of_this_process(client, small_file, tmp_path, kind):
+@pytest.mark.parametrize("verb", ["edges", "regions"])
+def test_tiles_on_dask_give_the_output_of_this_process(client, small_file, tmp_path, verb):
     a, b = tmp_path / "a.las", tmp_path / "b.las"
-    estimator = kind(12, normal_estimator=ESTIMATOR, random_state=0)
-    process_files(small_file, a, estimator, tile_size=2_000)
+    process_files(small_file, a, VERBS[verb], tile_size=2_000)
     with joblib.parallel_config(backend="dask"):
-        report = process_files(small_file, b, estimator, tile_size=2_000)
+        report = process_files(small_file, b, VERBS[verb], tile_size=2_000)
     assert report.n_workers == 2
     assert a.read_bytes() == b.read_bytes()
 
@@ -68,7 +71,8 @@ from sklearn_mcmd import *
 from sklearn_mcmd.tiling import process_files
 
 source, target, address, estimator = sys.argv[1:]
-with Client(address), joblib.parallel_config(backend="dask"):
+with Client(address) as client, joblib.parallel_config(backend="dask"):
+    client.wait_for_workers(2)  # with one, this process does the work
     process_files(source, target, eval(estimator), tile_size=700)
 """
 
@@ -77,7 +81,8 @@ class Cluster:
     """A scheduler of dask and workers, each a process of its own, as on machines of their own."""
 
     def __init__(self, folder):
-        self.folder, self.address, self.processes = folder, None, []
+        self.folder, self.processes = folder, []
+        self.start_scheduler()
 
     def start(self, *command):
         with open(self.folder / "log.txt", "a") as log:
@@ -90,15 +95,15 @@ class Cluster:
             port = free.getsockname()[1]
         self.address = f"tcp://127.0.0.1:{port}"
         command = "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1"
-        return self.start(*command, "--port", str(port), "--no-dashboard")
+        self.scheduler = self.start(*command, "--port", str(port), "--no-dashboard")
 
     def start_worker(self):
         command = "-m", "distributed.cli.dask_worker", self.address, "--nthreads", "1"
         options = "--no-nanny", "--no-dashboard", "--memory-limit", "2GB", "--local-directory"
         return self.start(*command, *options, str(self.folder))
 
-    def start_run(self, source, target, estimator=ESTIMATOR):
-        return self.start("-c", RUN, source, target, self.address, repr(estimator))
+    def start_run(self, source, target):
+        return self.start("-c", RUN, source, target, self.address, repr(ESTIMATOR))
 
     def kill(self, process):
         process.send_signal(signal.SIGKILL)
@@ -122,20 +127,18 @@ def cluster(tmp_path_factory):
         cluster.kill(process)
 
 
-def wait_for(folder, n_tiles, run=None):
+def wait_for(folder, n_tiles, run):
     """Wait until so many tiles are done, as reports in the folder of a run say."""
     end = time.monotonic() + 600
     while len(list(folder.glob("*.tiles/results/*/*.fit.json"))) < n_tiles:
         assert time.monotonic() < end
-        assert run is None or run.poll() is None
+        assert run.poll() is None
         time.sleep(0.01)
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="kill -9")
+@kills
 def test_workers_that_are_killed_one_by_one_lose_nothing(street_file, tmp_path, cluster):
     source, expected = street_file
-    cluster.start_scheduler()
     workers = [cluster.start_worker() for _ in range(3)]
     run = cluster.start_run(source, tmp_path / "out.laz")
     for n_tiles in (1, 3, 5):
@@ -145,32 +148,30 @@ def test_workers_that_are_killed_one_by_one_lose_nothing(street_file, tmp_path, 
     assert run.wait(600) == 0
     assert "failed" not in (cluster.folder / "log.txt").read_text()
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
-    assert [path.name for path in tmp_path.iterdir()] == ["out.laz"]
+    assert names_in(tmp_path) == ["out.laz"]
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="kill -9")
+@kills
 @pytest.mark.parametrize("whom", ["scheduler", "run"])
 def test_the_same_command_goes_on_when_all_else_was_killed(street_file, tmp_path, cluster, whom):
     source, expected = street_file
-    scheduler = cluster.start_scheduler()
-    for _ in range(2):  # joblib gives no task to a single one
-        cluster.start_worker()
+    workers = [cluster.start_worker() for _ in range(2)]
     run = cluster.start_run(source, tmp_path / "out.laz")
     wait_for(tmp_path, 2, run)
-    cluster.kill(scheduler if whom == "scheduler" else run)
+    cluster.kill(cluster.scheduler if whom == "scheduler" else run)
     if whom == "scheduler":
         assert run.wait(120) != 0  # it ends by itself
         assert "the same run goes on from there" in (cluster.folder / "log.txt").read_text()
         cluster.start_scheduler()
-        cluster.start_worker()
+        for worker in workers:
+            worker.wait(120)  # it ends, too
+            cluster.start_worker()
     assert cluster.start_run(source, tmp_path / "out.laz").wait(600) == 0
     assert (tmp_path / "out.laz").read_bytes() == expected.read_bytes()
-    assert [path.name for path in tmp_path.iterdir()] == ["out.laz"]
+    assert names_in(tmp_path) == ["out.laz"]
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="kill -9")
+@kills
 def test_a_tile_that_kills_its_process_ends_the_run_with_one_line(
     small_file, tmp_path, monkeypatch
 ):
@@ -183,6 +184,4 @@ def test_a_tile_that_kills_its_process_ends_the_run_with_one_line(
         process_files(small_file, target, ESTIMATOR, tile_size=2_000, n_jobs=2)
     assert not target.exists()
     monkeypatch.undo()
-    process_files(small_file, target, ESTIMATOR, tile_size=2_000)
-    process_files(small_file, tmp_path / "expected.las", ESTIMATOR, tile_size=2_000)
-    assert target.read_bytes() == (tmp_path / "expected.las").read_bytes()
+    goes_on(small_file, target, tile_size=2_000)

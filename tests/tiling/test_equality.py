@@ -8,26 +8,13 @@ from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
 from benchmarks.simulators import make_airborne_scan
-from sklearn_mcmd import (
-    MCMDOutlierDetector,
-    RegionGrowing,
-    RobustNormalEstimator,
-    SharpFeatureDetector,
-)
+from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import read_points
 from sklearn_mcmd.tiling import process_files
-from tiled import fit_in_memory, street, values_of, written
+from tiled import EDGES, ESTIMATOR, VERBS, but, fit_in_memory, street, values_of, written
 
 AUTO = RobustNormalEstimator("auto", random_state=0)
-VERBS = {
-    "outliers": MCMDOutlierDetector(16, random_state=0),
-    "normals": RobustNormalEstimator(16, random_state=0),
-    "auto": AUTO,
-    "tree": RobustNormalEstimator(16, orientation="mst", features="all", random_state=0),
-    "regions": RegionGrowing(20, normal_estimator=RobustNormalEstimator(24, random_state=0)),
-    "edges": SharpFeatureDetector(12, random_state=0),
-}
 SCENES = {
     "street": lambda: street(4_000),
     "airborne": lambda: make_airborne_scan(4_000, random_state=0).data,
@@ -36,29 +23,35 @@ SCENES = {
     "lattice": lambda: np.random.default_rng(0).integers(0, 14, (4_000, 3)) * 0.25,
     "plane of equal steps": lambda: np.indices((64, 64, 1)).reshape(3, -1).T * 0.1,
 }
+PARAMS = [
+    {"method": "pca", "radius": 0.3},
+    {"radius": 0.15, "reweight": False, "orientation": [1.0, 2.0, 3.0]},
+    {"neighbor_planes": False, "features": "all"},
+    {"tangents": False, "n_neighbors": 20},
+    {"orientation": "sensor", "sensor_origin": [2.0, 2.0, 3.0]},
+]
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", [*VERBS, "auto"])
 @pytest.mark.parametrize("n", [3_000, 30])
 def test_one_cell_has_the_results_and_the_report_of_memory(verb, n, by_tiles, tmp_path):
-    path = written(tmp_path, street(n))
-    fitted = fit_in_memory(read_points(path).xyz, VERBS[verb])
-    values, proven, run, report = by_tiles(path, VERBS[verb])
+    path, estimator = written(tmp_path, street(n)), VERBS.get(verb, AUTO)
+    fitted = fit_in_memory(read_points(path).xyz, estimator)
+    values, proven, run, report = by_tiles(path, estimator)
     assert_array_equal(values, values_of(fitted))
     assert report.n_tiles == 1
     assert report.n_proven == report.n_points == proven.sum()
-    if isinstance(fitted, MCMDOutlierDetector):
+    if verb == "outliers":
         n_found = np.count_nonzero(fitted.scores_ < fitted.offset_)
         assert (run.cutoff, report.n_outliers) == (-fitted.offset_, n_found)
-    if isinstance(fitted, RegionGrowing):
+    if verb == "regions":
         assert list(report.largest) == fitted.region_sizes_[:20].tolist()
         assert report.n_inside == np.count_nonzero(fitted.labels_ >= 0)
-    if isinstance(fitted, SharpFeatureDetector):
+    if verb == "edges":
         assert (run.limit, report.n_outliers) == (fitted.offset_, (~fitted.inlier_mask_).sum())
 
 
-def assert_proven_normals_are_those_of_memory(by_tiles, path, estimator, tile_size):
-    """Returns the share of proven points."""
+def share_of_proven_normals_which_are_those_of_memory(by_tiles, path, estimator, tile_size):
     values, proven, _, report = by_tiles(path, estimator, tile_size=tile_size)
     assert report.n_proven == proven.sum()
     assert report.n_tiles >= report.n_points / tile_size
@@ -67,29 +60,18 @@ def assert_proven_normals_are_those_of_memory(by_tiles, path, estimator, tile_si
     return proven.mean()
 
 
-@pytest.mark.parametrize("verb", ["normals", "auto"])
-@pytest.mark.parametrize("scene", SCENES)
-def test_proven_normals_are_those_of_memory(verb, scene, by_tiles, tmp_path):
-    path = written(tmp_path, SCENES[scene]())
-    share = assert_proven_normals_are_those_of_memory(by_tiles, path, VERBS[verb], 1_500)
-    assert share > 0.9
-
-
 @pytest.mark.parametrize(
-    "params",
+    ("scene", "estimator"),
     [
-        {"method": "pca", "radius": 0.3},
-        {"radius": 0.15, "reweight": False, "orientation": [1.0, 2.0, 3.0]},
-        {"neighbor_planes": False, "features": "all"},
-        {"tangents": False, "n_neighbors": 20},
-        {"orientation": "sensor", "sensor_origin": [2.0, 2.0, 3.0]},
+        *((scene, estimator) for scene in SCENES for estimator in (ESTIMATOR, AUTO)),
+        *(("street", but(ESTIMATOR, **params)) for params in PARAMS),
     ],
     ids=str,
 )
-def test_proven_normals_are_those_of_memory_for_all_parameters(params, by_tiles, tmp_path):
-    path, estimator = written(tmp_path, street(4_000)), clone(VERBS["normals"])
-    estimator.set_params(**params)
-    assert assert_proven_normals_are_those_of_memory(by_tiles, path, estimator, 1_500) > 0.9
+def test_proven_normals_are_those_of_memory(scene, estimator, by_tiles, tmp_path):
+    path = written(tmp_path, SCENES[scene]())
+    share = share_of_proven_normals_which_are_those_of_memory(by_tiles, path, estimator, 1_500)
+    assert share > 0.9
 
 
 @st.composite
@@ -111,7 +93,7 @@ def clouds(draw):
 @settings(max_examples=20)
 def test_proven_normals_of_any_cloud_are_those_of_memory(X, tile_size, by_tiles, tmp_path):
     path = written(tmp_path, X)
-    assert_proven_normals_are_those_of_memory(by_tiles, path, VERBS["normals"], tile_size)
+    share_of_proven_normals_which_are_those_of_memory(by_tiles, path, ESTIMATOR, tile_size)
 
 
 @pytest.mark.parametrize("verb", ["outliers", "normals", "edges"])
@@ -127,6 +109,6 @@ def test_clouds_of_fewer_points_than_neighbors_are_warned_of_once_as_in_memory(v
 def test_clouds_of_which_hardly_anything_is_kept_are_refused_as_in_memory(tmp_path):
     path = written(tmp_path, street(1_500))
     cleaner = MCMDOutlierDetector(16, strictness="surfaces", cutoff=1e-9)
-    detector = clone(VERBS["edges"]).set_params(outlier_detector=cleaner)
+    detector = but(EDGES, outlier_detector=cleaner)
     with pytest.raises(ValueError, match=r"calls (\d+) of \1 points outliers"):
         process_files(path, tmp_path / "b.las", detector, tile_size=2_000)

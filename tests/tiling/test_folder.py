@@ -10,11 +10,12 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.io import PointFileError, write_points
 from sklearn_mcmd.tiling import TilingError, _tasks, process_files
 from sklearn_mcmd.tiling._folder import WorkFolder
-from tiled import ESTIMATOR, names_in, street
+from tiled import ESTIMATOR, but, goes_on, names_in, street
+
+SIZE = {"tile_size": 2_000}
 
 
 def everything_in(folder):
@@ -25,15 +26,19 @@ def everything_in(folder):
     }
 
 
+def assert_refused_with_all_as_it_was(tmp_path, source, error, match, target="out.las"):
+    before = everything_in(tmp_path)
+    with pytest.raises(error, match=match):
+        process_files(source, tmp_path / target, ESTIMATOR)
+    assert everything_in(tmp_path) == before
+
+
 @pytest.mark.parametrize("name", ["mine.txt", "results/a.las", "lock", "mark", "cells/ground"])
 def test_a_folder_that_no_run_has_made_stays_whatever_names_are_in_it(name, small_file, tmp_path):
     other = tmp_path / "out.las.tiles" / name
     other.parent.mkdir(parents=True)
     other.write_text("mine")
-    before = everything_in(tmp_path)
-    with pytest.raises(FileExistsError, match="in the way"):
-        process_files(small_file, tmp_path / "out.las", ESTIMATOR)
-    assert everything_in(tmp_path) == before
+    assert_refused_with_all_as_it_was(tmp_path, small_file, FileExistsError, "in the way")
 
 
 @pytest.mark.parametrize("is_left", [False, True])
@@ -44,11 +49,9 @@ def test_inputs_in_the_folder_of_temporary_files_are_refused_and_stay(is_left, t
     for path in (folder / "a.las", tmp_path / "other.las"):
         write_points(path, street(2_000))
     (tmp_path / "link.las").symlink_to(folder / "a.las")
-    before = everything_in(tmp_path)
+    told = r"lies in .*city.tiles, where temporary files"
     for source in (folder, [tmp_path / "other.las", tmp_path / "link.las"]):
-        with pytest.raises(PointFileError, match=r"lies in .*city.tiles, where temporary files"):
-            process_files(source, tmp_path / "city", ESTIMATOR)
-    assert everything_in(tmp_path) == before
+        assert_refused_with_all_as_it_was(tmp_path, source, PointFileError, told, "city")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need rights")
@@ -62,20 +65,7 @@ def test_no_link_is_followed_out_of_the_folder_of_temporary_files(name, small_fi
     if link.exists():
         link.rename(to := mine / "moved")
     link.symlink_to(to)
-    before = everything_in(tmp_path)
-    with pytest.raises(FileExistsError, match="is or holds a link"):
-        process_files(small_file, tmp_path / "out.las", ESTIMATOR)
-    assert everything_in(tmp_path) == before
-
-
-@pytest.fixture
-def ended(small_file, tmp_path, failing):
-    """The output of a run that ended, of whose four tiles three are done."""
-    failing.add(1)
-    with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
-        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
-    failing.clear()
-    return tmp_path / "out.las"
+    assert_refused_with_all_as_it_was(tmp_path, small_file, FileExistsError, "is or holds a link")
 
 
 def test_too_small_a_disk_is_said_but_a_run_that_goes_on_needs_no_room(
@@ -84,48 +74,40 @@ def test_too_small_a_disk_is_said_but_a_run_that_goes_on_needs_no_room(
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(9, 8, 1000))
     with pytest.raises(PointFileError, match="are free"):
         process_files(small_file, tmp_path / "other.las", ESTIMATOR)
-    assert process_files(small_file, ended, ESTIMATOR, tile_size=2_000).n_resumed == 3
+    assert process_files(small_file, ended, ESTIMATOR, **SIZE).n_resumed == 3
     assert names_in(tmp_path) == ["out.las", "small.las"]
 
 
-@pytest.mark.parametrize("damage", [lambda told: told[:-9], lambda told: told.replace(b"f", b"i")])
-def test_a_manifest_that_is_not_as_it_was_written_begins_anew(small_file, ended, tmp_path, damage):
-    manifest = tmp_path / "out.las.tiles" / "manifest.json"
-    manifest.write_bytes(damage(manifest.read_bytes()))
-    assert process_files(small_file, ended, ESTIMATOR, tile_size=2_000).n_resumed == 0
-    process_files(small_file, tmp_path / "e.las", ESTIMATOR, tile_size=2_000)
-    assert ended.read_bytes() == (tmp_path / "e.las").read_bytes()
+def pickled(_):
+    """What NumPy would run as code, if one let it."""
+    np.save(stored := io.BytesIO(), np.array([print, None]), allow_pickle=True)
+    return stored.getvalue()
 
 
 @pytest.mark.parametrize(
     ("name", "damage", "said"),
     [
+        ("manifest.json", lambda told: told[:-9], ""),
+        ("manifest.json", lambda told: told.replace(b'"usual": 0.', b'"usual": 1.'), ""),
         ("cells/cells.npz", lambda _: b"PK", r"cells.npz: cannot be read.*begins anew"),
         ("*/*/0.results.npy", lambda stored: stored[:99], r"results.npy: cannot be .*begins anew"),
-        ("*/*/0.results.npy", lambda _: pickled(), "results.npy: cannot be read.*begins anew"),
+        ("*/*/0.results.npy", pickled, "results.npy: cannot be read.*begins anew"),
         ("*/*/0.fit.json", lambda _: b"", ""),
         ("*/*/0.fit.json", lambda _: b"{", r"0.fit.json: cannot be read.*begins anew"),
     ],
 )
 def test_a_run_that_meets_a_damaged_file_names_it_and_begins_anew(
-    small_file, ended, tmp_path, name, damage, said
+    small_file, ended, name, damage, said
 ):
-    (path,) = (tmp_path / "out.las.tiles").glob(name)
-    path.write_bytes(damage(path.read_bytes()))
+    (path,) = ended.with_name("out.las.tiles").glob(name)
+    before = path.read_bytes()
+    path.write_bytes(damage(before))
+    assert path.read_bytes() != before
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        report = process_files(small_file, ended, ESTIMATOR, tile_size=2_000)
+        report = goes_on(small_file, ended, **SIZE)
     assert re.search(said, "; ".join(str(warning.message) for warning in caught))
     assert report.n_resumed == 0
-    process_files(small_file, tmp_path / "e.las", ESTIMATOR, tile_size=2_000)
-    assert ended.read_bytes() == (tmp_path / "e.las").read_bytes()
-    assert names_in(tmp_path) == ["e.las", "out.las", "small.las"]
-
-
-def pickled():
-    """What NumPy would run as code, if one let it."""
-    np.save(stored := io.BytesIO(), np.array([print, None]), allow_pickle=True)
-    return stored.getvalue()
 
 
 def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, monkeypatch):
@@ -142,11 +124,11 @@ def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, mon
 
 
 @pytest.mark.parametrize("k", [16, 12], ids=["same", "other"])
-def test_what_workers_of_a_killed_command_still_write_does_not_matter(small_file, tmp_path, k):
+def test_what_workers_of_a_killed_command_still_write_does_not_matter(
+    small_file, tmp_path, monkeypatch, k
+):
     """Those of the same run write the same; those of another, where nobody reads."""
-    target, expected = tmp_path / "out.las", tmp_path / "e.las"
-    process_files(small_file, expected, ESTIMATOR, tile_size=2_000)
-    tasks = []
+    target, tasks = tmp_path / "out.las", []
 
     def leave(task, cells, todo, n_workers):
         tasks.append(task)
@@ -158,15 +140,12 @@ def test_what_workers_of_a_killed_command_still_write_does_not_matter(small_file
                 tasks.pop()(0)
         return of(cells, cell, *args)
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_tasks, "compute_cells", leave)
-        orphan = RobustNormalEstimator(k, random_state=0)
-        with pytest.raises(TilingError, match="killed; what was done is kept"):
-            process_files(small_file, target, orphan, tile_size=2_000)
+    monkeypatch.setattr(_tasks, "compute_cells", leave)
+    with pytest.raises(TilingError, match="killed; what was done is kept"):
+        process_files(small_file, target, but(ESTIMATOR, n_neighbors=k), **SIZE)
     folder = tasks[0].keywords["job"].results.folder
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_tasks, "part_of_cell", find)
-        process_files(small_file, target, ESTIMATOR, tile_size=2_000)
-    assert target.read_bytes() == expected.read_bytes()
+    monkeypatch.undo()
+    monkeypatch.setattr(_tasks, "part_of_cell", find)
+    goes_on(small_file, target, **SIZE)
     assert not tasks
     assert not folder.exists()

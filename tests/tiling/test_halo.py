@@ -1,4 +1,4 @@
-"""Halos of cells: rings of neighbors, and the proof of what does not depend on points beyond."""
+"""Cells, and their halos: rings of neighbors, and the proof that no points beyond matter."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,11 @@ from scipy.spatial import cKDTree
 from benchmarks.simulators import make_lidar_turn
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
-from sklearn_mcmd.tiling._cells import Cells, CellWriter
+from sklearn_mcmd.tiling._cells import Cells, CellWriter, Levels
 from sklearn_mcmd.tiling._halo import part_of_cell
 
-K, HOPS = 8, 3
+K, HOPS, CAPACITY = 8, 3, 400
+WIDTH = 1.0  # of usual distances
 
 
 def far_parts():
@@ -20,16 +21,23 @@ def far_parts():
     return np.vstack([*parts, rng.uniform(-80, 80, (60, 3)), np.tile([[0, 500.0, 0]], (700, 1))])
 
 
+def turn():
+    X = make_lidar_turn(4_000, random_state=0).data
+    return X[X.any(axis=1)]
+
+
 CLOUDS = {
     "street": lambda: make_street(3_000, outlier_share=0.05, random_state=0).data,
     "far parts": far_parts,
     "copies": lambda: np.tile(np.random.default_rng(0).normal(0, 1, (1_000, 3)), (3, 1)),
+    "turn": turn,  # in wedges
 }
 
 
-def cells_of(folder, X, capacity=400, center=None):
-    writer = CellWriter(folder, capacity, center=center)
-    writer.add(X, np.arange(len(X)))
+def cells_of(folder, X, center=None):
+    writer = CellWriter(folder, CAPACITY, center=center)
+    for rows in np.array_split(np.arange(len(X)), 7):
+        writer.add(X[rows], rows)
     writer.close()
     return Cells(folder)
 
@@ -49,17 +57,24 @@ def rings_of(X, rows):
 def test_rings_of_proven_points_are_complete_however_small_the_first_margin_is(
     name, usual, tmp_path
 ):
-    """Each proven point has its rings of the whole cloud in the part, with the same neighbors."""
+    """Each proven point has its rings of the whole cloud in the part, with the same neighbors. A
+    part also has all points nearer than its width."""
     X, n_proven = CLOUDS[name](), 0
-    cells = cells_of(tmp_path, X)
+    cells = cells_of(tmp_path, X, np.zeros(3) if name == "turn" else None)
+    all_rows = np.concatenate([cells.rows(cell) for cell in range(len(cells))])
+    assert_array_equal(np.sort(all_rows), np.arange(len(X)))
+    assert np.sort(cells.counts)[-2] <= CAPACITY  # one place of 700 points is never divided
     for cell in range(len(cells)):
-        part = part_of_cell(cells, cell, K, HOPS, 0.0, usual)
+        part = part_of_cell(cells, cell, K, HOPS, WIDTH, usual)
         assert_array_equal(part.rows, np.sort(part.rows))
         assert_array_equal(part.xyz, X[part.rows])
         assert_array_equal(part.rows[part.own], cells.rows(cell))
         for home in np.unique(part.homes):
             of = part.homes == home
             assert_array_equal(cells.rows(home)[part.at[of]], part.rows[of])
+        places, wide = cells.places(X), WIDTH * usual
+        near = ((cells.low[cell] - wide < places) & (cells.high[cell] + wide > places)).all(axis=1)
+        assert not set(np.flatnonzero(near)) - set(part.rows)
         proven = part.proven(IndexedCloud(part.xyz), K, HOPS, 1)
         n_proven += np.count_nonzero(proven)
         needed, (distances, _), place = rings_of(X, part.rows[part.own][proven])
@@ -69,37 +84,30 @@ def test_rings_of_proven_points_are_complete_however_small_the_first_margin_is(
     assert n_proven > 0.3 * len(X)
 
 
-def test_a_turn_is_divided_in_wedges_whose_halos_are_narrow_and_proven(tmp_path):
-    X = make_lidar_turn(4_000, random_state=0).data
-    X = X[X.any(axis=1)]
-    cells, n_proven, sizes = cells_of(tmp_path, X, 1_000, np.zeros(3)), 0, []
-    for cell in range(len(cells)):
-        part = part_of_cell(cells, cell, K, HOPS, 0.0, 0.02)
-        proven = part.proven(IndexedCloud(part.xyz), K, HOPS, 1)
-        needed, *_ = rings_of(X, part.rows[part.own][proven])
-        assert not set(np.flatnonzero(needed)) - set(part.rows)
-        n_proven += np.count_nonzero(proven)
-        sizes.append(len(part.rows) / cells.counts[cell])
-    assert n_proven > 0.7 * len(X)
-    assert np.mean(sizes) < 2
+def test_halos_of_wedges_are_narrow(tmp_path):
+    X = turn()
+    cells = cells_of(tmp_path, X, np.zeros(3))
+    parts = [part_of_cell(cells, cell, K, HOPS, 0.0, 0.02) for cell in range(len(cells))]
+    proven = [part.proven(IndexedCloud(part.xyz), K, HOPS, 1) for part in parts]
+    assert np.concatenate(proven).mean() > 0.7
+    assert np.mean([len(part.rows) / part.own.sum() for part in parts]) < 2
 
 
 def test_points_that_join_a_part_come_once_in_the_order_of_rows(tmp_path):
     X = CLOUDS["street"]()
     cells = cells_of(tmp_path, X)
     part = part_of_cell(cells, 2, K, HOPS, 0.0, 0.01)
-    at = np.arange(300)
-    more = cells.points(0)[at], np.asarray(cells.rows(0))[at], np.zeros(300, np.int32), at
+    home, at = part.homes[~part.own][0], np.arange(100)  # a cell of which it has points
+    more = cells.points(home)[at], np.asarray(cells.rows(home))[at], np.full(100, home), at
     joined = part.joined(*more)
+    assert np.isin(more[1], part.rows).any()
     assert_array_equal(joined.rows, np.union1d(part.rows, more[1]))
     assert_array_equal(joined.xyz, X[joined.rows])
     assert_array_equal(joined.rows[joined.own], cells.rows(2))
 
 
-def test_a_part_has_all_points_nearer_than_its_width(tmp_path):
-    X = CLOUDS["street"]()
-    cells = cells_of(tmp_path, X)
-    part = part_of_cell(cells, 2, K, HOPS, 20.0, 0.02)
-    near = ((cells.low[2] - 0.4 < X) & (cells.high[2] + 0.4 > X)).all(axis=1)
-    assert near.sum() > 1.2 * cells.counts[2]
-    assert not set(np.flatnonzero(near)) - set(part.rows)
+def test_levels_of_parts_are_those_of_all_values_with_their_counts():
+    levels, values = Levels(), np.random.default_rng(0).integers(0, 50, 1000) / 4
+    for part in np.split(values, [300, 310, 600]):
+        levels.add(*np.unique(part, return_counts=True))
+    assert_array_equal(levels.merged(), np.unique(values, return_counts=True))

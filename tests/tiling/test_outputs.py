@@ -8,83 +8,96 @@ from pathlib import Path
 
 import pytest
 
-from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.tiling import TilingError, _outputs, _run, process_files
-from tiled import ESTIMATOR, is_killed, names_in, street
+from tiled import ESTIMATOR, OUTLIERS, but, goes_on, is_killed, names_in, street
 
-DETECTOR = MCMDOutlierDetector(16, contamination=0.05, random_state=0)
+DETECTOR = but(OUTLIERS, contamination=0.05)
 NAMES = ["a.las", "b.las"]
 SIZE = {"tile_size": 1_500}
 
 
 @pytest.fixture
-def drive(tmp_path):
-    """A function that makes a folder of two files."""
+def folder(tmp_path):
+    """Two files, which runs replace."""
+    return drive(tmp_path / "drive")
 
-    def make(name):
-        (tmp_path / name).mkdir()
-        for seed, file in enumerate(NAMES):
-            write_points(tmp_path / name / file, street(1_200, seed))
-        return tmp_path / name
 
-    return make
+def drive(folder):
+    folder.mkdir()
+    for seed, name in enumerate(NAMES):
+        write_points(folder / name, street(1_200, seed))
+    return folder
 
 
 def contents(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+    return [(folder / name).read_bytes() for name in NAMES]
 
 
-def end_at_second_output(monkeypatch, source, target, estimator=DETECTOR, **options):
-    """Interrupt a run when it begins the second of two outputs."""
-    real, calls = _outputs.parts_of, []
+@pytest.fixture
+def replaced(tmp_path):
+    """What a whole run makes of such files, and how many outliers it reports."""
+    report = process_files(drive(tmp_path / "whole"), tmp_path / "whole", DETECTOR, **SIZE)
+    return contents(tmp_path / "whole"), report.n_outliers
+
+
+def run_in_place(folder, **options):
+    """Returns what `replaced` has, and whether all tiles were resumed; nothing else is left."""
+    report = process_files(folder, folder, DETECTOR, **SIZE, **options)
+    assert not folder.with_name("drive.tiles").exists()
+    assert names_in(folder) == NAMES
+    return (contents(folder), report.n_outliers), report.n_resumed == report.n_tiles
+
+
+def end_at(owner, name, work, folder, monkeypatch):
+    """Let a run end where a function is called."""
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, work)
+        with pytest.raises(TilingError, match="kept in"):
+            process_files(folder, folder, DETECTOR, **SIZE)
+
+
+def test_inputs_are_kept_until_all_outputs_are_written(folder, replaced, monkeypatch):
+    real, calls, before = _outputs.parts_of, [], contents(folder)
 
     def end(*args):
         calls.append(args)
-        if len(calls) == 2:
+        if len(calls) == 2:  # at the second output
             raise KeyboardInterrupt
         return real(*args)
 
     with monkeypatch.context() as patch:
         patch.setattr(_outputs, "parts_of", end)
         with pytest.warns(match="kept in") as caught, pytest.raises(KeyboardInterrupt):
-            process_files(source, target, estimator, **SIZE, **options)
-        assert [warning.filename for warning in caught] == [__file__]
-
-
-@pytest.fixture
-def replaced(drive):
-    """A folder whose files a whole run has replaced, and its report."""
-    folder = drive("whole")
-    report = process_files(folder, folder, DETECTOR, **SIZE)
-    return contents(folder), report.n_outliers
-
-
-def test_inputs_are_kept_until_all_outputs_are_written(drive, replaced, monkeypatch):
-    folder = drive("early")
-    before = contents(folder)
-    end_at_second_output(monkeypatch, folder, folder)
-    assert {name: contents(folder)[name] for name in NAMES} == before
-    report = process_files(folder, folder, DETECTOR, **SIZE)
-    assert (contents(folder), report.n_outliers) == replaced
-    assert not folder.with_name("early.tiles").exists()
-
-
-def test_a_run_that_ended_between_two_moves_has_only_to_move(drive, replaced, monkeypatch):
-    folder = drive("early")
-    before, move = contents(folder), _outputs._move
-    with monkeypatch.context() as patch:
-        patch.setattr(_outputs, "_move", lambda moves: move(moves[:1]) or 1 / 0)
-        with pytest.raises(TilingError, match="kept in"):
             process_files(folder, folder, DETECTOR, **SIZE)
-    assert sum(contents(folder)[name] != before[name] for name in NAMES) == 1
-    for source, mode in ((folder, "mark"), (drive("others"), "drop")):
+    assert [warning.filename for warning in caught] == [__file__]
+    assert contents(folder) == before
+    assert run_in_place(folder) == (replaced, True)
+
+
+def test_a_run_that_ended_between_two_moves_has_only_to_move(
+    folder, replaced, tmp_path, monkeypatch
+):
+    before, move = contents(folder), _outputs._move
+    end_at(_outputs, "_move", lambda moves: move(moves[:1]) or 1 / 0, folder, monkeypatch)
+    assert sum(new != old for new, old in zip(contents(folder), before, strict=True)) == 1
+    for source, mode in ((folder, "mark"), (drive(tmp_path / "others"), "drop")):
         with pytest.raises(TilingError, match="had replaced some of its inputs"):
             process_files(source, folder, DETECTOR, mode=mode, **SIZE)
-    report = process_files(folder, folder, DETECTOR, **SIZE)
-    assert (contents(folder), report.n_outliers) == replaced
-    assert report.n_resumed == report.n_tiles
-    assert not folder.with_name("early.tiles").exists()
+    assert run_in_place(folder) == (replaced, True)
+
+
+def test_a_damaged_list_of_moves_is_told_before_inputs_are_judged_again(
+    folder, replaced, monkeypatch
+):
+    end_at(_outputs, "_move", lambda moves: 1 / 0, folder, monkeypatch)
+    moves = folder.with_name("drive.tiles") / "moves.json"
+    stored = bytearray(moves.read_bytes())
+    stored[-40] ^= 1
+    moves.write_bytes(stored)
+    with pytest.raises(TilingError, match=r"moves\.json: is damaged, and some inputs"):
+        process_files(folder, folder, DETECTOR, **SIZE)
+    assert run_in_place(folder, restart=True) == (replaced, False)
 
 
 # A process that is killed at the n-th call of the system that changes names.
@@ -111,13 +124,10 @@ folder.remove()
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are forked")
 def test_outputs_in_place_are_not_judged_again_wherever_the_removal_is_killed(
-    drive, replaced, monkeypatch, tmp_path
+    folder, replaced, monkeypatch, tmp_path
 ):
-    folder, work, kept = drive("early"), tmp_path / "early.tiles", tmp_path / "kept"
-    with monkeypatch.context() as patch:
-        patch.setattr(_run.WorkFolder, "remove", lambda _: 1 / 0)
-        with pytest.raises(TilingError, match="kept in"):
-            process_files(folder, folder, DETECTOR, **SIZE)
+    work, kept = tmp_path / "drive.tiles", tmp_path / "kept"
+    end_at(_run.WorkFolder, "remove", lambda _: 1 / 0, folder, monkeypatch)
     assert contents(folder) == replaced[0]
     for path in [path for path in work.glob("*/*.*") if path.is_file()][4:]:
         path.unlink()  # a few are enough
@@ -125,19 +135,17 @@ def test_outputs_in_place_are_not_judged_again_wherever_the_removal_is_killed(
     n, n_resumed = 0, 0
     while is_killed(REMOVAL, folder, n):
         if work.exists():  # else the run was at its end
-            report = process_files(folder, folder, DETECTOR, **SIZE)
-            n_resumed += report.n_resumed == report.n_tiles
-            assert (contents(folder), report.n_outliers) == replaced
-        assert not work.exists()
+            found, is_resumed = run_in_place(folder)
+            assert found == replaced
+            n_resumed += is_resumed
         n += 1
         shutil.copytree(kept, work)
     assert n > n_resumed > 5
 
 
-def test_an_output_may_be_a_link_to_another_disk(drive, tmp_path, monkeypatch):
-    source, rename = drive("in"), os.replace
+def test_an_output_may_be_a_link_to_another_disk(folder, tmp_path, monkeypatch):
+    rename, target = os.replace, tmp_path / "out.las"
     (tmp_path / "disk").mkdir()
-    target = tmp_path / "out.las"
     target.symlink_to(tmp_path / "disk" / "out.las")
 
     def rename_on_one_disk(old, new):
@@ -146,27 +154,6 @@ def test_an_output_may_be_a_link_to_another_disk(drive, tmp_path, monkeypatch):
         rename(old, new)
 
     monkeypatch.setattr(os, "replace", rename_on_one_disk)
-    process_files(source / "a.las", target, ESTIMATOR, **SIZE)
-    monkeypatch.undo()
-    process_files(source / "a.las", tmp_path / "expected.las", ESTIMATOR, **SIZE)
+    goes_on(folder / "a.las", target, ESTIMATOR, **SIZE)
     assert target.is_symlink()
-    assert target.read_bytes() == (tmp_path / "expected.las").read_bytes()
     assert names_in(tmp_path / "disk") == ["out.las"]
-
-
-def test_a_damaged_list_of_moves_is_told_before_inputs_are_judged_again(
-    drive, replaced, monkeypatch
-):
-    folder = drive("early")
-    with monkeypatch.context() as patch:
-        patch.setattr(_outputs, "_move", lambda moves: 1 / 0)
-        with pytest.raises(TilingError, match="kept in"):
-            process_files(folder, folder, DETECTOR, **SIZE)
-    moves = folder.with_name("early.tiles") / "moves.json"
-    stored = bytearray(moves.read_bytes())
-    stored[-40] ^= 1
-    moves.write_bytes(stored)
-    with pytest.raises(TilingError, match=r"moves\.json: is damaged, and some inputs"):
-        process_files(folder, folder, DETECTOR, **SIZE)
-    process_files(folder, folder, DETECTOR, restart=True, **SIZE)
-    assert contents(folder) == replaced[0]

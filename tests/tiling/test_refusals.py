@@ -12,50 +12,72 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.io import PointCloud, PointFileError
 from sklearn_mcmd.tiling import TilingError, _run, process_files
-from tiled import ESTIMATOR, names_in, street, written
+from tiled import EDGES, ESTIMATOR, OUTLIERS, REGIONS, VERBS, but, names_in, street, written
 
-SEED = {"random_state": 0}
-OUTLIERS = MCMDOutlierDetector(16, **SEED)
-EDGES = SharpFeatureDetector(12, **SEED)
+N = 2_000
 NORMALS_OF_TEN = {"normal_estimator": RobustNormalEstimator(10)}
-MANY = np.zeros((4, 3))
 ESTIMATORS = [
     (IsolationForest(), "IsolationForest cannot work by tiles"),
-    (MCMDOutlierDetector(None, **SEED), "n_neighbors=None"),
+    (but(OUTLIERS, n_neighbors=None), "n_neighbors=None"),
     (MCMDOutlierDetector(), "random_state"),
-    (MCMDOutlierDetector(cutoff=3, contamination=0.1, **SEED), "exclude each other"),
-    (MCMDOutlierDetector(cutoff=3, false_positive_rate=0.1, **SEED), "exclude each other"),
-    (MCMDOutlierDetector(false_positive_rate=1e-9, **SEED), "less than the simulation"),
-    (MCMDOutlierDetector(strictness="much", **SEED), "strictness"),
-    (RobustNormalEstimator(None, orientation="mst", **SEED), "whole cloud"),
-    (RobustNormalEstimator(None, **SEED), "whole cloud"),
+    (but(OUTLIERS, cutoff=3, contamination=0.1), "exclude each other"),
+    (but(OUTLIERS, cutoff=3, false_positive_rate=0.1), "exclude each other"),
+    (but(OUTLIERS, false_positive_rate=1e-9), "less than the simulation"),
+    (but(OUTLIERS, strictness="much"), "strictness"),
+    (but(OUTLIERS, sensor_origin=np.zeros((5, 3))), "is one position"),
+    (but(ESTIMATOR, n_neighbors=None, orientation="mst"), "whole cloud"),
+    (but(ESTIMATOR, n_neighbors=None), "whole cloud"),
     (RobustNormalEstimator(), "random_state"),
-    (RobustNormalEstimator(orientation="sensor", sensor_origin=MANY, **SEED), "one position by"),
+    (but(ESTIMATOR, orientation="sensor", sensor_origin=np.zeros((4, 3))), "one position by"),
+    (but(ESTIMATOR, orientation="sensor"), "needs sensor_origin"),
     (RegionGrowing(normals="precomputed"), "precomputed"),
     (RegionGrowing(), "random_state"),
-    (RegionGrowing(max_angle=100, **SEED), "max_angle"),
+    (but(REGIONS, max_angle=100), "max_angle"),
     (SharpFeatureDetector(), "random_state"),
-    (SharpFeatureDetector(normals="precomputed", **SEED), "normals='precomputed'"),
-    (SharpFeatureDetector(threshold="mean", **SEED), "threshold='mean' is for eigenvalues"),
-    (SharpFeatureDetector(outlier_detector=IsolationForest(), **SEED), "IsolationForest"),
+    (but(EDGES, normals="precomputed"), "normals='precomputed'"),
+    (but(EDGES, threshold="mean"), "threshold='mean' is for eigenvalues"),
+    (but(EDGES, outlier_detector=IsolationForest()), "IsolationForest"),
     (
-        SharpFeatureDetector(criterion="removed_fraction", **NORMALS_OF_TEN, **SEED),
+        but(EDGES, criterion="removed_fraction", **NORMALS_OF_TEN),
         "needs the column removed_fraction",
     ),
 ]
-NO_CLASSES = [["6"], "6", [6.5], [600], [-1], [True], 7, [None]]
+CLASSES = [["6"], "6", [6.5], [600], [-1], [True], 7, [None]]
+NO_SIZES = ["much", "", "-2GB", "2XB", "0GB"]
 NO_LIST = "is no list of classes, whole numbers from"
+AT_ONE = [[0, 0, 1.0]] * N
+ORIGINS = [
+    (OUTLIERS, "here", "'here' must be 'auto'"),
+    (OUTLIERS, (0.0, 0.0, 10.0), r"shape \(n, 3\), got \(3,\); give one position"),
+    (OUTLIERS, np.full((N, 3), np.nan), "sensor_origin contains NaN"),
+    (OUTLIERS, np.zeros((5, 3)), "has 5 positions, and the inputs have 2,000 points"),
+    (OUTLIERS, "auto", "no position of the sensor is known"),
+    (OUTLIERS, ([5.0, 6.0], np.zeros((2, 3))), "2,000 points were measured when there is no"),
+    (but(OUTLIERS, strictness=None), AT_ONE, "has no meaning where"),
+    (but(OUTLIERS, sensor_origin="origin"), "auto", "given twice"),
+    (ESTIMATOR, "auto", "orientation is not"),
+    (EDGES, "auto", "no meaning for SharpFeatureDetector"),
+]
 OPTIONS = [
     (OUTLIERS, {"mode": "keep"}, "mode='keep' must be"),
     (OUTLIERS, {"colors": True}, "colors=True has no meaning for MCMDOutlierDetector"),
     (ESTIMATOR, {"mode": "mark"}, "mode='mark' has no meaning for RobustNormalEstimator"),
-    *((OUTLIERS, {"only_classes": given}, f"^only_classes=.* {NO_LIST}") for given in NO_CLASSES),
+    *((OUTLIERS, {"only_classes": given}, f"^only_classes=.* {NO_LIST}") for given in CLASSES),
     (OUTLIERS, {"ignore_classes": [600]}, f"^ignore_classes=.* {NO_LIST}"),
+    *(
+        (OUTLIERS, {"only_classes": [3], "tile_size": n}, r"a\.las: no .* withheld")
+        for n in (400, 5_000)
+    ),
+    (OUTLIERS, {"above": 1e6}, "no points are judged: .* or at other heights"),
     (OUTLIERS, {"above": np.nan}, "must be a finite number, or None"),
     (OUTLIERS, {"below": "2"}, "must be a finite number, or None"),
+    (OUTLIERS, {"intensity": True}, r"a\.las: intensity is asked for, but the inputs have none"),
+    (but(OUTLIERS, strictness=None), {"intensity": True}, "has no meaning where"),
     (ESTIMATOR, {"memory": "10MB"}, "too little"),
     *((ESTIMATOR, {"tile_size": n}, "^tile_size=.* must be") for n in (0, -5, 1.5, "2000", True)),
     *((ESTIMATOR, {"memory": n}, "^memory=.* must be") for n in (0, -1e9, np.nan, np.inf)),
+    *((ESTIMATOR, {"memory": text}, "write it like 2GB") for text in NO_SIZES),
+    *((estimator, {"sensor_origin": given}, told) for estimator, given, told in ORIGINS),
 ]
 
 
@@ -65,7 +87,8 @@ OPTIONS = [
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_what_cannot_work_is_refused_before_the_work(tmp_path, estimator, options, message):
-    path = written(tmp_path, street(2_000))
+    known = {"gps_time": np.zeros(N), "classification": np.full(N, 2)}
+    path = written(tmp_path, PointCloud(street(N).xyz, known))
     with pytest.raises(ValueError, match=message):
         process_files(path, tmp_path / "b.las", estimator, **options)
     assert names_in(tmp_path) == ["a.las"]
@@ -95,32 +118,23 @@ def test_a_target_that_cannot_be_is_refused_before_the_work(tmp_path, names, tar
     assert names_in(tmp_path) == ["a.las", "other.ply", "x"]
 
 
-@pytest.mark.parametrize("size", [400, 5_000])
-def test_a_run_whose_points_are_all_left_out_is_refused(size, tmp_path):
-    path = written(tmp_path, street(1_000))
-    with pytest.raises(PointFileError, match=r"a\.las: no points are judged: all are withheld"):
-        process_files(path, tmp_path / "b.las", OUTLIERS, only_classes=[2], tile_size=size)
-    assert names_in(tmp_path) == ["a.las"]
-
-
-@pytest.mark.parametrize("estimator", [OUTLIERS, ESTIMATOR, EDGES, RegionGrowing(**SEED)])
+@pytest.mark.parametrize("verb", VERBS)
 @pytest.mark.parametrize("size", [1, None])
-def test_too_few_points_for_a_plane_are_refused_and_leave_nothing(size, estimator, tmp_path):
+def test_too_few_points_for_a_plane_are_refused_and_leave_nothing(size, verb, tmp_path):
     path = written(tmp_path, street(5_000).xyz[[0, 100, 500]])
     with pytest.raises(ValueError, match=r"^n_samples=3 is too few for planes in 3D: at least 4"):
-        process_files(path, tmp_path / "b.las", estimator, tile_size=size)
+        process_files(path, tmp_path / "b.las", VERBS[verb], tile_size=size)
     assert names_in(tmp_path) == ["a.las"]
 
 
 def test_a_run_whose_inputs_do_not_let_it_end_says_why_and_leaves_nothing(tmp_path):
     """It says of no other run that it goes on: none would."""
     path = written(tmp_path, np.zeros((20, 3)))
-    detector = MCMDOutlierDetector(16, sensor_origin=[0, 0, 0], **SEED)
     with (
         pytest.warns(match="tile 0 failed .*: sensor_origin is where all points are: there are no"),
         pytest.raises(ValueError, match=r"^1 of 1 tiles failed$"),
     ):
-        process_files(path, tmp_path / "b.las", detector)
+        process_files(path, tmp_path / "b.las", but(OUTLIERS, sensor_origin=[0, 0, 0]))
     assert names_in(tmp_path) == ["a.las"]
 
 
