@@ -185,13 +185,14 @@ class CloudVerb:
 
     def _print_plan(self, catalog, estimator):
         """Print tiles, memory and time; the time is measured with the first points."""
+        from sklearn_mcmd.tiling._base import warm_up
         from sklearn_mcmd.tiling._memory import (
             bytes_in_memory,
             bytes_of_point,
             plan_run,
             usual_memory,
         )
-        from sklearn_mcmd.tiling._run import DISK_POINT, warm_up
+        from sklearn_mcmd.tiling._run import DISK_POINT
 
         if catalog is None and self.source.suffix.lower() not in TILED:
             raise PointFileError(f"{self.source}: --dry-run is for {TILED_NAMES}")

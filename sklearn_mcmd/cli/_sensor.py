@@ -54,7 +54,7 @@ class Asked(NamedTuple):
 
     def cost(self):
         """What one process has of each point for the positions, as of `plan_run`."""
-        from sklearn_mcmd.tiling._sensor_origins import COSTS
+        from sklearn_mcmd.tiling._beside import COSTS
 
         if self.trajectory is not None:
             return COSTS["trajectory"]

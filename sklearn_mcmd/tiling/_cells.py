@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
-from sklearn_mcmd.tiling._files import HEADERS, in_place_of
+from sklearn_mcmd.tiling._files import HEADERS, append, appended, in_place_of
 
 BOXES = "cells.npz"
 # How cells are cut; only the time depends on it.
@@ -51,8 +50,8 @@ class CellWriter:
                     if chosen.any():
                         waiting.append((new, xyz[chosen], places[chosen], rows[chosen]))
                 continue
-            _append(_points(self.folder, node), xyz, np.float64)
-            _append(_rows(self.folder, node), rows, self.dtype)
+            append(_points(self.folder, node), xyz)
+            append(_rows(self.folder, node), rows, self.dtype)
             self.counts[node] += len(xyz)
             extent = self.extents[node]
             # Axis by axis takes a twentieth of the time.
@@ -123,16 +122,11 @@ class Cells:
     def points(self, cell):
         """The points of a cell in the order of the inputs."""
         path = _points(self.folder, self._names[cell])
-        xyz = np.fromfile(path)
-        if len(xyz) != 3 * self.counts[cell]:
-            raise PointFileError(f"{path}: is damaged; begin anew (restart)")
-        return xyz.reshape(-1, 3)
+        return np.array(appended(path, (self.counts[cell], 3)))
 
     def rows(self, cell):
         """The numbers of a cell's points, on disk: their rows in the inputs, ascending."""
-        path = _rows(self.folder, self._names[cell])
-        with one_clear_line(path, "read"):
-            return np.memmap(path, self._dtype, "r", shape=(self.counts[cell],))
+        return appended(_rows(self.folder, self._names[cell]), self.counts[cell], self._dtype)
 
     def places(self, xyz):
         """Where points are for the boxes: the points, or their directions from the center."""
@@ -181,11 +175,6 @@ def _points(folder, name):
 
 def _rows(folder, name):
     return folder / f"{name}.rows"
-
-
-def _append(path, values, dtype):
-    with one_clear_line(path, "written"), open(path, "ab") as file:
-        file.write(np.ascontiguousarray(values, dtype).data)  # unlike tofile, it says why it fails
 
 
 def _best_cut(places):

@@ -166,12 +166,16 @@ def write_json(path, content):
         temporary.write_text(f"{_digest(content)}\n{content}")
 
 
-def key_of(estimator, *known):
-    """A hash of an estimator and all else that results depend on."""
+def key_of(verb, paths, *known):
+    """A hash of a verb, of the files behind paths, and of all else that results depend on."""
     from sklearn_mcmd import __version__
 
-    params = sorted(estimator.get_params().items())
-    return _digest(repr((__version__, type(estimator).__name__, params, *known)))
+    name, params = type(verb.estimator).__name__, sorted(verb.estimator.get_params().items())
+    paths, of_verb = (
+        list(map(os.path.realpath, paths)),
+        (verb.content, verb.sensor and verb.sensor.key),
+    )
+    return _digest(repr((__version__, name, params, of_verb, paths, *known)))
 
 
 def _digest(content):

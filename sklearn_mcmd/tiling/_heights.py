@@ -28,7 +28,7 @@ class GroundWriter(CellWriter):
         if len(xyz):
             self.add(flat(xyz), xyz[:, 2])
 
-    def close(self, path):
+    def close(self, folder, path):
         """As above; an error that names the path, if there is too little ground."""
         with one_clear_line(path, "read"):
             check_ground(self.n_points)
@@ -54,22 +54,22 @@ def find_heights(cell, job, limits):
     return found
 
 
-def judge_groups(results, cells, memory):
+def judge_groups(run):
     """Write how deep the groups of points below the ground lie; all are in memory at once."""
-    n_below = sum(len(results.mapped(cell, "below")) for cell in cells)
-    if (needed := PROCESS + BELOW_POINT * n_below) > memory:
+    n_below = sum(len(below) for below in run.found("below"))
+    if (needed := PROCESS + BELOW_POINT * n_below) > run.memory:
         raise ParameterError(
             f"{n_below:,} points lie below the ground, whose groups take about "
-            f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory, "
+            f"{needed / 1e6:.0f}MB, more than $memory={run.memory / 1e6:.0f}MB; give more memory, "
             "check the ground (class 2), or leave groups below it out (low_groups)"
         )
-    parts = [results.read(cell, "below") for cell in cells]
+    parts = list(run.found("below"))
     below, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
-    depths = group_depths(below[:, 1:4], below[:, 4], below[:, 5])
-    for cell, part, own in zip(cells, parts, np.split(depths, ends[:-1]), strict=True):
-        found = np.zeros((len(results.mapped(cell, "judged")), 1))
+    depths = np.split(group_depths(below[:, 1:4], below[:, 4], below[:, 5]), ends[:-1])
+    for cell, (part, own) in enumerate(zip(parts, depths, strict=True)):
+        found = np.zeros((run.cells.counts[cell], 1))
         found[part[:, 0].astype(int), 0] = own
-        results.keep(cell, "depths", {"depths": found})
+        run.results.keep(cell, "depths", {"depths": found})
 
 
 def _nearest_ground(cells, xyz):
