@@ -73,18 +73,18 @@ class TiledRun(NamedTuple):
 class TiledVerb(ABC):
     """What one verb knows of its estimator, which has one job a tile; `run_by_tiles` does all else.
 
-    `steps` are the estimator and all in it that ask for neighbors. `content` distinguishes outputs
+    What else it takes are options of `process_files` that mean something to it. `steps` are the
+    estimator and all in it that ask for neighbors. `content` distinguishes outputs
     of one estimator. With a choice, some points are used.
     """
 
-    options: tuple[str, ...] = ()  # those of `process_files` that mean something to it
     task = "fit"  # which has done a tile that an earlier run had finished
     names = ("results",)  # of the arrays of cells whose columns outputs are made of
-    sensor: SensorPath | None = None  # where it was for each point, if at more than one place
     center: Sequence[float] | None = None  # the one position, if all were measured from there
 
     def __init__(self, *steps, content="", choice=None):
         self.estimator, self.steps, self.content, self.choice = steps[0], steps, content, choice
+        self.sensor = SensorPath(None)  # where it was for each point, if at more than one place
 
     @property
     def n_neighbors(self):
@@ -99,7 +99,7 @@ class TiledVerb(ABC):
     def beside(self, folder):
         """What else is kept beside the cells of a folder while points are read: objects with
         ``take(cloud, chosen, path)`` and ``close(folder, path)``."""
-        return [] if self.sensor is None else [self.sensor]
+        return [self.sensor] * self.sensor.moves
 
     def measure_fit(self, xyz):
         """A fit to some points, of which the memory is measured."""

@@ -35,6 +35,7 @@ from sklearn_mcmd.tiling._memory import PART
 ORIGINS, LIGHT = "origins", "light"
 # What one process takes of each point, in bytes, because it does so.
 COSTS = {
+    None: (0.0, ""),
     "positions": (24.0, "holds positions for"),
     "trajectory": (30.0, "keeps the times of"),
     "angles": (300.0, "adjusts the flight lines of"),
@@ -47,14 +48,17 @@ BEAMS_AT_ONCE = 100_000  # that are followed at once
 class SensorPath:
     """A sensor with more than one position: what `process_files` gets, and what points add to it.
 
-    `given` is "auto", a `Trajectory` or a tuple of arrays, or positions (n, 3). `kind` is "angles",
-    "trajectory" or "positions", as `plan_run` has it, and `key` a hash of what was given.
+    `given` is "auto", a `Trajectory` or a tuple of arrays, positions (n, 3), or None, where it has
+    one at most. `kind` is "angles", "trajectory", "positions" or None, and `key` a hash of what was
+    given. `costs` are bytes of each point, and why, as of `plan_run`.
     """
 
     def __init__(self, given):
         self._parts, self._n, self._sees = [], 0, False
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
-        if isinstance(given, str):
+        if given is None:
+            self.kind, self.given, arrays = None, given, ()
+        elif isinstance(given, str):
             if given != "auto":
                 raise ValueError(
                     f"sensor_origin={given!r} must be 'auto', a trajectory, or positions of all "
@@ -73,15 +77,11 @@ class SensorPath:
                     "give one position to the estimator."
                 )
             self.kind, arrays = "positions", (self.given,)
-        content = hashlib.sha256(self.kind.encode())
+        self.moves, self.costs = self.kind is not None, COSTS[self.kind]
+        content = hashlib.sha256(str(self.kind).encode())
         for values in arrays:
             content.update(np.ascontiguousarray(values))
         self.key = content.hexdigest()
-
-    @property
-    def costs(self):
-        """Bytes of each point, and why, as of `plan_run`."""
-        return COSTS[self.kind]
 
     def check(self, n_points):
         """Raise if there are positions of another number of points."""
@@ -135,10 +135,10 @@ class SensorPath:
 
 
 def sensor_path(estimator, given):
-    """The `SensorPath` that is given beside an estimator, or None."""
+    """The `SensorPath` that is given beside an estimator."""
     if given is not None and estimator.sensor_origin is not None:
         raise ValueError("sensor_origin is given twice: by the estimator, and to process_files.")
-    return None if given is None else SensorPath(given)
+    return SensorPath(given)
 
 
 def stored_origins(folder):

@@ -45,22 +45,27 @@ AGAIN = "again"  # the task that finds scores without the rays that the first ha
 class TiledOutliers(TiledVerb):
     """Outliers; points without scores are kept."""
 
-    options = (
-        *("mode", "ignore_classes", "only_classes", "above", "below", "low_groups"),
-        *("sensor_origin", "intensity"),
-    )
-
     names = ("scores",)
 
     def __init__(
-        self, estimator, mode, ignore_classes, only_classes, sensor_origin, intensity, **heights
+        self,
+        estimator,
+        mode="drop",
+        ignore_classes=(),
+        only_classes=(),
+        above=None,
+        below=None,
+        low_groups=False,
+        sensor_origin=None,
+        intensity=False,
     ):
         if mode not in choices_of(Mode):
             raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
         check_estimator(estimator, MCMDOutlierDetector)
         estimator._check_choices(None, True if intensity else None)
         choice = Choice(ignore_classes, only_classes)
-        self.mode, self.limits, self.intensity = mode, HeightRange.of(**heights), intensity
+        self.mode, self.intensity = mode, intensity
+        self.limits = HeightRange.of(above, below, low_groups)
         content = f"{mode} {choice} {self.limits} {intensity}"
         super().__init__(estimator, content=content, choice=choice)
         self.sensor = sensor_path(estimator, sensor_origin)
@@ -72,7 +77,7 @@ class TiledOutliers(TiledVerb):
             if is_denoised(read_header(path)):
                 warn_caller(denoised_before(path))
         self.detector, self.seen_as = recognized(self.estimator, catalog, self.choice)
-        if self.sensor is not None:  # any position will do; those of angles are doubted
+        if self.sensor.moves:  # any position will do; those of angles are doubted
             origin = "auto" if self.sensor.kind == "angles" else "origin"
             self.detector = clone(self.detector).set_params(sensor_origin=origin)
         elif self.detector.sensor_origin is not None:
@@ -122,7 +127,7 @@ class TiledOutliers(TiledVerb):
             judge_groups(run)
 
     def _find_scores(self, run):
-        moves = self.sensor is not None
+        moves = self.sensor.moves
         if moves:
             run.work("beams", find_beams)
         self._judge(run, self.task, self.scoring, moves, seen=bool(self.seen_as))
@@ -195,8 +200,8 @@ class TiledOutliers(TiledVerb):
         """The rows of a report on the sensor."""
         if self.detector.sensor_origin is None:
             return {}
-        words = self.seen_as or SOURCES[self.sensor and self.sensor.kind]
-        positions = self.center[None] if self.sensor is None else stored_origins(run.cells.folder)
+        words = self.seen_as or SOURCES[self.sensor.kind]
+        positions = stored_origins(run.cells.folder) if self.sensor.moves else self.center[None]
         where = place_words(positions, words) if self.by_rays else ""
         n = sum(n_by_rays(raised, self.cutoff) for raised in run.found("raised"))
         return rows_of_sensor(where, self.doubt, n)

@@ -33,7 +33,6 @@ SUMS = [("distinct", "f8"), ("usual", "f8"), ("reach", "f8"), ("covariance", "f8
 class TiledRegions(TiledVerb):
     """Regions of cells, joined where they share points."""
 
-    options = ("colors", "regions")
     names = ("final",)
 
     def __init__(self, estimator, colors, regions):

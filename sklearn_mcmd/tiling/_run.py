@@ -118,8 +118,7 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
         with _kept(folder):
             if not restart and (report := resume_moves(verb, catalog, targets, folder)):
                 return RunReport(**report)._replace(n_resumed=report["n_tiles"])
-            if verb.sensor is not None:
-                verb.sensor.check(catalog.n_points)
+            verb.sensor.check(catalog.n_points)
             for step in verb.steps:
                 check_work(step, catalog.n_points)
             verb.prepare(catalog)
@@ -179,9 +178,8 @@ def _put_in_cells(verb, catalog, folder, restart, memory, n_jobs, tile_size):
     """Read all points once, unless an earlier run has, if that was the same; returns the `Plan`."""
     inodes = [path.stat().st_ino for path in catalog.paths]  # of replaced files of equal stamps
     folder.begin(key_of(verb, catalog.paths, catalog.stamps, inodes, tile_size), restart)
-    whole, k = (0.0, "") if verb.sensor is None else verb.sensor.costs, verb.n_neighbors
-    asked = catalog.n_points, memory
-    known = folder.constants
+    asked, known = (catalog.n_points, memory), folder.constants
+    whole, k = verb.sensor.costs, verb.n_neighbors
     if known is not None:
         return plan_run(*asked, n_jobs, known["tile_size"], known["point"], *whole, n_neighbors=k)
     check_memory(*asked, least_bytes_of_point(k), *whole, n_neighbors=k)  # before it takes long

@@ -30,19 +30,16 @@ NORMAL_COLUMNS = (
     *("eigenvalue_0", "eigenvalue_1", "eigenvalue_2", "removed_fraction"),
 )
 HOPS_MORE = 4  # of edges: planes of what is left once outliers are removed, and their creases
-NO_HEIGHTS = {"above": None, "below": None, "low_groups": False}  # of a detector that cleans
 
 
 class TiledNormals(TiledVerb):
     """Normals; their sides may agree along a tree through all cells."""
 
-    options = ("sensor_origin",)
-
     def __init__(self, estimator, sensor_origin):
         check_estimator(estimator, BaseLocalPlanes)
         super().__init__(estimator)
         self.sensor = sensor_path(estimator, sensor_origin)
-        if self.sensor is not None and getattr(estimator, "orientation", None) != "sensor":
+        if self.sensor.moves and getattr(estimator, "orientation", None) != "sensor":
             raise ValueError('sensor_origin is given but orientation is not "sensor".')
         if has_tree(estimator):  # which may turn the sides of a cell
             features = with_flipped(check_features(estimator.features))
@@ -52,18 +49,18 @@ class TiledNormals(TiledVerb):
             self.fitted = estimator
 
     def prepare(self, catalog):
-        known = {} if self.sensor is None else {"sensor_origin": "origin"}  # any position will do
+        known = {"sensor_origin": "origin"} if self.sensor.moves else {}  # any position will do
         self.names_written, self.names_found = (
             normal_columns(warm_up(clone(one).set_params(**known), 1_500))[0]
             for one in (self.estimator, self.fitted)
         )
 
     def measure_fit(self, xyz):
-        given = {} if self.sensor is None else {"sensor_origin": xyz.max(axis=0) + 1.0}
+        given = {"sensor_origin": xyz.max(axis=0) + 1.0} if self.sensor.moves else {}
         clone(self.fitted).fit(xyz, **given)
 
     def find(self, run):
-        given = partial(with_beside, moves=self.sensor is not None)
+        given = partial(with_beside, moves=self.sensor.moves)
         run.fit(self.task, self.fitted, keep_normals, hops_of(self.estimator), given=given)
         if has_tree(self.estimator):
             sides_of_cells(run, self.names_found)
@@ -114,8 +111,6 @@ def normal_columns(fitted):
 class TiledEdges(TiledVerb):
     """Edges of what a detector leaves."""
 
-    options = ("colors",)
-
     def __init__(self, estimator, colors):
         check_estimator(estimator, SharpFeatureDetector)
         self.detector, normals = steps_of(estimator)  # no detector if nothing is removed
@@ -133,9 +128,7 @@ class TiledEdges(TiledVerb):
             self.seen = bool(recognized(self.detector, catalog)[1])
             if share_to_flag(self.detector) or self.detector.false_positive_rate:
                 # The cutoff is that of all cells.
-                self.cleaning = TiledOutliers(
-                    self.detector, "drop", (), (), None, False, **NO_HEIGHTS
-                )
+                self.cleaning = TiledOutliers(self.detector)
                 self.cleaning.task = "clean"
                 self.cleaning.prepare(catalog)
 

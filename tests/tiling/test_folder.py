@@ -101,10 +101,10 @@ def test_a_manifest_that_is_not_as_it_was_written_begins_anew(small_file, ended,
     ("name", "damage", "said"),
     [
         ("cells/cells.npz", lambda _: b"PK", r"cells.npz: cannot be read.*begins anew"),
-        ("*/*/0.results.npy", lambda stored: stored[:99], r"results.npy: cannot be .*begins anew"),
-        ("*/*/0.results.npy", lambda _: pickled(), "results.npy: cannot be read.*begins anew"),
-        ("*/*/0.fit.json", lambda _: b"", ""),
-        ("*/*/0.fit.json", lambda _: b"{", r"0.fit.json: cannot be read.*begins anew"),
+        ("*/0.results.npy", lambda stored: stored[:99], r"results.npy: cannot be .*begins anew"),
+        ("*/0.results.npy", lambda _: pickled(), "results.npy: cannot be read.*begins anew"),
+        ("*/0.fit.json", lambda _: b"", ""),
+        ("*/0.fit.json", lambda _: b"{", r"0.fit.json: cannot be read.*begins anew"),
     ],
 )
 def test_a_run_that_meets_a_damaged_file_names_it_and_begins_anew(
