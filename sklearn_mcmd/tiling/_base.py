@@ -23,6 +23,8 @@ from sklearn_mcmd.tiling._files import CellResults
 from sklearn_mcmd.tiling._memory import WARM_UP, Plan
 from sklearn_mcmd.tiling._tasks import Job, fit_cell, run_tasks
 
+# Of a `Job` that asks for no fit.
+IDLE = {"estimator": None, "keep": None, "given": with_beside, "hops": 0, "width": 0.0}
 HOPS = 5  # of planes: neighbors agree on them in two, then noise, bends and edges ask again
 HOPS_OF_SIZES = 17  # where noise decides how many neighbors each has
 
@@ -39,25 +41,18 @@ class TiledRun(NamedTuple):
     plan: Plan
     memory: float  # bytes that the run may take
 
-    def fit(self, task, estimator, keep, hops, width=0.0, given=with_beside, **told):
-        """Fit an estimator to all cells, as of `Job`; `told` are fields of its `Whole`."""
-        self.work(task, fit_cell, estimator, keep, hops, width, given, **told)
-
-    def work(self, task, work, estimator=None, keep=None, hops=0, width=0.0, given=None, **told):
-        """Do a task, ``work(cell, job)``, on all cells."""
+    def do(self, task, work=fit_cell, told=None, **fields):
+        """Do a task, ``work(cell, job)``, on all cells; `fields` are of its `Job`, and `told` are
+        those of its `Whole`."""
         known = self.constants
         job = Job(
             points=self.cells.folder,
             found=self.results.folder,
-            estimator=estimator,
-            whole=Whole(self.cells.n_points, known["dtype"], known["step"], **told),
+            whole=Whole(self.cells.n_points, known["dtype"], known["step"], **told or {}),
             n_neighbors=known["n_neighbors"],
-            hops=hops,
-            width=width,
             usual=known["usual"],
-            keep=keep,
-            given=given,
             n_threads=self.plan.n_threads,
+            **IDLE | fields,
         )
         run_tasks(task, work, job, self.plan.n_workers)
 

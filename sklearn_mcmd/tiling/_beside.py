@@ -156,13 +156,13 @@ class LightWriter:
         self._folder, self._n, self._levels, self._not_finite = folder, 0, {}, set()
 
     def take(self, cloud, chosen, path):
-        """Take the next points in the order of the inputs; those `chosen`, or all, are judged."""
+        """Take the next points in the order of the inputs; those `chosen` are judged."""
         for name, values in lights_in(cloud.attributes).items():
             self._fill(name)
             append(self._folder / name, values)
-            values = values if chosen is None else values[chosen]
-            self._levels.setdefault(name, Levels()).add(*np.unique(values, return_counts=True))
-            if not np.isfinite(values).all():
+            levels = self._levels.setdefault(name, Levels())
+            levels.add(*np.unique(values[chosen], return_counts=True))
+            if not np.isfinite(values[chosen]).all():
                 self._not_finite.add(name)
         self._n += len(cloud)
 
@@ -259,8 +259,7 @@ def recognized(detector, catalog, choice=None):
         return detector, ""
 
     def parts():
-        for _, cloud, chosen in parts_of(catalog.paths, choice):
-            yield cloud.xyz if chosen is None else cloud.xyz[chosen]
+        return (cloud.xyz[chosen] for _, cloud, chosen in parts_of(catalog.paths, choice))
 
     words = "" if detector.strictness is None else view_from_origin(parts)
     return clone(detector).set_params(sensor_origin="auto" if words else None), words

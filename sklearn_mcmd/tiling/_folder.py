@@ -60,11 +60,8 @@ class WorkFolder:
         A key tells of inputs and parameters. A worker that another run has left works on, maybe,
         but in the folder of its key: where there is none, its results are nowhere.
         """
-        # Only results of this key are met here.
         self.key, self.results = key, self.path / f"results-{key[:16]}"
-        # An empty report counts as not done; other damage is met where files are read.
-        is_whole = all(file.stat().st_size for file in self.results.glob("*.json"))
-        self.goes_on = is_whole and not anew and read_json(self._manifest).get("key") == key
+        self.goes_on = not anew and read_json(self._manifest).get("key") == key
         if not self.goes_on:
             self._empty()
             self.moves.unlink(missing_ok=True)

@@ -41,12 +41,14 @@ def flat(xyz):
 
 
 def find_heights(cell, job, limits):
-    """Which points of a cell are judged, and those that lie below the ground: their numbers, and
-    coordinates, how deep, and the distance in plan of the third nearest ground point."""
+    """Depths below the ground of a cell's points, 0, and NaN of those that are not judged; and of
+    those that may belong to groups below it: their numbers, and coordinates, how deep, and the
+    distance in plan of the third nearest ground point."""
     xyz = job.cells.points(cell)
     away, near = _nearest_ground(Cells(job.points / GROUND), xyz)
     judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
-    found = {"judged": judged[:, None], "n_judged": int(np.count_nonzero(judged))}
+    found = {"n_judged": int(np.count_nonzero(judged))}
+    found["depths"] = np.where(judged, 0.0, np.nan)[:, None]
     if limits.low_groups:
         depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]
         rows = np.flatnonzero(judged & (depth > away))
@@ -67,7 +69,7 @@ def judge_groups(run):
     below, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
     depths = np.split(group_depths(below[:, 1:4], below[:, 4], below[:, 5]), ends[:-1])
     for cell, (part, own) in enumerate(zip(parts, depths, strict=True)):
-        found = np.zeros((run.cells.counts[cell], 1))
+        found = run.results.read(cell, "depths")
         found[part[:, 0].astype(int), 0] = own
         run.results.keep(cell, "depths", {"depths": found})
 

@@ -70,7 +70,7 @@ class TiledOutliers(TiledVerb):
         super().__init__(estimator, content=content, choice=choice)
         self.sensor = sensor_path(estimator, sensor_origin)
         if self.limits is not None:
-            self.names = "scores", "judged", *["depths"] * self.limits.low_groups
+            self.names = "scores", "depths"
 
     def prepare(self, catalog):
         for path in catalog.paths:
@@ -88,9 +88,9 @@ class TiledOutliers(TiledVerb):
         cutoffs = dict.fromkeys(("cutoff", "false_positive_rate", "contamination"))
         self.scoring = clone(self.detector).set_params(**cutoffs)
         origin = None if self.detector.sensor_origin is None else "origin"
-        self.cutoff = -warm_up(clone(self.scoring).set_params(sensor_origin=origin)).offset_
-        if self.detector.cutoff is not None:
-            self.cutoff = float(self.detector.cutoff)
+        fitted = warm_up(clone(self.scoring).set_params(sensor_origin=origin))
+        given = self.detector.cutoff
+        self.cutoff = -fitted.offset_ if given is None else float(given)
 
     def beside(self, folder):
         light = [LightWriter(folder)] if self.intensity else []
@@ -107,19 +107,18 @@ class TiledOutliers(TiledVerb):
 
     def find(self, run):
         self.n_used = self.n_judged = run.cells.n_points
-        by_height = self.limits is not None
-        ends = (0.0, 0.1 * by_height, 1.0)
-        if by_height:
-            with progress_part(*ends[:2], "heights"):
+        begin = 0.0 if self.limits is None else 0.1
+        if self.limits is not None:
+            with progress_part(0.0, begin, "heights"):
                 self._find_heights(run)
-        with progress_part(*ends[1:], "outliers"):
+        with progress_part(begin, 1.0, "outliers"):
             self._find_scores(run)
         self._find_cutoff(run)
         if self.mode == "mark":
             self.lowest = self._lowest(run)
 
     def _find_heights(self, run):
-        run.work("heights", partial(find_heights, limits=self.limits))
+        run.do("heights", partial(find_heights, limits=self.limits))
         self.n_judged = sum(report["n_judged"] for report in run.reports("heights"))
         if not self.n_judged:
             raise PointFileError(f"{run.catalog.paths[0]}: {NONE_JUDGED}")
@@ -127,30 +126,28 @@ class TiledOutliers(TiledVerb):
             judge_groups(run)
 
     def _find_scores(self, run):
-        moves = self.sensor.moves
+        moves, origin = self.sensor.moves, self.detector.sensor_origin
         if moves:
-            run.work("beams", find_beams)
+            run.do("beams", find_beams)
         self._judge(run, self.task, self.scoring, moves, seen=bool(self.seen_as))
         sheets = np.sum([report["sheets"] for report in run.reports(self.task)], axis=0)
-        self.doubt, self.by_rays = (
-            doubt_of(*sheets.tolist()),
-            self.detector.sensor_origin is not None,
-        )
-        warn_of_doubt(self.doubt, not is_auto(self.detector.sensor_origin))
-        if self.doubt and is_auto(self.detector.sensor_origin):
+        self.doubt, self.by_rays = doubt_of(*sheets.tolist()), origin is not None
+        warn_of_doubt(self.doubt, not is_auto(origin))
+        if self.doubt and is_auto(origin):
             self.by_rays = False
             self._judge(run, AGAIN, clone(self.scoring).set_params(sensor_origin=None), False)
 
-    def _judge(self, run, task, scoring, moves, **known):
+    def _judge(self, run, task, scoring, moves, **told):
         """Find scores; with intensity, points that a first fit finds isolated tell how far it
         tells in the whole cloud."""
         given = partial(with_beside, moves=moves, beams=moves, shines=self.intensity)
+        asked = {"estimator": scoring, "hops": HOPS, "width": WIDTH, "given": given}
         if self.intensity:
             with progress_part(0.0, 0.5):
-                run.fit(f"light of {task}", scoring, keep_light, HOPS, WIDTH, given, **known)
-            known["telling"] = telling_of(list(run.found("isolated")))
+                run.do(f"light of {task}", told=told, keep=keep_light, **asked)
+            told["telling"] = telling_of(list(run.found("isolated")))
         with progress_part(0.5 * self.intensity, 1.0):
-            run.fit(task, scoring, keep_scores, HOPS, WIDTH, given, **known)
+            run.do(task, told=told, keep=keep_scores, **asked)
 
     def _find_cutoff(self, run):
         """Find the score beyond which points are outliers, where it is not given."""
@@ -228,18 +225,10 @@ class TiledOutliers(TiledVerb):
 
 
 def _judged(values):
-    """Scores, NaN of points that are not judged, and the depths of groups below the ground.
-
-    Values are scores, and, where heights are asked for, whether points are judged, and depths.
-    """
-    scores, depths = values[:, 0], np.zeros(len(values))
-    if values.shape[1] > 2:
-        depths = values[:, 2]
-        scores = np.maximum(scores, depths)
-    if values.shape[1] > 1:
-        scores = np.where(values[:, 1] == 1, scores, np.nan)
-        depths = np.where(values[:, 1] == 1, depths, np.nan)
-    return scores, depths
+    """Scores, NaN of points that are not judged, and the depths of groups below the ground."""
+    scores, *depths = values.T
+    depths = depths[0] if depths else np.zeros(len(values))
+    return np.maximum(scores, depths), depths
 
 
 def keep_light(job, cell, part, fitted, cloud):

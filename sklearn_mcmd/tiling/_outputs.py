@@ -9,8 +9,6 @@ import os
 import shutil
 from pathlib import Path
 
-import numpy as np
-
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing, sync_names
@@ -74,13 +72,13 @@ def write_outputs(run, verb):
     catalog, targets, results, first, total = run.catalog, run.targets, verb.results(run), 0, 0.0
     joined = len(targets) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
+    stamps = dict(zip(catalog.paths, catalog.stamps, strict=True))
     for i, place in enumerate(_places_of(targets, run.outputs)):
-        inputs = range(len(catalog)) if joined else [i]
-        for j in inputs:
-            with one_clear_line(catalog.paths[j], "read"):
-                if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
+        n_written, paths = 0, catalog.paths if joined else [catalog.paths[i]]
+        for path in paths:
+            with one_clear_line(path, "read"):
+                if stamp_of(path) != stamps[path]:
                     raise PointFileError("has changed since it was read")
-        n_written, paths = 0, [catalog.paths[j] for j in inputs]
         with replacing(place) as temporary, writing_parts(temporary) as write:
             parts = ahead(_made(verb, results, paths, first, header))
             for n, measured, made, marked in parts:
@@ -97,7 +95,7 @@ def _made(verb, results, paths, first, header):
     """Of each part of files, from the row `first` on: points, what is measured, what to write."""
     for path, cloud, chosen in parts_of(paths, verb.choice):
         n, xyz = len(cloud), cloud.xyz
-        values = results.take(first, n, n if chosen is None else np.count_nonzero(chosen))
+        values = results.take(first, n, len(xyz[chosen]))
         first += n
         if header is not None:
             with one_clear_line(path, "read"):

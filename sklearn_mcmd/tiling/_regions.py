@@ -52,7 +52,8 @@ class TiledRegions(TiledVerb):
     def find(self, run):
         keep = partial(keep_regions, with_table=bool(self.table))
         growing = PartGrowing(**self.estimator.get_params(deep=False))
-        run.fit(self.task, growing, keep, hops_of(self.normals) + HOPS_MORE, WIDTH)
+        asked = {"hops": hops_of(self.normals) + HOPS_MORE, "width": WIDTH}
+        run.do(self.task, estimator=growing, keep=keep, **asked)
         counts = [report["n_regions"] for report in run.reports(self.task)]
         starts, sizes = np.cumsum([0, *counts]), [np.empty(0)]
         for labels, n in zip(run.found("results"), counts, strict=True):

@@ -207,7 +207,7 @@ class Sample:
     def __init__(self, verb, catalog):
         self._verb, parts = verb, []
         for _, cloud, chosen in parts_of(catalog.paths, verb.choice):
-            parts.append(cloud.xyz if chosen is None else cloud.xyz[chosen])
+            parts.append(cloud.xyz[chosen])
             if sum(map(len, parts)) > max(MEASURED):
                 break
         self.xyz = np.concatenate(parts)
@@ -248,10 +248,9 @@ def _scatter(verb, catalog, folder, capacity):
     writer, rounding, row = CellWriter(folder, capacity, dtype, verb.center), Rounding(), 0
     beside = verb.beside(folder)
     for path, cloud, chosen in ahead(parts_of(catalog.paths, verb.choice)):
-        xyz = cloud.xyz if chosen is None else cloud.xyz[chosen]
-        rows = np.arange(row, row + len(cloud))
+        xyz, rows = cloud.xyz[chosen], np.arange(row, row + len(cloud))[chosen]
         if len(xyz):
-            writer.add(xyz, rows if chosen is None else rows[chosen])
+            writer.add(xyz, rows)
             rounding.add(xyz)
         for other in beside:
             other.take(cloud, chosen, path)

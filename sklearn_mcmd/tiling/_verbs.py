@@ -61,7 +61,8 @@ class TiledNormals(TiledVerb):
 
     def find(self, run):
         given = partial(with_beside, moves=self.sensor.moves)
-        run.fit(self.task, self.fitted, keep_normals, hops_of(self.estimator), given=given)
+        asked = {"keep": keep_normals, "hops": hops_of(self.estimator), "given": given}
+        run.do(self.task, estimator=self.fitted, **asked)
         if has_tree(self.estimator):
             sides_of_cells(run, self.names_found)
 
@@ -142,7 +143,8 @@ class TiledEdges(TiledVerb):
             detector = clone(self.detector).set_params(cutoff=self.cleaning.cutoff, **known)
             estimator = clone(estimator).set_params(outlier_detector=detector)
         with progress_part(begin, 1.0):
-            run.fit(self.task, estimator, keep_edges, hops, seen=self.seen)
+            asked = {"estimator": estimator, "keep": keep_edges, "hops": hops}
+            run.do(self.task, told={"seen": self.seen}, **asked)
         self.n_kept = sum(report["n_kept"] for report in run.reports(self.task))
         if self.by_distance:
             self.limit = crease_width(self.estimator)
