@@ -33,8 +33,8 @@ class TiledRun(NamedTuple):
     """What a verb has to work with, once all points are in cells."""
 
     catalog: Catalog
-    targets: list[Path]
-    outputs: Path  # the folder where they are until they are moved
+    outputs: list[tuple[Path, Path]]  # where each is until all are whole, and where it goes then
+    others: list[tuple[Path, Path]]  # files that are moved with them
     cells: Cells
     results: CellResults
     constants: dict  # what is known of the whole cloud, by names
@@ -111,10 +111,6 @@ class TiledVerb(ABC):
     @abstractmethod
     def report(self, run, total):
         """All other fields of the `RunReport`; `total` is the sum of what is measured."""
-
-    def others(self, outputs):
-        """Files that are moved with the outputs from their folder: where they are, and go to."""
-        return []
 
     def measure(self, values):
         """What is summed up of the results of points."""

@@ -145,19 +145,17 @@ class Cells:
         """Points of other cells within a margin around the box of a cell: coordinates, rows, their
         cells, and where they are in these."""
         low, high = self.low[cell] - margin, self.high[cell] + margin
-        points, rows = [np.empty((0, 3))], [np.empty(0, self._dtype)]
-        homes, at = [np.empty(0, np.int32)], [np.empty(0, np.int64)]
+        dtypes = self._dtype, np.int32, np.int64
+        found = [(np.empty((0, 3)), *(np.empty(0, dtype) for dtype in dtypes))]
         for other in np.flatnonzero(self.away(low, high) == 0.0):
             if other == cell:
                 continue
             xyz = self.points(other)
             places = self.places(xyz)
             inside = np.flatnonzero(((places >= low) & (places <= high)).all(axis=1))
-            points.append(xyz[inside])
-            rows.append(self.rows(other)[inside])
-            homes.append(np.full(len(inside), other, np.int32))
-            at.append(inside)
-        return tuple(map(np.concatenate, (points, rows, homes, at)))
+            home = np.full(len(inside), other, np.int32)
+            found.append((xyz[inside], self.rows(other)[inside], home, inside))
+        return tuple(map(np.concatenate, zip(*found, strict=True)))
 
 
 def places_of(xyz, center):

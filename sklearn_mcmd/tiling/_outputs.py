@@ -69,11 +69,11 @@ def _names_in(folder, catalog):
 
 def write_outputs(run, verb):
     """Write each output in the order of its inputs; returns the sum of what the verb measures."""
-    catalog, targets, results, first, total = run.catalog, run.targets, verb.results(run), 0, 0.0
-    joined = len(targets) < len(catalog)
+    catalog, results, first, total = run.catalog, verb.results(run), 0, 0.0
+    joined = len(run.outputs) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
     stamps = dict(zip(catalog.paths, catalog.stamps, strict=True))
-    for i, place in enumerate(_places_of(targets, run.outputs)):
+    for i, (place, target) in enumerate(run.outputs):
         n_written, paths = 0, catalog.paths if joined else [catalog.paths[i]]
         for path in paths:
             with one_clear_line(path, "read"):
@@ -87,7 +87,7 @@ def write_outputs(run, verb):
                 n_written += len(made)
                 report_share(first / catalog.n_points)
         if n_written == 0:
-            warn_caller(f"{targets[i]}: all points are outliers, so the file has none")
+            warn_caller(f"{target}: all points are outliers, so the file has none")
     return total
 
 
@@ -103,22 +103,17 @@ def _made(verb, results, paths, first, header):
         yield n, verb.measure(values), *verb.make(cloud, values, xyz)
 
 
-def _places_of(targets, outputs):
-    """Where outputs are written, in the folder for them."""
-    return [outputs / f"{i}{path.suffix.lower()}" for i, path in enumerate(targets)]
-
-
-def move_outputs(verb, catalog, targets, folder, report):
+def move_outputs(verb, run, folder, report):
     """Move all outputs; a report is kept for a run that has only to move them."""
-    places = zip(_places_of(targets, folder.outputs), targets, strict=True)
+    catalog = run.catalog
     moves = [
         [str(place), os.path.realpath(target), list(stamp_of(place))]
-        for place, target in [*places, *verb.others(folder.outputs)]
+        for place, target in [*run.outputs, *run.others]
     ]
     # Files without points, which no run can read again, come last.
     moves.sort(key=lambda move: -move[2][0])
     stored = {
-        "key": key_of(verb, (*catalog.paths, *targets)),
+        "key": key_of(verb, [*catalog.paths, *(target for _, target in run.outputs)]),
         "paths": list(map(os.path.realpath, catalog.paths)),
         "stamps": [list(stamp) for stamp in catalog.stamps],
         "moves": moves,
@@ -138,7 +133,7 @@ def resume_moves(verb, catalog, targets, folder):
                 "files as they are (restart)"
             )
         return None
-    if stored["key"] == key_of(verb, (*catalog.paths, *targets)) and _fits(stored):
+    if stored["key"] == key_of(verb, [*catalog.paths, *targets]) and _fits(stored):
         _move(stored["moves"])
         return stored["report"]
     replaced = (move for move in stored["moves"] if move[1] in stored["paths"])

@@ -67,7 +67,9 @@ class TiledRegions(TiledVerb):
             final = numbers[np.where(labels < 0, -1, starts[cell] + labels)]
             run.results.keep(cell, "final", {"final": final})
         if self.table:
-            write_regions(self._place(run.outputs), joined_table(run, starts, numbers[:-1]))
+            place = run.outputs[0][0].with_name(f"regions{self.table.suffix.lower()}")
+            write_regions(place, joined_table(run, starts, numbers[:-1]))
+            run.others.append((place, self.table))
         kept = np.sort(totals[number[:-1] >= 0])[::-1].astype(int).tolist()
         self.found = {"n_regions": len(kept), "n_inside": sum(kept), "largest": kept[:LARGEST]}
 
@@ -75,13 +77,6 @@ class TiledRegions(TiledVerb):
         from sklearn_mcmd.plotting._still import with_regions
 
         return with_regions(cloud, values[:, 0], self.colors), None
-
-    def others(self, outputs):
-        return [(self._place(outputs), self.table)] if self.table else []
-
-    def _place(self, outputs):
-        """Where the table of regions is until it is moved."""
-        return outputs / f"regions{self.table.suffix.lower()}"
 
     def report(self, run, total):
         return {"removed_fraction": 0.0, **self.found}

@@ -124,8 +124,9 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
             verb.prepare(catalog)
             plan = _put_in_cells(verb, catalog, folder, restart, memory, n_jobs, tile_size)
             cells, results = Cells(folder.cells), CellResults(folder.results)
-            place = catalog, targets, folder.outputs
-            run = TiledRun(*place, cells, results, folder.constants, plan, memory)
+            places = (folder.outputs / f"{i}{one.suffix.lower()}" for i, one in enumerate(targets))
+            outputs = list(zip(places, targets, strict=True))
+            run = TiledRun(catalog, outputs, [], cells, results, folder.constants, plan, memory)
             n_resumed = sum(results.is_done(cell, verb.task) for cell in range(len(cells)))
             with progress_part(SCATTERED, FOUND, "tiles"):
                 verb.find(run)
@@ -140,7 +141,7 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
                 n_proven=sum(report["n_proven"] for report in run.reports(verb.task)),
                 **found,
             )
-            move_outputs(verb, catalog, targets, folder, report._asdict())
+            move_outputs(verb, run, folder, report._asdict())
         return report
     except ValueError as err:
         if not folder.goes_on or folder.path.exists():
