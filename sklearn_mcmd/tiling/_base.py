@@ -69,16 +69,16 @@ class TiledVerb(ABC):
     """What one verb knows of its estimator, which has one job a tile; `run_by_tiles` does all else.
 
     What else it takes are options of `process_files` that mean something to it. `steps` are the
-    estimator and all in it that ask for neighbors. `content` distinguishes outputs
-    of one estimator. With a choice, some points are used.
+    estimator and all in it that ask for neighbors. With a choice, some points are used.
     """
 
     task = "fit"  # which has done a tile that an earlier run had finished
     names = ("results",)  # of the arrays of cells whose columns outputs are made of
+    content: Sequence[str] = ()  # what distinguishes outputs of one estimator
     center: Sequence[float] | None = None  # the one position, if all were measured from there
 
-    def __init__(self, *steps, content="", choice=None):
-        self.estimator, self.steps, self.content, self.choice = steps[0], steps, content, choice
+    def __init__(self, *steps, choice=None):
+        self.estimator, self.steps, self.choice = steps[0], steps, choice
         self.sensor = SensorPath(None)  # where it was for each point, if at more than one place
 
     @property

@@ -63,11 +63,9 @@ class TiledOutliers(TiledVerb):
             raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
         check_estimator(estimator, MCMDOutlierDetector)
         estimator._check_choices(None, True if intensity else None)
-        choice = Choice(ignore_classes, only_classes)
+        super().__init__(estimator, choice=Choice(ignore_classes, only_classes))
         self.mode, self.intensity = mode, intensity
         self.limits = HeightRange.of(above, below, low_groups)
-        content = f"{mode} {choice} {self.limits} {intensity}"
-        super().__init__(estimator, content=content, choice=choice)
         self.sensor = sensor_path(estimator, sensor_origin)
         if self.limits is not None:
             self.names = "scores", "depths"

@@ -41,7 +41,7 @@ class TiledRegions(TiledVerb):
             normals = RobustNormalEstimator(random_state=estimator.random_state, n_jobs=1)
             estimator.set_params(normal_estimator=normals)
         self.normals = without_sides(estimator.normal_estimator)
-        super().__init__(estimator, self.normals, content=f"colors={colors} {regions}")
+        super().__init__(estimator, self.normals)
         self.colors, self.table = colors, regions and Path(regions)
         if self.table and self.table.suffix.lower() not in SUFFIXES:
             raise ValueError(f"regions={str(regions)!r} must end in {', '.join(SUFFIXES)}.")

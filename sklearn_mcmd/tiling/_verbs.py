@@ -119,7 +119,7 @@ class TiledEdges(TiledVerb):
         for detector in removing:
             check_estimator(detector, MCMDOutlierDetector)
         self.normals, self.colors = without_sides(normals), colors
-        super().__init__(estimator, normals, *removing, content=f"colors={colors}")
+        super().__init__(estimator, normals, *removing)
         self.by_distance = estimator.criterion == "crease"
 
     def prepare(self, catalog):
