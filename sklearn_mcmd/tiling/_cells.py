@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
-from sklearn_mcmd.tiling._files import HEADERS, append, appended, in_place_of
+from sklearn_mcmd.tiling._files import HEADERS, append, appended
 
 BOXES = "cells.npz"
 # How cells are cut; only the time depends on it.
@@ -40,25 +40,26 @@ class CellWriter:
     def add(self, xyz, rows):
         """Take points (n, 3), and the number of each."""
         self.n_points += len(xyz)
-        waiting = [(0, xyz, places_of(xyz, self.center), rows)]
-        while waiting:
-            node, xyz, places, rows = waiting.pop()
-            axis, cut, child = self.nodes[node]
-            if child >= 0:
-                left = places[:, axis] < cut
-                for new, chosen in ((child, left), (child + 1, ~left)):
-                    if chosen.any():
-                        waiting.append((new, xyz[chosen], places[chosen], rows[chosen]))
-                continue
-            append(_points(self.folder, node), xyz)
-            append(_rows(self.folder, node), rows, self.dtype)
-            self.counts[node] += len(xyz)
-            extent = self.extents[node]
-            # Axis by axis takes a twentieth of the time.
-            np.minimum(extent[0], [axis.min() for axis in places.T], out=extent[0])
-            np.maximum(extent[1], [axis.max() for axis in places.T], out=extent[1])
-            if self.counts[node] > self.capacity:
-                waiting += self._divide(node)
+        self._add(0, xyz, places_of(xyz, self.center), rows)
+
+    def _add(self, node, xyz, places, rows):
+        """Take points of a node."""
+        axis, cut, child = self.nodes[node]
+        if child >= 0:
+            left = places[:, axis] < cut
+            for side, chosen in (1, ~left), (0, left):
+                if chosen.any():
+                    self._add(child + side, xyz[chosen], places[chosen], rows[chosen])
+            return
+        append(_points(self.folder, node), xyz)
+        append(_rows(self.folder, node), rows, self.dtype)
+        self.counts[node] += len(xyz)
+        extent = self.extents[node]
+        # Axis by axis takes a twentieth of the time.
+        np.minimum(extent[0], [axis.min() for axis in places.T], out=extent[0])
+        np.maximum(extent[1], [axis.max() for axis in places.T], out=extent[1])
+        if self.counts[node] > self.capacity:
+            self._divide(node)
 
     def close(self):
         """Write what the cells are."""
@@ -71,17 +72,17 @@ class CellWriter:
             "no_rows": np.empty(0, self.dtype),
             "center": np.empty(0) if self.center is None else self.center,
         }
-        with in_place_of(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
+        with replacing(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
             np.savez(file, **stored)
 
     def _divide(self, node):
-        """Make a leaf an inner node; returns its points, which are to be put below it."""
+        """Make a leaf an inner node, and put its points below it."""
         paths = _points(self.folder, node), _rows(self.folder, node)
         xyz, rows = np.fromfile(paths[0]).reshape(-1, 3), np.fromfile(paths[1], self.dtype)
         places = places_of(xyz, self.center)
         axis, cut = _best_cut(places)
         if cut is None:
-            return []
+            return
         for path in paths:
             path.unlink()
         child = len(self.nodes)
@@ -93,7 +94,7 @@ class CellWriter:
             self.counts.append(0)
             self.boxes.append(box)
             self.extents.append(-self.boxes[0])
-        return [(node, xyz, places, rows)]
+        self._add(node, xyz, places, rows)
 
 
 class Cells:

@@ -1,19 +1,16 @@
 """Arrays and reports of cells on disk: made whole by a rename, and on the disk before it counts."""
 
 import json
-from functools import partial
 from pathlib import Path
 from threading import Lock
 from types import SimpleNamespace
 
 import numpy as np
 
-from sklearn_mcmd.io._files import one_clear_line, replacing, sync_disk
+from sklearn_mcmd.io._files import one_clear_line, replacing
 
 # Held while headers of files are read: Python 3.11 may fail where threads parse literals at once.
 HEADERS = Lock()
-# As `replacing`, of one of many files, which `CellResults.finish` syncs all at once.
-in_place_of = partial(replacing, synced=False)
 
 
 class CellResults:
@@ -29,11 +26,10 @@ class CellResults:
             if not isinstance(values, np.ndarray):
                 report[name] = values
                 continue
-            with in_place_of(self.path(cell, name)) as temporary, open(temporary, "wb") as file:
+            with replacing(self.path(cell, name)) as temporary, open(temporary, "wb") as file:
                 write_array(file, values)
-        with in_place_of(self._report(cell, task)) as temporary:
+        with replacing(self._report(cell, task)) as temporary:
             temporary.write_text(json.dumps(report))
-            sync_disk(temporary)
 
     def is_done(self, cell, task):
         return self._report(cell, task).exists()

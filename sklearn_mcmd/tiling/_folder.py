@@ -11,7 +11,7 @@ from pathlib import Path
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._files import replacing, sync_disk, sync_names
+from sklearn_mcmd.io._files import replacing, sync_file, sync_names
 from sklearn_mcmd.io._rehearsal import trial_folder
 from sklearn_mcmd.tiling._tasks import TilingError
 
@@ -79,7 +79,10 @@ class WorkFolder:
 
     def finish_cells(self, constants):
         """Remember that all points are in cells, which are on the disk before."""
-        sync_disk(self.path / MARK)
+        for at, _, names in os.walk(self.cells):
+            for name in names:
+                sync_file(os.path.join(at, name))
+            sync_names(at)
         write_json(self._manifest, {"key": self.key, "constants": constants})
 
     def release(self):
