@@ -199,12 +199,12 @@ def check_estimator(estimator, kind):
         )
 
 
-def warm_up(estimator, n_points=3_000):
-    """An estimator fitted to so many points; compiled code is then on disk for all processes."""
+def warm_up(estimator):
+    """An estimator fitted to some points; compiled code is then on disk for all processes."""
     sizes = {n: k for n, k in estimator.get_params().items() if n.endswith("n_neighbors")}
     fewer = {name: min(k, WARM_UP) for name, k in sizes.items() if isinstance(k, Integral)}
-    points = np.random.default_rng(0).uniform(size=(n_points, 3)) * [1, 1, 0.01]
-    points[: n_points // 2, 2] *= 100
+    points = np.random.default_rng(0).uniform(size=(3_000, 3)) * [1, 1, 0.01]
+    points[:1_500, 2] *= 100
     with warnings.catch_warnings(), progress_part(0.0, 0.0):
         warnings.simplefilter("ignore")
         return clone(estimator).set_params(**fewer).fit(points)

@@ -44,7 +44,9 @@ class CellResults:
 
     def mapped(self, cell, name):
         """What `read` returns, of which only what is asked for comes into memory."""
-        return mapped(self.path(cell, name))
+        path = self.path(cell, name)
+        with one_clear_line(path, "read"), HEADERS:
+            return np.load(path, mmap_mode="r")
 
     def path(self, cell, name):
         return self.folder / f"{cell}.{name}.npy"
@@ -57,12 +59,6 @@ def write_array(file, values):
     """Write an array to an open file."""
     # To what is no file NumPy writes so that errors say why it failed.
     np.lib.format.write_array(SimpleNamespace(write=file.write), np.asarray(values))
-
-
-def mapped(path):
-    """The array of a file, mapped into memory."""
-    with one_clear_line(path, "read"), HEADERS:
-        return np.load(path, mmap_mode="r")
 
 
 def append(path, values, dtype=np.float64):

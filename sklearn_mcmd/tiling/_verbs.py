@@ -51,7 +51,7 @@ class TiledNormals(TiledVerb):
     def prepare(self, catalog):
         known = {"sensor_origin": "origin"} if self.sensor.moves else {}  # any position will do
         self.names_written, self.names_found = (
-            normal_columns(warm_up(clone(one).set_params(**known), 1_500))[0]
+            normal_columns(warm_up(clone(one).set_params(**known)))[0]
             for one in (self.estimator, self.fitted)
         )
 
