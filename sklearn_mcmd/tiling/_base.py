@@ -41,9 +41,9 @@ class TiledRun(NamedTuple):
     plan: Plan
     memory: float  # bytes that the run may take
 
-    def do(self, task, work=fit_cell, told=None, **fields):
-        """Do a task, ``work(cell, job)``, on all cells; `fields` are of its `Job`, and `told` are
-        those of its `Whole`."""
+    def do(self, task, work=None, told=None, **fields):
+        """Do a task, ``work(cell, job)`` or a fit, on all cells; `fields` are of its `Job`, and
+        `told` are those of its `Whole`."""
         known = self.constants
         job = Job(
             points=self.cells.folder,
@@ -54,7 +54,7 @@ class TiledRun(NamedTuple):
             n_threads=self.plan.n_threads,
             **IDLE | fields,
         )
-        run_tasks(task, work, job, self.plan.n_workers)
+        run_tasks(task, work or fit_cell, job, self.plan.n_workers)
 
     def reports(self, task):
         """The reports of a task on all cells."""
