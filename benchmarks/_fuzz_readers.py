@@ -66,7 +66,9 @@ def _settings():
 def _stores(folder):
     """What a run finds in its folder, whichever of its files is broken."""
     target = folder / "out.las"
-    verb = SimpleNamespace(estimator=SimpleNamespace(get_params=dict), content="", sensor=None)
+    verb = SimpleNamespace(
+        estimator=SimpleNamespace(get_params=dict), content="", sensor=SimpleNamespace(key="")
+    )
     catalog = SimpleNamespace(paths=[folder / "a.las"])
     place = WorkFolder.path_of(target)
 

@@ -99,10 +99,6 @@ class CloudVerb:
         """Other parameters of an estimator whose time a dry run measures."""
         return {}
 
-    def whole_cost(self):
-        """What one process has of each point of the whole cloud, as of `plan_run`."""
-        return 0.0, ""
-
     def tile_options(self):
         """What `process_files` takes beside the estimator."""
         return {"colors": getattr(self, "colors", None)}
@@ -185,13 +181,15 @@ class CloudVerb:
 
     def _print_plan(self, catalog, estimator):
         """Print tiles, memory and time; the time is measured with the first points."""
+        from sklearn_mcmd.tiling._base import warm_up
+        from sklearn_mcmd.tiling._beside import SensorPath
         from sklearn_mcmd.tiling._memory import (
             bytes_in_memory,
             bytes_of_point,
             plan_run,
             usual_memory,
         )
-        from sklearn_mcmd.tiling._run import DISK_POINT, warm_up
+        from sklearn_mcmd.tiling._run import DISK_POINT
 
         if catalog is None and self.source.suffix.lower() not in TILED:
             raise PointFileError(f"{self.source}: --dry-run is for {TILED_NAMES}")
@@ -203,7 +201,8 @@ class CloudVerb:
         warm_up(estimator.set_params(**threads, **self.dry_parameters(catalog)))
         if tiles:
             limit, point = self.memory or usual_memory(), bytes_of_point(estimator.fit, xyz)
-            plan = plan_run(n_points, limit, n_jobs, None, point, *self.whole_cost())
+            path = SensorPath(self.tile_options().get("sensor_origin"))
+            plan = plan_run(n_points, limit, n_jobs, None, point, *path.costs)
             threads = f" with {plan.n_threads} threads" if plan.n_threads > 1 else ""
             rows |= {
                 "tiles": f"about {plan.n_tiles:,} of at most {plan.tile_size:,} points",

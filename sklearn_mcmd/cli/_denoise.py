@@ -138,9 +138,6 @@ class Denoise(CloudVerb):
     def dry_parameters(self, catalog):
         return {"sensor_origin": "origin" if self.asked.may_be_known(catalog) else None}
 
-    def whole_cost(self):
-        return self.asked.cost()
-
     def other_files(self, catalog):
         if self.false_positive_rate is not None:
             from sklearn_mcmd.outliers._calibration import check_rate

@@ -108,9 +108,6 @@ class Normals(CloudVerb):
             )
         self.feature_columns = feature_columns(self.features or (), "xyz")
 
-    def whole_cost(self):
-        return self.asked.cost()
-
     def dry_parameters(self, catalog):
         given = self.orientation == "sensor"
         return {"orientation": None, "sensor_origin": None} if given else {}

@@ -52,14 +52,6 @@ class Asked(NamedTuple):
     trajectory: Path | None
     recognize: bool = False  # whether the file may tell it with no option, or the points show it
 
-    def cost(self):
-        """What one process has of each point for the positions, as of `plan_run`."""
-        from sklearn_mcmd.tiling._sensor_origins import COSTS
-
-        if self.trajectory is not None:
-            return COSTS["trajectory"]
-        return COSTS["angles"] if self.sensor == AUTO else (0.0, "")
-
     def may_be_known(self, catalog):
         """Whether the sensor is told, or a file may have been taken from the origin: its bounds do
         not tell that this is far away. What it shows is known when it is read."""

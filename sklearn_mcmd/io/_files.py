@@ -1,10 +1,8 @@
 """Reading and writing by extension: dispatch, whole outputs, one-line errors."""
 
-import ctypes
 import errno
 import os
 import shutil
-import sys
 import warnings
 from collections.abc import Mapping
 from contextlib import contextmanager, suppress
@@ -277,10 +275,10 @@ def _mask(noise, n_points):
 
 
 @contextmanager
-def replacing(path, *, synced=True):
+def replacing(path):
     """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds.
 
-    It is then on the disk, with its name; or, if not ``synced``, after the next `sync_disk`.
+    It is then on the disk, with its name.
     """
     target = check_writable(path)  # a link stays a link: the file behind it is replaced
     temporary = target.with_name(f".mcmd-{os.urandom(8).hex()}{target.suffix.lower()}")
@@ -290,17 +288,20 @@ def replacing(path, *, synced=True):
         with naming(path):
             yield temporary
         with one_clear_line(path, "written"):
-            if synced:
-                with open(temporary, "rb+") as file:
-                    os.fsync(file.fileno())
+            sync_file(temporary)
             if target.exists():
                 shutil.copymode(target, temporary)
             os.replace(temporary, target)
-            if synced:
-                sync_names(target.parent)
+            sync_names(target.parent)
     finally:
         with suppress(OSError):  # a disk that cannot be written to was reported above
             temporary.unlink()
+
+
+def sync_file(path):
+    """Wait until the bytes of a file are on the disk."""
+    with open(path, "rb+") as file:
+        os.fsync(file.fileno())
 
 
 def sync_names(folder):
@@ -311,15 +312,6 @@ def sync_names(folder):
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
-
-
-def sync_disk(path):
-    """Wait until all that any process has written to the disk of a file is there."""
-    if sys.platform != "linux":
-        return getattr(os, "sync", int)()  # Windows has none
-    with open(path) as file:
-        if ctypes.CDLL(None).syncfs(file.fileno()):
-            raise OSError(errno.EIO, os.strerror(errno.EIO))
 
 
 @contextmanager

@@ -37,9 +37,9 @@ def each_slice(n, size, work, n_jobs):
     run([(rows,) for rows in slices(n, size)], task, n_jobs)
 
 
-def slices(n, size, first=0):
-    """Slices of at most `size` rows, from the first up to n."""
-    return [slice(start, min(start + size, n)) for start in range(first, n, size)]
+def slices(n, size):
+    """Slices of at most `size` rows, up to n."""
+    return [slice(start, min(start + size, n)) for start in range(0, n, size)]
 
 
 def ahead(items):

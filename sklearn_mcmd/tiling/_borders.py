@@ -2,7 +2,7 @@
 
 import numpy as np
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from sklearn_mcmd.normals._features import flip_columns
 from sklearn_mcmd.normals._sides import TreeLimits
@@ -44,28 +44,28 @@ def sides_in_overlap(part, fitted, cloud):
         "trees": tree[part.own],
         "tops": top,
         "joints": joints,
-        **in_halo(part.taken(near), tree[near], fitted.normals_[near] * signs[near, None]),
+        "halo": in_halo(part.taken(near), tree[near]),
+        "halo_normals": (fitted.normals_ * signs[:, None])[near & ~part.own],
     }
 
 
 def sides_of_cells(run, names):
     """Flip the normals of cells so that they agree with those of others, as final results."""
-    cells, results = range(len(run.cells)), run.results
-    starts = np.cumsum([0, *(len(results.mapped(cell, "tops")) for cell in cells)])
+    results, tops = run.results, list(run.found("tops"))
+    starts = np.cumsum([0, *map(len, tops)])
     pairs, votes = [np.empty((2, 0), np.int64)], [np.empty(0)]
-    for cell, home, at, tree, normals in _overlaps(results, cells):
+    for cell, home, rows, at, tree in _overlaps(run):
         theirs = starts[home] + results.mapped(home, "trees")[at].astype(np.int64)
-        other = results.mapped(home, "results")[at, :3]
+        both = results.mapped(cell, "halo_normals")[rows], results.mapped(home, "results")[at, :3]
         pairs.append(np.stack([starts[cell] + tree, theirs]))
-        votes.append(np.sign(np.einsum("ij,ij->i", normals, other)))
-    for cell in cells:  # they count less than any vote: a tree of the whole has them last, too
-        joints = results.read(cell, "joints")
-        pairs.append(starts[cell] + joints[:, :2].astype(np.int64).T)
+        votes.append(np.sign(np.einsum("ij,ij->i", *both)))
+    # They count less than any vote: a tree of the whole has them last, too.
+    for start, joints in zip(starts, run.found("joints"), strict=False):
+        pairs.append(start + joints[:, :2].astype(np.int64).T)
         agree = np.clip(np.abs(joints[:, 2]), 1e-9, SMOOTH)
         votes.append(np.where(joints[:, 2] < 0, -agree, agree))
-    tops = np.concatenate([results.read(cell, "tops") for cell in cells])
-    signs = _signs(np.concatenate(pairs, axis=1), np.concatenate(votes), tops)
-    for cell in cells:
+    signs = _signs(np.concatenate(pairs, axis=1), np.concatenate(votes), np.concatenate(tops))
+    for cell in range(len(run.cells)):
         columns, trees = results.read(cell, "results"), results.read(cell, "trees")
         down = signs[starts[cell] + trees] < 0
         columns[down] = flip_columns(columns[down], names)
@@ -75,86 +75,63 @@ def sides_of_cells(run, names):
 def _signs(pairs, votes, tops):
     """The signs by which parts agree along the tree of the most votes; that of the highest is 1."""
     n = len(tops)
-    total = coo_array((votes, np.sort(pairs, axis=0)), shape=(n, n)).tocsr()
-    total.sum_duplicates()
-    edges = total.tocoo()
-    kept = (edges.row != edges.col) & (edges.data != 0)
-    row, col, sums = edges.row[kept], edges.col[kept], edges.data[kept]
-    # The most votes first: SciPy's tree takes the least costs, and a zero as no edge.
-    order = np.argsort(-np.abs(sums), kind="stable")
-    cost = np.empty(len(sums))
-    cost[order] = np.arange(1.0, len(sums) + 1)
-    tree = minimum_spanning_tree(coo_array((cost, (row, col)), shape=(n, n)).tocsr())
-    n_parts, part = connected_components(tree, directed=False)
-    order = np.lexsort((tops, part))
-    roots = order[np.flatnonzero(np.diff(part[order], append=n_parts))]
-    # One more node is tied to the roots, so that one walk visits all.
-    tree = tree.tocoo()
-    agree = np.sign(sums)[_order_of(tree.row, tree.col, row, col, n)]
-    ends = np.r_[tree.row, np.full(n_parts, n)], np.r_[tree.col, roots]
-    known = coo_array((np.r_[agree, np.ones(n_parts)], ends), shape=(n + 1, n + 1)).tocsr()
-    known = known + known.T
-    nodes, parents = breadth_first_order(known, n, directed=False)
-    signs = np.ones(n + 1)
-    steps = np.asarray(known[nodes[1:], parents[nodes[1:]]]).ravel()
-    for node, step in zip(nodes[1:].tolist(), steps.tolist(), strict=True):
-        signs[node] = signs[parents[node]] * step
-    return signs[:n]
+    sums = coo_array((votes, np.sort(pairs, axis=0)), shape=(n, n)).tocsr()
+    sums.eliminate_zeros()
+    # The most votes first: SciPy's tree takes the least costs, which tell of which sums they are.
+    order = np.argsort(-np.abs(sums.data), kind="stable")
+    costs = sums.copy()
+    costs.data[order] = np.arange(1.0, len(order) + 1)
+    tree = minimum_spanning_tree(costs).tocoo()
+    turned = sums.data[order[tree.data.astype(int) - 1]] < 0
+    _, part = connected_components(tree, directed=False)
+    by_height = np.lexsort((tops, part))
+    highest = by_height[np.flatnonzero(np.diff(part[by_height], append=n))]
+    # Each part is two nodes, one of each sign, that are apart: one hangs together with the highest.
+    rows, columns = np.r_[tree.row, tree.row + n], np.r_[tree.col, tree.col]
+    columns = columns + n * np.r_[turned, ~turned]
+    both = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n))
+    _, side = connected_components(both, directed=False)
+    return np.where(side[:n] == side[highest[part]], 1.0, -1.0)
 
 
-def _order_of(tree_row, tree_col, row, col, n):
-    """Where the edges of a tree are among all edges."""
-    codes, wanted = row.astype(np.int64) * n + col, tree_row.astype(np.int64) * n + tree_col
-    order = np.argsort(codes)
-    return order[np.searchsorted(codes[order], wanted)]
-
-
-def join_regions(results, cells, starts, sizes):
+def join_regions(run, starts, sizes):
     """The joined region of each region of each cell, from 0 on: those that are one share points.
 
     ``starts[cell]`` is the number of its first region; `sizes` (n,) are the own points of all, and
     a region without any joins none.
     """
-    overlaps: dict[tuple, list] = {}
-    for cell, home, at, labels, _ in _overlaps(results, cells):
-        theirs = results.mapped(home, "results")[at, 0].astype(np.int64)
-        both = np.stack([labels, theirs])[:, (labels >= 0) & (theirs >= 0)]
-        both = both if cell < home else both[::-1]
-        overlaps.setdefault((min(cell, home), max(cell, home)), []).append(both)
-    found = [np.empty((2, 0), np.int64)]
-    for (one, other), both in overlaps.items():
-        both = np.concatenate(both, axis=1)
-        pairs, shared = np.unique(both, axis=1, return_counts=True)
-        least = np.minimum(*(np.bincount(side)[of] for side, of in zip(both, pairs, strict=True)))
-        kept = (shared >= LEAST_SHARED) & (shared > LEAST_SHARE * least)
-        found.append(pairs[:, kept] + [[starts[one]], [starts[other]]])
-    pairs, n = np.concatenate(found, axis=1), len(sizes)
-    pairs = pairs[:, (sizes[pairs] > 0).all(axis=0)]
+    n, codes, shared = len(sizes), [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for cell, home, _, at, labels in _overlaps(run):
+        theirs = run.results.mapped(home, "results")[at, 0].astype(np.int64)
+        both = np.stack([starts[cell] + labels, starts[home] + theirs])
+        one, other = np.sort(both[:, (labels >= 0) & (theirs >= 0)], axis=0)
+        new, counts = np.unique(one * n + other, return_counts=True)
+        codes.append(new)
+        shared.append(counts)
+    codes, of = np.unique(np.concatenate(codes), return_inverse=True)
+    shared = np.bincount(of, np.concatenate(shared), len(codes))
+    pairs = np.stack(np.divmod(codes, max(n, 1)))
+    # In the overlap of the cells of a pair, the points of the smaller one.
+    cells = np.searchsorted(starts, pairs, side="right")
+    asked = (np.unique(key, return_inverse=True)[1] for key in pairs * len(starts) + cells[::-1])
+    least = np.minimum(*(np.bincount(of, shared)[of] for of in asked))
+    kept = (shared >= LEAST_SHARED) & (shared > LEAST_SHARE * least)
+    pairs = pairs[:, kept & (sizes[pairs] > 0).all(axis=0)]
     graph = coo_array((np.ones(pairs.shape[1], bool), pairs), shape=(n, n))
     return connected_components(graph, directed=False)[1]
 
 
-def in_halo(part, values, vectors=None):
+def in_halo(part, values):
     """What a cell says of the points of others: their cells, numbers there, and a value of each."""
     others = ~part.own
-    found = {"halo": np.column_stack([part.homes[others], part.at[others], values[others]])}
-    return found if vectors is None else {**found, "halo_vectors": vectors[others]}
+    return np.column_stack([part.homes[others], part.at[others], values[others]])
 
 
-def _overlaps(results, cells):
+def _overlaps(run):
     """Of each pair of cells, what the first says of points of the second: numbers of both cells,
-    numbers in the second, values, and vectors, if there are any."""
-    for cell in cells:
-        halo = results.read(cell, "halo").astype(np.int64)
-        vectors = (
-            results.mapped(cell, "halo_vectors") if results.has(cell, "halo_vectors") else None
-        )
+    rows in its halo, and of these numbers in the second and values."""
+    for cell, halo in enumerate(run.found("halo")):
+        halo = halo.astype(np.int64)
         for home in np.unique(halo[:, 0]).tolist():
-            some = np.flatnonzero(halo[:, 0] == home)
-            yield (
-                cell,
-                home,
-                halo[some, 1],
-                halo[some, 2],
-                None if vectors is None else vectors[some],
-            )
+            rows = np.flatnonzero(halo[:, 0] == home)
+            yield cell, home, rows, *halo[rows, 1:].T

@@ -129,12 +129,12 @@ def stamp_of(path):
 
 
 def parts_of(paths, choice=None):
-    """Parts of files in order: path, cloud, and a mask of the chosen points, None if all are."""
+    """Parts of files in order: path, cloud, and which of its points are chosen."""
     for path in paths:
         for cloud in read_parts(path, PART):
             with one_clear_line(path, "read"):
-                chosen = None if choice is None else choice.of(cloud)
-            yield path, cloud, chosen
+                mask = None if choice is None else choice.of(cloud)
+            yield path, cloud, slice(None) if mask is None else mask
 
 
 def paths_of(source, extensions=TILED):

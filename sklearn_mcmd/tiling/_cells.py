@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._files import one_clear_line
+from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
-from sklearn_mcmd.tiling._files import HEADERS, in_place_of
+from sklearn_mcmd.tiling._files import HEADERS, append, appended
 
 BOXES = "cells.npz"
 # How cells are cut; only the time depends on it.
@@ -41,25 +40,26 @@ class CellWriter:
     def add(self, xyz, rows):
         """Take points (n, 3), and the number of each."""
         self.n_points += len(xyz)
-        waiting = [(0, xyz, places_of(xyz, self.center), rows)]
-        while waiting:
-            node, xyz, places, rows = waiting.pop()
-            axis, cut, child = self.nodes[node]
-            if child >= 0:
-                left = places[:, axis] < cut
-                for new, chosen in ((child, left), (child + 1, ~left)):
-                    if chosen.any():
-                        waiting.append((new, xyz[chosen], places[chosen], rows[chosen]))
-                continue
-            _append(_points(self.folder, node), xyz, np.float64)
-            _append(_rows(self.folder, node), rows, self.dtype)
-            self.counts[node] += len(xyz)
-            extent = self.extents[node]
-            # Axis by axis takes a twentieth of the time.
-            np.minimum(extent[0], [axis.min() for axis in places.T], out=extent[0])
-            np.maximum(extent[1], [axis.max() for axis in places.T], out=extent[1])
-            if self.counts[node] > self.capacity:
-                waiting += self._divide(node)
+        self._add(0, xyz, places_of(xyz, self.center), rows)
+
+    def _add(self, node, xyz, places, rows):
+        """Take points of a node."""
+        axis, cut, child = self.nodes[node]
+        if child >= 0:
+            left = places[:, axis] < cut
+            for side, chosen in (1, ~left), (0, left):
+                if chosen.any():
+                    self._add(child + side, xyz[chosen], places[chosen], rows[chosen])
+            return
+        append(_points(self.folder, node), xyz)
+        append(_rows(self.folder, node), rows, self.dtype)
+        self.counts[node] += len(xyz)
+        extent = self.extents[node]
+        # Axis by axis takes a twentieth of the time.
+        np.minimum(extent[0], [axis.min() for axis in places.T], out=extent[0])
+        np.maximum(extent[1], [axis.max() for axis in places.T], out=extent[1])
+        if self.counts[node] > self.capacity:
+            self._divide(node)
 
     def close(self):
         """Write what the cells are."""
@@ -72,17 +72,17 @@ class CellWriter:
             "no_rows": np.empty(0, self.dtype),
             "center": np.empty(0) if self.center is None else self.center,
         }
-        with in_place_of(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
+        with replacing(self.folder / BOXES) as temporary, open(temporary, "wb") as file:
             np.savez(file, **stored)
 
     def _divide(self, node):
-        """Make a leaf an inner node; returns its points, which are to be put below it."""
+        """Make a leaf an inner node, and put its points below it."""
         paths = _points(self.folder, node), _rows(self.folder, node)
         xyz, rows = np.fromfile(paths[0]).reshape(-1, 3), np.fromfile(paths[1], self.dtype)
         places = places_of(xyz, self.center)
         axis, cut = _best_cut(places)
         if cut is None:
-            return []
+            return
         for path in paths:
             path.unlink()
         child = len(self.nodes)
@@ -94,7 +94,7 @@ class CellWriter:
             self.counts.append(0)
             self.boxes.append(box)
             self.extents.append(-self.boxes[0])
-        return [(node, xyz, places, rows)]
+        self._add(node, xyz, places, rows)
 
 
 class Cells:
@@ -123,16 +123,11 @@ class Cells:
     def points(self, cell):
         """The points of a cell in the order of the inputs."""
         path = _points(self.folder, self._names[cell])
-        xyz = np.fromfile(path)
-        if len(xyz) != 3 * self.counts[cell]:
-            raise PointFileError(f"{path}: is damaged; begin anew (restart)")
-        return xyz.reshape(-1, 3)
+        return np.array(appended(path, (self.counts[cell], 3)))
 
     def rows(self, cell):
         """The numbers of a cell's points, on disk: their rows in the inputs, ascending."""
-        path = _rows(self.folder, self._names[cell])
-        with one_clear_line(path, "read"):
-            return np.memmap(path, self._dtype, "r", shape=(self.counts[cell],))
+        return appended(_rows(self.folder, self._names[cell]), self.counts[cell], self._dtype)
 
     def places(self, xyz):
         """Where points are for the boxes: the points, or their directions from the center."""
@@ -151,19 +146,17 @@ class Cells:
         """Points of other cells within a margin around the box of a cell: coordinates, rows, their
         cells, and where they are in these."""
         low, high = self.low[cell] - margin, self.high[cell] + margin
-        points, rows = [np.empty((0, 3))], [np.empty(0, self._dtype)]
-        homes, at = [np.empty(0, np.int32)], [np.empty(0, np.int64)]
+        dtypes = self._dtype, np.int32, np.int64
+        found = [(np.empty((0, 3)), *(np.empty(0, dtype) for dtype in dtypes))]
         for other in np.flatnonzero(self.away(low, high) == 0.0):
             if other == cell:
                 continue
             xyz = self.points(other)
             places = self.places(xyz)
             inside = np.flatnonzero(((places >= low) & (places <= high)).all(axis=1))
-            points.append(xyz[inside])
-            rows.append(self.rows(other)[inside])
-            homes.append(np.full(len(inside), other, np.int32))
-            at.append(inside)
-        return tuple(map(np.concatenate, (points, rows, homes, at)))
+            home = np.full(len(inside), other, np.int32)
+            found.append((xyz[inside], self.rows(other)[inside], home, inside))
+        return tuple(map(np.concatenate, zip(*found, strict=True)))
 
 
 def places_of(xyz, center):
@@ -181,11 +174,6 @@ def _points(folder, name):
 
 def _rows(folder, name):
     return folder / f"{name}.rows"
-
-
-def _append(path, values, dtype):
-    with one_clear_line(path, "written"), open(path, "ab") as file:
-        file.write(np.ascontiguousarray(values, dtype).data)  # unlike tofile, it says why it fails
 
 
 def _best_cut(places):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._files import replacing, sync_disk, sync_names
+from sklearn_mcmd.io._files import replacing, sync_file, sync_names
 from sklearn_mcmd.io._rehearsal import trial_folder
 from sklearn_mcmd.tiling._tasks import TilingError
 
@@ -31,7 +31,6 @@ class WorkFolder:
     def __init__(self, target, sources=()):
         self.path, self.key, self.goes_on = self.path_of(target), None, False
         self.cells, self.outputs = self.path / "cells", self.path / "outputs"
-        self._all_results = self.path / "results"
         self._manifest, self.moves = self.path / MANIFEST, self.path / MOVES
         for source in sources:
             if Path(os.path.realpath(source)).is_relative_to(self.path):
@@ -61,20 +60,13 @@ class WorkFolder:
         A key tells of inputs and parameters. A worker that another run has left works on, maybe,
         but in the folder of its key: where there is none, its results are nowhere.
         """
-        self.key = key
-        # An empty report counts as not done; other damage is met where files are read.
-        is_whole = all(file.stat().st_size for file in self._all_results.rglob("*.json"))
-        self.goes_on = is_whole and not anew and read_json(self._manifest).get("key") == key
+        self.key, self.results = key, self.path / f"results-{key[:16]}"
+        self.goes_on = not anew and read_json(self._manifest).get("key") == key
         if not self.goes_on:
             self._empty()
             self.moves.unlink(missing_ok=True)
-            for folder in (self.cells, self.outputs, self._all_results, self.results):
+            for folder in (self.cells, self.outputs, self.results):
                 folder.mkdir()
-
-    @property
-    def results(self):
-        """The folder of what was found with this key."""
-        return self._all_results / self.key[:16]
 
     @staticmethod
     def path_of(target):
@@ -87,7 +79,10 @@ class WorkFolder:
 
     def finish_cells(self, constants):
         """Remember that all points are in cells, which are on the disk before."""
-        sync_disk(self.path / MARK)
+        for at, _, names in os.walk(self.cells):
+            for name in names:
+                sync_file(os.path.join(at, name))
+            sync_names(at)
         write_json(self._manifest, {"key": self.key, "constants": constants})
 
     def release(self):
@@ -109,7 +104,7 @@ class WorkFolder:
         """Remove all but the list of moves, the mark and locks."""
         self._manifest.unlink(missing_ok=True)  # first: it says that the cells are there
         sync_names(self.path)
-        for folder in (self.cells, self.outputs, self._all_results):
+        for folder in (self.cells, self.outputs, *self.path.glob("results*")):
             shutil.rmtree(folder, ignore_errors=True)
         for file in self.path.glob(".mcmd-*"):
             with suppress(OSError):
@@ -125,7 +120,7 @@ def _has_link(folder):
 def _locked(path):
     """A file that is open and locked, until it is closed or the process ends."""
     with suppress(BlockingIOError, FileNotFoundError), ExitStack() as opened:
-        file = opened.enter_context(open_lock(path))
+        file = opened.enter_context(open(path, "a"))  # nothing in it is changed
         try:
             if sys.platform == "win32":
                 import msvcrt
@@ -145,12 +140,6 @@ def _locked(path):
     raise TilingError(f"{path}: another run works on this output; wait for it")
 
 
-def open_lock(path):
-    """Open a file to lock it: no link is followed, and nothing in it is changed."""
-    no_link = getattr(os, "O_NOFOLLOW", 0)  # not on Windows
-    return open(path, "a", opener=lambda name, flags: os.open(name, flags | no_link, 0o666))
-
-
 def read_json(path):
     """What `write_json` has written; nothing if the file is not as it was, or not there."""
     try:
@@ -166,12 +155,13 @@ def write_json(path, content):
         temporary.write_text(f"{_digest(content)}\n{content}")
 
 
-def key_of(estimator, *known):
-    """A hash of an estimator and all else that results depend on."""
+def key_of(verb, paths, *known):
+    """A hash of a verb, of the files behind paths, and of all else that results depend on."""
     from sklearn_mcmd import __version__
 
-    params = sorted(estimator.get_params().items())
-    return _digest(repr((__version__, type(estimator).__name__, params, *known)))
+    name, params = type(verb.estimator).__name__, sorted(verb.estimator.get_params().items())
+    known = verb.content, verb.sensor.key, list(map(os.path.realpath, paths)), *known
+    return _digest(repr((__version__, name, params, *known)))
 
 
 def _digest(content):

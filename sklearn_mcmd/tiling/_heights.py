@@ -28,7 +28,7 @@ class GroundWriter(CellWriter):
         if len(xyz):
             self.add(flat(xyz), xyz[:, 2])
 
-    def close(self, path):
+    def close(self, folder, path):
         """As above; an error that names the path, if there is too little ground."""
         with one_clear_line(path, "read"):
             check_ground(self.n_points)
@@ -41,12 +41,14 @@ def flat(xyz):
 
 
 def find_heights(cell, job, limits):
-    """Which points of a cell are judged, and those that lie below the ground: their numbers, and
-    coordinates, how deep, and the distance in plan of the third nearest ground point."""
+    """Depths below the ground of a cell's points, 0, and NaN of those that are not judged; and of
+    those that may belong to groups below it: their numbers, and coordinates, how deep, and the
+    distance in plan of the third nearest ground point."""
     xyz = job.cells.points(cell)
     away, near = _nearest_ground(Cells(job.points / GROUND), xyz)
     judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
-    found = {"judged": judged[:, None], "n_judged": int(np.count_nonzero(judged))}
+    found = {"n_judged": int(np.count_nonzero(judged))}
+    found["depths"] = np.where(judged, 0.0, np.nan)[:, None]
     if limits.low_groups:
         depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]
         rows = np.flatnonzero(judged & (depth > away))
@@ -54,22 +56,22 @@ def find_heights(cell, job, limits):
     return found
 
 
-def judge_groups(results, cells, memory):
+def judge_groups(run):
     """Write how deep the groups of points below the ground lie; all are in memory at once."""
-    n_below = sum(len(results.mapped(cell, "below")) for cell in cells)
-    if (needed := PROCESS + BELOW_POINT * n_below) > memory:
+    n_below = sum(len(below) for below in run.found("below"))
+    if (needed := PROCESS + BELOW_POINT * n_below) > run.memory:
         raise ParameterError(
             f"{n_below:,} points lie below the ground, whose groups take about "
-            f"{needed / 1e6:.0f}MB, more than $memory={memory / 1e6:.0f}MB; give more memory, "
+            f"{needed / 1e6:.0f}MB, more than $memory={run.memory / 1e6:.0f}MB; give more memory, "
             "check the ground (class 2), or leave groups below it out (low_groups)"
         )
-    parts = [results.read(cell, "below") for cell in cells]
+    parts = list(run.found("below"))
     below, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
-    depths = group_depths(below[:, 1:4], below[:, 4], below[:, 5])
-    for cell, part, own in zip(cells, parts, np.split(depths, ends[:-1]), strict=True):
-        found = np.zeros((len(results.mapped(cell, "judged")), 1))
+    depths = np.split(group_depths(below[:, 1:4], below[:, 4], below[:, 5]), ends[:-1])
+    for cell, (part, own) in enumerate(zip(parts, depths, strict=True)):
+        found = run.results.read(cell, "depths")
         found[part[:, 0].astype(int), 0] = own
-        results.keep(cell, "depths", {"depths": found})
+        run.results.keep(cell, "depths", {"depths": found})
 
 
 def _nearest_ground(cells, xyz):

@@ -24,15 +24,18 @@ from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.report._volumes import losses_of
 from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.tiling._beams import find_beams, with_beams
+from sklearn_mcmd.tiling._base import TiledVerb, check_estimator, warm_up
+from sklearn_mcmd.tiling._beside import (
+    LightWriter,
+    find_beams,
+    recognized,
+    sensor_path,
+    stored_origins,
+    with_beside,
+)
 from sklearn_mcmd.tiling._catalog import parts_of
 from sklearn_mcmd.tiling._halo import HOPS, HOPS_MORE, WIDTH
 from sklearn_mcmd.tiling._heights import GroundWriter, find_heights, judge_groups
-from sklearn_mcmd.tiling._light import LightWriter, stored_light
-from sklearn_mcmd.tiling._outputs import Results
-from sklearn_mcmd.tiling._run import TiledVerb, check_estimator, most_neighbors, warm_up
-from sklearn_mcmd.tiling._sensor_origins import recognized, sensor_path, stored_origins
-from sklearn_mcmd.tiling._tasks import run_tasks
 
 SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
 RINGS = HOPS + HOPS_MORE
@@ -42,35 +45,37 @@ AGAIN = "again"  # the task that finds scores without the rays that the first ha
 class TiledOutliers(TiledVerb):
     """Outliers; points without scores are kept."""
 
-    options = (
-        *("mode", "ignore_classes", "only_classes", "above", "below", "low_groups"),
-        *("sensor_origin", "intensity"),
-    )
+    names = ("scores",)
 
     def __init__(
-        self, estimator, mode, ignore_classes, only_classes, sensor_origin, intensity, **heights
+        self,
+        estimator,
+        mode="drop",
+        ignore_classes=(),
+        only_classes=(),
+        above=None,
+        below=None,
+        low_groups=False,
+        sensor_origin=None,
+        intensity=False,
     ):
         if mode not in choices_of(Mode):
             raise ValueError(f"mode={mode!r} must be 'drop' or 'mark'.")
         check_estimator(estimator, MCMDOutlierDetector)
         estimator._check_choices(None, True if intensity else None)
-        choice = Choice(ignore_classes, only_classes)
-        self.mode, self.limits, self.intensity = mode, HeightRange.of(**heights), intensity
-        content = f"{mode} {choice} {self.limits} {intensity}"
-        super().__init__(estimator, content, choice)
+        super().__init__(estimator, choice=Choice(ignore_classes, only_classes))
+        self.mode, self.intensity = mode, intensity
+        self.limits = HeightRange.of(above, below, low_groups)
         self.sensor = sensor_path(estimator, sensor_origin)
-
-    @property
-    def n_neighbors(self):
-        return int(self.estimator.n_neighbors)
+        if self.limits is not None:
+            self.names = "scores", "depths"
 
     def prepare(self, catalog):
         for path in catalog.paths:
             if is_denoised(read_header(path)):
                 warn_caller(denoised_before(path))
-        most_neighbors(catalog.n_points, self.estimator)
         self.detector, self.seen_as = recognized(self.estimator, catalog, self.choice)
-        if self.sensor is not None:  # any position will do; those of angles are doubted
+        if self.sensor.moves:  # any position will do; those of angles are doubted
             origin = "auto" if self.sensor.kind == "angles" else "origin"
             self.detector = clone(self.detector).set_params(sensor_origin=origin)
         elif self.detector.sensor_origin is not None:
@@ -81,17 +86,14 @@ class TiledOutliers(TiledVerb):
         cutoffs = dict.fromkeys(("cutoff", "false_positive_rate", "contamination"))
         self.scoring = clone(self.detector).set_params(**cutoffs)
         origin = None if self.detector.sensor_origin is None else "origin"
-        self.cutoff = -warm_up(clone(self.scoring).set_params(sensor_origin=origin)).offset_
-        if self.detector.cutoff is not None:
-            self.cutoff = float(self.detector.cutoff)
+        fitted = warm_up(clone(self.scoring).set_params(sensor_origin=origin))
+        given = self.detector.cutoff
+        self.cutoff = -fitted.offset_ if given is None else float(given)
 
-    def beside(self, folder, catalog):
-        found = [] if self.sensor is None else [self.sensor.beside(folder.cells)]
-        if self.intensity:
-            found.append(LightWriter(folder.cells, catalog.n_points))
-        if self.limits is not None:
-            found.append(GroundWriter(folder.cells))
-        return found
+    def beside(self, folder):
+        light = [LightWriter(folder)] if self.intensity else []
+        ground = [] if self.limits is None else [GroundWriter(folder)]
+        return super().beside(folder) + light + ground
 
     def measure_fit(self, xyz):
         given = {}
@@ -103,90 +105,63 @@ class TiledOutliers(TiledVerb):
 
     def find(self, run):
         self.n_used = self.n_judged = run.cells.n_points
-        by_height = self.limits is not None
-        ends = (0.0, 0.1 * by_height, 1.0)
-        if by_height:
-            with progress_part(*ends[:2], "heights"):
+        begin = 0.0 if self.limits is None else 0.1
+        if self.limits is not None:
+            with progress_part(0.0, begin, "heights"):
                 self._find_heights(run)
-        with progress_part(*ends[1:], "outliers"):
+        with progress_part(begin, 1.0, "outliers"):
             self._find_scores(run)
-        self.cutoff = run.results.once("cutoff", partial(self._cutoff, run))["cutoff"]
+        self._find_cutoff(run)
+        if self.mode == "mark":
+            self.lowest = self._lowest(run)
 
     def _find_heights(self, run):
-        job = run.job(None, None, 0)
-        work = partial(find_heights, limits=self.limits)
-        run_tasks("heights", work, job, run.plan.n_workers)
-        cells = range(len(run.cells))
-        self.n_judged = sum(run.results.report(cell, "heights")["n_judged"] for cell in cells)
+        run.do("heights", partial(find_heights, limits=self.limits))
+        self.n_judged = sum(report["n_judged"] for report in run.reports("heights"))
         if not self.n_judged:
             raise PointFileError(f"{run.catalog.paths[0]}: {NONE_JUDGED}")
         if self.limits.low_groups:
-            run.results.once("groups", partial(judge_groups, run.results, cells, run.memory))
+            judge_groups(run)
 
     def _find_scores(self, run):
-        moves, cells = self.sensor is not None, range(len(run.cells))
-        given = partial(with_all, run.folder.cells, moves=moves, shines=self.intensity)
-        known = {"seen": bool(self.seen_as)}
-        if moves and len(cells) > 1:
-            run_tasks("beams", find_beams, run.job(None, None, 0), run.plan.n_workers)
-        with progress_part(0.0, 0.5 * self.intensity):
-            known["telling"] = self._telling(run, "light", self.scoring, given, **known)
-        with progress_part(0.5 * self.intensity, 1.0):
-            run.fit(self.task, run.job(self.scoring, keep_scores, RINGS, WIDTH, given, **known))
-        self.doubt, self.by_rays = self._doubt(run), self.detector.sensor_origin is not None
-        warn_of_doubt(self.doubt, not is_auto(self.detector.sensor_origin))
-        if self.doubt and is_auto(self.detector.sensor_origin):
+        moves, origin = self.sensor.moves, self.detector.sensor_origin
+        if moves:
+            run.do("beams", find_beams)
+        self._judge(run, self.task, self.scoring, moves, seen=bool(self.seen_as))
+        sheets = np.sum([report["sheets"] for report in run.reports(self.task)], axis=0)
+        self.doubt, self.by_rays = doubt_of(*sheets.tolist()), origin is not None
+        warn_of_doubt(self.doubt, not is_auto(origin))
+        if self.doubt and is_auto(origin):
             self.by_rays = False
-            scoring = clone(self.scoring).set_params(sensor_origin=None)
-            given = partial(with_light, run.folder.cells) if self.intensity else None
-            telling = self._telling(run, f"light {AGAIN}", scoring, given)
-            run.fit(AGAIN, run.job(scoring, keep_scores, RINGS, WIDTH, given, telling=telling))
+            self._judge(run, AGAIN, clone(self.scoring).set_params(sensor_origin=None), False)
 
-    def _telling(self, run, task, scoring, given, **known):
-        """How far intensity tells in the whole cloud, by the points that a fit finds isolated."""
-        if not self.intensity:
-            return 0.0
-        run.fit(task, run.job(scoring, keep_light, RINGS, WIDTH, given, **known))
-        cells = range(len(run.cells))
+    def _judge(self, run, task, scoring, moves, **told):
+        """Find scores; with intensity, points that a first fit finds isolated tell how far it
+        tells in the whole cloud."""
+        given = partial(with_beside, moves=moves, beams=moves, shines=self.intensity)
+        asked = {"estimator": scoring, "hops": RINGS, "width": WIDTH, "given": given}
+        if self.intensity:
+            with progress_part(0.0, 0.5):
+                run.do(f"light of {task}", told=told, keep=keep_light, **asked)
+            told["telling"] = telling_of(list(run.found("isolated")))
+        with progress_part(0.5 * self.intensity, 1.0):
+            run.do(task, told=told, keep=keep_scores, **asked)
 
-        def find():
-            return {"telling": telling_of([run.results.read(cell, "isolated") for cell in cells])}
-
-        return run.results.once(f"telling of {task}", find)["telling"]
-
-    def _doubt(self, run):
-        """What speaks against the position of the sensor, in words; "" if nothing does."""
-        reports = [run.results.report(cell, self.task) for cell in range(len(run.cells))]
-        totals = np.sum([report["sheets"] for report in reports], axis=0)
-        return doubt_of(*totals.tolist())
-
-    def _cutoff(self, run):
-        """The score beyond which points are outliers."""
-        cells, share = range(len(run.cells)), share_to_flag(self.detector)
+    def _find_cutoff(self, run):
+        """Find the score beyond which points are outliers, where it is not given."""
+        share = share_to_flag(self.detector)
         if self.detector.false_positive_rate is not None:
             n_needed = max(3_000, self.n_neighbors + 1)
             points = np.random.default_rng(0).uniform(size=(n_needed, 3)) * [1, 1, 0.01]
             fitted = clone(self.scoring).set_params(sensor_origin=None).fit(points)
-            rough = [run.results.report(cell, self.task)["roughness"] for cell in cells]
+            rough = [report["roughness"] for report in run.reports(self.task)]
             order, counts = np.argsort(rough), run.cells.counts
             middle = np.searchsorted(np.cumsum(counts[order]), counts.sum() / 2)
             known = fitted._model, fitted._settings(), self.detector.false_positive_rate
-            return {"cutoff": calibrated_cutoff(*known, roughness=rough[order[middle]])}
-        if share is not None:
-            scores = partial(_all_scores, run.results, cells)
-            return {"cutoff": -float(quantile_of(lambda: map(np.negative, scores()), share))}
-        return {"cutoff": self.cutoff}
-
-    def results(self, run):
-        if self.mode == "mark":
-            self.lowest = self._lowest(run)
-        return self._results(run)
-
-    def _results(self, run):
-        names = ["results"]
-        if self.limits is not None:
-            names += ["judged", *["depths"] * self.limits.low_groups]
-        return Results(run.results, run.cells, *names)
+            self.cutoff = calibrated_cutoff(*known, roughness=rough[order[middle]])
+        elif share is not None:
+            negative = quantile_of(lambda: (-scores[:, 0] for scores in run.found("scores")), share)
+            self.cutoff = -float(negative)
 
     def make(self, cloud, values, xyz):
         scores, depths = _judged(values)
@@ -220,17 +195,15 @@ class TiledOutliers(TiledVerb):
         """The rows of a report on the sensor."""
         if self.detector.sensor_origin is None:
             return {}
-        words = self.seen_as or SOURCES[self.sensor and self.sensor.kind]
-        positions = stored_origins(run.folder.cells) if self.center is None else self.center[None]
-        n, cells = 0, range(len(run.cells))
-        if self.by_rays:
-            n = sum(n_by_rays(run.results.read(cell, "raised"), self.cutoff) for cell in cells)
+        words = self.seen_as or SOURCES[self.sensor.kind]
+        positions = stored_origins(run.cells.folder) if self.sensor.moves else self.center[None]
         where = place_words(positions, words) if self.by_rays else ""
+        n = sum(n_by_rays(raised, self.cutoff) for raised in run.found("raised"))
         return rows_of_sensor(where, self.doubt, n)
 
     def _lowest(self, run):
         """The `LowestPoints` of the ground without outliers; of all kept points if it is little."""
-        results, k, first = self._results(run), self.n_neighbors, 0
+        results, k, first = self.results(run), self.n_neighbors, 0
         lowest = LowestPoints(run.catalog.n_points, k)
         for _, cloud, _ in parts_of(run.catalog.paths):
             scores = _judged(results.take(first, len(cloud)))[0]
@@ -238,53 +211,22 @@ class TiledOutliers(TiledVerb):
             lowest.add(cloud.xyz[ground_in(cloud) & ~(scores > self.cutoff)])
         if lowest.n_points < k:
             lowest = LowestPoints(self.n_used, k)
-            for cell, values in enumerate(self._results(run).of_cells()):
+            for cell, values in enumerate(self.results(run).of_cells()):
                 lowest.add(run.cells.points(cell)[_judged(values)[0] <= self.cutoff])
         return lowest
 
     def _removed(self, run):
         """Points, and which are outliers, but for groups below the ground, tile by tile."""
-        for cell, values in enumerate(self._results(run).of_cells()):
+        for cell, values in enumerate(self.results(run).of_cells()):
             scores, depths = _judged(values)
             yield run.cells.points(cell), (scores > self.cutoff) & ~(depths > self.cutoff)
 
 
 def _judged(values):
-    """Scores, NaN of points that are not judged, and the depths of groups below the ground.
-
-    Values are scores, and, where heights are asked for, whether points are judged, and depths.
-    """
-    scores, depths = values[:, 0], np.zeros(len(values))
-    if values.shape[1] > 2:
-        depths = values[:, 2]
-        scores = np.maximum(scores, depths)
-    if values.shape[1] > 1:
-        scores = np.where(values[:, 1] == 1, scores, np.nan)
-        depths = np.where(values[:, 1] == 1, depths, np.nan)
-    return scores, depths
-
-
-def _all_scores(results, cells):
-    """The scores of all points, cell by cell."""
-    for cell in cells:
-        yield results.read(cell, "results")[:, 0]
-
-
-def with_light(folder, job, cell, part):
-    """As `Job.given`: the ranks of intensity in the whole cloud."""
-    return part, {"intensity": stored_light(folder)[part.rows]}
-
-
-def with_all(folder, job, cell, part, moves, shines):
-    """As `Job.given`: ranks of intensity, and where the sensor was, with the ends of beams that
-    cross the cell."""
-    given = {}
-    if moves:
-        part = with_beams(job, cell, part)
-        given["sensor_origin"] = stored_origins(folder)[part.rows]
-    if shines:
-        given["intensity"] = stored_light(folder)[part.rows]
-    return part, given
+    """Scores, NaN of points that are not judged, and the depths of groups below the ground."""
+    scores, *depths = values.T
+    depths = depths[0] if depths else np.zeros(len(values))
+    return np.maximum(scores, depths), depths
 
 
 def keep_light(job, cell, part, fitted, cloud):
@@ -297,7 +239,7 @@ def keep_light(job, cell, part, fitted, cloud):
 def keep_scores(job, cell, part, fitted, cloud):
     """As `Job.keep`: scores, what rays say of the position, and how rough planes are."""
     judged, own = judged_cloud(fitted), part.own[cloud.rows]
-    found = {"results": -fitted.scores_[part.own, None], "sheets": [0, 0]}
+    found = {"scores": -fitted.scores_[part.own, None], "sheets": [0, 0]}
     if judged.rays is not None:
         kinds = judged.rays.on_sheet, judged.explaining
         found["sheets"] = [int(judged.counts[own & kind].sum()) for kind in kinds]

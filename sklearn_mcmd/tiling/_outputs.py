@@ -7,10 +7,7 @@ them again. So a run that ended while outputs were moved has only to move the ot
 
 import os
 import shutil
-from bisect import bisect_left
 from pathlib import Path
-
-import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
@@ -25,45 +22,6 @@ from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
 from sklearn_mcmd.tiling._tasks import TilingError
 
 LAS_OR_LAZ = listed(TILED, "or")
-
-
-class Results:
-    """Results of all cells in the order of the points, of which each is asked for once.
-
-    They are the columns of the arrays of these names, one after the other.
-    """
-
-    def __init__(self, results, cells, *names):
-        self._results, self._cells, self._names = results, cells, names or ("results",)
-        # Of each cell, the first result that was not taken, and the row of its point.
-        self._starts, self._rows = [0] * len(cells), [0] * len(cells)
-
-    def take(self, first, n, n_expected=None):
-        """Results (n, n_columns) of points from the row `first` on; 0 or NaN of those without."""
-        some, n_found = self._stored(0), 0
-        width, dtype = sum(part.shape[1] for part in some), np.result_type(*some)
-        values = np.full((n, width), np.nan if dtype.kind == "f" else 0, dtype)
-        for cell in range(len(self._cells)):
-            if self._rows[cell] >= first + n:
-                continue
-            rows, start = self._cells.rows(cell), self._starts[cell]
-            stop = bisect_left(rows, first + n, start)
-            own = [part[start:stop] for part in self._stored(cell)]
-            values[rows[start:stop].astype(np.int64) - first] = np.hstack(own)
-            n_found += stop - start
-            self._starts[cell] = stop
-            self._rows[cell] = rows[stop] if stop < len(rows) else np.inf
-        if n_expected is not None and n_found != n_expected:  # a fault of ours
-            raise RuntimeError(f"{n_expected - n_found} of {n_expected} points have no results")
-        return values
-
-    def of_cells(self):
-        """The same, cell by cell."""
-        for cell in range(len(self._cells)):
-            yield np.hstack(self._stored(cell))
-
-    def _stored(self, cell):
-        return [self._results.mapped(cell, name) for name in self._names]
 
 
 def targets_of(catalog, target):
@@ -111,16 +69,16 @@ def _names_in(folder, catalog):
 
 def write_outputs(run, verb):
     """Write each output in the order of its inputs; returns the sum of what the verb measures."""
-    catalog, targets, results, first, total = run.catalog, run.targets, verb.results(run), 0, 0.0
-    joined = len(targets) < len(catalog)
+    catalog, results, first, total = run.catalog, verb.results(run), 0, 0.0
+    joined = len(run.outputs) < len(catalog)
     header = joined_header(catalog.paths) if joined else None
-    for i, place in enumerate(_places_of(targets, run.folder)):
-        inputs = range(len(catalog)) if joined else [i]
-        for j in inputs:
-            with one_clear_line(catalog.paths[j], "read"):
-                if stamp_of(catalog.paths[j]) != catalog.stamps[j]:
+    stamps = dict(zip(catalog.paths, catalog.stamps, strict=True))
+    for i, (place, target) in enumerate(run.outputs):
+        n_written, paths = 0, catalog.paths if joined else [catalog.paths[i]]
+        for path in paths:
+            with one_clear_line(path, "read"):
+                if stamp_of(path) != stamps[path]:
                     raise PointFileError("has changed since it was read")
-        n_written, paths = 0, [catalog.paths[j] for j in inputs]
         with replacing(place) as temporary, writing_parts(temporary) as write:
             parts = ahead(_made(verb, results, paths, first, header))
             for n, measured, made, marked in parts:
@@ -129,7 +87,7 @@ def write_outputs(run, verb):
                 n_written += len(made)
                 report_share(first / catalog.n_points)
         if n_written == 0:
-            warn_caller(f"{targets[i]}: all points are outliers, so the file has none")
+            warn_caller(f"{target}: all points are outliers, so the file has none")
     return total
 
 
@@ -137,7 +95,7 @@ def _made(verb, results, paths, first, header):
     """Of each part of files, from the row `first` on: points, what is measured, what to write."""
     for path, cloud, chosen in parts_of(paths, verb.choice):
         n, xyz = len(cloud), cloud.xyz
-        values = results.take(first, n, n if chosen is None else np.count_nonzero(chosen))
+        values = results.take(first, n, len(xyz[chosen]))
         first += n
         if header is not None:
             with one_clear_line(path, "read"):
@@ -145,23 +103,18 @@ def _made(verb, results, paths, first, header):
         yield n, verb.measure(values), *verb.make(cloud, values, xyz)
 
 
-def _places_of(targets, folder):
-    """Where outputs are written."""
-    return [folder.outputs / f"{i}{path.suffix.lower()}" for i, path in enumerate(targets)]
-
-
-def move_outputs(verb, catalog, targets, folder, report):
+def move_outputs(verb, run, folder, report):
     """Move all outputs; a report is kept for a run that has only to move them."""
-    places = zip(_places_of(targets, folder), targets, strict=True)
+    catalog = run.catalog
     moves = [
         [str(place), os.path.realpath(target), list(stamp_of(place))]
-        for place, target in [*places, *verb.others(folder)]
+        for place, target in [*run.outputs, *run.others]
     ]
     # Files without points, which no run can read again, come last.
     moves.sort(key=lambda move: -move[2][0])
     stored = {
-        "key": _key(verb, catalog, targets),
-        "paths": _real(catalog.paths),
+        "key": key_of(verb, [*catalog.paths, *(target for _, target in run.outputs)]),
+        "paths": list(map(os.path.realpath, catalog.paths)),
         "stamps": [list(stamp) for stamp in catalog.stamps],
         "moves": moves,
         "report": report,
@@ -180,7 +133,7 @@ def resume_moves(verb, catalog, targets, folder):
                 "files as they are (restart)"
             )
         return None
-    if stored["key"] == _key(verb, catalog, targets) and _fits(stored):
+    if stored["key"] == key_of(verb, [*catalog.paths, *targets]) and _fits(stored):
         _move(stored["moves"])
         return stored["report"]
     replaced = (move for move in stored["moves"] if move[1] in stored["paths"])
@@ -191,16 +144,6 @@ def resume_moves(verb, catalog, targets, folder):
         )
     folder.moves.unlink(missing_ok=True)
     return None
-
-
-def _key(verb, catalog, targets):
-    """A hash of what outputs depend on, besides the inputs' stamps."""
-    paths = _real((*catalog.paths, *targets))
-    return key_of(verb.estimator, paths, verb.content, verb.sensor and verb.sensor.key)
-
-
-def _real(paths):
-    return [os.path.realpath(path) for path in paths]
 
 
 def _fits(stored):

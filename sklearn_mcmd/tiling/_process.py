@@ -188,10 +188,10 @@ def process_files(
             f"{type(estimator).__name__} cannot work by tiles: give an MCMDOutlierDetector, a "
             "RobustNormalEstimator, a RegionGrowing or a SharpFeatureDetector."
         )
-    parameters = signature(process_files).parameters
+    parameters, taken = signature(process_files).parameters, signature(verb).parameters
     for name, value in given.items():
         idle = parameters[name].default
-        if name not in verb.options and repr(value) != repr(idle):
+        if name not in taken and repr(value) != repr(idle):
             raise ValueError(
                 f"{name}={shorter(value)} has no meaning for {type(estimator).__name__}: leave it "
                 f"{idle!r}."
@@ -206,7 +206,10 @@ def process_files(
     own = {name: value.item() for name, value in params.items() if isinstance(value, np.generic)}
     own |= {name: 1 for name in params if name.endswith("n_jobs")}  # tiles have processes
     estimator = clone(estimator).set_params(**own)
-    verb = verb(estimator, **{name: given[name] for name in verb.options})
+    options = {name: given[name] for name in taken if name in given}
+    verb = verb(estimator, **options)
+    # Positions have a key of their own.
+    verb.content = [f"{name}={options[name]}" for name in options if name != "sensor_origin"]
     report = run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart)
     if report.together:
         warn_caller(report.together)

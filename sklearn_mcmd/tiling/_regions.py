@@ -8,20 +8,31 @@ import numpy as np
 from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.segmentation._estimator import RegionGrowing, numbers_by_size
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, pooled, region_planes
+from sklearn_mcmd.segmentation._region_sums import Groups, median_by_region, region_sizes
+from sklearn_mcmd.segmentation._region_table import (
+    FIELDS,
+    are_flat,
+    enlarge_errors,
+    flat_table,
+    frame_of,
+    outline_of,
+    region_table,
+)
+from sklearn_mcmd.tiling._base import TiledVerb, hops_of, warm_up, without_sides
 from sklearn_mcmd.tiling._borders import in_halo, join_regions
 from sklearn_mcmd.tiling._halo import HOPS_MORE, WIDTH
-from sklearn_mcmd.tiling._outputs import Results
-from sklearn_mcmd.tiling._region_parts import joined_table, parts_of_regions
-from sklearn_mcmd.tiling._run import TiledVerb, most_neighbors, warm_up
-from sklearn_mcmd.tiling._verbs import hops_of, neighbors_of, without_sides
 
 LARGEST = 20  # regions whose points are counted in the report
+NUMBERS = [field for field in FIELDS if field[0] != "outline"]
+SAMPLE = 1_000  # points of a part, at most, that tell how the plane of a joined region bows
+SUMS = [("distinct", "f8"), ("usual", "f8"), ("reach", "f8"), ("covariance", "f8", (3, 3))]
 
 
 class TiledRegions(TiledVerb):
     """Regions of cells, joined where they share points."""
 
-    options = ("colors", "regions")
+    names = ("final",)
 
     def __init__(self, estimator, colors, regions):
         estimator._validate_params()
@@ -29,62 +40,42 @@ class TiledRegions(TiledVerb):
             normals = RobustNormalEstimator(random_state=estimator.random_state, n_jobs=1)
             estimator.set_params(normal_estimator=normals)
         self.normals = without_sides(estimator.normal_estimator)
-        super().__init__(estimator, f"colors={colors} {regions}")
+        super().__init__(estimator, self.normals)
         self.colors, self.table = colors, regions and Path(regions)
         if self.table and self.table.suffix.lower() not in SUFFIXES:
             raise ValueError(f"regions={str(regions)!r} must end in {', '.join(SUFFIXES)}.")
 
-    @property
-    def n_neighbors(self):
-        return max(self.estimator.n_neighbors, neighbors_of(self.normals))
-
     def prepare(self, catalog):
-        most_neighbors(catalog.n_points, self.estimator, self.normals)
         warm_up(self.estimator)
 
     def find(self, run):
         keep = partial(keep_regions, with_table=bool(self.table))
-        hops = hops_of(self.normals) + HOPS_MORE
         growing = PartGrowing(**self.estimator.get_params(deep=False))
-        run.fit(self.task, run.job(growing, keep, hops, WIDTH))
-        self.found = run.results.once("regions", partial(self._join, run))
-
-    def _join(self, run):
-        """Write the joined regions of all points; returns what is reported of them."""
-        results, cells = run.results, range(len(run.cells))
-        starts = np.cumsum([0, *(results.report(cell, self.task)["n_regions"] for cell in cells)])
-        n, sizes = int(starts[-1]), np.zeros(int(starts[-1]))
-        for cell in cells:
-            labels = results.read(cell, "results")[:, 0]
-            own = np.bincount(labels[labels >= 0], minlength=starts[cell + 1] - starts[cell])
-            sizes[starts[cell] : starts[cell + 1]] = own
-        group = join_regions(results, cells, starts, sizes)
-        totals = np.bincount(group, sizes, group.max(initial=-1) + 1)
-        number = numbers_by_size(totals, self.estimator.min_region_size)[:-1]
-        numbers = number[group] if n else np.empty(0, np.int32)
-        for cell in cells:
-            labels = results.read(cell, "results")[:, 0]
-            known = np.append(numbers[starts[cell] : starts[cell + 1]], -1).astype(np.int32)
-            results.keep(cell, "final", {"final": known[labels][:, None]})
+        asked = {"hops": hops_of(self.normals) + HOPS_MORE, "width": WIDTH}
+        run.do(self.task, estimator=growing, keep=keep, **asked)
+        counts = [report["n_regions"] for report in run.reports(self.task)]
+        starts, sizes = np.cumsum([0, *counts]), [np.empty(0)]
+        for labels, n in zip(run.found("results"), counts, strict=True):
+            sizes.append(np.bincount(labels[labels >= 0], minlength=n))
+        sizes = np.concatenate(sizes)
+        group = join_regions(run, starts, sizes)
+        totals = np.bincount(group, sizes)
+        number = numbers_by_size(totals, self.estimator.min_region_size)
+        numbers = number[np.append(group, -1)]
+        for cell, labels in enumerate(run.found("results")):
+            final = numbers[np.where(labels < 0, -1, starts[cell] + labels)]
+            run.results.keep(cell, "final", {"final": final})
         if self.table:
-            write_regions(self._place(run.folder), joined_table(results, cells, starts, numbers))
-        kept = np.sort(totals[number >= 0])[::-1].astype(int).tolist()
-        return {"n_regions": len(kept), "n_inside": sum(kept), "largest": kept[:LARGEST]}
-
-    def results(self, run):
-        return Results(run.results, run.cells, "final")
+            place = run.outputs[0][0].with_name(f"regions{self.table.suffix.lower()}")
+            write_regions(place, joined_table(run, starts, numbers[:-1]))
+            run.others.append((place, self.table))
+        kept = np.sort(totals[number[:-1] >= 0])[::-1].astype(int).tolist()
+        self.found = {"n_regions": len(kept), "n_inside": sum(kept), "largest": kept[:LARGEST]}
 
     def make(self, cloud, values, xyz):
         from sklearn_mcmd.plotting._still import with_regions
 
         return with_regions(cloud, values[:, 0], self.colors), None
-
-    def others(self, folder):
-        return [(self._place(folder), self.table)] if self.table else []
-
-    def _place(self, folder):
-        """Where the table of regions is until it is moved."""
-        return folder.outputs / f"regions{self.table.suffix.lower()}"
 
     def report(self, run, total):
         return {"removed_fraction": 0.0, **self.found}
@@ -103,7 +94,98 @@ def keep_regions(job, cell, part, fitted, cloud, with_table):
     segments = fitted.segments_
     labels = segments.labels[segments.neighbor_index.places].astype(np.int32)
     found = {"results": labels[part.own, None], "n_regions": int(labels.max(initial=-1)) + 1}
-    found |= in_halo(part, labels)
+    found["halo"] = in_halo(part, labels)
     if with_table:
         found |= parts_of_regions(segments, part.own[segments.neighbor_index.rows])
     return found
+
+
+def parts_of_regions(segments, own):
+    """What `joined_table` asks of a cell, of each of its regions: rows of a table with sums, and
+    corners of outlines. `own` is bool (n,), which of the points of `Segments` the cell has."""
+    n_regions = int(segments.labels.max(initial=-1)) + 1
+    regions, labels = np.unique(np.append(segments.labels[own], -1), return_inverse=True)
+    regions, labels, n = regions[1:], labels[:-1] - 1, len(regions) - 1  # of those with own points
+    points, planes = segments.neighbor_index.points[own], segments.planes.take(np.flatnonzero(own))
+    copies = None if segments.copies is None else segments.copies[own]
+    moments, parts = region_planes(points, labels, n, copies), np.zeros(n_regions, SUMS + NUMBERS)
+    table = region_table(points, labels, planes, moments)
+    for name, _ in NUMBERS:
+        parts[name][regions] = table[name]
+    parts["covariance"][regions], parts["distinct"][regions] = moments[2], region_sizes(labels, n)
+    for name, values in {"usual": planes.scale, "reach": planes.radius}.items():
+        parts[name][regions] = median_by_region(values, labels, n)
+    corners, samples = [np.empty((0, 4))], [np.empty((0, 4))]
+    for region, rows, outline in zip(
+        regions, Groups.of(labels).split(), table["outline"], strict=True
+    ):
+        ring = outline.partition("((")[2].rstrip(")").replace(",", " ").split()
+        some = points[rows[:: -(-len(rows) // SAMPLE)]]
+        for found, xyz in (corners, np.array(ring, float).reshape(-1, 3)[:-1]), (samples, some):
+            found.append(np.column_stack([np.full(len(xyz), region), xyz]))
+    return {
+        "parts": parts,
+        "corners": np.concatenate(corners),
+        "samples": np.concatenate(samples),
+    }
+
+
+def joined_table(run, starts, numbers):
+    """The `regions_` of all cells, of whose regions ``numbers[starts[cell] + i]`` is the number, -1
+    of those that are none."""
+    parts = np.concatenate(list(run.found("parts")))
+    kept = (numbers >= 0) & (parts["points"] > 0)
+    parts, group = parts[kept], numbers[kept]
+    n = int(group.max(initial=-1)) + 1
+    if n == 0:
+        return np.zeros(0, FIELDS)
+    # Of each region, the largest part stands for it where no sum does.
+    largest = np.lexsort((-parts["points"], group))
+    largest = largest[np.searchsorted(group[largest], np.arange(n))]
+    medians = np.column_stack([parts["usual"], parts["reach"]])
+    sizes, centroids, covariances = (parts[name] for name in ("points", "centroid", "covariance"))
+    planes, medians = pooled(sizes.astype(float), centroids, covariances, medians, group)
+    sizes, centroids, covariances = planes
+    values, axes = np.linalg.eigh(covariances)
+    moments = sizes, centroids, covariances, np.maximum(values, 0.0), axes
+    distinct = np.bincount(group, parts["distinct"], n)
+    table, noise = flat_table(moments, distinct)
+    flat = are_flat(moments, *medians.T)
+    n_parts = np.bincount(group, minlength=n)
+    rings, samples = (
+        _points_of_regions(run, starts, numbers, name, n) for name in ("corners", "samples")
+    )
+    for region, (row, ring) in enumerate(zip(table, rings, strict=True)):
+        part = parts[largest[region]]
+        if n_parts[region] == 1:
+            for name, _ in NUMBERS:
+                row[name] = part[name]
+        else:
+            _tell_joined(row, part, flat[region])
+            local, each = samples[region] - row["centroid"], distinct[region] / len(samples[region])
+            given = local @ axes[region][:, 1:], local @ row["normal"], noise[region]
+            enlarge_errors(row, *given, each=each)
+        local = (ring - row["centroid"]) @ frame_of(row["normal"]).T
+        area, row["outline"] = outline_of(local, row["centroid"], row["normal"])
+        row["area"] = part["area"] if n_parts[region] == 1 else area
+    return table
+
+
+def _points_of_regions(run, starts, numbers, name, n):
+    """The points (m, 3) of each of n joined regions that parts of these have under a name."""
+    region, points = [], []
+    for start, some in zip(starts, run.found(name), strict=False):
+        region.append(numbers[start + some[:, 0].astype(np.int64)])
+        points.append(some[:, 1:])
+    region, points = np.concatenate(region), np.concatenate(points)
+    order = np.argsort(region, kind="stable")[np.count_nonzero(region < 0) :]
+    counts = np.bincount(region[region >= 0], minlength=n)
+    return np.split(points[order], np.cumsum(counts)[:-1])
+
+
+def _tell_joined(row, part, is_flat):
+    """Tell the kind of a region of several parts; a cylinder is that of the largest."""
+    row["kind"] = "plane" if is_flat else "curved"
+    if part["kind"] == "cylinder" and row["rms"] > JoinLimits().most_noise * part["rms"]:
+        for name in ("kind", "rms", "radius", "axis", "axis_point"):
+            row[name] = part[name]

@@ -11,7 +11,7 @@ import joblib
 import pytest
 
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.tiling import TilingError, _run, process_files
+from sklearn_mcmd.tiling import TilingError, _base, process_files
 from sklearn_mcmd.tiling._memory import plan_run, usual_memory
 from tiled import ESTIMATOR, VERBS, goes_on, names_in, street
 
@@ -130,7 +130,7 @@ def cluster(tmp_path_factory):
 def wait_for(folder, n_tiles, run):
     """Wait until so many tiles are done, as reports in the folder of a run say."""
     end = time.monotonic() + 600
-    while len(list(folder.glob("*.tiles/results/*/*.fit.json"))) < n_tiles:
+    while len(list(folder.glob("*.tiles/results-*/*.fit.json"))) < n_tiles:
         assert time.monotonic() < end
         assert run.poll() is None
         time.sleep(0.01)
@@ -179,7 +179,7 @@ def test_a_tile_that_kills_its_process_ends_the_run_with_one_line(
         os.kill(os.getpid(), signal.SIGKILL)
 
     target = tmp_path / "out.las"
-    monkeypatch.setattr(_run, "fit_cell", die)
+    monkeypatch.setattr(_base, "fit_cell", die)
     with pytest.raises(TilingError, match=r"(?s)terminated.*SIGKILL.*; what was done is kept in"):
         process_files(small_file, target, ESTIMATOR, tile_size=2_000, n_jobs=2)
     assert not target.exists()

@@ -90,10 +90,10 @@ def pickled(_):
         ("manifest.json", lambda told: told[:-9], ""),
         ("manifest.json", lambda told: told.replace(b'"usual": 0.', b'"usual": 1.'), ""),
         ("cells/cells.npz", lambda _: b"PK", r"cells.npz: cannot be read.*begins anew"),
-        ("*/*/0.results.npy", lambda stored: stored[:99], r"results.npy: cannot be .*begins anew"),
-        ("*/*/0.results.npy", pickled, "results.npy: cannot be read.*begins anew"),
-        ("*/*/0.fit.json", lambda _: b"", ""),
-        ("*/*/0.fit.json", lambda _: b"{", r"0.fit.json: cannot be read.*begins anew"),
+        ("*/0.results.npy", lambda stored: stored[:99], r"results.npy: cannot be .*begins anew"),
+        ("*/0.results.npy", pickled, "results.npy: cannot be read.*begins anew"),
+        ("*/0.fit.json", lambda _: b"", ""),
+        ("*/0.fit.json", lambda _: b"{", r"0.fit.json: cannot be read.*begins anew"),
     ],
 )
 def test_a_run_that_meets_a_damaged_file_names_it_and_begins_anew(

@@ -35,7 +35,7 @@ FAST = [
 ]
 SLOW = [
     (ESTIMATOR, {}, "_run.WorkFolder.finish_cells", 0, 0),
-    (ESTIMATOR, {}, "_outputs.Results.take", 0, 4),
+    (ESTIMATOR, {}, "_base.Results.take", 0, 4),
     (ESTIMATOR, {}, "_files.write_array", 1, 1),
     (TREE, {}, "_files.CellResults.keep", 6, 4),
     (SHARE, HEIGHTS, "_heights.Cells.points", 3, 0),
