@@ -6,11 +6,14 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from sklearn_mcmd.normals._features import flip_columns
 from sklearn_mcmd.normals._sides import TreeLimits
+from sklearn_mcmd.planes._indexed_cloud import distinct_numbers
 from sklearn_mcmd.planes._orientation import signs_along, spanning_forest
 from sklearn_mcmd.runtime._chunks import slices
 
 LEAST_SHARED = 10  # points that regions of two cells share at least, if they are one,
 LEAST_SHARE = 0.7  # and this share of the smaller one's points in the overlap
+LEAST_SEEN = 0.25  # share of a region that another cell sees, if it is to join what touches there
+TOUCHING = 12  # neighbors of a point, among which are those of regions that touch its own
 SMOOTH = 0.9  # cosine between normals of neighbors that are of one smooth part, at least
 
 AT_ONCE = 100_000  # points whose neighbors are asked for at once
@@ -116,9 +119,42 @@ def join_regions(run, starts, sizes):
     asked = (np.unique(key, return_inverse=True)[1] for key in pairs * len(starts) + cells[::-1])
     least = np.minimum(*(np.bincount(of, shared)[of] for of in asked))
     kept = (shared >= LEAST_SHARED) & (shared > LEAST_SHARE * least)
-    pairs = pairs[:, kept & (sizes[pairs] > 0).all(axis=0)]
+    kept &= (sizes[pairs] > 0).all(axis=0)
+    pairs = pairs[:, kept & ~_are_hardly_seen(run, starts, pairs, cells, shared * kept)]
     graph = coo_array((np.ones(pairs.shape[1], bool), pairs), shape=(n, n))
     return connected_components(graph, directed=False)[1]
+
+
+def _are_hardly_seen(run, starts, pairs, cells, shared):
+    """Which pairs of regions, which share so many points, are not one. The cell of the one has
+    another that touches it and shares more with the other, whose cell sees little of the one."""
+    n, are = int(starts[-1]), np.zeros(len(shared), bool)
+    seen, touching = np.concatenate(list(run.found("seen"))), [np.empty((0, 2), np.int64)]
+    touching += [start + both for start, both in zip(starts, run.found("touching"), strict=False)]
+    touching = np.concatenate(touching) @ [n, 1]
+    for one, other in (0, 1), (1, 0):
+        order = np.lexsort((-shared, cells[one], pairs[other]))
+        name, group = pairs[one, order], pairs[other, order] * len(starts) + cells[one, order]
+        little = shared[order] < LEAST_SEEN * seen[name]
+        for lag in range(1, len(order)):
+            beside = little[lag:] & (group[lag:] == group[:-lag])
+            if not (group[lag:] == group[:-lag]).any():
+                break
+            codes = np.sort(np.stack([name[lag:], name[:-lag]]), axis=0).T @ [n, 1]
+            are[order[lag:][beside & np.isin(codes, touching)]] = True
+    return are
+
+
+def touching_regions(cloud, labels):
+    """Pairs (m, 2) of labels of neighbors, the smaller first; -1 is no label."""
+    of, codes = np.full(len(cloud.points), -1, np.int64), [np.empty(0, np.int64)]
+    of[cloud.places] = labels
+    k, n = min(TOUCHING, len(of)), int(labels.max(initial=-1)) + 1
+    for rows in slices(len(of), AT_ONCE):
+        near = of[cloud.neighbors(rows, k, 0)]
+        less, more = np.minimum(near[:, :1], near), np.maximum(near[:, :1], near)
+        codes.append(distinct_numbers((less * n + more)[(less >= 0) & (less < more)]))
+    return np.stack(np.divmod(distinct_numbers(np.concatenate(codes)), max(n, 1)), axis=1)
 
 
 def in_halo(part, values):

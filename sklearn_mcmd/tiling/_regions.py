@@ -20,7 +20,7 @@ from sklearn_mcmd.segmentation._region_table import (
     region_table,
 )
 from sklearn_mcmd.tiling._base import TiledVerb, hops_of, warm_up, without_sides
-from sklearn_mcmd.tiling._borders import in_halo, join_regions
+from sklearn_mcmd.tiling._borders import in_halo, join_regions, touching_regions
 from sklearn_mcmd.tiling._halo import HOPS_MORE, WIDTH
 
 LARGEST = 20  # regions whose points are counted in the report
@@ -94,7 +94,8 @@ def keep_regions(job, cell, part, fitted, cloud, with_table):
     segments = fitted.segments_
     labels = segments.labels[segments.neighbor_index.places].astype(np.int32)
     found = {"results": labels[part.own, None], "n_regions": int(labels.max(initial=-1)) + 1}
-    found["halo"] = in_halo(part, labels)
+    found["halo"], found["touching"] = in_halo(part, labels), touching_regions(cloud, labels)
+    found["seen"] = np.bincount(labels[labels >= 0], minlength=found["n_regions"])
     if with_table:
         found |= parts_of_regions(segments, part.own[segments.neighbor_index.rows])
     return found

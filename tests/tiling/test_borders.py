@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.metrics import adjusted_rand_score
 
+from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.datasets import make_box, make_crown_roof, make_street
 from sklearn_mcmd.io import read_points
 from tiled import REGIONS, TREE, fit_in_memory, street, values_of, written
@@ -73,3 +74,20 @@ def test_faces_of_a_roof_stay_apart_in_cells(by_tiles, tmp_path):
     fitted = fit_in_memory(read_points(path).xyz, REGIONS)
     assert abs(report.n_regions - fitted.n_regions_) <= 1
     assert adjusted_rand_score(values[:, 0], fitted.labels_) > 0.95
+
+
+def test_faces_that_touch_stay_apart_where_another_cell_sees_little_of_one(by_tiles, tmp_path):
+    """Such a cell has an end of a face of a box in its own, and would join all."""
+    path = written(tmp_path, make_box(6_000, random_state=2).data)
+    values, _, _, report = by_tiles(path, RegionGrowing(16, random_state=0), tile_size=700)
+    fitted = fit_in_memory(read_points(path).xyz, RegionGrowing(16, random_state=0))
+    assert report.n_regions == fitted.n_regions_
+    assert adjusted_rand_score(values[:, 0], fitted.labels_) > 0.99
+
+
+def test_arms_of_a_floor_that_meet_in_another_cell_are_one(by_tiles, tmp_path):
+    X = np.random.default_rng(0).uniform(0, 1, (6_000, 3)) * [4, 3, 0.004]
+    X = X[(np.abs(X[:, 0] - 2) > 0.2) | (X[:, 1] > 2.5)]
+    values, _, _, report = by_tiles(written(tmp_path, X), REGIONS, tile_size=700)
+    assert report.n_regions == 1
+    assert (values >= 0).mean() > 0.98
