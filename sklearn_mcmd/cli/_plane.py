@@ -140,7 +140,7 @@ class Plane:
     columns: _options.Columns = None
     no_clobber: _options.NoClobber = False
     allow_coarse: _options.AllowCoarse = False
-    config: _options.Config = None
+    help_all: _options.HelpAll = False
     quiet: _options.Quiet = False
 
     def __post_init__(self):
@@ -394,7 +394,7 @@ class Plan:
     repetitions: int = option(10_000, "Simulated planes of each size of bias.", min=100)
     unit: _options.Unit = ""
     random_state: _options.RandomState = 0
-    config: _options.Config = None
+    help_all: _options.HelpAll = False
 
     def run(self):
         from sklearn_mcmd.adjustment import plan_plane
