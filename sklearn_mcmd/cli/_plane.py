@@ -33,10 +33,9 @@ FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 MAX_LOOKED_AT = 20_000
 ONE_PLANE = 0.2  # share of outliers; from here on those at one edge tilt a plane of least squares
 N_WORST = 10  # points of the largest statistics that the reports list
-IDS = "id", "point_id", "point", "number", "nr"  # attributes that name the points of a file
 # Figures that the terminal shows, as far as there are such.
 SUMMARY = (
-    *("outliers", "normal", "point", "dip", "dip direction", "extent", "errors", "lack of fit"),
+    *("outliers", "normal", "point", "dip", "dip direction", "errors", "lack of fit"),
     *("bow", "residuals", "sigma0", "variance ratio", "global test", "flatness", "form", "outside"),
     *("zone", "against", "compared at", "registration", "tilt between", "offset"),
 )
@@ -179,7 +178,6 @@ class Plane:
                 detector = self.tested(cloud.xyz)
             more = self._further(detector, cloud)
             more["n_worst"] = N_WORST if outputs else None
-            more["ids"] = next((cloud.attributes[x] for x in IDS if x in cloud.attributes), None)
             figures = plane_figures(detector, cloud.xyz, self.unit, **more)
             if outputs:
                 from sklearn_mcmd.report._plane_page import plane_contents
