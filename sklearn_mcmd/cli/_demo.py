@@ -27,7 +27,6 @@ def demo(
         Path, typer.Argument(metavar="[DIR]", help="Folder of the files; it is made if missing.")
     ] = Path("mcmd-demo"),
     force: Annotated[bool, typer.Option("--force", help="Replace files with these names.")] = False,
-    quiet: Quiet = False,
 ) -> None:
     """Twice: by coordinates alone, and with --sensor, the position of the scanner. Writes
     street.laz (with outliers, and the truth as attributes), clean.laz, clean_sensor.laz,
@@ -44,26 +43,21 @@ def demo(
                 f"{folder} already holds {', '.join(present)}; name another folder, or --force"
             )
         sensor = write_street(street)
-        denoise(street, clean, sensor="none", quiet=quiet)
-        denoise(street, clean_sensor, sensor=sensor, quiet=quiet)
-        normals(clean_sensor, with_normals, orientation="sensor", sensor=sensor, quiet=quiet)
+        denoise(street, clean, sensor="none")
+        denoise(street, clean_sensor, sensor=sensor)
+        normals(clean_sensor, with_normals, orientation="sensor", sensor=sensor)
         cleaned = {"by coordinates alone": clean}
         cleaned[f"with --sensor {','.join(f'{x:g}' for x in sensor)}"] = clean_sensor
         draw(street, cleaned, with_normals, picture)
         ignore_interrupts()
-        if not quiet:
-            for how, path in cleaned.items():
-                rates = outlier_rates(street, path)
-                print_table(
-                    f"Outliers {how}, against the truth",
-                    **{name: f"{100 * rate:.1f} %" for name, rate in rates.items()},
-                )
-            median, high = np.quantile(normal_errors(with_normals), [0.5, 0.95])
-            print_table(
-                "Normals of what is left with --sensor: angle to the truth",
-                degrees=f"median {median:.2f}, 95 % below {high:.1f}",
-            )
-            typer.echo(f"Picture: {picture}; {time.perf_counter() - begin:.1f} seconds in all.")
+        for how, path in cleaned.items():
+            print_table(f"Outliers {how}, against the truth", **outlier_rates(street, path))
+        median, high = np.quantile(normal_errors(with_normals), [0.5, 0.95])
+        print_table(
+            "Normals of what is left with --sensor: angle to the truth",
+            degrees=f"median {median:.2f}, 95 % below {high:.1f}",
+        )
+        typer.echo(f"Picture: {picture}; {time.perf_counter() - begin:.1f} seconds in all.")
 
 
 def write_street(path):
@@ -86,16 +80,17 @@ def write_street(path):
 
 
 def outlier_rates(street, clean):
-    """Accuracy of the removal, from the two files alone: both hold the truth."""
+    """Accuracy of the removal, in words, from the two files alone: both hold the truth."""
     is_outlier = read_points(street).attributes["true_outlier"] == 1
     missed = read_points(clean).attributes["true_outlier"] == 1
     n_outliers, n_regular = np.count_nonzero(is_outlier), np.count_nonzero(~is_outlier)
     n_found, n_kept = n_outliers - np.count_nonzero(missed), np.count_nonzero(~missed)
-    return {
+    rates = {
         "outliers found": n_found / n_outliers,
         "regular points kept": n_kept / n_regular,
         "accuracy": (n_found + n_kept) / len(is_outlier),
     }
+    return {name: f"{100 * rate:.1f} %" for name, rate in rates.items()}
 
 
 def normal_errors(path):
