@@ -113,20 +113,28 @@ def plot_report(
     new_figure = import_extra("matplotlib.figure", "plot", "plot_report").Figure
     X = check_points(detector, X)
     figure = new_figure(figsize=(11.7, 8.3), layout="constrained")  # A4
-    view, names = _view(detector, X)
     panels = figure.subplot_mosaic("mf;hh")
-    residuals = detector.residuals(X)
-    outliers = detector.labels_ == -1
+    residuals, good = detector.residuals(X), detector.labels_ == 1
     suffix = f" [{unit}]" if unit else ""
     figure.suptitle(title, fontsize="x-large")
     figure.supxlabel(_key_figures(detector, X, unit), fontsize="medium")
-    _draw_map(panels["m"], "Residual map", view, names, residuals, outliers, suffix)
-    good, plane = ~outliers, detector._fitted.plane
+    view, names = _view(detector, X, residuals)
+    _draw_map(panels["m"], view[good], residuals[good], "residual of inliers" + suffix)
+    panels["m"].set_title("Residual map")
+    if not good.all():
+        marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
+        panels["m"].scatter(*_thinned(view[~good]).T, **marks, rasterized=True)
+        panels["m"].legend(loc="lower right", bbox_to_anchor=(1, 1), markerscale=2, frameon=False)
+    plane = detector._fitted.plane
     cells = cells_of((X[good] - plane.center) @ plane.directions, residuals[good])
-    form = view[good], names, cells.residuals[cells.of_point], outliers[good], suffix
-    form_title = f"Form: means of {len(cells.residuals)} cells"
-    _draw_map(panels["f"], form_title, *form, what="mean residual of a cell")
-    _draw_histogram(panels["h"], residuals, outliers, suffix)
+    means = cells.residuals[cells.of_point]
+    _draw_map(panels["f"], view[good], means, "mean residual of a cell" + suffix)
+    panels["f"].set_title(f"Form: means of {len(cells.residuals)} cells")
+    for name in "mf":
+        panels[name].set(xlabel=names[0] + suffix, ylabel=names[1] + suffix)
+        if X.shape[1] > 2:
+            panels[name].set_aspect("equal", adjustable="box")
+    _draw_histogram(panels["h"], residuals, ~good, suffix)
     return figure
 
 
@@ -143,54 +151,39 @@ def _thinned(rows):
     return rows[:: len(rows) // MAX_DRAWN + 1]
 
 
-def _draw_map(axes, title, view, names, residuals, outliers, suffix, what="residual of inliers"):
-    """A map of residuals."""
-    good, bad = (_thinned(np.flatnonzero(mask)) for mask in (~outliers, outliers))
-    marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
-    if view.shape[1] >= 2:
-        # Not the largest residual: one point would make all others pale.
-        reach = np.percentile(np.abs(residuals[good]), 99) if len(good) else 1.0
-        ends = {"cmap": "coolwarm", "vmin": -(reach or 1.0), "vmax": reach or 1.0}
-        shown = axes.scatter(
-            *view[good, :2].T, c=residuals[good], s=4, linewidths=0, rasterized=True, **ends
-        )
-        axes.scatter(*view[bad, :2].T, **marks, rasterized=True)
-        axes.set_aspect("equal", adjustable="box")
-        place = {"location": "bottom", "shrink": 0.6, "aspect": 30, "pad": 0.02}
-        label = what + suffix
-        bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
-        bar.ax.locator_params(nbins=4)
-    else:
-        along = view[:, 0] if view.shape[1] else np.zeros(len(residuals))
-        axes.scatter(along[good], residuals[good], s=4, c=BLUE, rasterized=True)
-        axes.scatter(along[bad], residuals[bad], **marks, rasterized=True)
-        names = [names[0] if names else "", "residual"]
-    axes.set(title=title, xlabel=names[0] + suffix, ylabel=names[1] + suffix)
-    if len(bad):
-        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), markerscale=2, frameon=False)
+def _draw_map(axes, view, values, label):
+    """Places in the colors of their values, and a bar of these."""
+    view, values = _thinned(view), _thinned(values)
+    # Not the largest value: one point would make all others pale.
+    reach = np.percentile(np.abs(values), 99) if len(values) else 1.0
+    ends = {"cmap": "coolwarm", "vmin": -(reach or 1.0), "vmax": reach or 1.0}
+    shown = axes.scatter(*view.T, c=values, s=4, linewidths=0, rasterized=True, **ends)
+    place = {"location": "bottom", "shrink": 0.6, "aspect": 30, "pad": 0.02}
+    bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
+    bar.ax.locator_params(nbins=4)
 
 
-def _view(detector, X):
-    """Map coordinates of the points and their names.
+def _view(detector, X, residuals):
+    """Coordinates of the points in a map (n, 2), and their names.
 
     A plane in space that is steeper than 45 degrees is seen from the side to which its normal
-    points, with the level line to the right and height up. All others are seen from above.
+    points, with the level line to the right and height up. All others are seen from above, and
+    lines have their residuals upward.
     """
     normal = detector.normal_
+    if X.shape[1] == 2:
+        return np.column_stack([X[:, 0], residuals]), ["x", "residual"]
     if X.shape[1] == 3 and detector.surface == "orthogonal" and abs(normal[2]) < np.sqrt(0.5):
         right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(*normal[:2])
         along = (X - detector._fitted.plane.center) @ right
         return np.column_stack([along, X[:, 2]]), ["along the level line", "z"]
-    names = ["x", "y"] if X.shape[1] <= 3 else [f"column {i}" for i in range(X.shape[1] - 1)]
-    return X[:, :-1], names
+    return X[:, :2], ["x", "y"] if X.shape[1] == 3 else ["column 0", "column 1"]
 
 
 def _draw_histogram(axes, residuals, outliers, suffix):
     """Residuals against the normal curve of the inliers' scale."""
     inliers = residuals[~outliers]
-    scale = inliers.std() if len(inliers) else 0.0
-    if scale == 0:
-        scale = max(np.abs(residuals).max(), 1.0)
+    scale = (inliers.std() if len(inliers) else 0.0) or max(np.abs(residuals).max(), 1.0)
     largest = np.abs(residuals).max() / scale
     reach = np.clip(np.ceil(largest), 4, MAX_DEVIATIONS)
     bins = scale * np.linspace(-reach, reach, int(10 * reach) + 1)
@@ -203,6 +196,6 @@ def _draw_histogram(axes, residuals, outliers, suffix):
     axes.plot(curve, density * len(inliers) * (bins[1] - bins[0]), color="k", label="normal curve")
     beyond = f", beyond {MAX_DEVIATIONS} deviations in the last bin" if largest > reach else ""
     axes.set(title="Residuals", xlabel=f"residual{suffix}{beyond}", ylabel="points")
-    axes.set(yscale="log")
+    axes.set_yscale("log")
     axes.set_ylim(bottom=0.5)
     axes.legend(loc="best")
