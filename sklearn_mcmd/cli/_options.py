@@ -8,6 +8,7 @@ from string import ascii_letters
 from typing import Annotated, Any, get_args
 
 import typer
+from typer.core import TyperOption
 
 from sklearn_mcmd.cli._messages import clear_exits
 from sklearn_mcmd.io._formats import INDEX, TILED_NAMES
@@ -138,8 +139,9 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show warnings only."
 
 def _show_all(context: typer.Context, asked: bool):
     if asked:
-        for parameter in context.command.params:
-            parameter.hidden = False
+        for option in context.command.params:
+            if isinstance(option, TyperOption):
+                option.hidden = False
         typer.echo(context.get_help())
         raise typer.Exit
 
