@@ -45,8 +45,6 @@ def length(default, help, *words, metavar="LENGTH", signed=False, **settings) ->
         if not digits or digits == text:
             return number(text)
         value, own, unit = number(digits), text[len(digits) :].strip(), context.params["unit"]
-        if own in METERS and not unit:
-            raise typer.BadParameter(f"{text}: say the unit of the file as well, such as --unit m")
         if not METERS.keys() >= {own, unit}:
             raise typer.BadParameter(
                 f"{text} is no number. With a unit, it needs --unit, the unit of the file; both "

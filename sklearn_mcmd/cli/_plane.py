@@ -143,14 +143,9 @@ class Plane:
     quiet: _options.Quiet = False
 
     def __post_init__(self):
-        if self.method == "fuzzy" and self.elimination is not None:
-            raise typer.BadParameter(
-                "--method fuzzy eliminates nothing.", param_hint="--elimination"
-            )
-        if self.method == "fuzzy" and self.robust_start:
-            raise typer.BadParameter(
-                "--method fuzzy is of one least-squares plane.", param_hint="--robust-start"
-            )
+        for name, value in (("elimination", self.elimination), ("robust-start", self.robust_start)):
+            if self.method == "fuzzy" and value:
+                raise typer.BadParameter("is for --method baarda.", param_hint=f"--{name}")
         if self.registration is not None and self.against is None:
             raise typer.BadParameter(
                 "is of two clouds: name the other by --against.", param_hint="--registration"

@@ -153,7 +153,7 @@ def test_a_length_may_have_a_unit_where_that_of_the_file_is_given(verb, option):
     assert value("--unit", "mm", option, "1 in") == pytest.approx(25.4, rel=1e-15)
     assert value(option, "4e-2") == value(option, "4e-2", "--unit", "chain") == 0.04
     for text, unit, words in (
-        ("40mm", (), "40mm: say the unit of the file as well, such as --unit m"),
+        ("40mm", (), "40mm is no number. With a unit, it needs --unit, the unit of the file"),
         ("40mm", ("--unit", "chain"), "40mm is no number. With a unit, it needs --unit"),
         ("40MM", ("--unit", "m"), "40MM is no number. With a unit, it needs --unit"),
     ):
