@@ -27,8 +27,6 @@ def reader_of(name, folder):
     if name == "index":
         (folder / "a.las").write_bytes(next(iter(seeds_of("las", folder))))
         return Catalog, PointFileError
-    if name == "settings":
-        return _settings()
     if name == "store":
         return _stores(folder), (PointFileError, TilingError, FileExistsError)
     return _read_all, PointFileError
@@ -46,21 +44,6 @@ def _read_las(path):
     cloud = _read_all(path)
     if sum(map(len, read_parts(path, 2))) != len(cloud) + cloud.n_dropped:
         raise AssertionError("parts differ from the whole")
-
-
-def _settings():
-    import typer
-
-    from sklearn_mcmd.cli import app
-
-    root = typer.main.get_command(app)
-    context = root.context_class(root, info_name="mcmd")
-
-    def settings(path):
-        args = ["--config", str(path), "in.npy", "out.npy"]
-        root.commands["denoise"].make_context("denoise", args, parent=context)
-
-    return settings, typer.BadParameter.__mro__[1]  # of wrong usage
 
 
 def _stores(folder):

@@ -27,11 +27,6 @@ SCANS = [
     b"2\n2\n" + POSE + b"1 2 3 .5\n0 0 0 0.5\n4 5 6 1\n-1 2.5 1e1 0\n",
     2 * (b"1\n3\n" + POSE + b"1 2 3 .5 255 0 9\n4 5 6 1 0 0 0\n7 8 8 0 1 2 3\n"),
 ]
-SETTINGS = [
-    b'[denoise]\nn_neighbors = 20\ncutoff = 3.0\nquiet = true\nsensor = "auto"\n',
-    b'[normals]\nn_neighbors=[1,2]\n[denoise]\ncolumns={x="e",y=2}\nignore_classes=[7, 18]\n',
-    b"[denoise]\ncolumns=" + DEEP,
-]
 INDEX = {"features": [{"assets": {"data": {"href": "./a.las", "roles": ["data"]}}}]}
 STORES = [
     {"key": "k", "constants": {"dtype": "<f8", "step": 0.0}},
@@ -45,7 +40,6 @@ def seeds_of(reader, folder):
         "text": TEXTS,
         "ptx": SCANS,
         "trajectory": TEXTS[-2:],
-        "settings": SETTINGS,
         "index": [json.dumps(INDEX).encode(), json.dumps(INDEX, indent=1).encode(), DEEP],
         "store": _stores(Path(folder)),
     }

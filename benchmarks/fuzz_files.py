@@ -25,8 +25,13 @@ SPARE = 2**29
 LEAST, BYTES_A_BYTE = 64 * 2**20, 200  # by which a process may grow for a file
 LONGEST = 4096  # bytes of an input, unless valid ones are longer
 # What is read, and the extension of its files.
-READERS = {"text": "csv", "trajectory": "csv", "npz members": "npz", "index": "vpc"}
-READERS |= {"settings": "toml", "store": "json"}
+READERS = {
+    "text": "csv",
+    "trajectory": "csv",
+    "npz members": "npz",
+    "index": "vpc",
+    "store": "json",
+}
 NAMES = [e[1:] for one in FORMATS if one.name not in ("text", "COPC") for e in one.extensions]
 READERS |= {name: name for name in NAMES}
 NUMBERS = [struct.pack(code, -1) for code in "bhiq"] + [struct.pack("<i", 2**n) for n in (24, 30)]

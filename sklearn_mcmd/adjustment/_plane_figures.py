@@ -3,10 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 from scipy.special import chdtri
 
-from sklearn_mcmd._errors import ParameterError, counted, fixed
+from sklearn_mcmd._errors import counted, fixed
 from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
@@ -58,34 +57,31 @@ class PlaneFigures(NamedTuple):
         return {row.name: row for rows in self.parts.values() for row in rows}
 
 
-def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatness=None, ids=None):
+def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatness=None):
     """The figures of a fitted detector, its training points, and what was compared with them.
 
     The unit is only printed. `comparison` and `flatness` are results of `compare_planes` and
     `flatness`. Without `n_worst`, the number of points to list, there are neither tables nor
-    reliability. Points are named by their `ids`, or by their rows.
+    reliability.
     """
-    names = ("row", np.arange(len(X))) if ids is None else ("id", np.asarray(ids))
-    if names[1].shape != (len(X),):
-        raise ParameterError(f"ids have {names[1].size} names: give {len(X)}, one for each point.")
     unit = f" {unit}" if unit else ""
     reliability = None if n_worst is None else _usual_reliability(detector, X, n_worst)
     found = {"method": _method(detector), "points": len(X)}
     found["outliers"] = _share(np.count_nonzero(detector.labels_ == -1), len(X))
     parts = {
         "": _words(found),
-        "Plane": _plane_rows(detector, X, unit),
+        "Plane": _plane_rows(detector, unit),
         "Standard errors": _error_rows(detector, X, unit),
         "Form": _form_rows(detector, unit),
         "Tests": _test_rows(detector, unit),
-        "Reliability": _reliability_rows(reliability, names, unit),
+        "Reliability": _reliability_rows(reliability, unit),
         "Flatness": _flatness_rows(flatness, unit),
         "Against the other plane": _comparison_rows(comparison, unit),
         "Residuals": _residual_rows(detector, X, unit),
     }
     tables = {}
     if n_worst is not None:
-        worst = _worst_table(detector, X, reliability, names, n_worst)
+        worst = _worst_table(detector, X, reliability, n_worst)
         tables["Residuals by verdict"] = _residual_table(detector, X)
         tables[f"{len(worst.rows)} largest test statistics"] = worst
     return PlaneFigures({title: rows for title, rows in parts.items() if rows}, tables, reliability)
@@ -158,7 +154,7 @@ def _is_exact(detector):
     return fitted.scale == fitted.rounding and not fitted.is_rounding
 
 
-def _plane_rows(detector, X, unit):
+def _plane_rows(detector, unit):
     plane = detector._fitted.plane
     precision = detector.precision("prior" if _is_exact(detector) else "posterior")
     at_center = precision.scale / np.sqrt(plane.sum_weights)
@@ -171,17 +167,11 @@ def _plane_rows(detector, X, unit):
         rows.append(_row("slopes", detector.coef_, error=errors.max()))
     horizontal = " degrees from the horizontal"
     rows.append(_row("dip", precision.tilt, horizontal, error=precision.tilt_error))
-    if X.shape[1] == 3:
-        rows += _extent_rows(X[detector.labels_ == 1] - plane.center, plane.normal, unit)
     if detector._fitted.is_rounding:
         return rows
     leans = precision.tilt > precision.confidence_factor() * precision.tilt_error
     if leans and precision.azimuth_error < NO_DIRECTION:
         rows.append(_dip_direction(detector, precision))
-    foot = detector.distance_ * detector.normal_ - plane.center
-    if foot @ foot <= np.square(X - plane.center).sum(axis=1).max():  # farther off it tells nothing
-        error = np.sqrt(precision.covariance[-1, -1])
-        rows.append(_row("distance", detector.distance_, f"{unit} from the origin", error=error))
     return rows
 
 
@@ -194,25 +184,6 @@ def _dip_direction(detector, precision):
     clockwise = " degrees from the y axis, clockwise"
     error = precision.azimuth_error
     return _row("dip direction", direction, clockwise, error=error, note=note)
-
-
-def _extent_rows(local, normal, unit):
-    """Sides of the least rectangle around points along the plane, and the area of their hull."""
-    places = local @ np.linalg.svd(normal[None])[2][1:].T
-    try:
-        hull = ConvexHull(places)
-    except (QhullError, ValueError):  # too few points pass, or only those of a line
-        return []
-    corners = places[hull.vertices]
-    edges = corners - np.roll(corners, 1, axis=0)  # one side of that rectangle is along an edge
-    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    along = np.ptp(corners @ edges.T, axis=0)
-    across = np.ptp(corners @ (edges[:, ::-1] * [-1, 1]).T, axis=0)
-    best = np.argmin(along * across)
-    short, long = sorted((along[best], across[best]))
-    square = unit and f"{unit}^2"
-    extent = f"{long:.4g} x {short:.4g}{unit}, area {hull.volume:.4g}{square}"
-    return [_row("extent", extent, note="of the points that pass, and of their hull")]
 
 
 def _error_rows(detector, X, unit):
@@ -278,8 +249,6 @@ def _test_rows(detector, unit):
             "degrees of freedom": detector.dof_,
             "variance factor": f"{detector.variance_factor_initial_:.6g}{squared} with all points, "
             f"{detector.variance_factor_:.6g}{squared} without outliers",
-            "deviation": f"{np.sqrt(detector.variance_factor_):.4g}{unit} of one observation, "
-            "without outliers",
             **_variance_ratio(detector),
             "global test": _global_test(detector),
             **_details(detector),
@@ -320,7 +289,7 @@ def _details(detector):
     return {"limit": f"1 - C_H = {detector.defuzzification_complement_:.6g}"}
 
 
-def _reliability_rows(reliability, names, unit):
+def _reliability_rows(reliability, unit):
     """Internal and external reliability."""
     if reliability is None:
         return []
@@ -339,9 +308,9 @@ def _reliability_rows(reliability, names, unit):
     }
     if len(reliability.pairs):
         at = int(np.abs(reliability.correlation).argmax())
-        name, (i, j) = names[0], names[1][reliability.pairs[at]]
+        i, j = reliability.pairs[at]
         rows["separability"] = (
-            f"{name}s {i} and {j} least, correlation {reliability.correlation[at]:.2g}: from a bias"
+            f"rows {i} and {j} least, correlation {reliability.correlation[at]:.2g}: from a bias"
             f" of {reliability.identifiable_bias[at]:.4g}{unit} on (MIB)"
         )
     return _words(rows)
@@ -411,7 +380,7 @@ def _residual_table(detector, X):
     return Table(("", "points", "mean", "rms", "least", "largest"), rows)
 
 
-def _worst_table(detector, X, reliability, names, n_worst):
+def _worst_table(detector, X, reliability, n_worst):
     """The points of the largest test statistics."""
     groups, tests = _groups(detector, X), detector.test_statistic_
     length = f".{_decimals(groups['inliers'])}f"
@@ -436,8 +405,8 @@ def _worst_table(detector, X, reliability, names, n_worst):
         cells = [fixed(values[i], form) for values, form in columns.values()]
         verdict = "outlier" if detector.labels_[i] == -1 else "inlier"
         place = " ".join(fixed(value, ".6f") for value in X[i])
-        rows.append((str(names[1][i]), *cells, verdict, place))
-    return Table((names[0], *columns, "verdict", "coordinates"), rows)
+        rows.append((str(i), *cells, verdict, place))
+    return Table(("row", *columns, "verdict", "coordinates"), rows)
 
 
 def _rms(values):

@@ -10,7 +10,6 @@ from sklearn_mcmd._sklearn import checked
 from sklearn_mcmd.adjustment._base import N_WORST, PlaneDetector, check_points
 from sklearn_mcmd.adjustment._comparison import PlaneComparison
 from sklearn_mcmd.adjustment._plane_figures import plane_figures
-from sklearn_mcmd.adjustment._tests import critical_value
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness
 from sklearn_mcmd.planes._form import cells_of
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 
 MAX_DRAWN = 50_000  # more points take minutes to draw, and show no more
 MAX_DEVIATIONS = 15  # half width of the histogram, in standard deviations of the inliers
-BLUE, RED, GRAY = "#1f77b4", "#d62728", "#7f7f7f"
+BLUE, RED = "#1f77b4", "#d62728"
 
 
 @checked(n_worst=N_WORST)
@@ -32,7 +31,6 @@ def text_report(
     n_worst: int = 10,
     comparison: PlaneComparison | None = None,
     flatness: PlaneFlatness | None = None,
-    ids: "ArrayLike | None" = None,
 ) -> str:
     """Plane, precision, reliability and the worst points of a fitted detector, as text.
 
@@ -51,8 +49,6 @@ def text_report(
         With another plane, by `compare_planes`.
     flatness : PlaneFlatness, default=None
         Of these points, by :func:`flatness`.
-    ids : array-like of shape (n_samples,), default=None
-        Identifiers of the points, listed in place of rows.
 
     Raises
     ------
@@ -72,7 +68,7 @@ def text_report(
     ...
     """
     X = check_points(detector, X)
-    further = {"comparison": comparison, "flatness": flatness, "ids": ids}
+    further = {"comparison": comparison, "flatness": flatness}
     return figures_as_text(title, plane_figures(detector, X, unit, n_worst=n_worst, **further))
 
 
@@ -102,8 +98,7 @@ def plot_report(
     title: str = "Plane test",
     unit: str = "",
 ) -> "Figure":
-    """Residual map, the form that is left, histogram against the normal curve, and memberships or
-    statistics.
+    """Residual map, the form that is left, and histogram against the normal curve.
 
     Parameters
     ----------
@@ -118,31 +113,35 @@ def plot_report(
     new_figure = import_extra("matplotlib.figure", "plot", "plot_report").Figure
     X = check_points(detector, X)
     figure = new_figure(figsize=(11.7, 8.3), layout="constrained")  # A4
-    view, names = _view(detector, X)
-    panels = figure.subplot_mosaic("mf;ht")
-    residuals = detector.residuals(X)
-    outliers = detector.labels_ == -1
+    panels = figure.subplot_mosaic("mf;hh")
+    residuals, good = detector.residuals(X), detector.labels_ == 1
     suffix = f" [{unit}]" if unit else ""
     figure.suptitle(title, fontsize="x-large")
     figure.supxlabel(_key_figures(detector, X, unit), fontsize="medium")
-    _draw_map(panels["m"], "Residual map", view, names, residuals, outliers, suffix)
-    good, plane = ~outliers, detector._fitted.plane
+    view, names = _view(detector, X, residuals)
+    _draw_map(panels["m"], view[good], residuals[good], "residual of inliers" + suffix)
+    panels["m"].set_title("Residual map")
+    if not good.all():
+        marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
+        panels["m"].scatter(*_thinned(view[~good]).T, **marks, rasterized=True)
+        panels["m"].legend(loc="lower right", bbox_to_anchor=(1, 1), markerscale=2, frameon=False)
+    plane = detector._fitted.plane
     cells = cells_of((X[good] - plane.center) @ plane.directions, residuals[good])
-    form = view[good], names, cells.residuals[cells.of_point], outliers[good], suffix
-    form_title = f"Form: means of {len(cells.residuals)} cells"
-    _draw_map(panels["f"], form_title, *form, what="mean residual of a cell")
-    _draw_histogram(panels["h"], residuals, outliers, suffix)
-    if hasattr(detector, "membership_residual_"):
-        _draw_memberships(panels["t"], detector)
-    else:
-        _draw_statistics(panels["t"], detector, outliers)
+    means = cells.residuals[cells.of_point]
+    _draw_map(panels["f"], view[good], means, "mean residual of a cell" + suffix)
+    panels["f"].set_title(f"Form: means of {len(cells.residuals)} cells")
+    for name in "mf":
+        panels[name].set(xlabel=names[0] + suffix, ylabel=names[1] + suffix)
+        if X.shape[1] > 2:
+            panels[name].set_aspect("equal", adjustable="box")
+    _draw_histogram(panels["h"], residuals, ~good, suffix)
     return figure
 
 
 def _key_figures(detector, X, unit):
     """The lines below the panels."""
     rows = plane_figures(detector, X, unit).rows()
-    lines = ("outliers", "deviation"), ("normal", "dip"), ("test", "sigma0"), ("residuals",)
+    lines = ("outliers",), ("normal", "dip"), ("test", "sigma0"), ("residuals",)
     lines = ["; ".join(f"{name} {rows[name]}" for name in names) for names in lines]
     return "\n".join([*lines, str(rows["method"])])
 
@@ -152,113 +151,51 @@ def _thinned(rows):
     return rows[:: len(rows) // MAX_DRAWN + 1]
 
 
-def _draw_map(axes, title, view, names, residuals, outliers, suffix, what="residual of inliers"):
-    """A map of residuals."""
-    good, bad = (_thinned(np.flatnonzero(mask)) for mask in (~outliers, outliers))
-    marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
-    if view.shape[1] >= 2:
-        # Not the largest residual: one point would make all others pale.
-        reach = np.percentile(np.abs(residuals[good]), 99) if len(good) else 1.0
-        ends = {"cmap": "coolwarm", "vmin": -(reach or 1.0), "vmax": reach or 1.0}
-        shown = axes.scatter(
-            *view[good, :2].T, c=residuals[good], s=4, linewidths=0, rasterized=True, **ends
-        )
-        axes.scatter(*view[bad, :2].T, **marks, rasterized=True)
-        axes.set_aspect("equal", adjustable="box")
-        place = {"location": "bottom", "shrink": 0.6, "aspect": 30, "pad": 0.02}
-        label = what + suffix
-        bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
-        bar.ax.locator_params(nbins=4)
-    else:
-        along = view[:, 0] if view.shape[1] else np.zeros(len(residuals))
-        axes.scatter(along[good], residuals[good], s=4, c=BLUE, rasterized=True)
-        axes.scatter(along[bad], residuals[bad], **marks, rasterized=True)
-        names = [names[0] if names else "", "residual"]
-    axes.set(title=title, xlabel=names[0] + suffix, ylabel=names[1] + suffix)
-    if len(bad):
-        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), markerscale=2, frameon=False)
+def _draw_map(axes, view, values, label):
+    """Places in the colors of their values, and a bar of these."""
+    view, values = _thinned(view), _thinned(values)
+    # Not the largest value: one point would make all others pale.
+    reach = np.percentile(np.abs(values), 99) if len(values) else 1.0
+    ends = {"cmap": "coolwarm", "vmin": -(reach or 1.0), "vmax": reach or 1.0}
+    shown = axes.scatter(*view.T, c=values, s=4, linewidths=0, rasterized=True, **ends)
+    place = {"location": "bottom", "shrink": 0.6, "aspect": 30, "pad": 0.02}
+    bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
+    bar.ax.locator_params(nbins=4)
 
 
-def _view(detector, X):
-    """Map coordinates of the points and their names.
+def _view(detector, X, residuals):
+    """Coordinates of the points in a map (n, 2), and their names.
 
     A plane in space that is steeper than 45 degrees is seen from the side to which its normal
-    points, with the level line to the right and height up. All others are seen from above.
+    points, with the level line to the right and height up. All others are seen from above, and
+    lines have their residuals upward.
     """
     normal = detector.normal_
+    if X.shape[1] == 2:
+        return np.column_stack([X[:, 0], residuals]), ["x", "residual"]
     if X.shape[1] == 3 and detector.surface == "orthogonal" and abs(normal[2]) < np.sqrt(0.5):
         right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(*normal[:2])
         along = (X - detector._fitted.plane.center) @ right
         return np.column_stack([along, X[:, 2]]), ["along the level line", "z"]
-    names = ["x", "y"] if X.shape[1] <= 3 else [f"column {i}" for i in range(X.shape[1] - 1)]
-    return X[:, :-1], names
+    return X[:, :2], ["x", "y"] if X.shape[1] == 3 else ["column 0", "column 1"]
 
 
 def _draw_histogram(axes, residuals, outliers, suffix):
     """Residuals against the normal curve of the inliers' scale."""
     inliers = residuals[~outliers]
-    scale = inliers.std() if len(inliers) else 0.0
-    if scale == 0:
-        scale = max(np.abs(residuals).max(), 1.0)
+    scale = (inliers.std() if len(inliers) else 0.0) or max(np.abs(residuals).max(), 1.0)
     largest = np.abs(residuals).max() / scale
     reach = np.clip(np.ceil(largest), 4, MAX_DEVIATIONS)
     bins = scale * np.linspace(-reach, reach, int(10 * reach) + 1)
     # The last bins count all points beyond them, so that all points are seen.
-    highest = 1.0
     for values, color, name in ((inliers, BLUE, "inliers"), (residuals[outliers], RED, "outliers")):
         if len(values):
-            clipped = np.clip(values, bins[0], bins[-1])
-            counts, _, _ = axes.hist(clipped, bins, color=color, alpha=0.7, label=name)
-            highest = max(highest, counts.max())
+            axes.hist(np.clip(values, bins[0], bins[-1]), bins, color=color, alpha=0.7, label=name)
     curve = np.linspace(bins[0], bins[-1], 800)
     density = np.exp(-0.5 * (curve / scale) ** 2) / (scale * np.sqrt(2 * np.pi))
     axes.plot(curve, density * len(inliers) * (bins[1] - bins[0]), color="k", label="normal curve")
     beyond = f", beyond {MAX_DEVIATIONS} deviations in the last bin" if largest > reach else ""
     axes.set(title="Residuals", xlabel=f"residual{suffix}{beyond}", ylabel="points")
-    axes.set(yscale="log", ylim=(0.5, 3 * highest))
-    axes.locator_params(axis="x", nbins=7)
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=0.5)
     axes.legend(loc="best")
-
-
-def _scatter_both(axes, x, y, outliers, kind=""):
-    """Inliers and outliers."""
-    for mask, color, name in ((~outliers, BLUE, "inlier"), (outliers, RED, "outlier")):
-        rows = _thinned(np.flatnonzero(mask))
-        if len(rows):
-            axes.scatter(x[rows], y[rows], s=7, c=color, label=f"{kind}{name}", rasterized=True)
-
-
-def _draw_memberships(axes, detector):
-    """m_M and the verdict by test statistic."""
-    outliers = detector.labels_ == -1
-    statistic, residual = detector.test_statistic_, detector.membership_residual_
-    _scatter_both(axes, statistic, residual, outliers, "m$_M$, ")
-    rows = _thinned(np.arange(len(outliers)))
-    below = {"s": 3, "c": GRAY, "label": "m$_H$", "zorder": 0, "rasterized": True}
-    axes.scatter(statistic[rows], detector.membership_[rows], **below)
-    axes.axvline(detector.critical_value_, color="k", linestyle="--", label="critical value")
-    axes.set(title="Memberships", xlabel=f"test statistic {detector.test}", ylabel="membership")
-    axes.legend(loc="center right")
-
-
-def _draw_statistics(axes, detector, outliers):
-    """Test statistics in ascending order, and the values expected of the inliers."""
-    order = np.argsort(detector.test_statistic_, kind="stable")
-    statistic = detector.test_statistic_[order]
-    rank = np.arange(1, len(order) + 1)
-    _scatter_both(axes, rank, statistic, outliers[order])
-    n = np.count_nonzero(~outliers)
-    if n and detector.dof_ > 1:
-        ranks = np.unique(np.linspace(1, n, 500).astype(int))
-        levels = 1 - (ranks - 0.5) / n
-        expected = [critical_value(detector.test_, level, detector.dof_) for level in levels]
-        axes.plot(ranks, expected, color="k", lw=1, label="expected without outliers")
-    limit = detector.critical_value_
-    if np.isfinite(limit):
-        axes.axhline(limit, color="k", linestyle="--", label="critical value")
-        # Linear up to the critical value, logarithmic above it.
-        axes.set_yscale("symlog", linthresh=limit, linscale=2.5)
-    highest = max(statistic.max(), limit if np.isfinite(limit) else 1)
-    axes.set(title="Test statistics", ylim=(0, 1.3 * highest))
-    axes.set(xlabel="points, in ascending order", ylabel=f"test statistic {detector.test_}")
-    axes.legend(loc="center left")

@@ -5,7 +5,7 @@ Exit codes: 0 done; 1 failed, with one line on stderr; 2 wrong usage; 130 interr
 
 from functools import cached_property
 from importlib import import_module
-from inspect import getdoc, signature
+from inspect import getdoc
 from typing import Annotated
 
 import typer
@@ -24,13 +24,12 @@ VERBS = {
     "plane": "Test one plane, such as a wall or a floor: mark its outliers and write a report.",
     "plan": "Say before a measurement which errors of a plane its tests will find.",
     "view": "Make one HTML page that shows point clouds in any browser, offline.",
-    "config": "Print all settings of a verb, or of all, with their defaults, as a file for "
-    "--config.",
     "info": "Show what a file holds: points, bounds, spacing, duplicates, attributes.",
     "demo": "Clean a simulated street scan whose truth is known, and show how well that went.",
     "warm-up": "Compile for this computer what denoise, normals, segment and edges need.",
 }
-MODULES = {"plan": "_plane", "config": "_options", "warm-up": "_demo"}  # others are as the verb
+TYPED = f"{__name__}.typed"  # where a context keeps what was typed after the verb
+MODULES = {"plan": "_plane", "warm-up": "_demo"}  # others are as the verb
 
 
 class Verb(TyperCommand):
@@ -39,21 +38,18 @@ class Verb(TyperCommand):
     @cached_property
     def loaded(self):
         """The command that does the work."""
-        from sklearn_mcmd.cli._options import TypedCommand
-
         module = import_module(f"{__name__}.{MODULES.get(self.name, f'_{self.name}')}")
         work = getattr(module, self.name.replace("-", "_"))
-        settings = {"help": f"{self.help}\n\n{getdoc(work) or ''}"}
-        if "config" in signature(work).parameters:
-            # Options that few need are not in the help of a verb; `mcmd config` has them all.
-            settings["epilog"] = f"All settings and their defaults: mcmd config {self.name}."
-            settings["cls"] = TypedCommand
+        help = f"{self.help}\n\n{getdoc(work)}"
         alone = typer.Typer(add_completion=False)
-        alone.command(self.name, **settings)(work)
+        alone.command(self.name, help=help)(work)
         return typer.main.get_command(alone)
 
-    def make_context(self, *args, **kwargs):
-        return self.loaded.make_context(*args, **kwargs)
+    def make_context(self, info_name, args, *more, **settings):
+        typed = list(args)  # which parsing takes away
+        context = self.loaded.make_context(info_name, args, *more, **settings)
+        context.meta[TYPED] = typed
+        return context
 
 
 app = typer.Typer(

@@ -85,7 +85,7 @@ class CloudVerb:
     unit: _options.HiddenUnit = ""  # which options that are lengths look up
     no_clobber: _options.NoClobber = False
     allow_coarse: _options.AllowCoarse = False
-    config: _options.Config = None
+    help_all: _options.HelpAll = False
     quiet: _options.Quiet = False
 
     results = ""  # what formats may have no place for

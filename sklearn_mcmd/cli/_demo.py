@@ -12,89 +12,52 @@ from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli._denoise import denoise
 from sklearn_mcmd.cli._messages import clear_exits, print_table, progress
 from sklearn_mcmd.cli._normals import normals
-from sklearn_mcmd.cli._options import NJobs, Quiet
+from sklearn_mcmd.cli._options import Quiet
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._files import naming, replacing
 from sklearn_mcmd.runtime._interrupts import ignore_interrupts
-from sklearn_mcmd.runtime._progress import progress_part
 
 N_POINTS = 60_000  # of the street
 OUTLIER_SHARE = 0.1  # of its points
 DPI = 100  # of the picture
-MADE_BY = "mcmd demo"  # which the picture says of itself
-COLORS = 160  # of its palette, which reduces the file to a third
 
 
 def demo(
     folder: Annotated[
         Path, typer.Argument(metavar="[DIR]", help="Folder of the files; it is made if missing.")
     ] = Path("mcmd-demo"),
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force", help="Replace files with these names even if no earlier demo wrote them."
-        ),
-    ] = False,
-    n_jobs: NJobs = -1,
-    quiet: Quiet = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace files with these names.")] = False,
 ) -> None:
     """Twice: by coordinates alone, and with --sensor, the position of the scanner. Writes
     street.laz (with outliers, and the truth as attributes), clean.laz, clean_sensor.laz,
-    normals.laz and demo.png, and prints the accuracy. Files of an earlier demo in the same
-    folder are replaced.
+    normals.laz and demo.png, and prints the accuracy.
     """
     with clear_exits():
         begin = time.perf_counter()
         import_extra("matplotlib", "plot", "the picture")
         names = "street.laz", "clean.laz", "clean_sensor.laz", "normals.laz", "demo.png"
         outputs = street, clean, clean_sensor, with_normals, picture = [folder / n for n in names]
-        others = [p.name for p in outputs if os.path.lexists(p) and not made_by_demo(p)]
-        if others and not force:
+        present = [path.name for path in outputs if os.path.lexists(path)]
+        if present and not force:
             raise FileExistsError(
-                f"{folder} already holds {', '.join(others)}, of no earlier demo; name another "
-                "folder, or --force"
+                f"{folder} already holds {', '.join(present)}; name another folder, or --force"
             )
         sensor = write_street(street)
-        work = {"n_jobs": n_jobs, "quiet": quiet}
-        denoise(street, clean, sensor="none", **work)
-        denoise(street, clean_sensor, sensor=sensor, **work)
-        normals(clean_sensor, with_normals, orientation="sensor", sensor=sensor, **work)
-        with progress("accuracy", quiet):
-            angles = normal_errors(street, n_jobs)
+        denoise(street, clean, sensor="none")
+        denoise(street, clean_sensor, sensor=sensor)
+        normals(clean_sensor, with_normals, orientation="sensor", sensor=sensor)
         cleaned = {"by coordinates alone": clean}
         cleaned[f"with --sensor {','.join(f'{x:g}' for x in sensor)}"] = clean_sensor
         draw(street, cleaned, with_normals, picture)
         ignore_interrupts()
-        if not quiet:
-            for how, path in cleaned.items():
-                rates = outlier_rates(street, path)
-                print_table(
-                    f"Outliers {how}, against the truth",
-                    **{name: f"{100 * rate:.1f} %" for name, rate in rates.items()},
-                )
-            print_table(
-                f"Normals of {street}, outliers and all: angle to the truth",
-                **{
-                    method: f"median {median:.2f}, 95 % below {high:.1f} degrees"
-                    for method, (median, high) in angles.items()
-                },
-            )
-            typer.echo(f"Picture: {picture}; {time.perf_counter() - begin:.1f} seconds in all.")
-
-
-def made_by_demo(path):
-    """Whether an earlier run has made a file: a cloud then holds the truth, a picture says so."""
-    try:
-        if path.is_symlink():
-            return False
-        if path.suffix == ".png":
-            from PIL import Image
-
-            with Image.open(path) as picture:
-                return picture.info.get("Software") == MADE_BY
-        return {"true_outlier", "true_normal_x"} <= read_points(path).attributes.keys()
-    except (OSError, ValueError):
-        return False
+        for how, path in cleaned.items():
+            print_table(f"Outliers {how}, against the truth", **outlier_rates(street, path))
+        median, high = np.quantile(normal_errors(with_normals), [0.5, 0.95])
+        print_table(
+            "Normals of what is left with --sensor: angle to the truth",
+            degrees=f"median {median:.2f}, 95 % below {high:.1f}",
+        )
+        typer.echo(f"Picture: {picture}; {time.perf_counter() - begin:.1f} seconds in all.")
 
 
 def write_street(path):
@@ -117,34 +80,27 @@ def write_street(path):
 
 
 def outlier_rates(street, clean):
-    """Accuracy of the removal, from the two files alone: both hold the truth."""
+    """Accuracy of the removal, in words, from the two files alone: both hold the truth."""
     is_outlier = read_points(street).attributes["true_outlier"] == 1
     missed = read_points(clean).attributes["true_outlier"] == 1
     n_outliers, n_regular = np.count_nonzero(is_outlier), np.count_nonzero(~is_outlier)
     n_found, n_kept = n_outliers - np.count_nonzero(missed), np.count_nonzero(~missed)
-    return {
+    rates = {
         "outliers found": n_found / n_outliers,
         "regular points kept": n_kept / n_regular,
         "accuracy": (n_found + n_kept) / len(is_outlier),
     }
+    return {name: f"{100 * rate:.1f} %" for name, rate in rates.items()}
 
 
-def normal_errors(street, n_jobs):
-    """Median and 95 % quantile of the angle to the true normal, in degrees, by method."""
+def normal_errors(path):
+    """Angles to the true normals in degrees, from the file alone, of points that have one."""
     from sklearn_mcmd.metrics import bias_angle
-    from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 
-    cloud = read_points(street)
+    cloud = read_points(path)
     true_normals = _stack(cloud, "true_normal_")
     has_normal = np.isfinite(true_normals).all(axis=1)
-    errors = {}
-    for begin, method in ((0.0, "pca"), (0.5, "mcmd_z")):
-        estimator = RobustNormalEstimator(method=method, random_state=0, n_jobs=n_jobs)
-        with progress_part(begin, begin + 0.5):
-            fitted = estimator.fit(cloud.xyz)
-        angles = bias_angle(fitted.normals_[has_normal], true_normals[has_normal])
-        errors[method] = (np.median(angles), np.quantile(angles, 0.95))
-    return errors
+    return bias_angle(_stack(cloud, "normal_")[has_normal], true_normals[has_normal])
 
 
 def draw(street, cleaned, with_normals, path):
@@ -153,8 +109,6 @@ def draw(street, cleaned, with_normals, path):
 
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
-    from PIL import Image
-    from PIL.PngImagePlugin import PngInfo
 
     from sklearn_mcmd.plotting import normal_colors, plot_cloud
     from sklearn_mcmd.plotting._still import draw_ball
@@ -174,11 +128,8 @@ def draw(street, cleaned, with_normals, path):
     draw_ball(last, VIEW)
     for ax in axes.flat[1:]:  # the same place and scale, so that the eye can compare
         ax.set(xlim=axes[0, 0].get_xlim(), ylim=axes[0, 0].get_ylim())
-    (made_by := PngInfo()).add_text("Software", MADE_BY)
     with replacing(path) as temporary:
         fig.savefig(temporary, dpi=DPI)
-        picture = Image.open(temporary).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
-        picture.save(temporary, optimize=True, pnginfo=made_by)
     plt.close(fig)
 
 

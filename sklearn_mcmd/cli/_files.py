@@ -12,8 +12,8 @@ import numpy as np
 import typer
 
 from sklearn_mcmd._errors import agreed, counted
+from sklearn_mcmd.cli import TYPED
 from sklearn_mcmd.cli._messages import clear_exits, warned
-from sklearn_mcmd.cli._options import TYPED
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._formats import (
     ALL,
@@ -195,7 +195,7 @@ def write_report_of(verb, begin, contents):
 
 def _parameters(context):
     for parameter in context.command.params:
-        if parameter.param_type_name != "option" or parameter.name == "help":
+        if parameter.param_type_name != "option" or parameter.name in ("help", "help_all"):
             continue
         value = context.params.get(parameter.name)
         is_default = context.get_parameter_source(parameter.name).name == "DEFAULT"

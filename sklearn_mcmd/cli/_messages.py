@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 
 import typer
 
-from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted, fixed
+from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted
 from sklearn_mcmd.runtime._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
 from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
 
@@ -45,8 +45,8 @@ def clear_exits(*, allow_coarse=False):
             _fail(file + (_in_words(err) or type(err).__name__))
         if _is_coarse(err):
             _fail(
-                f"{file}{_coarse_words(err)}. Write the file in double precision, as LAS, LAZ or "
-                "text, or subtract an offset where it is made; or give --allow-coarse"
+                f"{file}{err.fact}. Write the file in double precision, as LAS, LAZ or text, or "
+                "subtract an offset where it is made; or give --allow-coarse"
             )
         raise
 
@@ -58,19 +58,10 @@ def _fail(message):
 
 def _wrong_parameter(err):
     """The same error with an option in place of a parameter of Python."""
-    pattern = r"The '(\w+)' parameter of \w+ must be (.*?)( or None)?\. Got (.*) instead\."
-    name, constraint, _, value = re.fullmatch(pattern, str(err), re.DOTALL).groups()
-    constraint = re.sub(r"(, | or )a str among \{.*?\}", "", constraint)  # options are numbers
-    constraint = re.sub(r"\w+ (\w+) in the range (.)(.*), (.*)(.)$", _range_in_words, constraint)
-    return typer.BadParameter(f"{value} is not {constraint}", param_hint=_option(name, None))
-
-
-def _range_in_words(found):
-    kind, opening, least, most, closing = found.groups()
-    words = "a whole number" if kind == "int" else "a number"
-    words += f" {'from' if opening == '[' else 'above'} {float(least):g}"
-    bound = "below" if closing == ")" else "at most"
-    return words if most == "inf" else f"{words}, {bound} {float(most):g}"
+    pattern = r"The '(\w+)' parameter of \w+ (must be .*)"
+    name, words = re.fullmatch(pattern, str(err), re.DOTALL).groups()
+    words = re.sub(r"(, | or )(a str among \{.*?\}|None)", "", words)  # options are numbers
+    return typer.BadParameter(words, param_hint=_option(name, None))
 
 
 def _in_words(err):
@@ -104,15 +95,6 @@ def _is_coarse(warning):
     return type(warning).__name__ == "CoarseCoordinatesWarning"
 
 
-def _coarse_words(warning):
-    return (
-        "single precision (float32) rounds coordinates as large as "
-        f"{fixed(warning.largest, ',.0f')} to steps of {warning.rounding:.2g}, and those of the "
-        "file have no more digits: too coarse for points whose neighborhoods have a radius of "
-        f"{warning.radius:.2g}"
-    )
-
-
 @contextmanager
 def _plain_warnings(allow_coarse):
     """Show each warning for users once, in one line, and keep it for `warned`."""
@@ -121,7 +103,7 @@ def _plain_warnings(allow_coarse):
     def show(message, category, *args, **kwargs):
         if _is_coarse(message) and not allow_coarse:
             raise message
-        words = _coarse_words(message) if _is_coarse(message) else _of_options(message)
+        words = message.fact if _is_coarse(message) else _of_options(message)
         text = _printable(" ".join(words.split()))
         if text not in shown:
             shown.append(text)

@@ -1,27 +1,19 @@
-"""Options: fields of records, and commands of them; settings in files; what verbs share."""
+"""Options: fields of records, and commands of them; what verbs share."""
 
-import json
-import re
-from contextlib import contextmanager
 from dataclasses import MISSING, field, fields
 from inspect import Parameter, Signature, getdoc, signature
 from math import isfinite
 from pathlib import Path
 from string import ascii_letters
-from textwrap import indent, wrap
 from typing import Annotated, Any, get_args
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperOption
 
 from sklearn_mcmd.cli._messages import clear_exits
 from sklearn_mcmd.io._formats import INDEX, TILED_NAMES
 
-TYPED = f"{__name__}.typed"
-WIDTH = 96  # of comments between settings
-# They are of one run, or of no verb.
-NO_SETTINGS = {"config", "help", "dry_run", "restart", "report", "output"}
-# What options take, in a word; flags take nothing.
+# What options take, in a word, so that their help is not narrow; flags take nothing.
 METAVARS = {bool: "", int: "NUMBER", float: "NUMBER", str: "WORD", Path: "FILE"}
 # Units of lengths, in meters.
 METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
@@ -53,8 +45,6 @@ def length(default, help, *words, metavar="LENGTH", signed=False, **settings) ->
         if not digits or digits == text:
             return number(text)
         value, own, unit = number(digits), text[len(digits) :].strip(), context.params["unit"]
-        if own in METERS and not unit:
-            raise typer.BadParameter(f"{text}: say the unit of the file as well, such as --unit m")
         if not METERS.keys() >= {own, unit}:
             raise typer.BadParameter(
                 f"{text} is no number. With a unit, it needs --unit, the unit of the file; both "
@@ -145,107 +135,21 @@ NoClobber = Annotated[bool, typer.Option("--no-clobber", help="Replace no file: 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show warnings only.")]
 
 
-def _settings(context):
-    """The options that a file may hold, by verb and name."""
-    return {
-        verb: {
-            option.name: option
-            for option in command.loaded.params
-            if option.param_type_name == "option" and option.name not in NO_SETTINGS
-        }
-        for verb, command in context.find_root().command.commands.items()
-        if any(option.name == "config" for option in command.loaded.params)
-    }
+def _show_all(context: typer.Context, asked: bool):
+    if asked:
+        for option in context.command.params:
+            if isinstance(option, TyperOption):
+                option.hidden = False
+        typer.echo(context.get_help())
+        raise typer.Exit
 
 
-def _read(context: typer.Context, path: Path | None):
-    """Take the settings of the verb as its defaults; refuse what no verb knows."""
-    if path is None:
-        return None
-    import tomllib
-
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as err:
-        words = getattr(err, "strerror", None) or str(err)
-        raise typer.BadParameter(f"{path} cannot be read: {words}") from err
-    known = _settings(context)
-    for verb, table in tables.items():
-        if not isinstance(table, dict):
-            raise typer.BadParameter(f"{path}: {verb} must stand below a verb, such as [denoise]")
-        if verb not in known:
-            raise typer.BadParameter(
-                f"{path}: no settings are of [{verb}], but of {', '.join(known)}"
-            )
-        for name in table.keys() - known[verb].keys():
-            raise typer.BadParameter(
-                f"{path}: {verb} has no setting {name}; mcmd config {verb} lists all"
-            )
-    context.default_map = {
-        name: ",".join(map(str, value)) if isinstance(value, list) else str(value)
-        for name, value in tables.get(context.info_name or "", {}).items()
-    }
-    return path
-
-
-Config = Annotated[
-    Path | None,
+HelpAll = Annotated[
+    bool,
     typer.Option(
-        metavar="FILE", callback=_read, is_eager=True, help="Settings (TOML); options count more."
+        "--help-all", callback=_show_all, is_eager=True, help="Show all options, and exit."
     ),
 ]
-
-
-def config(
-    context: typer.Context,
-    verb: Annotated[
-        str | None, typer.Argument(metavar="VERB", help="The verb whose settings to print.")
-    ] = None,
-):
-    known = _settings(context)
-    if verb not in (None, *known):
-        raise typer.BadParameter(f"{verb} is no verb with settings: {', '.join(known)}")
-    for name in [verb] if verb else known:
-        typer.echo(f"[{name}]")
-        for option in known[name].values():
-            typer.echo(indent("\n".join(wrap(option.help or "", WIDTH)), "# "))
-            if option.default is None:
-                words = option.show_default
-                by_default = f"  # by default: {words}" if isinstance(words, str) else ""
-                typer.echo(f"# {option.name} = {by_default}".rstrip())
-            else:
-                typer.echo(f"{option.name} = {json.dumps(option.default)}")
-
-
-class TypedCommand(TyperCommand):
-    """A command that remembers what was typed after its name, and says where a wrong value is."""
-
-    def parse_args(self, ctx, args):
-        ctx.meta[TYPED] = list(args)
-        with self._clear_usage(ctx):
-            return super().parse_args(ctx, args)
-
-    def invoke(self, ctx):
-        with self._clear_usage(ctx):
-            return super().invoke(ctx)
-
-    @contextmanager
-    def _clear_usage(self, ctx):
-        """Plain words for pydantic's; and the file and the setting, if the value is of one."""
-        try:
-            yield
-        except typer.BadParameter as err:
-            words = err.message.removeprefix("Value error, ")
-            words = re.sub(r"Input should be a valid (\w+).*", r"not a valid \1", words)
-            err.message = words.replace("Input should be", "must be")
-            for option in self.params:
-                source = ctx.get_parameter_source(option.name)
-                is_wrong = err.param is option or err.param_hint in option.opts
-                if is_wrong and source.name == "DEFAULT_MAP":
-                    place = f"{ctx.params['config']}: {ctx.info_name}.{option.name}"
-                    err.message = f"{place}: {err.message}"
-            err.param_hint = err.param_hint and f"'{err.param_hint}'"  # as where Typer finds it
-            raise
 
 
 def command_of(kind, *, without=(), more=""):

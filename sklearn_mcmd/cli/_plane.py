@@ -33,10 +33,9 @@ FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 MAX_LOOKED_AT = 20_000
 ONE_PLANE = 0.2  # share of outliers; from here on those at one edge tilt a plane of least squares
 N_WORST = 10  # points of the largest statistics that the reports list
-IDS = "id", "point_id", "point", "number", "nr"  # attributes that name the points of a file
 # Figures that the terminal shows, as far as there are such.
 SUMMARY = (
-    *("outliers", "normal", "point", "dip", "dip direction", "extent", "errors", "lack of fit"),
+    *("outliers", "normal", "point", "dip", "dip direction", "errors", "lack of fit"),
     *("bow", "residuals", "sigma0", "variance ratio", "global test", "flatness", "form", "outside"),
     *("zone", "against", "compared at", "registration", "tilt between", "offset"),
 )
@@ -140,18 +139,13 @@ class Plane:
     columns: _options.Columns = None
     no_clobber: _options.NoClobber = False
     allow_coarse: _options.AllowCoarse = False
-    config: _options.Config = None
+    help_all: _options.HelpAll = False
     quiet: _options.Quiet = False
 
     def __post_init__(self):
-        if self.method == "fuzzy" and self.elimination is not None:
-            raise typer.BadParameter(
-                "--method fuzzy eliminates nothing.", param_hint="--elimination"
-            )
-        if self.method == "fuzzy" and self.robust_start:
-            raise typer.BadParameter(
-                "--method fuzzy is of one least-squares plane.", param_hint="--robust-start"
-            )
+        for name, value in (("elimination", self.elimination), ("robust-start", self.robust_start)):
+            if self.method == "fuzzy" and value:
+                raise typer.BadParameter("is for --method baarda.", param_hint=f"--{name}")
         if self.registration is not None and self.against is None:
             raise typer.BadParameter(
                 "is of two clouds: name the other by --against.", param_hint="--registration"
@@ -179,7 +173,6 @@ class Plane:
                 detector = self.tested(cloud.xyz)
             more = self._further(detector, cloud)
             more["n_worst"] = N_WORST if outputs else None
-            more["ids"] = next((cloud.attributes[x] for x in IDS if x in cloud.attributes), None)
             figures = plane_figures(detector, cloud.xyz, self.unit, **more)
             if outputs:
                 from sklearn_mcmd.report._plane_page import plane_contents
@@ -394,7 +387,7 @@ class Plan:
     repetitions: int = option(10_000, "Simulated planes of each size of bias.", min=100)
     unit: _options.Unit = ""
     random_state: _options.RandomState = 0
-    config: _options.Config = None
+    help_all: _options.HelpAll = False
 
     def run(self):
         from sklearn_mcmd.adjustment import plan_plane

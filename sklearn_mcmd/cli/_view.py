@@ -53,7 +53,6 @@ class View:
     title: str | None = option(None, "Title of the page.", show_default="names of the files")
     columns: _options.Columns = None
     no_clobber: _options.NoClobber = False
-    config: _options.Config = None
     quiet: _options.Quiet = False
 
     def run(self):

@@ -37,13 +37,14 @@ class CoarseCoordinatesWarning(UserWarning):
     def __init__(self, largest, rounding, radius):
         self.largest, self.rounding, self.radius = largest, rounding, radius
         super().__init__(largest, rounding, radius)
+        self.fact = (
+            f"single precision (float32) rounds coordinates as large as {largest:,.7g} to steps of "
+            f"{rounding:.2g}, too coarse for neighborhoods of radius {radius:.2g}"
+        )
 
     def __str__(self):
-        return (
-            f"float32 rounds coordinates as large as {self.largest:.6g} to steps of "
-            f"{self.rounding:.2g}, too coarse for neighborhoods of radius {self.radius:.2g}. Pass "
-            "X as float64, or subtract an offset before converting it to float32."
-        )
+        remedy = "Pass X as float64, or subtract an offset before converting it to float32."
+        return f"{self.fact}. {remedy}"
 
 
 def least_scales(points, precision, step):

@@ -73,9 +73,9 @@ def test_the_picture_has_three_panels_and_can_be_saved(detector, n, columns, tmp
     X = plane_with_outliers(n, n // 20, 12.0)[:, columns]
     figure = plot_report(detector.fit(X), X, unit="m")
     figure.savefig(tmp_path / "report.png", dpi=40)
-    last = "Memberships" if isinstance(detector, FuzzyPlaneDetector) else "Test statistics"
     drawn = panels(figure)
-    assert {"Residual map", "Residuals", last} <= drawn.keys()
+    assert {"Residual map", "Residuals"} <= drawn.keys()
+    assert any(title.startswith("Form: means of ") for title in drawn)
     names = ["x", "y"] if len(columns) == 3 else ["x", "residual"]
     if len(columns) == 3 and detector.surface == "orthogonal":  # steeper than 45 degrees
         names = ["along the level line", "z"]
@@ -84,14 +84,12 @@ def test_the_picture_has_three_panels_and_can_be_saved(detector, n, columns, tmp
     assert reported(detector, X, unit="m")[0]["normal"] in figure.get_supxlabel()
 
 
-@pytest.mark.parametrize("test", ["w", "tau", "t"])
-def test_the_curves_are_those_of_the_normal_and_of_the_test(test):
+@pytest.mark.parametrize("offset", [4.0, 40.0])
+def test_the_histogram_has_all_points_and_the_normal_curve_of_the_inliers(offset):
     pytest.importorskip("matplotlib")
-    X = 0.01 * plane_with_outliers(200, 10, 40.0)
-    sigma0 = 0.01 if test == "w" else "auto"
-    detector = BaardaPlaneDetector(test=test, sigma0=sigma0).fit(X)
-    drawn = panels(plot_report(detector, X))
-    histogram, statistics = drawn["Residuals"], drawn["Test statistics"]
+    X = 0.01 * plane_with_outliers(200, 10, offset)
+    detector = BaardaPlaneDetector(sigma0=0.01).fit(X)
+    histogram = panels(plot_report(detector, X))["Residuals"]
     residuals, good = detector.residuals(X), detector.labels_ == 1
     scale = residuals[good].std()
     (curve,) = histogram.lines
@@ -101,14 +99,6 @@ def test_the_curves_are_those_of_the_normal_and_of_the_test(test):
     np.testing.assert_allclose(y, good.sum() * width * stats.norm.pdf(x, scale=scale), rtol=1e-9)
     assert sum(bar.get_height() for bar in bars) == len(X)
     assert ("beyond" in histogram.get_xlabel()) == (np.abs(residuals).max() > 15 * scale)
-    rank, expected = statistics.lines[0].get_data()
-    level = 1 - (rank - 0.5) / good.sum()
-    quantile = stats.norm.isf(level / 2)
-    if test != "w":
-        quantile = stats.t.isf(level / 2, detector.dof_ - 1)
-    if test == "tau":
-        quantile *= np.sqrt(detector.dof_ / (detector.dof_ - 1 + quantile**2))
-    np.testing.assert_allclose(expected, quantile, rtol=1e-9)
 
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
@@ -210,16 +200,16 @@ def test_the_variance_ratio_of_a_given_sigma0_has_its_two_sided_interval():
 
 
 @pytest.mark.parametrize("test", ["w", "tau", "t"])
-def test_each_listed_point_has_its_p_its_name_and_what_its_error_would_have_done(test):
+def test_each_listed_point_has_its_p_and_what_its_error_would_have_done(test):
     X = plane_with_outliers(60, 3, 9.0)
     detector = BaardaPlaneDetector(test=test).fit(X)
-    _, text = reported(detector, X, ids=np.arange(60) + 7001)
+    _, text = reported(detector, X)
     told = detector.reliability(X)
     lines = [line.split() for line in text.splitlines()]
-    head = next(line for line in lines if line[:1] == ["id"])
+    head = next(line for line in lines if line[:1] == ["row"])
     assert head[3:5] == ["statistic", "p"]
     for i in np.argsort(-detector.test_statistic_)[:5]:
-        row = next(line for line in lines if line[:1] == [str(7001 + i)])
+        row = next(line for line in lines if line[:1] == [str(i)])
         inside = detector.support_[i]
         f, value = detector.dof_ + 1 - inside, detector.test_statistic_[i]
         if test == "tau":
@@ -227,18 +217,6 @@ def test_each_listed_point_has_its_p_its_name_and_what_its_error_would_have_done
         tail = stats.norm.sf(value) if test == "w" else stats.t.sf(value, f - 1)
         assert float(row[4]) == pytest.approx(2 * tail, rel=0.05)
         assert float(row[8]) == pytest.approx(detector.leverage_[i] * told.gross_error[i], rel=0.05)
-
-
-def test_extent_and_area_are_of_the_plane_and_the_origin_is_told_where_it_is_near():
-    rng, corners = np.random.default_rng(0), np.array([[0, 0], [4, 0], [4, 3], [0, 3.0]])
-    places = np.concatenate([corners, rng.uniform(0, 1, (300, 2)) * [4, 3]])
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    for offset, near in ((0.0, True), (1000.0, False)):
-        X = np.column_stack([places, rng.normal(0, 1e-4, 304)]) @ turn + offset
-        detector = BaardaPlaneDetector(sigma0=1e-4, surface="orthogonal").fit(X)
-        rows, _ = reported(detector, X, unit="m")
-        assert rows["extent"].startswith("4 x 3 m, area 12 m^2")
-        assert ("distance" in rows) == near
 
 
 def test_pairs_of_points_are_told_apart_only_where_there_are_few():
@@ -267,9 +245,3 @@ def test_a_horizontal_plane_falls_to_no_side():
         detector = BaardaPlaneDetector(sigma0=0.004, surface="orthogonal").fit(tilted)
         report = text_report(detector, tilted)
         assert ("dip direction" in report) == falls
-
-
-def test_names_of_points_are_as_many_as_these():
-    X = np.random.default_rng(0).normal(size=(30, 3))
-    with pytest.raises(ValueError, match="ids have 2 names: give 30"):
-        text_report(BaardaPlaneDetector().fit(X), X, ids=[1, 2])

@@ -316,19 +316,13 @@ def test_without_an_output_the_summary_is_that_of_one_and_nothing_is_written(wal
     assert told.stdout.splitlines()[1:-1] == shared[:-1]  # the last has the seconds
 
 
-def test_points_are_listed_by_the_identifiers_of_the_file_and_the_normal_faces_a_place(tmp_path):
-    rng = np.random.default_rng(0)
-    wall = rng.uniform((0, 0, 0), (4, 0, 2.5), (60, 3)) + rng.normal(0, 0.004, (60, 3))
-    wall[7, 1] += 0.5
-    rows = [f"{500 + i},{x:.4f},{y:.4f},{z:.4f}" for i, (x, y, z) in enumerate(wall)]
-    (tmp_path / "wall.csv").write_text("\n".join(["id,x,y,z", *rows]) + "\n")
-    options = ("--text", tmp_path / "report.txt", "--toward", "2,-10,1", "--sigma0", "4mm")
-    result = done("plane", tmp_path / "wall.csv", tmp_path / "out.csv", "--unit", "m", *options)
-    lines = [line.split() for line in (tmp_path / "report.txt").read_text().splitlines()]
-    at = next(i for i, line in enumerate(lines) if line[:1] == ["id"])
-    assert lines[at + 1][0] == "507"
-    assert float(re.search(r"normal +\S+ (\S+)", result.stdout)[1]) == pytest.approx(-1, abs=0.01)
-    refused = run("plane", tmp_path / "wall.csv", "--toward", "2,-10")
+def test_the_normal_faces_a_place(wall_file):
+    for place, side in (("512345,5403000,212", 1), ("512345,5404000,212", -1)):
+        told = done("plane", wall_file, "--toward", place).stdout
+        assert float(re.search(r"normal +\S+ (\S+)", told)[1]) == pytest.approx(
+            -0.8 * side, abs=0.01
+        )
+    refused = run("plane", wall_file, "--toward", "2,-10")
     assert "2,-10 is no position, such as 0,0,0" in usage_error(refused)
 
 

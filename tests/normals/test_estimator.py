@@ -61,7 +61,7 @@ def test_robust_normals_are_closer_to_the_truth_than_pca(street):
 
 def test_float32_at_national_grid_coordinates_warns(street):
     moved = (street.data + GRID).astype(np.float32)
-    with pytest.warns(UserWarning, match="float32 rounds coordinates as large as 5.4e"):
+    with pytest.warns(UserWarning, match="float32. rounds coordinates as large as 5,4"):
         RobustNormalEstimator(random_state=0).fit(moved)
 
 
