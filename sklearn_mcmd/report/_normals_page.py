@@ -4,9 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.plotting import NormalsDisplay
 from sklearn_mcmd.report._contents import note_if, percent, share
-from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._maps import ball, fullest_cells, maps
-from sklearn_mcmd.report._rendering import paragraph, table
+from sklearn_mcmd.report._maps import display_maps, fullest_cells
 
 # Degrees of standard error; the true normal is within 17 of it, and growing separates faces at 15.
 UNRELIABLE = 10.0
@@ -23,36 +21,30 @@ def normals_contents(shown, names, removed):
     """
     given, n_all, xyz, near = shown.cloud.attributes, shown.n_all, shown.xyz, shown.near
     normals = np.column_stack([given[f"normal_{axis}"] for axis in "xyz"]).astype(np.float64)
-    errors, variation = given.get("normal_error"), float(np.median(given["surface_variation"]))
+    errors, tables = given.get("normal_error"), []
     headline = f"{n_all:,} points have normals."
-    cards = [(f"{variation:.2g}", "surface variation (median)")]
-    cards.append((percent(removed, 1.0), "of a neighborhood removed, on average"))
-    sections = [("Normals", ball() + maps(NormalsDisplay(xyz, normals), xyz, near))]
+    found = [
+        ("surface variation (median)", f"{np.median(given['surface_variation']):.2g}"),
+        ("removed of a neighborhood (mean)", percent(removed, 1.0)),
+        *_tilts(normals),
+    ]
     if errors is not None:
         known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
         median, most = np.quantile(known, [0.5, 0.95]) if known.size else (np.nan, np.nan)
         headline += f" Half of these are exact to {median:.2g} degrees, 95 % to {most:.2g} "
         headline += "(standard errors)."
         n = int(np.count_nonzero(unreliable))
-        cards.insert(0, (percent(n, len(errors)), "of the normals are unreliable"))
-        places = fullest_cells(xyz, unreliable, near, "unreliable normals")
-        limit = {"cutoff": UNRELIABLE, "cutoff_name": "unreliable from", "least": 0.01}
-        drawn = histogram(errors, name="standard error of the normal in degrees", **limit)
-        drawn += paragraph(
-            "The true normal is within 1.73 standard errors with 95 % confidence, as far as noise "
-            "goes. Rims, corners and things smaller than a neighborhood are worse.",
-            "soft",
-        )
-        sections.append(("How exact they are", drawn))
-        sections.append(("Where they are unreliable", places))
-    flatness = histogram(given["surface_variation"], name="surface variation")
-    sections += [("Flatness", flatness), ("Directions", _tilt_table(normals))]
+        name = f"unreliable normals, whose standard error is above {UNRELIABLE:g}°"
+        found.insert(0, (name, share(n, len(errors), noun="normal")))
+        found.insert(0, ("standard error", f"{median:.2g}° (median), 95 % to {most:.2g}°"))
+        tables = fullest_cells(xyz, unreliable, near, "unreliable normals")
     return shown.contents(
         headline=headline,
-        cards=cards,
+        found=found,
+        maps=display_maps("Normals as colors", NormalsDisplay(xyz[near], normals[near])),
+        tables=tables,
         notes=_notes(errors, given["removed_fraction"]),
         checks="unreliable normals, neighborhoods of two things",
-        sections=sections,
         output=f"{n_all:,} points{shown.files}, with {', '.join(names)}",
     )
 
@@ -76,11 +68,11 @@ def _notes(errors, removed):
     )
 
 
-def _tilt_table(normals):
+def _tilts(normals):
+    """Rows on how steep the surfaces are."""
     tilt = np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0)))
-    rows = []
-    for low, high, name in TILTS:
-        n = np.count_nonzero((tilt >= low) & (tilt < high))
-        rows.append((name, f"{low} to {min(high, 90):g}", f"{n:,}", percent(n, len(tilt))))
-    header = ("surface", "tilt, degrees", "points", "share")
-    return table(header, rows, numbers=(2, 3))
+    counts = [np.count_nonzero((tilt >= low) & (tilt < high)) for low, high, _ in TILTS]
+    return [
+        (f"{name} surfaces, {low}° to {min(high, 90):g}°", share(n, len(tilt)))
+        for (low, high, name), n in zip(TILTS, counts, strict=True)
+    ]

@@ -8,6 +8,7 @@ import numpy as np
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.io._las_parts import read_parts
+from sklearn_mcmd.io._units import length_unit
 from sklearn_mcmd.report._contents import Contents, Note, share
 from sklearn_mcmd.report._facts import (
     CHECKS,
@@ -33,22 +34,27 @@ class Shown(NamedTuple):
     words: str = ""  # that state the sample, if not all points are shown
     notes: Sequence[Note] = ()  # what is the matter with the cloud itself
     checks: str = ""  # what was looked for in the cloud itself
-    cards: Sequence[tuple[str, str]] = ()  # tiles and files
+    found: Sequence[tuple[str, str]] = ()  # tiles and files
     files: str = ""  # words on the number of outputs, if there are several
 
     @property
     def xyz(self):
         return self.cloud.xyz
 
-    def contents(self, *, cards, notes, checks, rows=(), **others):
+    def contents(self, *, found, notes, checks, rows=(), **others):
         """The `Contents` of a report, with what is known of the cloud itself."""
+        outside, sample = int(np.count_nonzero(~self.near)), self.words
+        if outside:
+            sample += (
+                f" {counted(outside, 'point', 'lie')} far from the others, and not in the maps."
+            )
         return Contents(
-            cards=[*cards, *self.cards],
+            found=[*found, *self.found],
             notes=[*notes, *self.notes],
             checks=f"{checks}, {self.checks}",
             cloud_rows=[*self.rows, *rows],
             shown=self.cloud,
-            sample=self.words,
+            sample=sample,
             **others,
         )
 
@@ -60,7 +66,7 @@ class Shown(NamedTuple):
             cloud=cloud.with_attributes(**results),
             n_all=len(cloud),
             near=near,
-            rows=facts.rows(cloud),
+            rows=[*facts.rows(cloud), ("unit of lengths", length_unit(cloud) or "not stated")],
             notes=cloud_notes(facts, int(np.count_nonzero(~near))),
             checks=CHECKS if n_neighbors else CHECKS_OF_ALL,
         )
@@ -73,12 +79,12 @@ class Shown(NamedTuple):
     def of_sample(cls, cloud, catalog, outputs, run):
         step, words = step_of(run), ""
         if step > 1:
-            words = "Pictures, histograms and tables are of a sample: one point of "
-            words += f"{step:,}, {share(len(cloud), run.n_points)}."
+            words = f"Maps and tables are of a sample: one point of {step:,}, "
+            words += f"{share(len(cloud), run.n_points)}."
         rows = [("points", f"{catalog.n_points:,}"), ("files", f"{len(catalog):,}")]
         rows += bounds_rows(catalog.low, catalog.high).items()
         rows.append(("CRS", catalog.crs or "not stated"))
-        cards = [(f"{run.n_tiles:,}", "tiles"), (f"{len(catalog):,}", "input files")]
+        found = [("tiles", f"{run.n_tiles:,}"), ("input files", f"{len(catalog):,}")]
         return cls(
             cloud=cloud,
             n_all=run.n_points,
@@ -86,7 +92,7 @@ class Shown(NamedTuple):
             rows=rows,
             words=words,
             checks="the cloud itself is not measured by tiles",
-            cards=cards,
+            found=found,
             files=f" in {counted(len(outputs), 'file')}",
         )
 
