@@ -22,6 +22,7 @@ from sklearn_mcmd.view._page import check_count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_DRAWN = 200_000  # points; more take long and cover each other
 # Okabe and Ito's colors, which the common color blindnesses keep apart.
@@ -35,14 +36,9 @@ class CloudDisplay(ABC):
     """What all displays of clouds share: where they come from, how they are drawn, and on what.
 
     A subclass takes the cloud, and what was found in it.
-
-    Attributes
-    ----------
-    ax_ : matplotlib.axes.Axes
-        Axes of the last plot.
-    figure_ : matplotlib.figure.Figure
-        Figure of the last plot.
     """
+
+    _ax: "Axes"  # of the last plot
 
     def __init__(self, X: "ArrayLike") -> None:
         self.xyz = check_points(X, finite=True)
@@ -83,11 +79,20 @@ class CloudDisplay(ABC):
         view = self._usual_view() if view is None else view
         colors, labels, title = self._picture(view)
         rows = thinned(labels, max_points)
-        self.ax_ = plot_cloud(self.xyz[rows], color=colors[rows], view=view, scale_bar=True, ax=ax)
-        self.figure_ = self.ax_.figure
-        self.ax_.set_title(title, fontsize=12, color="0.2")
+        self._ax = plot_cloud(self.xyz[rows], color=colors[rows], view=view, scale_bar=True, ax=ax)
+        self._ax.set_title(title, fontsize=12, color="0.2")
         self._complete(view)
         return self
+
+    @property
+    def ax_(self) -> "Axes":
+        """Axes of the last plot."""
+        return self._ax
+
+    @property
+    def figure_(self) -> "Figure":
+        """Figure of the last plot."""
+        return self._ax.figure  # type: ignore[return-value]
 
     @staticmethod
     @abstractmethod
@@ -167,8 +172,8 @@ class OutlierDisplay(CloudDisplay):
         if self.is_true_outlier is None:
             return
         for name, (color, mask) in self._kinds().items():
-            self.ax_.scatter([], [], color=color, label=f"{name}: {np.count_nonzero(mask):,}")
-        self.ax_.legend(loc="upper right", frameon=False, fontsize=9)
+            self._ax.scatter([], [], color=color, label=f"{name}: {np.count_nonzero(mask):,}")
+        self._ax.legend(loc="upper right", frameon=False, fontsize=9)
 
 
 class NormalsDisplay(CloudDisplay):
@@ -212,7 +217,7 @@ class NormalsDisplay(CloudDisplay):
         return colors, np.zeros(len(colors)), f"Normals of {len(colors):,} points"
 
     def _complete(self, view):
-        draw_ball(self.ax_, view)
+        draw_ball(self._ax, view)
 
 
 class SegmentationDisplay(CloudDisplay):
@@ -345,7 +350,7 @@ class PlaneResidualDisplay(CloudDisplay):
         return self._shade().to_rgba(self.residuals)[:, :3], self.is_outlier, title
 
     def _complete(self, view):
-        add_color_bar(self.ax_, self._shade(), "residual")
+        add_color_bar(self._ax, self._shade(), "residual")
 
 
 def add_color_bar(ax, shade, label):

@@ -52,16 +52,15 @@ class Table(NamedTuple):
 class Contents(NamedTuple):
     """The record of all that a verb has to say: what it found, at most three maps, and where."""
 
+    shown: Any  # the `Shown` cloud, with what is known of it whatever the verb
     headline: str  # one sentence, the result
     found: list[tuple[str, object]]  # names, and numbers with their units
     maps: list[Map]
     tables: list[Table]  # the doubtful places, the largest regions and the like
     notes: list[Note]
     checks: str  # what was looked for, shown where there is no note
-    cloud_rows: list[tuple[str, str]]  # what the input holds
     output: str  # what the output holds
-    shown: Any = None  # a PointCloud for the page to look around in
-    sample: str = ""  # which points maps and tables leave out
+    rows: Collection[tuple[str, str]] = ()  # what else the input holds
 
 
 def percent(n, n_all):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.report._contents import note_if, share
+from sklearn_mcmd.report._contents import Contents, note_if, share
 from sklearn_mcmd.report._maps import found_maps, fullest_cells
 
 MANY = 0.4  # share of edge points, of areas and not of lines; machined parts have a third
@@ -20,7 +20,8 @@ def edges_contents(shown, criterion, n, limit, found):
         values = shown.cloud.attributes["edge_score"].astype(np.float64)
         limit = values[is_edge].min(initial=values.max())
     what = "distance from a crease, in spacings" if criterion == "crease" else criterion
-    return shown.contents(
+    return Contents(
+        shown,
         headline=f"{share(n, n_all, 'lie')} on edges.",
         found=[("edge points", share(n, n_all)), (f"limit of {what}", f"{limit:.3g}"), *found],
         maps=found_maps(xyz, is_edge, near, "edge point"),

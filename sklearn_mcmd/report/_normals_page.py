@@ -3,7 +3,7 @@
 import numpy as np
 
 from sklearn_mcmd.plotting import NormalsDisplay
-from sklearn_mcmd.report._contents import note_if, percent, share
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
 from sklearn_mcmd.report._maps import display_maps, fullest_cells
 
 # Degrees of standard error; the true normal is within 17 of it, and growing separates faces at 15.
@@ -21,13 +21,8 @@ def normals_contents(shown, names, removed):
     """
     given, n_all, xyz, near = shown.cloud.attributes, shown.n_all, shown.xyz, shown.near
     normals = np.column_stack([given[f"normal_{axis}"] for axis in "xyz"]).astype(np.float64)
-    errors, tables = given.get("normal_error"), []
+    errors, found, tables = given.get("normal_error"), [], []
     headline = f"{n_all:,} points have normals."
-    found = [
-        ("surface variation (median)", f"{np.median(given['surface_variation']):.2g}"),
-        ("removed of a neighborhood (mean)", percent(removed, 1.0)),
-        *_tilts(normals),
-    ]
     if errors is not None:
         known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
         median, most = np.quantile(known, [0.5, 0.95]) if known.size else (np.nan, np.nan)
@@ -35,12 +30,19 @@ def normals_contents(shown, names, removed):
         headline += "(standard errors)."
         n = int(np.count_nonzero(unreliable))
         name = f"unreliable normals, whose standard error is above {UNRELIABLE:g}°"
-        found.insert(0, (name, share(n, len(errors), noun="normal")))
-        found.insert(0, ("standard error", f"{median:.2g}° (median), 95 % to {most:.2g}°"))
+        found = [
+            ("standard error", f"{median:.2g}° (median), 95 % to {most:.2g}°"),
+            (name, share(n, len(errors), noun="normal")),
+        ]
         tables = fullest_cells(xyz, unreliable, near, "unreliable normals")
-    return shown.contents(
+    found += [
+        ("surface variation (median)", f"{np.median(given['surface_variation']):.2g}"),
+        ("removed of a neighborhood (mean)", percent(removed, 1.0)),
+    ]
+    return Contents(
+        shown,
         headline=headline,
-        found=found,
+        found=found + _tilts(normals),
         maps=display_maps("Normals as colors", NormalsDisplay(xyz[near], normals[near])),
         tables=tables,
         notes=_notes(errors, given["removed_fraction"]),

@@ -4,7 +4,7 @@ import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.outliers._detector import judged_cloud
-from sklearn_mcmd.report._contents import Table, note_if, share
+from sklearn_mcmd.report._contents import Contents, Table, note_if, share
 from sklearn_mcmd.report._maps import found_maps, fullest_cells
 from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 
@@ -73,7 +73,8 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
             found += _kinds(detector, is_outlier)
             tables = _worst(detector, xyz, is_outlier) + tables
     n_out = n_all + n_others - (0 if marked else n)
-    return shown.contents(
+    return Contents(
+        shown,
         headline=f"{share(n, n_all, 'are outliers')}: {done}.",
         found=found,
         maps=maps,

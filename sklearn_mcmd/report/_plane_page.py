@@ -8,7 +8,7 @@ from sklearn_mcmd.plotting import PlaneResidualDisplay, plot_cloud
 from sklearn_mcmd.plotting._displays import add_color_bar, along_normal, those_of_plane
 from sklearn_mcmd.plotting._still import color_modules
 from sklearn_mcmd.plotting._views import thinned
-from sklearn_mcmd.report._contents import Map, Table, note_if, share
+from sklearn_mcmd.report._contents import Contents, Map, Table, note_if, share
 from sklearn_mcmd.report._maps import MOST_DRAWN
 from sklearn_mcmd.report._shown import Shown
 
@@ -37,7 +37,8 @@ def plane_contents(cloud, detector, figures, unit):
     if "against" in rows:
         offset = rows["offset"]._replace(note="")
         headline += f" Against the other plane: {rows['against']}, offset {offset}."
-    return shown.contents(
+    return Contents(
+        shown,
         headline=headline,
         found=[(row.name, row) for row in first],
         maps=[

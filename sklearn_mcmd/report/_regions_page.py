@@ -4,7 +4,7 @@ import numpy as np
 
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.plotting import SegmentationDisplay, region_colors
-from sklearn_mcmd.report._contents import Table, note_if, percent, share
+from sklearn_mcmd.report._contents import Contents, Table, note_if, percent, share
 from sklearn_mcmd.report._maps import display_maps
 
 LISTED = 20  # regions of the table
@@ -22,7 +22,8 @@ def segment_contents(shown, sizes, n_regions, inside):
     sizes, n_all = np.asarray(sizes, dtype=np.int64), shown.n_all
     xyz, labels = shown.xyz[shown.near], shown.cloud.attributes["region"][shown.near]
     what = "Regions as colors, points of none dark gray"
-    return shown.contents(
+    return Contents(
+        shown,
         headline=f"{counted(n_regions, 'region', 'hold')} {share(inside, n_all)}.",
         found=[
             ("regions", f"{n_regions:,}"),

@@ -19,8 +19,8 @@ QUALITY = 85  # of its WebP, a fifth of the bytes of a PNG
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "numba", "laspy", "matplotlib")  # of the record
 
 
-def make_page(run, contents, has_view):
-    """The HTML of a report; it may have view.html beside it.
+def make_page(run, contents):
+    """The HTML of a report.
 
     The template escapes all text, so that no name in a file becomes markup.
     """
@@ -36,7 +36,7 @@ def make_page(run, contents, has_view):
         name=source_name(run),
         contents=contents,
         maps=[(drawn.title, _encoded(drawn.plot)) for drawn in contents.maps],
-        has_view=has_view,
+        shown=contents.shown,
         record=_record(run),
     )
 
@@ -96,20 +96,17 @@ def check_folder(folder):
 def write_report(folder, run, contents):
     """Write the page, and the one to look around in beside it; pages that stand there go.
 
-    The folder is made if it is missing. Returns the path of the page.
+    The folder is made if it is missing.
     """
+    from sklearn_mcmd.view._page import view
+
     with naming(folder):
         folder.mkdir(parents=True, exist_ok=True)
     name = source_name(run)
-    if contents.shown is not None:
-        from sklearn_mcmd.view._page import view
-
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the page itself says what it leaves out
-            title = f"{run.verb}: {name}"
-            looked = view(contents.shown, names=[name], title=title, max_points=MOST_SHOWN)
-        looked.save(folder / VIEW)
-    page = make_page(run, contents, has_view=contents.shown is not None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the page itself says what it leaves out
+        title, cloud = f"{run.verb}: {name}", contents.shown.cloud
+        view(cloud, names=[name], title=title, max_points=MOST_SHOWN).save(folder / VIEW)
+    page = make_page(run, contents)
     with replacing(folder / PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="replace")
-    return folder / PAGE

@@ -9,7 +9,8 @@ from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._units import length_unit
-from sklearn_mcmd.report._contents import Contents, Note, share
+from sklearn_mcmd.planes._indexed_cloud import location_hashes
+from sklearn_mcmd.report._contents import Note, share
 from sklearn_mcmd.report._facts import (
     CHECKS,
     CHECKS_OF_ALL,
@@ -18,7 +19,6 @@ from sklearn_mcmd.report._facts import (
     cloud_notes,
     usual_rows,
 )
-from sklearn_mcmd.report._volumes import place_numbers
 
 SAMPLE = 500_000  # points; maps show a quarter of them, and shares are known to 0.1 %
 PART = 1_000_000  # points that are read at a time
@@ -41,22 +41,12 @@ class Shown(NamedTuple):
     def xyz(self):
         return self.cloud.xyz
 
-    def contents(self, *, found, notes, checks, rows=(), **others):
-        """The `Contents` of a report, with what is known of the cloud itself."""
-        outside, sample = int(np.count_nonzero(~self.near)), self.words
-        if outside:
-            sample += (
-                f" {counted(outside, 'point', 'lie')} far from the others, and not in the maps."
-            )
-        return Contents(
-            found=[*found, *self.found],
-            notes=[*notes, *self.notes],
-            checks=f"{checks}, {self.checks}",
-            cloud_rows=[*self.rows, *rows],
-            shown=self.cloud,
-            sample=sample,
-            **others,
-        )
+    @property
+    def left_out(self):
+        """Which points maps and tables leave out, in words."""
+        n = int(np.count_nonzero(~self.near))
+        far = f"{counted(n, 'point', 'lie')} far from the others, and not in the maps." if n else ""
+        return f"{self.words} {far}".strip()
 
     @classmethod
     def of_memory(cls, cloud, n_neighbors, scales=None, /, **results):
@@ -114,9 +104,9 @@ def removed_of(inputs, outputs, step):
     rest, waiting = _parts(outputs), np.empty(0, np.uint64)
     for part in _parts(inputs):
         while len(waiting) < len(part) and (after := next(rest, None)) is not None:
-            waiting = np.concatenate([waiting, place_numbers(after.xyz)])
+            waiting = np.concatenate([waiting, location_hashes(after.xyz)])
             n_out += len(after)
-        kept = np.isin(place_numbers(part.xyz), waiting[: len(part)])
+        kept = np.isin(location_hashes(part.xyz), waiting[: len(part)])
         n_part = int(np.count_nonzero(kept))
         waiting, n_kept = waiting[n_part:], n_kept + n_part
         rows = slice((-first) % step, None, step)

@@ -1,9 +1,12 @@
-"""Maps: what is drawn is where it is; and the fullest cells."""
+"""Maps and tables: what is drawn is where it is; the fullest cells, the largest regions."""
 
 import numpy as np
 import pytest
 
+from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.report._maps import found_maps, fullest_cells
+from sklearn_mcmd.report._regions_page import segment_contents
+from sklearn_mcmd.report._shown import Shown
 
 pytest.importorskip("matplotlib")
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -83,3 +86,27 @@ def test_one_place_and_nothing_found_are_no_error():
     (table,) = fullest_cells(xyz, near, near, "outliers")
     assert table.rows == [("0 to 1", "0 to 1", "10", "100.0 %", "100.0 %")]
     assert fullest_cells(xyz, ~near, near, "outliers") == []
+
+
+def test_the_largest_regions_have_the_planes_of_their_points():
+    rng = np.random.default_rng(0)
+    floor, slope = rng.uniform(0, 10, (2, 500, 3)) + rng.normal(0, 0.01, (2, 500, 3))
+    floor[:, 2] = rng.normal(5, 0.02, 500)
+    slope[:, 2] = slope[:, 0] + rng.normal(0, 0.02 * np.sqrt(2), 500)
+    region = np.repeat([0, 1, 2, -1], [500, 500, 3, 7])
+    xyz = np.vstack([floor, slope, rng.uniform(size=(10, 3))])
+    shown = Shown(PointCloud(xyz, {"region": region}), 4000, np.ones(1010, bool), [])
+    contents = segment_contents(shown, [2000, 1900, 12], 3, 3912)
+    (table,) = contents.tables
+    rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
+    assert [row["points"] for row in rows] == ["2,000", "1,900", "12"]
+    assert rows[0]["share"] == "50.0 %"
+    for row, tilt, normal in zip(
+        rows, (0, 45), ([0, 0, 1], [-(0.5**0.5), 0, 0.5**0.5]), strict=False
+    ):
+        assert float(row["tilt"][:-1]) == pytest.approx(tilt, abs=0.2)
+        assert float(row["rms"]) == pytest.approx(0.02, rel=0.1)
+        np.testing.assert_allclose([float(v) for v in row["normal"].split()], normal, atol=0.002)
+    assert rows[0]["middle"] == " ".join(f"{value:.9g}" for value in floor.mean(axis=0))
+    assert rows[2]["normal"] == "nan nan nan"  # of a sample that has three points of it
+    assert len(contents.maps) == 3

@@ -3,17 +3,20 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.report._contents import Contents, Map, Note, Run, Table, percent, share
 from sklearn_mcmd.report._rendering import make_page
+from sklearn_mcmd.report._shown import Shown
 
 pytest.importorskip("matplotlib")
 
 EVIL = "<img src=x onerror=alert(1)>&\"'"
 
 
-def page(has_view=True, **changes):
+def page(words="", **changes):
     run = Run(
         verb="denoise",
         command=f"mcmd denoise '{EVIL}' out.laz",
@@ -22,27 +25,30 @@ def page(has_view=True, **changes):
         target=Path("out.laz"),
         seconds=1.5,
     )
+    cloud = PointCloud(np.zeros((2, 3)))
+    shown = Shown(cloud, 2, np.ones(2, bool), [("attributes", EVIL)], words, [], EVIL, [(EVIL, 1)])
     contents = Contents(
+        shown,
         headline=f"5 of 10 points {EVIL}",
         found=[("points & parts", 10), (EVIL, EVIL)],
         maps=[Map(EVIL, lambda ax: ax.plot([0, 1]))],
         tables=[Table(EVIL, [(EVIL, 1)], (EVIL, "b"), numbers=(1,), words=EVIL, colors=[EVIL])],
         notes=[Note("Few points.", f"Only 10 {EVIL}", "Take more.")],
         checks=EVIL,
-        cloud_rows=[("attributes", EVIL)],
         output=EVIL,
+        rows=[(EVIL, 1)],
     )
-    return make_page(run, contents._replace(**changes), has_view)
+    return make_page(run, contents._replace(**changes))
 
 
 def test_no_text_becomes_markup():
-    text = page(sample=EVIL)
+    text = page(EVIL)
     (image,) = re.findall("<img[^>]*", text)
     assert re.fullmatch(
         rf'<img src="data:image/webp;base64,[\w+/=]+" alt="{re.escape(QUOTED)}"', image
     )
     assert EVIL not in text
-    assert text.count(QUOTED) == 19  # each place once, of a map two
+    assert text.count(QUOTED) == 21  # each place once, of a map two
     assert '<td class="n">1</td>' in text
     assert "points &amp; parts" in text
 
@@ -72,9 +78,7 @@ def test_nothing_is_asked_of_a_network():
 )
 def test_defaults_warnings_and_the_other_page_are_shown_where_there_are_such(text, n):
     assert page().count(text) == n
-    bare = page(has_view=False, notes=[])
-    assert "Nothing to warn of. Looked for: " in bare
-    assert "view.html" not in bare
+    assert "Nothing to warn of. Looked for: " in page(notes=[])
 
 
 @pytest.mark.parametrize(
