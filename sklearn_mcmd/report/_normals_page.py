@@ -10,7 +10,6 @@ from sklearn_mcmd.report._maps import display_maps, fullest_cells
 UNRELIABLE = 10.0
 SOME = 0.05  # share of unreliable normals that is worth a warning; edges and rims have less
 HALF = 0.4  # removed share of a neighborhood that holds two things of about one size
-TILTS = ((0, 10, "level"), (10, 45, "sloping"), (45, 80, "steep"), (80, 90.01, "upright"))
 
 
 def normals_contents(shown, names, removed):
@@ -42,7 +41,7 @@ def normals_contents(shown, names, removed):
     return Contents(
         shown,
         headline=headline,
-        found=found + _tilts(normals),
+        found=found,
         maps=display_maps("Normals as colors", NormalsDisplay(xyz[near], normals[near])),
         tables=tables,
         notes=_notes(errors, given["removed_fraction"]),
@@ -68,13 +67,3 @@ def _notes(errors, removed):
         "it reaches over an edge, into foliage, or holds many outliers.",
         "Denoise the cloud first, or give a smaller --n-neighbors.",
     )
-
-
-def _tilts(normals):
-    """Rows on how steep the surfaces are."""
-    tilt = np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0)))
-    counts = [np.count_nonzero((tilt >= low) & (tilt < high)) for low, high, _ in TILTS]
-    return [
-        (f"{name} surfaces, {low}° to {min(high, 90):g}°", share(n, len(tilt)))
-        for (low, high, name), n in zip(TILTS, counts, strict=True)
-    ]
