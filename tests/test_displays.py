@@ -177,7 +177,7 @@ def test_the_ball_beside_the_normals_has_the_color_of_each_of_its_normals(xyz):
     # Seen along +y: x to the right, z up, and the near side looks along -y.
     for row, column, normal in (
         (middle, middle, [0, -1, 0]),
-        (0, middle, [0, 0, 1]),
+        (-1, middle, [0, 0, 1]),
         (middle, -1, [1, 0, 0]),
     ):
         expected = [*plotting.normal_colors([normal], view="front")[0], 1.0]

@@ -152,23 +152,17 @@ def normal_colors(
 def draw_ball(ax, view):
     """The legend of `normal_colors`, right of the axes: a ball, whose normals are known."""
     boxes = import_extra("matplotlib.offsetbox", "plot", "Plotting")
-    ball = boxes.OffsetImage(ball_picture(view), zoom=0.5, origin="upper")
-    words = boxes.TextArea(BALL_WORDS, textprops={"size": 9, "color": "0.25"})
-    both = boxes.VPacker(children=[ball, words], align="center", pad=0, sep=3)
-    place = {"bbox_to_anchor": (1, 1), "bbox_transform": ax.transAxes, "frameon": False}
-    ax.add_artist(boxes.AnchoredOffsetbox("upper left", child=both, **place))
-
-
-def ball_picture(view):
-    """A ball in the colors of its normals, transparent around it."""
-    right, up, toward = camera(view)
-    x = np.linspace(-1.0, 1.0, BALL_PIXELS)
-    across, height = np.meshgrid(x, -x)
+    across, height = np.meshgrid(*[np.linspace(-1.0, 1.0, BALL_PIXELS)] * 2)
     square = across**2 + height**2
     depth = np.sqrt(np.maximum(1.0 - square, 0.0))
-    normals = np.stack([across, height, depth], axis=-1) @ np.stack([right, up, toward])
+    normals = np.stack([across, height, depth], axis=-1) @ np.stack(camera(view))
     colors = normal_colors(normals.reshape(-1, 3), view=view).reshape(*square.shape, 3)
-    return np.dstack([colors, square <= 1.0])
+    ball = np.dstack([colors, square <= 1.0])  # transparent around it
+    words = boxes.TextArea(BALL_WORDS, textprops={"size": 9, "color": "0.25"})
+    both = [boxes.OffsetImage(ball, zoom=0.5, origin="lower"), words]
+    both = boxes.VPacker(children=both, align="center", pad=0, sep=3)
+    place = {"bbox_to_anchor": (1, 1), "bbox_transform": ax.transAxes, "frameon": False}
+    ax.add_artist(boxes.AnchoredOffsetbox("upper left", child=both, **place))
 
 
 def region_colors(labels: "ArrayLike") -> NDArray[np.float64]:
