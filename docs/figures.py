@@ -79,7 +79,7 @@ def doors():
         fig, ax = plt.subplots(figsize=(4.2, 3.3), layout="constrained")
         draw(ax)
         ax.set_title("")
-        for bar in [*ax.lines, *ax.texts]:
+        for bar in [*ax.artists]:
             bar.remove()
         low, high = np.percentile(np.asarray(ax.collections[0].get_offsets()), [2, 98], axis=0)
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))

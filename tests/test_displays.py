@@ -120,10 +120,10 @@ def test_every_view_draws_with_a_scale_bar_and_on_given_axes(view, xyz):
     _, ax = plt.subplots()
     display = EdgeDisplay.from_predictions(xyz, np.sign(xyz[:, 0]), view=view, ax=ax)
     assert display.ax_ is ax
-    (bar,) = ax.lines
-    length = np.ptp(bar.get_xdata())
-    assert ax.texts[0].get_text().split()[0] == f"{length:g}"
-    assert ("in the middle" in ax.texts[0].get_text()) == (view == "perspective")
+    (bar,) = ax.artists
+    (drawn,), words = bar.size_bar.get_children(), bar.txt_label.get_text()
+    length = drawn.get_width()
+    assert words == f"{length:g}" + " in the middle" * (view == "perspective")
     width = np.ptp(ax.get_xlim())
     assert 0.08 * width <= length <= 0.2 * width
     ax.figure.canvas.draw()
@@ -171,8 +171,8 @@ def test_colors_may_be_one_or_one_a_point(color, xyz):
 def test_the_ball_beside_the_normals_has_the_color_of_each_of_its_normals(xyz):
     normals = xyz / np.linalg.norm(xyz, axis=1, keepdims=True)
     axes = NormalsDisplay.from_predictions(xyz, normals, view="front").ax_
-    (ball,) = axes.child_axes[0].images
-    picture = ball.get_array()
+    ball, _ = axes.artists[-1].get_child().get_children()
+    picture = ball.get_data()
     middle = len(picture) // 2
     # Seen along +y: x to the right, z up, and the near side looks along -y.
     for row, column, normal in (

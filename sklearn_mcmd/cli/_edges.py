@@ -78,8 +78,8 @@ class Edges(CloudVerb):
         shown = Shown.of_memory(cloud, detector.n_neighbors, scales, **results)
         limit = float(detector.offset_ if detector.criterion == "crease" else -detector.offset_)
         n_outliers = np.count_nonzero(~detector.inlier_mask_)
-        cards = [(f"{n_outliers:,}", "outliers that were left out")]
-        return edges_contents(shown, detector.criterion, found.n_edges, limit, cards)
+        others = [("outliers that were left out", f"{n_outliers:,}")]
+        return edges_contents(shown, detector.criterion, found.n_edges, limit, others)
 
     def tile_contents(self, catalog, told):
         from sklearn_mcmd.edges._detector import crease_width

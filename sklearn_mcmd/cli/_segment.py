@@ -107,22 +107,20 @@ class Segment(CloudVerb):
         }
 
     def contents(self, cloud, found):
-        from sklearn_mcmd.report._regions_page import Regions, segment_contents
+        from sklearn_mcmd.report._regions_page import segment_contents
         from sklearn_mcmd.report._shown import Shown
 
         growing, planes = found.growing, found.growing.normal_estimator_
         n_neighbors = int(np.median(planes.n_neighbors_))
         region = growing.labels_.astype(np.int32)
         shown = Shown.of_memory(cloud, n_neighbors, planes.plane_scale_, region=region)
-        regions = Regions(**{name: getattr(growing, f"region_{name}_") for name in Regions._fields})
-        return segment_contents(shown, regions, found.n_regions, found.n_inside)
+        return segment_contents(shown, found.largest, found.n_regions, found.n_inside)
 
     def tile_contents(self, catalog, told):
-        from sklearn_mcmd.report._regions_page import Regions, segment_contents
+        from sklearn_mcmd.report._regions_page import segment_contents
 
         shown = self.shown(catalog, told, "region")
-        regions = Regions.of_sample(shown.cloud, told.largest)
-        return segment_contents(shown, regions, told.n_regions, told.n_inside)
+        return segment_contents(shown, told.largest, told.n_regions, told.n_inside)
 
 
 segment = command_of(Segment, more=BY_TILES)

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from inspect import signature
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,8 +21,6 @@ from sklearn_mcmd.plotting._views import thinned
 from sklearn_mcmd.view._page import check_count
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -32,15 +30,6 @@ REGULAR, FOUND = "#c3cad4", "#d55e00"
 MISSED, WRONG = "#0072b2", "#e69f00"
 
 View = str | tuple[float, float]
-
-
-class Picture(NamedTuple):
-    """What a display draws."""
-
-    colors: NDArray[np.floating]  # (n, 3)
-    labels: NDArray[Any]  # of clouds with too many points, rare labels keep more of theirs
-    title: str
-    complete: "Callable[[Axes], object] | None" = None  # adds a legend or the like to the axes
 
 
 class CloudDisplay(ABC):
@@ -88,14 +77,11 @@ class CloudDisplay(ABC):
         """
         check_count(max_points, "max_points")
         view = self._usual_view() if view is None else view
-        picture = self._picture(view)
-        rows = thinned(picture.labels, max_points)
-        self._ax = plot_cloud(
-            self.xyz[rows], color=picture.colors[rows], view=view, scale_bar=True, ax=ax
-        )
-        self._ax.set_title(picture.title, fontsize=12, color="0.2")
-        if picture.complete is not None:
-            picture.complete(self._ax)
+        colors, labels, title = self._picture(view)
+        rows = thinned(labels, max_points)
+        self._ax = plot_cloud(self.xyz[rows], color=colors[rows], view=view, scale_bar=True, ax=ax)
+        self._ax.set_title(title, fontsize=12, color="0.2")
+        self._complete(view)
         return self
 
     @property
@@ -114,8 +100,11 @@ class CloudDisplay(ABC):
         """What the class takes behind the points."""
 
     @abstractmethod
-    def _picture(self, view: View) -> Picture:
-        """What is drawn, seen from there."""
+    def _picture(self, view: View) -> tuple[NDArray[np.floating], NDArray[Any], str]:
+        """Colors (n, 3), labels, of which rare ones keep more of their points, and the title."""
+
+    def _complete(self, view: View) -> None:  # noqa: B027, most have nothing to add
+        """Add a legend or the like to the axes."""
 
     def _usual_view(self) -> View:
         return "perspective"
@@ -167,20 +156,25 @@ class OutlierDisplay(CloudDisplay):
     def _found_by(estimator, X):
         return (estimator.predict(X),)
 
-    def _picture(self, view):
+    def _kinds(self):
+        """What outliers are named, drawn in, and which they are."""
         flagged, true = self.is_outlier, self.is_true_outlier
-        picture = _found_picture(flagged, "are outliers")
         if true is None:
-            return picture
-        kinds = [flagged & true, ~flagged & true, flagged & ~true]
-        names = ("found", "missed", "wrongly flagged")
-        texts = [f"{name}: {np.count_nonzero(k):,}" for name, k in zip(names, kinds, strict=True)]
-        shades = (FOUND, MISSED, WRONG)
-        return picture._replace(
-            colors=_choose_colors(kinds, shades, REGULAR),
-            labels=np.select(kinds, [1, 2, 3], 0),
-            complete=lambda ax: _add_legend(ax, zip(shades, texts, strict=True)),
-        )
+            return {"found": (FOUND, flagged)}
+        missed, wrong = (MISSED, ~flagged & true), (WRONG, flagged & ~true)
+        return {"found": (FOUND, flagged & true), "missed": missed, "wrongly flagged": wrong}
+
+    def _picture(self, view):
+        kinds = self._kinds().values()
+        return *_choose_colors(kinds), _found_title(self.is_outlier, "are outliers")
+
+    def _complete(self, view):
+        if self.is_true_outlier is None:
+            return
+        for name, (color, mask) in self._kinds().items():
+            self._ax.scatter([], [], color=color, label=f"{name}: {np.count_nonzero(mask):,}")
+        place = {"loc": "upper left", "bbox_to_anchor": (1, 1)}  # beside the cloud
+        self._ax.legend(frameon=False, fontsize=9, **place)
 
 
 class NormalsDisplay(CloudDisplay):
@@ -221,8 +215,10 @@ class NormalsDisplay(CloudDisplay):
 
     def _picture(self, view):
         colors = normal_colors(self.normals, view=view)
-        title = f"Normals of {len(self.xyz):,} points"
-        return Picture(colors, np.zeros(len(self.xyz)), title, lambda ax: draw_ball(ax, view))
+        return colors, np.zeros(len(colors)), f"Normals of {len(colors):,} points"
+
+    def _complete(self, view):
+        draw_ball(self._ax, view)
 
 
 class SegmentationDisplay(CloudDisplay):
@@ -263,7 +259,7 @@ class SegmentationDisplay(CloudDisplay):
         inside = self.labels >= 0
         n = len(np.unique(self.labels[inside]))
         title = f"{counted(n, 'region')}, {100 * inside.mean():.2f} % of {len(inside):,} points"
-        return Picture(region_colors(self.labels), self.labels, title)
+        return region_colors(self.labels), self.labels, title
 
 
 class EdgeDisplay(CloudDisplay):
@@ -299,11 +295,12 @@ class EdgeDisplay(CloudDisplay):
         return (np.where(estimator.scores_ < estimator.offset_, -1, 1),)
 
     def _picture(self, view):
-        return _found_picture(self.is_edge, "are edges")
+        kinds = [(FOUND, self.is_edge)]
+        return *_choose_colors(kinds), _found_title(self.is_edge, "are edges")
 
 
 class PlaneResidualDisplay(CloudDisplay):
-    """Residuals of one plane, seen along its normal; outliers are larger.
+    """Residuals of one plane, seen along its normal.
 
     Parameters
     ----------
@@ -341,22 +338,27 @@ class PlaneResidualDisplay(CloudDisplay):
     def _usual_view(self):
         return along_normal(self.xyz[those_of_plane(self.is_outlier)])
 
-    def _picture(self, view):
+    def _shade(self):
         cm, colors = color_modules()
         # Three standard deviations of what is kept; an outlier would take the contrast of all.
         kept = self.residuals[those_of_plane(self.is_outlier)]
         reach = 3 * np.sqrt(np.mean(kept**2)) or 1.0
-        shade = cm.ScalarMappable(colors.Normalize(-reach, reach, clip=True), "RdBu_r")
-        n = np.count_nonzero(self.is_outlier)
-        title = f"Residuals of {len(self.xyz):,} points, {counted(n, 'outlier')}"
-        return Picture(
-            shade.to_rgba(self.residuals)[:, :3],
-            self.is_outlier,
-            title,
-            lambda ax: ax.figure.colorbar(
-                shade, ax=ax, label="residual", shrink=0.7, extend="both"
-            ),
-        )
+        return cm.ScalarMappable(colors.Normalize(-reach, reach, clip=True), "RdBu_r")
+
+    def _picture(self, view):
+        n = counted(np.count_nonzero(self.is_outlier), "outlier")
+        title = f"Residuals of {len(self.xyz):,} points, {n}"
+        return self._shade().to_rgba(self.residuals)[:, :3], self.is_outlier, title
+
+    def _complete(self, view):
+        add_color_bar(self._ax, self._shade(), "residual")
+
+
+def add_color_bar(ax, shade, label):
+    """A bar below the axes of what colors mean."""
+    ends, place = (shade.norm.vmin, shade.norm.vmax), {"location": "bottom", "shrink": 0.5}
+    ticks = {"ticks": np.linspace(*ends, 3), "format": "%.4g", "extend": "both"}
+    ax.figure.colorbar(shade, ax=ax, label=label, **ticks, **place)
 
 
 def those_of_plane(is_outlier):
@@ -383,30 +385,17 @@ def _whole(values, name):
     return values.astype(np.int64)
 
 
-def _add_legend(ax, entries):
-    """A legend of colors and texts."""
-    lines = import_extra("matplotlib.lines", "plot", "Plotting")
-    marks = [
-        lines.Line2D([], [], ls="", marker="o", ms=6, mfc=color, mec="none", label=text)
-        for color, text in entries
-    ]
-    ax.legend(handles=marks, loc="upper right", frameon=False, fontsize=9)
-
-
-def _choose_colors(masks, chosen, otherwise):
-    """The color of the first mask that holds, for each point."""
+def _choose_colors(kinds):
+    """Colors and numbers of the kinds that points are of: pairs of a color and a mask."""
     to_rgb = import_extra("matplotlib.colors", "plot", "Plotting").to_rgb
-    colors = np.tile(to_rgb(otherwise), (len(masks[0]), 1))
-    for mask, color in zip(masks, chosen, strict=True):
-        colors[mask] = to_rgb(color)
-    return colors
+    shades, masks = zip(*kinds, strict=True)
+    number = np.select(masks, range(1, 1 + len(masks)), 0)
+    return np.array([to_rgb(shade) for shade in (REGULAR, *shades)])[number], number
 
 
-def _found_picture(found, what):
-    """Which points were found, and how many."""
+def _found_title(found, what):
     n, n_all = np.count_nonzero(found), len(found)
-    title = f"{counted(n, 'point', what, of=n_all)} ({100 * n / n_all:.2f} %)"
-    return Picture(_choose_colors([found], [FOUND], REGULAR), found, title)
+    return f"{counted(n, 'point', what, of=n_all)} ({100 * n / n_all:.2f} %)"
 
 
 def _is_minus_one(labels, points, name):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 # Red, green, blue of surfaces and of edges in files.
 SURFACE_COLOR, EDGE_COLOR = (170, 170, 170), (215, 30, 30)
 OUTLIER_COLOR = (0.84, 0.10, 0.11)  # red, of outliers in pictures
-BALL_PLACE = (0.02, 0.72, 0.18, 0.18)  # left, bottom, width and height, as shares of the axes
+BALL_WORDS = "a ball in these\ncolors; opposite\nnormals look alike"
 BALL_PIXELS = 121  # along a side of the ball
 FAR, NEAR = (0.80, 0.83, 0.87), (0.24, 0.28, 0.34)  # grays that shade a cloud by distance
 
@@ -79,7 +79,7 @@ def plot_cloud(
     order = np.argsort(depth, kind="stable")
 
     if ax is None:
-        _, ax = plt.subplots(figsize=(8, 6), layout="constrained")
+        _, ax = plt.subplots(figsize=(8, 6), layout="compressed")
     low, high = picture.min(axis=0), picture.max(axis=0)
     margin = 0.02 * (high - low).max() or 1.0  # a single point has no extent
     ax.set(
@@ -89,7 +89,7 @@ def plot_cloud(
     )
     ax.set_axis_off()
 
-    color = distance_colors(depth) if color is None else _as_rgb(color, len(points))
+    color = _distance_colors(depth) if color is None else _as_rgb(color, len(points))
     size = _marker_size(ax, high - low, len(points)) if size is None else size
     sizes = np.full(len(points), float(size))
     if outliers is not None:
@@ -150,27 +150,19 @@ def normal_colors(
 
 
 def draw_ball(ax, view):
-    """The legend of `normal_colors`: a ball, whose normals are known."""
-    inset = ax.inset_axes(BALL_PLACE)
-    picture = ball_picture(view)
-    inset.imshow(picture, origin="lower", extent=(-1, 1, -1, 1), interpolation="antialiased")
-    inset.set(aspect="equal", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
-    inset.set_axis_off()
-    words = "a ball in these colors;\nopposite normals look alike"
-    inset.set_title(words, fontsize=9, color="0.25", pad=3)
-    return inset
-
-
-def ball_picture(view):
-    """A ball in the colors of its normals, transparent around it; the first row is the lowest."""
-    right, up, toward = camera(view)
-    x = np.linspace(-1.0, 1.0, BALL_PIXELS)
-    across, height = np.meshgrid(x, x)
+    """The legend of `normal_colors`, right of the axes: a ball, whose normals are known."""
+    boxes = import_extra("matplotlib.offsetbox", "plot", "Plotting")
+    across, height = np.meshgrid(*[np.linspace(-1.0, 1.0, BALL_PIXELS)] * 2)
     square = across**2 + height**2
     depth = np.sqrt(np.maximum(1.0 - square, 0.0))
-    normals = np.stack([across, height, depth], axis=-1) @ np.stack([right, up, toward])
+    normals = np.stack([across, height, depth], axis=-1) @ np.stack(camera(view))
     colors = normal_colors(normals.reshape(-1, 3), view=view).reshape(*square.shape, 3)
-    return np.dstack([colors, square <= 1.0])
+    ball = np.dstack([colors, square <= 1.0])  # transparent around it
+    words = boxes.TextArea(BALL_WORDS, textprops={"size": 9, "color": "0.25"})
+    both = [boxes.OffsetImage(ball, zoom=0.5, origin="lower"), words]
+    both = boxes.VPacker(children=both, align="center", pad=0, sep=3)
+    place = {"bbox_to_anchor": (1, 1), "bbox_transform": ax.transAxes, "frameon": False}
+    ax.add_artist(boxes.AnchoredOffsetbox("upper left", child=both, **place))
 
 
 def region_colors(labels: "ArrayLike") -> NDArray[np.float64]:
@@ -231,12 +223,12 @@ def _painted(cloud, columns, colors, paint):
     return with_results(cloud, columns)
 
 
-def distance_colors(depth, far=FAR, near=NEAR):
+def _distance_colors(depth):
     """A color between that of far and that of near points, for each depth (n,)."""
     # Percentiles, because a single far point would take the contrast from all others.
     low, high = np.percentile(depth, [1, 99])
     share = np.clip((depth - low) / max(high - low, np.finfo(float).tiny), 0.0, 1.0)[:, None]
-    return (1 - share) * np.array(far) + share * np.array(near)
+    return (1 - share) * np.array(FAR) + share * np.array(NEAR)
 
 
 def _marker_size(ax, extent, n_points):

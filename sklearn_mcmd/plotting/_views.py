@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from sklearn_mcmd._extras import import_extra
+
 VIEW = (-64.0, 26.0)  # azimuth and elevation of the camera, degrees
 VIEWS = {"top": (-90.0, 90.0), "front": (-90.0, 0.0), "side": (0.0, 0.0), "perspective": VIEW}
 EYE = 2.6  # of the perspective view, in radii of the cloud from its middle
@@ -50,24 +52,14 @@ def thinned(labels, most):
 
 
 def draw_scale_bar(ax, note=""):
-    """A bar of 1, 2 or 5 times a power of ten in the lower left corner, and its length."""
-    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    length = round_length(0.2 * (right - left))
-    x, y = left + 0.03 * (right - left), bottom + 0.03 * (top - bottom)
-    ax.plot([x, x + length], [y, y], color="0.2", lw=2, solid_capstyle="butt", zorder=5)
-    ax.annotate(
-        f"{length:g}{note}",
-        (x + length / 2, y),
-        xytext=(0, 3),
-        textcoords="offset points",
-        ha="center",
-        va="bottom",
-        fontsize=9,
-        color="0.2",
-        zorder=5,
-        bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1},
+    """A bar of 1, 2 or 5 times a power of ten below the lower left corner, and its length."""
+    artists = import_extra("mpl_toolkits.axes_grid1.anchored_artists", "plot", "Plotting")
+    length = round_length(0.2 * np.ptp(ax.get_xlim()))
+    place = {"bbox_to_anchor": (0, 0), "bbox_transform": ax.transAxes, "frameon": False}
+    words = f"{length:g}{note}"
+    ax.add_artist(
+        artists.AnchoredSizeBar(ax.transData, length, words, "upper left", color="0.2", **place)
     )
-    return length
 
 
 def _angles(view):

@@ -1,5 +1,6 @@
 """What a report says, before it becomes a page."""
 
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,18 +31,36 @@ def note_if(holds, *words):
     return [Note(*words)] if holds else []
 
 
-class Contents(NamedTuple):
-    """All that a verb has to say."""
+class Map(NamedTuple):
+    """A picture of the cloud."""
 
+    title: str  # what it shows, and from where
+    plot: Callable[..., object]  # draws it on axes, its argument `ax`
+
+
+class Table(NamedTuple):
+    """Rows of strings; without a header they are pairs of a name and a value."""
+
+    title: str
+    rows: Sequence[Sequence[object]]
+    header: Sequence[str] = ()
+    numbers: Collection[int] = ()  # columns that are right-aligned
+    words: str = ""  # below the table
+    colors: Sequence[str] = ()  # of dots before the rows
+
+
+class Contents(NamedTuple):
+    """The record of all that a verb has to say: what it found, at most three maps, and where."""
+
+    shown: Any  # the `Shown` cloud, with what is known of it whatever the verb
     headline: str  # one sentence, the result
-    cards: list[tuple[str, str]]  # numbers and what they count
+    found: list[tuple[str, object]]  # names, and numbers with their units
+    maps: list[Map]
+    tables: list[Table]  # the doubtful places, the largest regions and the like
     notes: list[Note]
     checks: str  # what was looked for, shown where there is no note
-    sections: list[tuple[str, Any]]  # titles, and markup by `part`; other text is escaped
-    cloud_rows: list[tuple[str, str]]  # what the input holds
     output: str  # what the output holds
-    shown: Any = None  # a PointCloud for the page to look around in
-    sample: str = ""  # of which points all but the headline and the cards are, if not of all
+    rows: Collection[tuple[str, str]] = ()  # what else the input holds
 
 
 def percent(n, n_all):

@@ -2,40 +2,32 @@
 
 import numpy as np
 
-from sklearn_mcmd.report._contents import note_if, share
-from sklearn_mcmd.report._histogram import histogram
+from sklearn_mcmd.report._contents import Contents, note_if, share
 from sklearn_mcmd.report._maps import found_maps, fullest_cells
-from sklearn_mcmd.report._rendering import paragraph
 
 MANY = 0.4  # share of edge points, of areas and not of lines; machined parts have a third
 
 
-def edges_contents(shown, criterion, n, limit, cards):
+def edges_contents(shown, criterion, n, limit, found):
     """The contents of a report of `mcmd edges`, of whose points `n` are of edges.
 
     What is shown has ``edge`` and ``edge_score``. The limit is of scores; None is the least value
-    of an edge. `cards` are what else is known.
+    of an edge. `found` are rows on what else is known.
     """
-    is_crease, n_all, xyz, near = criterion == "crease", shown.n_all, shown.xyz, shown.near
-    found = shown.cloud.attributes["edge"] > 0
-    values = shown.cloud.attributes["edge_score"].astype(np.float64)
+    n_all, xyz, near = shown.n_all, shown.xyz, shown.near
+    is_edge = shown.cloud.attributes["edge"] > 0
     if limit is None:
-        limit = values[found].min(initial=values.max())
-    name = "distance to the nearest crease, in spacings" if is_crease else criterion
-    limit_name = "limit, in spacings" if is_crease else f"limit of {criterion}"
-    drawn = histogram(values, cutoff=limit, cutoff_name="limit", above=not is_crease, name=name)
-    words = "Points farther than 20 spacings from all creases have the score 20. " * is_crease
-    words += "Edges are counted in points and not in lengths, which sampling alone would change."
-    return shown.contents(
+        values = shown.cloud.attributes["edge_score"].astype(np.float64)
+        limit = values[is_edge].min(initial=values.max())
+    what = "distance from a crease, in spacings" if criterion == "crease" else criterion
+    return Contents(
+        shown,
         headline=f"{share(n, n_all, 'lie')} on edges.",
-        cards=[(f"{limit:.3g}", limit_name), *cards],
+        found=[("edge points", share(n, n_all)), (f"limit of {what}", f"{limit:.3g}"), *found],
+        maps=found_maps(xyz, is_edge, near, "edge point"),
+        tables=fullest_cells(xyz, is_edge, near, "edge points"),
         notes=_notes(n, n_all),
         checks="edges that are areas, no edges",
-        sections=[
-            ("Where the edges are", found_maps(xyz, found, near, "edge point")),
-            ("Scores", drawn + paragraph(words, "soft")),
-            ("Places", fullest_cells(xyz, found, near, "edge points")),
-        ],
         output=f"{n_all:,} points{shown.files}, with edge and edge_score",
     )
 

@@ -3,16 +3,13 @@
 import numpy as np
 
 from sklearn_mcmd.plotting import NormalsDisplay
-from sklearn_mcmd.report._contents import note_if, percent, share
-from sklearn_mcmd.report._histogram import histogram
-from sklearn_mcmd.report._maps import ball, fullest_cells, maps
-from sklearn_mcmd.report._rendering import paragraph, table
+from sklearn_mcmd.report._contents import Contents, note_if, percent, share
+from sklearn_mcmd.report._maps import display_maps, fullest_cells
 
 # Degrees of standard error; the true normal is within 17 of it, and growing separates faces at 15.
 UNRELIABLE = 10.0
 SOME = 0.05  # share of unreliable normals that is worth a warning; edges and rims have less
 HALF = 0.4  # removed share of a neighborhood that holds two things of about one size
-TILTS = ((0, 10, "level"), (10, 45, "sloping"), (45, 80, "steep"), (80, 90.01, "upright"))
 
 
 def normals_contents(shown, names, removed):
@@ -23,36 +20,32 @@ def normals_contents(shown, names, removed):
     """
     given, n_all, xyz, near = shown.cloud.attributes, shown.n_all, shown.xyz, shown.near
     normals = np.column_stack([given[f"normal_{axis}"] for axis in "xyz"]).astype(np.float64)
-    errors, variation = given.get("normal_error"), float(np.median(given["surface_variation"]))
+    errors, found, tables = given.get("normal_error"), [], []
     headline = f"{n_all:,} points have normals."
-    cards = [(f"{variation:.2g}", "surface variation (median)")]
-    cards.append((percent(removed, 1.0), "of a neighborhood removed, on average"))
-    sections = [("Normals", ball() + maps(NormalsDisplay(xyz, normals), xyz, near))]
     if errors is not None:
         known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
         median, most = np.quantile(known, [0.5, 0.95]) if known.size else (np.nan, np.nan)
         headline += f" Half of these are exact to {median:.2g} degrees, 95 % to {most:.2g} "
         headline += "(standard errors)."
         n = int(np.count_nonzero(unreliable))
-        cards.insert(0, (percent(n, len(errors)), "of the normals are unreliable"))
-        places = fullest_cells(xyz, unreliable, near, "unreliable normals")
-        limit = {"cutoff": UNRELIABLE, "cutoff_name": "unreliable from", "least": 0.01}
-        drawn = histogram(errors, name="standard error of the normal in degrees", **limit)
-        drawn += paragraph(
-            "The true normal is within 1.73 standard errors with 95 % confidence, as far as noise "
-            "goes. Rims, corners and things smaller than a neighborhood are worse.",
-            "soft",
-        )
-        sections.append(("How exact they are", drawn))
-        sections.append(("Where they are unreliable", places))
-    flatness = histogram(given["surface_variation"], name="surface variation")
-    sections += [("Flatness", flatness), ("Directions", _tilt_table(normals))]
-    return shown.contents(
+        name = f"unreliable normals, whose standard error is above {UNRELIABLE:g}°"
+        found = [
+            ("standard error", f"{median:.2g}° (median), 95 % to {most:.2g}°"),
+            (name, share(n, len(errors), noun="normal")),
+        ]
+        tables = fullest_cells(xyz, unreliable, near, "unreliable normals")
+    found += [
+        ("surface variation (median)", f"{np.median(given['surface_variation']):.2g}"),
+        ("removed of a neighborhood (mean)", percent(removed, 1.0)),
+    ]
+    return Contents(
+        shown,
         headline=headline,
-        cards=cards,
+        found=found,
+        maps=display_maps("Normals as colors", NormalsDisplay(xyz[near], normals[near])),
+        tables=tables,
         notes=_notes(errors, given["removed_fraction"]),
         checks="unreliable normals, neighborhoods of two things",
-        sections=sections,
         output=f"{n_all:,} points{shown.files}, with {', '.join(names)}",
     )
 
@@ -74,13 +67,3 @@ def _notes(errors, removed):
         "it reaches over an edge, into foliage, or holds many outliers.",
         "Denoise the cloud first, or give a smaller --n-neighbors.",
     )
-
-
-def _tilt_table(normals):
-    tilt = np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0)))
-    rows = []
-    for low, high, name in TILTS:
-        n = np.count_nonzero((tilt >= low) & (tilt < high))
-        rows.append((name, f"{low} to {min(high, 90):g}", f"{n:,}", percent(n, len(tilt))))
-    header = ("surface", "tilt, degrees", "points", "share")
-    return table(header, rows, numbers=(2, 3))

@@ -4,17 +4,14 @@ import numpy as np
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.outliers._detector import judged_cloud
-from sklearn_mcmd.report._contents import note_if, percent, share
-from sklearn_mcmd.report._histogram import histogram
+from sklearn_mcmd.report._contents import Contents, Table, note_if, share
 from sklearn_mcmd.report._maps import found_maps, fullest_cells
-from sklearn_mcmd.report._rendering import join, paragraph, part, table
 from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 
 MANY = 0.25  # share of outliers; neighborhoods with a half, which planes withstand, are then common
 CLEAR = 10  # score of a clear error, as the detector's documentation says
 GROSS = 100  # score of a gross one
 WORST = 10  # outliers, or groups of them, whose reasons are given
-LEAST_SCORE = 0.01  # where the axis of scores begins: smaller ones are on a plane
 KINDS = {  # and what they are
     "isolated": "single points and pairs, far from everything else",
     "in groups": "small groups that stand apart: ghosts, birds, dust",
@@ -46,47 +43,44 @@ def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
     """
     n_all, n_others = told.n_used, told.n_points - told.n_used
     given, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
-    found, score = given.get("outlier"), given.get("outlier_score")
-    cards = [(f"{n_others:,}", "points neither judged nor used")] if n_others else []
-    if found is None:
-        drawn = paragraph(
-            "The outputs replaced the inputs, or have other coordinates. --mode mark keeps "
-            "outliers, and then they have maps."
+    is_outlier, score = given.get("outlier"), given.get("outlier_score")
+    done = "marked" if marked else "removed"
+    found, maps, tables = [(f"outliers, {done}", share(n, n_all))], [], []
+    if n_others:
+        found.append(("points neither judged nor used", f"{n_others:,}"))
+    if is_outlier is None:
+        words = (
+            "none: the outputs replaced the inputs, or have other coordinates; --mode mark keeps "
         )
+        found.append(("maps", words + "outliers, and then they have maps"))
     else:
-        found = found > 0
-        drawn = found_maps(xyz, found, near, "outlier")
-    sections = [("Where the outliers are", drawn)]
+        is_outlier = is_outlier > 0
+        maps = found_maps(xyz, is_outlier, near, "outlier")
+        tables = fullest_cells(xyz, is_outlier, near, "outliers")
     if score is not None:
         score = score.astype(np.float64)
         if cutoff is None:  # the run found it: the largest score below it
-            cutoff = float(score[~found].max(initial=0.0))
-        drawn = histogram(score, cutoff=cutoff, name="score", least=LEAST_SCORE)
-        clear, gross = (np.count_nonzero(score > max(least, cutoff)) for least in (CLEAR, GROSS))
+            cutoff = float(score[~is_outlier].max(initial=0.0))
+        found.append(("cutoff of the score; up to it a point is real", f"{cutoff:.3g}"))
         of = np.count_nonzero(score > cutoff)
-        drawn += paragraph(
-            f"A score up to 3 means that the point is on a surface or near other points. "
-            f"{share(clear, of, 'have', 'outlier')} a clear error's score, above {CLEAR}; "
-            f"{share(gross, of, 'have', 'outlier')} a gross error's, above {GROSS}."
-        )
-        sections.append(("How clear they are", drawn))
+        for kind, least in (("clear", CLEAR), ("gross", GROSS)):
+            worse = share(np.count_nonzero(score > max(least, cutoff)), of, noun="outlier")
+            found.append((f"{kind} errors, whose score is above {least}", worse))
     if detector is not None:
         on_surface = int(np.count_nonzero(detector.on_surface_))
-        cards.append((f"{on_surface:,}", f"on surfaces, {percent(on_surface, n_all)}"))
-        cards.append((f"{cutoff:.3g}", "cutoff of the score"))
+        found.append(("points on surfaces", share(on_surface, n_all)))
         if plane_scales(detector) is not None:
-            drawn = _kind_table(detector, found) + _worst_table(detector, xyz, found)
-            sections.append(("What they are", drawn))
-    if found is not None:
-        sections.append(("Places", fullest_cells(xyz, found, near, "outliers")))
+            found += _kinds(detector, is_outlier)
+            tables = _worst(detector, xyz, is_outlier) + tables
     n_out = n_all + n_others - (0 if marked else n)
-    done = "marked" if marked else "removed"
-    return shown.contents(
+    return Contents(
+        shown,
         headline=f"{share(n, n_all, 'are outliers')}: {done}.",
-        cards=cards,
+        found=found,
+        maps=maps,
+        tables=tables,
         notes=_notes(detector, n, n_all),
         checks="many outliers, many that lie together",
-        sections=sections,
         output=f"{n_out:,} points{shown.files}" + ", with outlier_score and marks" * marked,
         rows=told.sensor.items(),
     )
@@ -161,31 +155,28 @@ def reasons_of(detector, rows):
     return reasons
 
 
-def _kind_table(detector, found):
-    kinds, n = kinds_of_outliers(detector)[found], int(np.count_nonzero(found))
-    counts = np.bincount(kinds[kinds >= 0], minlength=len(KINDS))
-    rows = [
-        (name, f"{count:,}", percent(count, n), words)
-        for (name, words), count in zip(KINDS.items(), counts.tolist(), strict=True)
-        if count or name != "off surfaces"
+def _kinds(detector, is_outlier):
+    """Rows on how many outliers are of each kind."""
+    kinds = kinds_of_outliers(detector)[is_outlier]
+    counts = np.bincount(1 + kinds, minlength=1 + len(KINDS)).tolist()
+    names = ["in groups far below the ground", *map(": ".join, KINDS.items())]
+    return [
+        (name, share(n, len(kinds), noun="outlier"))
+        for name, n in zip(names[1:] + names[:1], counts[1:] + counts[:1], strict=True)
+        if n
     ]
-    n_large = int(np.count_nonzero(kinds < 0))
-    if n_large:
-        words = "groups far below the ground"
-        rows.append(("in low groups", f"{n_large:,}", percent(n_large, n), words))
-    return table(("kind", "points", "share", ""), rows, numbers=(1, 2))
 
 
-def _worst_table(detector, xyz, found):
-    """The worst outliers and why they are, of each group its worst."""
-    rows = np.flatnonzero(found & (detector.scores_ < detector.offset_))
+def _worst(detector, xyz, is_outlier):
+    """A table of the worst outliers and why they are, of each group its worst."""
+    rows = np.flatnonzero(is_outlier & (detector.scores_ < detector.offset_))
     rows = rows[np.argsort(detector.scores_[rows], kind="stable")]
     alone = -1 - np.arange(len(xyz))  # points on surfaces have no group
     groups = np.where(detector.on_surface_, alone, detector.group_index_)[rows]
     rows = rows[np.sort(np.unique(groups, return_index=True)[1])[:WORST]]
-    rows = [
+    cells = [
         (*(f"{value:.9g}" for value in xyz[row]), f"{-detector.scores_[row]:.3g}", reason)
         for row, reason in zip(rows, reasons_of(detector, rows), strict=True)
     ]
-    drawn = table(("x", "y", "z", "score", "why"), rows, numbers=range(4))
-    return join(part("heading", "The worst"), drawn) if rows else ""
+    header = ("x", "y", "z", "score", "why")
+    return [Table("The worst outliers", cells, header, numbers=range(4))] if cells else []

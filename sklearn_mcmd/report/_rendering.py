@@ -1,9 +1,10 @@
 """The page of a report, without scripts and links to any network, and the folder it is in."""
 
+import base64
+import io
 import platform
 import warnings
 from datetime import datetime
-from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 
 from sklearn_mcmd._extras import import_extra
@@ -13,47 +14,44 @@ from sklearn_mcmd.io._rehearsal import trial_folder
 MOST_SHOWN = 1_000_000  # points of the page to look around in, which then has about 10 MB
 PAGE, VIEW = "index.html", "view.html"
 MADE_BY = b'name="generator" content="sklearn-mcmd"'  # in the head of both
+SIZE, DPI = (7.0, 5.6), 160  # inches of a map, at most, and its pixels an inch
+QUALITY = 85  # of its WebP, a fifth of the bytes of a PNG
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "numba", "laspy", "matplotlib")  # of the record
 
 
-@cache
-def _templates():
-    """Templates that escape all text, so that no name in a file becomes markup."""
+def make_page(run, contents):
+    """The HTML of a report.
+
+    The template escapes all text, so that no name in a file becomes markup.
+    """
     jinja = import_extra("jinja2", "plot", "--report")
-    return jinja.Environment(
+    templates = jinja.Environment(
         autoescape=True,
         loader=jinja.PackageLoader("sklearn_mcmd.report"),
         trim_blocks=True,
         undefined=jinja.StrictUndefined,
     )
-
-
-def part(kind, /, *words, **options):
-    """Markup of a part of a page, such as a table: a macro of `parts.html`."""
-    return getattr(_templates().get_template("parts.html").module, kind)(*words, **options)
-
-
-paragraph, table = partial(part, "paragraph"), partial(part, "table")
-
-
-def join(*parts):
-    """Markup of parts behind each other."""
-    return import_extra("markupsafe", "plot", "--report").Markup("").join(parts)
-
-
-def make_page(run, contents, has_view):
-    """The HTML of a report; it may have view.html beside it."""
-    return (
-        _templates()
-        .get_template("page.html")
-        .render(
-            run=run,
-            name=source_name(run),
-            contents=contents,
-            has_view=has_view,
-            record=_record(run),
-        )
+    return templates.get_template("page.html").render(
+        run=run,
+        name=source_name(run),
+        contents=contents,
+        maps=[(drawn.title, _encoded(drawn.plot)) for drawn in contents.maps],
+        shown=contents.shown,
+        record=_record(run),
     )
+
+
+def _encoded(plot):
+    """The address of the picture of a map."""
+    figure = import_extra("matplotlib.figure", "plot", "--report").Figure(
+        SIZE, dpi=DPI, facecolor="white", layout="compressed"
+    )
+    ax = figure.add_subplot()
+    plot(ax=ax)
+    ax.set_title("")  # the page has it
+    buffer, quality = io.BytesIO(), {"quality": QUALITY}
+    figure.savefig(buffer, format="webp", bbox_inches="tight", pil_kwargs=quality)
+    return f"data:image/webp;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
 
 
 def source_name(run):
@@ -98,20 +96,17 @@ def check_folder(folder):
 def write_report(folder, run, contents):
     """Write the page, and the one to look around in beside it; pages that stand there go.
 
-    The folder is made if it is missing. Returns the path of the page.
+    The folder is made if it is missing.
     """
+    from sklearn_mcmd.view._page import view
+
     with naming(folder):
         folder.mkdir(parents=True, exist_ok=True)
     name = source_name(run)
-    if contents.shown is not None:
-        from sklearn_mcmd.view._page import view
-
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the page itself says what it leaves out
-            title = f"{run.verb}: {name}"
-            looked = view(contents.shown, names=[name], title=title, max_points=MOST_SHOWN)
-        looked.save(folder / VIEW)
-    page = make_page(run, contents, has_view=contents.shown is not None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the page itself says what it leaves out
+        title, cloud = f"{run.verb}: {name}", contents.shown.cloud
+        view(cloud, names=[name], title=title, max_points=MOST_SHOWN).save(folder / VIEW)
+    page = make_page(run, contents)
     with replacing(folder / PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="replace")
-    return folder / PAGE

@@ -8,7 +8,9 @@ import numpy as np
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.io._las_parts import read_parts
-from sklearn_mcmd.report._contents import Contents, Note, share
+from sklearn_mcmd.io._units import length_unit
+from sklearn_mcmd.planes._indexed_cloud import location_hashes
+from sklearn_mcmd.report._contents import Note, share
 from sklearn_mcmd.report._facts import (
     CHECKS,
     CHECKS_OF_ALL,
@@ -17,7 +19,6 @@ from sklearn_mcmd.report._facts import (
     cloud_notes,
     usual_rows,
 )
-from sklearn_mcmd.report._volumes import place_numbers
 
 SAMPLE = 500_000  # points; maps show a quarter of them, and shares are known to 0.1 %
 PART = 1_000_000  # points that are read at a time
@@ -33,24 +34,19 @@ class Shown(NamedTuple):
     words: str = ""  # that state the sample, if not all points are shown
     notes: Sequence[Note] = ()  # what is the matter with the cloud itself
     checks: str = ""  # what was looked for in the cloud itself
-    cards: Sequence[tuple[str, str]] = ()  # tiles and files
+    found: Sequence[tuple[str, str]] = ()  # tiles and files
     files: str = ""  # words on the number of outputs, if there are several
 
     @property
     def xyz(self):
         return self.cloud.xyz
 
-    def contents(self, *, cards, notes, checks, rows=(), **others):
-        """The `Contents` of a report, with what is known of the cloud itself."""
-        return Contents(
-            cards=[*cards, *self.cards],
-            notes=[*notes, *self.notes],
-            checks=f"{checks}, {self.checks}",
-            cloud_rows=[*self.rows, *rows],
-            shown=self.cloud,
-            sample=self.words,
-            **others,
-        )
+    @property
+    def left_out(self):
+        """Which points maps and tables leave out, in words."""
+        n = int(np.count_nonzero(~self.near))
+        far = f"{counted(n, 'point', 'lie')} far from the others, and not in the maps." if n else ""
+        return f"{self.words} {far}".strip()
 
     @classmethod
     def of_memory(cls, cloud, n_neighbors, scales=None, /, **results):
@@ -60,7 +56,7 @@ class Shown(NamedTuple):
             cloud=cloud.with_attributes(**results),
             n_all=len(cloud),
             near=near,
-            rows=facts.rows(cloud),
+            rows=[*facts.rows(cloud), ("unit of lengths", length_unit(cloud) or "not stated")],
             notes=cloud_notes(facts, int(np.count_nonzero(~near))),
             checks=CHECKS if n_neighbors else CHECKS_OF_ALL,
         )
@@ -73,12 +69,12 @@ class Shown(NamedTuple):
     def of_sample(cls, cloud, catalog, outputs, run):
         step, words = step_of(run), ""
         if step > 1:
-            words = "Pictures, histograms and tables are of a sample: one point of "
-            words += f"{step:,}, {share(len(cloud), run.n_points)}."
+            words = f"Maps and tables are of a sample: one point of {step:,}, "
+            words += f"{share(len(cloud), run.n_points)}."
         rows = [("points", f"{catalog.n_points:,}"), ("files", f"{len(catalog):,}")]
         rows += bounds_rows(catalog.low, catalog.high).items()
         rows.append(("CRS", catalog.crs or "not stated"))
-        cards = [(f"{run.n_tiles:,}", "tiles"), (f"{len(catalog):,}", "input files")]
+        found = [("tiles", f"{run.n_tiles:,}"), ("input files", f"{len(catalog):,}")]
         return cls(
             cloud=cloud,
             n_all=run.n_points,
@@ -86,7 +82,7 @@ class Shown(NamedTuple):
             rows=rows,
             words=words,
             checks="the cloud itself is not measured by tiles",
-            cards=cards,
+            found=found,
             files=f" in {counted(len(outputs), 'file')}",
         )
 
@@ -108,9 +104,9 @@ def removed_of(inputs, outputs, step):
     rest, waiting = _parts(outputs), np.empty(0, np.uint64)
     for part in _parts(inputs):
         while len(waiting) < len(part) and (after := next(rest, None)) is not None:
-            waiting = np.concatenate([waiting, place_numbers(after.xyz)])
+            waiting = np.concatenate([waiting, location_hashes(after.xyz)])
             n_out += len(after)
-        kept = np.isin(place_numbers(part.xyz), waiting[: len(part)])
+        kept = np.isin(location_hashes(part.xyz), waiting[: len(part)])
         n_part = int(np.count_nonzero(kept))
         waiting, n_kept = waiting[n_part:], n_kept + n_part
         rows = slice((-first) % step, None, step)

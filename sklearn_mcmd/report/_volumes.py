@@ -6,11 +6,10 @@ import numpy as np
 from scipy.ndimage import label
 
 from sklearn_mcmd.outliers._model import LEVELS
+from sklearn_mcmd.planes._indexed_cloud import location_hashes
 
 SAMPLE = 200_000  # points that tell the ends of the whole
 MOST_CELLS = 2**20  # of an eighth of a box; it limits the memory
-# Odd numbers near fractions of 2 ** 64.
-FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 
 
 class VolumeLimits(NamedTuple):
@@ -57,7 +56,7 @@ def lost_volumes(parts, n_points):
     many, n_removed, samples = min(limits.many, limits.few * n_points), 0, ([], [])
     for xyz, removed in parts():
         n_removed += int(np.count_nonzero(removed))
-        chosen = place_numbers(xyz) % step == 0
+        chosen = location_hashes(xyz) % step == 0
         for some, own in zip(samples, (removed, ~removed), strict=True):
             some.append(xyz[chosen & own])
     ends = [
@@ -119,12 +118,3 @@ def _pairs(values, joined):
         n = values.shape[axis]
         values = joined(np.take(values, range(n - 1), axis), np.take(values, range(1, n), axis))
     return values
-
-
-def place_numbers(xyz):
-    """A number for each point, as good as random; two places share one in 2 ** 64 by chance."""
-    numbers = np.zeros(len(xyz), np.uint64)
-    for values, factor in zip(xyz.T + 0.0, FACTORS, strict=True):
-        numbers = (numbers ^ np.ascontiguousarray(values).view(np.uint64)) * factor
-        numbers ^= numbers >> np.uint64(32)
-    return numbers

@@ -5,7 +5,7 @@ import pytest
 from sklearn_mcmd import adjustment
 from sklearn_mcmd.cli import _messages
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.report import _maps
+from sklearn_mcmd.report import _rendering
 from sklearn_mcmd.tiling import _memory
 from tiled import street
 
@@ -19,7 +19,7 @@ def patient(monkeypatch):
 @pytest.fixture(autouse=True)
 def small_maps(monkeypatch):
     """Maps of reports take most of their time for pixels."""
-    monkeypatch.setattr(_maps, "DPI", 20)
+    monkeypatch.setattr(_rendering, "DPI", 20)
 
 
 @pytest.fixture

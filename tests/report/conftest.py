@@ -2,10 +2,10 @@
 
 import pytest
 
-from sklearn_mcmd.report import _maps
+from sklearn_mcmd.report import _rendering
 
 
 @pytest.fixture(autouse=True)
 def small_maps(monkeypatch):
     """Maps take most of their time for pixels."""
-    monkeypatch.setattr(_maps, "DPI", 40)
+    monkeypatch.setattr(_rendering, "DPI", 40)

@@ -1,62 +1,63 @@
-"""Maps: what is drawn is where it is, and the bar is as long as it says."""
-
-import base64
-import io
-import re
+"""Maps and tables: what is drawn is where it is; the fullest cells, the largest regions."""
 
 import numpy as np
 import pytest
 
+from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.report._maps import found_maps, fullest_cells
+from sklearn_mcmd.report._regions_page import segment_contents
+from sklearn_mcmd.report._shown import Shown
 
-Image = pytest.importorskip("PIL.Image")
 pytest.importorskip("matplotlib")
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 
-def pictures(markup):
-    for data in re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", markup):
-        yield np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGBA"))
+def drawn(maps):
+    """The axes of maps, and their pixels."""
+    for shown in maps:
+        figure = Figure(dpi=40)
+        shown.plot(ax=figure.add_subplot())
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        yield figure.axes[0], np.asarray(canvas.buffer_rgba())
 
 
 def made(offset=0.0, n_far=0):
-    """Maps of a box, whose upper right corner was found, and their markup."""
+    """Maps of a box, whose upper right corner was found."""
     xyz = np.random.default_rng(0).uniform(0, 1, (3000, 3)) * [10, 5, 1]
     found, near = (xyz[:, 0] > 8) & (xyz[:, 1] > 4), np.arange(len(xyz)) >= n_far
     xyz[~near] += 1e6
-    markup = found_maps(xyz + offset, found, near, "outlier")
-    return *pictures(markup), markup
+    return found_maps(xyz + offset, found, near, "outlier")
 
 
 def orange(pixels):
-    red, green, blue, alpha = np.moveaxis(pixels.astype(int), -1, 0)
-    return (red > 180) & (green < 140) & (blue < 60) & (alpha > 200)
+    red, green, blue, _ = np.moveaxis(pixels.astype(int), -1, 0)
+    return (red > 180) & (green < 140) & (blue < 60)
 
 
-def test_what_was_found_is_drawn_where_it_is_and_the_rest_is_clear():
-    top, front, side, markup = made()
-    rows, columns = np.nonzero(orange(top))
-    assert columns.min() > 0.7 * top.shape[1]  # to the right
-    assert rows.max() < 0.35 * top.shape[0]  # and far up
-    assert (top[..., 3] == 0).any()
-    assert orange(front).any()
-    assert orange(side).any()
-    bars = re.findall(r'class="scale" style="width:([\d.]+)%"><span>([\d.]+)<', markup)
-    assert [length for _, length in bars] == ["2", "2", "1"]
-    assert float(bars[0][0]) == pytest.approx(100 * 2 / 10.3, abs=0.2)  # 3 % of margins
+def test_what_was_found_is_drawn_where_it_is_and_over_the_others():
+    (top, pixels), (_, front), (_, side) = drawn(made())
+    for marks in map(orange, (front, side)):
+        assert marks.any()
+    rows, columns = np.nonzero(orange(pixels))
+    all_rows, all_columns = np.nonzero((pixels[..., :3] < 230).any(axis=-1))
+    assert columns.min() > np.quantile(all_columns, 0.7)  # to the right
+    assert rows.max() < np.quantile(all_rows, 0.35)  # and far up
+    assert top.artists[0].txt_label.get_text() == "2"  # the bar, of a box of ten
 
 
-def test_a_map_is_filled_far_from_the_origin_and_far_points_are_counted():
-    top, *_, markup = made(np.array([1_423_215.0, 4_189_097.0, 67.0]), n_far=7)
-    columns = np.flatnonzero((top[..., 3] > 0).any(axis=0))
-    assert np.ptp(columns) > 0.95 * top.shape[1]
-    assert "7 points lie far from the others, and not in the pictures" in markup
+def test_a_map_is_filled_far_from_the_origin_and_far_points_are_left_out():
+    for ax, _ in drawn(made(np.array([1_423_215.0, 4_189_097.0, 67.0]), n_far=7)):
+        assert np.ptp(ax.get_xlim()) < 11
+        assert len(ax.collections[0].get_offsets()) == 2993
 
 
 @pytest.mark.parametrize("xyz", [np.zeros((1, 3)), np.eye(3)[:2] * 1e9, np.ones((5, 3)) * 1e-9])
 def test_clouds_without_extent_are_drawn(xyz):
     n = len(xyz)
     for found in (np.zeros(n, bool), np.ones(n, bool)):
-        assert len(list(pictures(found_maps(xyz, found, np.ones(n, bool), "outlier")))) == 3
+        assert len(list(drawn(found_maps(xyz, found, np.ones(n, bool), "outlier")))) == 3
 
 
 XYZ = np.random.default_rng(0).uniform(0, 20, (5000, 3)) + np.array([1000, 2000, -5])
@@ -66,8 +67,8 @@ ALL = np.ones(len(XYZ), bool)
 def test_cells_count_the_points_in_them_and_the_fullest_come_first():
     found = (XYZ[:, 0] > 1016) & (XYZ[:, 1] > 2016)
     counts = []
-    for row in fullest_cells(XYZ, found, ALL, "outliers").split("<tr>")[2:]:
-        x, y, n, of_cell, of_all = re.findall(r"<td[^>]*>([^<]+)<", row)
+    (table,) = fullest_cells(XYZ, found, ALL, "outliers")
+    for x, y, n, of_cell, of_all in table.rows:
         inside = np.ones(len(XYZ), bool)
         for words, values in ((x, XYZ[:, 0]), (y, XYZ[:, 1])):
             low, high = map(float, words.split(" to "))
@@ -82,5 +83,30 @@ def test_cells_count_the_points_in_them_and_the_fullest_come_first():
 
 def test_one_place_and_nothing_found_are_no_error():
     xyz, near = np.zeros((10, 3)), np.ones(10, bool)
-    assert "100.0 %" in fullest_cells(xyz, near, near, "outliers")
-    assert "There are no outliers" in fullest_cells(xyz, ~near, near, "outliers")
+    (table,) = fullest_cells(xyz, near, near, "outliers")
+    assert table.rows == [("0 to 1", "0 to 1", "10", "100.0 %", "100.0 %")]
+    assert fullest_cells(xyz, ~near, near, "outliers") == []
+
+
+def test_the_largest_regions_have_the_planes_of_their_points():
+    rng = np.random.default_rng(0)
+    floor, slope = rng.uniform(0, 10, (2, 500, 3)) + rng.normal(0, 0.01, (2, 500, 3))
+    floor[:, 2] = rng.normal(5, 0.02, 500)
+    slope[:, 2] = slope[:, 0] + rng.normal(0, 0.02 * np.sqrt(2), 500)
+    region = np.repeat([0, 1, 2, -1], [500, 500, 3, 7])
+    xyz = np.vstack([floor, slope, rng.uniform(size=(10, 3))])
+    shown = Shown(PointCloud(xyz, {"region": region}), 4000, np.ones(1010, bool), [])
+    contents = segment_contents(shown, [2000, 1900, 12], 3, 3912)
+    (table,) = contents.tables
+    rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
+    assert [row["points"] for row in rows] == ["2,000", "1,900", "12"]
+    assert rows[0]["share"] == "50.0 %"
+    for row, tilt, normal in zip(
+        rows, (0, 45), ([0, 0, 1], [-(0.5**0.5), 0, 0.5**0.5]), strict=False
+    ):
+        assert float(row["tilt"][:-1]) == pytest.approx(tilt, abs=0.2)
+        assert float(row["rms"]) == pytest.approx(0.02, rel=0.1)
+        np.testing.assert_allclose([float(v) for v in row["normal"].split()], normal, atol=0.002)
+    assert rows[0]["middle"] == " ".join(f"{value:.9g}" for value in floor.mean(axis=0))
+    assert rows[2]["normal"] == "nan nan nan"  # of a sample that has three points of it
+    assert len(contents.maps) == 3

@@ -3,15 +3,20 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from sklearn_mcmd.report._contents import Contents, Note, Run, percent, share
-from sklearn_mcmd.report._rendering import join, make_page, paragraph, part, table
+from sklearn_mcmd.io import PointCloud
+from sklearn_mcmd.report._contents import Contents, Map, Note, Run, Table, percent, share
+from sklearn_mcmd.report._rendering import make_page
+from sklearn_mcmd.report._shown import Shown
+
+pytest.importorskip("matplotlib")
 
 EVIL = "<img src=x onerror=alert(1)>&\"'"
 
 
-def page(has_view=True, **changes):
+def page(words="", **changes):
     run = Run(
         verb="denoise",
         command=f"mcmd denoise '{EVIL}' out.laz",
@@ -20,34 +25,32 @@ def page(has_view=True, **changes):
         target=Path("out.laz"),
         seconds=1.5,
     )
-    parts = join(
-        EVIL,
-        paragraph(EVIL, EVIL),
-        part("heading", EVIL),
-        table((EVIL, "b"), [(EVIL, 1)], numbers=(1,), colors=[EVIL], kind=EVIL),
-        part("chips", [(EVIL, EVIL)]),
-        part("maps", [EVIL, part("map", "data:,", EVIL, 0.4, 0.2, 1)]),
-        part("histogram", "", EVIL, EVIL),
-    )
+    cloud = PointCloud(np.zeros((2, 3)))
+    shown = Shown(cloud, 2, np.ones(2, bool), [("attributes", EVIL)], words, [], EVIL, [(EVIL, 1)])
     contents = Contents(
+        shown,
         headline=f"5 of 10 points {EVIL}",
-        cards=[("10", EVIL)],
+        found=[("points & parts", 10), (EVIL, EVIL)],
+        maps=[Map(EVIL, lambda ax: ax.plot([0, 1]))],
+        tables=[Table(EVIL, [(EVIL, 1)], (EVIL, "b"), numbers=(1,), words=EVIL, colors=[EVIL])],
         notes=[Note("Few points.", f"Only 10 {EVIL}", "Take more.")],
         checks=EVIL,
-        sections=[("Part & parcel", parts), (EVIL, EVIL)],
-        cloud_rows=[("attributes", EVIL)],
         output=EVIL,
+        rows=[(EVIL, 1)],
     )
-    return make_page(run, contents._replace(**changes), has_view)
+    return make_page(run, contents._replace(**changes))
 
 
 def test_no_text_becomes_markup():
-    text = page()
-    assert set(re.findall("<img[^>]*", text)) == {'<img src="data:," alt="' + QUOTED + '"'}
+    text = page(EVIL)
+    (image,) = re.findall("<img[^>]*", text)
+    assert re.fullmatch(
+        rf'<img src="data:image/webp;base64,[\w+/=]+" alt="{re.escape(QUOTED)}"', image
+    )
     assert EVIL not in text
-    assert f'class="{QUOTED}">{QUOTED}</p>' in text
+    assert text.count(QUOTED) == 21  # each place once, of a map two
     assert '<td class="n">1</td>' in text
-    assert "Part &amp; parcel" in text
+    assert "points &amp; parts" in text
 
 
 QUOTED = "&lt;img src=x onerror=alert(1)&gt;&amp;&#34;&#39;"
@@ -57,7 +60,8 @@ def test_nothing_is_asked_of_a_network():
     text = page()
     assert "default-src 'none'" in text
     assert "<script" not in text
-    assert set(re.findall(r'(?:src|href)="([^"]+)"', text)) == {"data:,", "view.html"}
+    links = set(re.findall(r'(?:src|href)="([^",]+)', text))
+    assert links == {"data:", "view.html", "data:image/webp;base64"}
     assert "url(" not in text
     assert "@import" not in text
 
@@ -74,9 +78,7 @@ def test_nothing_is_asked_of_a_network():
 )
 def test_defaults_warnings_and_the_other_page_are_shown_where_there_are_such(text, n):
     assert page().count(text) == n
-    bare = page(has_view=False, notes=[])
-    assert "Nothing to warn of. Looked for: " in bare
-    assert "view.html" not in bare
+    assert "Nothing to warn of. Looked for: " in page(notes=[])
 
 
 @pytest.mark.parametrize(
