@@ -13,6 +13,10 @@ from sklearn_mcmd.io._files import one_clear_line, replacing
 HEADERS = Lock()
 
 
+class TilingError(ValueError):
+    """A run ended before its output was whole; the message names what is kept of it."""
+
+
 class CellResults:
     """What tasks have found of cells: arrays by cell and name, and a report, which comes last."""
 

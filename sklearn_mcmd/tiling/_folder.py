@@ -13,7 +13,7 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import replacing, sync_file, sync_names
 from sklearn_mcmd.io._rehearsal import trial_folder
-from sklearn_mcmd.tiling._tasks import TilingError
+from sklearn_mcmd.tiling._files import TilingError
 
 MANIFEST = "manifest.json"
 MOVES = "moves.json"

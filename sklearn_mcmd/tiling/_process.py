@@ -59,7 +59,8 @@ def process_files(
     points around it, which are the neighbors of its points, their neighbors, and so on. One tile
     has the results of ``estimator.fit`` on all points, to the last bit. Of several, a few points
     where tiles meet may have others, and a region may be divided or joined in another place;
-    `n_proven` of the report counts the points whose normals are those of memory for certain. The output is the same for any number of threads, processes and workers.
+    `n_proven` of the report counts the points whose normals are those of memory for certain. The
+    output is the same for any number of threads, processes and workers.
 
     Parameters
     ----------

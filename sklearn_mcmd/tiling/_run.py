@@ -25,7 +25,7 @@ from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._base import TiledRun
 from sklearn_mcmd.tiling._catalog import Catalog, parts_of
 from sklearn_mcmd.tiling._cells import Cells, CellWriter, Rounding, places_of
-from sklearn_mcmd.tiling._files import CellResults
+from sklearn_mcmd.tiling._files import CellResults, TilingError
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
 from sklearn_mcmd.tiling._memory import (
     MEASURED,
@@ -38,7 +38,7 @@ from sklearn_mcmd.tiling._memory import (
     usual_memory,
 )
 from sklearn_mcmd.tiling._outputs import move_outputs, resume_moves, targets_of, write_outputs
-from sklearn_mcmd.tiling._tasks import TilingError, fails_for_good
+from sklearn_mcmd.tiling._tasks import fails_for_good
 
 SCATTERED = 0.07  # the share of the time after which all points are in cells, for the progress
 FOUND = 0.93  # the same of the results of all tiles

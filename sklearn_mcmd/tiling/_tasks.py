@@ -16,13 +16,9 @@ from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._whole import Whole, part_of
 from sklearn_mcmd.runtime._progress import listen_to_progress, report_share
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._files import CellResults
+from sklearn_mcmd.tiling._files import CellResults, TilingError
 from sklearn_mcmd.tiling._halo import part_of_cell
 from sklearn_mcmd.tiling._memory import gives_threads
-
-
-class TilingError(ValueError):
-    """A run ended before its output was whole; the message names what is kept of it."""
 
 
 @dataclass(frozen=True)
