@@ -35,7 +35,6 @@ class TiledRegions(TiledVerb):
     names = ("final",)
 
     def __init__(self, estimator, colors, regions):
-        estimator._validate_params()
         if estimator.normal_estimator is None:
             normals = RobustNormalEstimator(random_state=estimator.random_state, n_jobs=1)
             estimator.set_params(normal_estimator=normals)
