@@ -59,6 +59,7 @@ ORIGINS = [
     (but(OUTLIERS, strictness=None), AT_ONE, "has no meaning where"),
     (but(OUTLIERS, sensor_origin="origin"), "auto", "given twice"),
     (ESTIMATOR, "auto", "orientation is not"),
+    (but(ESTIMATOR, orientation=np.array([0.0, 0.0, 1.0])), AT_ONE, "orientation is not"),
     (EDGES, "auto", "no meaning for SharpFeatureDetector"),
 ]
 OPTIONS = [
