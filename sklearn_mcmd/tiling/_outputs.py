@@ -24,8 +24,11 @@ from sklearn_mcmd.tiling._tasks import TilingError
 LAS_OR_LAZ = listed(TILED, "or")
 
 
-def targets_of(catalog, target):
-    """The output of each input; one for all where the target is a file or the catalog has one."""
+def targets_of(catalog, target, others=()):
+    """The output of each input; one for all where the target is a file or the catalog has one.
+
+    Raises if these, or other files, cannot be written.
+    """
     named_as_file = target.suffix.lower() in TILED and not target.is_dir()
     as_folder = catalog.is_many and not named_as_file
     targets = _names_in(target, catalog) if as_folder else [target]
@@ -33,15 +36,17 @@ def targets_of(catalog, target):
         if os.path.realpath(target) in map(os.path.realpath, catalog.paths):
             raise PointFileError(f"{target}: is one of the inputs; name another file")
         joined_header(catalog.paths)
-    for path in targets:
-        folder = target.parent if as_folder and not target.exists() else path.parent
+    new = os.path.realpath(target) if as_folder and not target.exists() else None
+    for path in [*targets, *others]:
+        folder = target.parent if os.path.realpath(path.parent) == new else path.parent
         check_writable(path, folder)
+        if not os.access(folder, os.W_OK):
+            raise PointFileError(f"{path}: cannot be written; {folder} is write-protected")
+    for path in targets:
         if path.suffix.lower() not in TILED:
             raise PointFileError(f"{path}: clouds beyond memory are written as {LAS_OR_LAZ} only")
         with one_clear_line(path, "written"):
             format_of(path, written=True)
-        if not os.access(folder, os.W_OK):
-            raise PointFileError(f"{path}: cannot be written; {folder} is write-protected")
     return targets
 
 

@@ -43,6 +43,7 @@ class TiledRegions(TiledVerb):
         self.colors, self.table = colors, regions and Path(regions)
         if self.table and self.table.suffix.lower() not in SUFFIXES:
             raise ValueError(f"regions={str(regions)!r} must end in {', '.join(SUFFIXES)}.")
+        self.others = [self.table] if self.table else []
 
     def prepare(self, catalog):
         warm_up(self.estimator)

@@ -12,7 +12,18 @@ from sklearn_mcmd import (
 )
 from sklearn_mcmd.io import PointCloud, PointFileError
 from sklearn_mcmd.tiling import TilingError, _run, process_files
-from tiled import EDGES, ESTIMATOR, OUTLIERS, REGIONS, VERBS, but, names_in, street, written
+from tiled import (
+    EDGES,
+    ESTIMATOR,
+    OUTLIERS,
+    REGIONS,
+    VERBS,
+    but,
+    names_in,
+    street,
+    two_files,
+    written,
+)
 
 N = 2_000
 NORMALS_OF_TEN = {"normal_estimator": RobustNormalEstimator(10)}
@@ -120,6 +131,23 @@ def test_a_target_that_cannot_be_is_refused_before_the_work(tmp_path, names, tar
     with pytest.raises(PointFileError, match=message):
         process_files(paths if len(paths) > 1 else paths[0], tmp_path / target, ESTIMATOR)
     assert names_in(tmp_path) == ["a.las", "other.ply", "x"]
+
+
+@pytest.mark.parametrize(
+    ("place", "message"), [("nowhere/t.csv", "does not exist"), ("x.csv", "is a folder")]
+)
+def test_a_table_that_cannot_be_written_is_refused_before_the_work(tmp_path, place, message):
+    (tmp_path / "x.csv").mkdir()
+    path = written(tmp_path, street(N))
+    with pytest.raises(PointFileError, match=message):
+        process_files(path, tmp_path / "b.las", REGIONS, regions=tmp_path / place)
+    assert names_in(tmp_path) == ["a.las", "x.csv"]
+
+
+def test_a_table_may_lie_in_the_folder_that_a_run_makes(tmp_path):
+    source, out = two_files(tmp_path, street(N))[0], tmp_path / "out"
+    process_files(source, out, REGIONS, regions=out / "t.csv")
+    assert names_in(out) == ["a.laz", "b.las", "t.csv"]
 
 
 @pytest.mark.parametrize("verb", VERBS)
