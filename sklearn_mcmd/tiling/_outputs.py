@@ -17,7 +17,7 @@ from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import report_share
-from sklearn_mcmd.tiling._catalog import parts_of, stamp_of
+from sklearn_mcmd.tiling._catalog import check_unchanged, parts_of, stamp_of
 from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
 from sklearn_mcmd.tiling._tasks import TilingError
 
@@ -81,9 +81,7 @@ def write_outputs(run, verb):
     for i, (place, target) in enumerate(run.outputs):
         n_written, paths = 0, catalog.paths if joined else [catalog.paths[i]]
         for path in paths:
-            with one_clear_line(path, "read"):
-                if stamp_of(path) != stamps[path]:
-                    raise PointFileError("has changed since it was read")
+            check_unchanged(path, stamps[path])
         with replacing(place) as temporary, writing_parts(temporary) as write:
             parts = ahead(_made(verb, results, paths, first, header))
             for n, measured, made, marked in parts:

@@ -23,7 +23,7 @@ from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
 from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._base import TiledRun
-from sklearn_mcmd.tiling._catalog import Catalog, parts_of
+from sklearn_mcmd.tiling._catalog import Catalog, check_unchanged, parts_of
 from sklearn_mcmd.tiling._cells import Cells, CellWriter, Rounding, places_of
 from sklearn_mcmd.tiling._files import CellResults
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
@@ -118,6 +118,8 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
         with _kept(folder):
             if not restart and (report := resume_moves(verb, catalog, targets, folder)):
                 return RunReport(**report)._replace(n_resumed=report["n_tiles"])
+            for path, stamp in zip(catalog.paths, catalog.stamps, strict=True):
+                check_unchanged(path, stamp)
             verb.sensor.check(catalog.n_points)
             for step in verb.steps:
                 check_work(step, catalog.n_points)

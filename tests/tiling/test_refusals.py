@@ -11,7 +11,7 @@ from sklearn_mcmd import (
     SharpFeatureDetector,
 )
 from sklearn_mcmd.io import PointCloud, PointFileError
-from sklearn_mcmd.tiling import TilingError, _run, process_files
+from sklearn_mcmd.tiling import Catalog, TilingError, _run, process_files
 from tiled import (
     EDGES,
     ESTIMATOR,
@@ -142,6 +142,15 @@ def test_a_table_that_cannot_be_written_is_refused_before_the_work(tmp_path, pla
     with pytest.raises(PointFileError, match=message):
         process_files(path, tmp_path / "b.las", REGIONS, regions=tmp_path / place)
     assert names_in(tmp_path) == ["a.las", "x.csv"]
+
+
+def test_a_catalog_of_another_file_is_refused_before_the_work(tmp_path, monkeypatch):
+    catalog = Catalog(written(tmp_path, street(N)))
+    written(tmp_path, street(N // 2))
+    monkeypatch.setattr(_run, "_scatter", None)
+    with pytest.raises(PointFileError, match=r"a\.las: has changed since it was read"):
+        process_files(catalog, tmp_path / "b.las", ESTIMATOR)
+    assert names_in(tmp_path) == ["a.las"]
 
 
 def test_a_table_may_lie_in_the_folder_that_a_run_makes(tmp_path):
