@@ -73,6 +73,7 @@ class TiledVerb(ABC):
 
     task = "fit"  # which has done a tile that an earlier run had finished
     names = ("results",)  # of the arrays of cells whose columns outputs are made of
+    others: Sequence[Path] = ()  # files to write beside the outputs
     content: Sequence[str] = ()  # what distinguishes outputs of one estimator
     center: Sequence[float] | None = None  # the one position, if all were measured from there
 

@@ -128,6 +128,13 @@ def stamp_of(path):
     return status.st_size, status.st_mtime_ns, digest.hexdigest()
 
 
+def check_unchanged(path, stamp):
+    """Raise if a file is not as it was when its stamp was taken."""
+    with one_clear_line(path, "read"):
+        if stamp_of(path) != stamp:
+            raise PointFileError("has changed since it was read")
+
+
 def parts_of(paths, choice=None):
     """Parts of files in order: path, cloud, and which of its points are chosen."""
     for path in paths:

@@ -17,15 +17,18 @@ from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import report_share
-from sklearn_mcmd.tiling._catalog import parts_of, stamp_of
+from sklearn_mcmd.tiling._catalog import check_unchanged, parts_of, stamp_of
 from sklearn_mcmd.tiling._files import TilingError
 from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
 
 LAS_OR_LAZ = listed(TILED, "or")
 
 
-def targets_of(catalog, target):
-    """The output of each input; one for all where the target is a file or the catalog has one."""
+def targets_of(catalog, target, others=()):
+    """The output of each input; one for all where the target is a file or the catalog has one.
+
+    Raises if these, or other files, cannot be written.
+    """
     named_as_file = target.suffix.lower() in TILED and not target.is_dir()
     as_folder = catalog.is_many and not named_as_file
     targets = _names_in(target, catalog) if as_folder else [target]
@@ -33,15 +36,17 @@ def targets_of(catalog, target):
         if os.path.realpath(target) in map(os.path.realpath, catalog.paths):
             raise PointFileError(f"{target}: is one of the inputs; name another file")
         joined_header(catalog.paths)
-    for path in targets:
-        folder = target.parent if as_folder and not target.exists() else path.parent
+    new = os.path.realpath(target) if as_folder and not target.exists() else None
+    for path in [*targets, *others]:
+        folder = target.parent if os.path.realpath(path.parent) == new else path.parent
         check_writable(path, folder)
+        if not os.access(folder, os.W_OK):
+            raise PointFileError(f"{path}: cannot be written; {folder} is write-protected")
+    for path in targets:
         if path.suffix.lower() not in TILED:
             raise PointFileError(f"{path}: clouds beyond memory are written as {LAS_OR_LAZ} only")
         with one_clear_line(path, "written"):
             format_of(path, written=True)
-        if not os.access(folder, os.W_OK):
-            raise PointFileError(f"{path}: cannot be written; {folder} is write-protected")
     return targets
 
 
@@ -76,9 +81,7 @@ def write_outputs(run, verb):
     for i, (place, target) in enumerate(run.outputs):
         n_written, paths = 0, catalog.paths if joined else [catalog.paths[i]]
         for path in paths:
-            with one_clear_line(path, "read"):
-                if stamp_of(path) != stamps[path]:
-                    raise PointFileError("has changed since it was read")
+            check_unchanged(path, stamps[path])
         with replacing(place) as temporary, writing_parts(temporary) as write:
             parts = ahead(_made(verb, results, paths, first, header))
             for n, measured, made, marked in parts:

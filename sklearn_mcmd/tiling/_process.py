@@ -12,6 +12,7 @@ from sklearn.base import BaseEstimator, clone
 
 from sklearn_mcmd._choices import Mode
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._sklearn import check_parameters
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.io import Trajectory
 from sklearn_mcmd.io._classes import class_numbers
@@ -208,6 +209,7 @@ def process_files(
     own |= {name: 1 for name in params if name.endswith("n_jobs")}  # tiles have processes
     estimator = clone(estimator).set_params(**own)
     options = {name: given[name] for name in taken if name in given}
+    check_parameters(estimator)
     verb = verb(estimator, **options)
     # Positions have a key of their own.
     verb.content = [f"{name}={options[name]}" for name in options if name != "sensor_origin"]

@@ -35,7 +35,6 @@ class TiledRegions(TiledVerb):
     names = ("final",)
 
     def __init__(self, estimator, colors, regions):
-        estimator._validate_params()
         if estimator.normal_estimator is None:
             normals = RobustNormalEstimator(random_state=estimator.random_state, n_jobs=1)
             estimator.set_params(normal_estimator=normals)
@@ -44,6 +43,7 @@ class TiledRegions(TiledVerb):
         self.colors, self.table = colors, regions and Path(regions)
         if self.table and self.table.suffix.lower() not in SUFFIXES:
             raise ValueError(f"regions={str(regions)!r} must end in {', '.join(SUFFIXES)}.")
+        self.others = [self.table] if self.table else []
 
     def prepare(self, catalog):
         warm_up(self.estimator)

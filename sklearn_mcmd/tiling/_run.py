@@ -23,7 +23,7 @@ from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
 from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._base import TiledRun
-from sklearn_mcmd.tiling._catalog import Catalog, parts_of
+from sklearn_mcmd.tiling._catalog import Catalog, check_unchanged, parts_of
 from sklearn_mcmd.tiling._cells import Cells, CellWriter, Rounding, places_of
 from sklearn_mcmd.tiling._files import CellResults, TilingError
 from sklearn_mcmd.tiling._folder import WorkFolder, key_of
@@ -112,12 +112,14 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
     check_tile_size(tile_size)
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
-    targets = targets_of(catalog, Path(target))
+    targets = targets_of(catalog, Path(target), verb.others)
     folder = WorkFolder(target, catalog.paths)
     try:
         with _kept(folder):
             if not restart and (report := resume_moves(verb, catalog, targets, folder)):
                 return RunReport(**report)._replace(n_resumed=report["n_tiles"])
+            for path, stamp in zip(catalog.paths, catalog.stamps, strict=True):
+                check_unchanged(path, stamp)
             verb.sensor.check(catalog.n_points)
             for step in verb.steps:
                 check_work(step, catalog.n_points)

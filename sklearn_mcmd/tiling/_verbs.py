@@ -39,9 +39,9 @@ class TiledNormals(TiledVerb):
         check_estimator(estimator, BaseLocalPlanes)
         super().__init__(estimator)
         self.sensor = sensor_path(estimator, sensor_origin)
-        if self.sensor.moves and getattr(estimator, "orientation", None) != "sensor":
+        if self.sensor.moves and not has_orientation(estimator, "sensor"):
             raise ValueError('sensor_origin is given but orientation is not "sensor".')
-        if has_tree(estimator):  # which may turn the sides of a cell
+        if has_orientation(estimator, "mst"):  # which may turn the sides of a cell
             features = with_flipped(check_features(estimator.features))
             self.fitted = clone(estimator).set_params(features=features)
             self.names = ("final",)
@@ -63,7 +63,7 @@ class TiledNormals(TiledVerb):
         given = partial(with_beside, moves=self.sensor.moves)
         asked = {"keep": keep_normals, "hops": hops_of(self.estimator), "given": given}
         run.do(self.task, estimator=self.fitted, **asked)
-        if has_tree(self.estimator):
+        if has_orientation(self.estimator, "mst"):
             sides_of_cells(run, self.names_found)
 
     def make(self, cloud, values, xyz):
@@ -79,16 +79,16 @@ class TiledNormals(TiledVerb):
         return {"removed_fraction": removed / run.catalog.n_points, "n_upright": int(n_upright)}
 
 
-def has_tree(estimator):
-    """Whether a tree of all points decides the sides of normals."""
-    return str(getattr(estimator, "orientation", None)) == "mst"  # a direction is an array
+def has_orientation(estimator, word):
+    """Whether a word says how the sides of normals are decided."""
+    return str(getattr(estimator, "orientation", None)) == word  # a direction is an array
 
 
 def keep_normals(job, cell, part, fitted, cloud):
     """As `Job.keep`."""
     names, columns = normal_columns(fitted)
     columns = columns[part.own]
-    if not has_tree(fitted):
+    if not has_orientation(fitted, "mst"):
         return {"results": columns}
     signs, sides = sides_in_overlap(part, fitted, cloud)
     columns[signs < 0] = flip_columns(columns[signs < 0], names)

@@ -11,8 +11,19 @@ from sklearn_mcmd import (
     SharpFeatureDetector,
 )
 from sklearn_mcmd.io import PointCloud, PointFileError
-from sklearn_mcmd.tiling import TilingError, _run, process_files
-from tiled import EDGES, ESTIMATOR, OUTLIERS, REGIONS, VERBS, but, names_in, street, written
+from sklearn_mcmd.tiling import Catalog, TilingError, _run, process_files
+from tiled import (
+    EDGES,
+    ESTIMATOR,
+    OUTLIERS,
+    REGIONS,
+    VERBS,
+    but,
+    names_in,
+    street,
+    two_files,
+    written,
+)
 
 N = 2_000
 NORMALS_OF_TEN = {"normal_estimator": RobustNormalEstimator(10)}
@@ -24,6 +35,9 @@ ESTIMATORS = [
     (but(OUTLIERS, cutoff=3, false_positive_rate=0.1), "exclude each other"),
     (but(OUTLIERS, false_positive_rate=1e-9), "less than the simulation"),
     (but(OUTLIERS, strictness="much"), "strictness"),
+    (but(OUTLIERS, cutoff=-5.0), "'cutoff' parameter"),
+    (but(OUTLIERS, contamination=0.9), "'contamination' parameter"),
+    (but(OUTLIERS, false_positive_rate=0.7), "'false_positive_rate' parameter"),
     (but(OUTLIERS, sensor_origin=np.zeros((5, 3))), "is one position"),
     (but(ESTIMATOR, n_neighbors=None, orientation="mst"), "whole cloud"),
     (but(ESTIMATOR, n_neighbors=None), "whole cloud"),
@@ -56,6 +70,7 @@ ORIGINS = [
     (but(OUTLIERS, strictness=None), AT_ONE, "has no meaning where"),
     (but(OUTLIERS, sensor_origin="origin"), "auto", "given twice"),
     (ESTIMATOR, "auto", "orientation is not"),
+    (but(ESTIMATOR, orientation=np.array([0.0, 0.0, 1.0])), AT_ONE, "orientation is not"),
     (EDGES, "auto", "no meaning for SharpFeatureDetector"),
 ]
 OPTIONS = [
@@ -116,6 +131,32 @@ def test_a_target_that_cannot_be_is_refused_before_the_work(tmp_path, names, tar
     with pytest.raises(PointFileError, match=message):
         process_files(paths if len(paths) > 1 else paths[0], tmp_path / target, ESTIMATOR)
     assert names_in(tmp_path) == ["a.las", "other.ply", "x"]
+
+
+@pytest.mark.parametrize(
+    ("place", "message"), [("nowhere/t.csv", "does not exist"), ("x.csv", "is a folder")]
+)
+def test_a_table_that_cannot_be_written_is_refused_before_the_work(tmp_path, place, message):
+    (tmp_path / "x.csv").mkdir()
+    path = written(tmp_path, street(N))
+    with pytest.raises(PointFileError, match=message):
+        process_files(path, tmp_path / "b.las", REGIONS, regions=tmp_path / place)
+    assert names_in(tmp_path) == ["a.las", "x.csv"]
+
+
+def test_a_catalog_of_another_file_is_refused_before_the_work(tmp_path, monkeypatch):
+    catalog = Catalog(written(tmp_path, street(N)))
+    written(tmp_path, street(N // 2))
+    monkeypatch.setattr(_run, "_scatter", None)
+    with pytest.raises(PointFileError, match=r"a\.las: has changed since it was read"):
+        process_files(catalog, tmp_path / "b.las", ESTIMATOR)
+    assert names_in(tmp_path) == ["a.las"]
+
+
+def test_a_table_may_lie_in_the_folder_that_a_run_makes(tmp_path):
+    source, out = two_files(tmp_path, street(N))[0], tmp_path / "out"
+    process_files(source, out, REGIONS, regions=out / "t.csv")
+    assert names_in(out) == ["a.laz", "b.las", "t.csv"]
 
 
 @pytest.mark.parametrize("verb", VERBS)
