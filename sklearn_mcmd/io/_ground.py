@@ -33,6 +33,8 @@ class HeightRange(NamedTuple):
             if value is not None and not (isinstance(value, Real) and np.isfinite(value)):
                 raise ValueError(f"{name}={value!r} must be a finite number, or None.")
         above, below = (None if value is None else float(value) for value in (above, below))
+        if above is not None and below is not None and above >= below:
+            raise ValueError(f"above={above:g} must be less than below={below:g}.")
         limits = cls(above, below, bool(low_groups))
         return None if limits == cls() else limits
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line, replacing
 
 # Held while headers of files are read: Python 3.11 may fail where threads parse literals at once.
@@ -73,5 +74,7 @@ def append(path, values, dtype=np.float64):
 
 def appended(path, shape=-1, dtype=np.float64):
     """What was appended to a file, mapped into memory."""
+    if not Path(path).exists():  # no error of the system: the same run would meet it again
+        raise PointFileError(f"{path}: is lost")
     with one_clear_line(path, "read"):
         return np.memmap(path, dtype, "r").reshape(shape)

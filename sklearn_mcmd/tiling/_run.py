@@ -231,9 +231,11 @@ class Sample:
 
     def bytes_of_point(self):
         """As of `plan_run`."""
+        k, xyz = self._verb.n_neighbors, np.unique(self.xyz, axis=0)
         with warnings.catch_warnings(), progress_part(0.0, 0.0):
             warnings.simplefilter("ignore")
-            return bytes_of_point(self._verb.measure_fit, self.xyz, self._verb.n_neighbors)
+            # As many points as neighbors are too few where some are copies.
+            return bytes_of_point(self._verb.measure_fit, xyz if len(xyz) > k else self.xyz, k)
 
     def warn(self, dtype, n_points):
         """Warn as a fit to the whole cloud does, whose coordinates are of this dtype."""

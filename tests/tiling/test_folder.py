@@ -110,6 +110,12 @@ def test_a_run_that_meets_a_damaged_file_names_it_and_begins_anew(
     assert report.n_resumed == 0
 
 
+def test_a_run_that_lost_the_points_of_a_cell_begins_anew(small_file, ended):
+    next(ended.with_name("out.las.tiles").glob("cells/*.points")).unlink()
+    with pytest.warns(match=r"\.points: is lost"), pytest.warns(match="begins anew"):
+        assert goes_on(small_file, ended, **SIZE).n_resumed == 0
+
+
 def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, monkeypatch):
     target, compute = tmp_path / "out.las", _tasks.compute_cells
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sklearn_mcmd.tiling import process_files
 from sklearn_mcmd.tiling._memory import (
     CELL_POINT,
     PROCESS,
@@ -12,7 +13,7 @@ from sklearn_mcmd.tiling._memory import (
     parse_memory,
     plan_run,
 )
-from tiled import ESTIMATOR
+from tiled import ESTIMATOR, but, street, written
 
 
 @pytest.mark.parametrize(
@@ -62,3 +63,9 @@ def test_what_a_point_takes_is_measured_by_fits(n):
     assert small > CELL_POINT + 800
     assert large - small == pytest.approx(1.4 * 1_600, rel=0.05)
     assert bytes_of_point(ESTIMATOR.fit, xyz) < 9_000
+
+
+def test_memory_of_large_neighborhoods_is_measured_with_points_that_are_no_copies(tmp_path):
+    path = written(tmp_path, street(2_000))
+    report = process_files(path, tmp_path / "b.las", but(ESTIMATOR, n_neighbors=1_900))
+    assert report.n_points == 2_000

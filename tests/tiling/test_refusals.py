@@ -86,6 +86,7 @@ OPTIONS = [
     (OUTLIERS, {"above": 1e6}, "no points are judged: .* or at other heights"),
     (OUTLIERS, {"above": np.nan}, "must be a finite number, or None"),
     (OUTLIERS, {"below": "2"}, "must be a finite number, or None"),
+    (OUTLIERS, {"above": 3, "below": 1}, "above=3 must be less than below=1"),
     (OUTLIERS, {"intensity": True}, r"a\.las: intensity is asked for, but the inputs have none"),
     (but(OUTLIERS, strictness=None), {"intensity": True}, "has no meaning where"),
     (ESTIMATOR, {"memory": "10MB"}, "too little"),
