@@ -42,7 +42,8 @@ RESULTS = (
     ("docs/reproduction.rst", f"{STAGES} baselines", "-m benchmarks.paper, also at 0bdc31fa"),
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),
     ("docs/sensor.rst", OUTLIERS, "bench_sensor.py at 0bdc31fa"),
-    ("docs/tiling.rst", "planes tiling", "bench_tiling.py"),
+    ("docs/benchmarks/seams.csv", f"{STAGES} tiling", "bench_seams.py --output docs/benchmarks"),
+    ("docs/tiling.rst", "planes tiling", "bench_tiling.py, bench_seams.py"),
     ("docs/user_guide.rst", OUTLIERS, "bench_seeds.py at 0bdc31fa"),
     ("docs/view.rst", "view", "bench_view.py at 7f76556"),
 )
