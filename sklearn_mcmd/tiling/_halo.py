@@ -153,9 +153,8 @@ class Rings:
         for _ in range(hops):
             if not len(ring):  # the points of no other cell are neighbors
                 break
-            near = self._neighbors(ring, k)
-            ends = self.cloud.points[near[:, -1]] - self.cloud.points[ring]
-            radius = seen_from(np.linalg.norm(ends, axis=1), self.ranges, ring)
+            distances, near = self.cloud.nearest(self.cloud.points[ring], k)
+            radius = seen_from(distances[:, -1], self.ranges, ring)
             self.reach[ring] = self.border[ring]
             known = radius < self.border[ring]  # of others, neighbors may be missing anyway
             n_asked, n_incomplete = n_asked + len(ring), n_incomplete + np.count_nonzero(~known)
@@ -180,15 +179,6 @@ class Rings:
         """Add all places nearer to the box than the width."""
         near = (self.depth > -width) & ~self.inside
         self.inside[near], self.reach[near] = True, np.inf
-
-    def _neighbors(self, rows, k):
-        """The k nearest of places, of which the rows ascend."""
-        near = np.empty((len(rows), k), np.int32)
-        starts = np.flatnonzero(np.diff(rows, prepend=-100) > 16)
-        for start, stop in zip(starts, np.append(starts[1:], len(rows)), strict=True):
-            run = slice(int(rows[start]), int(rows[stop - 1]) + 1)
-            near[start:stop] = self.cloud.search_own(run, k)[rows[start:stop] - run.start]
-        return near
 
 
 def seen_from(radius, ranges, rows):
