@@ -158,7 +158,7 @@ def plan_run(n_points, memory, n_jobs, tile_size, point, whole=0.0, does="", n_n
         # Of dask each worker has memory of its own.
         tile_size, share = USUAL_CELL, memory if gives_threads() else memory / n_jobs
         while PROCESS + HALO * tile_size * point > share and tile_size > SMALLEST_CELL:
-            tile_size //= 2
+            tile_size = tile_size * 7 // 10
     cell = HALO * min(tile_size, n_points) * point
     # One process works by itself; of several, the first waits.
     others = PROCESS * (1 + (whole > 0)) + whole * n_points
