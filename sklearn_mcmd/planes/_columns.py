@@ -102,7 +102,7 @@ def _cut(X, d, n_jobs):
     coordinates, eigenvalues = np.empty((len(X), d), X.dtype), np.empty((len(X), d), X.dtype)
     normals, variation = X[:, d : 2 * d], X[:, 2 * d]
     offset, scale = X[:, 3 * d + 1 : 3 * d + 3].T
-    wrong = []
+    wrong: list[slice] = []
 
     def task(part):
         if wrong:

@@ -120,10 +120,10 @@ def consistent_set(size, trials, arrays):
     if first_plane < 0:
         return _first_members(size, n_support, member), NO_FIT
     # Lanes without a plane, and lanes that pad the vectors, repeat the first plane.
-    for t in range(lanes.shape[1]):
-        if t >= n_trials or lanes[3, t] == np.inf:
+    for s in range(lanes.shape[1]):
+        if s >= n_trials or lanes[3, s] == np.inf:
             for axis in range(4):
-                lanes[axis, t] = lanes[axis, first_plane]
+                lanes[axis, s] = lanes[axis, first_plane]
     bound = lanes32[20]
     if farthest <= FAR and size <= MOST_ROWS:
         rounding, upright = ROUNDING * farthest, F2 if trials.d == 2 else F0
@@ -131,14 +131,14 @@ def consistent_set(size, trials, arrays):
     else:
         bound[:] = F0
 
-    best, selected, fitted, fit = np.inf, -1, -1, NO_FIT
-    for t in range(n_trials):
-        least[t] = np.inf
+    best, fit, selected, fitted = np.inf, NO_FIT, np.int64(-1), np.int64(-1)
+    for s in range(n_trials):
+        least[s] = np.inf
     for _ in range(n_trials):
         t, lowest = np.int64(0), bound[0]  # with a plain 0, `_select_members` is compiled twice
         for s in range(1, n_trials):
             if bound[s] < lowest:
-                t, lowest = s, bound[s]
+                t, lowest = np.int64(s), bound[s]
         if lowest > best + trials.eigenvalue_step:
             break
         bound[t] = np.inf

@@ -92,7 +92,7 @@ def row_linker(index, k, planes, limits, usable=None):
     becomes the neighbors, the nearest first, with -1 in the places of those that are not linked.
     The point itself is none.
     """
-    limits = LinkLimits(*map(float, limits[:3]), *map(bool, limits[3:]))
+    limits = LinkLimits._make([*map(float, limits[:3]), *map(bool, limits[3:])])
     link, points = _compiled("link_rows"), index.points
     farthest = np.empty(len(points) if limits.both_near else 0)  # distances of the last neighbors
 

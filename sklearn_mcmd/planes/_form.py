@@ -156,10 +156,10 @@ def _bows(places, residuals, weights, tested):
     if not tested:
         squares = residuals**2 @ (np.ones(n) if weights is None else weights)
         return np.nan, 0.0, 0, float(squares)
-    rows_of, total = slices(n, CHUNK), 0.0
+    rows_of, total = slices(n, CHUNK), np.zeros(())
     for rows in rows_of:
         terms = np.column_stack([_terms(places[rows]), residuals[rows]])
-        total += (terms if weights is None else terms * weights[rows, None]).T @ terms
+        total = total + (terms if weights is None else terms * weights[rows, None]).T @ terms
     # What of the bows, and of the residuals, no plane explains.
     planes = np.linalg.lstsq(total[: k + 1, : k + 1], total[: k + 1, k + 1 :])[0]
     left = total[k + 1 :, k + 1 :] - total[k + 1 :, : k + 1] @ planes

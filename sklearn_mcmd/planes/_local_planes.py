@@ -81,7 +81,7 @@ class LocalPlaneModel:
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
         if self.whole is not None:
-            self._evaluate_whole(queries, planes, distance)
+            self._evaluate_whole(queries, planes, distance, *self.whole)
             return planes, distance
 
         def task(rows):
@@ -294,8 +294,7 @@ class LocalPlaneModel:
         self._finish(plane, directions, sizes)
         return found, plane
 
-    def _evaluate_whole(self, queries, planes, distance):
-        found, plane = self.whole
+    def _evaluate_whole(self, queries, planes, distance, found, plane):
         planes.put(slice(None), plane)
         distance[:] = found.score(queries[None])[0]
         gaps = np.linalg.norm(self.index.points - plane.centroids, axis=1)

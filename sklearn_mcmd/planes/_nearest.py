@@ -160,7 +160,7 @@ def query_tree(tree, queries, k, width=0):
     rows = np.flatnonzero(alike[:, :k].any(axis=1) & ~cut)
     for part in slices(len(rows), max(1, AT_ONCE // width)):
         some = rows[part]
-        found, squares = tree.data[near[some]], 0.0
+        found, squares = tree.data[near[some]], np.zeros(())
         for axis in range(queries.shape[1]):
             squares = squares + np.square(found[..., axis] - queries[some, axis, None])
         order = np.lexsort((*np.moveaxis(found, -1, 0)[::-1], squares))

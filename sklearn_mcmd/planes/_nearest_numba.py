@@ -79,7 +79,7 @@ def _build(points, leaf, order, first, last, left, boxes, leaves, stack):
                 low, high = min(low, points[i, x]), max(high, points[i, x])
             boxes[node, x], boxes[node, 3 + x] = low, high
             if high - low > longest:
-                longest, axis = high - low, x
+                longest, axis = high - low, np.int64(x)
         if end - begin <= leaf:
             left[node], leaves[n_leaves] = -1, node
             n_leaves += 1

@@ -13,9 +13,9 @@ class NeighborIndex:
     Indexes of the same points share what the first of them finds; see `IndexedCloud`.
 
     A neighborhood has `n_neighbors` members, or all distinct points if there are fewer. With None
-    there is one neighborhood of all points, which keeps its copies, and `cloud` is None. A member
-    is not farther from the query than `radius`, if that is given; where it holds fewer than d + 1
-    points, the nearest d + 1 are taken. `sizes` (m,), at most `n_neighbors`, are the members of
+    there is one neighborhood of all points, which keeps its copies, and there is no `cloud`. A
+    member is not farther from the query than `radius`, if that is given; where it holds fewer than
+    d + 1 points, the nearest d + 1 are taken. `sizes` (m,), at most `n_neighbors`, are members of
     each of `points`, if not all have as many. A query has as many as the point nearest to it.
 
     `points` (m, d) are the distinct points in spatial order, and `rows` (m,) the row of X of each.
@@ -25,7 +25,6 @@ class NeighborIndex:
         self.n_neighbors = n_neighbors
         self.radius = radius
         self.sizes = sizes
-        self.cloud = self._table = None
         if n_neighbors is None:
             # Nearest to the mean first: this order does not depend on the order of the rows.
             distance = np.linalg.norm(X - X.mean(axis=0), axis=1)

@@ -46,7 +46,7 @@ class Planes(NamedTuple):
 
     def take(self, rows):
         """The record of some of the queries. Of a slice these are views, which can be filled."""
-        return self._make(values[rows] if len(values) else values for values in self)
+        return type(self)(*(values[rows] if len(values) else values for values in self))
 
     def without(self, *names):
         """The record with no values of some of its fields, to save their memory."""

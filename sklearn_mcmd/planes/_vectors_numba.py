@@ -95,7 +95,7 @@ def load(typingctx, row, start):
     vector = Vector(row.dtype)
 
     def generate(context, builder, signature, args):
-        return builder.load(_address(context, builder, row, *args, vector), align=1)
+        return builder.load(_address(context, builder, row, vector, *args), align=1)
 
     return vector(row, types.intp), generate
 
@@ -103,12 +103,12 @@ def load(typingctx, row, start):
 @_compiled(lambda vector, row, start: np.copyto(row[start : start + len(vector)], vector))
 def store(typingctx, vector, row, start):
     def generate(context, builder, signature, args):
-        builder.store(args[0], _address(context, builder, row, *args[1:], vector), align=1)
+        builder.store(args[0], _address(context, builder, row, vector, *args[1:]), align=1)
         return context.get_dummy_value()
 
     return types.none(vector, row, types.intp), generate
 
 
-def _address(context, builder, kind, row, start, vector):
+def _address(context, builder, kind, vector, row, start):
     row, pointer = context.make_array(kind)(context, builder, row), context.get_value_type(vector)
     return builder.bitcast(builder.gep(row.data, [start]), pointer.as_pointer())
