@@ -11,7 +11,7 @@ from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import check_sensor_origin, is_auto
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
-from sklearn_mcmd.outliers._model import LEVELS, JudgedCloud, n_by_rays, ranks_of_intensity
+from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays, ranks_of_intensity
 from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._explaining import ExplainLimits
@@ -378,7 +378,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
 
     def _warn_if_crowded(self, d):
         """Warn where company is judged in so many dimensions that it is everywhere."""
-        by_company = not self._one_plane and not LEVELS[self.strictness].off_surfaces
+        by_company = not self._one_plane and self.strictness != "surfaces"
         if by_company and share_to_flag(self) is None and d >= OffSurfaceLimits().crowded:
             warn_caller(
                 f"strictness={self.strictness!r} in {d}D finds few outliers: so many "

@@ -110,8 +110,8 @@ def _axes(points, group, counts):
     """Centers of groups, and their standard deviations along their axes, ascending, and these."""
     d, counts = points.shape[1], np.maximum(counts, 1)
     covariance = np.zeros((len(counts), d, d))
-    centers = [np.bincount(group, points[:, i], len(counts)) / counts for i in range(d)]
-    centers = np.stack(centers, axis=1)
+    means = [np.bincount(group, points[:, i], len(counts)) / counts for i in range(d)]
+    centers = np.stack(means, axis=1)
     away = points - centers[group]
     for i in range(d):
         for j in range(i + 1):

@@ -75,19 +75,17 @@ class JudgedCloud:
     ):
         self.model = model
         self.own_planes_only = strictness is None or model.index.n_neighbors is None
-        self.level = None if strictness is None else LEVELS[strictness]
-        if self.level is not None and len(model.index.points) <= (model.index.n_neighbors or 0):
-            # The cloud is one neighborhood, and half of few points say too little about noise.
-            self.level = self.level._replace(off_surfaces=False)
+        if not self.own_planes_only:
+            self.level = LEVELS[strictness]
+            if len(model.index.points) <= model.index.n_neighbors:
+                # The cloud is one neighborhood, and half of few points say too little about noise.
+                self.level = self.level._replace(off_surfaces=False)
         self.noise_scale = noise_scale
         self.n_jobs = n_jobs
         self.origins = origins
         self.intensity, self.telling, self.doubted = intensity, 0.0, doubted
         self.rays, self.ray_doubt, self.raised = None, "", np.empty((0, 3))
         self.raised_rows = np.empty(0, np.intp)
-        # What `judge` finds: of all points, and of those off the surfaces.
-        self.counts = self.planes = self.explaining = self.explained = self.explained_scale = None
-        self.off_surface = self.reference = self.point_scores = None
 
     def fit(self, X):
         """The `Judgement` of the points X (n, d), those that the model has indexed."""
@@ -152,7 +150,7 @@ class JudgedCloud:
         doubt = self.darkness(rest)
         apart = off_surface.isolation * doubt, off_surface.separation
         if self.rays is None:
-            distances[rest] = self.joined(distances[rest], *apart, points)
+            distances[rest] = self.joined(distances[rest], points, *apart)
         else:
             known = off_surface.rest.among_all, self.explained, self.to_planes, index
             by_rays = self.rays.judge(off_surface, *known, doubt)
@@ -202,10 +200,10 @@ class JudgedCloud:
             )
         doubt = self.darkness(around.indices[:, 0])
         if self.rays is None:
-            return self.joined(distances, isolation * doubt, separation, queries)
+            return self.joined(distances, queries, isolation * doubt, separation)
         apart, planes = (isolation, separation, joined), (self.explained, self.to_planes)
         by_rays = self.rays.judge_new(queries, around, apart, spacing, *planes, doubt)
-        return self.joined(distances, *by_rays, queries)
+        return self.joined(distances, queries, *by_rays)
 
     def darkness(self, rows):
         """The factor on the isolation of these points by their intensity: as far as this tells,
@@ -326,7 +324,7 @@ class JudgedCloud:
     def _floor(self, queries, precision):
         return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
 
-    def joined(self, distances, isolation, separation, points):
+    def joined(self, distances, points, isolation, separation):
         """One score: a point is as wrong as the best of its excuses leaves it.
 
         Distances are from surfaces, inf of the lost, which none reaches. At the strictest level
@@ -349,8 +347,8 @@ class JudgedCloud:
         """Scores of points off the surfaces by their isolation and separation as rays have it, and
         the `raised`, and which these are; `apart` are both without rays."""
         without = np.where(of_sheets, 0.0, distances)  # to coordinates, sheets are surfaces
-        without = self.joined(without, *apart, points)
-        scores = self.joined(distances, *by_rays, points)
+        without = self.joined(without, points, *apart)
+        scores = self.joined(distances, points, *by_rays)
         worse = scores > without
         return scores, np.column_stack([scores, without, counts])[worse], worse
 

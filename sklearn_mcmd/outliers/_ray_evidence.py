@@ -32,9 +32,10 @@ class RayEvidence:
     the rays to them and do not go on, which are part of no surface. `judge` finds the `rest`.
     """
 
+    on_sheet: np.ndarray
+
     def __init__(self, rays, approximate, scatter, n_jobs):
         self.rays, self.approximate, self.scatter, self.n_jobs = rays, approximate, scatter, n_jobs
-        self.on_sheet = self.rest = None
 
     @classmethod
     def of(cls, index, origins, planes, usable, n_jobs):
@@ -94,7 +95,7 @@ class RayEvidence:
 
         def ask(some, _, near):
             around = _around(empty.take(some), apart[some], empty, apart, near[:, 1:])
-            by_beams[some] = self._isolation(isolation[some], *around, step[some])
+            by_beams[some] = self._isolation(isolation[some], step[some], *around)
 
         rest.others.visit(points, SurfaceLimits().n_links + 1, ask, self.n_jobs)
         rest.others.release()
@@ -133,12 +134,12 @@ class RayEvidence:
         apart = in_steps(isolation, spacing, witnesses.step)
         near = self.rest.others.query(queries, SurfaceLimits().n_links, self.n_jobs)[1]
         with_others = _around(empty, apart, self.rest.empty, self.rest.apart, near)
-        isolation = doubt * self._isolation(isolation, *with_others, witnesses.step)
+        isolation = doubt * self._isolation(isolation, witnesses.step, *with_others)
         alone = separation_of(separation, beside.together(), witnesses.step)
         on_sheet = self.on_sheets(queries, around.take, to_planes)
         return np.maximum(isolation, on_sheet), np.where(joined, separation, alone)
 
-    def _isolation(self, isolation, share, apart, step):
+    def _isolation(self, isolation, step, share, apart):
         """Isolation of points by the share of beams that pass, and by how far apart they are.
         Points where the sensor is have no ray, and what coordinates say; an approximate position
         excuses points, and condemns none."""
