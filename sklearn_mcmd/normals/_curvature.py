@@ -43,7 +43,7 @@ class Curvatures(NamedTuple):
     @classmethod
     def empty(cls, m):
         """A record to be filled."""
-        return cls(*(np.empty(m) for _ in range(5)), np.empty((m, 3)), np.empty((m, 3)))
+        return cls(*map(np.empty, [(m,)] * 5 + [(m, 3)] * 2))
 
     put, take = Planes.put, Planes.take  # type: ignore[misc]
 

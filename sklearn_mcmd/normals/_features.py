@@ -12,6 +12,7 @@ The shape index is that of J. J. Koenderink, A. J. van Doorn, "Surface shape and
 Image and Vision Computing 10 (1992) 557-564.
 """
 
+from collections.abc import Callable
 from operator import attrgetter
 
 import numpy as np
@@ -53,7 +54,7 @@ OF_PLANES = {
     "removed_fraction": lambda planes, points: 1.0 - planes.kept,
 }
 # Functions of Curvatures.
-OF_CURVATURES = {
+OF_CURVATURES: dict[str, Callable] = {
     "mean_curvature": lambda found: (found.max_curvature + found.min_curvature) / 2,
     "gaussian_curvature": lambda found: found.max_curvature * found.min_curvature,
     "max_curvature": attrgetter("max_curvature"),

@@ -27,7 +27,6 @@ class Sides:
     def __init__(self, orientation, sensor_origin, X):
         named = orientation if isinstance(orientation, str) else None
         self.direction, self.sensor_origin, self.tree = None, None, named == "mst"
-        self.tree_normals = None  # of the fitted points, where neighbors are to agree
         if named == "sensor":
             if sensor_origin is None:
                 raise ValueError(
@@ -43,7 +42,7 @@ class Sides:
 
     def fit(self, index, normals, X, n_jobs):
         """Flip the normals of the fitted points X (n, d) in place, and keep what `orient` needs."""
-        if np.ndim(self.sensor_origin) == 2:
+        if self.sensor_origin is not None and self.sensor_origin.ndim == 2:
             orient_toward(normals, self.sensor_origin - X)
             self.sensor_origin = self.sensor_origin[index.rows]  # of its points
             return
@@ -71,7 +70,7 @@ class Sides:
         """
         if self.sensor_origin is not None:
             origins = self.sensor_origin
-            if np.ndim(origins) == 2:
+            if origins.ndim == 2:
                 if index.n_neighbors is None:
                     origins = origins[cKDTree(index.points).query(X)[1]]
                 else:

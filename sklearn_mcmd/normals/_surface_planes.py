@@ -85,7 +85,6 @@ class SurfacePlanes:
     def __init__(self, estimator, model):
         self.model, self.tangents = model, estimator.tangents
         self.lends = estimator.neighbor_planes is not False
-        self.members = None
 
     def fit(self, X, n_jobs):
         """Planes of the fitted points X (n, d), the rows of X (n,) whose planes they are, and the
@@ -130,7 +129,7 @@ class SurfacePlanes:
         lend(planes, borrowing, planes, lenders[borrowing])
         planes.normal_error[:] = errors
         planes, lenders = _moved(planes, index.places), lenders[index.places]
-        self.members = members._replace(planes=None)
+        self.members = members._replace(planes=Planes.empty(0, d))
         fitted = FittedSurfaces(
             surfaces=self, planes=planes, borrowing=borrowing, before=before, errors=own_errors
         )
