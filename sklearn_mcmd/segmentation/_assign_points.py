@@ -72,7 +72,7 @@ class Claims:
     def _in_parts(self, rows, work):
         """What ``work(rows, around)`` returns of all rows, asked in parts."""
         parts = slices(len(rows), max(1, CHUNK // self.index.n_neighbors)) or [slice(0)]
-        answers = [None] * len(parts)
+        answers: list = [None] * len(parts)
 
         def task(i, part):
             answers[i] = work(rows[part], self.index.query_own(rows[part]))

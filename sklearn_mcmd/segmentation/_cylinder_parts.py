@@ -74,9 +74,9 @@ def fit_cylinder(points, normals):
     local /= scale
     extents = np.linalg.eigh(local.T @ local)[1]
     across, turns = np.linalg.eigh(normals.T @ normals)
-    starts = [extents[:, 2], extents[:, 1], turns[:, 0]]
+    axes = [extents[:, 2], extents[:, 1], turns[:, 0]]
     limits = FitLimits()
-    starts = np.stack(starts if across[1] > limits.ridge * len(points) else starts[:2])
+    starts = np.stack(axes if across[1] > limits.ridge * len(points) else axes[:2])
     fit = compiled_function("segmentation._regions_numba", "fit_cylinder")
     (new,), equations = work_arrays(1, n_terms(3))
     model, equations = np.zeros(7), (*equations, new)
@@ -97,8 +97,8 @@ class _Part:
     floor: float  # mean square below which deviations are rounding
     ceiling: float  # mean square above which they are those of a volume
     plane: float  # mean square about the plane, by degrees of freedom,
-    curve: float  # and about the cylinder
-    cylinder: Cylinder | None  # None where there are too few points
+    curve: float  # and about the cylinder: infinite where there are too few points,
+    cylinder: Cylinder  # which have any
 
     @property
     def size(self):
@@ -139,7 +139,7 @@ class CylinderParts:
         foliage; the cylinder does not.
         """
         parts = self._narrow_parts(labels)
-        fresh, tried = set(parts), {}
+        fresh, tried = set(parts), dict[tuple, tuple]()
         while fresh:
             fresh |= self._join(labels, parts, fresh, tried)
             fresh = self._claim(labels, parts, fresh & set(parts))
@@ -165,7 +165,7 @@ class CylinderParts:
 
     def _each(self, function, items):
         """The answers of a function to all items, found in threads."""
-        answers = [None] * len(items)
+        answers: list = [None] * len(items)
 
         def task(i):
             answers[i] = function(items[i])
@@ -188,7 +188,7 @@ class CylinderParts:
         points, n = self.index.points[rows], len(rows)
         deviations = points - points.mean(axis=0)
         plane = max(np.linalg.eigvalsh(deviations.T @ deviations)[0], 0.0) / (n - 3)
-        curve, cylinder = np.inf, None
+        curve, cylinder = np.inf, Cylinder(points[0], np.array([0.0, 0.0, 1.0]), 0.0)
         if n >= CylinderLimits().least_size:
             curve, cylinder = fit_cylinder(points, self.planes.normals[rows])
             curve /= n - N_PARAMETERS
@@ -279,7 +279,7 @@ class CylinderParts:
         the parts that grew. Claimed points lead to others, until a part has grown enough."""
         curved = [name for name in sorted(fresh) if parts[name].curved]
         edges = {name: distinct_numbers(self._around(parts[name].rows)) for name in curved}
-        gained = {name: [] for name in edges}
+        gained: dict[int, list] = {name: [] for name in edges}
         while edges:
             claimed, owner = self._claims_of(labels, parts, edges)
             labels[claimed] = owner
@@ -300,7 +300,7 @@ class CylinderParts:
     def _claims_of(self, labels, parts, edges):
         """Rows without region among `edges`, name -> rows in order, and the part that each lies on
         best."""
-        rows, names, shares = [np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)]
+        claims = [(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0))]
         free = distinct_numbers(np.concatenate(list(edges.values())))
         free = free[labels[free] < 0]
         points = self.index.points[free]
@@ -308,10 +308,9 @@ class CylinderParts:
             some = np.searchsorted(free, own)
             some = some[np.append(free, -1)[some] == own]
             share = parts[name].shares(points[some])
-            rows.append(free[some[share <= 1]])
-            shares.append(share[share <= 1])
-            names.append(np.full(len(rows[-1]), name))
-        rows, names, shares = np.concatenate(rows), np.concatenate(names), np.concatenate(shares)
+            rows = free[some[share <= 1]]
+            claims.append((rows, np.full(len(rows), name), share[share <= 1]))
+        rows, names, shares = map(np.concatenate, zip(*claims, strict=True))
         order = np.lexsort((names, shares, rows))
         first = order[np.flatnonzero(np.diff(rows[order], prepend=-1))]
         return rows[first], names[first]

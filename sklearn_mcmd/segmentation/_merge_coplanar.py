@@ -11,6 +11,7 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._chunks import run, slices, spatial_order
 from sklearn_mcmd.segmentation._region_sums import (
     Groups,
+    Moments,
     median_by_region,
     n_regions_of,
     region_moments,
@@ -60,7 +61,7 @@ def join_coplanar(points, labels, around, n_jobs=None):
     noise = np.column_stack([noise, own_noise(planes.covariances, reach)])
     whole = np.append(np.arange(n_regions, dtype=np.int32), np.int32(-1))  # of which a region is
     while True:  # each round joins at least two parts
-        pairs, most = _pairs_in_a_plane(*planes, noise, n_jobs)
+        pairs, most = _pairs_in_a_plane(planes, noise, n_jobs)
         pairs = pairs[_near(parts, pairs, most, n_jobs)]
         if len(pairs) == 0:
             break
@@ -69,8 +70,8 @@ def join_coplanar(points, labels, around, n_jobs=None):
         graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(noise), len(noise)))
         # Parts are numbered by their first region, which keeps the order of regions.
         n_parts, part = connected_components(graph, directed=False)
-        planes, noise = pooled(*planes, noise, part)
-        joined = [[] for _ in range(n_parts)]
+        planes, noise = pooled(planes, noise, part)
+        joined: list[list] = [[] for _ in range(n_parts)]
         for number, own in zip(part.tolist(), parts, strict=True):
             joined[number] += own
         parts, whole = joined, np.append(part, -1).astype(np.int32)[whole]
@@ -84,9 +85,9 @@ def own_noise(covariances, radius):
     return np.where(ExplainLimits().explained * own <= radius, own, 0.0)
 
 
-def pooled(sizes, centroids, covariances, noise, part):
-    """Sizes, centroids, covariances and noise of joined regions, from those of their parts."""
-    n_parts = int(part.max()) + 1
+def pooled(moments, noise, part):
+    """The `Moments` and the noise of joined regions, from those of their parts."""
+    (sizes, centroids, covariances), n_parts = moments, int(part.max()) + 1
     of_part = part, np.arange(len(part))
     share = coo_array((sizes, of_part), shape=(n_parts, len(part))).tocsr()
     total = np.bincount(part, sizes, n_parts)
@@ -95,16 +96,17 @@ def pooled(sizes, centroids, covariances, noise, part):
     local = centroids - centroids[first[part]]
     mean = (share @ local) / total[:, None]
     apart = local - mean[part]
-    moments = covariances + apart[:, :, None] * apart[:, None, :]
+    squares = covariances + apart[:, :, None] * apart[:, None, :]
     d = centroids.shape[1]
-    pooled = (share @ moments.reshape(-1, d * d)) / total[:, None]
-    planes = total, centroids[first] + mean, pooled.reshape(-1, d, d)
-    return planes, (share @ noise) / total[:, None]
+    pooled = (share @ squares.reshape(-1, d * d)) / total[:, None]
+    joined = Moments(total, centroids[first] + mean, pooled.reshape(-1, d, d))
+    return joined, (share @ noise) / total[:, None]
 
 
-def _pairs_in_a_plane(sizes, centroids, covariances, noise, n_jobs=None):
+def _pairs_in_a_plane(moments, noise, n_jobs=None):
     """Pairs (smaller, larger) of regions that may be joined, the nearest planes first, and the gap
     that each region allows."""
+    sizes, centroids, covariances = moments
     eigenvalues, axes = np.linalg.eigh(covariances)
     eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
     # Points spread evenly over a length have its root 12th as standard deviation.

@@ -47,9 +47,9 @@ class Cells(NamedTuple):
         around, pairs = near[begins], []
         own = of[around] == np.arange(len(begins))[:, None]
         for some in slices(n, ROWS):
-            ends = np.broadcast_arrays(of[some, None], of[near[some]])
+            both = np.broadcast_arrays(of[some, None], of[near[some]])
             one_region = (labels[near[some]] == labels[some, None]) & (labels[some, None] >= 0)
-            pairs.append(once(np.column_stack([cells[one_region] for cells in ends])))
+            pairs.append(once(np.column_stack([cells[one_region] for cells in both])))
         ends = np.append(0, np.cumsum(own.sum(axis=1)))
         return cls(of, around[own], ends, once(np.concatenate(pairs)))
 

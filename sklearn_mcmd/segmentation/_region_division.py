@@ -172,7 +172,7 @@ class Strips:
             parts[i % CHUNK] = rows, group[names], first
 
         for start in range(0, len(borders), CHUNK):
-            parts = [None] * min(CHUNK, len(borders) - start)
+            parts: list = [None] * min(CHUNK, len(borders) - start)
             run([(start + i,) for i in range(len(parts))], task, n_jobs)
             for rows, groups, first in parts:
                 own = np.isin(labels[rows], groups)
@@ -231,7 +231,8 @@ def _joined(borders, votes, regions):
     """
     n = len(regions)
     chances = np.log(np.maximum(np.bincount(regions[borders[:, 0]], minlength=n), 1))[regions]
-    around, group = [{} for _ in range(n)], np.arange(n)
+    around: list[dict] = [{} for _ in range(n)]
+    group = np.arange(n)
     for (a, b), value in zip(borders.tolist(), votes.tolist(), strict=True):
         around[a][b] = around[b][a] = around[a].get(b, 0.0) + value
     heap = [(-value, a, b) for a in range(n) for b, value in around[a].items() if a < b]

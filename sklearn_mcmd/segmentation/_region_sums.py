@@ -32,11 +32,10 @@ class Groups(NamedTuple):
     @classmethod
     def of(cls, labels):
         """The groups of labels (n,)."""
-        n_free, *counts = np.bincount(labels + 1, minlength=1)
-        counts = np.array(counts, dtype=np.int64)
-        regions = np.flatnonzero(counts)
-        counts = counts[regions]
-        rows = np.argsort(labels, kind="stable")[n_free:]
+        sizes = np.bincount(labels + 1, minlength=1)  # the first of those in no region
+        regions = np.flatnonzero(sizes[1:])
+        counts = sizes[1:][regions]
+        rows = np.argsort(labels, kind="stable")[sizes[0] :]
         return cls(rows, regions, np.cumsum(counts) - counts, counts)
 
     def split(self):
@@ -95,10 +94,10 @@ def region_moments(points, labels, n_regions, weights=None):
         means[i] = mean(own[i], extent[i])
         own[i] -= groups.spread(means[i])
     with np.errstate(over="ignore"):
-        for i, j in zip(*np.tril_indices(d), strict=True):
+        for a, b in zip(*np.tril_indices(d), strict=True):
             # Rounding may make a deviation longer than the extent.
-            moment = mean(own[i] * own[j], extent[i] + extent[j] + 2)
-            covariances[:, i, j] = covariances[:, j, i] = np.ldexp(moment, 2 * unit)
+            moment = mean(own[a] * own[b], extent[a] + extent[b] + 2)
+            covariances[:, a, b] = covariances[:, b, a] = np.ldexp(moment, 2 * unit)
     return Moments(sizes, (low + np.ldexp(means, unit)).T.copy(), covariances)
 
 

@@ -9,7 +9,7 @@ from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.segmentation._estimator import RegionGrowing, numbers_by_size
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, pooled, region_planes
-from sklearn_mcmd.segmentation._region_sums import Groups, median_by_region, region_sizes
+from sklearn_mcmd.segmentation._region_sums import Groups, Moments, median_by_region, region_sizes
 from sklearn_mcmd.segmentation._region_table import (
     FIELDS,
     are_flat,
@@ -54,10 +54,9 @@ class TiledRegions(TiledVerb):
         asked = {"hops": hops_of(self.normals) + HOPS_MORE, "width": WIDTH}
         run.do(self.task, estimator=growing, keep=keep, **asked)
         counts = [report["n_regions"] for report in run.reports(self.task)]
-        starts, sizes = np.cumsum([0, *counts]), [np.empty(0)]
-        for labels, n in zip(run.found("results"), counts, strict=True):
-            sizes.append(np.bincount(labels[labels >= 0], minlength=n))
-        sizes = np.concatenate(sizes)
+        starts, parts = np.cumsum([0, *counts]), zip(run.found("results"), counts, strict=True)
+        own = (np.bincount(labels[labels >= 0], minlength=n) for labels, n in parts)
+        sizes = np.concatenate([np.empty(0), *own])
         group = join_regions(run, starts, sizes)
         totals = np.bincount(group, sizes)
         number = numbers_by_size(totals, self.estimator.min_region_size)
@@ -145,8 +144,8 @@ def joined_table(run, starts, numbers):
     largest = largest[np.searchsorted(group[largest], np.arange(n))]
     medians = np.column_stack([parts["usual"], parts["reach"]])
     sizes, centroids, covariances = (parts[name] for name in ("points", "centroid", "covariance"))
-    planes, medians = pooled(sizes.astype(float), centroids, covariances, medians, group)
-    sizes, centroids, covariances = planes
+    own = Moments(sizes.astype(float), centroids, covariances)
+    (sizes, centroids, covariances), medians = pooled(own, medians, group)
     values, axes = np.linalg.eigh(covariances)
     moments = sizes, centroids, covariances, np.maximum(values, 0.0), axes
     distinct = np.bincount(group, parts["distinct"], n)
@@ -174,11 +173,11 @@ def joined_table(run, starts, numbers):
 
 def _points_of_regions(run, starts, numbers, name, n):
     """The points (m, 3) of each of n joined regions that parts of these have under a name."""
-    region, points = [], []
-    for start, some in zip(starts, run.found(name), strict=False):
-        region.append(numbers[start + some[:, 0].astype(np.int64)])
-        points.append(some[:, 1:])
-    region, points = np.concatenate(region), np.concatenate(points)
+    parts = [
+        (numbers[start + some[:, 0].astype(np.int64)], some[:, 1:])
+        for start, some in zip(starts, run.found(name), strict=False)
+    ]
+    region, points = map(np.concatenate, zip(*parts, strict=True))
     order = np.argsort(region, kind="stable")[np.count_nonzero(region < 0) :]
     counts = np.bincount(region[region >= 0], minlength=n)
     return np.split(points[order], np.cumsum(counts)[:-1])
