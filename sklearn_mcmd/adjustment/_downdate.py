@@ -79,7 +79,8 @@ class DowndatedPlane:
 
         None if a point that is no candidate may have a larger one.
         """
-        if self.change is not None and self.standardized.max() <= self._bound_elsewhere():
+        change = self.change
+        if change is not None and self.standardized.max() <= self._bound_elsewhere(change):
             return None
         return first_of_largest(self.standardized)
 
@@ -116,10 +117,10 @@ class DowndatedPlane:
             change=change,
         )
 
-    def _bound_elsewhere(self):
+    def _bound_elsewhere(self, change):
         """Upper bound of the statistics of all points that are no candidates."""
-        change, rest = self.change, self.candidates.rest_standardized
-        leverage, stretch = np.sqrt(self.candidates.rest_leverage), np.linalg.norm(change.linear, 2)
+        rest, stretch = self.candidates.rest_standardized, np.linalg.norm(change.linear, 2)
+        leverage = np.sqrt(self.candidates.rest_leverage)
         redundancy = 1 - (stretch * leverage + np.linalg.norm(change.turn) * rest) ** 2
         if redundancy <= UNCONTROLLED:
             return np.inf

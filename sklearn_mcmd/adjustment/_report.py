@@ -141,8 +141,8 @@ def plot_report(
 def _key_figures(detector, X, unit):
     """The lines below the panels."""
     rows = plane_figures(detector, X, unit).rows()
-    lines = ("outliers",), ("normal", "dip"), ("test", "sigma0"), ("residuals",)
-    lines = ["; ".join(f"{name} {rows[name]}" for name in names) for names in lines]
+    figures = ("outliers",), ("normal", "dip"), ("test", "sigma0"), ("residuals",)
+    lines = ["; ".join(f"{name} {rows[name]}" for name in names) for names in figures]
     return "\n".join([*lines, str(rows["method"])])
 
 

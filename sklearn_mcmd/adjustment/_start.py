@@ -67,7 +67,7 @@ def robust_start(training, rank, surface, sigma0, random_state):
     made_of = members
     rounding = training.rounding_of(plane.direction)
     sigma = sigma0 or max(robust_scale(residuals, weights, plane.rank), rounding)
-    members = None
+    members = np.empty(0, dtype=bool)  # of none of these rounds
     for _ in range(MAX_ROUNDS):
         near = used & (joining(X, weights, plane, sigma) <= limits.cut)
         if np.count_nonzero(near) <= plane.rank or np.array_equal(near, members):

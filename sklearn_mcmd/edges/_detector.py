@@ -328,18 +328,21 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         if self.normals == "precomputed":
             return split_columns(X, self._n_dimensions)
         check_extent(X)
-        return Columns(X, *[None] * (len(Columns._fields) - 1))
+        return Columns(X, *[np.empty(0)] * (len(Columns._fields) - 1))
 
     def _check_parameters(self, xyz):
-        check_sizes(*xyz.shape, self.n_neighbors)
-        check_work(self, len(xyz))
-        if self.criterion == "crease" and self.threshold == "mean":
+        n, d = xyz.shape
+        check_sizes(n, d, self.n_neighbors)
+        check_work(self, n)
+        if self.criterion != "crease":
+            return
+        if isinstance(self.threshold, str):
             raise ValueError(
                 "threshold='mean' is for eigenvalues; criterion='crease' takes a distance in "
                 "spacings of the points, or None for 2."
             )
         far = CreaseLimits().far
-        if self.criterion == "crease" and (self.threshold or 0.0) > far:
+        if (self.threshold or 0.0) > far:
             raise ParameterError(
                 f"$threshold={self.threshold:g} is in spacings of the points for "
                 f"$criterion='crease', and creases farther than {far:g} are not sought: lower it."

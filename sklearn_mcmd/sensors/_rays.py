@@ -168,7 +168,7 @@ class Rays:
 
     def release(self):
         """Forget what only the points themselves ask for."""
-        self.near = self.angles = self.beam_of = None
+        self.near = self.angles = self.beam_of = np.empty(0)
 
     def _n_next(self):
         return min(self.limits.n_beams, len(self.cloud.points) - 1)

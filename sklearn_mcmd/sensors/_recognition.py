@@ -61,7 +61,7 @@ def views_from_setups(points, positions, setups=None):
     Points (n, 3) have `positions` (1, 3) or (n, 3); `setups` (n,) number those that are several.
     The file's word stands where steps are even: no position aside is asked.
     """
-    groups = [slice(None)]
+    groups: list[slice | np.ndarray] = [slice(None)]
     if setups is not None:
         groups = [np.flatnonzero(setups == setup) for setup in np.unique(setups)]
     return [_looks_even(points[rows] - positions[rows][0]) for rows in groups]
