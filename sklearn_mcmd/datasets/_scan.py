@@ -62,8 +62,8 @@ def scan(
         deviations = noise_rng.standard_normal((n, 3))
         area = scene.seen_area
     scale = scale_at(scene.ranges(points))
-    outliers = [SCENE_OUTLIERS[name](scene, m, is_clear, outlier_rng) for name, m in sizes.items()]
-    outliers = np.concatenate(outliers)
+    kinds = [SCENE_OUTLIERS[name](scene, m, is_clear, outlier_rng) for name, m in sizes.items()]
+    outliers = np.concatenate(kinds)
     names = ["regular", *SCENE_OUTLIERS]
     cloud = labeled_cloud(
         scene.parts,

@@ -48,8 +48,8 @@ class Scene:
         while missing > 0:
             m = int(1.05 * missing / acceptance) + 64
             counts = rng.multinomial(m, self.areas / self.areas.sum())
-            points = [p.sample(c, rng) for p, c in zip(self.parts, counts, strict=True)]
-            points, label = np.concatenate(points), np.repeat(np.arange(len(counts)), counts)
+            of_parts = [p.sample(c, rng) for p, c in zip(self.parts, counts, strict=True)]
+            points, label = np.concatenate(of_parts), np.repeat(np.arange(len(counts)), counts)
             rng.random(m)  # as many numbers as ever, so that scenes stay what they were
             # The points come in the order of the parts, so a plain cut would leave out the last.
             chosen = rng.permutation(np.flatnonzero(self.visible(points)))[:missing]

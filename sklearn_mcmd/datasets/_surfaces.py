@@ -19,13 +19,17 @@ import numpy as np
 
 
 class Flat:
-    """What flat parts have in common.
+    """What flat parts have in common; ``_aside(flat)`` is the distance of points (n, 2) of the
+    plane that are not on the part to it. Those with straight edges have `edges` and `border`."""
 
-    Each has a ``corner``, a ``frame`` whose columns are two directions in its plane and the
-    normal, ``_contains(flat)``, which says of points (n, 2) of the plane whether they are on the
-    part, and ``_aside(flat)``, the distance of others to it. Those with straight edges have the
-    sharp ones as segments ``edges`` (m, 2, 2) in that plane, and all as ``border``.
-    """
+    corner: np.ndarray
+    frame: np.ndarray  # its columns are two directions in the plane and the normal
+    edges: np.ndarray  # sharp ones, as segments (m, 2, 2) in the plane
+    border: np.ndarray  # all, as these
+
+    def _contains(self, flat):
+        """Which of points (n, 2) of the plane are on the part."""
+        raise NotImplementedError
 
     @property
     def outline_length(self):
@@ -233,9 +237,13 @@ class Cylinder:
 
 
 class Soft:
-    """Parts without a surface, in which rays end by chance; each says where in `scatter`."""
+    """Parts without a surface, in which rays end by chance."""
 
     outline_length = 0.0
+
+    def scatter(self, origin, ends, rng):
+        """Where segments end: as `hit`, but by chance."""
+        raise NotImplementedError
 
     def normals(self, points):
         return np.full((len(points), 3), np.nan)
@@ -271,7 +279,6 @@ class Foliage(Soft):
         return np.maximum(np.linalg.norm(points - self.center, axis=1) - self.radius, 0.0)
 
     def scatter(self, origin, ends, rng):
-        """Where leaves stop segments: as `hit`, but by chance."""
         way = ends - origin
         length = np.linalg.norm(way, axis=1)
         toward = np.broadcast_to(self.center - origin, way.shape)
