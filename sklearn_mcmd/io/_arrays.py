@@ -95,7 +95,7 @@ def write_npy(path, cloud):
     """Write a plain (n, 3) array, or a structured one if there are attributes."""
     array = cloud.xyz
     if cloud.attributes:
-        fields = [(axis, np.float64) for axis in "xyz"]
+        fields: list[tuple] = [(axis, np.float64) for axis in "xyz"]
         fields += [(name, a.dtype, a.shape[1:]) for name, a in cloud.attributes.items()]
         arrays = [*cloud.xyz.T, *cloud.attributes.values()]
         array = np.rec.fromarrays(arrays, dtype=fields, shape=len(cloud))

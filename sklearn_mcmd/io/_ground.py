@@ -1,5 +1,6 @@
 """Heights over the ground, where points have the class ground."""
 
+from math import isfinite
 from numbers import Real
 from typing import NamedTuple
 
@@ -30,7 +31,7 @@ class HeightRange(NamedTuple):
     def of(cls, above, below, low_groups):
         """The limits, None if no heights are asked for; raises for what is no height."""
         for name, value in {"above": above, "below": below}.items():
-            if value is not None and not (isinstance(value, Real) and np.isfinite(value)):
+            if value is not None and not (isinstance(value, Real) and isfinite(value)):
                 raise ValueError(f"{name}={value!r} must be a finite number, or None.")
         above, below = (None if value is None else float(value) for value in (above, below))
         if above is not None and below is not None and above >= below:

@@ -2,6 +2,7 @@
 
 import copy
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,9 @@ def writing_parts(path):
     """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
-    writer, header, channels, ends = None, None, set(), []
+    channels, ends = set[int](), []
+    writer: Any = None  # of laspy,
+    header: Any = None  # and the header of the first cloud
     with open(path, "wb+") as file:
         sink = _Sink(file)
 

@@ -23,7 +23,8 @@ def joined_header(paths):
     dimensions of all files. If there is none, an error names a file."""
     laspy = import_laspy(compressed=False)
     first = read_header(paths[0])
-    header, dimensions, formats, version = copy.deepcopy(first), {}, set(), first.version
+    dimensions: dict = {}
+    header, formats, version = copy.deepcopy(first), set(), first.version
     low, high, scales = first.mins, first.maxs, np.abs(first.scales)
     for path in paths:
         other = read_header(path)

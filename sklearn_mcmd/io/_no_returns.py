@@ -20,32 +20,32 @@ class NoReturns:
 
     def __init__(self):
         self.n_points = self.n_large = self.n_zeros = self.n_exact = self.n_beside = 0
-        self.first, self.end = None, ((), 0)
+        self.first, self.end = 0, ((), 0)
 
     def add(self, xyz):
         sizes = np.abs(xyz, order="F")  # passes along columns are ten times as fast
         largest = sizes.max(axis=1, initial=0)
         zeros = np.flatnonzero(largest < ZERO)
-        if self.first is None and len(zeros):
+        if not self.n_zeros and len(zeros):
             self.first = self.n_points + int(zeros[0])
-        n_exact, top = np.count_nonzero(largest == 0), largest[largest < np.inf].max(initial=0)
+        n_exact, top = int(np.count_nonzero(largest == 0)), largest[largest < np.inf].max(initial=0)
         if top > 0:
             end = xyz[largest == top]
             for axis in range(3):
                 end = end[end[:, axis] == end[:, axis].max()]
             place, last = (top, *end[0]), self.end
             self.end = max(last, (place, len(end) + last[1] * (last[0] == place)))
-        self.n_beside += np.count_nonzero((sizes == 0).sum(axis=1) == 2)
+        self.n_beside += int(np.count_nonzero((sizes == 0).sum(axis=1) == 2))
         self.n_exact += n_exact
         self.n_points += len(xyz)
-        self.n_large += np.count_nonzero(largest >= LARGE)
+        self.n_large += int(np.count_nonzero(largest >= LARGE))
         self.n_zeros += len(zeros)
         return self
 
     @property
     def n_left_out(self):
         many = max(FEW, self.n_beside, self.end[1]) < self.n_exact < self.n_points
-        return int(self.n_exact) if many else 0
+        return self.n_exact if many else 0
 
     def warning(self, path):
         """What to warn of, or None if a few zeros are not amid large coordinates."""
@@ -83,7 +83,7 @@ class BlankRecords:
             self.low = np.minimum(self.low, others.min(axis=0, initial=np.inf))
             self.high = np.maximum(self.high, others.max(axis=0, initial=-np.inf))
         self.n_points, self.n_blank = self.n_points + len(records), self.n_blank + len(at)
-        self.n_unnumbered += np.count_nonzero(cloud.attributes["return_number"] == 0)
+        self.n_unnumbered += int(np.count_nonzero(cloud.attributes["return_number"] == 0))
         return self
 
     def warning(self, path):

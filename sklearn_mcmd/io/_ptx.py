@@ -19,7 +19,8 @@ RIGID = 2e-3  # sqrt(3) / 1000 and less, by which three decimals make a rotation
 
 def read_ptx(path):
     """Read all scans, each moved by its matrix, as one cloud; rays without a return are dropped."""
-    scans, setups, n_points = {}, [], 0
+    scans: dict[int, PointCloud] = {}
+    setups, n_points = [], 0
     with open(path, encoding="utf-8-sig", errors="surrogateescape") as file:
         lines = ((i, line) for i, line in enumerate(file, start=1) if line.strip())
         for first in lines:
@@ -65,19 +66,20 @@ def _header(lines):
 
 def _table(lines, n, first):
     """The numbers (n, 4 or 7) of the points of a scan, whose header begins in the line `first`."""
-    last = None
+    last = first, ""
 
     def texts():
         nonlocal last
         for i in range(n):
-            if (last := next(lines, None)) is None:
+            if (line := next(lines, None)) is None:
                 raise PointFileError(f"truncated: scan of line {first}: {i:,} of {n:,} points")
+            last = line
             yield last[1]
 
     try:
         table = np.loadtxt(texts(), comments=None, ndmin=2)
     except ValueError as err:
-        if last is None:
+        if isinstance(err, PointFileError):
             raise
         raise PointFileError(f"line {last[0]}: {last[1].strip()[:60]!r} is no point{LIKE}") from err
     if table.shape[1] not in (4, 7):

@@ -46,7 +46,7 @@ def read_ply(path, columns=None):
     if lists:
         warn_caller(f"{path}: list properties are left out: {', '.join(lists)}.")
         vertices = vertices[[n for n in vertices.dtype.names if n not in lists]]
-    metadata = {"ply_comments": list(ply.comments), "ply_obj_info": list(ply.obj_info)}
+    metadata: dict = {"ply_comments": list(ply.comments), "ply_obj_info": list(ply.obj_info)}
     if DENOISED in ply.comments:
         metadata["denoised"] = True
     cloud = cloud_from_records(vertices, columns, metadata=metadata)
@@ -71,7 +71,8 @@ def write_ply(path, cloud):
     columns = _renamed(_columns(cloud), {ours: theirs for theirs, ours in PLY_NORMALS.items()})
     columns = {n: fit_dtype(n, v, PLY_DTYPES, "PLY") for n, v in columns.items()}
     columns = _spelled({**_axes(cloud.xyz), **columns}, "!-~", "PLY")
-    records = np.rec.fromarrays([*columns.values()], names=[*columns])
+    dtype = [(name, values.dtype) for name, values in columns.items()]
+    records = np.rec.fromarrays([*columns.values()], dtype=dtype)
     comments = list(cloud.metadata.get("ply_comments", []))
     if cloud.metadata.get("denoised") and DENOISED not in comments:
         comments.append(DENOISED)
@@ -97,7 +98,7 @@ def read_pcd(path, columns=None):
     if not np.isfinite(header.viewpoint).all():
         warn_caller(f"{path}: VIEWPOINT has numbers that are not finite; it is taken as not known")
     cloud = cloud_from_records(records, columns, metadata=metadata)
-    attributes = {}
+    attributes: dict = {}
     for name, values in cloud.attributes.items():
         if name == "rgb" and values.dtype.itemsize == 4 and not attributes.keys() & set(COLORS):
             bits = values.view(np.uint32) >> np.array([[16], [8], [0]], np.uint32) & 255

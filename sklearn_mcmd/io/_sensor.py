@@ -38,7 +38,7 @@ def place_words(positions, words):
 def lights_in(attributes):
     """Those of the attributes of a cloud that say how much light came back, by their names."""
     given = {name.lower().removeprefix("scalar_"): a for name, a in attributes.items()}
-    return {name: given[name] for name in LIGHTS if np.ndim(given.get(name)) == 1}
+    return {name: given[name] for name in LIGHTS if name in given and np.ndim(given[name]) == 1}
 
 
 def rows_of_sensor(where, doubt, n_by_rays):

@@ -2,12 +2,13 @@
 
 import codecs
 import csv
-import math
 import re
+import sys
 import warnings
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain, islice
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from sklearn_mcmd.io._point_cloud import (
 from sklearn_mcmd.io._unnamed import check_first_columns, naming_columns
 
 NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # dtypes written
-LAYOUT = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
+LAYOUT: dict[str, Any] = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
 COMMENTS = ("#", "//")  # begin a line that is no row
 ROWS_A_TIME = 100_000  # that are read and written at once
 LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
@@ -83,15 +84,15 @@ def write_text(path, cloud):
         columns = _fitting(path.suffix, columns)
     columns = {n: fit_dtype(n, values, NUMBERS, "a text file") for n, values in columns.items()}
     is_csv = path.suffix == ".csv"
-    layout = {"delimiter": "," if is_csv else " ", "lineterminator": "\n"}
+    layout: dict[str, Any] = {"delimiter": "," if is_csv else " ", "lineterminator": "\n"}
     for name in columns:
         if {"\n", "\r"} & set(name):
             raise PointFileError(f"attribute name {name!r} has several lines; rename it")
     has_delimiters = any(set(";,\t") & set(name) for name in columns)
     with open(path, "w", encoding="utf-8", newline="") as file:
         if is_csv or (columns and not is_fixed):  # every program reads .xyz without a header
-            quoting = csv.QUOTE_ALL if has_delimiters else csv.QUOTE_MINIMAL
-            csv.writer(file, quoting=quoting, **layout).writerow(["x", "y", "z", *columns])
+            quoting = {"quoting": csv.QUOTE_ALL if has_delimiters else csv.QUOTE_MINIMAL}
+            csv.writer(file, **layout | quoting).writerow(["x", "y", "z", *columns])
         if path.suffix == ".pts":
             file.write(f"{len(cloud)}\n")
         writer = csv.writer(file, **layout)
@@ -256,7 +257,7 @@ class _Table:
 
     def read(self, lines):
         """Read all rows. Where the file tells how many, other scans may follow with their own."""
-        left = self.head.counts[-1] if self.head.counts else math.inf
+        left = self.head.counts[-1] if self.head.counts else sys.maxsize
         while part := list(islice(lines, min(ROWS_A_TIME, left) or 1)):
             if left:
                 self.parts.append(self._part(part))
@@ -267,7 +268,7 @@ class _Table:
                 left, self.head.counted_at = int(fields[0]), self.at
                 self.head.counts.append(left)
             self.at += len(part)
-        if 0 < left < math.inf:
+        if self.head.counts and left > 0:
             raise PointFileError(f"{self._promise()}, found {self.head.counts[-1] - left:,}")
 
     def _promise(self):
@@ -307,8 +308,8 @@ class _Table:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of a part without rows
-                options = {"converters": converters, "ndmin": 2, "comments": None, **LAYOUT}
-                table = np.loadtxt(lines, delimiter=self.delimiter, **options)
+                options = {"converters": converters, "comments": None, **LAYOUT}
+                table = np.loadtxt(lines, delimiter=self.delimiter, ndmin=2, **options)
         except ValueError:
             return None
         return table if table.shape[1] == len(self.names) else None

@@ -54,7 +54,7 @@ class Part(NamedTuple):
         new = ~np.isin(rows, self.rows)
         n = np.count_nonzero(new)
         more = xyz[new], rows[new], np.zeros(n, bool), homes[new], at[new], np.full(n, np.inf)
-        return Part.of(*map(np.concatenate, zip(self[:6], more, strict=True)))
+        return Part.of(*map(np.concatenate, zip(self[:6], more, strict=True)), None)
 
     def taken(self, chosen):
         """Some of the points."""
