@@ -35,6 +35,8 @@ MODULES = {"plan": "_plane", "warm-up": "_demo"}  # others are as the verb
 class Verb(TyperCommand):
     """A verb, whose module is loaded when more than its first line is needed."""
 
+    name: str
+
     @cached_property
     def loaded(self):
         """The command that does the work."""

@@ -2,10 +2,12 @@
 
 import time
 import warnings
+from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from errno import ENOENT
 from types import SimpleNamespace
+from typing import ClassVar
 
 import typer
 
@@ -41,16 +43,17 @@ class CloudVerb:
     """A verb that reads a cloud, finds something by an estimator, and writes the cloud with it.
 
     The fields here are what all of them take. A verb adds its own, with the help of each, and its
-    docstring is its help. It has these methods, too:
-
-    - ``estimator()``: the estimator, with its parameters as options tell them.
-    - ``find(cloud, estimator)``: what is found in a cloud in memory, by names; numbers have those
-      of `RunReport`.
-    - ``written(cloud, found=None)``: the cloud to write, and the points to mark in it; a blank one
-      if nothing is found yet.
-    - ``rows(found)``: rows of the summary, of memory or of a `RunReport`.
-    - ``contents(cloud, found)``, ``tile_contents(catalog, told)``: `Contents` of a report.
+    docstring is its help. It has methods of these names, too.
     """
+
+    estimator: ClassVar[Callable]  # (): the estimator, with its parameters as options tell them
+    # (cloud, estimator): what is found in memory, by names; numbers have those of `RunReport`
+    find: ClassVar[Callable]
+    # (cloud, found=None): what to write, and the points to mark in it; blank if nothing is found
+    written: ClassVar[Callable]
+    rows: ClassVar[Callable]  # (found): rows of the summary, of memory or of a `RunReport`
+    contents: ClassVar[Callable]  # (cloud, found): `Contents` of a report,
+    tile_contents: ClassVar[Callable]  # (catalog, told): and of one by tiles
 
     source: _options.InFiles
     target: _options.OutFiles
@@ -197,8 +200,8 @@ class CloudVerb:
         rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
         n_points, n_jobs = catalog.n_points, estimator.n_jobs
         xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
-        threads = {name: 1 for name in estimator.get_params() if name.endswith("n_jobs")}
-        warm_up(estimator.set_params(**threads, **self.dry_parameters(catalog)))
+        alone = {name: 1 for name in estimator.get_params() if name.endswith("n_jobs")}
+        warm_up(estimator.set_params(**alone, **self.dry_parameters(catalog)))
         if tiles:
             limit, point = self.memory or usual_memory(), bytes_of_point(estimator.fit, xyz)
             path = SensorPath(self.tile_options().get("sensor_origin"))

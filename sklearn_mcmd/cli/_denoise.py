@@ -31,7 +31,7 @@ PAPER = "paper"  # the level that is None in Python
 def _classes(text):
     """Classes, separated by commas."""
     try:
-        numbers = [int(part) for part in text.split(",")]
+        numbers: list = [int(part) for part in text.split(",")]
     except ValueError:
         numbers = [None]
     try:

@@ -43,9 +43,9 @@ def clear_exits(*, allow_coarse=False):
             _fail(f"{file}not enough memory; take fewer points or a smaller --n-neighbors")
         if isinstance(err, ValueError | OSError | ImportError):
             _fail(file + (_in_words(err) or type(err).__name__))
-        if _is_coarse(err):
+        if fact := _coarse_fact(err):
             _fail(
-                f"{file}{err.fact}. Write the file in double precision, as LAS, LAZ or text, or "
+                f"{file}{fact}. Write the file in double precision, as LAS, LAZ or text, or "
                 "subtract an offset where it is made; or give --allow-coarse"
             )
         raise
@@ -59,7 +59,7 @@ def _fail(message):
 def _wrong_parameter(err):
     """The same error with an option in place of a parameter of Python."""
     pattern = r"The '(\w+)' parameter of \w+ (must be .*)"
-    name, words = re.fullmatch(pattern, str(err), re.DOTALL).groups()
+    ((name, words),) = re.findall(pattern, str(err), re.DOTALL)
     words = re.sub(r"(, | or )(a str among \{.*?\}|None)", "", words)  # options are numbers
     return typer.BadParameter(words, param_hint=_option(name, None))
 
@@ -91,30 +91,35 @@ def _option(name, value):
     return words.get(name) or f"--{name.replace('_', '-').replace('=', ' ')}"
 
 
-def _is_coarse(warning):
-    return type(warning).__name__ == "CoarseCoordinatesWarning"
+def _coarse_fact(said):
+    """What a `CoarseCoordinatesWarning` says of the coordinates; "" of any other."""
+    return said.fact if type(said).__name__ == "CoarseCoordinatesWarning" else ""
+
+
+class _Shown:
+    """Shows each warning for users once, in one line, and keeps it in `told`, for `warned`."""
+
+    def __init__(self, allow_coarse):
+        self.allow_coarse, self.told = allow_coarse, []
+
+    def __call__(self, message, category, *args, **kwargs):
+        fact = _coarse_fact(message)
+        if fact and not self.allow_coarse:
+            raise message
+        text = _printable(" ".join((fact or _of_options(message)).split()))
+        if text not in self.told:
+            self.told.append(text)
+            typer.echo(f"mcmd: warning: {text}", err=True)
 
 
 @contextmanager
 def _plain_warnings(allow_coarse):
-    """Show each warning for users once, in one line, and keep it for `warned`."""
-    shown = []
-
-    def show(message, category, *args, **kwargs):
-        if _is_coarse(message) and not allow_coarse:
-            raise message
-        words = message.fact if _is_coarse(message) else _of_options(message)
-        text = _printable(" ".join(words.split()))
-        if text not in shown:
-            shown.append(text)
-            typer.echo(f"mcmd: warning: {text}", err=True)
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
         # Deprecations are for programmers, though some libraries derive them from UserWarning.
         warnings.simplefilter("ignore", DeprecationWarning)
-        warnings.showwarning, show.told = show, shown
+        warnings.showwarning = _Shown(allow_coarse)
         logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it tells where it keeps fonts
         yield
 
@@ -180,13 +185,13 @@ def _bars(title, console):
                     bars.update(task.id, note=told.stage or "")
                     return
                 name = f"{title}: {told.stage}"
-                if told.stage and (task is None or task.description != name):
+                if told.stage and task and task.description == name:
+                    done = max(task.completed, told.part)  # threads may be late
+                    bars.update(task.id, completed=done, note=told.note)
+                elif told.stage:
                     if task:
                         bars.update(task.id, completed=1.0, note="")
                     bars.add_task(name, total=1.0, note=told.note)
-                elif told.stage:
-                    done = max(task.completed, told.part)  # threads may be late
-                    bars.update(task.id, completed=done, note=told.note)
 
         yield hear
 

@@ -163,7 +163,7 @@ def command_of(kind, *, without=(), more=""):
     taken.sort(key=lambda one: (one.name not in ("source", "target"), one.name in shared))
     parameters = []
     for one in taken:
-        hint = one.type
+        hint: Any = one.type
         if one.metadata:
             hint = Annotated[hint, one.metadata["option"]]
         option = hint.__metadata__[0]
@@ -194,6 +194,6 @@ def command_of(kind, *, without=(), more=""):
 
     command.__name__ = kind.__name__.lower()
     command.__doc__ = f"{getdoc(kind)}\n{more}"
-    command.__signature__ = call
+    vars(command)["__signature__"] = call
     command.__annotations__ = {one.name: one.annotation for one in parameters}
     return command

@@ -166,7 +166,7 @@ class Plane:
             catalog = None
             if _files.is_several(self.source):
                 catalog = _files.catalog_of(self.source, self.columns)
-            outputs, sheets = ([], ()) if self.target is None else self._outputs(catalog)
+            outputs, sheets = self._outputs(catalog, self.target) if self.target else ([], ())
             cloud = self._read(catalog)
             with _files.working(self.source, "plane"):
                 _files.warn_if_coarse(cloud)
@@ -214,31 +214,31 @@ class Plane:
             )
         return fitted
 
-    def _outputs(self, catalog):
+    def _outputs(self, catalog, target):
         """Paths of the points, and of the text and the figure, after a trial of all.
 
         The figure is None where it cannot be drawn and nobody asked for it.
         """
         # Not OUT with .txt, which may be the name of a point file.
-        text = self.text or self.target.with_name(f"{self.target.stem}_report.txt")
-        plot = self.plot or self.target.with_name(f"{self.target.stem}_report.png")
+        text = self.text or target.with_name(f"{target.stem}_report.txt")
+        plot = self.plot or target.with_name(f"{target.stem}_report.png")
         if plot.suffix.lower() not in FIGURE_EXTENSIONS:
             raise typer.BadParameter(
                 f"{plot}: a figure ends in {', '.join(FIGURE_EXTENSIONS)}.", param_hint="--plot"
             )
-        taken = {os.path.realpath(self.source): "IN", os.path.realpath(self.target): "OUT"}
+        taken = {os.path.realpath(self.source): "IN", os.path.realpath(target): "OUT"}
         for name, path in (("--text", text), ("--plot", plot)):
             other = taken.setdefault(os.path.realpath(path), name)
             if other != name:
                 raise typer.BadParameter(f"{path} is {other} as well.", param_hint=name)
-        points = [self.target]
+        points = [target]
         if catalog is not None:
             from sklearn_mcmd.tiling._outputs import targets_of
 
-            points = targets_of(catalog, self.target)
+            points = targets_of(catalog, target)
         if self.no_clobber:
             _files.refuse_existing(*points, text, plot, report=self.report)
-        for path in (text,) if catalog is not None else (self.target, text):
+        for path in (text,) if catalog is not None else (target, text):
             with standing_in(path):
                 pass
         try:

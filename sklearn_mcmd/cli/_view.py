@@ -4,7 +4,7 @@ import time
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -80,9 +80,9 @@ class View:
                 clouds.append(_files.read_all(source, self.columns))
         only = self.only and [name.strip() for name in self.only.split(",") if name.strip()]
         names = [source.name for source in self.sources]
-        shown = {"color": self.color, "max_points": self.max_points, "title": self.title}
+        shown: dict[str, Any] = {"names": names, "only": only, "max_points": self.max_points}
         with progress_part(0.4, 0.97, "packing"):
-            return make_page(*clouds, names=names, only=only, **shown)
+            return make_page(*clouds, color=self.color, title=self.title, **shown)
 
     def _report(self, made, begin):
         size = self.output.stat().st_size
