@@ -212,5 +212,5 @@ class SpatialBlockSplit(BaseCrossValidator):
                 raise ValueError(f"{name}={value!r} must be an integer.")
             if value < least:
                 raise ValueError(f"{name}={value} is too few: at least {least} are needed.")
-            if value > most:
+            if int(value) > most:
                 raise ValueError(f"{name}={value} is too many for n_samples={n_samples}.")

@@ -173,8 +173,8 @@ class OutlierDisplay(CloudDisplay):
             return
         for name, (color, mask) in self._kinds().items():
             self._ax.scatter([], [], color=color, label=f"{name}: {np.count_nonzero(mask):,}")
-        place = {"loc": "upper left", "bbox_to_anchor": (1, 1)}  # beside the cloud
-        self._ax.legend(frameon=False, fontsize=9, **place)
+        beside = 1, 1  # the cloud
+        self._ax.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=beside)
 
 
 class NormalsDisplay(CloudDisplay):

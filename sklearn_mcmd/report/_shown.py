@@ -124,7 +124,8 @@ def _parts(paths):
 
 def _sample(paths, step, names):
     """Every so many-th point of files, with these attributes."""
-    xyz, columns, first = [], {name: [] for name in names}, 0
+    columns: dict[str, list] = {name: [] for name in names}
+    xyz, first = [], 0
     for part in _parts(paths):
         rows = slice((-first) % step, None, step)
         xyz.append(part.xyz[rows])

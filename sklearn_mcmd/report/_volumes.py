@@ -53,7 +53,8 @@ def lost_volumes(parts, n_points):
     removed. The order of points and parts does not matter.
     """
     step, limits = np.uint64(-(-n_points // SAMPLE)), VolumeLimits()
-    many, n_removed, samples = min(limits.many, limits.few * n_points), 0, ([], [])
+    many, n_removed = min(limits.many, limits.few * n_points), 0
+    samples: tuple[list, list] = ([], [])
     for xyz, removed in parts():
         n_removed += int(np.count_nonzero(removed))
         chosen = location_hashes(xyz) % step == 0

@@ -52,7 +52,7 @@ class NumberCode(NamedTuple):
 
     low: float
     step: float
-    center: float | None = None
+    center: float = 0.0
     width: float | None = None
 
     @classmethod
@@ -104,7 +104,7 @@ def plan_attributes(clouds, only=None):
         if any(codes is not None for codes in joined):
             name = free_name(name, {other for table in columns for other in table})
             sources.append(ColumnSource({"name": name, "kind": kind}, joined))
-    constants = [{} for _ in columns]
+    constants: list[dict] = [{} for _ in columns]
     for name in dict.fromkeys(name for table in columns for name in table):
         arrays = [table.get(name) for table in columns]
         value = _only_value(arrays)

@@ -270,7 +270,7 @@ def _pack(clouds, rows, only):
     missing = [name for name in missing if not any(is_wanted(s.info, {name}) for s in sources)]
     if missing:
         raise ValueError(f"no cloud has an attribute {', '.join(map(repr, missing))}")
-    told, blocks = [], []
+    told, blocks = [], list[bytes]()
     steps = [grid.encode(cloud.xyz) for cloud in clouds]
     for number, order in enumerate(rows):
         present = [i for i, source in enumerate(sources) if source.codes[number] is not None]
