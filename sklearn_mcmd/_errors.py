@@ -17,7 +17,7 @@ class _Message(Template):
     idpattern = "(?a:[_a-z][_a-z0-9]*=?)"
 
 
-class _Worded:
+class _Worded(Exception):
     """A message with ``$name`` for a parameter, or ``$name=`` before its value.
 
     ``$name`` of the `fields` shows the value itself, which may be worded differently: a row.

@@ -112,7 +112,7 @@ def _check_form(X, d, with_normals):
     if way is not None:
         kind = "structured array" if hasattr(X, "dtype") else type(X).__name__
         raise ParameterError(f"$X is a {kind}, not a table of numbers: give X{way}.")
-    shape = np.shape(X) if isinstance(X, list | tuple) else getattr(X, "shape", ())
+    shape: tuple = np.shape(X) if isinstance(X, list | tuple) else getattr(X, "shape", ())
     if len(shape) != 2:
         return
     wide = 1 < shape[0] < shape[1] > 3 and not with_normals

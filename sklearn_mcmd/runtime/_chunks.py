@@ -3,6 +3,7 @@
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import Context
+from functools import partial
 from threading import Lock
 
 import numpy as np
@@ -46,10 +47,11 @@ def ahead(items):
     """Each of some items, while a thread makes the next."""
     items, end, context = iter(items), object(), Context()
     context.run(works_for.set, caller())
+    take = partial(next, items, end)
     with ThreadPoolExecutor(1) as pool:
-        item = pool.submit(context.run, next, items, end)
+        item = pool.submit(context.run, take)
         while (made := item.result()) is not end:
-            item = pool.submit(context.run, next, items, end)
+            item = pool.submit(context.run, take)
             yield made
 
 

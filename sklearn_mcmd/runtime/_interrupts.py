@@ -71,9 +71,9 @@ def _raise_again(hook, unraisable):
     if unraisable.exc_type is not KeyboardInterrupt:
         hook(unraisable)
         return
-    send = signal.raise_signal
-    if hasattr(signal, "pthread_kill"):  # not on Windows
-        send = partial(signal.pthread_kill, threading.main_thread().ident)
+    send, main = signal.raise_signal, threading.main_thread().ident
+    if main is not None and hasattr(signal, "pthread_kill"):  # not on Windows
+        send = partial(signal.pthread_kill, main)
     again = threading.Timer(AGAIN_AFTER, send, (signal.SIGINT,))
     again.daemon = True
     again.start()

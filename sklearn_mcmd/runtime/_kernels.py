@@ -41,7 +41,7 @@ def kernel(function=None, *, allocates=False, **options):
     options |= {"forceinline": "fastmath" in options, "cache": is_kept and "cache" in options}
     compiled = njit(nogil=True, error_model="numpy", **options)(function)
     kept = getattr(compiled, "_cache", None)  # a plain function with NUMBA_DISABLE_JIT=1
-    if hasattr(kept, "_cache_file"):  # not where nothing is kept
+    if kept is not None and hasattr(kept, "_cache_file"):  # not where nothing is kept
         kept._cache_file._source_stamp = (kept._cache_file._source_stamp, _stamp())
         kept.load_overload = partial(_load_unless_damaged, kept, kept.load_overload)
     return compiled

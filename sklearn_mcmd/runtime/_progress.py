@@ -5,6 +5,7 @@ Estimators have no parameter for it: fitting does not depend on what is shown.
 
 import logging
 import sys
+from collections.abc import Callable
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -31,7 +32,7 @@ class Progress(NamedTuple):
 class Span:
     """A part of the whole work, from share `low` to share `high`, in a stage with its own ends."""
 
-    listener: object
+    listener: Callable
     low: float = 0.0
     high: float = 1.0
     stage: str = ""
