@@ -72,7 +72,7 @@ class TiledVerb(ABC):
     """
 
     task = "fit"  # which has done a tile that an earlier run had finished
-    names = ("results",)  # of the arrays of cells whose columns outputs are made of
+    names: Sequence[str] = ("results",)  # of arrays of cells, whose columns outputs are made of
     others: Sequence[Path] = ()  # files to write beside the outputs
     content: Sequence[str] = ()  # what distinguishes outputs of one estimator
     center: Sequence[float] | None = None  # the one position, if all were measured from there
@@ -130,7 +130,7 @@ class Results:
     def __init__(self, results, cells, names):
         self._results, self._cells, self._names = results, cells, names
         # Of each cell, the first result that was not taken, and the row of its point.
-        self._starts, self._rows = [0] * len(cells), [0] * len(cells)
+        self._starts, self._rows = [0] * len(cells), [0.0] * len(cells)
 
     def take(self, first, n, n_expected=None):
         """Results (n, n_columns) of points from the row `first` on; 0 or NaN of those without."""
@@ -187,7 +187,7 @@ def check_estimator(estimator, kind):
             f"{name} cannot work by tiles with n_neighbors=None: the whole cloud is one "
             "neighborhood."
         )
-    if np.ndim(getattr(estimator, "sensor_origin", None)) == 2:
+    if np.ndim(getattr(estimator, "sensor_origin", 0)) == 2:
         raise ValueError(
             "sensor_origin of an estimator is one position by tiles. For outliers and normals "
             "process_files takes positions of all points."

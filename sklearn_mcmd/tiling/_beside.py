@@ -6,6 +6,7 @@ Both are found while the inputs are read, and kept on disk in the order of the i
 import hashlib
 import os
 import warnings
+from typing import Any
 
 import numpy as np
 from sklearn.base import clone
@@ -53,22 +54,24 @@ class SensorPath:
     given. `costs` are bytes of each point, and why, as of `plan_run`.
     """
 
+    kind: str | None
+    given: Any
+
     def __init__(self, given):
         self._parts, self._n, self._sees = [], 0, False
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
-        if given is None:
-            self.kind, self.given, arrays = None, given, ()
-        elif isinstance(given, str):
+        self.kind, self.given, arrays = None, given, list[np.ndarray]()
+        if isinstance(given, str):
             if given != "auto":
                 raise ValueError(
                     f"sensor_origin={given!r} must be 'auto', a trajectory, or positions of all "
                     "points of the inputs."
                 )
-            self.kind, self.given, arrays = "angles", given, ()
+            self.kind = "angles"
         elif isinstance(given, tuple) and len(given) == 2:
             self.kind, self.given = "trajectory", trajectory_of(*given)
-            arrays = self.given
-        else:
+            arrays += self.given
+        elif given is not None:
             options = {"ensure_2d": False, "allow_nd": True, "input_name": "sensor_origin"}
             self.given = check_array(given, dtype=np.float64, **options)
             if self.given.ndim != 2 or self.given.shape[1] != 3:
@@ -76,11 +79,11 @@ class SensorPath:
                     f"sensor_origin of all points must have shape (n, 3), got {self.given.shape}; "
                     "give one position to the estimator."
                 )
-            self.kind, arrays = "positions", (self.given,)
+            self.kind, arrays = "positions", [self.given]
         self.moves, self.costs = self.kind is not None, COSTS[self.kind]
         content = hashlib.sha256(str(self.kind).encode())
         for values in arrays:
-            content.update(np.ascontiguousarray(values))
+            content.update(np.ascontiguousarray(values).data)
         self.key = content.hexdigest()
 
     def check(self, n_points):
@@ -211,15 +214,14 @@ def find_beams(cell, job):
     """The points of a cell whose beams cross other cells: these, ascending, and the points."""
     cells, xyz = job.cells, job.cells.points(cell)
     origins, rows = stored_origins(job.points), cells.rows(cell)
-    crossed, points = [np.empty(0, np.int32)], [np.empty(0, np.int64)]
+    parts = [(np.empty(0, np.int32), np.empty(0, np.int64))]
     for some in slices(len(xyz), BEAMS_AT_ONCE):
         starts, ends = origins[rows[some]], xyz[some]
         for other in range(len(cells)):
             if other != cell:
                 found = some.start + np.flatnonzero(_cross(starts, ends, *cells.extent(other)))
-                crossed.append(np.full(len(found), other, np.int32))
-                points.append(found)
-    crossed, points = np.concatenate(crossed), np.concatenate(points)
+                parts.append((np.full(len(found), other, np.int32), found))
+    crossed, points = map(np.concatenate, zip(*parts, strict=True))
     order = np.argsort(crossed, kind="stable")
     return {"crossed": crossed[order], "ends": points[order]}
 

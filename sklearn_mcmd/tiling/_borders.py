@@ -103,16 +103,16 @@ def join_regions(run, starts, sizes):
     ``starts[cell]`` is the number of its first region; `sizes` (n,) are the own points of all, and
     a region without any joins none.
     """
-    n, codes, shared = len(sizes), [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    n, pairs_of, counts_of = len(sizes), [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for cell, home, _, at, labels in _overlaps(run):
         theirs = run.results.mapped(home, "results")[at, 0].astype(np.int64)
         both = np.stack([starts[cell] + labels, starts[home] + theirs])
         one, other = np.sort(both[:, (labels >= 0) & (theirs >= 0)], axis=0)
         new, counts = np.unique(one * n + other, return_counts=True)
-        codes.append(new)
-        shared.append(counts)
-    codes, of = np.unique(np.concatenate(codes), return_inverse=True)
-    shared = np.bincount(of, np.concatenate(shared), len(codes))
+        pairs_of.append(new)
+        counts_of.append(counts)
+    codes, of = np.unique(np.concatenate(pairs_of), return_inverse=True)
+    shared = np.bincount(of, np.concatenate(counts_of), len(codes))
     pairs = np.stack(np.divmod(codes, max(n, 1)))
     # In the overlap of the cells of a pair, the points of the smaller one.
     cells = np.searchsorted(starts, pairs, side="right")
@@ -129,19 +129,19 @@ def _are_hardly_seen(run, starts, pairs, cells, shared):
     """Which pairs of regions, which share so many points, are not one. The cell of the one has
     another that touches it and shares more with the other, whose cell sees little of the one."""
     n, are = int(starts[-1]), np.zeros(len(shared), bool)
-    seen, touching = np.concatenate(list(run.found("seen"))), [np.empty((0, 2), np.int64)]
-    touching += [start + both for start, both in zip(starts, run.found("touching"), strict=False)]
-    touching = np.concatenate(touching) @ [n, 1]
+    seen, beside = np.concatenate(list(run.found("seen"))), [np.empty((0, 2), np.int64)]
+    beside += [start + both for start, both in zip(starts, run.found("touching"), strict=False)]
+    touching = np.concatenate(beside) @ [n, 1]
     for one, other in (0, 1), (1, 0):
         order = np.lexsort((-shared, cells[one], pairs[other]))
         name, group = pairs[one, order], pairs[other, order] * len(starts) + cells[one, order]
         little = shared[order] < LEAST_SEEN * seen[name]
         for lag in range(1, len(order)):
-            beside = little[lag:] & (group[lag:] == group[:-lag])
+            asked = little[lag:] & (group[lag:] == group[:-lag])
             if not (group[lag:] == group[:-lag]).any():
                 break
             codes = np.sort(np.stack([name[lag:], name[:-lag]]), axis=0).T @ [n, 1]
-            are[order[lag:][beside & np.isin(codes, touching)]] = True
+            are[order[lag:][asked & np.isin(codes, touching)]] = True
     return are
 
 

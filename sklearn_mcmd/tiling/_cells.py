@@ -6,6 +6,7 @@ are read only once. Each point is written about two and a half times.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -64,7 +65,7 @@ class CellWriter:
     def close(self):
         """Write what the cells are."""
         leaves = np.flatnonzero(self.counts)
-        stored = {
+        stored: dict[str, Any] = {
             "boxes": np.array(self.boxes)[leaves],
             "extents": np.array(self.extents)[leaves],
             "names": leaves,

@@ -46,7 +46,7 @@ class Part(NamedTuple):
     def of(cls, *columns):
         """Of columns in another order."""
         order = np.argsort(columns[1], kind="stable")
-        return cls(*(None if values is None else values[order] for values in columns))
+        return cls._make(None if values is None else values[order] for values in columns)
 
     def joined(self, xyz, rows, homes, at):
         """The part with some of more points: those that it has not, neighbors of none of the
@@ -58,7 +58,7 @@ class Part(NamedTuple):
 
     def taken(self, chosen):
         """Some of the points."""
-        return Part(*(None if values is None else values[chosen] for values in self))
+        return Part._make(None if values is None else values[chosen] for values in self)
 
     def proven(self, cloud, n_neighbors, hops, n_jobs):
         """Which of the own points have the results of the whole cloud: the neighbors of these are
@@ -121,8 +121,8 @@ def part_of_cell(cells, cell, n_neighbors, hops, width, usual):
         margin = min(2 * margin, length)
     places = rings.cloud.places
     ranges = None if rings.ranges is None else rings.ranges[places]
-    joined = zip((own_rows, own_homes, own_at), halo[1:], strict=True)
-    rows, homes, at = map(np.concatenate, joined)
+    own: tuple = own_rows, own_homes, own_at
+    rows, homes, at = map(np.concatenate, zip(own, halo[1:], strict=True))
     part = Part(xyz, rows, np.arange(len(xyz)) < n_own, homes, at, rings.reach[places], ranges)
     part = part.taken(rings.inside[places])
     return Part.of(*part)
@@ -157,7 +157,8 @@ class Rings:
             radius = seen_from(distances[:, -1], self.ranges, ring)
             self.reach[ring] = self.border[ring]
             known = radius < self.border[ring]  # of others, neighbors may be missing anyway
-            n_asked, n_incomplete = n_asked + len(ring), n_incomplete + np.count_nonzero(~known)
+            n_asked += len(ring)
+            n_incomplete += int(np.count_nonzero(~known))
             new = np.zeros(len(self.inside), bool)
             new[near[known]] = True
             ring = np.flatnonzero(new & ~self.inside)

@@ -15,24 +15,24 @@ CAPACITY = 250_000  # points of such a cell, at most
 BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
 
 
-class GroundWriter(CellWriter):
+class GroundWriter:
     """Scatters the points of the ground to cells in plan, with their heights as numbers."""
 
     def __init__(self, folder):
         (folder / GROUND).mkdir()
-        super().__init__(folder / GROUND, CAPACITY, dtype=np.float64)
+        self._cells = CellWriter(folder / GROUND, CAPACITY, dtype=np.float64)
 
     def take(self, cloud, chosen, path):
         """Take the ground of a part of the cloud."""
         xyz = cloud.xyz[ground_in(cloud)]
         if len(xyz):
-            self.add(flat(xyz), xyz[:, 2])
+            self._cells.add(flat(xyz), xyz[:, 2])
 
     def close(self, folder, path):
-        """As above; an error that names the path, if there is too little ground."""
+        """Write what the cells are; an error that names the path, if there is too little ground."""
         with one_clear_line(path, "read"):
-            check_ground(self.n_points)
-        super().close()
+            check_ground(self._cells.n_points)
+        self._cells.close()
 
 
 def flat(xyz):
@@ -47,7 +47,7 @@ def find_heights(cell, job, limits):
     xyz = job.cells.points(cell)
     away, near = _nearest_ground(Cells(job.points / GROUND), xyz)
     judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
-    found = {"n_judged": int(np.count_nonzero(judged))}
+    found: dict = {"n_judged": int(np.count_nonzero(judged))}
     found["depths"] = np.where(judged, 0.0, np.nan)[:, None]
     if limits.low_groups:
         depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]

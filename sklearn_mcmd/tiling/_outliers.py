@@ -1,5 +1,6 @@
 """Outliers of clouds larger than memory."""
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -45,7 +46,7 @@ AGAIN = "again"  # the task that finds scores without the rays that the first ha
 class TiledOutliers(TiledVerb):
     """Outliers; points without scores are kept."""
 
-    names = ("scores",)
+    names: Sequence[str] = ("scores",)
 
     def __init__(
         self,
@@ -85,8 +86,8 @@ class TiledOutliers(TiledVerb):
         # Cells find scores alone: which are outliers is decided for all of them.
         cutoffs = dict.fromkeys(("cutoff", "false_positive_rate", "contamination"))
         self.scoring = clone(self.detector).set_params(**cutoffs)
-        origin = None if self.detector.sensor_origin is None else "origin"
-        fitted = warm_up(clone(self.scoring).set_params(sensor_origin=origin))
+        seen_from = None if self.detector.sensor_origin is None else "origin"
+        fitted = warm_up(clone(self.scoring).set_params(sensor_origin=seen_from))
         given = self.detector.cutoff
         self.cutoff = -fitted.offset_ if given is None else float(given)
 
@@ -196,7 +197,7 @@ class TiledOutliers(TiledVerb):
         if self.detector.sensor_origin is None:
             return {}
         words = self.seen_as or SOURCES[self.sensor.kind]
-        positions = stored_origins(run.cells.folder) if self.sensor.moves else self.center[None]
+        positions = stored_origins(run.cells.folder) if self.sensor.moves else self.center
         where = place_words(positions, words) if self.by_rays else ""
         n = sum(n_by_rays(raised, self.cutoff) for raised in run.found("raised"))
         return rows_of_sensor(where, self.doubt, n)

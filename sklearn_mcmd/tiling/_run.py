@@ -182,13 +182,13 @@ def _put_in_cells(verb, catalog, folder, restart, memory, n_jobs, tile_size):
     inodes = [path.stat().st_ino for path in catalog.paths]  # of replaced files of equal stamps
     folder.begin(key_of(verb, catalog.paths, catalog.stamps, inodes, tile_size), restart)
     asked, known = (catalog.n_points, memory), folder.constants
-    whole, k = verb.sensor.costs, verb.n_neighbors
+    costs, k = (*verb.sensor.costs, verb.n_neighbors), verb.n_neighbors
     if known is not None:
-        return plan_run(*asked, n_jobs, known["tile_size"], known["point"], *whole, n_neighbors=k)
-    check_memory(*asked, least_bytes_of_point(k), *whole, n_neighbors=k)  # before it takes long
+        return plan_run(*asked, n_jobs, known["tile_size"], known["point"], *costs)
+    check_memory(*asked, least_bytes_of_point(k), *costs)  # before it takes long
     sample = Sample(verb, catalog)
     point = sample.bytes_of_point()
-    plan = plan_run(*asked, n_jobs, tile_size, point, *whole, n_neighbors=k)
+    plan = plan_run(*asked, n_jobs, tile_size, point, *costs)
     free, needed = shutil.disk_usage(folder.path).free, DISK_POINT * catalog.n_points
     if free < needed:
         raise PointFileError(

@@ -93,7 +93,8 @@ def compute_cells(task, cells, todo, n_workers):
     todo = sorted(todo, key=lambda cell: -cells.counts[cell])
     n_points = cells.n_points
     n_before = n_done = n_points - int(cells.counts[todo].sum())
-    begin, n_failed, kind = time.monotonic(), 0, TilingError
+    kind: type[Exception] = TilingError
+    begin, n_failed = time.monotonic(), 0
     # No more tasks are given than may run: dask has its own number of workers.
     work = Parallel(
         n_jobs=n_workers, pre_dispatch=n_workers, return_as="generator_unordered", batch_size=1
