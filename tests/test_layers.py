@@ -40,6 +40,14 @@ ROOMS = {
     "__main__": "cli",
 }
 ROOMS = {room: set(below.split()) for room, below in ROOMS.items()}
+# Lines of each room, and of what stands beside the package.
+LINES = {
+    **{"adjustment": 3938, "baselines": 1421, "cli": 2664, "datasets": 1637, "edges": 1029},
+    **{"io": 4119, "metrics": 320, "model_selection": 221, "normals": 1763, "outliers": 1976},
+    **{"planes": 5539, "plotting": 783, "report": 1215, "runtime": 483, "segmentation": 2281},
+    **{"sensors": 506, "tiling": 3257, "view": 790},
+    **{"benchmarks": 7431, "docs": 5804, "tests": 28200},
+}
 # Compiled functions are imported by strings.
 COMPILED = re.compile(r"\w+(\.\w+)*_numba")
 
@@ -84,6 +92,18 @@ def test_every_file_belongs_to_a_room():
 def test_no_file_has_more_than_500_lines():
     lines = {path: path.read_text(encoding="utf-8").count("\n") for path in ROOT.rglob("*.py")}
     assert {path.name: n for path, n in lines.items() if n > 500} == {}
+
+
+@pytest.mark.parametrize("room", LINES)
+def test_a_room_keeps_its_size(room):
+    """Who needs more than 3 % more changes the number in the same commit, and says why there."""
+    folder = ROOT / room if (ROOT / room).is_dir() else ROOT.parent / room
+    if not folder.is_dir():
+        pytest.skip("a checkout is needed")
+    paths = folder.glob("*.rst") if room == "docs" else folder.rglob("*.py")
+    texts = (path.read_text(encoding="utf-8") for path in paths)
+    n = sum(text.count("\n") for text in texts)
+    assert 0.9 * LINES[room] < n <= 1.03 * LINES[room]
 
 
 def test_no_two_rooms_import_each_other():
