@@ -2,6 +2,7 @@
 
 import gc
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -41,6 +42,12 @@ settings.register_profile("random", UNTIMED, derandomize=False, database=FOUND, 
 settings.load_profile("fixed")
 
 N_ROOM, N_STRAY = 900, 30
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+# WebGL in software, for machines without a graphics card.
+FLAGS = [
+    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
+    *("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
+]
 OF_ESTIMATORS = {
     *("baselines", "edges", "normals", "outliers", "planes", "properties", "segmentation"),
     "tiling",
@@ -166,3 +173,16 @@ def room_file(tmp_path, room):
     path = tmp_path / "room.laz"
     write_points(path, room)
     return path
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """A browser, if one is installed."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip("no Chromium is installed")
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=FLAGS)
+        yield browser
+        browser.close()

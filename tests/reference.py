@@ -27,11 +27,6 @@ def plane(points):
     return mean, eigenvalues, eigenvectors
 
 
-def pca_normal(X):
-    """The axis of least variance of the whole cloud, outliers and all."""
-    return np.linalg.eigh(np.cov(X.T))[1][:, 0]
-
-
 def rank(points):
     centered = points - points.mean(axis=0)
     singular = np.linalg.svd(centered, compute_uv=False)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from doc_blocks import blocks, run_console, run_python
-from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.cli import _messages
 from sklearn_mcmd.cli._demo import write_street
 from sklearn_mcmd.datasets import make_street
@@ -120,16 +119,6 @@ def test_the_blocks_of_a_page_run_and_print_what_it_shows(name, reader, street_x
             run_console(block)
         elif block.language == "python":
             run_python(block, names, after if after and after.language == "none" else None)
-
-
-def test_the_shares_that_the_first_scan_tells_in_words_are_right():
-    text = " ".join(PAGES["first_scan"].read_text("utf-8").split())
-    assert "a quarter of this street's outliers, and 8 % of them are found" in text
-    street = make_street(60_000, random_state=0)
-    mixed = street.outlier_kind == street.outlier_kind_names.index("mixed_pixel")
-    assert mixed.sum() / (street.target == -1).sum() == 0.25
-    labels = MCMDOutlierDetector(random_state=0).fit_predict(street.data.round(4))
-    assert round(100 * (labels[mixed] == -1).mean()) == 8
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -41,13 +41,6 @@ def check(X, estimator=ESTIMATORS[0]):
     return validate_points(estimator.__class__(**estimator.get_params(False)), X)
 
 
-@pytest.fixture
-def unheard():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        yield
-
-
 @each_estimator
 @pytest.mark.parametrize("n", [2, 3, 4, 6, 12])
 def test_coordinates_as_rows_are_asked_to_be_transposed(estimator, n):
@@ -72,7 +65,7 @@ def test_few_rows_of_three_columns_are_few_points(rows):
     assert len(BaardaPlaneDetector(sigma0=0.003).fit(FLOOR).predict(rows)) == len(rows)
 
 
-def test_columns_behind_the_coordinates_may_be_more_than_rows(unheard):
+def test_columns_behind_the_coordinates_may_be_more_than_rows():
     columns = RobustNormalEstimator(None, method="pca").fit_transform(FLOOR)[:11]
     growing = RegionGrowing(5, normals="precomputed", min_region_size=1)
     assert growing.fit(columns).n_regions_ >= 1
@@ -104,7 +97,7 @@ def test_what_holds_coordinates_in_another_form_is_named_with_the_way_to_them(
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])
-def test_columns_of_a_dataframe_may_have_any_name(library, unheard):
+def test_columns_of_a_dataframe_may_have_any_name(library):
     frames = pytest.importorskip(library)
     frame = frames.DataFrame(dict(zip(("xyz", "collect", "dtype"), FLOOR.T, strict=True)))
     assert check(frame).shape == FLOOR.shape
@@ -151,7 +144,7 @@ def test_an_estimator_of_clouds_warns_and_a_regression_does_not(estimator):
     ],
     ids=["3D", "4D", "exact", "6D", "few", "10D", "huge", "copies"],
 )
-def test_columns_that_fill_a_space_are_coordinates(X, unheard):
+def test_columns_that_fill_a_space_are_coordinates(X):
     check(X)
 
 
@@ -168,11 +161,11 @@ def test_names_beside_x_y_and_z_tell_what_is_no_coordinate(names):
 
 
 @pytest.mark.parametrize("names", ["w x y z", "x y z w", "x0 x1 x2 x3"])
-def test_names_of_coordinates_are_silent(names, unheard):
+def test_names_of_coordinates_are_silent(names):
     check(named(names.split(), SCENE if "w" in names else VOLUME))
 
 
-def test_the_last_name_tells_what_a_plane_of_a_regression_is_of(unheard):
+def test_the_last_name_tells_what_a_plane_of_a_regression_is_of():
     regression = BaardaPlaneDetector()
     check(named(["temperature", "x", "y", "z"]), regression)
     with pytest.raises(UserWarning, match="X has 4 columns"):

@@ -49,14 +49,6 @@ def test_the_local_level_counts_the_points_that_are_left(correction):
     assert_array_equal(detector.elimination_step_, expected)
 
 
-def test_labels_are_the_predictions_of_the_training_points():
-    for seed in range(20):
-        X = plane_with_outliers(100, 20, 5.0, seed)
-        for elimination in ("single", "all"):
-            detector = BaardaPlaneDetector(elimination=elimination).fit(X)
-            assert_array_equal(detector.labels_, detector.predict(X))
-
-
 def test_points_that_a_batch_removed_wrongly_come_back():
     X = plane_with_outliers(500, 100, 60.0, sigma=0.1)
     detector = BaardaPlaneDetector(0.15, correction="none", elimination="all").fit(X)

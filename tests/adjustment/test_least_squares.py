@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import reference_adjustment as reference
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, _least_squares
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
 from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
 
@@ -86,25 +86,6 @@ def test_a_constant_column_counts_for_nothing(value):
     plane = adjust_plane(X)
     assert plane.rank == 2
     assert abs(plane.coef[1]) < 1e-20  # a slope of any size would fit
-
-
-def test_chunks_don_t_change_the_plane(monkeypatch):
-    X, p = random_cloud(6, n=70, d=3)
-    whole = adjust_plane(X, p)
-    monkeypatch.setattr(_least_squares, "CHUNK", 13)
-    parts = adjust_plane(X, p)
-    assert_allclose(parts.coef, whole.coef, rtol=1e-12)
-    assert_allclose(parts.evaluate(X)[1], whole.evaluate(X)[1], rtol=1e-11)
-
-
-def test_an_orthogonal_plane_doesn_t_depend_on_the_frame():
-    rng = np.random.default_rng(8)
-    X = rng.normal(size=(80, 3)) * [10, 5, 0.1]
-    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    near = adjust_plane(X, surface="orthogonal").evaluate(X)
-    far = adjust_plane(X @ rotation.T + 50, surface="orthogonal").evaluate(X @ rotation.T + 50)
-    assert_allclose(np.abs(far[0]), np.abs(near[0]), atol=1e-12)
-    assert_allclose(far[1], near[1], rtol=1e-10)
 
 
 def test_squares_that_overflow_are_refused_with_a_remedy():

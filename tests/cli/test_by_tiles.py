@@ -147,15 +147,6 @@ def test_a_dry_run_plans_as_the_run_does(verb, options, source, tmp_path, monkey
     assert plans[0] == plans[1]
 
 
-@pytest.mark.parametrize("verb", RESULTS)
-def test_rays_without_a_return_are_left_out_by_tiles_too(tmp_path, verb):
-    xyz = street(8_000).xyz
-    xyz = np.round(xyz - xyz.mean(axis=0), 3)
-    xyz[::4] = 0.0
-    write_points(tmp_path / "in.las", xyz)
-    assert 5_500 < len(read_points(same_by_tiles(verb, tmp_path / "in.las"))) <= 6_000
-
-
 def test_too_little_memory_is_told_by_the_name_of_the_option(source, tmp_path):
     line = error_line(run("denoise", source, tmp_path / "b.laz", "--memory", "10MB"))
     assert "--memory 10MB is too little" in line

@@ -189,13 +189,6 @@ def test_tiles_refuse_too_many_neighbors_before_any_work(verb, tmp_path, small_m
     assert "is needed with --n-neighbors 4000" in told
 
 
-@pytest.mark.parametrize("verb", ["denoise", "normals", "segment"])
-def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(verb, room_file, tmp_path):
-    for name, n_jobs in (("a", 1), ("b", 2)):
-        run(verb, room_file, tmp_path / f"{name}.csv", "--n-jobs", n_jobs)
-    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
-
-
 def survey(path, names):
     rng = np.random.default_rng(0)
     table = np.c_[np.arange(200), rng.uniform(size=(200, 3)) * [9, 9, 0.01] + [5e6, 5e5, 90]]

@@ -213,32 +213,21 @@ def test_without_matplotlib_the_text_is_written_and_the_figure_named(
 
 ALONG = np.outer(np.linspace(0, 10, 500), [0.3, 0.4, 0.2])
 ALONG += np.array([512345, 5403210, 212])
-NO_PLANES = {
-    "one point": (ALONG[:1], "1 point is too few to test a plane in 3D"),
-    "two points": (ALONG[:2], "2 points is too few"),
-    "three points": (np.eye(3), "too few"),
-    "copies": (np.eye(3)[np.arange(500) % 3], "the cloud has 3 distinct points in 500 points"),
+NO_PLANES = {  # the detectors' own errors are in tests/adjustment
     "a line": (ALONG, "points of the cloud lie on one line"),
     "a line in millimeters": (np.round(ALONG, 3), "determine no plane"),
-    "a line with noise": (
-        ALONG + np.random.default_rng(0).normal(0, 0.004, (500, 3)),
-        "determine no plane",
-    ),
     "a box": (np.random.default_rng(0).uniform(0, 1, (500, 3)), "determine no plane"),
 }
 
 
 @pytest.mark.parametrize("kind", NO_PLANES)
-@pytest.mark.parametrize(
-    "options", [(), ("--surface", "vertical"), ("--method", "fuzzy"), ("--test", "tau")]
-)
+@pytest.mark.parametrize("options", [(), ("--method", "fuzzy")])
 def test_points_that_determine_no_plane_are_refused(kind, options, tmp_path):
     xyz, words = NO_PLANES[kind]
     write_points(tmp_path / "a.npy", PointCloud(xyz))
     result = run("plane", tmp_path / "a.npy", tmp_path / "out.csv", *options)
     line = error_line(result)
-    assert re.search("too few|does not determine|determine no plane", line)
-    assert options or words in line
+    assert words in line
     assert line.count("a.npy: ") == 1
     assert files_in(tmp_path) == ["a.npy"]
 
@@ -347,10 +336,3 @@ def test_a_fifth_of_outliers_raises_the_question_whether_it_is_one_plane(share, 
 @pytest.mark.parametrize("share", [0, 0.1, 0.18])
 def test_fewer_outliers_are_no_question(share, tmp_path):
     assert "is it one plane" not in done("plane", floor_and_wall(tmp_path, share)).stderr
-
-
-def test_a_wall_in_other_coordinates_does_not_overlap(wall, wall_file, tmp_path):
-    write_points(tmp_path / "b.npy", PointCloud(wall.xyz - wall.xyz[0]))
-    result = done("plane", wall_file, "--against", tmp_path / "b.npy")
-    assert "warning: The clouds do not overlap" in result.stderr
-    assert re.search(r"against +no overlap\n", result.stdout)

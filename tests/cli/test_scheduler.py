@@ -2,7 +2,6 @@
 
 import re
 import socket
-import sys
 from pathlib import Path
 
 import pytest
@@ -78,10 +77,3 @@ def test_a_scheduler_without_workers_is_said(source, tmp_path, monkeypatch):
         address = cluster.scheduler_address
         line = error_line(run("normals", source, tmp_path / "b.laz", "--scheduler", address))
     assert f"--scheduler {address}: has no workers" in line
-
-
-def test_without_the_library_its_installation_is_said(source, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    options = ("--scheduler", "tcp://127.0.0.1:1")
-    line = error_line(run("normals", source, tmp_path / "b.laz", *options))
-    assert "pip install distributed, or this package with its extra [dask]" in line

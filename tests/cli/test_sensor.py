@@ -94,21 +94,6 @@ def test_positions_that_a_file_states_are_used_where_points_look_measured_from_t
         assert words == "500, 0, 2 (pose of the scan)"
 
 
-@pytest.mark.parametrize("asked", [{"recognize": True}, {"sensor": "auto"}])
-def test_other_positions_that_a_file_states_are_not_used_and_the_line_says_so(setups, asked):
-    wrong = PointCloud(
-        setups.xyz, setups.attributes, {"sensor_origins": [[500, 0, 2], [530, 7, 0]]}
-    )
-    line = (
-        r"a\.e57: .* was from 500, 0, 0 to 530, 7, 2 \(poses of the scans\), but points of scan 2 "
-        r"do not look .* is not used; give --sensor X,Y,Z if it is right; --sensor none is"
-    )
-    with pytest.warns(UserWarning, match=line):
-        positions, words, doubt = told(wrong, **asked)
-    assert (positions, words) == (None, "")
-    assert doubt.startswith("the file says that the sensor was from")
-
-
 def test_the_first_ten_of_many_scans_that_speak_against_their_positions_are_named():
     turn = make_lidar_turn(1_000, random_state=0).data
     index = np.repeat(np.arange(13), len(turn))

@@ -6,10 +6,9 @@ from numpy.testing import assert_allclose
 
 from reference_edges import LiteralCreases
 from sklearn_mcmd import RobustNormalEstimator
-from sklearn_mcmd.edges._crease_distance import find_creases, give_planes
+from sklearn_mcmd.edges._crease_distance import find_creases
 from sklearn_mcmd.planes._columns import split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
 
 
 def fold(n, angle, noise, seed=0):
@@ -83,16 +82,6 @@ def test_distances_and_evidence_are_those_of_the_oracle(name):
     assert_allclose(distances, oracle.scores, rtol=1e-5)
 
 
-def test_a_sharp_fold_is_an_edge_and_a_rounded_one_and_a_pole_are_not():
-    def share(cloud):
-        return np.mean(fitted(*cloud, 40)[2] < 2)
-
-    # A band of four spacings, of 2 * 2 * 1.15 units for 2,000 points: 8 %.
-    assert 0.06 < share(fold(2_000, 60, 0.005)) < 0.11
-    assert share(rounded_fold(2_000, 0.002)) < 0.01
-    assert share(half_pole(2_000, 0.002)) < 0.02
-
-
 def test_noise_does_not_hide_a_blunt_fold():
     points, _ = fold(3_000, 40, 0)
     spacing = np.sqrt(4 / 3_000)
@@ -100,16 +89,3 @@ def test_noise_does_not_hide_a_blunt_fold():
     edge = np.abs(points[:, 0]) < spacing
     assert found[edge].mean() > 0.85
     assert found[np.abs(points[:, 0]) > 4 * spacing].mean() < 0.01
-
-
-@pytest.mark.parametrize("right", [0, 1])
-def test_the_plane_that_explains_a_point_is_given_whichever_row_it_is(right):
-    """The nearest neighbor's plane stands upright, a meter off."""
-    planes, other = Planes.empty(2, 3), 1 - right
-    planes.centroids[:], planes.scale[:], planes.radius[:], planes.spacing[:] = 0, 0.01, 2, 0.1
-    planes.kept[:], planes.normals[right], planes.normals[other] = 1, [0, 0, 1], [1, 0, 0]
-    around = Neighborhoods(np.array([[other, right]], np.int32), np.array([2]))
-    query = np.array([[1.0, 0, 0]])
-    assert give_planes(query, around, planes, np.array([True])).tolist() == [right]
-    planes.centroids[right] = [0, 0, 9]  # no plane reaches the point
-    assert give_planes(query, around, planes, np.array([True])).tolist() == [other]

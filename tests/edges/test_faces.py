@@ -1,12 +1,12 @@
-"""The plane that each point is given, and its noise: against planes that are known."""
+"""Which points are on a face, and which faces are flat: of planes that are known."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.edges._crease_distance import are_faces, find_creases, give_planes
+from sklearn_mcmd.edges._crease_distance import are_faces, find_creases
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Planes
 
 
 def planes_of(normals, levels, scale, radius=10.0, spacing=1.0, kept=1.0):
@@ -21,30 +21,7 @@ def planes_of(normals, levels, scale, radius=10.0, spacing=1.0, kept=1.0):
     return planes
 
 
-def given(query, planes):
-    """The normal of the plane that a query is given."""
-    n = len(planes.scale)
-    around = Neighborhoods(np.arange(n, dtype=np.int32)[None], np.array([n]))
-    owner = give_planes(np.array(query, float), around, planes, np.ones(n, bool))[0]
-    return planes.normals[owner]
-
-
-FLOOR, WALL = [0, 0, 1], [1, 0, 0]
-
-
-def test_of_two_planes_through_a_point_it_is_given_the_likelier():
-    # As near in standard deviations, but the wall is flatter; then the floor has more of its own.
-    planes = planes_of([FLOOR, WALL], [0, 0], [0.4, 0.1])
-    assert_array_equal(given([[0.1, 0, 0.4]], planes), WALL)
-    planes = planes_of([WALL, FLOOR], [0, 0], 0.1, kept=[0.5, 0.9])
-    assert_array_equal(given([[0, 0, 0]], planes), FLOOR)
-
-
-def test_a_plane_reaches_as_far_as_its_neighborhood():
-    planes = planes_of([FLOOR, WALL], [0, 0], 0.1, radius=[2.0, 10.0])
-    assert_array_equal(given([[3, 0, 0]], planes), WALL)
-    # What none reaches is given the nearest neighbor's.
-    assert_array_equal(given([[30, 0, 40]], planes), FLOOR)
+FLOOR = [0, 0, 1]
 
 
 @pytest.mark.parametrize("height", [2.7, 3.3, -3.3])

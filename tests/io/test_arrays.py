@@ -143,11 +143,6 @@ def test_tables_of_few_points_are_read(tmp_path, shape):
     assert len(read_points(tmp_path / "a.npy")) == shape[0]
 
 
-def test_a_table_of_three_rows_is_not_organized(tmp_path):
-    np.save(tmp_path / "a.npy", np.eye(3))
-    assert read_points(tmp_path / "a.npy").attributes == {}
-
-
 def test_a_name_that_the_archive_cuts_off_at_its_first_letter_is_read(tmp_path):
     np.savez(tmp_path / "a.npz", xyz=np.eye(3), **{"\x00\x1b": np.ones(3)})
     assert len(read_points(tmp_path / "a.npz")) == 3

@@ -1,4 +1,4 @@
-"""Which points are used, by their classes; and which noise lies lower than all around it."""
+"""Classes that are asked for, and which noise lies lower than all around it."""
 
 import numpy as np
 import pytest
@@ -9,28 +9,6 @@ from sklearn_mcmd.io._classes import Choice, noise_classes
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 
 RNG = np.random.default_rng(0)
-
-
-@pytest.fixture
-def classified():
-    classes = np.array([1, 2, 2, 6, 9, 2])
-    withheld = np.array([0, 0, 1, 0, 0, 0])
-    return PointCloud(
-        np.eye(3)[[0, 1, 2, 0, 1, 2]], {"classification": classes, "withheld": withheld}
-    )
-
-
-@pytest.mark.parametrize(
-    ("choice", "used"),
-    [
-        (Choice(), [1, 1, 0, 1, 1, 1]),
-        (Choice(ignored=(6, 9)), [1, 1, 0, 0, 0, 1]),
-        (Choice(only=(2, 6)), [0, 1, 0, 1, 0, 1]),
-        (Choice(ignored=(2,), only=(2, 6)), [0, 0, 0, 1, 0, 0]),
-    ],
-)
-def test_points_are_used_by_their_classes_unless_they_are_withheld(choice, used, classified):
-    assert_array_equal(choice.of(classified), np.array(used, bool))
 
 
 def test_a_cloud_without_classes_is_used_whole_unless_classes_are_asked_for():

@@ -116,10 +116,20 @@ BAD_TEXTS |= {
     f"sign{i}.csv": (text, f"line {line}: .* with a decimal {sign}, as those")
     for i, (text, line, sign) in enumerate(SIGNS)
 }
-DOUBTS = ['"345,678";"567,890";12', '345;567;12\n1;"-567,890";12', 'x;y;z;i\n1;2;3;"12,345"']
+DOUBTS = {  # by the line
+    1: [
+        '"345,678";"567,890";12',
+        "1,234 5,678 9,012\n234 5,678 1,012\n1,234 500 9,013",
+        "1,234 5,678 9,012\n1,234 5,679 9,012",
+        "1.5 2.5 3.5 1,234\n1.5 2.5 3.6 999",
+        "112,345  213,456\t100,123",
+    ],
+    2: ['345;567;12\n1;"-567,890";12', 'x;y;z;i\n1;2;3;"12,345"'],
+}
 BAD_TEXTS |= {
-    f"doubt{i}.csv": (text, f"line {1 + (i > 0)}: are there thousands or decimals")
-    for i, text in enumerate(DOUBTS)
+    f"doubt{line}{i}.csv": (text, f"line {line}: are there thousands or decimals")
+    for line, texts in DOUBTS.items()
+    for i, text in enumerate(texts)
 }
 
 

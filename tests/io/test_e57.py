@@ -79,9 +79,7 @@ def test_poses_that_one_scan_cannot_hold_are_named(tmp_path):
     assert np.isnan(read_points(tmp_path / "b.e57").metadata["sensor_origins"]).all()
     # Zeros are no pose without a grid.
     cloud = read_points(write_scans(tmp_path / "a.e57", posed((0, 0, 0))))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        write_points(tmp_path / "b.e57", cloud)
+    write_points(tmp_path / "b.e57", cloud)
 
 
 # ---- files that other programs write, and damaged ones ----------------------------------------

@@ -239,19 +239,3 @@ def test_samples_that_cannot_be_copied_are_not_promised(tmp_path, target):
     with pytest.warns(UserWarning, match="waveform samples .* are not copied"):
         write_points(tmp_path / target, cloud)
     assert struct.unpack_from("<Q", (tmp_path / target).read_bytes(), 227) == (0,)
-
-
-@pytest.mark.parametrize(
-    "name", ["autzen_trim/autzen_trim.laz", "jakarto_scanlines/test_0.02_seconde.las"]
-)
-def test_real_las_survives_with_results_added(shared_data, tmp_path, name):
-    cloud = read_points(shared_data / name)
-    score = np.linspace(0, 1, len(cloud), dtype=np.float32)
-    write_points(tmp_path / "a.laz", cloud.with_attributes(score=score))
-    before, after = laspy.read(shared_data / name), laspy.read(tmp_path / "a.laz")
-    for field in before.points.array.dtype.names:
-        assert_array_equal(after.points.array[field], before.points.array[field])
-    assert_array_equal(after["score"], score)
-    kept = [(v.user_id, v.record_id, v.record_data_bytes()) for v in before.vlrs]
-    now = [(v.user_id, v.record_id, v.record_data_bytes()) for v in after.vlrs]
-    assert [v for v in now if v in kept] == kept

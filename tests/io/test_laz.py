@@ -122,12 +122,6 @@ def test_a_chunk_of_many_equal_points_is_read(tmp_path, point_format):
     assert len(read_points(tmp_path / "a.laz")) == 300_000
 
 
-@pytest.mark.parametrize("name", ["autzen_trim/autzen_trim.laz", "laspy_plane_patch/plane.laz"])
-def test_real_files_read_as_laspy_reads_them(shared_data, name):
-    points = read_points(shared_data / name).metadata["las_points"]
-    assert points.tobytes() == laspy.read(shared_data / name).points.array.tobytes()
-
-
 # ---- damaged files -----------------------------------------------------------------------
 
 
@@ -288,16 +282,6 @@ def test_an_unknown_laszip_is_named(tmp_path):
     (tmp_path / "a.laz").write_bytes(content)
     with pytest.raises(PointFileError, match=r"by an unknown LASzip \(5.1\): item 10 .* version 7"):
         read_points(tmp_path / "a.laz")
-
-
-@pytest.mark.parametrize("point_format", [1, 6])
-def test_a_laz_of_a_flat_lattice_is_read(tmp_path, point_format):
-    """94 points a byte: no bound may be lower."""
-    las = las_of(point_format, n=1)
-    las.points = laspy.ScaleAwarePointRecord.zeros(300_000, header=las.header)
-    las.X, las.Y = np.divmod(np.arange(300_000), 500)
-    (tmp_path / "a.laz").write_bytes(laz_of(las, chunk_size=300_000))
-    assert len(read_points(tmp_path / "a.laz")) == 300_000
 
 
 # ---- writing -----------------------------------------------------------------------------

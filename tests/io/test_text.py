@@ -100,6 +100,23 @@ TABLES = [
     ('"452348,901";"567,890";12', "452348.901 567.89 12"),
     ('"0,125";"567,890";12', "0.125 567.89 12"),
     ('"5,411,234";"1.5";12', "5411234 1.5 12"),
+    # Decimal commas between blanks.
+    (
+        "412003,216 5280003,232 430,001 50\n1,5 2,5 3 7",
+        "412003.216 5280003.232 430.001 50, 1.5 2.5 3 7",
+    ),
+    ("1 2,5 3\n4,5 5 6", "1 2.5 3, 4.5 5 6"),
+    ("1 2 3\n4,5 5 6", "1 2 3, 4.5 5 6"),
+    ("# x y z i\n1,5 2,5 3,5 0.5", "1.5 2.5 3.5 0.5"),
+    ("-1,5e2 +2,5 0,5\n0 1 2", "-150 2.5 0.5, 0 1 2"),
+    ("1,234.5 2,345.5 3,456.7", "1234.5 2345.5 3456.7"),
+    # Commas between columns.
+    ("1, 2, 3\n4, 5, 6", "1 2 3, 4 5 6"),
+    ("1 ,2 ,3", "1 2 3"),
+    ("1.5,2.5,3.5", "1.5 2.5 3.5"),
+    ("x,y,z,a,b,c\n7,016,8,32,9,5", "7 16 8 32 9 5"),
+    ("7,216,8,032,9,007", "7 216 8 32 9 7"),
+    ("12,045,088,255,128,064", "12 45 88 255 128 64"),
     # Counts begin scans, which get a number.
     ("0\n1\n1 2 3\n\n0\n2\n1 2 3\n4 5 6 # last\n# end\n", "1 2 3 1, 1 2 3 3, 4 5 6 3"),
 ]
@@ -110,46 +127,6 @@ TABLES = [
 def test_numbers_of_many_programs_are_read(tmp_path, monkeypatch, text, table, separator):
     found = same_by_parts(tmp_path, monkeypatch, text.replace(";", separator))[1]
     assert_array_equal(found, [list(map(float, row.split())) for row in table.split(",")])
-
-
-@pytest.mark.parametrize(
-    ("text", "table"),
-    [
-        (
-            "412003,216 5280003,232 430,001 50\n1,5 2,5 3 7",
-            "412003.216 5280003.232 430.001 50, 1.5 2.5 3 7",
-        ),
-        ("1 2,5 3\n4,5 5 6", "1 2.5 3, 4.5 5 6"),
-        ("1 2 3\n4,5 5 6", "1 2 3, 4.5 5 6"),
-        ("# x y z i\n1,5 2,5 3,5 0.5", "1.5 2.5 3.5 0.5"),
-        ("-1,5e2 +2,5 0,5\n0 1 2", "-150 2.5 0.5, 0 1 2"),
-        ("1,234.5 2,345.5 3,456.7", "1234.5 2345.5 3456.7"),
-        # Commas between columns.
-        ("1, 2, 3\n4, 5, 6", "1 2 3, 4 5 6"),
-        ("1 ,2 ,3", "1 2 3"),
-        ("1.5,2.5,3.5", "1.5 2.5 3.5"),
-        ("x,y,z,a,b,c\n7,016,8,32,9,5", "7 16 8 32 9 5"),
-        ("7,216,8,032,9,007", "7 216 8 32 9 7"),
-        ("12,045,088,255,128,064", "12 45 88 255 128 64"),
-    ],
-)
-def test_decimal_commas_between_blanks_are_read(tmp_path, monkeypatch, text, table):
-    found = same_by_parts(tmp_path, monkeypatch, text)[1]
-    assert_array_equal(found, [list(map(float, row.split())) for row in table.split(",")])
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "1,234 5,678 9,012\n234 5,678 1,012\n1,234 500 9,013",
-        "1,234 5,678 9,012\n1,234 5,679 9,012",
-        "1.5 2.5 3.5 1,234\n1.5 2.5 3.6 999",
-        "112,345  213,456\t100,123",
-    ],
-)
-def test_commas_between_blanks_that_may_stand_between_thousands_are_refused(tmp_path, text):
-    with pytest.raises(PointFileError, match=r"line 1: are there thousands or decimals"):
-        read(tmp_path, text)
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])

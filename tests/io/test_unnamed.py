@@ -133,15 +133,6 @@ def test_who_says_which_columns_are_coordinates_is_believed(tmp_path, names, com
     assert_array_equal(read_points(path, columns=columns).xyz, np.c_[NUMBERS, FLOOR][:, :3])
 
 
-@pytest.mark.parametrize("columns", [{"x": 1, "y": 2, "z": 3}, {"x": 2, "y": 3, "z": 4}])
-def test_the_remedies_help(tmp_path, columns):
-    table = np.c_[NUMBERS, FLOOR]
-    path = write(tmp_path / "a.txt", table, "%.18g")
-    assert_array_equal(
-        read_points(path, columns=columns).xyz, table[:, np.subtract([*columns.values()], 1)]
-    )
-
-
 @pytest.mark.parametrize("names", ["", "x y z " + " ".join("abcdefghijk")])
 def test_a_text_with_a_row_of_each_coordinate_is_refused(tmp_path, names):
     np.savetxt(tmp_path / "a.txt", R.random((3, 14)), header=names, comments="")

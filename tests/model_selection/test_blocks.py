@@ -39,15 +39,6 @@ def test_a_test_point_finds_all_its_neighbors_among_the_training_points(street):
         assert_allclose(found, expected[test], rtol=1e-12)
 
 
-def test_mcmd_scores_a_block_as_in_the_whole_cloud(street):
-    X, _ = street
-    # By own planes; surfaces and groups reach farther than to the neighbors.
-    detector = MCMDOutlierDetector(30, strictness=None, random_state=0)
-    expected = detector.fit(X).score_samples(X)
-    for train, test in SpatialBlockSplit(3, n_neighbors=30, random_state=0).split(X):
-        assert_allclose(detector.fit(X[train]).score_samples(X[test]), expected[test], rtol=1e-9)
-
-
 def test_with_three_rings_the_default_judges_a_block_nearly_as_in_the_whole_cloud():
     X = make_street(3000, random_state=0).data
     detector = MCMDOutlierDetector(30, random_state=0)

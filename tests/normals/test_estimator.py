@@ -48,17 +48,6 @@ def test_pca_is_principal_components_of_each_neighborhood(street):
     assert_array_equal(estimator.removed_fraction_, 0)
 
 
-def test_robust_normals_are_closer_to_the_truth_than_pca(street):
-    good = (street.target == 1) & np.isfinite(street.normals).all(axis=1)
-    errors = {}
-    for method in ("pca", "mcmd_z", "mcmd_md"):
-        normals = RobustNormalEstimator(30, method=method, random_state=0).fit(street.data).normals_
-        errors[method] = bias_angle(normals[good], street.normals[good])
-    for method in ("mcmd_z", "mcmd_md"):
-        assert np.mean(errors[method] < 10) > np.mean(errors["pca"] < 10) + 0.1
-        assert np.median(errors[method]) < np.median(errors["pca"])
-
-
 def test_float32_at_national_grid_coordinates_warns(street):
     moved = (street.data + GRID).astype(np.float32)
     with pytest.warns(UserWarning, match="float32. rounds coordinates as large as 5,4"):

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from reference import plane, saliency
+from reference import plane
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.normals._features import OF_PLANES, check_features, feature_columns
-from sklearn_mcmd.planes._consistent_set import draw_trials, n_trials_needed
 
 NAMES = list(OF_PLANES)  # those of curvatures are tested in test_curvature.py
 
@@ -49,18 +48,6 @@ def test_features_are_those_of_principal_components_taken_literally(n):
         mean, eigenvalues, axes = plane(X[nearest])
         for name, value in features_of(X[i], mean, eigenvalues, axes[:, 0]).items():
             assert_allclose(columns[name][i], value, rtol=1e-6, atol=1e-9, err_msg=name)
-
-
-@pytest.mark.parametrize("n", [400, 3000])
-def test_robust_features_are_those_of_algorithm_4_taken_literally(n):
-    X = make_street(n, random_state=2).data
-    columns = columns_of(X, "all", n_neighbors=30, reweight=False, max_outlier_rate=0.2)
-    trials = draw_trials(n_trials_needed(0.2, 0.9999, 3), 30, random_state=0)
-    for i in range(0, 60, 3):
-        _, normal, eigenvalues = saliency(X, X[i], 30, trials, 15, "mcmd_z", 2.5)
-        expected = features_of(X[i], X[i], eigenvalues, normal)
-        for name in expected.keys() - {"roughness"}:
-            assert_allclose(columns[name][i], expected[name], rtol=1e-6, atol=1e-9, err_msg=name)
 
 
 def test_features_agree_with_pgeof(street):

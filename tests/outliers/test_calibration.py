@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
@@ -108,13 +108,6 @@ def test_few_points_ask_for_a_larger_cutoff_than_the_normal_law():
     # Of a normal variable 1 % is beyond 2.576; the scale of 3,000 points is known to 1.3 %.
     assert_allclose(-many.offset_, 2.576, rtol=0.05)
     assert few.offset_ < 1.2 * many.offset_
-
-
-def test_a_lower_rate_has_a_larger_cutoff_on_the_same_planes():
-    X = plane(1500, 0.2, seed=2)
-    often, seldom = (detector(rate, n_neighbors=20).fit(X) for rate in (0.1, 0.01))
-    assert seldom.offset_ < often.offset_
-    assert_array_equal(seldom.scores_, often.scores_)
 
 
 def test_the_cutoff_does_not_depend_on_units():

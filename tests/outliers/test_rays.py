@@ -5,12 +5,9 @@ import pickle
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from sklearn import config_context
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import FunctionTransformer
 
 from benchmarks.simulators import make_mobile_scan
-from outliers.test_ray_evidence import FORM, grazed_ground, sheet_at_an_edge
+from outliers.test_ray_evidence import FORM, sheet_at_an_edge
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.report._outliers_page import reasons_of
@@ -83,15 +80,6 @@ def test_sheets_are_told_as_the_reason(street):
     turn = np.vstack([room(), [[3.0, 1.0, 0.5]]])
     (reason,) = reasons_of(detector(sensor_origin="origin").fit(turn), [len(turn) - 1])
     assert reason.startswith("single point")
-
-
-def test_rough_ground_that_beams_graze_goes_on_and_is_no_sheet():
-    """Its ranges scatter by as many steps as those of mixed pixels."""
-    X, sensor = grazed_ground(np.random.default_rng(0))
-    told = MCMDOutlierDetector(**FORM).fit(X, sensor_origin=sensor)
-    assert (told._cloud.rays.scatter > 3).mean() > 0.5
-    assert told.on_surface_.mean() > 0.99
-    assert (told.scores_ < -3).mean() < 0.01
 
 
 def test_a_position_on_the_ground_is_doubted_and_that_of_the_scanner_is_not(street):
@@ -212,16 +200,6 @@ def test_a_point_so_near_to_the_sensor_that_squares_vanish_is_where_the_sensor_i
         for origin in ([0.0, 0, 0], [1e-200, 0, 0])
     )
     assert_array_equal(at, beside)
-
-
-def test_it_passes_through_a_pipeline(snowed):
-    X = snowed[0][::4]  # its rows are in no order
-    expected = detector().fit_predict(X, sensor_origin=np.zeros_like(X))
-    with config_context(enable_metadata_routing=True):
-        asking = detector().set_fit_request(sensor_origin=True)
-        pipeline = make_pipeline(FunctionTransformer(), asking)
-        pipeline.fit(X, sensor_origin=np.zeros_like(X))
-    assert_array_equal(pipeline.predict(X), expected)
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,12 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import split_columns
 
 
+@pytest.mark.parametrize("features", [None, "all"])
 @pytest.mark.parametrize("d", [2, 3, 4])
-def test_columns_tell_how_many_dimensions_there_are(d):
+def test_columns_tell_how_many_dimensions_there_are(d, features):
     rng = np.random.default_rng(0)
     X = rng.uniform(size=(60, d)) * [*([1] * (d - 1)), 0.01]
-    estimator = RobustNormalEstimator(20, max_outlier_rate=0.1, random_state=0)
+    estimator = RobustNormalEstimator(20, features=features, max_outlier_rate=0.1, random_state=0)
     columns = split_columns(estimator.fit_transform(X))
     np.testing.assert_array_equal(columns.coordinates, X)
     np.testing.assert_array_equal(columns.normals, estimator.normals_)

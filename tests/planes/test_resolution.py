@@ -82,12 +82,6 @@ def test_a_plane_rounded_to_centimeters_is_not_full_of_outliers(method):
     assert (labels[:20] == -1).all()
 
 
-def test_the_real_plane_in_centimeters_is_kept(shared_data):
-    with np.load(shared_data / "laspy_plane_patch" / "cloud.npz") as arrays:
-        X = arrays["xyz"]
-    assert (MCMDOutlierDetector(random_state=0, n_jobs=2).fit_predict(X) == -1).mean() < 0.01
-
-
 NATIONAL, FAR = np.array([[400_000.0, 5_700_000.0, 100.0], [400_000.0, 9_000_000.0, 100.0]])
 
 

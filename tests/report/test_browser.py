@@ -1,7 +1,6 @@
 """Reports in a browser: no error, no request, no script, and nothing wider than a phone."""
 
 import os
-import shutil
 import socket
 from contextlib import contextmanager, suppress
 
@@ -11,10 +10,8 @@ import pytest
 from commands import done
 from sklearn_mcmd.io import PointCloud, write_points
 
-playwright = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.slow
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 VERBS = ("denoise", "normals", "segment", "edges", "plane")
 EVIL = "<script>window.ran = alert(1)</script>"
 # What a page must not do even if markup came into it: run scripts, and ask for anything.
@@ -33,17 +30,6 @@ ASKING = """(url) => {
     document.body.append(image, form);
     form.submit();
 }"""
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip("no Chromium is installed")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")

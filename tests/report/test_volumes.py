@@ -90,17 +90,6 @@ def test_small_tiles_of_real_surveys_are_told_where_a_tenth_together_is_lost(sha
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("share", "speaks"), [(1.0, False), (0.1, True)])
-def test_thinned_vegetation_is_told_and_that_of_a_whole_village_is_not(shared_data, share, speaks):
-    with np.load(shared_data / "ign_village" / "cloud.npz") as arrays:
-        xyz, classes = arrays["xyz"], arrays["classification"]
-    plants = np.isin(classes, [3, 4, 5])
-    xyz = xyz[~plants | (np.random.default_rng(0).random(len(xyz)) < share)]
-    found = MCMDOutlierDetector(random_state=0, n_jobs=2).fit_predict(xyz) < 0
-    assert bool(lost_volumes(lambda: [(xyz, found)], len(xyz))) == speaks
-
-
-@pytest.mark.slow
 def test_simulated_errors_in_real_clouds_are_single(shared_data, monkeypatch):
     monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
     from _real_clouds import inject, load_clouds

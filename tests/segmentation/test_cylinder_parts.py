@@ -130,21 +130,3 @@ def test_regions_do_not_depend_on_pose_unit_order_or_threads():
     moved[:, 7:10] *= scale**2
     moved[:, 10:] *= scale
     assert_array_equal(grown(moved), labels)
-
-
-@pytest.mark.slow
-def test_posts_of_scenes_are_found():
-    names = ("shelter_post_1", "shelter_post_2", "light_pole", "bin", "trunk")
-    found = {True: 0, False: 0}
-    for seed in range(4):
-        scene = make_bus_stop(random_state=seed)
-        X = columns(scene.data)
-        for join in found:
-            labels = grown(X, *["join_curved"] * (not join))
-            for name in names:
-                mask = scene.surface == list(scene.surface_names).index(name)
-                label = np.bincount(labels[mask & (labels >= 0)]).argmax()
-                union = np.count_nonzero(mask | (labels == label))
-                found[join] += np.count_nonzero(mask & (labels == label)) > 0.75 * union
-    assert found[False] < 8
-    assert found[True] >= 18  # of twenty

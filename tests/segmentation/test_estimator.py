@@ -8,10 +8,8 @@ from sklearn.metrics import adjusted_rand_score
 from sklearn.pipeline import make_pipeline
 
 from benchmarks.simulators import make_bus_stop, make_traffic_furniture
-from growth import fitted_without, grown_without
 from sklearn_mcmd import RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.io import read_points
 
 N_STRAY = 9  # fewer than make a region
 
@@ -52,16 +50,6 @@ def test_curved_surfaces_stay_whole(noise):
     labels = RegionGrowing(random_state=0).fit_predict(X)
     assert set(labels) == {0, 1}
     assert adjusted_rand_score(np.repeat([0, 1], 4000), labels) == 1.0
-
-
-@pytest.mark.slow
-def test_division_mends_what_planes_across_a_sparse_kerb_lead_over_it():
-    # A kerb of 2.3 spacings: some planes that its points are given run across its edges.
-    scene = make_traffic_furniture(20_000, random_state=0)
-    columns = RobustNormalEstimator(random_state=0).fit_transform(scene.data)
-    grown, divided = (grown_without(columns, *steps) for steps in (["divide_at_creases"], []))
-    assert adjusted_rand_score(scene.surface, grown) < 0.5
-    assert adjusted_rand_score(scene.surface, divided) > 0.97
 
 
 @pytest.mark.parametrize("make", [make_bus_stop, make_street, make_traffic_furniture])
@@ -155,47 +143,6 @@ def test_stray_points_belong_to_no_region(street):
     assert (labels[:-N_STRAY] == -1).mean() < 0.01
 
 
-def test_the_rest_is_assigned_to_planes_that_pass_it(street):
-    X, _ = street
-    # Points next to an edge that borrow their face's plane are in its region already.
-    columns = RobustNormalEstimator(neighbor_planes=False, random_state=0).fit_transform(X)
-    left = grown_without(columns, "join_coplanar", "assign_unlabeled")
-    labels = grown_without(columns, "join_coplanar")
-    whole = (left >= 0) & (np.bincount(left + 1) > 30)[left + 1]  # fragments go as a whole
-    assert_array_equal(labels[whole], left[whole])
-    rest = np.flatnonzero((left < 0) & (labels >= 0))
-    assert len(rest) > 20
-    height = [0.0, 0.2]  # of road and footpath; noise is 2 mm, the limit about three of it
-    floors = [labels[np.abs(columns[:, 2] - h) < 0.002] for h in height]
-    n_assigned = 0
-    for h, region in zip(height, [np.bincount(f[f >= 0]).argmax() for f in floors], strict=True):
-        mine = rest[labels[rest] == region]
-        n_assigned += len(mine)
-        assert np.abs(columns[mine, 2] - h).max(initial=0.0) < 0.012
-    assert n_assigned > 5
-
-
-def test_a_given_distance_limits_what_joins_a_region():
-    rng = np.random.default_rng(0)
-    X = rng.uniform(0, 1, (3000, 3)) * [1, 1, 0] + rng.normal(0, 0.003, (3000, 3))
-    labels = RegionGrowing(max_distance=0.003, random_state=0).fit_predict(X)
-    height = np.abs(X[:, 2])
-    # The best of some twenty local planes is within 5 mm of the true one, at the rim too.
-    assert (height > 0.0085).sum() > 10
-    assert (labels[height > 0.0085] == -1).all()
-    assert (labels[height < 0.001] == 0).all()
-
-
-def test_a_given_gap_parts_what_is_farther_apart():
-    rng = np.random.default_rng(0)
-    X = rng.uniform(0, 1, (3000, 3)) * [1, 1, 0]
-    X = X[np.abs(X[:, 0] - 0.5) > 0.02]  # a slit of 4 cm, the spacing is 2 cm
-    X += rng.normal(0, 0.001, X.shape)
-    for gap, n_regions in ((0.035, 2), (0.1, 1)):
-        growing = fitted_without(X, "join_coplanar", n_neighbors=60, max_gap=gap)
-        assert growing.n_regions_ == n_regions
-
-
 # ---- Attributes ------------------------------------------------------------------------------
 
 
@@ -232,18 +179,6 @@ def test_a_pipeline_and_a_nested_estimator_give_the_same(street):
     assert_array_equal(pipeline.fit_predict(X), nested.labels_)
     assert not hasattr(normals, "normals_")  # it was cloned
     assert_array_equal(nested.normal_estimator_.normals_.shape, X.shape)
-
-
-def test_columns_in_two_dimensions_with_features_are_not_taken_for_three():
-    rng = np.random.default_rng(0)
-    side, noise = rng.integers(2, size=800), rng.normal(0, 0.002, (800, 2))
-    X = rng.uniform(0, 1, (800, 2)) * np.column_stack([side, 1 - side]) + noise
-    normals = RobustNormalEstimator(20, features="all", random_state=0)
-    columns = normals.fit_transform(X)
-    assert columns.shape[1] >= 10
-    growing = RegionGrowing(normals="precomputed").fit(columns)
-    assert growing.region_normals_.shape[1] == 2
-    assert adjusted_rand_score(side, growing.labels_) > 0.9
 
 
 def test_float32_columns_are_taken(street):
@@ -283,14 +218,12 @@ def test_parameters_out_of_range_are_refused_by_name(params, message):
         RegionGrowing(**params).fit(np.eye(5))
 
 
-def test_missing_values_and_too_few_points_are_refused(street):
+def test_missing_values_of_columns_are_refused(street):
     _, columns = street
     holes = columns.copy()
     holes[3, 4] = np.nan
     with pytest.raises(ValueError, match="NaN"):
         RegionGrowing(normals="precomputed").fit(holes)
-    with pytest.raises(ValueError, match="n_samples=3 is too few"):
-        RegionGrowing().fit(np.eye(3))
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
@@ -298,23 +231,3 @@ def test_a_handful_of_precomputed_points_gets_an_answer(street, n):
     labels = RegionGrowing(normals="precomputed", min_region_size=1).fit_predict(street[1][:n])
     assert labels.shape == (n,)
     assert labels.min() >= 0
-
-
-# ---- Real clouds -----------------------------------------------------------------------------
-
-
-def test_a_scanned_plane_in_centimeters_is_one_region(shared_data):
-    with np.load(shared_data / "laspy_plane_patch" / "cloud.npz") as arrays:
-        X = arrays["xyz"][::2]
-    growing = RegionGrowing(random_state=0).fit(X)
-    assert growing.region_sizes_[0] > 0.98 * len(X)
-
-
-def test_regions_of_an_airborne_tile_are_the_same_minus_whole_meters(shared_data):
-    pytest.importorskip("laspy")
-    X = read_points(shared_data / "ahn3_amsterdam_2397" / "ahn_2397_9705.laz").xyz
-    X = X[np.argsort(np.linalg.norm(X - X[0], axis=1), kind="stable")[:12_000]]
-    labels, moved = (
-        RegionGrowing(random_state=0).fit_predict(Y) for Y in (X, X - np.floor(X.min(axis=0)))
-    )
-    assert_array_equal(labels, moved)

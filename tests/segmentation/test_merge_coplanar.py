@@ -139,22 +139,6 @@ def test_a_small_part_in_two_planes_is_no_bridge_between_them():
     assert joined[-1] in (joined[0], joined[800])
 
 
-@pytest.mark.parametrize(("joined", "n_regions"), [(True, 4), (False, 5)])
-def test_a_wall_that_a_projecting_part_cuts_is_one_region_or_two(joined, n_regions):
-    """A pilaster .3 wide and .3 deep cuts a wall of 3 by 1; its three faces are regions each."""
-    rng = np.random.default_rng(0)
-    boxes = (0.0, 1.35, 0.0, 0.0), (1.65, 3.0, 0.0, 0.0), (1.35, 1.65, -0.3, 0.0)
-    X, part = walls(rng, *boxes)
-    for i, x in enumerate((1.35, 1.65), 3):
-        side = np.column_stack([np.full(900, x), rng.uniform(-0.3, 0, 900), rng.uniform(0, 1, 900)])
-        X = np.vstack([X, side + rng.normal(0, 0.003, side.shape)])
-        part = np.append(part, np.full(900, i))
-    found = fitted_without(X, *["join_coplanar"] * (not joined))
-    assert found.n_regions_ == n_regions
-    wall = np.where(part == 1, 0, part) if joined else part
-    assert adjusted_rand_score(wall, found.labels_) > 0.97
-
-
 @pytest.mark.parametrize("few", [1, 7, 10_000])
 def test_gaps_are_those_of_the_nearest_points(few, monkeypatch):
     monkeypatch.setattr(_merge_coplanar, "FEW", few)

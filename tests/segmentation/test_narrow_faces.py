@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
-from benchmarks.simulators import make_bus_stop
 from growth import grown_without
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import segmentation_scores
@@ -44,12 +43,6 @@ def test_most_kerbs_three_points_high_are_found():
         assert outcomes(part, grown(X, "find_narrow_faces"))[KERB] != "proper"
         n_found += outcomes(part, grown(X)) == ["proper"] * 3
     assert n_found >= 3
-
-
-def test_kerbs_of_the_bus_stop_are_found():
-    scene = make_bus_stop(random_state=0)
-    scores = segmentation_scores(scene.surface, grown(columns(scene.data)))
-    assert scores.surface_outcomes[scene.surface_names.index("kerb")] == "proper"
 
 
 def test_a_volume_on_a_plane_is_no_face():

@@ -291,15 +291,6 @@ def test_narrow_patches_join_no_groups_that_wide_ones_part():
     assert not mixed.any()
 
 
-def test_strips_are_the_same_in_parts(monkeypatch):
-    """There are three of them."""
-    X, _ = roof(3000, 30, 0.1)
-    expected = RegionGrowing(random_state=0).fit_predict(X)
-    monkeypatch.setattr("sklearn_mcmd.segmentation._region_division.CHUNK", 2)
-    assert_array_equal(RegionGrowing(random_state=0).fit_predict(X), expected)
-    assert expected.max() == 1
-
-
 def test_points_beside_a_crease_are_on_its_sides():
     """Without strips a face's points are those of its cells, which lie across the ridge."""
     X, side = roof(3000, 30, 0.1)

@@ -42,20 +42,6 @@ def test_the_order_of_points_changes_no_bit(cloud):
             assert_array_equal(first, other)
 
 
-def test_moments_are_those_of_each_region(cloud):
-    points, labels, _ = cloud
-    found = region_moments(points, labels, N_REGIONS)
-    for region in range(N_REGIONS):
-        own = points[labels == region]
-        assert found.sizes[region] == len(own)
-        if not len(own):
-            continue
-        assert_allclose(found.centroids[region], own.mean(axis=0), rtol=1e-15)
-        gaps = own - own.mean(axis=0)
-        expected = gaps.T @ gaps / len(own)
-        assert_allclose(found.covariances[region], expected, atol=1e-12 * expected.max())
-
-
 def test_copies_count_as_often_as_they_are_there(cloud):
     points, labels, _ = cloud
     weights = np.arange(len(labels)) % 5 + 1

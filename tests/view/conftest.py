@@ -1,7 +1,5 @@
 """A scan on a page, and the page in a browser."""
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -9,25 +7,7 @@ from pages import Tab
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.plotting import view
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-# WebGL in software, for machines without a graphics card.
-FLAGS = [
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
-    *("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
-]
 N = 100_000
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip("no Chromium is installed")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")
