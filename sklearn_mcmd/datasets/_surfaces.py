@@ -15,10 +15,12 @@ scene is a list of parts (`benchmarks/simulators` has more of them):
   the background may start, as seen from a viewpoint.
 """
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 
 
-class Flat:
+class Flat(ABC):
     """What flat parts have in common; ``_aside(flat)`` is the distance of points (n, 2) of the
     plane that are not on the part to it. Those with straight edges have `edges` and `border`."""
 
@@ -27,9 +29,9 @@ class Flat:
     edges: np.ndarray  # sharp ones, as segments (m, 2, 2) in the plane
     border: np.ndarray  # all, as these
 
+    @abstractmethod
     def _contains(self, flat):
         """Which of points (n, 2) of the plane are on the part."""
-        raise NotImplementedError
 
     @property
     def outline_length(self):
@@ -236,14 +238,14 @@ class Cylinder:
         return np.mod(np.arctan2(second, first), 2 * np.pi) <= self.arc
 
 
-class Soft:
+class Soft(ABC):
     """Parts without a surface, in which rays end by chance."""
 
     outline_length = 0.0
 
+    @abstractmethod
     def scatter(self, origin, ends, rng):
         """Where segments end: as `hit`, but by chance."""
-        raise NotImplementedError
 
     def normals(self, points):
         return np.full((len(points), 3), np.nan)

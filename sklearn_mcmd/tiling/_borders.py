@@ -13,7 +13,6 @@ from sklearn_mcmd.runtime._chunks import slices
 LEAST_SHARED = 10  # points that regions of two cells share at least, if they are one,
 LEAST_SHARE = 0.7  # and this share of the smaller one's points in the overlap
 LEAST_SEEN = 0.25  # share of a region that another cell sees, if it is to join what touches there
-TOUCHING = 12  # neighbors of a point, among which are those of regions that touch its own
 SMOOTH = 0.9  # cosine between normals of neighbors that are of one smooth part, at least
 
 AT_ONCE = 100_000  # points whose neighbors are asked for at once
@@ -27,7 +26,7 @@ def sides_in_overlap(part, fitted, cloud):
     points and of those of others, heights of parts, and pairs of them with a cosine of normals.
     """
     n, k = len(cloud.points), min(TreeLimits().n_neighbors, len(cloud.points))
-    own, normals = np.unique(cloud.places[part.own]), fitted.normals_[cloud.rows]
+    own, normals = distinct_numbers(cloud.places[part.own]), fitted.normals_[cloud.rows]
     near = np.concatenate([cloud.neighbors(rows, k, 0) for rows in slices(n, AT_ONCE)])[own]
     ends = spanning_forest(normals, cloud.points, np.repeat(own, k), near.ravel())
     bent = np.abs(np.einsum("ij,ij->i", *(normals[end] for end in ends))) < SMOOTH
@@ -137,11 +136,11 @@ def _are_hardly_seen(run, starts, pairs, cells, shared):
         name, group = pairs[one, order], pairs[other, order] * len(starts) + cells[one, order]
         little = shared[order] < LEAST_SEEN * seen[name]
         for lag in range(1, len(order)):
-            asked = little[lag:] & (group[lag:] == group[:-lag])
-            if not (group[lag:] == group[:-lag]).any():
+            alike = group[lag:] == group[:-lag]  # the stronger ones before it
+            if not alike.any():
                 break
             codes = np.sort(np.stack([name[lag:], name[:-lag]]), axis=0).T @ [n, 1]
-            are[order[lag:][asked & np.isin(codes, touching)]] = True
+            are[order[lag:][little[lag:] & alike & np.isin(codes, touching)]] = True
     return are
 
 
@@ -149,7 +148,7 @@ def touching_regions(cloud, labels):
     """Pairs (m, 2) of labels of neighbors, the smaller first; -1 is no label."""
     of, codes = np.full(len(cloud.points), -1, np.int64), [np.empty(0, np.int64)]
     of[cloud.places] = labels
-    k, n = min(TOUCHING, len(of)), int(labels.max(initial=-1)) + 1
+    k, n = min(TreeLimits().n_neighbors, len(of)), int(labels.max(initial=-1)) + 1
     for rows in slices(len(of), AT_ONCE):
         near = of[cloud.neighbors(rows, k, 0)]
         less, more = np.minimum(near[:, :1], near), np.maximum(near[:, :1], near)

@@ -19,7 +19,9 @@ HOPS = 5  # of planes: neighbors agree on them in two, then noise, bends and edg
 HOPS_OF_SIZES = 17  # where noise decides how many neighbors each has
 HOPS_MORE = 1  # of outliers, regions and edges: planes explain points, are linked, and meet
 WIDTH = 5.0  # of outliers and regions: groups have gaps, and what regions of two cells share tells
-BLOCK = 256  # places in succession of which it is known in which others they have neighbors
+# Of so many places in succession, or of as many as make so many blocks, it is known in which others
+# they have neighbors: finer takes more memory, coarser more time.
+BLOCK, BLOCKS = 256, 4096
 
 
 class HaloLimits(NamedTuple):
@@ -67,21 +69,22 @@ class Part(NamedTuple):
         n, k = len(cloud.points), min(n_neighbors, len(cloud.points))
         doubtful, reach = np.zeros(n, bool), self.reach[cloud.rows]
         ranges = None if self.ranges is None else self.ranges[cloud.rows]
-        size, n_blocks = part_size(k), -(-n // BLOCK)
+        size, block = part_size(k), max(BLOCK, -(-n // BLOCKS))
+        n_blocks = -(-n // block)
         asks = np.zeros((n_blocks, n_blocks), bool)  # which blocks have neighbors in which
 
         def measure(rows):
             near = cloud.neighbors(rows, k, k)
             radius = np.linalg.norm(cloud.points[near[:, -1]] - cloud.points[rows], axis=1)
             doubtful[rows] = seen_from(radius, ranges, rows) >= reach[rows]
-            asks[np.arange(rows.start, rows.stop)[:, None] // BLOCK, near // BLOCK] = True
+            asks[np.arange(rows.start, rows.stop)[:, None] // block, near // block] = True
 
         each_slice(n, size, measure, n_jobs)
         new = doubtful
         for _ in range(hops):
             hit, before = np.zeros(n_blocks, bool), doubtful.copy()
-            hit[np.flatnonzero(new) // BLOCK] = True
-            asking = np.repeat(asks[:, hit].any(axis=1), BLOCK)[:n] & ~before
+            hit[np.flatnonzero(new) // block] = True
+            asking = np.repeat(asks[:, hit].any(axis=1), block)[:n] & ~before
             rows = np.flatnonzero(asking)
 
             def spread(some, rows=rows, before=before):

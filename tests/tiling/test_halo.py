@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from benchmarks.simulators import make_lidar_turn
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
+from sklearn_mcmd.tiling import _halo
 from sklearn_mcmd.tiling._cells import Cells, CellWriter, Levels
 from sklearn_mcmd.tiling._halo import part_of_cell
 
@@ -111,3 +112,14 @@ def test_levels_of_parts_are_those_of_all_values_with_their_counts():
     for part in np.split(values, [300, 310, 600]):
         levels.add(*np.unique(part, return_counts=True))
     assert_array_equal(levels.merged(), np.unique(values, return_counts=True))
+
+
+def test_a_proof_in_coarse_blocks_is_that_in_fine_ones(tmp_path, monkeypatch):
+    """As those of large cells are, whose fine ones would take the square of their number."""
+    cells = cells_of(tmp_path, CLOUDS["street"]())
+    part = part_of_cell(cells, 2, K, HOPS, 0.0, 0.01)
+    monkeypatch.setattr(_halo, "BLOCK", 4)
+    fine = part.proven(IndexedCloud(part.xyz), K, HOPS, 1)
+    monkeypatch.setattr(_halo, "BLOCKS", 3)
+    assert_array_equal(part.proven(IndexedCloud(part.xyz), K, HOPS, 1), fine)
+    assert 0 < np.count_nonzero(~fine) < len(fine)

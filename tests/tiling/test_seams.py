@@ -1,4 +1,4 @@
-"""Results of cells beside those of memory: what differs at seams is less than what chance does."""
+"""Results of cells beside those of memory: how little differs at seams."""
 
 import numpy as np
 import pytest
