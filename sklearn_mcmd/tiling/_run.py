@@ -218,10 +218,11 @@ class Sample:
             raise PointFileError(
                 f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
             )
+        self._distinct = np.unique(self.xyz, axis=0)
 
     def usual(self):
         """How far the last of the neighbors of a point is; of 95 % of points it is nearer."""
-        xyz = np.unique(self.xyz, axis=0)
+        xyz = self._distinct
         if len(xyz) < 2:
             return 0.0
         some, k = xyz[:: -(-len(xyz) // SAMPLE)], min(self._verb.n_neighbors, len(xyz))
@@ -231,7 +232,7 @@ class Sample:
 
     def bytes_of_point(self):
         """As of `plan_run`."""
-        k, xyz = self._verb.n_neighbors, np.unique(self.xyz, axis=0)
+        k, xyz = self._verb.n_neighbors, self._distinct
         with warnings.catch_warnings(), progress_part(0.0, 0.0):
             warnings.simplefilter("ignore")
             # As many points as neighbors are too few where some are copies.
