@@ -272,16 +272,16 @@ def judged_points(source, cloud, choice, above=None, below=None, low_groups=Fals
     """The `Judged` points of a cloud; errors name its source."""
     from sklearn_mcmd.io._ground import NONE_JUDGED, HeightRange, ground_of, heights_over_ground
 
+    limits = HeightRange.of(above, below, low_groups)
     with one_clear_line(source, "read"):
         used, ground = choice.of(cloud), None
         if used is None:
             used = np.ones(len(cloud), bool)
         judged = used
-        if low_groups or above is not None or below is not None:
+        if limits is not None:
             ground = ground_of(cloud)
-        if above is not None or below is not None:
-            heights = heights_over_ground(cloud.xyz, ground)
-            judged = used & HeightRange(above, below).judged(heights)
+            if (above, below) != (None, None):
+                judged = used & limits.judged(heights_over_ground(cloud.xyz, ground))
         if not judged.any():
             raise PointFileError(NONE_JUDGED)
     return Judged(used, judged, ground)

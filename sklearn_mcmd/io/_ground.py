@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.io._classes import GROUND, classes_of, ground_in
 from sklearn_mcmd.io._point_cloud import PointFileError
 
@@ -35,7 +36,7 @@ class HeightRange(NamedTuple):
                 raise ValueError(f"{name}={value!r} must be a finite number, or None.")
         above, below = (None if value is None else float(value) for value in (above, below))
         if above is not None and below is not None and above >= below:
-            raise ValueError(f"above={above:g} must be less than below={below:g}.")
+            raise ParameterError(f"$above={above:g} must be less than $below={below:g}.")
         limits = cls(above, below, bool(low_groups))
         return None if limits == cls() else limits
 

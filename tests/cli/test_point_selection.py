@@ -143,6 +143,13 @@ def test_heights_without_ground_are_refused_by_tiles(small_machine, site, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["site.las"]
 
 
+@pytest.mark.parametrize("memory", [(), ("--memory", "3MB")])
+def test_heights_that_exclude_each_other_are_refused(small_machine, site, tmp_path, memory):
+    limits = "--above", 3, "--below", 1
+    line = error_line(run("denoise", site, tmp_path / "b.las", *limits, *memory))
+    assert "--above 3 must be less than --below 1" in line
+
+
 def test_classes_are_asked_of_files_that_have_them(room_file, tmp_path):
     line = error_line(run("denoise", room_file, tmp_path / "b.csv", "--above", 2))
     assert "fewer than 3 points have the class 2" in line
