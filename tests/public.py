@@ -26,7 +26,7 @@ NOISE = 0.004  # standard deviation of both clouds, in their unit
 LENGTH_PARAMETERS = {"sigma0", "noise_scale", "radius", "max_distance", "max_gap"}
 # What is a length, an area, a direction (of either sign) or a place. All else has no unit.
 LENGTHS = {"plane_offset_", "plane_scale_", "region_errors_", "sigma0_"}
-LENGTHS |= {"form_.noise", "form_.bow", "form_.bow_deviation"}
+LENGTHS |= {"form_.noise", "form_.bow", "form_.alike_deviation"}
 AREAS = {"eigenvalues_", "variance_factor_", "variance_factor_initial_"}
 DIRECTIONS = {"normals_", "normal_", "region_normals_"}
 PLACES = {"region_centroids_"}

@@ -128,8 +128,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
     def precision(self, variance: Variance = "posterior") -> PlanePrecision:
         """Covariance and standard errors of normal, distance, slopes, tilt and its direction.
 
-        Noise that is alike nearby tilts and moves a plane as much as it bows it. If the points show
-        such noise (`form_`), the scale is that of their bows with its few degrees of freedom. What
+        Noise that is alike nearby tilts and moves a plane as much as it bows it, and noise that is
+        alike along rows or columns of a scan as much as these differ. If the points show such noise
+        (`form_`), the scale is that of their bows or strips, with its few degrees of freedom. What
         is smooth over the whole plane, registration and calibration are in no residual, and in no
         error.
 
@@ -213,7 +214,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
     def _scale_by(self, variance):
         """Standard deviation of unit weight and its degrees of freedom."""
         if variance == "posterior" and self.form_.is_alike(self._fitted.scale):
-            return self.form_.bow_deviation, self.form_.n_bows
+            return self.form_.alike_deviation, self.form_.alike_dof
         if variance != "prior":
             return self._fitted.scale, self.dof_
         if self.sigma0 == "auto" and self.test_ != "w":
@@ -304,7 +305,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         if not support.all():
             X, weights = X[support], weights if weights is None else weights[support]
         places, residuals = (X - plane.center) @ axes, (X - plane.center) @ plane.direction
-        self.form_ = form_of(places, residuals, weights)
+        self.form_ = form_of(places, residuals, weights, rises=axes[-1])
         middle = plane.center + axes @ (places.min(axis=0) + places.max(axis=0)) / 2
         if self.surface == "vertical":
             middle[-1] -= plane.evaluate(middle[None])[0][0]

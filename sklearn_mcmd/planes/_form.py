@@ -1,15 +1,16 @@
 """What a plane leaves of its points: is their noise alike nearby, how do they bow?
 
-Independent noise shows neither in means of cells nor in bows. What is alike nearby, such as an
-uneven surface or what a scanner does over some of its range, shows in both, and moves and tilts the
-plane as much as it bows it.
+Independent noise shows neither in means of cells or strips nor in bows. What is alike nearby, such
+as an uneven surface or what a scanner does over some of its range, shows in cells and bows, and
+moves and tilts the plane as much as it bows it. What is alike along a row or a column of a scan
+averages out in cells and in most bows, but not in strips.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import eigh
-from scipy.special import fdtrc
+from scipy.special import fdtrc, stdtrit
 
 from sklearn_mcmd.runtime._chunks import slices
 
@@ -23,7 +24,9 @@ class FormLimits(NamedTuple):
     """When the errors of a plane are those of its bows."""
 
     halvings: int = 4  # of a plane into cells, 16 that are compact and hold as many points each
-    chance: float = 0.25  # of their means, from which on the noise counts as independent
+    strips: tuple[int, int] = (8, 16)  # across a plane, which hold as many points each
+    # Of means of cells, and of all strips together, from which on the noise counts as independent.
+    chance: float = 0.25
 
 
 class PlaneForm(NamedTuple):
@@ -43,8 +46,10 @@ class PlaneForm(NamedTuple):
     bow : float
         Of the surface of second degree that fits the points best, from its lowest to its highest
         place beside the plane; nan where there is no F.
-    bow_deviation, n_bows : float, int
-        Standard deviation of unit weight that bows show, and number of these: three in space.
+    alike_deviation, alike_dof : float, int
+        Standard deviation of unit weight that noise alike nearby shows, of the bows or of the means
+        of strips, whichever make errors largest, and its degrees of freedom: three of the bows in
+        space, 6 of 8 strips, 14 of 16; 0 where there is no such noise.
     """
 
     n_cells: int
@@ -54,12 +59,12 @@ class PlaneForm(NamedTuple):
     noise_dof: int
     noise: float
     bow: float
-    bow_deviation: float
-    n_bows: int
+    alike_deviation: float
+    alike_dof: int
 
     def is_alike(self, scale: float) -> bool:
-        """Whether bows show noise that is alike nearby, more than this standard deviation."""
-        return self.pvalue < FormLimits().chance and self.bow_deviation > scale
+        """Whether there is noise that is alike nearby, more than this standard deviation."""
+        return self.alike_deviation > scale
 
 
 class Cells(NamedTuple):
@@ -119,34 +124,92 @@ def planes_of(cells, places, residuals, weights, noise):
     return heights, cofactors + 1 / cells.weights[of_point]
 
 
-def form_of(places, residuals, weights=None):
+def form_of(places, residuals, weights=None, rises=None):
     """The `PlaneForm` of residuals from a least-squares plane, at places (n, k) in it, as lengths
-    along its axes, with positive weights."""
+    along its axes, with positive weights; `rises` (k,) tell how steeply the axes rise in space."""
     unit = np.sqrt(np.mean(places**2, axis=0))
     unit[unit == 0] = 1.0
     cells = cells_of(places, residuals, weights)
-    root = np.sqrt(cells.weights)
-    means, design = root * cells.residuals, root[:, None] * _with_one(cells.places / unit)
-    tilts, _, rank, _ = np.linalg.lstsq(design, means)
-    dof, noise_dof = len(root) - int(rank), len(places) - len(root)
+    between, dof = _unevenness(cells.weights, cells.places / unit, cells.residuals)
+    noise_dof = len(places) - len(cells.weights)
     # Cells that cannot test many regressors need none of their many bows.
     bow, explained, n_bows, squares = _bows(places / unit, residuals, weights, dof > 0)
-    between, within = np.sum((means - design @ tilts) ** 2), squares - means @ means
-    statistic = pvalue = np.nan
-    if dof and noise_dof and within > RANK_TOLERANCE * squares:
-        statistic = between / dof / (within / noise_dof)
-        pvalue = fdtrc(dof, noise_dof, statistic)
+    within = squares - cells.weights @ cells.residuals**2
+    noise = float(np.sqrt(max(within, 0.0) / max(noise_dof, 1)))
+    statistic, pvalue = _ratio(between, dof, within, noise_dof, squares)
+    alike = []
+    if pvalue < FormLimits().chance:
+        alike.append((float(np.sqrt(explained / max(n_bows, 1))), n_bows))
+    if np.isfinite(pvalue):
+        alike += _alike_in_strips(places, residuals, weights, squares, rises)
+    alike = [one for one in alike if one[0] > noise]
+    deviation, alike_dof = max(alike, key=_half_width, default=(0.0, 0))
     return PlaneForm(
-        n_cells=len(root),
+        n_cells=len(cells.weights),
         statistic=float(statistic),
         pvalue=float(pvalue),
         dof=dof,
         noise_dof=noise_dof,
-        noise=float(np.sqrt(max(within, 0.0) / max(noise_dof, 1))),
+        noise=noise,
         bow=bow,
-        bow_deviation=float(np.sqrt(explained / max(n_bows, 1))),
-        n_bows=n_bows,
+        alike_deviation=deviation,
+        alike_dof=alike_dof,
     )
+
+
+def _half_width(deviation_and_dof):
+    """Of a 95 % band."""
+    deviation, dof = deviation_and_dof
+    return deviation * stdtrit(dof, 0.975)
+
+
+def _unevenness(weights, places, residuals):
+    """Squares that means of parts leave of their own plane, and their degrees of freedom."""
+    root = np.sqrt(weights)
+    means, design = root * residuals, root[:, None] * _with_one(places)
+    tilts, _, rank, _ = np.linalg.lstsq(design, means)
+    return np.sum((means - design @ tilts) ** 2), len(root) - int(rank)
+
+
+def _ratio(between, dof, within, noise_dof, squares):
+    """F of means of parts and of the noise inside of them, and its probability; nan for none."""
+    if not dof or not noise_dof or within <= RANK_TOLERANCE * squares:
+        return np.nan, np.nan
+    statistic = between / dof / (within / noise_dof)
+    return statistic, fdtrc(dof, noise_dof, statistic)
+
+
+def _alike_in_strips(places, residuals, weights, squares, rises):
+    """Standard deviations of unit weight and degrees of freedom of the means of strips that show
+    noise alike along these.
+
+    Strips lie across the axes, and across the level line and the line of fall: a scanner's rows and
+    columns follow these, or the longer side of what it passes.
+    """
+    lines, limits, alike = np.eye(places.shape[1]), FormLimits(), []
+    if rises is not None and len(rises) == 2 and (length := np.linalg.norm(rises)) > 0:
+        fall = rises / length
+        lines = np.vstack([lines, fall, [-fall[1], fall[0]]])
+    # All tests together find it in independent noise with this chance, at most (Bonferroni).
+    chance = limits.chance / (len(lines) * len(limits.strips))
+    weighted = np.ones(len(places)) if weights is None else weights
+    for line in lines:
+        along = places @ line
+        order = np.argsort(along, kind="stable")
+        for n_strips in limits.strips:
+            if len(places) < 2 * n_strips:
+                continue
+            of_point = np.empty(len(places), np.intp)
+            of_point[order] = np.arange(len(places)) * n_strips // len(places)
+            total = np.bincount(of_point, weighted)
+            centers, means = (
+                np.bincount(of_point, weighted * values) / total for values in (along, residuals)
+            )
+            between, dof = _unevenness(total, centers[:, None] / (np.ptp(along) or 1.0), means)
+            within = squares - total @ means**2
+            if _ratio(between, dof, within, len(places) - n_strips, squares)[1] < chance:
+                alike.append((float(np.sqrt(between / dof)), dof))
+    return alike
 
 
 def _bows(places, residuals, weights, tested):

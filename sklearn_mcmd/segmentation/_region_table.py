@@ -40,10 +40,10 @@ def region_table(points, labels, around, moments):
         own["kind"] = "plane" if flat[region] else "curved"
         local = points[group]
         local -= own["centroid"]
-        places, heights = local @ frame_of(own["normal"]).T, local @ own["normal"]
+        places = local @ frame_of(own["normal"]).T
         own["area"], own["outline"] = outline_of(places, own["centroid"], own["normal"])
-        enlarge_errors(own, local @ axes[region][:, 1:], heights, noise[region])
-        del local, places, heights  # of the largest region these take the most memory
+        enlarge_errors(own, local, axes[region], noise[region])
+        del local, places  # of the largest region these take the most memory
         if len(group) >= least_size and not thin[region]:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
             left = np.sqrt(total / (len(group) - N_PARAMETERS))
@@ -86,14 +86,15 @@ def are_flat(moments, usual, reach):
     return flat | (own_noise(covariances, reach) > 0)
 
 
-def enlarge_errors(row, places, heights, noise, each=1.0):
-    """Enlarge the errors of a row by as much more as bows are than even noise, where they show that
-    noise is alike nearby. Each of the points stands for so many, with this noise."""
-    form = form_of(places, heights)
+def enlarge_errors(row, local, axes, noise, each=1.0):
+    """Enlarge the errors of a row by as much more as bows or strips are than even noise, where they
+    show that noise is alike nearby. Points are `local` to the centroid, of principal axes, the
+    normal first; each stands for so many, with this noise."""
+    form = form_of(local @ axes[:, 1:], local @ row["normal"], rises=axes[2, 1:])
     if noise > 0 and form.is_alike(noise / np.sqrt(each)):
-        # Errors of which 1.96 hold 95 %, though few bows tell them.
-        student = student_factors(np.array([form.n_bows]), 2)[0]
-        effect = student * np.sqrt(each) * form.bow_deviation / noise
+        # Errors of which 1.96 hold 95 %, though few bows or strips tell them.
+        student = student_factors(np.array([form.alike_dof]), 2)[0]
+        effect = student * np.sqrt(each) * form.alike_deviation / noise
         row["height_error"] *= effect
         row["normal_error"] = min(effect * row["normal_error"], 90.0)
 

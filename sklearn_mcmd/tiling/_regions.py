@@ -163,8 +163,7 @@ def joined_table(run, starts, numbers):
         else:
             _tell_joined(row, part, flat[region])
             local, each = samples[region] - row["centroid"], distinct[region] / len(samples[region])
-            given = local @ axes[region][:, 1:], local @ row["normal"], noise[region]
-            enlarge_errors(row, *given, each=each)
+            enlarge_errors(row, local, axes[region], noise[region], each)
         local = (ring - row["centroid"]) @ frame_of(row["normal"]).T
         area, row["outline"] = outline_of(local, row["centroid"], row["normal"])
         row["area"] = part["area"] if n_parts[region] == 1 else area

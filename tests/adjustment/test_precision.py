@@ -209,10 +209,28 @@ def test_bands_hold_planes_whose_noise_is_alike_nearby(smooth, independent, cove
     assert covered <= np.mean(inside["posterior"]) < 0.98
 
 
-def test_errors_of_noise_that_is_alike_are_those_of_bows_and_a_points_own_noise_stays():
+@pytest.mark.parametrize(("along", "n_strips"), [(0, 10), (1, 14), (1, 44)])
+def test_bands_hold_walls_whose_rows_or_columns_have_noise_in_common(along, n_strips):
+    inside, size = {"independent": [], "posterior": []}, np.array([4.0, 2.5])
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        places = rng.uniform(0, 1, (2000, 2))
+        strip = (places[:, along] * n_strips).astype(int)
+        z = rng.normal(0, 4, 2000) + rng.normal(size=n_strips)[strip]
+        X = np.column_stack([places * size, z])
+        detector = BaardaPlaneDetector(1e-9, sigma0=4.0).fit(X)
+        middle = np.append(size / 2, 0.0)[None]
+        for variance, each in inside.items():
+            gap = np.abs(detector.residuals(middle)[0])
+            each.append(gap <= detector.band(middle, variance=variance)[0][0])
+    assert np.mean(inside["independent"]) < 0.75
+    assert np.mean(inside["posterior"]) > 0.85  # of .92, less two standard errors of 60 walls
+
+
+def test_errors_of_noise_that_is_alike_are_told_by_the_form_and_a_points_own_noise_stays():
     detector = next(walls(2.5))
     told, plain = detector.precision(), detector.precision("independent")
-    assert (told.scale, told.dof) == (detector.form_.bow_deviation, 3)
+    assert (told.scale, told.dof) == (detector.form_.alike_deviation, detector.form_.alike_dof)
     assert told.alike > 1 == plain.alike
     assert told.alike == pytest.approx(told.scale / plain.scale)
     np.testing.assert_allclose(told.ellipse, told.alike * plain.ellipse)

@@ -24,9 +24,10 @@ def form(X, **options):
 @pytest.mark.parametrize("weighted", [False, True])
 def test_f_and_bows_are_those_of_nested_regressions(weighted):
     rng = np.random.default_rng(1)
-    places, z = rng.normal(size=(90, 2)) * [3, 1], rng.normal(size=90)
+    places = rng.normal(size=(90, 2)) * [3, 1]
     p = rng.uniform(0.5, 2, 90) if weighted else np.ones(90)
     x, y = places.T
+    z = rng.normal(size=90) + x * y  # which no strips along the axes show
     plane = np.column_stack([np.ones(90), x, y])
     quadric = np.column_stack([plane, x * x, x * y, y * y])
     cells = np.eye(16)[cells_of(places, z, p).of_point]
@@ -37,8 +38,8 @@ def test_f_and_bows_are_those_of_nested_regressions(weighted):
 
     v, of_quadric = left(plane, z, p), left(quadric, z, p)
     found = form_of(places, v, p if weighted else None)
-    assert found.bow_deviation == pytest.approx(np.sqrt((p @ v**2 - p @ of_quadric**2) / 3))
-    assert found.n_bows == 3
+    assert found.alike_deviation == pytest.approx(np.sqrt((p @ v**2 - p @ of_quadric**2) / 3))
+    assert found.alike_dof == 3
     assert found.bow == pytest.approx(np.ptp(v - of_quadric))
     # The means of cells, on the plane that fits them best, against the noise inside of cells.
     sums = cells.T @ p
@@ -47,6 +48,41 @@ def test_f_and_bows_are_those_of_nested_regressions(weighted):
     assert found.statistic == pytest.approx(between / 13 / (within / 74))
     assert found.pvalue == pytest.approx(stats.f.sf(found.statistic, 13, 74))
     assert found.noise == pytest.approx(np.sqrt(within / 74))
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("n_strips", [8, 16])
+def test_strips_are_regressions_on_their_means(weighted, n_strips):
+    rng = np.random.default_rng(2)
+    n, k = 320, n_strips
+    places, strip = rng.uniform(-1, 1, (n, 2)) * [2, 1], np.empty(n, int)
+    p = rng.uniform(0.5, 2, n) if weighted else np.ones(n)
+    strip[np.argsort(places[:, 1])] = np.arange(n) * k // n
+    z = rng.normal(size=n) + np.resize([3.0, -3.0], k)[strip]  # each differs from its neighbors
+    design = np.column_stack([np.ones(n), places])
+    v = z - design @ np.linalg.solve((design.T * p) @ design, design.T @ (p * z))
+    sums = np.bincount(strip, p)
+    means, centers = (np.bincount(strip, p * of) / sums for of in (v, places[:, 1]))
+    _, residues, *_ = np.polyfit(centers, means, 1, w=np.sqrt(sums), full=True)
+    found = form_of(places, v, p if weighted else None)
+    assert (found.alike_deviation, found.alike_dof) == (
+        pytest.approx(np.sqrt(residues[0] / (k - 2))),
+        k - 2,
+    )
+
+
+def test_rows_of_a_scan_are_seen_along_the_level_line_whatever_the_axes_of_the_wall():
+    rng, angle, seen = np.random.default_rng(3), np.radians(30), []
+    fall = [-np.sin(angle), np.cos(angle)]
+    for _ in range(20):
+        places = rng.uniform(0, 3, (2000, 2))
+        common = 0.4 * rng.normal(size=44)[(places[:, 1] * 44 / 3).astype(int)]
+        turned = (places @ [1, 1j] * np.exp(1j * angle)).view(float).reshape(-1, 2)
+        forms = [form_of(turned, rng.normal(size=2000) + common, rises=r) for r in (None, fall)]
+        seen.append([one.alike_dof in (6, 14) for one in forms])
+    by_axes, by_fall = np.mean(seen, axis=0)
+    assert by_axes < 0.5
+    assert by_fall > 0.7  # in others bows make errors larger
 
 
 def test_cells_hold_as_many_points_and_ties_stay_together():
@@ -73,15 +109,13 @@ def test_flat_walls_lack_fit_at_the_level_and_bows_of_half_the_noise_do():
 def test_few_points_have_no_lack_of_fit_and_independent_noise(n):
     detector = BaardaPlaneDetector(1e-9, sigma0="auto").fit(wall(n))
     assert not detector.form_.is_alike(0) or detector.form_.pvalue < 0.25
-    assert detector.form_.n_bows <= min(3, detector.dof_)
+    assert detector.form_.alike_dof <= min(3, detector.dof_)  # of bows: strips need 16 points
     assert np.isfinite(detector.precision().covariance).all()
 
 
-def test_a_line_bows_by_three_degrees_and_exact_points_by_none():
+def test_a_line_bows_and_exact_points_do_not():
     rng = np.random.default_rng(0)
     line = np.column_stack([rng.uniform(0, 5, 300), rng.normal(0, NOISE, 300)])
-    found = form(line)
-    assert found.n_bows == 3
     assert form(line + np.array([0, 1]) * 0.01 * line[:, :1] ** 2).pvalue < 1e-6
     exact = BaardaPlaneDetector(1e-9, sigma0=NOISE).fit(np.round(wall() * [1, 1, 0], 3))
     assert not exact.form_.is_alike(exact._fitted.scale)
