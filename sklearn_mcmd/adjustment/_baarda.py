@@ -260,7 +260,7 @@ class BaardaPlaneDetector(PlaneDetector):
 
         def limit(n_retained, dof, variance_factor, direction):
             level = local_level(self.alpha, n_retained, self.correction)
-            scale = max(np.sqrt(variance_factor), training.rounding_of(direction))
+            scale = max(np.sqrt(variance_factor), training.rounding.least_deviation(direction))
             return residual_limit(self.test_, level, dof, sigma0, scale)
 
         rounds = eliminate_one_by_one if self.elimination == "single" else eliminate

@@ -28,7 +28,7 @@ from sklearn_mcmd.adjustment._least_squares import (
     PlaneAdjustment,
     Training,
     adjust_plane,
-    rounding_errors,
+    rounding_of,
 )
 from sklearn_mcmd.adjustment._power import POWER, coupled_level
 from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, quantile
@@ -36,6 +36,7 @@ from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_o
 from sklearn_mcmd.adjustment._robust import NORMAL_QUARTILE, m_estimate
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level, statistic
 from sklearn_mcmd.planes._form import form_of
+from sklearn_mcmd.planes._resolution import rounding_in_common
 
 FAR = 100  # times by which a known sigma0 is more or less than the residuals tell, warned of
 Variance = Literal["posterior", "independent", "prior"]
@@ -56,8 +57,10 @@ class FittedPlane(NamedTuple):
 
     plane: PlaneAdjustment
     scale: float  # standard deviation of unit weight by the plane's residuals
-    rounding: float  # of a residual, at most
-    is_rounding: bool  # whether sigma0 is no more than that
+    rounding: float  # of a residual by float64, at most
+    least_scale: float  # which the rounding of a file may enlarge
+    step: float  # of this rounding, 0 if there is none
+    is_rounding: bool  # whether sigma0 is no more than the rounding of float64
     weights: NDArray[np.float64] | None
     middle: NDArray[np.float64]  # of the extent of the points
 
@@ -229,7 +232,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         used = np.ones(len(points), dtype=np.bool_) if p is None else p > 0
         counted = points if used.all() else points[used]
         check_distinct(counted, len(points))
-        return Training(points, p, used, rounding_errors(counted))
+        return Training(points, p, used, rounding_of(counted, self.surface))
 
     def _place_of_side(self):
         """`toward`, checked, or None."""
@@ -273,19 +276,29 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         """The plane of least squares and the given sigma0, or a robust plane and its scale."""
         if self.sigma0 != "auto":
             return initial, float(self.sigma0)
-        plane, _, sigma = m_estimate(training.X, training.weights, surface=self.surface)
+        plane, _, sigma = self._m_estimate(training)
         return plane, sigma
 
+    def _m_estimate(self, training):
+        X, weights, _, rounding = training
+        return m_estimate(X, weights, surface=self.surface, rounding=rounding)
+
     def _noise(self, sigma, plane, training):
-        """sigma, or the rounding of a residual from this plane if larger; and whether it is."""
-        rounding = training.rounding_of(plane.direction)
-        if sigma <= rounding and self.test == "w" and self.sigma0 != "auto":
+        """sigma, or what rounding makes of a residual from this plane, if larger; and whether that
+        is float64's."""
+        least = training.rounding.least_deviation(plane.direction)
+        is_rounding = least <= training.rounding.error_of_float64(plane.direction)
+        if sigma <= least and self.test == "w" and self.sigma0 != "auto":
+            rounding = f"coordinates in steps of {training.rounding.step:.2g} add"
+            remedy = "give the noise of the points as $sigma0"
+            if is_rounding:
+                rounding = "float64 may add"
+                remedy = f"subtract an offset from $X before its digits are lost, or {remedy}"
             warn(
-                f"$sigma0={self.sigma0!r} is less than what float64 may add to a residual at these "
-                f"coordinates, {rounding:.2g}, which is taken in its place. Subtract an offset "
-                "from $X before its digits are lost, or give the noise of the points as $sigma0.",
+                f"$sigma0={self.sigma0!r} is less than what {rounding} to a residual, {least:.2g}, "
+                f"which is taken in its place; {remedy}.",
             )
-        return max(sigma, rounding), sigma <= rounding
+        return max(sigma, least), sigma <= least and is_rounding
 
     def _global_test(self, plane):
         """p of the global test; nan where sigma0 comes from the same points, and fits them."""
@@ -306,13 +319,20 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
             X, weights = X[support], weights if weights is None else weights[support]
         places, residuals = (X - plane.center) @ axes, (X - plane.center) @ plane.direction
         self.form_ = form_of(places, residuals, weights, rises=axes[-1])
+        if step := training.rounding.step:
+            observed = training.rounding.observed
+            deviations, direction = observed(X.std(axis=0)), observed(plane.direction)
+            common = rounding_in_common(deviations, direction, step)
+            self.form_ = self.form_.at_least(common * np.sqrt(plane.sum_weights))
         middle = plane.center + axes @ (places.min(axis=0) + places.max(axis=0)) / 2
         if self.surface == "vertical":
             middle[-1] -= plane.evaluate(middle[None])[0][0]
         self._fitted = FittedPlane(
             plane=plane,
             scale=training.deviation_of(plane),
-            rounding=training.rounding_of(plane.direction),
+            rounding=training.rounding.error_of_float64(plane.direction),
+            least_scale=training.rounding.least_deviation(plane.direction),
+            step=step,
             is_rounding=is_rounding,
             weights=training.weights,
             middle=middle,
@@ -340,9 +360,9 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
             return
         deviation = np.median(self.test_statistic_[training.used]) / NORMAL_QUARTILE * self.sigma0_
         if deviation >= FAR * self.sigma0_:  # unless outliers have taken the plane
-            deviation = m_estimate(training.X, training.weights, surface=self.surface)[2]
+            deviation = self._m_estimate(training)[2]
         far = not self.sigma0_ / FAR < deviation < self.sigma0_ * FAR
-        if far and deviation > self._fitted.rounding:
+        if far and deviation > self._fitted.least_scale:
             where = "above" if deviation < self.sigma0_ else "below"
             warn(
                 f"$sigma0={self.sigma0!r} is far {where} the deviation of the points from the "

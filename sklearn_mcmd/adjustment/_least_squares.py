@@ -10,6 +10,7 @@ from scipy.linalg import lstsq, orth
 
 from sklearn_mcmd._choices import Surface
 from sklearn_mcmd.planes._principal_planes import tilt_variances
+from sklearn_mcmd.planes._resolution import RoundingLimits, coordinate_step
 from sklearn_mcmd.runtime._chunks import slices
 
 CHUNK = 1 << 15  # rows that are processed together, whose copy stays in the processor's cache
@@ -22,21 +23,44 @@ RANK_TOLERANCE = 1e-13
 SIDE = 0.25
 
 
+class Rounding(NamedTuple):
+    """What is rounded in the coordinates of points."""
+
+    errors: NDArray[np.float64]  # of float64, the largest in each coordinate
+    step: float  # to which the file rounded them before, 0 if there is none
+    surface: Surface
+
+    def error_of_float64(self, direction):
+        """The largest in a residual of this direction."""
+        return residual_rounding(self.errors, direction)
+
+    def least_deviation(self, direction, steps=12**-0.5):
+        """Of a residual of this direction: that of values rounded to a step, if it is more."""
+        of_step = steps * self.step * float(np.linalg.norm(self.observed(direction)))
+        return max(self.error_of_float64(direction), of_step)
+
+    def observed(self, direction):
+        """The parts of a direction that have noise: the regressors of a vertical surface have
+        none."""
+        return direction[-1:] if self.surface == "vertical" else direction
+
+    def least_robust_deviation(self, direction):
+        """Of which a point one step beside a plane is within 2.5: most points may lie on one
+        level, which tells nothing of the noise."""
+        return self.least_deviation(direction, RoundingLimits().least_steps)
+
+
 class Training(NamedTuple):
     """Points to test, and their weights, None where all are 1."""
 
     X: NDArray[np.float64]
     weights: NDArray[np.float64] | None
     used: NDArray[np.bool_]  # points of positive weight
-    rounding_errors: NDArray[np.float64]  # of float64 in each coordinate
-
-    def rounding_of(self, direction):
-        """Largest rounding error of float64 in a residual of this direction."""
-        return residual_rounding(self.rounding_errors, direction)
+    rounding: Rounding
 
     def deviation_of(self, plane):
         """Estimated standard deviation of unit weight, no less than rounding."""
-        return max(np.sqrt(plane.variance_factor), self.rounding_of(plane.direction))
+        return max(np.sqrt(plane.variance_factor), self.rounding.least_deviation(plane.direction))
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +226,11 @@ def adjust_plane(X, weights=None, *, surface="vertical"):
 def weighed(values, weights):
     """Values times weights, None where all are 1; of a mask the weights of its points, else 0."""
     return values * (1.0 if weights is None else weights)
+
+
+def rounding_of(X, surface):
+    """The `Rounding` of points."""
+    return Rounding(rounding_errors(X), coordinate_step(X), surface)
 
 
 def rounding_errors(X):

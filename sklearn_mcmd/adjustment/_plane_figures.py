@@ -237,8 +237,11 @@ def _test_rows(detector, unit):
     correction = "no" if detector.correction == "none" else detector.correction
     squared = unit and f"{unit}^2"
     origin = "estimated" if detector.sigma0 == "auto" else "given"
-    if detector._fitted.is_rounding:
+    fitted = detector._fitted
+    if fitted.is_rounding:
         origin = "float64's rounding: no noise to test against"
+    elif detector.sigma0_ == fitted.least_scale:
+        origin = f"that of coordinates in steps of {fitted.step:.3g}{unit}, at least"
     return _words(
         {
             "test": f"{detector.test_}{replaced}, {correction} correction, "

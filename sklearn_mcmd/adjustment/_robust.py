@@ -8,8 +8,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.adjustment._least_squares import (
     adjust_plane,
-    residual_rounding,
-    rounding_errors,
+    rounding_of,
     weighed,
 )
 
@@ -24,17 +23,19 @@ class HuberLimits(NamedTuple):
     bend: float = 1.345  # up to which the weight is 1, 95 % efficient in normal data
 
 
-def m_estimate(X, weights=None, *, sigma0=None, surface="vertical"):
+def m_estimate(X, weights=None, *, sigma0=None, surface="vertical", rounding=None):
     """Plane by Huber's M-estimation: repeat the adjustment with P W until it converges (Eqs 3-7).
 
-    Without `sigma0` the scale is the `robust_scale` of the residuals, or float64's rounding if
-    larger. Returns the plane, W and the scale. Readings of Eqs 5 and 8 are in docs/papers.rst.
+    Without `sigma0` the scale is the `robust_scale` of the residuals, or that of the `Rounding` of
+    the points, if larger. Returns the plane, W and the scale. Readings of Eqs 5 and 8 are in
+    docs/papers.rst.
     """
     plane, scale = adjust_plane(X, weights, surface=surface), sigma0 or 0.0
-    errors = rounding_errors(X if weights is None else X[weights > 0])
+    if rounding is None:
+        rounding = rounding_of(X if weights is None else X[weights > 0], surface)
     residuals = plane.evaluate(X)[0]
     for _ in range(MAX_ITERATIONS):
-        floor = residual_rounding(errors, plane.direction)
+        floor = rounding.least_robust_deviation(plane.direction)
         if sigma0 is None:
             scale = max(robust_scale(residuals, weights, plane.rank), floor)
         standardized = residuals / max(scale, floor)
@@ -44,7 +45,8 @@ def m_estimate(X, weights=None, *, sigma0=None, surface="vertical"):
         plane = adjust_plane(X, weighed(robust_weights, weights), surface=surface)
         previous, residuals = residuals, plane.evaluate(X)[0]
         # By rounding alone, two residuals differ by the rounding of both.
-        if np.abs(residuals - previous).max() <= max(TOLERANCE * scale, 2 * floor):
+        least = 2 * rounding.error_of_float64(plane.direction)
+        if np.abs(residuals - previous).max() <= max(TOLERANCE * scale, least):
             break
     else:
         warn_caller(
@@ -52,7 +54,7 @@ def m_estimate(X, weights=None, *, sigma0=None, surface="vertical"):
             ConvergenceWarning,
         )
     if sigma0 is None:
-        scale = max(scale, residual_rounding(errors, plane.direction))
+        scale = max(scale, rounding.least_robust_deviation(plane.direction))
     return plane, robust_weights, float(scale)
 
 

@@ -65,8 +65,8 @@ def robust_start(training, rank, surface, sigma0, random_state):
         members = nearest
 
     made_of = members
-    rounding = training.rounding_of(plane.direction)
-    sigma = sigma0 or max(robust_scale(residuals, weights, plane.rank), rounding)
+    least = training.rounding.least_robust_deviation(plane.direction)
+    sigma = sigma0 or max(robust_scale(residuals, weights, plane.rank), least)
     members = np.empty(0, dtype=bool)  # of none of these rounds
     for _ in range(MAX_ROUNDS):
         near = used & (joining(X, weights, plane, sigma) <= limits.cut)
@@ -75,8 +75,8 @@ def robust_start(training, rank, surface, sigma0, random_state):
         made_of = members = near
         plane = adjust_plane(X, weighed(members, weights), surface=surface)
         if sigma0 is None:
-            rounding = training.rounding_of(plane.direction)
-            sigma = max(np.sqrt(plane.variance_factor) / limits.cut_deviation, rounding)
+            least = training.rounding.least_robust_deviation(plane.direction)
+            sigma = max(np.sqrt(plane.variance_factor) / limits.cut_deviation, least)
     leverage = weighed(plane.evaluate(X)[1], weights)[made_of]
     # If there are only as many points as parameters, all have leverage 1, wherever they are.
     one_apart = len(leverage) > rank and leverage.max() > 1 - UNCONTROLLED

@@ -96,7 +96,7 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
         raise ParameterError(f"$tolerance={tolerance!r} is no width: give a finite number above 0.")
     fitted, form, half = detector._fitted, detector.form_, tolerance / 2
     plane, length = fitted.plane, np.linalg.norm(fitted.plane.direction)
-    known, within = detector.test_ == "w", max(form.noise, fitted.rounding)
+    known, within = detector.test_ == "w", max(form.noise, fitted.least_scale)
     scale, dof = (detector.sigma0_, np.inf) if known else (fitted.scale, detector.dof_)
     unit, noise_dof = (within, form.noise_dof) if np.isfinite(form.pvalue) else (scale, dof)
     unit /= length

@@ -24,7 +24,7 @@ class FormLimits(NamedTuple):
     """When the errors of a plane are those of its bows."""
 
     halvings: int = 4  # of a plane into cells, 16 that are compact and hold as many points each
-    strips: tuple[int, int] = (8, 16)  # across a plane, which hold as many points each
+    strips: int = 8  # across a plane, which hold as many points each
     # Of means of cells, and of all strips together, from which on the noise counts as independent.
     chance: float = 0.25
 
@@ -46,10 +46,10 @@ class PlaneForm(NamedTuple):
     bow : float
         Of the surface of second degree that fits the points best, from its lowest to its highest
         place beside the plane; nan where there is no F.
-    alike_deviation, alike_dof : float, int
+    alike_deviation, alike_dof : float
         Standard deviation of unit weight that noise alike nearby shows, of the bows or of the means
         of strips, whichever make errors largest, and its degrees of freedom: three of the bows in
-        space, 6 of 8 strips, 14 of 16; 0 where there is no such noise.
+        space, 6 of the strips, inf of the rounding of a file; 0 where there is none.
     """
 
     n_cells: int
@@ -60,11 +60,16 @@ class PlaneForm(NamedTuple):
     noise: float
     bow: float
     alike_deviation: float
-    alike_dof: int
+    alike_dof: float
 
     def is_alike(self, scale: float) -> bool:
         """Whether there is noise that is alike nearby, more than this standard deviation."""
         return self.alike_deviation > scale
+
+    def at_least(self, deviation: float) -> "PlaneForm":
+        """The form where all points may be off together by noise of this known deviation."""
+        alike = max((self.alike_deviation, self.alike_dof), (deviation, np.inf), key=_half_width)
+        return self._replace(alike_deviation=alike[0], alike_dof=alike[1])
 
 
 class Cells(NamedTuple):
@@ -160,7 +165,7 @@ def form_of(places, residuals, weights=None, rises=None):
 def _half_width(deviation_and_dof):
     """Of a 95 % band."""
     deviation, dof = deviation_and_dof
-    return deviation * stdtrit(dof, 0.975)
+    return deviation * stdtrit(dof, 0.975) if dof else 0.0
 
 
 def _unevenness(weights, places, residuals):
@@ -190,25 +195,23 @@ def _alike_in_strips(places, residuals, weights, squares, rises):
     if rises is not None and len(rises) == 2 and (length := np.linalg.norm(rises)) > 0:
         fall = rises / length
         lines = np.vstack([lines, fall, [-fall[1], fall[0]]])
-    # All tests together find it in independent noise with this chance, at most (Bonferroni).
-    chance = limits.chance / (len(lines) * len(limits.strips))
-    weighted = np.ones(len(places)) if weights is None else weights
+    n, n_strips = len(places), limits.strips
+    if n < 2 * n_strips:
+        return alike
+    weighted = np.ones(n) if weights is None else weights
     for line in lines:
         along = places @ line
-        order = np.argsort(along, kind="stable")
-        for n_strips in limits.strips:
-            if len(places) < 2 * n_strips:
-                continue
-            of_point = np.empty(len(places), np.intp)
-            of_point[order] = np.arange(len(places)) * n_strips // len(places)
-            total = np.bincount(of_point, weighted)
-            centers, means = (
-                np.bincount(of_point, weighted * values) / total for values in (along, residuals)
-            )
-            between, dof = _unevenness(total, centers[:, None] / (np.ptp(along) or 1.0), means)
-            within = squares - total @ means**2
-            if _ratio(between, dof, within, len(places) - n_strips, squares)[1] < chance:
-                alike.append((float(np.sqrt(between / dof)), dof))
+        strip = np.empty(n, np.intp)
+        strip[np.argsort(along, kind="stable")] = np.arange(n) * n_strips // n
+        total = np.bincount(strip, weighted)
+        centers, means = (
+            np.bincount(strip, weighted * values) / total for values in (along, residuals)
+        )
+        between, dof = _unevenness(total, centers[:, None] / (np.ptp(along) or 1.0), means)
+        pvalue = _ratio(between, dof, squares - total @ means**2, n - n_strips, squares)[1]
+        # All tests together find it in independent noise with this chance, at most (Bonferroni).
+        if pvalue < limits.chance / len(lines):
+            alike.append((float(np.sqrt(between / dof)), dof))
     return alike
 
 

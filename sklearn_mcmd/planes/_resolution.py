@@ -23,6 +23,7 @@ class RoundingLimits(NamedTuple):
     on_lattice: float = 0.95  # least share of gaps that are whole steps
     rare: float = 0.1  # a value that occurs less often, of what is typical, was not rounded
     least_level: float = 0.02  # of an axis with few values, those of fewer points are not used
+    raster: float = 0.5  # of the nodes of a lattice have points, beside an axis of one value
     # float32 is too coarse if it rounds by a larger share of a typical neighborhood's radius.
     coarse: float = 0.01
 
@@ -57,6 +58,23 @@ def least_scales(points, precision, step):
     return np.maximum(limits.errors * float(precision) * largest, limits.least_steps * step)
 
 
+def rounding_in_common(deviations, direction, step):
+    """Standard deviation of what rounding to a step does to all points of a plane alike, along a
+    direction (d,); the points have these standard deviations (d,) in each coordinate.
+
+    Points at one height are all rounded by the same, at most half a step, which no mean removes.
+    Noise, or a slope, of s steps leaves ``exp(-2 pi^2 s^2)`` of it (B. Widrow, I. Kollar,
+    "Quantization noise", 2008, 4.3); half a step of noise leaves a hundredth.
+    """
+    variances = (deviations / step) ** 2
+    # Rounding itself is 1/12 of them (Sheppard's correction).
+    alike = np.exp(-2 * np.pi**2 * (variances - 1 / 12)) / np.sqrt(12)
+    # On two levels, all within p (1 - p): without noise the plane is at their middle, and the mean
+    # of the points off by 1/2 - p, at most.
+    alike = np.where(variances < 1 / 4, np.sqrt(np.maximum(1 / 4 - variances, 0.0) / 3), alike)
+    return float(np.linalg.norm(step * alike * direction))
+
+
 def coordinate_step(X):
     """Step of the lattice that the coordinates X (n, d) lie on, 0 where there is none.
 
@@ -65,7 +83,8 @@ def coordinate_step(X):
     and all points on other levels would be outliers.
 
     It is the smallest step among the axes; zero unless every axis is on a lattice. A raster of
-    heights is no rounded cloud. A rounded cloud that was rotated is not found. A few points that
+    heights is no rounded cloud. A rounded cloud that was rotated is not found. An axis of one value
+    shares the step of the others, unless they are those of a raster. A few points that
     were not rounded do no harm. A part of a cloud has the step of the whole.
     """
     whole = whole_cloud()
@@ -79,14 +98,16 @@ def levels_of(X):
 
 def step_of_levels(levels):
     """The same from what `levels_of` gives."""
-    steps, flat, limits = [], [], RoundingLimits()
+    steps, flat, limits, n_nodes, n_points = [], [], RoundingLimits(), 1, 0
     for values, counts in levels:
+        n_points = int(counts.sum())
         gaps = np.diff(values[counts >= limits.rare * _typical(counts)])
         rounding = 8 * np.finfo(values.dtype).eps * max(abs(values[0]), abs(values[-1]))
         gaps = gaps[gaps > rounding]
         if gaps.size < limits.fewest_gaps:
-            flat.append(np.diff(values[counts >= limits.least_level * counts.sum()]))
+            flat.append(np.diff(values[counts >= limits.least_level * n_points]))
             continue
+        n_nodes *= len(values)
         step = _lattice_step(gaps, rounding)
         if step == 0.0:
             return 0.0
@@ -95,7 +116,9 @@ def step_of_levels(levels):
         return 0.0
     step = min(steps)
     # An axis with few levels, as on a level floor, shares the step of the others or has none.
-    if any(gaps.size == 0 or not _whole(gaps / step).all() for gaps in flat):
+    if not all(_whole(gaps / step).all() for gaps in flat):
+        return 0.0
+    if any(gaps.size == 0 for gaps in flat) and n_points > limits.raster * n_nodes:
         return 0.0
     return step
 

@@ -105,7 +105,7 @@ def test_the_histogram_has_all_points_and_the_normal_curve_of_the_inliers(offset
 @pytest.mark.parametrize("scale", [[1, 1, 1], [1e17, 1e17, 0]])  # of the last, the error is 0
 @pytest.mark.parametrize("offset", [0, 5_000_000])
 def test_an_exact_plane_has_neither_noise_nor_standard_error(surface, scale, offset):
-    x, y = np.random.default_rng(0).integers(0, 50, (2, 40)) + offset
+    x, y = np.random.default_rng(0).uniform(0, 50, (2, 40)) + offset
     X = np.column_stack([x, y, 2 * x + 3 * y + 1]) * np.array(scale, float)
     detector = BaardaPlaneDetector(sigma0="auto", surface=surface).fit(X)
     rows, text = reported(detector, X, unit="m")
@@ -169,7 +169,7 @@ def test_where_there_is_no_reliability_the_report_does_without():
 
 
 def test_exact_points_have_the_standard_errors_of_a_given_sigma0():
-    x, y = np.random.default_rng(0).integers(0, 50, (2, 40)).astype(float)
+    x, y = np.random.default_rng(0).uniform(0, 50, (2, 40))
     X = np.column_stack([x, y, 2 * x + 3 * y + 1])
     detector = BaardaPlaneDetector(sigma0=0.01).fit(X)
     rows, _ = reported(detector, X)

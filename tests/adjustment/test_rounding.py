@@ -1,4 +1,4 @@
-"""The floor of sigma0 is what float64 rounds, not more."""
+"""The floor of sigma0 is what float64 and the file round, not more."""
 
 from fractions import Fraction
 
@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, compare_planes
 from sklearn_mcmd.adjustment._least_squares import (
     adjust_plane,
     residual_rounding,
     rounding_errors,
 )
+from sklearn_mcmd.adjustment._report import text_report
+from sklearn_mcmd.planes._resolution import rounding_in_common
 
 OFFSETS = [0.0, 1e3, 5e6, 1e9]
 
@@ -95,3 +97,70 @@ def test_a_sigma0_below_the_rounding_of_float64_is_raised_with_a_warning(detecto
     assert (fitted.labels_ == 1).all()
     assert fitted.sigma0_ > 1e-9
     assert detector(sigma0=1e-12).fit(exact_plane(0.0)).sigma0_ == 1e-12  # resolved, and kept
+
+
+STEP = 0.01  # of a file, in meters
+
+
+def floors(noise, n_floors=40, height=None, seed=0):
+    """Level floors of a file, and their heights."""
+    rng = np.random.default_rng(seed)
+    for _ in range(n_floors):
+        z = rng.uniform(-STEP / 2, STEP / 2) if height is None else height
+        X = np.column_stack([rng.uniform(0, 4, (2000, 2)), rng.normal(z, noise, 2000)])
+        yield np.round(X, 2), z
+
+
+def judged(X):
+    settings = {"sigma0": "auto", "surface": "orthogonal", "robust_start": True}
+    return BaardaPlaneDetector(**settings, random_state=0).fit(X)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.002, 0.003, 0.004, 0.005])
+def test_a_floor_in_steps_loses_no_points_and_its_errors_hold_its_height(noise):
+    lost, held = [], []
+    for X, z in floors(noise):
+        detector, middle = judged(X), np.array([[2.0, 2.0, z]])
+        lost.append(np.mean(detector.labels_ == -1))
+        held.append(abs(detector.residuals(middle)[0]) < detector.band(middle)[0][0])
+        assert detector.sigma0_ >= STEP / np.sqrt(12)
+    assert np.mean(lost) < 0.001  # .035 to .325 were lost
+    assert np.mean(held) > 0.85  # two standard errors of 40 floors below .95
+
+
+def test_a_fuzzy_test_of_a_floor_in_steps_rejects_its_level():
+    lost = [
+        np.mean(FuzzyPlaneDetector(sigma0="auto", surface="orthogonal").fit_predict(X) == -1)
+        for X, _ in floors(0.003, 5)
+    ]
+    assert np.mean(lost) < 0.05
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.0027, 0.0054])
+def test_the_error_of_an_offset_of_floors_holds_that_each_is_rounded_to_a_level(gap):
+    pair = [next(floors(0.002, height=0.005 + z))[0] for z in (-gap / 2, gap / 2)]
+    offset = compare_planes(*map(judged, pair)).offset
+    assert abs(offset.value - gap) < 1.96 * offset.error
+    assert 0.0001 < offset.error < 0.006  # it was 4e-19
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+def test_what_rounding_does_to_all_points_is_told_from_how_they_lie(noise):
+    rng, gaps = np.random.default_rng(1), []
+    for z in rng.uniform(-0.5, 0.5, 300):
+        levels = np.round(rng.normal(z, noise, 5000))
+        told = rounding_in_common(levels.std(keepdims=True), np.ones(1), 1.0)
+        gaps.append([abs(levels.mean() - z), 1.96 * np.hypot(told, levels.std() / np.sqrt(5000))])
+    error, limit = np.transpose(gaps)
+    assert np.mean(error <= limit) > 0.93
+    if noise == 0.5:
+        assert limit.max() < 0.05
+
+
+def test_the_step_of_a_file_is_told_and_a_smaller_sigma0_is_warned_of():
+    X = next(floors(0.0))[0]
+    words = "that of coordinates in steps of 0.01 m, at least"
+    assert words in text_report(judged(X), X, unit="m")
+    with pytest.warns(UserWarning, match=r"sigma0=0.001 is less than what coordinates in steps"):
+        detector = BaardaPlaneDetector(sigma0=0.001).fit(X)
+    assert detector.sigma0_ == pytest.approx(STEP / np.sqrt(12))

@@ -51,10 +51,9 @@ def test_f_and_bows_are_those_of_nested_regressions(weighted):
 
 
 @pytest.mark.parametrize("weighted", [False, True])
-@pytest.mark.parametrize("n_strips", [8, 16])
-def test_strips_are_regressions_on_their_means(weighted, n_strips):
+def test_strips_are_regressions_on_their_means(weighted):
     rng = np.random.default_rng(2)
-    n, k = 320, n_strips
+    n, k = 320, 8
     places, strip = rng.uniform(-1, 1, (n, 2)) * [2, 1], np.empty(n, int)
     p = rng.uniform(0.5, 2, n) if weighted else np.ones(n)
     strip[np.argsort(places[:, 1])] = np.arange(n) * k // n
@@ -76,10 +75,10 @@ def test_rows_of_a_scan_are_seen_along_the_level_line_whatever_the_axes_of_the_w
     fall = [-np.sin(angle), np.cos(angle)]
     for _ in range(20):
         places = rng.uniform(0, 3, (2000, 2))
-        common = 0.4 * rng.normal(size=44)[(places[:, 1] * 44 / 3).astype(int)]
+        common = 0.4 * rng.normal(size=14)[(places[:, 1] * 14 / 3).astype(int)]
         turned = (places @ [1, 1j] * np.exp(1j * angle)).view(float).reshape(-1, 2)
         forms = [form_of(turned, rng.normal(size=2000) + common, rises=r) for r in (None, fall)]
-        seen.append([one.alike_dof in (6, 14) for one in forms])
+        seen.append([one.alike_dof == 6 for one in forms])
     by_axes, by_fall = np.mean(seen, axis=0)
     assert by_axes < 0.5
     assert by_fall > 0.7  # in others bows make errors larger
@@ -117,7 +116,7 @@ def test_a_line_bows_and_exact_points_do_not():
     rng = np.random.default_rng(0)
     line = np.column_stack([rng.uniform(0, 5, 300), rng.normal(0, NOISE, 300)])
     assert form(line + np.array([0, 1]) * 0.01 * line[:, :1] ** 2).pvalue < 1e-6
-    exact = BaardaPlaneDetector(1e-9, sigma0=NOISE).fit(np.round(wall() * [1, 1, 0], 3))
+    exact = BaardaPlaneDetector(1e-9, sigma0=NOISE).fit(wall() * [1, 1, 0])
     assert not exact.form_.is_alike(exact._fitted.scale)
 
 
