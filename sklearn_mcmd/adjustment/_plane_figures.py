@@ -344,6 +344,7 @@ def _flatness_rows(flat, unit):
         return []
     cell, bump = (" x ".join(f"{side:.2g}" for side in one) for one in (flat.cell, flat.bump))
     outside = _share(flat.n_outside, flat.n_points, " points")
+    decide = f"; some {flat.n_deciding:,.2g} points would decide" if flat.n_deciding else ""
     return _words(
         {
             "tolerance": f"{flat.tolerance:g}{unit} between two parallel planes",
@@ -351,10 +352,10 @@ def _flatness_rows(flat, unit):
             f"{flat.uncertainty:.3g}{unit}",
             "zone": f"{flat.zone:.4g}{unit} by least squares, {flat.minimum_zone:.4g}{unit} at "
             "least; without outliers, with noise",
-            "form": f"{flat.form:.3g}{unit} off at most, ± {flat.form_uncertainty:.2g}{unit}, by "
-            f"planes of {flat.n_cells} cells of {cell}{unit}; a bump of less than {bump}{unit}, or "
-            f"{flat.bump_height:.2g}{unit} high, may be unseen",
-            "flatness": f"{flat.verdict}, the uncertainty considered",
+            "form": f"{flat.form:.3g} ± {flat.form_uncertainty:.2g}{unit} between two parallel "
+            f"planes, by medians of {flat.n_cells} cells of {cell}{unit}; a bump of less than "
+            f"{bump}{unit}, or {flat.bump_height:.2g}{unit} high, may be unseen",
+            "flatness": f"{flat.verdict}, the uncertainty considered{decide}",
         }
     )
 

@@ -12,12 +12,12 @@ from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
 from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._tests import local_level
-from sklearn_mcmd.planes._form import FormLimits, cells_of, planes_of
+from sklearn_mcmd.planes._form import FormLimits, bow_of, cells_of
 
-LEAST_POINTS = 12  # of a cell with a plane, if they are enough for cells that show a bow
+MEDIAN_POINTS = 8  # of the smallest cells, whose median single outliers do not move
 LEAST_HALVINGS = 2  # four cells, which show a bow along and across
-MEAN_POINTS = 4  # of the smallest cells, of which there are means alone
-FAR = 3  # times the usual leverage: beside its cell; a corner of an even one has 7/3
+MEDIAN = np.sqrt(np.pi / 2)  # error of a median of normal noise over that of a mean
+POWER_95 = 1.645  # deviations by which a bump is higher than its least median, at 95 %
 LP_TOLERANCE = 1e-7  # of distances over the width, that of the linear programs
 N_TURNS = 3  # of the normal; each squares the angle that is left
 
@@ -38,15 +38,19 @@ class PlaneFlatness(NamedTuple):
     uncertainty : float
         The largest of the distance of a point.
     n_cells : int
-        Cells of about as many points that pass, whose own planes show the form of the surface.
+        Cells of about as many points, outliers too, whose medians show the form of the surface.
     form, form_uncertainty : float
-        The largest distance of these planes, and the largest uncertainty of one.
+        The least distance of two parallel planes that hold these medians, and its uncertainty.
     cell, bump, bump_height : tuple of float, tuple of float, float
-        Usual sides of these cells, and sides and height from which on a bump forbids "kept".
+        Usual sides of these cells; sides, and the height above all else, from which on a bump
+        forbids "kept" with a probability of 0.95.
     verdict : {"exceeded", "kept", "undecided"}
-        "exceeded" if a plane, the mean of a cell, or a point is off by more than half the tolerance
-        and its uncertainty; else "kept" if all planes are within it by as much, and each mean that
-        is more than noise. Otherwise nothing is proven (ISO 14253-1).
+        "kept" if two parallel planes at the tolerance hold the medians of all cells with their
+        uncertainties, of smaller cells those that are more than noise, and the bow that fits these
+        best; or if they hold all points. "exceeded" if none hold these medians even less their
+        uncertainties. Otherwise nothing is proven (ISO 14253-1).
+    n_deciding : float
+        About how many points would decide, 0 if they do.
     """
 
     tolerance: float
@@ -63,14 +67,16 @@ class PlaneFlatness(NamedTuple):
     bump: tuple[float, ...]
     bump_height: float
     verdict: str
+    n_deciding: float
 
 
 def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> PlaneFlatness:
-    """Compare the points of a fitted plane with a tolerance of flatness (ISO 12781-1).
+    """Compare the points of a fitted plane with a tolerance of flatness (ISO 1101).
 
-    Planes of cells judge the surface, then means of ever smaller ones, then single points. One is
-    outside if it is farther than half the tolerance from the plane, as noise alone brings some, and
-    significant if by more than its test allows. Noise that is alike nearby looks like form.
+    The zone between two parallel planes may lie anywhere. Medians of cells judge the surface, then
+    those of ever smaller ones; a single ghost moves none. A point is outside if it is farther than
+    half the tolerance from the plane of least squares, as noise alone brings some, and significant
+    if by more than its test allows. Noise that is alike nearby looks like form.
 
     Parameters
     ----------
@@ -86,10 +92,10 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
     >>> import numpy as np
     >>> from sklearn_mcmd.adjustment import BaardaPlaneDetector, flatness
     >>> X = np.random.default_rng(0).normal(size=(500, 3)) * [4, 4, 0.001]
-    >>> X[:5, 2] += 0.02
+    >>> X[X[:, 0] > 3, 2] += 0.02
     >>> result = flatness(BaardaPlaneDetector(sigma0=0.001).fit(X), X, 0.01)
     >>> print(f"{result.n_outside} outside, {result.verdict}; zone {result.minimum_zone:.4f}")
-    5 outside, exceeded; zone 0.0056
+    91 outside, exceeded; zone 0.0055
     """
     X = check_points(detector, X)
     if not isinstance(tolerance, Real) or not 0 < tolerance < np.inf:
@@ -112,15 +118,17 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
     passed = X[passes]
     zone = np.ptp(adjust_plane(passed, surface="orthogonal").evaluate(passed)[0])
 
-    judged = passes & (weights > 0)
-    verdict, figures = _surface(
+    judged = weights > 0
+    figures = _surface(
         (X[judged] - plane.center) @ plane.directions,
         residuals[judged],
         weights[judged],
-        tolerance,
+        half,
         unit,
-        lambda m, rank: quantile(1 - local_level(detector.alpha, m), noise_dof, rank),
+        lambda m: quantile(1 - local_level(detector.alpha, m), noise_dof),
     )
+    if figures["verdict"] == "undecided" and minimum_zone(X[judged]) <= tolerance:
+        figures |= {"verdict": "kept", "n_deciding": 0.0}
     return PlaneFlatness(
         tolerance=float(tolerance),
         n_points=len(X),
@@ -129,38 +137,56 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
         zone=float(zone),
         minimum_zone=minimum_zone(passed),
         uncertainty=float(uncertainty.max()),
-        verdict="exceeded" if exceeded.any() else verdict,
         **figures,
     )
 
 
-def _surface(places, residuals, weights, tolerance, noise, factor):
-    """Verdict of planes of cells and of means of ever smaller ones, and the figures of both.
+def _surface(places, residuals, weights, half, noise, factor):
+    """The verdict of medians of ever smaller cells on a zone of twice this half, and its figures.
 
-    The function `factor` tells the quantile of so many cells of so many unknowns at once.
+    The function `factor` tells the quantile of so many cells at once.
     """
-    half, rank = float(tolerance) / 2, places.shape[1] + 1
-    enough, last = (max(int(np.log2(len(places) / m)), 0) for m in (LEAST_POINTS, MEAN_POINTS))
-    first = min(max(enough, LEAST_HALVINGS), FormLimits().halvings, last)
-    scales = range(first, last + 1, 2)
-    cells = cells_of(places, residuals, weights, first)
-    heights, cofactors = planes_of(cells, places, residuals, weights, noise)
-    near = cofactors * cells.weights[cells.of_point] <= FAR * rank
-    heights = np.abs(heights[near])
-    error = noise * factor(len(cells.weights) * len(scales), rank) * np.sqrt(cofactors[near])
-    figures = {"n_cells": len(cells.weights), "cell": _sides(cells, places)}
-    figures |= {"form": float(heights.max()), "form_uncertainty": float(error.max())}
-    kept, exceeded = np.all(heights + error <= half), np.any(heights - error > half)
+    rank = places.shape[1]
+    last = max(int(np.log2(len(places) / MEDIAN_POINTS)), min(LEAST_HALVINGS, len(places) // 2))
+    first = min(FormLimits().halvings, last)
+    scales, cells, figures, exceeded = range(first, last + 1, 2), None, {}, False
+    widest, n_deciding, kept = -np.inf, 0.0, True
     for scale in scales:
-        if scale > first:
-            cells = cells_of(places, residuals, weights, 2, cells)
-        heights = np.abs(cells.residuals)
-        error = noise * factor(len(heights) * len(scales), 1) / np.sqrt(cells.weights)
-        kept &= np.all(heights <= np.maximum(error, half - error))
-        exceeded |= np.any(heights - error > half)
+        cells = cells_of(places, residuals, weights, scale if cells is None else 2, cells)
+        order = np.argsort(cells.of_point, kind="stable")
+        counts = np.bincount(cells.of_point)
+        parts = np.split(residuals[order], np.cumsum(counts)[:-1])
+        heights = np.array([np.median(part) for part in parts])
+        # Of noise s / sqrt(p), whose densities at the median add up.
+        errors = MEDIAN * noise * np.sqrt(counts) / np.bincount(cells.of_point, np.sqrt(weights))
+        limits = errors * factor(len(counts) * len(scales))
+
+        def zone(margins, heights=heights, cells=cells):
+            return _least_largest(cells.places, heights, margins)[1]
+
+        exceeded |= zone(-limits) > half
+        is_noise = np.zeros(len(limits), bool)
+        if scale == first:
+            figures = {"n_cells": len(counts), "cell": _sides(cells, places)}
+            form = 2 * zone(np.zeros_like(limits))
+            figures |= {"form": form, "form_uncertainty": 2 * float(limits.max())}
+        else:  # most small cells are off by noise alone
+            is_noise = np.abs(heights) <= limits
+        kept &= zone(np.where(is_noise, -limits, limits)) <= half
+        if (least := zone(np.where(is_noise, -limits, 0.0))) > widest and least != half:
+            widest = least
+            # Limits fall with the root of the number of points.
+            n_deciding = len(places) * float(limits.max() / (half - least)) ** 2
+    # Medians of large cells show little of a bow, which goes on to the rims.
+    if kept and (kept := len(heights) > (rank + 1) * (rank + 2) // 2):
+        bow, cofactor, _, _ = bow_of(cells.places, heights, errors**-2, places)
+        kept = bow + factor(1) * np.sqrt(cofactor) <= 2 * half
     figures["bump"] = _sides(cells, places, 2)  # so large it covers a cell, wherever it is
-    figures["bump_height"] = max(2 * float(np.median(error)), half)
-    return "exceeded" if exceeded else "kept" if kept else "undecided", figures
+    least_height = max(2 * half, float(np.median(limits)))
+    figures["bump_height"] = least_height + 2 * POWER_95 * float(np.median(errors))
+    figures["verdict"] = "exceeded" if exceeded else "kept" if kept else "undecided"
+    figures["n_deciding"] = max(n_deciding, len(places)) if figures["verdict"][0] == "u" else 0.0
+    return figures
 
 
 def _sides(cells, places, times=1):
@@ -179,28 +205,32 @@ def minimum_zone(X):
     X, normal = X - plane.center, plane.normal
     for _ in range(N_TURNS):
         basis = np.linalg.svd(normal[None])[2][1:]
-        normal = normal - _least_largest(X @ basis.T, X @ normal) @ basis
+        normal = normal - _least_largest(X @ basis.T, X @ normal)[0] @ basis
         normal /= np.linalg.norm(normal)
     return float(np.ptp(X @ normal))
 
 
-def _least_largest(along, across):
-    """Slopes of the plane of least largest distance along an axis.
+def _least_largest(along, across, margins=0.0):
+    """Slopes of the plane of least largest ``|distance| + margin`` along an axis, and that.
 
     A program begins with a few points, and takes those farthest outside of its zone until none is.
     """
-    d, height = along.shape[1], np.ptp(across) or 1.0
+    d, margins = along.shape[1], np.broadcast_to(margins, across.shape)
+    height = np.ptp(across) + np.ptp(margins) or 1.0
     unit = np.abs(along).max(axis=0)
     unit[unit == 0] = 1.0
     design, heights = np.column_stack([along / unit, np.ones(len(along))]), across / height
-    solution, active = np.zeros(d + 2), np.empty(0, dtype=np.intp)
+    margins = margins / height
+    solution, active = np.append(np.zeros(d + 1), -np.inf), np.empty(0, dtype=np.intp)
     while True:
         residuals = heights - design @ solution[:-1]
-        order = np.argsort(residuals)[np.r_[: d + 2, -d - 2 : 0]]
-        added = np.union1d(active, order)
-        if len(added) == len(active) or np.abs(residuals).max() <= solution[-1] + LP_TOLERANCE:
-            return solution[:-2] / unit * height
+        largest = (np.abs(residuals) + margins).max()
+        lowest, highest = np.argsort(margins - residuals), np.argsort(margins + residuals)
+        added = np.union1d(active, np.r_[lowest[-d - 2 :], highest[-d - 2 :]])
+        if len(added) == len(active) or largest <= solution[-1] + LP_TOLERANCE:
+            return solution[:-2] / unit * height, float(largest * height)
         active, one = added, -np.ones((len(added), 1))
-        rows, sides = design[active], heights[active]
+        rows, sides, inset = design[active], heights[active], margins[active]
         both, goal = np.block([[rows, one], [-rows, one]]), np.append(np.zeros(d + 1), 1.0)
-        solution = linprog(goal, both, np.append(sides, -sides), bounds=(None, None)).x
+        limits = np.append(sides - inset, -sides - inset)
+        solution = linprog(goal, both, limits, bounds=(None, None)).x

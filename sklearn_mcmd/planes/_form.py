@@ -17,7 +17,6 @@ from sklearn_mcmd.runtime._chunks import slices
 CHUNK = 1 << 15  # rows whose terms are formed at once
 N_BOWS = 3  # at least, of as many degrees as that takes
 RANK_TOLERANCE = 1e-12  # of squares of a bow over the largest, below which it is a tilt or none
-WIDEST_NOISE = 3  # deviations: across less a cell, such as a row, has no tilt
 
 
 class FormLimits(NamedTuple):
@@ -111,38 +110,22 @@ def _halves(places, rows):
     return [rows[below], rows[~below]] if below.any() else [rows]
 
 
-def planes_of(cells, places, residuals, weights, noise):
-    """Heights at each point of the plane that fits its cell best, and their cofactors."""
-    of_point, k = cells.of_point, places.shape[1]
-    local = places - cells.places[of_point]
-    moments = np.empty((len(cells.weights), k, k + 1))
-    columns = np.column_stack([local, residuals])
-    for i, j in np.ndindex(k, k + 1):
-        moments[:, i, j] = np.bincount(of_point, weights * local[:, i] * columns[:, j])
-    values, vectors = eigh(moments[..., :-1])
-    known = values > (WIDEST_NOISE * noise) ** 2 * np.bincount(of_point)[:, None]
-    known &= values > RANK_TOLERANCE * values[:, -1:]
-    inverse = (vectors * (known / np.where(known, values, 1.0))[:, None]) @ vectors.swapaxes(1, 2)
-    slopes = np.einsum("cij,cj->ci", inverse, moments[..., -1])
-    heights = cells.residuals[of_point] + np.einsum("ni,ni->n", local, slopes[of_point])
-    cofactors = np.einsum("ni,nij,nj->n", local, inverse[of_point], local)
-    return heights, cofactors + 1 / cells.weights[of_point]
-
-
 def form_of(places, residuals, weights=None, rises=None):
     """The `PlaneForm` of residuals from a least-squares plane, at places (n, k) in it, as lengths
     along its axes, with positive weights; `rises` (k,) tell how steeply the axes rise in space."""
-    unit = np.sqrt(np.mean(places**2, axis=0))
-    unit[unit == 0] = 1.0
     cells = cells_of(places, residuals, weights)
-    between, dof = _unevenness(cells.weights, cells.places / unit, cells.residuals)
+    between, dof = _unevenness(cells.weights, cells.places / _unit(places), cells.residuals)
     noise_dof = len(places) - len(cells.weights)
+    squares = float(residuals**2 @ (np.ones(len(places)) if weights is None else weights))
     # Cells that cannot test many regressors need none of their many bows.
-    bow, explained, n_bows, squares = _bows(places / unit, residuals, weights, dof > 0)
+    bow = explained = np.nan
+    n_bows = 0
+    if dof:
+        bow, _, explained, n_bows = bow_of(places, residuals, weights)
     within = squares - cells.weights @ cells.residuals**2
     noise = float(np.sqrt(max(within, 0.0) / max(noise_dof, 1)))
     statistic, pvalue = _ratio(between, dof, within, noise_dof, squares)
-    alike = []
+    alike: list[tuple[float, int]] = []
     if pvalue < FormLimits().chance:
         alike.append((float(np.sqrt(explained / max(n_bows, 1))), n_bows))
     if np.isfinite(pvalue):
@@ -191,7 +174,8 @@ def _alike_in_strips(places, residuals, weights, squares, rises):
     Strips lie across the axes, and across the level line and the line of fall: a scanner's rows and
     columns follow these, or the longer side of what it passes.
     """
-    lines, limits, alike = np.eye(places.shape[1]), FormLimits(), []
+    lines, limits = np.eye(places.shape[1]), FormLimits()
+    alike: list[tuple[float, int]] = []
     if rises is not None and len(rises) == 2 and (length := np.linalg.norm(rises)) > 0:
         fall = rises / length
         lines = np.vstack([lines, fall, [-fall[1], fall[0]]])
@@ -215,16 +199,13 @@ def _alike_in_strips(places, residuals, weights, squares, rises):
     return alike
 
 
-def _bows(places, residuals, weights, tested):
-    """Height of the bow that fits best, squares that bows explain, how many these are, and v'Pv;
-    nan, 0 and 0 of bows that are not `tested`."""
+def bow_of(places, residuals, weights=None, at=None):
+    """Height of the bow that fits best, over the places `at`, by default the same; the largest
+    cofactor of one of them; squares that bows explain, and how many these are."""
     n, k = places.shape
-    if not tested:
-        squares = residuals**2 @ (np.ones(n) if weights is None else weights)
-        return np.nan, 0.0, 0, float(squares)
-    rows_of, total = slices(n, CHUNK), np.zeros(())
-    for rows in rows_of:
-        terms = np.column_stack([_terms(places[rows]), residuals[rows]])
+    unit, total = _unit(places), np.zeros(())
+    for rows in slices(n, CHUNK):
+        terms = np.column_stack([_terms(places[rows] / unit), residuals[rows]])
         total = total + (terms if weights is None else terms * weights[rows, None]).T @ terms
     # What of the bows, and of the residuals, no plane explains.
     planes = np.linalg.lstsq(total[: k + 1, : k + 1], total[: k + 1, k + 1 :])[0]
@@ -233,11 +214,20 @@ def _bows(places, residuals, weights, tested):
     kept = values > RANK_TOLERANCE * max(values[-1], 1.0)
     vectors = vectors[:, kept] / np.sqrt(values[kept])
     shares = vectors.T @ left[:-1, -1]
-    bows = vectors @ shares
-    surface = np.append(-planes[:, :-1] @ bows, bows)
-    heights = [_terms(places[rows]) @ surface for rows in rows_of]
-    bow = max(part.max() for part in heights) - min(part.min() for part in heights)
-    return float(bow), float(shares @ shares), len(shares), float(left[-1, -1])
+    surfaces = np.vstack([-planes[:, :-1] @ vectors, vectors])  # of independent errors of 1
+    low, high, largest, at = np.inf, -np.inf, 0.0, places if at is None else at
+    for rows in slices(len(at), CHUNK):
+        heights = _terms(at[rows] / unit) @ surfaces
+        bows = heights @ shares
+        low, high = min(low, bows.min()), max(high, bows.max())
+        largest = max(largest, np.einsum("ij,ij->i", heights, heights).max())
+    return float(high - low), float(largest), float(shares @ shares), len(shares)
+
+
+def _unit(places):
+    """Root mean square of each coordinate, 1 where it is 0."""
+    unit = np.sqrt(np.mean(places**2, axis=0))
+    return np.where(unit == 0, 1.0, unit)
 
 
 def _terms(places):

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, flatness
-from sklearn_mcmd.adjustment._tolerance import minimum_zone
+from sklearn_mcmd.adjustment._tolerance import _least_largest, minimum_zone
 
 
 def sheet(n=60, noise=0.05, seed=0):
@@ -41,7 +42,7 @@ def test_the_minimum_zone_of_an_exact_plane_is_nothing_and_of_a_line_has_two_dim
     assert minimum_zone(np.array([[0.0, 0], [1, 1], [2, 0]])) == pytest.approx(1)
 
 
-@pytest.mark.parametrize(("tolerance", "verdict"), [(0.02, "kept"), (0.005, "undecided")])
+@pytest.mark.parametrize(("tolerance", "verdict"), [(0.02, "kept"), (0.001, "undecided")])
 def test_noise_leaves_a_verdict_open_between_two_widths(tolerance, verdict):
     X = sheet(300, noise=0.001)
     for detector in (BaardaPlaneDetector(sigma0=0.001), FuzzyPlaneDetector(sigma0=0.001)):
@@ -55,7 +56,7 @@ def test_noise_leaves_a_verdict_open_between_two_widths(tolerance, verdict):
 @pytest.mark.parametrize("sigma0", [0.004, "auto"])
 @pytest.mark.parametrize(
     ("bow", "tolerance", "verdict"),
-    [(0, 0.010, "kept"), (0.010, 0.005, "exceeded"), (0.010, 0.012, "undecided")],
+    [(0, 0.010, "kept"), (0.020, 0.005, "exceeded"), (0.010, 0.010, "undecided")],
 )
 def test_the_form_of_a_wall_is_judged_through_its_noise(sigma0, bow, tolerance, verdict):
     X = np.random.default_rng(1).uniform(0, 1, (8_000, 3)) * [4, 2.5, 0]
@@ -63,8 +64,9 @@ def test_the_form_of_a_wall_is_judged_through_its_noise(sigma0, bow, tolerance, 
     options = {"surface": "orthogonal", "robust_start": True, "random_state": 0}
     found = flatness(BaardaPlaneDetector(sigma0=sigma0, **options).fit(X), X, tolerance)
     assert found.verdict == verdict
-    # A third of it is below the plane of best fit, two thirds are above; noise adds some.
-    assert found.form == pytest.approx(2 / 3 * bow, abs=0.003)
+    assert (found.n_deciding > 8_000) == (verdict == "undecided")
+    # Cells are a quarter of the wall long, over which the bow rises by 7/16 of its height.
+    assert found.form == pytest.approx(9 / 16 * bow, abs=0.002)
     assert found.form_uncertainty < 0.003 < found.uncertainty
 
 
@@ -93,49 +95,68 @@ def test_cells_that_straddle_many_dense_rows_leave_a_flat_wall_kept():
     assert flatness_of(X, 0.020, 0.002).verdict == "kept"
 
 
-def test_a_bump_of_the_size_that_is_told_is_never_kept_and_a_high_one_is_exceeded():
+@pytest.mark.parametrize("tolerance", [0.010, 0.030])
+def test_a_bump_of_the_size_that_is_told_is_never_kept_and_a_higher_one_is_exceeded(tolerance):
     verdicts = []
     for seed in range(20):
         X, rng = noisy_wall(seed)
-        flat, center = flatness_of(X, 0.010), rng.uniform(-1, 1, 2) * [1.5, 1]
+        flat, center = flatness_of(X, tolerance), rng.uniform(-1, 1, 2) * [1.5, 1]
         inside = np.all(np.abs(X[:, :2] - center) < np.array(flat.bump) / 2, axis=1)
         found = []
-        for height in (flat.bump_height, 0.016):
-            X[inside, 2] += height
-            found.append(flatness_of(X, 0.010).verdict)
-            X[inside, 2] -= height
+        for times in (1, 1.5):
+            X[inside, 2] += times * flat.bump_height
+            found.append(flatness_of(X, tolerance).verdict)
+            X[inside, 2] -= times * flat.bump_height
         verdicts.append(found)
     low, high = zip(*verdicts, strict=True)
-    assert max(flat.bump) < 0.2 < 0.9 * max(flat.cell)
+    assert tolerance < flat.bump_height < 1.35 * tolerance
     assert "kept" not in low + high
-    assert high.count("exceeded") >= 14
+    assert high.count("exceeded") >= 18
+
+
+@pytest.mark.parametrize(
+    ("height", "verdict"), [(0.45, "kept"), (0.6, "kept"), (0.95, "undecided"), (1.4, "exceeded")]
+)
+def test_the_zone_may_lie_anywhere_so_a_plateau_as_high_as_the_tolerance_decides(height, verdict):
+    """A plane of least squares lies near the floor; half of the tolerance beside it is no zone."""
+    verdicts = []
+    for seed in range(8):
+        X, rng = noisy_wall(seed, noise=0.002)
+        center = rng.uniform(-1, 1, 2) * [1.4, 0.65]
+        X[np.all(np.abs(X[:, :2] - center) < 0.5, axis=1), 2] += height * 0.020
+        verdicts.append(flatness_of(X, 0.020, 0.002).verdict)
+    assert verdicts.count(verdict) >= 7
+
+
+def test_a_ghost_is_an_outlier_and_no_form():
+    X, _ = noisy_wall(0, noise=0.002)
+    X[0, 2] = 0.1
+    found = flatness_of(X, 0.020, 0.002)
+    assert (found.verdict, found.n_significant) == ("kept", 1)
+
+
+def test_a_least_zone_with_margins_is_that_of_all_constraints():
+    rng = np.random.default_rng(0)
+    along, across, margins = rng.normal(size=(50, 2)), rng.normal(size=50), rng.normal(size=50)
+    slopes, least = _least_largest(along, across, margins)
+    rows, one = np.column_stack([along, np.ones(50)]), -np.ones((50, 1))
+    both, limits = np.block([[rows, one], [-rows, one]]), np.r_[across - margins, -across - margins]
+    expected = linprog([0, 0, 0, 1], both, limits, bounds=(None, None)).x
+    np.testing.assert_allclose([*slopes, least], expected[[0, 1, 3]], rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize(("n", "n_cells"), [(30, 4), (60, 4), (100, 8), (300, 16)])
-def test_few_points_make_few_cells_that_keep_a_flat_wall_and_show_a_bow(n, n_cells):
+def test_few_points_make_few_cells_that_keep_a_flat_wall_and_no_bow(n, n_cells):
     flat, bowed = [], []
     for seed in range(20):
         X, _ = noisy_wall(seed, n, 0.001)
         found = flatness_of(X, 0.010, 0.001)
         assert found.n_cells == n_cells
         flat.append(found.verdict)
-        X[:, 2] += 0.003 * X[:, 0] ** 2
+        X[:, 2] += 0.004 * X[:, 0] ** 2
         bowed.append(flatness_of(X, 0.010, 0.001).verdict)
     assert flat.count("kept") >= 17
-    assert bowed.count("exceeded") >= 17
     assert "kept" not in bowed
-
-
-@pytest.mark.parametrize("tolerance", [0.010, 0.030])
-def test_a_surface_is_seldom_exceeded_or_kept_wrongly(tolerance):
-    """A bow whose rims are just at the tolerance: neither verdict is proven."""
-    rng, verdicts = np.random.default_rng(3), []
-    for _ in range(25):
-        X = np.column_stack([rng.uniform(-1, 1, (1_000, 2)), rng.normal(0, 0.001, 1_000)])
-        X[:, 2] += 0.75 * tolerance * X[:, 0] ** 2
-        detector = FuzzyPlaneDetector(0.05, sigma0=0.001, width=1e6).fit(X)
-        verdicts.append(flatness(detector, X, tolerance).verdict)
-    assert verdicts.count("undecided") > 20
 
 
 def test_points_within_the_tolerance_are_significant_with_probability_alpha_at_most():
@@ -151,13 +172,17 @@ def test_points_within_the_tolerance_are_significant_with_probability_alpha_at_m
     assert 0.005 < np.mean(significant) <= 0.05
 
 
-def test_a_dent_exceeds_the_tolerance_and_its_points_are_counted():
+def test_points_of_a_dent_are_counted_and_a_few_are_no_form():
     X = sheet(500, noise=0.001)
     X[:7, 2] -= 0.02
     found = flatness(BaardaPlaneDetector(sigma0="auto", surface="orthogonal").fit(X), X, 0.01)
-    assert found.verdict == "exceeded"
+    assert found.verdict == "kept"
     assert found.n_significant == found.n_outside == 7
     assert found.zone < 0.01  # of the others
+    near = np.argsort(np.linalg.norm(X[:, :2] - 2, axis=1))[:60]
+    X[near, 2] -= 0.02
+    found = flatness(BaardaPlaneDetector(sigma0="auto", surface="orthogonal").fit(X), X, 0.01)
+    assert found.verdict == "exceeded"
 
 
 def test_a_tilted_plane_has_perpendicular_distances():

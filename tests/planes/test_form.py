@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector
-from sklearn_mcmd.planes._form import cells_of, form_of, planes_of
+from sklearn_mcmd.planes._form import cells_of, form_of
 
 NOISE = 0.004
 
@@ -118,18 +118,6 @@ def test_a_line_bows_and_exact_points_do_not():
     assert form(line + np.array([0, 1]) * 0.01 * line[:, :1] ** 2).pvalue < 1e-6
     exact = BaardaPlaneDetector(1e-9, sigma0=NOISE).fit(wall() * [1, 1, 0])
     assert not exact.form_.is_alike(exact._fitted.scale)
-
-
-@pytest.mark.parametrize(("width", "has_tilt"), [(NOISE / 100, False), (NOISE * 100, True)])
-def test_a_cell_has_no_tilt_across_a_width_that_is_noise(width, has_tilt):
-    rng = np.random.default_rng(0)
-    places, p = rng.uniform(-1, 1, (200, 2)) * [2, width], rng.uniform(0.5, 2, 200)
-    z = rng.normal(0, NOISE, 200) / np.sqrt(p)
-    heights, cofactors = planes_of(cells_of(places, z, p, 0), places, z, p, NOISE)
-    design = np.column_stack([np.ones(200), places])[:, : 2 + has_tilt]
-    normal = np.linalg.inv((design.T * p) @ design)
-    np.testing.assert_allclose(heights, design @ normal @ (design.T @ (p * z)), atol=NOISE / 1000)
-    np.testing.assert_allclose(cofactors, np.sum(design @ normal * design, axis=1), rtol=0.01)
 
 
 def test_many_regressors_have_no_bows():
