@@ -62,9 +62,9 @@ class BaardaPlaneDetector(PlaneDetector):
         noise in all directions, "vertical" rejects half of the good points.
     toward : array-like of shape (n_features,), default=None
         A place to whose side the normal of an orthogonal surface points, such as where the scanner
-        stood. Without it, it points to the side of (1/16, 1/4, 1): up, and that of a wall, which
-        noise would turn to either side, to +y, or to +x if the wall goes along y. The normal of a
-        vertical surface always points up.
+        stood. Without it, it points up; if its height is less than four of its standard errors,
+        as that of a wall, to +y, or to +x if the wall goes along y. The normal of a vertical
+        surface always points up.
     robust_start : bool, default=False
         Whether round 1 starts from the plane of the most coplanar half of the points (the
         maximum consistent set), improved by concentration and reweighting, in place of all

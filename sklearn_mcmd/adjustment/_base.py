@@ -31,7 +31,7 @@ from sklearn_mcmd.adjustment._least_squares import (
     rounding_of,
 )
 from sklearn_mcmd.adjustment._power import POWER, coupled_level
-from sklearn_mcmd.adjustment._precision import PlanePrecision, precision_of, quantile
+from sklearn_mcmd.adjustment._precision import PlanePrecision, pointed_up, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import NORMAL_QUARTILE, m_estimate
 from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level, statistic
@@ -313,6 +313,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
             noise = self._noise(np.sqrt(plane.variance_factor), plane, training)
         if self.toward is not None:
             plane = plane.toward(self._place_of_side())
+        elif self.surface == "orthogonal":
+            plane = pointed_up(plane, training.deviation_of(plane))
         self.sigma0_, is_rounding = noise
         (X, weights), axes = training[:2], plane.directions
         if not support.all():

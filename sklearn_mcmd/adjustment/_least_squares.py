@@ -18,10 +18,6 @@ CHUNK = 1 << 15  # rows that are processed together, whose copy stays in the pro
 # Spread of a direction over the largest, squared and of columns scaled alike, of collinear columns.
 RANK_TOLERANCE = 1e-13
 
-# The normal of an orthogonal surface is on the side of (SIDE^2, SIDE, 1): up, that of a wall to +y,
-# or to +x if it goes along y. Noise decides only for walls that go 14 degrees beside the y axis.
-SIDE = 0.25
-
 
 class Rounding(NamedTuple):
     """What is rounded in the coordinates of points."""
@@ -131,8 +127,11 @@ class PlaneAdjustment:
 
     def toward(self, place):
         """The plane with its normal on the side of a place."""
-        away = (place - self.center) @ self.direction < 0
-        return replace(self, direction=-self.direction) if away else self
+        return self.reversed() if (place - self.center) @ self.direction < 0 else self
+
+    def reversed(self):
+        """The plane with its normal to the other side."""
+        return replace(self, direction=-self.direction)
 
     @property
     def directions(self) -> NDArray[np.float64]:
@@ -207,9 +206,6 @@ def adjust_plane(X, weights=None, *, surface="vertical"):
     direction = direction - axes @ slopes
     if surface == "orthogonal":
         direction = direction / np.linalg.norm(direction)
-        direction = direction * (
-            np.sign(direction @ SIDE ** np.arange(len(direction))[::-1]) or 1.0
-        )
     n_observations = X.shape[0] if weights is None else np.count_nonzero(weights)
     return PlaneAdjustment(
         center=center,

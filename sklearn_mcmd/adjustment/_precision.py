@@ -6,6 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri, ndtri, stdtrit
 
+CLEAR = 4.0  # standard errors of a coordinate of a normal from which on its sign is known
+ROUNDING = 8 * np.finfo(float).eps  # of such a coordinate
+
 
 @dataclass(frozen=True, eq=False)
 class PlanePrecision:
@@ -80,6 +83,18 @@ def parameter_derivatives(plane):
     derivatives[-1] = plane.center @ derivatives[:-1]
     derivatives[-1, 0] = 1 / (length * np.sqrt(plane.sum_weights))
     return derivatives * plane.deviations
+
+
+def pointed_up(plane, scale):
+    """The plane of an orthogonal surface with its normal up; that of a wall to +y, or +x.
+
+    The last coordinate decides that is more than four of its standard errors, of this scale of
+    unit weight: noise has no say.
+    """
+    errors = np.linalg.norm(scale * parameter_derivatives(plane)[:-1], axis=1)
+    clear = np.abs(plane.normal) > CLEAR * errors + ROUNDING
+    axis = np.flatnonzero(clear)[-1] if clear.any() else np.abs(plane.normal).argmax()
+    return plane if plane.normal[axis] > 0 else plane.reversed()
 
 
 def tilt_direction(normal):

@@ -101,16 +101,19 @@ def test_noise_does_not_decide_the_side_of_a_wall(facing):
     for _ in range(40):
         X = rng.uniform(-1, 1, (200, 3)) * [2, 0, 1] + rng.normal(0, 0.004, (200, 3))
         X[:, :2] = X[:, :1] * [facing[1], -facing[0]] + X[:, 1:2] * facing
-        normals.append(adjust_plane(X, surface="orthogonal").normal)
+        normals.append(BaardaPlaneDetector(sigma0=0.004, surface="orthogonal").fit(X).normal_)
     assert_allclose(normals, np.tile([*facing, 0], (40, 1)), atol=0.01)
 
 
-def test_a_roof_points_up_whatever_side_it_falls_to():
-    turn = np.radians(60)
+@pytest.mark.parametrize("kind", [BaardaPlaneDetector, FuzzyPlaneDetector])
+@pytest.mark.parametrize("fall", [60, np.degrees(np.arctan(4)), np.degrees(np.arctan(16))])
+def test_roofs_and_batters_point_up_whatever_side_they_fall_to(kind, fall):
+    turn, rng = np.radians(fall), np.random.default_rng(0)
     for azimuth in np.radians(np.arange(0, 360, 30)):
         normal = [*(np.sin(turn) * np.array([np.sin(azimuth), np.cos(azimuth)])), np.cos(turn)]
-        X = np.random.default_rng(0).normal(size=(50, 2)) @ np.linalg.svd([normal])[2][1:]
-        assert_allclose(adjust_plane(X, surface="orthogonal").normal, normal, atol=1e-12)
+        X = rng.uniform(-2, 2, (300, 2)) @ np.linalg.svd([normal])[2][1:]
+        X += rng.normal(0, 0.004, (300, 3))
+        assert_allclose(kind(sigma0=0.004, surface="orthogonal").fit(X).normal_, normal, atol=0.002)
 
 
 @pytest.mark.parametrize("kind", [BaardaPlaneDetector, FuzzyPlaneDetector])
