@@ -8,6 +8,12 @@ from sklearn_mcmd.adjustment._power import coupled_level, noncentrality
 from sklearn_mcmd.adjustment._precision import PlanePrecision
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
 from sklearn_mcmd.adjustment._report import plot_report, text_report
+from sklearn_mcmd.adjustment._scan_weights import (
+    ScanWeights,
+    VarianceComponent,
+    scan_weights,
+    variance_components,
+)
 from sklearn_mcmd.adjustment._tests import critical_value, local_level
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness, flatness
 from sklearn_mcmd.planes._form import PlaneForm
@@ -22,6 +28,8 @@ __all__ = [
     "PlanePlan",
     "PlanePrecision",
     "PlaneReliability",
+    "ScanWeights",
+    "VarianceComponent",
     "compare_planes",
     "coupled_level",
     "critical_value",
@@ -30,5 +38,7 @@ __all__ = [
     "noncentrality",
     "plan_plane",
     "plot_report",
+    "scan_weights",
     "text_report",
+    "variance_components",
 ]

@@ -1,11 +1,13 @@
 """Flatness of points against a tolerance: zones, shares, and what is significant."""
 
+from functools import partial
 from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
+from scipy.special import chdtrc
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
@@ -17,6 +19,7 @@ from sklearn_mcmd.planes._form import FormLimits, bow_of, cells_of
 MEDIAN_POINTS = 8  # of the smallest cells, whose median single outliers do not move
 LEAST_HALVINGS = 2  # four cells, which show a bow along and across
 MEDIAN = np.sqrt(np.pi / 2)  # error of a median of normal noise over that of a mean
+LEFT_OVER = 0.05  # chance of what a bow leaves of medians, below which they have another form
 POWER_95 = 1.645  # deviations by which a bump is higher than its least median, at 95 %
 LP_TOLERANCE = 1e-7  # of distances over the width, that of the linear programs
 N_TURNS = 3  # of the normal; each squares the angle that is left
@@ -48,7 +51,8 @@ class PlaneFlatness(NamedTuple):
         "kept" if two parallel planes at the tolerance hold the medians of all cells with their
         uncertainties, of smaller cells those that are more than noise, and the bow that fits these
         best; or if they hold all points. "exceeded" if none hold these medians even less their
-        uncertainties. Otherwise nothing is proven (ISO 14253-1).
+        uncertainties, or if the bow explains them and is higher. Otherwise nothing is proven (ISO
+        14253-1).
     n_deciding : float
         About how many points would decide, 0 if they do.
     """
@@ -146,47 +150,55 @@ def _surface(places, residuals, weights, half, noise, factor):
 
     The function `factor` tells the quantile of so many cells at once.
     """
-    rank = places.shape[1]
     last = max(int(np.log2(len(places) / MEDIAN_POINTS)), min(LEAST_HALVINGS, len(places) // 2))
     first = min(FormLimits().halvings, last)
-    scales, cells, figures, exceeded = range(first, last + 1, 2), None, {}, False
-    widest, n_deciding, kept = -np.inf, 0.0, True
+    scales = range(first, last + 1, 2)
+    cells = cells_of(places, residuals, weights, first)
+    figures: dict = {"n_cells": len(cells.weights), "cell": _sides(cells, places)}
+    kept, exceeded, widest, n_deciding = True, False, -np.inf, 0.0
     for scale in scales:
-        cells = cells_of(places, residuals, weights, scale if cells is None else 2, cells)
-        order = np.argsort(cells.of_point, kind="stable")
-        counts = np.bincount(cells.of_point)
-        parts = np.split(residuals[order], np.cumsum(counts)[:-1])
-        heights = np.array([np.median(part) for part in parts])
-        # Of noise s / sqrt(p), whose densities at the median add up.
-        errors = MEDIAN * noise * np.sqrt(counts) / np.bincount(cells.of_point, np.sqrt(weights))
-        limits = errors * factor(len(counts) * len(scales))
-
-        def zone(margins, heights=heights, cells=cells):
-            return _least_largest(cells.places, heights, margins)[1]
-
-        exceeded |= zone(-limits) > half
-        is_noise = np.zeros(len(limits), bool)
+        if scale > first:
+            cells = cells_of(places, residuals, weights, 2, cells)
+        heights, errors = _medians(cells, residuals, weights, noise)
+        limits = errors * factor(len(heights) * len(scales))
+        zone = partial(_least_largest, cells.places, heights)
+        # Most small cells are off by noise alone. The first show the form.
+        is_noise = (np.abs(heights) <= limits) & (scale > first)
+        kept &= zone(np.where(is_noise, -limits, limits))[1] <= half
+        exceeded |= zone(-limits)[1] > half
+        least = zone(np.where(is_noise, -limits, 0.0))[1]
         if scale == first:
-            figures = {"n_cells": len(counts), "cell": _sides(cells, places)}
-            form = 2 * zone(np.zeros_like(limits))
-            figures |= {"form": form, "form_uncertainty": 2 * float(limits.max())}
-        else:  # most small cells are off by noise alone
-            is_noise = np.abs(heights) <= limits
-        kept &= zone(np.where(is_noise, -limits, limits)) <= half
-        if (least := zone(np.where(is_noise, -limits, 0.0))) > widest and least != half:
+            figures |= {"form": 2 * least, "form_uncertainty": 2 * float(limits.max())}
+        if least > widest and least != half:
             widest = least
             # Limits fall with the root of the number of points.
             n_deciding = len(places) * float(limits.max() / (half - least)) ** 2
-    # Medians of large cells show little of a bow, which goes on to the rims.
-    if kept and (kept := len(heights) > (rank + 1) * (rank + 2) // 2):
-        bow, cofactor, _, _ = bow_of(cells.places, heights, errors**-2, places)
-        kept = bow + factor(1) * np.sqrt(cofactor) <= 2 * half
+    # Medians show little of a bow, which goes on to the rims. It is proven where nothing else is
+    # left of them; at a step it would overshoot.
+    rank = places.shape[1] + 1
+    surface, cofactor, _, n_bows, left = bow_of(cells.places, heights, errors**-2, places)
+    if (dof := len(heights) - rank - n_bows) > 0:
+        bow, uncertainty = 2 * _least_largest(places, surface)[1], factor(1) * np.sqrt(cofactor)
+        kept &= bow + uncertainty <= 2 * half
+        exceeded |= bow - uncertainty > 2 * half and chdtrc(dof, left) > LEFT_OVER
+    else:
+        kept = False
     figures["bump"] = _sides(cells, places, 2)  # so large it covers a cell, wherever it is
     least_height = max(2 * half, float(np.median(limits)))
     figures["bump_height"] = least_height + 2 * POWER_95 * float(np.median(errors))
     figures["verdict"] = "exceeded" if exceeded else "kept" if kept else "undecided"
-    figures["n_deciding"] = max(n_deciding, len(places)) if figures["verdict"][0] == "u" else 0.0
-    return figures
+    is_open = figures["verdict"] == "undecided"
+    return figures | {"n_deciding": max(n_deciding, len(places)) if is_open else 0.0}
+
+
+def _medians(cells, residuals, weights, noise):
+    """Medians of cells, and their standard errors, of noise of unit weight."""
+    counts = np.bincount(cells.of_point)
+    order = np.argsort(cells.of_point, kind="stable")
+    parts = np.split(residuals[order], np.cumsum(counts)[:-1])
+    # The densities of noise / sqrt(p) at the median add up.
+    errors = MEDIAN * noise * np.sqrt(counts) / np.bincount(cells.of_point, np.sqrt(weights))
+    return np.array([np.median(part) for part in parts]), errors
 
 
 def _sides(cells, places, times=1):

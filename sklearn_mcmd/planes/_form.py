@@ -121,7 +121,8 @@ def form_of(places, residuals, weights=None, rises=None):
     bow = explained = np.nan
     n_bows = 0
     if dof:
-        bow, _, explained, n_bows = bow_of(places, residuals, weights)
+        heights, _, explained, n_bows, _ = bow_of(places, residuals, weights)
+        bow = float(np.ptp(heights))
     within = squares - cells.weights @ cells.residuals**2
     noise = float(np.sqrt(max(within, 0.0) / max(noise_dof, 1)))
     statistic, pvalue = _ratio(between, dof, within, noise_dof, squares)
@@ -200,8 +201,9 @@ def _alike_in_strips(places, residuals, weights, squares, rises):
 
 
 def bow_of(places, residuals, weights=None, at=None):
-    """Height of the bow that fits best, over the places `at`, by default the same; the largest
-    cofactor of one of them; squares that bows explain, and how many these are."""
+    """Heights of the bow that fits best, over the places `at`, by default the same; the largest
+    cofactor of one of them; squares that bows explain, how many these are, and the squares that
+    neither plane nor bows explain."""
     n, k = places.shape
     unit, total = _unit(places), np.zeros(())
     for rows in slices(n, CHUNK):
@@ -215,13 +217,14 @@ def bow_of(places, residuals, weights=None, at=None):
     vectors = vectors[:, kept] / np.sqrt(values[kept])
     shares = vectors.T @ left[:-1, -1]
     surfaces = np.vstack([-planes[:, :-1] @ vectors, vectors])  # of independent errors of 1
-    low, high, largest, at = np.inf, -np.inf, 0.0, places if at is None else at
+    at = places if at is None else at
+    heights, largest = np.empty(len(at)), 0.0
     for rows in slices(len(at), CHUNK):
-        heights = _terms(at[rows] / unit) @ surfaces
-        bows = heights @ shares
-        low, high = min(low, bows.min()), max(high, bows.max())
-        largest = max(largest, np.einsum("ij,ij->i", heights, heights).max())
-    return float(high - low), float(largest), float(shares @ shares), len(shares)
+        each = _terms(at[rows] / unit) @ surfaces
+        heights[rows] = each @ shares
+        largest = max(largest, np.einsum("ij,ij->i", each, each).max())
+    explained = float(shares @ shares)
+    return heights, float(largest), explained, len(shares), left[-1, -1] - explained
 
 
 def _unit(places):

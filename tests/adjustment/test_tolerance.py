@@ -128,6 +128,20 @@ def test_the_zone_may_lie_anywhere_so_a_plateau_as_high_as_the_tolerance_decides
     assert verdicts.count(verdict) >= 7
 
 
+@pytest.mark.parametrize(
+    ("height", "verdict"), [(0.5, "kept"), (0.95, "undecided"), (1.1, "exceeded")]
+)
+@pytest.mark.parametrize("twisted", [False, True])
+def test_a_bow_or_a_twist_as_high_as_the_tolerance_decides(height, verdict, twisted):
+    verdicts = []
+    for seed in range(8):
+        X, _ = noisy_wall(seed, noise=0.002)
+        x, y = (X[:, :2] / [2, 1.25]).T
+        X[:, 2] += height * 0.020 * (x * y / 2 if twisted else x**2)
+        verdicts.append(flatness_of(X, 0.020, 0.002).verdict)
+    assert verdicts.count(verdict) >= 7
+
+
 def test_a_ghost_is_an_outlier_and_no_form():
     X, _ = noisy_wall(0, noise=0.002)
     X[0, 2] = 0.1
