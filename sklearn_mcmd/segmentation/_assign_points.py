@@ -48,15 +48,16 @@ class Claims:
         Regions whose labels are `content` have all their points, and claim none.
         """
         usable = (labels >= 0) & ~np.isin(labels, content)
-        rest = asked = np.flatnonzero(labels < 0)
+        unlabeled = asked = np.flatnonzero(labels < 0)
         fresh = np.zeros(len(labels), dtype=bool)
         while len(asked):
             owner = self._owners(labels, asked, usable)
             claimed = asked[owner >= 0]
             labels[claimed], usable[claimed] = owner[owner >= 0], True
-            rest, fresh[claimed] = rest[labels[rest] < 0], True
-            asked = rest[self._in_parts(rest, lambda _, near: fresh[near.indices].any(axis=1))]
-            fresh[claimed] = False
+            unlabeled, fresh[claimed] = unlabeled[labels[unlabeled] < 0], True
+            # Only what has a neighbor that was claimed just now can be claimed next.
+            has_fresh = self._in_parts(unlabeled, lambda _, near: fresh[near.indices].any(axis=1))
+            asked, fresh[claimed] = unlabeled[has_fresh], False
         return labels
 
     def _owners(self, labels, rows, usable):

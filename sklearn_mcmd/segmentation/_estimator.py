@@ -29,10 +29,10 @@ from sklearn_mcmd.segmentation._graph import (
     link_neighbors,
     seed_order,
 )
-from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar, region_planes
+from sklearn_mcmd.segmentation._merge_coplanar import RegionPlanes, join_coplanar
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaces
 from sklearn_mcmd.segmentation._region_division import divide_at_creases
-from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes
+from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_moments, region_sizes
 from sklearn_mcmd.segmentation._region_table import region_table
 
 
@@ -51,9 +51,7 @@ class Segments(NamedTuple):
     """The points of a cloud, and the regions found among them."""
 
     neighbor_index: NeighborIndex
-    labels: (
-        np.ndarray
-    )  # (n,) of the points of the index, from 0 for the largest region on; -1 for none
+    labels: np.ndarray  # (n,) of its points, from 0 for the largest region on; -1 for none
     planes: Planes  # of these points; `scale` and `radius` are those that growth uses
     copies: np.ndarray | None  # (n,), points at each place; None for one
 
@@ -297,16 +295,15 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         index, labels, planes, copies = self._segment(X)
         points, places, n_regions = index.points, index.places, n_regions_of(labels)
         weights = copies if len(points) < len(places) else None
-        moments = region_planes(points, labels, n_regions, weights)
-        sizes, centroids, _, values, axes = moments
+        region_planes = RegionPlanes.of(region_moments(points, labels, n_regions, weights))
         self.n_regions_ = n_regions
-        self.region_sizes_ = sizes.astype(np.int64)
-        self.region_centroids_ = centroids
-        self.region_normals_ = point_up(axes[..., 0].copy())
-        self.region_errors_ = np.sqrt(values[:, 0])
+        self.region_sizes_ = region_planes.sizes.astype(np.int64)
+        self.region_centroids_ = region_planes.centroids
+        self.region_normals_ = point_up(region_planes.axes[..., 0].copy())
+        self.region_errors_ = np.sqrt(region_planes.eigenvalues[:, 0])
         self.regions_ = None
         if points.shape[1] == 3:
-            self.regions_ = region_table(points, labels, planes, moments)
+            self.regions_ = region_table(points, labels, planes, region_planes)
         self.labels_ = labels[places].astype(np.int64)
         return self
 
@@ -370,7 +367,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
 
     def _steps(self):
         """The `GrowthSteps`: all of them, or none."""
-        return GrowthSteps() if self.refine else GrowthSteps(*[False] * len(GrowthSteps._fields))
+        steps = GrowthSteps()
+        return steps if self.refine else GrowthSteps._make(False for _ in steps)
 
     def _rules(self):
         """The `GrowthRules` that the parameters are."""

@@ -101,11 +101,11 @@ def seed_order(variation, points, planes):
     same = np.diff(flatness[seeds]) == 0
     tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
     equal = seeds[tied]
-    own = points[equal]
-    gaps = own - planes.centroids[equal]
+    places = points[equal]
+    gaps = places - planes.centroids[equal]
     heights = np.abs(np.einsum("nd,nd->n", gaps, planes.normals[equal]))
     heights = np.rint(np.ldexp(ratio(heights, planes.scale[equal]), HEIGHT_BITS))
-    seeds[tied] = equal[np.lexsort((*own.T, heights, flatness[equal]))]
+    seeds[tied] = equal[np.lexsort((*places.T, heights, flatness[equal]))]
     return seeds
 
 
