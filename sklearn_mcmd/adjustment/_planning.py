@@ -43,9 +43,6 @@ class PlanePlan(NamedTuple):
         Good points, and not all outliers (type III); all outliers, and good points.
     false_alarm : tuple of float
         Points are excluded though there is no outlier.
-    offset_error, normal_errors : float and tuple of float
-        Expected standard errors a priori: of the plane at its center, and of the normal in degrees,
-        by tilts along both sides.
     """
 
     n_outliers: int
@@ -57,8 +54,6 @@ class PlanePlan(NamedTuple):
     wrongly_excluded: tuple[float, float]
     over_excluded: tuple[float, float]
     false_alarm: tuple[float, float]
-    offset_error: float
-    normal_errors: tuple[float, float]
 
 
 @checked(
@@ -74,7 +69,6 @@ def plan_plane(
     n_points: int = 100,
     *,
     sigma0: float = 1.0,
-    extent: tuple[float, float] = (1.0, 1.0),
     alpha: float = 0.05,
     correction: Correction = "sidak",
     outlier_rate: float = 0.0,
@@ -86,17 +80,16 @@ def plan_plane(
 ) -> PlanePlan:
     """Which errors will data snooping find on a plane in space, and what will it confuse?
 
-    It simulates points that are uniform over a rectangle, gives some of them a bias to one side,
-    and snoops as `BaardaPlaneDetector` does with known sigma0. A formula for one test cannot say
-    how often a wrong point goes. The outcomes are those of Rofatto et al. (Survey Review, 2020).
+    It simulates points that are uniform over a rectangle of any sides, gives some of them a bias to
+    one side, and snoops as `BaardaPlaneDetector` does with known sigma0. A formula for one test
+    cannot say how often a wrong point goes. The outcomes are those of Rofatto et al. (Survey
+    Review, 2020).
 
     Parameters
     ----------
     n_points : int >= 5, default=100
     sigma0 : float > 0, default=1.0
         Standard deviation of a point across the plane.
-    extent : tuple of two floats > 0, default=(1.0, 1.0)
-        Sides of the rectangle, in the unit of `sigma0`. They matter for the normal only.
     alpha, correction, robust_start
         As of `BaardaPlaneDetector`.
     outlier_rate : float in [0, 0.5), default=0.0
@@ -118,9 +111,6 @@ def plan_plane(
     >>> print(f"{plan.bias[0]:.3f} m; {plan.missed[0]:.2f} missed")
     0.017 m; 0.20 missed
     """
-    sides = np.asarray(extent, dtype=float)
-    if sides.shape != (2,) or not np.all((sides > 0) & (sides < np.inf)):
-        raise ValueError(f"extent={extent!r} is no rectangle: give two sides above 0.")
     root = np.sqrt(noncentrality(local_level(alpha, n_points, correction), power))
     levels = [local_level(alpha, n, correction) for n in range(n_points + 2)]
     limits = np.array([critical_value("w", level, 1) for level in levels])
@@ -135,9 +125,9 @@ def plan_plane(
     else:
         size, error = bias / sigma0, 0.0
     found, correct, missed, wrong, over = simulate(min(size, LARGEST), k, n_repetitions)
-    normal_errors = np.degrees(sigma0 / (sides * np.sqrt(n_points / 12)))
     return PlanePlan(
         n_outliers=k,
+        # Redundancy numbers of n points sum to n - 3: their mean is 1 - 3 / n.
         minimal_bias=float(sigma0 * root / np.sqrt(1 - 3 / n_points)),
         bias=(float(sigma0 * size), float(sigma0 * error)),
         found=found,
@@ -146,8 +136,6 @@ def plan_plane(
         wrongly_excluded=wrong,
         over_excluded=over,
         false_alarm=simulate(0.0, 0, n_repetitions)[-1],
-        offset_error=float(sigma0 / np.sqrt(n_points)),
-        normal_errors=tuple(normal_errors.tolist()),
     )
 
 
@@ -163,8 +151,8 @@ def _outcomes(n, k, bias, limits, robust_start, seed, n_repetitions):
         if robust_start:
             corners = rng.randint(n, size=(len(heights), n_trials_of_start(3), 3))
             member = _started(design, heights, corners, limits[n])
-        found = _snooped(design, heights, member, limits)
-        counts.append([found[:, :k].sum(axis=1), found[:, k:].sum(axis=1)])
+        rejected = _snooped(design, heights, member, limits)
+        counts.append([rejected[:, :k].sum(axis=1), rejected[:, k:].sum(axis=1)])
     n_found, n_false = np.concatenate(counts, axis=1)
     full, clean = n_found == k, n_false == 0
     rates = n_found / max(k, 1), full & clean, ~full & clean, ~full & ~clean, full & ~clean

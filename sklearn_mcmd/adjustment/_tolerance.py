@@ -96,10 +96,13 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
         raise ParameterError(f"$tolerance={tolerance!r} is no width: give a finite number above 0.")
     fitted, form, half = detector._fitted, detector.form_, tolerance / 2
     plane, length = fitted.plane, np.linalg.norm(fitted.plane.direction)
-    known, within = detector.test_ == "w", max(form.noise, fitted.rounding)
-    scale, dof = (detector.sigma0_, np.inf) if known else (fitted.scale, detector.dof_)
-    unit, noise_dof = (within, form.noise_dof) if np.isfinite(form.pvalue) else (scale, dof)
-    unit /= length
+    # The scale of a single point; and of cells the noise within them, if there are enough points.
+    scale, dof = fitted.scale, detector.dof_
+    if detector.test_ == "w":
+        scale, dof = detector.sigma0_, np.inf
+    noise, noise_dof = scale, dof
+    if np.isfinite(form.pvalue):
+        noise, noise_dof = max(form.noise, fitted.rounding), form.noise_dof
     residuals, spread = plane.evaluate(X)
     residuals /= length
     weights = np.ones(len(X)) if fitted.weights is None else fitted.weights
@@ -118,7 +121,7 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
         residuals[judged],
         weights[judged],
         tolerance,
-        unit,
+        noise / length,
         lambda m, rank: quantile(1 - local_level(detector.alpha, m), noise_dof, rank),
     )
     return PlaneFlatness(
@@ -196,8 +199,8 @@ def _least_largest(along, across):
     solution, active = np.zeros(d + 2), np.empty(0, dtype=np.intp)
     while True:
         residuals = heights - design @ solution[:-1]
-        order = np.argsort(residuals)[np.r_[: d + 2, -d - 2 : 0]]
-        added = np.union1d(active, order)
+        order = np.argsort(residuals)  # those at both ends, or all if they are fewer
+        added = np.union1d(active, np.append(order[: d + 2], order[-d - 2 :]))
         if len(added) == len(active) or np.abs(residuals).max() <= solution[-1] + LP_TOLERANCE:
             return solution[:-2] / unit * height
         active, one = added, -np.ones((len(added), 1))

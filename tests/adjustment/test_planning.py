@@ -109,7 +109,6 @@ def test_lengths_scale_and_the_robust_start_survives_what_least_squares_does_not
     assert plans[0].n_outliers == 27
     assert plans[1].found[0] > 0.99 > plans[0].found[0]
     assert plans[0] == plan_plane(60, random_state=0, **options)
-    assert plans[0].offset_error == pytest.approx(0.04 / np.sqrt(60))
 
 
 def test_where_no_bias_is_found_so_often_it_is_infinite():
@@ -122,8 +121,6 @@ def test_where_no_bias_is_found_so_often_it_is_infinite():
     ("options", "words"),
     [
         ({"n_points": 4}, "'n_points' parameter"),
-        ({"extent": (1, -1)}, r"extent=\(1, -1\) is no rectangle"),
-        ({"extent": 4}, "extent=4 is no rectangle"),
         ({"power": 1e-6}, "power=1e-06 is not above"),
         ({"outlier_rate": 0.5}, "'outlier_rate' parameter"),
     ],

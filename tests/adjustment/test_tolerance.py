@@ -39,6 +39,7 @@ def test_the_minimum_zone_of_an_exact_plane_is_nothing_and_of_a_line_has_two_dim
     exact = sheet(noise=0)
     assert minimum_zone(exact) == pytest.approx(0, abs=1e-15)
     assert minimum_zone(np.array([[0.0, 0], [1, 1], [2, 0]])) == pytest.approx(1)
+    assert minimum_zone(exact[:1]) == pytest.approx(0, abs=1e-15)  # all that a test may leave
 
 
 @pytest.mark.parametrize(("tolerance", "verdict"), [(0.02, "kept"), (0.005, "undecided")])
