@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from sklearn_mcmd._errors import counted, fixed
+from sklearn_mcmd._errors import fixed
 from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
@@ -233,7 +233,6 @@ def _form_rows(detector, unit):
 def _test_rows(detector, unit):
     replaced = " in place of w, as sigma0 is estimated" if detector.test_ != detector.test else ""
     correction = "no" if detector.correction == "none" else detector.correction
-    squared = unit and f"{unit}^2"
     origin = "estimated" if detector.sigma0 == "auto" else "given"
     if detector._fitted.is_rounding:
         origin = "float64's rounding: no noise to test against"
@@ -245,11 +244,8 @@ def _test_rows(detector, unit):
             "critical value": f"{detector.critical_value_:.4f}",
             "sigma0": _row("sigma0", f"{detector.sigma0_:.4g}", unit, note=origin),
             "degrees of freedom": detector.dof_,
-            "variance factor": f"{detector.variance_factor_initial_:.6g}{squared} with all points, "
-            f"{detector.variance_factor_:.6g}{squared} without outliers",
             **_variance_ratio(detector),
             "global test": _global_test(detector),
-            **_details(detector),
         }
     )
 
@@ -257,6 +253,7 @@ def _test_rows(detector, unit):
 def _variance_ratio(detector):
     """The variance factor over a given sigma0^2, and where 95 % of its values are."""
     f = detector.dof_  # the variance factor of the fuzzy test is of an adjustment of its own
+    # 95 % of the values of chi-squared over f lie between its two quantiles over f.
     if not hasattr(detector, "elimination_step_"):
         f -= np.count_nonzero(detector.labels_ == -1)
     if detector.sigma0 == "auto" or detector._fitted.is_rounding or f < 1:
@@ -275,16 +272,6 @@ def _global_test(detector):
     level = detector.global_test_level_
     verdict = f"; rejected at the level {level:.3g}" if after < level else ""
     return f"p = {before:.2g} with all points, {after:.2g} without outliers{verdict}"
-
-
-def _details(detector):
-    if hasattr(detector, "elimination_step_"):
-        removed = np.count_nonzero(detector.elimination_step_)
-        back = np.count_nonzero((detector.elimination_step_ > 0) & (detector.labels_ == 1))
-        return {"removed": f"{removed} in {counted(detector.n_iter_, 'round')}, {back} came back"}
-    if np.isnan(detector.defuzzification_limit_):
-        return {"limit": "none: no residual is abnormal"}
-    return {"limit": f"1 - C_H = {detector.defuzzification_complement_:.6g}"}
 
 
 def _reliability_rows(reliability, unit):

@@ -3,7 +3,8 @@
 import numpy as np
 
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.runtime._chunks import run, slices
+from sklearn_mcmd.runtime._chunks import slices
+from sklearn_mcmd.segmentation._graph import answers_of
 from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes
 
 CHUNK = 30_000  # neighbors looked at at once: what they need stays in the processor's cache
@@ -73,10 +74,8 @@ class Claims:
     def _in_parts(self, rows, work):
         """What ``work(rows, around)`` returns of all rows, asked in parts."""
         parts = slices(len(rows), max(1, CHUNK // self.index.n_neighbors)) or [slice(0)]
-        answers: list = [None] * len(parts)
 
-        def task(i, part):
-            answers[i] = work(rows[part], self.index.query_own(rows[part]))
+        def work_on(part):
+            return work(rows[part], self.index.query_own(rows[part]))
 
-        run(list(enumerate(parts)), task, self.n_jobs)
-        return np.concatenate(answers)
+        return np.concatenate(answers_of(work_on, parts, self.n_jobs))

@@ -12,9 +12,8 @@ from sklearn_mcmd.planes._indexed_cloud import distinct_numbers
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._quadrics import n_terms, work_arrays
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import run
 from sklearn_mcmd.runtime._compiling import compiled_function
-from sklearn_mcmd.segmentation._graph import by_place, n_within_median
+from sklearn_mcmd.segmentation._graph import answers_of, by_place, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaceLimits
 from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_moments, sums_by_region
@@ -160,18 +159,8 @@ class CylinderParts:
         rows = rows[np.argsort(labels[rows], kind="stable")]
         names, starts = np.unique(labels[rows], return_index=True)
         groups = np.split(rows, starts[1:]) if len(rows) else []
-        parts = self._each(self._part, groups)
+        parts = answers_of(self._part, groups, self.n_jobs)
         return dict(zip(names.tolist(), parts, strict=True))
-
-    def _each(self, function, items):
-        """The answers of a function to all items, found in threads."""
-        answers: list = [None] * len(items)
-
-        def task(i):
-            answers[i] = function(items[i])
-
-        run([(i,) for i in range(len(items))], task, self.n_jobs)
-        return answers
 
     def _around(self, rows):
         """The nearer half of the neighbors of rows; a row replaces neighbors beyond the gap."""
@@ -213,7 +202,9 @@ class CylinderParts:
                 if tried.get(pair) != key:
                     tried[pair] = key
                     pairs.append(pair)
-            are_one = self._each(lambda pair: self._are_one(parts[pair[0]], parts[pair[1]]), pairs)
+            are_one = answers_of(
+                lambda pair: self._are_one(parts[pair[0]], parts[pair[1]]), pairs, self.n_jobs
+            )
             pairs = [pair for pair, is_one in zip(pairs, are_one, strict=True) if is_one]
             if not pairs:
                 break
@@ -297,7 +288,7 @@ class CylinderParts:
         def fit(name):
             return self._part(np.concatenate([parts[name].rows, *gained[name]]))
 
-        parts.update(zip(grown, self._each(fit, grown), strict=True))
+        parts.update(zip(grown, answers_of(fit, grown, self.n_jobs), strict=True))
         return set(grown)
 
     def _claims_of(self, labels, parts, edges):

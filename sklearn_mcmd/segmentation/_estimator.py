@@ -86,26 +86,11 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         Regions of fewer points are dissolved.
 
     refine : bool, default=True
-        Whether growth is refined, see :ref:`refined_growth`; False is the paper's growth alone.
-
-        - Planes must explain each other: a neighbor joins if each of the two points lies within
-          `max_distance` of the other's plane, and a region grows on only from points whose planes
-          are no noisier than is usual around them. Planes that run across an edge are noisier, and
-          so are many in foliage.
-        - Points that growth left over grow regions again, by the same rules and with normals from
-          such points alone. This finds a kerb three points high between road and footpath.
-        - Regions are divided where two planes that meet in a crease explain them better than one
-          smooth surface. Where points are few or noisy for the angle, a single neighborhood does
-          not show a crease; all points of a region do: a gable of 10 degrees from 1,000 points on.
-        - Regions that lie in one plane are joined if the gap between them is at most half as long
-          as the smaller one: the parts of a wall that a shadow cuts, and strips of a face whose
-          normals are bad.
-        - Regions that touch and are no wider than the neighborhoods are joined if one cylinder
-          explains them: strips of a post, a trunk, a bin. It takes in the points on it.
-        - Points that no region reached go to the region whose plane is nearest to them, if it is
-          near enough for its noise; so does a region no larger than a neighborhood, as a whole.
-
-        Creases and cylinders are for three dimensions.
+        Whether growth is refined; False is the paper's growth alone. Planes must then explain each
+        other, what is left over grows again as narrow faces such as kerbs, regions are divided at
+        creases that single neighborhoods do not show, parts of one plane or cylinder are joined,
+        and points and fragments of no region go to the nearest plane that explains them.
+        :ref:`refined_growth` has the six steps. Creases and cylinders are for three dimensions.
 
     normals : {"estimate", "precomputed"}, default="estimate"
         "estimate": X are coordinates, and `normal_estimator` finds normals and curvature.
@@ -177,16 +162,6 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     unverified. ``refine=False`` is nearest to the paper. Departures: deviations are scaled to
     standard deviations by 1.4826, and half the step of rounded coordinates is added, or what their
     precision amounts to.
-
-    With `refine`, the usual noise around a point is the lower quartile of the neighbors'
-    noise. A plane may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 *
-    n_neighbors)``, and by the deviation of a surface whose normals turn by `max_angle` over the
-    distance of the farthest neighbor. So no threshold depends on the unit or on the density of the
-    points.
-
-    A crease is told by the Bayesian information criterion, of a quadric against two planes, in each
-    border of two planes. Only those that are wide are parted. Planes that differ by less than a
-    fifth of `max_angle` are one surface, as are bent faces that differ by less than `max_angle`.
 
     A region holds all points that can be reached from its seed. Sums over regions are exact in any
     order, and ties end at coordinates. So labels depend neither on the order of rows nor on

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._chunks import run, slices, spatial_order
+from sklearn_mcmd.segmentation._graph import answers_of
 from sklearn_mcmd.segmentation._region_sums import (
     Groups,
     Moments,
@@ -138,16 +139,15 @@ def _pairs_in_a_plane(moments, noise, n_jobs=None):
     order, place = spatial_order(centroids), np.empty(len(flat), np.intp)
     place[order] = np.arange(len(flat))
     order = np.lexsort((place, np.frexp(reach)[1]))
-    parts, beside = slices(len(flat), CHUNK), WIDER * (1.0 + most_gap) * reach
-    candidates = [np.empty((0, 3))] * (len(parts) + 1)
+    beside = WIDER * (1.0 + most_gap) * reach
 
-    def search(place, part):
+    def search(part):
         rows = order[part]
         r, s = _near_pairs(centroids, WIDER * reach[rows], beside, rows)
         smaller = rank[s] < rank[r]
         r, s = r[smaller], s[smaller]
         pairs = [those_in_plane(r[chunk], s[chunk]) for chunk in slices(len(r), PAIRS)]
-        candidates[place] = np.concatenate([candidates[0], *pairs])
+        return np.concatenate([np.empty((0, 3)), *pairs])
 
     def those_in_plane(r, s):
         """Those of the pairs whose second region lies in the plane of the first, and is near it."""
@@ -163,8 +163,8 @@ def _pairs_in_a_plane(moments, noise, n_jobs=None):
         near &= square <= limit + np.maximum(rounding[r], rounding[s])
         return np.column_stack([flat[s], flat[r], square])[near]
 
-    run(list(enumerate(parts, 1)), search, n_jobs)
-    small, large, square = np.concatenate(candidates).T
+    candidates = answers_of(search, slices(len(flat), CHUNK), n_jobs)
+    small, large, square = np.concatenate([np.empty((0, 3)), *candidates]).T
     order = np.lexsort((large, square, small))
     return np.column_stack([small, large])[order].astype(int), most_gap * length
 

@@ -10,10 +10,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._quadrics import work_arrays
-from sklearn_mcmd.runtime._chunks import run, slices
+from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
-from sklearn_mcmd.segmentation._graph import n_linked
+from sklearn_mcmd.segmentation._graph import answers_of, n_linked
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._region_cells import (
     ROWS,
@@ -164,26 +164,16 @@ class Strips:
 
     def votes(self, borders, n_jobs):
         """The vote of each pair of patches; see `vote`."""
-        votes = np.empty(len(borders))
-
-        def task(i):
-            votes[i] = self.vote_on(borders[i])[0]
-
-        run([(i,) for i in range(len(borders))], task, n_jobs)
-        return votes
+        votes = answers_of(lambda border: self.vote_on(border)[0], borders, n_jobs)
+        return np.array(votes, dtype=np.float64)
 
     def part(self, borders, group, labels, n_jobs):
         """Give the points of each strip in turn to the group on their side of its crease; strips
         are asked for again, as all together may take more memory than the cloud."""
-
-        def task(i):
-            _, names, rows, first = self.vote_on(borders[i])
-            parts[i % CHUNK] = rows, group[names], first
-
-        for start in range(0, len(borders), CHUNK):
-            parts: list = [None] * min(CHUNK, len(borders) - start)
-            run([(start + i,) for i in range(len(parts))], task, n_jobs)
-            for rows, (first_group, second_group), first in parts:
+        for chunk in slices(len(borders), CHUNK):
+            parts = answers_of(self.vote_on, borders[chunk], n_jobs)
+            for _, names, rows, first in parts:
+                first_group, second_group = group[names]
                 of_both = np.isin(labels[rows], (first_group, second_group))
                 labels[rows[of_both]] = np.where(first[of_both], first_group, second_group)
 
