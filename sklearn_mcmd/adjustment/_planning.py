@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd._choices import Correction
-from sklearn_mcmd._sklearn import Interval, checked
+from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._sklearn import Interval, check_parameters, checked
+from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._power import POWER, SHARE, noncentrality
 from sklearn_mcmd.adjustment._start import MAX_ROUNDS, StartLimits, half_of, n_trials_of_start
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value, local_level
@@ -58,44 +59,40 @@ class PlanePlan(NamedTuple):
 
 @checked(
     n_points=[Interval(Integral, 5, None, closed="left")],
-    n_repetitions=[Interval(Integral, 100, None, closed="left")],
-    sigma0=[Interval(Real, 0, None, closed="neither")],
-    bias=[Interval(Real, 0, None, closed="neither"), None],
+    detector=[BaardaPlaneDetector, None],
     outlier_rate=[Interval(Real, 0, 0.5, closed="left")],
-    alpha=SHARE,
+    bias=[Interval(Real, 0, None, closed="neither"), None],
     power=SHARE,
+    n_repetitions=[Interval(Integral, 100, None, closed="left")],
 )
 def plan_plane(
     n_points: int = 100,
+    detector: BaardaPlaneDetector | None = None,
     *,
-    sigma0: float = 1.0,
-    alpha: float = 0.05,
-    correction: Correction = "sidak",
     outlier_rate: float = 0.0,
     bias: float | None = None,
     power: float = POWER,
-    robust_start: bool = False,
     n_repetitions: int = 10_000,
     random_state: int | np.random.RandomState | None = None,
 ) -> PlanePlan:
     """Which errors will data snooping find on a plane in space, and what will it confuse?
 
     It simulates points that are uniform over a rectangle of any sides, gives some of them a bias to
-    one side, and snoops as `BaardaPlaneDetector` does with known sigma0. A formula for one test
-    cannot say how often a wrong point goes. The outcomes are those of Rofatto et al. (Survey
-    Review, 2020).
+    one side, and snoops as the detector does with known sigma0. A formula for one test cannot say
+    how often a wrong point goes. The outcomes are those of Rofatto et al. (Survey Review, 2020).
 
     Parameters
     ----------
     n_points : int >= 5, default=100
-    sigma0 : float > 0, default=1.0
-        Standard deviation of a point across the plane.
-    alpha, correction, robust_start
-        As of `BaardaPlaneDetector`.
+    detector : BaardaPlaneDetector, default=None
+        Not fitted; its `sigma0`, `alpha`, `correction` and `robust_start` are planned with. None
+        means ``BaardaPlaneDetector()``, whose `sigma0` is 1. If its `sigma0` is estimated or its
+        test is not by w, a ValueError is raised.
     outlier_rate : float in [0, 0.5), default=0.0
         Share of outliers; there is at least one.
     bias : float > 0, default=None
-        Size of the outliers. None looks for the smallest that is found with the power.
+        Size of the outliers, in the unit of `sigma0`. None looks for the smallest that is found
+        with the power.
     power : float in (0, 1), default=0.8
         Wanted share of found outliers, above the level of one point.
     n_repetitions : int >= 100, default=10_000
@@ -106,18 +103,24 @@ def plan_plane(
 
     Examples
     --------
-    >>> from sklearn_mcmd.adjustment import plan_plane
-    >>> plan = plan_plane(50, sigma0=0.004, n_repetitions=1000, random_state=0)
+    >>> from sklearn_mcmd.adjustment import BaardaPlaneDetector, plan_plane
+    >>> detector = BaardaPlaneDetector(sigma0=0.004)
+    >>> plan = plan_plane(50, detector, n_repetitions=1000, random_state=0)
     >>> print(f"{plan.bias[0]:.3f} m; {plan.missed[0]:.2f} missed")
     0.017 m; 0.20 missed
     """
+    detector = BaardaPlaneDetector() if detector is None else detector
+    check_parameters(detector)
+    if detector.sigma0 == "auto" or detector.test != "w":
+        raise ParameterError("A plan is of tests with a known scale: give $sigma0, and $test='w'.")
+    alpha, correction, sigma0 = detector.alpha, detector.correction, float(detector.sigma0)
     root = np.sqrt(noncentrality(local_level(alpha, n_points, correction), power))
     levels = [local_level(alpha, n, correction) for n in range(n_points + 2)]
     limits = np.array([critical_value("w", level, 1) for level in levels])
     seed = check_random_state(random_state).randint(2**31)
 
     def simulate(bias, k, repeat):
-        return _outcomes(n_points, k, bias, limits, robust_start, seed, repeat)
+        return _outcomes(n_points, k, bias, limits, detector.robust_start, seed, repeat)
 
     k = max(1, round(outlier_rate * n_points))
     if bias is None:

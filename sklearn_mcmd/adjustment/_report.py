@@ -183,7 +183,7 @@ def _view(detector, X, residuals):
     if X.shape[1] == 2:
         return np.column_stack([X[:, 0], residuals]), ["x", "residual"]
     if X.shape[1] == 3 and detector.surface == "orthogonal" and abs(normal[2]) < np.sqrt(0.5):
-        right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(*normal[:2])
+        right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(normal[0], normal[1])
         along = (X - detector._fitted.plane.center) @ right
         return np.column_stack([along, X[:, 2]]), ["along the level line", "z"]
     return X[:, :2], ["x", "y"] if X.shape[1] == 3 else ["column 0", "column 1"]

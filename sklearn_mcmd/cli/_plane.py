@@ -388,15 +388,17 @@ class Plan:
     help_all: _options.HelpAll = False
 
     def run(self):
-        from sklearn_mcmd.adjustment import plan_plane
+        from sklearn_mcmd.adjustment import BaardaPlaneDetector, plan_plane
         from sklearn_mcmd.adjustment._plane_figures import plan_rows
 
         begin = time.perf_counter()
-        same = "sigma0", "alpha", "outlier_rate", "power", "robust_start", "random_state"
         planned = plan_plane(
             self.points,
+            made(self, BaardaPlaneDetector),
+            outlier_rate=self.outlier_rate,
+            power=self.power,
             n_repetitions=self.repetitions,
-            **{name: getattr(self, name) for name in same},
+            random_state=self.random_state,
         )
         rows = plan_rows(planned, self.unit)
         _messages.print_table(f"{self.points} points", begin, **rows)

@@ -328,7 +328,15 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         if self.normals == "precomputed":
             return split_columns(X, d)
         check_extent(X)
-        return Columns(X, *[np.empty(0)] * (len(Columns._fields) - 1))
+        nothing = np.empty(0)
+        return Columns(
+            coordinates=X,
+            normals=nothing,
+            surface_variation=nothing,
+            eigenvalues=nothing,
+            offset=nothing,
+            scale=nothing,
+        )
 
     def _check_parameters(self, xyz):
         n, d = xyz.shape

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.normals._adaptive_k import angles
 from sklearn_mcmd.planes._around import most_noise_around, quantile_around, ratio
 from sklearn_mcmd.planes._base import mends_planes
 from sklearn_mcmd.planes._explaining import ExplainLimits
@@ -114,7 +115,12 @@ class Surfaces(NamedTuple):
 
     def take(self, rows):
         """Those of a slice of the points, as views, which can be filled."""
-        return Surfaces(self.planes.take(rows), *(values[rows] for values in self[1:]))
+        return Surfaces(
+            planes=self.planes.take(rows),
+            forms=self.forms[rows],
+            noise=self.noise[rows],
+            left=self.left[rows],
+        )
 
 
 class SurfacePlanes:
@@ -289,8 +295,7 @@ class SurfacePlanes:
             self.model.index.points, queries[asking], around.take(asking), members, most[asking]
         )
         asking, best = asking[best >= 0], best[best >= 0]
-        cosine = np.einsum("md,md->m", rough_planes.normals[asking], members.normals[best])
-        angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
+        angle = angles(rough_planes.normals[asking], members.normals[best])
         # A plane that leans by less is the least noisy of many by chance, and no better. Normals
         # whose tilts are E each (root mean square) differ by E in either direction: of the angles
         # a share `chance` is larger than E sqrt(-2 ln(chance)), by Rayleigh's distribution.
@@ -310,7 +315,8 @@ class FittedSurfaces(NamedTuple):
 
     def evaluate(self, queries, n_jobs):
         """Planes of any queries (m, d)."""
-        model, planes = self.surfaces.model, Planes.empty(*queries.shape)
+        m, d = queries.shape
+        model, planes = self.surfaces.model, Planes.empty(m, d)
         members = self.planes.take(model.index.rows)
         members.put(self.borrowing, self.before)
         members = members._replace(normal_error=self.errors)

@@ -97,8 +97,13 @@ def join_coplanar(points, labels, around, n_jobs=None):
 def flat_noise(covariances, radius):
     """Root mean square distances of flat regions from their planes, 0 of others: three times that
     distance is within a neighborhood's radius where a region is flat."""
-    rms = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
+    rms = rms_from_planes(covariances)
     return np.where(ExplainLimits().explained * rms <= radius, rms, 0.0)
+
+
+def rms_from_planes(covariances):
+    """Root mean square distances of regions from their planes."""
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
 
 
 def pooled(moments, noise, part):

@@ -133,12 +133,12 @@ def once(pairs):
 def joined(sums, beside):
     """Cells joined to patches, see `join_cells`: the patch (m,) of each, numbered in the order of
     their first cells, and the `Sums` of patches. Pairs of cells are `beside` each other."""
-    m, sums = len(sums.sizes), Sums(*(np.array(values, order="C") for values in sums))
+    m, sums = len(sums.sizes), Sums._make(np.array(values, order="C") for values in sums)
     left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
     edges = beside[beside[:, 0] < beside[:, 1]]
     _compiled("join_cells")(sums, edges, left, turn, root)
     first, patch = np.unique(root, return_inverse=True)
-    return patch, Sums(*(values[first] for values in sums))
+    return patch, Sums._make(values[first] for values in sums)
 
 
 def _compiled(name):

@@ -14,7 +14,7 @@ from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
 from sklearn_mcmd.segmentation._graph import answers_of, n_linked
-from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, rms_from_planes
 from sklearn_mcmd.segmentation._region_cells import (
     ROWS,
     Cells,
@@ -100,8 +100,8 @@ def join_blunt(labels, regions, index, normals, noise, min_cosine):
     """
     n = len(regions)
     sizes, _, covariances = region_moments(index.points, labels, n)
-    rms = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
-    flat = rms <= JoinLimits().most_noise * median_by_region(noise, labels, n)
+    most = JoinLimits().most_noise * median_by_region(noise, labels, n)
+    flat = rms_from_planes(covariances) <= most
     flat &= sizes > index.points.shape[1]
     angles = [
         _angles_across(rows, labels, regions, flat, index, normals)

@@ -105,14 +105,6 @@ def test_noise_does_not_decide_the_side_of_a_wall(facing):
     assert_allclose(normals, np.tile([*facing, 0], (40, 1)), atol=0.01)
 
 
-def test_a_roof_points_up_whatever_side_it_falls_to():
-    turn = np.radians(60)
-    for azimuth in np.radians(np.arange(0, 360, 30)):
-        normal = [*(np.sin(turn) * np.array([np.sin(azimuth), np.cos(azimuth)])), np.cos(turn)]
-        X = np.random.default_rng(0).normal(size=(50, 2)) @ np.linalg.svd([normal])[2][1:]
-        assert_allclose(adjust_plane(X, surface="orthogonal").normal, normal, atol=1e-12)
-
-
 @pytest.mark.parametrize("kind", [BaardaPlaneDetector, FuzzyPlaneDetector])
 def test_the_normal_and_positive_residuals_are_on_the_side_of_a_place(kind):
     X = np.random.default_rng(0).normal(size=(100, 3)) * [3, 0.01, 2] + [10, 20, 0]
