@@ -5,12 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sklearn_mcmd.datasets._beams import REGULAR
 from sklearn_mcmd.datasets._labels import labeled_cloud, streams
 from sklearn_mcmd.datasets._outliers import CLEARANCE
 from sklearn_mcmd.datasets._surfaces import facing_normals
 
-from ._beams import SNOW, Beams, Echoes, Sensor, cast, join_echoes
+from ._beams import REGULAR, SNOW, Beams, Echoes, Sensor, cast, join_echoes
 from ._sensor_outliers import SENSOR_OUTLIERS
 from ._snow import flake_echoes
 

@@ -233,20 +233,20 @@ class BaardaPlaneDetector(PlaneDetector):
         first = Elimination(
             step=left_out.astype(np.intp), support=support, n_rounds=int(left_out.any())
         )
-        found = self._eliminate(training, noise[0], first)
-        self._set_plane(training, found.plane, initial, noise, found.support)
-        self.support_, self.elimination_step_ = found.support, found.step
-        self.n_iter_ = max(found.n_rounds, 1)
+        snooped = self._eliminate(training, noise[0], first)
+        self._set_plane(training, snooped.plane, initial, noise, snooped.support)
+        self.support_, self.elimination_step_ = snooped.support, snooped.step
+        self.n_iter_ = max(snooped.n_rounds, 1)
         self.critical_value_ = critical_value(self.test_, self._level_of_one(), self.dof_)
-        scores = self._test_training(training, found)
+        scores = self._test_training(training, snooped)
         # A point that joins others has a t, for tau too, as their scale lacks it.
-        level = local_level(self.alpha, found.plane.n_observations + 1, self.correction)
+        level = local_level(self.alpha, snooped.plane.n_observations + 1, self.correction)
         limit = critical_value("w" if self.test_ == "w" else "t", level, self.dof_ + 1)
         self.offset_ = -limit
         self.labels_ = np.where(scores - self.offset_ < 0, -1, 1)
-        if found.ran_out_of_points:
-            self._warn_of_too_few(found.step > 0)
-        return self._warn_if_steep(training, initial) or found.ran_out_of_points
+        if snooped.ran_out_of_points:
+            self._warn_of_too_few(snooped.step > 0)
+        return self._warn_if_steep(training, initial) or snooped.ran_out_of_points
 
     def score_samples(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Minus the statistic that each point would have if it joined the support with weight 1:
@@ -277,13 +277,13 @@ class BaardaPlaneDetector(PlaneDetector):
         # Otherwise sigma0 is far too small, which the rounds will report.
         return support if np.count_nonzero(support) > start.rank else training.used
 
-    def _test_training(self, training, found):
+    def _test_training(self, training, snooped):
         """Set the attributes of the training points and return their scores."""
         X, weights, _, _ = training
-        support = found.support
-        residuals, cofactors = found.plane.evaluate(X)
+        support = snooped.support
+        residuals, cofactors = snooped.plane.evaluate(X)
         # Points outside the support are tested as if they joined it.
-        outside = joining(X, weights, found.plane, self._test_scale()[0])
+        outside = joining(X, weights, snooped.plane, self._test_scale()[0])
         scores = -outside
         if self.test_ == "tau":
             outside = t_to_tau(outside, self.dof_ + 1)

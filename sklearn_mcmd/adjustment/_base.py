@@ -1,6 +1,6 @@
 """Base class of both plane tests: input, scale, predictions."""
 
-from numbers import Integral, Real
+from numbers import Real
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -40,7 +40,6 @@ from sklearn_mcmd.planes._resolution import rounding_in_common
 
 FAR = 100  # times by which a known sigma0 is more or less than the residuals tell, warned of
 Variance = Literal["posterior", "independent", "prior"]
-N_WORST = [Interval(Integral, 0, None, closed="left")]  # what it may be
 
 
 class SteepLimits(NamedTuple):
@@ -173,17 +172,14 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         X = self._check_query(X)
         if not 0 < level < 1:
             raise ValueError(f"level={level!r} is no probability: take one such as 0.95.")
-        plane, own = self._fitted.plane, "prior" if variance == "prior" else "independent"
-        scales = map(self._scale_by, (variance, own))
-        of_plane, own = (scale * quantile(level, dof) for scale, dof in scales)
+        plane = self._fitted.plane
+        scale, dof = self._scale_by(variance)
         design = plane.design(plane.whiten(X)[0]) * plane.deviations
-        of_plane = of_plane * np.sqrt(np.einsum("ij,ij->i", design, design))
-        return of_plane, np.hypot(of_plane, own)
+        of_plane = scale * quantile(level, dof) * np.sqrt(np.einsum("ij,ij->i", design, design))
+        scale, dof = self._scale_by("prior" if variance == "prior" else "independent")
+        return of_plane, np.hypot(of_plane, scale * quantile(level, dof))
 
-    @checked(n_worst=N_WORST)
-    def reliability(
-        self, X: "ArrayLike", power: float = POWER, *, n_worst: int = 10
-    ) -> PlaneReliability:
+    def reliability(self, X: "ArrayLike", power: float = POWER) -> PlaneReliability:
         """Errors that the tests can find, errors that they found, and what the others do.
 
         Parameters
@@ -192,20 +188,19 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
             The training points.
         power : float in (0, 1), default=0.8
             Probability of detection, above the level of one point.
-        n_worst : int, default=10
-            Number of points of the largest statistics whose tests are compared with others.
 
         Raises
         ------
         ValueError
             If X are others, or the power is below the level.
         """
-        return reliability_of(self, check_points(self, X), power, n_worst)
+        return reliability_of(self, check_points(self, X), power)
 
     def _test_scale(self):
         """The scale that the test of one point takes, and its degrees of freedom."""
-        known = self.test_ == "w"
-        return (self.sigma0_, np.inf) if known else (self._fitted.scale, max(self.dof_ - 1, 1))
+        if self.test_ == "w":
+            return self.sigma0_, np.inf
+        return self._fitted.scale, max(self.dof_ - 1, 1)
 
     def _statistic(self, standardized):
         return statistic(standardized, self.test_, self.sigma0_, self._fitted.scale, self.dof_)
@@ -269,8 +264,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
 
     def _known_sigma(self):
         """sigma0 if the user knows it and the test uses it, else None."""
-        known = self.test == "w" and self.sigma0 != "auto"
-        return float(self.sigma0) if known else None
+        return float(self.sigma0) if self.test == "w" and self.sigma0 != "auto" else None
 
     def _first_plane(self, training, initial):
         """The plane of least squares and the given sigma0, or a robust plane and its scale."""

@@ -138,24 +138,27 @@ def compare_planes(
     angle, bases = _great_circle(a.normal_, side * b.normal_)
     first, second = ((at - one._fitted.plane.center) @ one.normal_ for one in (a, b))
     offset = first - side * second
-    parts = []
+    # The independent parts of both differences: roots of their covariances, and degrees of freedom.
+    tilts, offsets, dofs = [], [], []
     for one, basis in zip((a, b), bases, strict=True):
         scale, dof = one._scale_by(variance)
         derivatives = scale * parameter_derivatives(one._fitted.plane)
         # The distance from the place, not from the origin.
         derivatives[-1] -= at @ derivatives[:-1]
-        parts.append((basis @ derivatives[:-1], derivatives[-1:], dof))
+        tilts.append(basis @ derivatives[:-1])
+        offsets.append(derivatives[-1:])
+        dofs.append(dof)
     if registration_error:
-        turns = registration_error * bases[0] @ _turns(a._fitted.plane)
-        parts.append((turns, np.array([[registration_error]]), np.inf))
-    tilts, offsets, dofs = zip(*parts, strict=True)
-    levels, degree = (np.array(dofs), local_level(alpha, 2)), np.degrees(1.0)
-    values = np.append(angle, np.zeros(len(bases[0]) - 1))
-    tilt = _difference(angle * degree, values, tilts, *levels, degree)
-    moved = _difference(offset, [offset], offsets, *levels)
-    found = [word for word, one in (("tilted", tilt), ("moved", moved)) if one.significant]
+        tilts.append(registration_error * bases[0] @ _turns(a._fitted.plane))
+        offsets.append(np.array([[registration_error]]))
+        dofs.append(np.inf)
+    tests = {"dofs": np.array(dofs), "level": local_level(alpha, 2)}
+    degree, turns = np.degrees(1.0), np.append(angle, np.zeros(len(bases[0]) - 1))
+    tilt = _difference(angle * degree, turns, tilts, **tests, unit=degree)
+    moved = _difference(offset, [offset], offsets, **tests)
+    words = [word for word, one in (("tilted", tilt), ("moved", moved)) if one.significant]
     return PlaneComparison(
-        verdict="no overlap" if apart else " and ".join(found) or "same",
+        verdict="no overlap" if apart else " and ".join(words) or "same",
         tilt=tilt,
         offset=moved,
         place=at,
@@ -189,7 +192,7 @@ def _are_apart(a, b):
     step, sides = b.middle - a.middle, [_sides(one.plane) for one in (a, b)]
 
     def separates(axes):
-        reach = sum(np.abs(axes.T @ own) @ rims for own, rims in sides)
+        reach = sum(np.abs(axes.T @ sides_of) @ rims for sides_of, rims in sides)
         return (np.abs(axes.T @ step) > CORNERS * reach).any()
 
     return all(separates(axes) for axes, _ in sides)
@@ -204,6 +207,8 @@ def _sides(plane):
 def _difference(value, values, roots, dofs, level, unit=1.0):
     """A `Difference` of this value, from its parts along all directions in radians or units, and
     the roots of their covariances."""
+    # Both clouds are independent, so covariances add up. Degrees of freedom of a sum of scales are
+    # Welch's: (sum of variances)^2 / sum of (variance^2 / dof).
     covariances = [root @ root.T for root in roots]
     values, k, together = np.asarray(values), len(values), sum(covariances)
     traces = np.array([np.trace(c) for c in covariances])

@@ -21,13 +21,13 @@ def check_distinct(X, n_samples):
     if n_distinct > d:
         return
     if len(X) <= d:
-        found = "$n_samples"
+        few = "$n_samples"
         if n_samples > len(X):
-            found += f", of which {len(X)} of positive weight,"
+            few += f", of which {len(X)} of positive weight,"
     else:
-        found = f"$X has {counted(n_distinct, 'distinct point')} in $n_samples, which"
+        few = f"$X has {counted(n_distinct, 'distinct point')} in $n_samples, which"
     raise ParameterError(
-        f"{found} is too few to test a plane in {d}D: at least {d + 1} distinct points are "
+        f"{few} is too few to test a plane in {d}D: at least {d + 1} distinct points are "
         f"needed, because {d} determine a plane and leave no redundancy.",
         n_samples=n_samples,
     )

@@ -24,8 +24,16 @@ class Candidates(NamedTuple):
     design: NDArray[np.float64]
     residuals: NDArray[np.float64]
     weights: NDArray[np.float64]
-    rest_standardized: float  # largest standardized residual and leverage of all other points
-    rest_leverage: float
+    largest_standardized: float  # of all points that are no candidates, as the next
+    largest_leverage: float
+
+
+class LostSums(NamedTuple):
+    """What removed points had in the normal equations; g are whitened regressors, e residuals."""
+
+    normal: NDArray[np.float64] | float = 0.0  # sum of p g g'
+    cross: NDArray[np.float64] | float = 0.0  # of p e g
+    squares: float = 0.0  # of p e^2
 
 
 class Change(NamedTuple):
@@ -59,7 +67,7 @@ class DowndatedPlane:
     candidates: Candidates
     standardized: NDArray[np.float64]  # of the candidates; -1 for those that are gone
     sum_of_squares: float
-    lost: tuple  # by removed points since then: parts of normal matrix, cross sums and squares
+    lost: LostSums  # by removed points since then
     change: Change | None = None  # since the last full adjustment
 
     @property
@@ -87,21 +95,26 @@ class DowndatedPlane:
     def without(self, at):
         """The plane without this candidate; None if that takes a full adjustment."""
         g, p = self.candidates.design[at], self.candidates.weights[at]
-        e, (normal, cross, squares) = self.candidates.residuals[at], self.lost
-        lost = normal + p * np.outer(g, g), cross + p * e * g, squares + p * e * e
+        e, before = self.candidates.residuals[at], self.lost
+        lost = LostSums(
+            normal=before.normal + p * np.outer(g, g),
+            cross=before.cross + p * e * g,
+            squares=before.squares + p * e * e,
+        )
         gone = self.standardized < 0
         gone[at] = True
         if gone.all():
             return None
         find_change = _turned if self.last.surface == "orthogonal" else _tilted
         try:
-            change = find_change(self.last, *lost)
+            change = find_change(self.last, lost)
         except np.linalg.LinAlgError:  # the sums are no longer positive definite
             return None
         lost_digits = change.squares <= CANCELLATION * self.last.sum_of_squares
         if lost_digits or np.linalg.norm(change.linear, 2) ** 2 * CANCELLATION >= 1:
             return None
-        _, first_design, first_residuals, weights, *_ = self.candidates
+        weights = self.candidates.weights
+        first_design, first_residuals = self.candidates.design, self.candidates.residuals
         residuals = change.shrink * first_residuals + first_design @ change.shift
         design = first_design @ change.linear.T
         design += np.outer(first_residuals, change.turn)
@@ -119,12 +132,13 @@ class DowndatedPlane:
 
     def _bound_elsewhere(self, change):
         """Upper bound of the statistics of all points that are no candidates."""
-        rest, stretch = self.candidates.rest_standardized, np.linalg.norm(change.linear, 2)
-        leverage = np.sqrt(self.candidates.rest_leverage)
-        redundancy = 1 - (stretch * leverage + np.linalg.norm(change.turn) * rest) ** 2
+        standardized = self.candidates.largest_standardized
+        leverage = np.sqrt(self.candidates.largest_leverage)
+        stretch, turn = np.linalg.norm(change.linear, 2), np.linalg.norm(change.turn)
+        redundancy = 1 - (stretch * leverage + turn * standardized) ** 2
         if redundancy <= UNCONTROLLED:
             return np.inf
-        residual = abs(change.shrink) * rest + leverage * np.linalg.norm(change.shift)
+        residual = abs(change.shrink) * standardized + leverage * np.linalg.norm(change.shift)
         return residual / np.sqrt(redundancy) * (1 + 1e-9)  # equal values differ by less
 
 
@@ -154,41 +168,43 @@ def downdated_plane(X, weights, support, surface):
         design=plane.design(U),
         residuals=residuals,
         weights=retained[rows],
-        rest_standardized=standardized.max(where=others, initial=0.0),
-        rest_leverage=leverage.max(where=others, initial=0.0),
+        largest_standardized=standardized.max(where=others, initial=0.0),
+        largest_leverage=leverage.max(where=others, initial=0.0),
     )
     return DowndatedPlane(
         last=plane,
         candidates=candidates,
         standardized=standardized[rows],
         sum_of_squares=plane.sum_of_squares,
-        lost=(0.0, 0.0, 0.0),
+        lost=LostSums(),
     )
 
 
-def _tilted(plane, lost_normal, lost_cross, lost_squares):
+def _tilted(plane, lost):
     """Vertical surface: the changes by the removed points' sums."""
-    root = np.linalg.cholesky(np.eye(plane.rank) - lost_normal)
-    half = np.linalg.solve(root, lost_cross)
+    # The normal matrix of whitened regressors was the identity, and the cross sums were 0: those
+    # that are left are I - N and -c, so that the slopes change by -(I - N)^-1 c.
+    root = np.linalg.cholesky(np.eye(plane.rank) - lost.normal)
+    half = np.linalg.solve(root, lost.cross)
     shift = np.linalg.solve(root.T, half)
-    squares = plane.sum_of_squares - lost_squares - half @ half
+    squares = plane.sum_of_squares - lost.squares - half @ half
     linear = np.linalg.inv(root)
     turn = np.zeros(plane.rank)
     return Change(shrink=1.0, shift=shift, linear=linear, turn=turn, squares=squares)
 
 
-def _turned(plane, lost_normal, lost_cross, lost_squares):
+def _turned(plane, lost):
     """Orthogonal surface: the same, with the plane's axes turned into the new principal ones."""
     # From whitened regressors back to lengths within the plane: y = (u, e).
     lengths = np.append(1 / np.linalg.norm(plane.axes, axis=0), 1.0)
     root_total = np.sqrt(plane.sum_weights)
-    first = -root_total * np.append(lost_normal[0, 1:], lost_cross[0]) * lengths
+    first = -root_total * np.append(lost.normal[0, 1:], lost.cross[0]) * lengths
     second = np.diag(np.append(np.ones(plane.rank - 1), plane.sum_of_squares))
-    second[:-1, :-1] -= lost_normal[1:, 1:]
-    second[:-1, -1] = second[-1, :-1] = -lost_cross[1:]
-    second[-1, -1] -= lost_squares
+    second[:-1, :-1] -= lost.normal[1:, 1:]
+    second[:-1, -1] = second[-1, :-1] = -lost.cross[1:]
+    second[-1, -1] -= lost.squares
     second *= np.outer(lengths, lengths)
-    total = plane.sum_weights * (1 - lost_normal[0, 0])
+    total = plane.sum_weights * (1 - lost.normal[0, 0])
     mean = first / total
     scatter = second - np.outer(mean, first)
 

@@ -199,9 +199,9 @@ class FuzzyPlaneDetector(PlaneDetector):
             standardized_residuals(residuals, weights, self.redundancy_)
         )
         self.leverage_ = 1 - self.redundancy_
-        residual = self._of_memberships(self.test_statistic_, self.redundancy_)
-        self.membership_residual_ = abnormal_residual_membership(*residual)
-        normal = normal_residual_membership(*residual)
+        of_residuals = self._of_memberships(self.test_statistic_, self.redundancy_)
+        self.membership_residual_ = abnormal_residual_membership(**of_residuals)
+        normal = normal_residual_membership(**of_residuals)
         abnormal = self.membership_residual_ >= 0.5
         effect, self._effects = self._find_effects(training, cofactors, abnormal)
         complement = normal_error_complement(effect, normal)
@@ -216,7 +216,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.offset_ = float(np.nextafter(self.defuzzification_complement_, np.inf))
         if not abnormal.any():
             # The largest effect times G is at least (1 - h) / 2 for a normal point, and at most
-            # h / 2 for an abnormal one.
+            # h / 2 for an abnormal one: 1 / 4 parts them where h = 1 / 2.
             self.offset_ = float(min(0.25 / self._effects.largest, complement[used].min()))
         self.labels_ = np.where(complement - self.offset_ < 0, -1, 1)
         self.labels_[~used] = 1
@@ -234,17 +234,19 @@ class FuzzyPlaneDetector(PlaneDetector):
         plane, effects = self._fitted.plane, self._effects
         residuals, cofactors = plane.evaluate(X)
         # The same point in another batch may differ by rounding.
-        own = cofactors <= effects.largest_leverage * (1 + 1e-9)
-        redundancy = np.where(own, 1 - cofactors, 1 / (1 + cofactors))
+        adjusted = cofactors <= effects.largest_leverage * (1 + 1e-9)
+        added = ~adjusted
+        redundancy = np.where(adjusted, 1 - cofactors, 1 / (1 + cofactors))
         standardized = standardized_residuals(residuals, None, redundancy)
-        standardized[~own] *= redundancy[~own]  # |v| / sqrt(1 + h)
+        # |v| / sqrt(r) = |v| sqrt(1 + h) becomes |v| / sqrt(1 + h), as r = 1 / (1 + h).
+        standardized[added] *= redundancy[added]
         tests = self._statistic(standardized)
-        if self.test != "w" and not own.all():
-            t = standardized[~own] / self._fitted.scale
-            tests[~own] = t if self.test == "t" else t_to_tau(t, self.dof_ + 1)
-        normal = normal_residual_membership(*self._of_memberships(tests, redundancy))
+        if self.test != "w" and added.any():
+            t = standardized[added] / self._fitted.scale
+            tests[added] = t if self.test == "t" else t_to_tau(t, self.dof_ + 1)
+        normal = normal_residual_membership(**self._of_memberships(tests, redundancy))
         effect = largest_effects(plane, X, effects.vertices)
-        alone = np.flatnonzero(own & (cofactors > 0.5))
+        alone = np.flatnonzero(adjusted & (cofactors > 0.5))
         same = (X[alone, None] == effects.vertices).all(axis=2)
         effect[alone] = largest_effects(plane, X[alone], effects.vertices, same)
         np.maximum(effect, redundancy, out=effect, where=normal > 0.5)
@@ -264,8 +266,14 @@ class FuzzyPlaneDetector(PlaneDetector):
         """The arguments of the memberships of residuals (Eqs 11 and 12)."""
         critical, width = self.critical_value_, float(self.width)
         if self.correction != "none":
+            # So that a residual is half abnormal at the critical value, and not beyond it.
             critical = critical - width * np.sqrt(np.maximum(redundancy, 0.0))
-        return tests, redundancy, critical, width
+        return {
+            "statistic": tests,
+            "redundancy": redundancy,
+            "critical": critical,
+            "width": width,
+        }
 
     def _find_effects(self, training, cofactors, abnormal):
         """r~n of every observation (Eqs 13, 17), without the redundancy matrix.
@@ -290,8 +298,8 @@ class FuzzyPlaneDetector(PlaneDetector):
         largest = diagonal.max(where=used, initial=0.0)
         if weights is not None or n < 2 * plane.rank:
             everyone = np.flatnonzero(used)
-            others = bounding_points(plane, X, everyone, alone)
-            largest = max(largest, effects_of(plane, X, everyone, others, weights, alone).max())
+            bounds = bounding_points(plane, X, everyone, alone)
+            largest = max(largest, effects_of(plane, X, everyone, bounds, weights, alone).max())
         largest = float(largest) or 1.0
         effect /= largest
         effect[~used] = 1.0

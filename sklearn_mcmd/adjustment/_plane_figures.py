@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from sklearn_mcmd._errors import counted, fixed
+from sklearn_mcmd._errors import fixed
 from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
@@ -65,11 +65,11 @@ def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatne
     reliability.
     """
     unit = f" {unit}" if unit else ""
-    reliability = None if n_worst is None else _usual_reliability(detector, X, n_worst)
-    found = {"method": _method(detector), "points": len(X)}
-    found["outliers"] = _share(np.count_nonzero(detector.labels_ == -1), len(X))
+    reliability = None if n_worst is None else _usual_reliability(detector, X)
+    n_outliers = np.count_nonzero(detector.labels_ == -1)
+    head = {"method": _method(detector), "points": len(X), "outliers": _share(n_outliers, len(X))}
     parts = {
-        "": _words(found),
+        "": _words(head),
         "Plane": _plane_rows(detector, unit),
         "Standard errors": _error_rows(detector, X, unit),
         "Form": _form_rows(detector, unit),
@@ -82,17 +82,16 @@ def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatne
     tables = {}
     if n_worst is not None:
         worst = _worst_table(detector, X, reliability, n_worst)
-        tables["Residuals by verdict"] = _residual_table(detector, X)
         tables[f"{len(worst.rows)} largest test statistics"] = worst
     return PlaneFigures({title: rows for title, rows in parts.items() if rows}, tables, reliability)
 
 
-def _usual_reliability(detector, X, n_worst):
+def _usual_reliability(detector, X):
     """The reliability of the usual power, or None where there is none: of tests so lax that their
     level is no smaller, and of points without noise."""
     if detector._level_of_one() >= POWER or detector._fitted.is_rounding:
         return None
-    return detector.reliability(X, n_worst=n_worst)
+    return detector.reliability(X)
 
 
 def plan_rows(plan, unit):
@@ -108,8 +107,6 @@ def plan_rows(plan, unit):
     for name, words in OUTCOMES.items():
         value, error = getattr(plan, name)
         rows[name.replace("_", " ")] = f"{value:.4f} ± {error:.4f}  {words}"
-    normal = " and ".join(f"{error:.2g}" for error in plan.normal_errors)
-    rows["plane"] = f"± {plan.offset_error:.3g}{unit} at the center, ± {normal} degrees"
     return rows
 
 
@@ -180,7 +177,8 @@ def _dip_direction(detector, precision):
     direction, note = precision.azimuth, ""
     if 90 - precision.tilt < quantile(0.95, precision.dof) * precision.tilt_error:
         note = "or opposite: upright within its error"
-        direction = np.degrees(np.arctan2(*detector.normal_[:2])) % 360
+        x, y = detector.normal_[:2]
+        direction = np.degrees(np.arctan2(x, y)) % 360
     clockwise = " degrees from the y axis, clockwise"
     error = precision.azimuth_error
     return _row("dip direction", direction, clockwise, error=error, note=note)
@@ -235,7 +233,6 @@ def _form_rows(detector, unit):
 def _test_rows(detector, unit):
     replaced = " in place of w, as sigma0 is estimated" if detector.test_ != detector.test else ""
     correction = "no" if detector.correction == "none" else detector.correction
-    squared = unit and f"{unit}^2"
     origin = "estimated" if detector.sigma0 == "auto" else "given"
     fitted = detector._fitted
     if fitted.is_rounding:
@@ -250,11 +247,8 @@ def _test_rows(detector, unit):
             "critical value": f"{detector.critical_value_:.4f}",
             "sigma0": _row("sigma0", f"{detector.sigma0_:.4g}", unit, note=origin),
             "degrees of freedom": detector.dof_,
-            "variance factor": f"{detector.variance_factor_initial_:.6g}{squared} with all points, "
-            f"{detector.variance_factor_:.6g}{squared} without outliers",
             **_variance_ratio(detector),
             "global test": _global_test(detector),
-            **_details(detector),
         }
     )
 
@@ -262,6 +256,7 @@ def _test_rows(detector, unit):
 def _variance_ratio(detector):
     """The variance factor over a given sigma0^2, and where 95 % of its values are."""
     f = detector.dof_  # the variance factor of the fuzzy test is of an adjustment of its own
+    # 95 % of the values of chi-squared over f lie between its two quantiles over f.
     if not hasattr(detector, "elimination_step_"):
         f -= np.count_nonzero(detector.labels_ == -1)
     if detector.sigma0 == "auto" or detector._fitted.is_rounding or f < 1:
@@ -282,16 +277,6 @@ def _global_test(detector):
     return f"p = {before:.2g} with all points, {after:.2g} without outliers{verdict}"
 
 
-def _details(detector):
-    if hasattr(detector, "elimination_step_"):
-        removed = np.count_nonzero(detector.elimination_step_)
-        back = np.count_nonzero((detector.elimination_step_ > 0) & (detector.labels_ == 1))
-        return {"removed": f"{removed} in {counted(detector.n_iter_, 'round')}, {back} came back"}
-    if np.isnan(detector.defuzzification_limit_):
-        return {"limit": "none: no residual is abnormal"}
-    return {"limit": f"1 - C_H = {detector.defuzzification_complement_:.6g}"}
-
-
 def _reliability_rows(reliability, unit):
     """Internal and external reliability."""
     if reliability is None:
@@ -299,24 +284,15 @@ def _reliability_rows(reliability, unit):
     bias = reliability.minimal_bias[np.isfinite(reliability.minimal_bias)]
     if len(bias) == 0:
         return _words({"detectable bias": "none: no point is controlled by others"})
-    rows = {
-        "alpha_0, 1 - beta": f"{reliability.level:.3g}, {reliability.power:g}; noncentrality "
-        f"{reliability.noncentrality:.2f}",
-        "detectable bias": f"{bias.min():.4g} to {bias.max():.4g}{unit} (MDB)",
-        "effect of such a bias": f"moves the plane at its place by {reliability.effect.max():.2g}"
-        f"{unit} at most",
-        "gross error": "below: what a point is wrong by, if no other is, and what this did to the "
-        "plane at its place, or would have done",
-        "bias to noise": f"{reliability.bias_to_noise.max():.3g} at most",
-    }
-    if len(reliability.pairs):
-        at = int(np.abs(reliability.correlation).argmax())
-        i, j = reliability.pairs[at]
-        rows["separability"] = (
-            f"rows {i} and {j} least, correlation {reliability.correlation[at]:.2g}: from a bias"
-            f" of {reliability.identifiable_bias[at]:.4g}{unit} on (MIB)"
-        )
-    return _words(rows)
+    effect = f"{reliability.effect.max():.2g}{unit} at most"
+    return _words(
+        {
+            "alpha_0, 1 - beta": f"{reliability.level:.3g}, {reliability.power:g}; noncentrality "
+            f"{reliability.noncentrality:.2f}",
+            "detectable bias": f"{bias.min():.4g} to {bias.max():.4g}{unit} (MDB)",
+            "effect of such a bias": f"moves the plane at its place by {effect}",
+        }
+    )
 
 
 def _comparison_rows(comparison, unit):
@@ -327,15 +303,21 @@ def _comparison_rows(comparison, unit):
     registration = f"± {comparison.registration_error:g}{unit} are in both errors"
     if not comparison.registration_error:
         registration = "not in the errors; what it is off looks like a movement"
-    found = {"against": comparison.verdict, "compared at": f"{place}{unit}"}
-    rows = _words(found | {"registration": registration})
-    along = f"{unit} along the normal"
-    both = ("tilt between", comparison.tilt, " degrees"), ("offset", comparison.offset, along)
-    for name, one, of_it in both:
-        note = f"{'' if one.significant else 'not '}significant, p = {one.pvalue:.2g}; "
-        note += f"{one.smallest:.2g} would be found with a power of {POWER:g}"
-        rows.append(_row(name, one.value, of_it, error=one.error, note=note))
-    return rows
+    return _words(
+        {
+            "against": comparison.verdict,
+            "compared at": f"{place}{unit}",
+            "registration": registration,
+            "tilt between": _difference_row("tilt between", comparison.tilt, " degrees"),
+            "offset": _difference_row("offset", comparison.offset, f"{unit} along the normal"),
+        }
+    )
+
+
+def _difference_row(name, difference, unit):
+    note = f"{'' if difference.significant else 'not '}significant, p = {difference.pvalue:.2g}; "
+    note += f"{difference.smallest:.2g} would be found with a power of {POWER:g}"
+    return _row(name, difference.value, unit, error=difference.error, note=note)
 
 
 def _flatness_rows(flat, unit):
@@ -360,39 +342,25 @@ def _flatness_rows(flat, unit):
     )
 
 
-def _groups(detector, X):
-    """Residuals by the verdict on their points."""
-    residuals, outliers = detector.residuals(X), detector.labels_ == -1
-    return {"all": residuals, "inliers": residuals[~outliers], "outliers": residuals[outliers]}
-
-
 def _residual_rows(detector, X, unit):
     side = "on the side of the normal" if detector.surface == "orthogonal" else "above the plane"
-    rms, without, _ = (
-        f"{_rms(part):.4g}{unit}" if len(part) else "none" for part in _groups(detector, X).values()
+    residuals, inliers = detector.residuals(X), detector.labels_ == 1
+    rms, without = (
+        f"{_rms(part):.4g}{unit}" if len(part) else "none"
+        for part in (residuals, residuals[inliers])
     )
     return _words({"residuals": f"rms {rms}, without outliers {without}; positive {side}"})
 
 
-def _residual_table(detector, X):
-    groups, rows = _groups(detector, X), []
-    digits = _decimals(groups["inliers"])
-    for name, part in groups.items():
-        values = [part.mean(), _rms(part), part.min(), part.max()] if len(part) else []
-        cells = [fixed(value, f".{digits}f") for value in np.round(values, digits) + 0.0]
-        rows.append((name, str(len(part)), *(cells or ["none"] * 4)))
-    return Table(("", "points", "mean", "rms", "least", "largest"), rows)
-
-
 def _worst_table(detector, X, reliability, n_worst):
     """The points of the largest test statistics."""
-    groups, tests = _groups(detector, X), detector.test_statistic_
-    length = f".{_decimals(groups['inliers'])}f"
+    residuals, tests = detector.residuals(X), detector.test_statistic_
+    length = f".{_decimals(residuals[detector.labels_ == 1])}f"
     is_baarda = hasattr(detector, "elimination_step_")
     kind = detector.test_ if is_baarda else detector.test  # the fuzzy test turns t into w
     dof = detector.dof_ + ~detector.support_  # a point outside is tested as if it joined
     columns = {
-        "residual": (groups["all"], length),
+        "residual": (residuals, length),
         "redundancy": (detector.redundancy_, ".6f"),
         "statistic": (tests, ".4g"),
         "p": (pvalue(tests, kind, dof), ".2g"),

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.utils import check_random_state
 
-from sklearn_mcmd._choices import Correction
-from sklearn_mcmd._sklearn import Interval, checked
+from sklearn_mcmd._errors import ParameterError
+from sklearn_mcmd._sklearn import Interval, check_parameters, checked
+from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._power import POWER, SHARE, noncentrality
 from sklearn_mcmd.adjustment._start import MAX_ROUNDS, StartLimits, half_of, n_trials_of_start
 from sklearn_mcmd.adjustment._tests import UNCONTROLLED, critical_value, local_level
@@ -43,9 +44,6 @@ class PlanePlan(NamedTuple):
         Good points, and not all outliers (type III); all outliers, and good points.
     false_alarm : tuple of float
         Points are excluded though there is no outlier.
-    offset_error, normal_errors : float and tuple of float
-        Expected standard errors a priori: of the plane at its center, and of the normal in degrees,
-        by tilts along both sides.
     """
 
     n_outliers: int
@@ -57,52 +55,44 @@ class PlanePlan(NamedTuple):
     wrongly_excluded: tuple[float, float]
     over_excluded: tuple[float, float]
     false_alarm: tuple[float, float]
-    offset_error: float
-    normal_errors: tuple[float, float]
 
 
 @checked(
     n_points=[Interval(Integral, 5, None, closed="left")],
-    n_repetitions=[Interval(Integral, 100, None, closed="left")],
-    sigma0=[Interval(Real, 0, None, closed="neither")],
-    bias=[Interval(Real, 0, None, closed="neither"), None],
+    detector=[BaardaPlaneDetector, None],
     outlier_rate=[Interval(Real, 0, 0.5, closed="left")],
-    alpha=SHARE,
+    bias=[Interval(Real, 0, None, closed="neither"), None],
     power=SHARE,
+    n_repetitions=[Interval(Integral, 100, None, closed="left")],
 )
 def plan_plane(
     n_points: int = 100,
+    detector: BaardaPlaneDetector | None = None,
     *,
-    sigma0: float = 1.0,
-    extent: tuple[float, float] = (1.0, 1.0),
-    alpha: float = 0.05,
-    correction: Correction = "sidak",
     outlier_rate: float = 0.0,
     bias: float | None = None,
     power: float = POWER,
-    robust_start: bool = False,
     n_repetitions: int = 10_000,
     random_state: int | np.random.RandomState | None = None,
 ) -> PlanePlan:
     """Which errors will data snooping find on a plane in space, and what will it confuse?
 
-    It simulates points that are uniform over a rectangle, gives some of them a bias to one side,
-    and snoops as `BaardaPlaneDetector` does with known sigma0. A formula for one test cannot say
+    It simulates points that are uniform over a rectangle of any sides, gives some of them a bias to
+    one side, and snoops as the detector does with known sigma0. A formula for one test cannot say
     how often a wrong point goes. The outcomes are those of Rofatto et al. (Survey Review, 2020).
 
     Parameters
     ----------
     n_points : int >= 5, default=100
-    sigma0 : float > 0, default=1.0
-        Standard deviation of a point across the plane.
-    extent : tuple of two floats > 0, default=(1.0, 1.0)
-        Sides of the rectangle, in the unit of `sigma0`. They matter for the normal only.
-    alpha, correction, robust_start
-        As of `BaardaPlaneDetector`.
+    detector : BaardaPlaneDetector, default=None
+        Not fitted; its `sigma0`, `alpha`, `correction` and `robust_start` are planned with. None
+        means ``BaardaPlaneDetector()``, whose `sigma0` is 1. If its `sigma0` is estimated or its
+        test is not by w, a ValueError is raised.
     outlier_rate : float in [0, 0.5), default=0.0
         Share of outliers; there is at least one.
     bias : float > 0, default=None
-        Size of the outliers. None looks for the smallest that is found with the power.
+        Size of the outliers, in the unit of `sigma0`. None looks for the smallest that is found
+        with the power.
     power : float in (0, 1), default=0.8
         Wanted share of found outliers, above the level of one point.
     n_repetitions : int >= 100, default=10_000
@@ -113,21 +103,24 @@ def plan_plane(
 
     Examples
     --------
-    >>> from sklearn_mcmd.adjustment import plan_plane
-    >>> plan = plan_plane(50, sigma0=0.004, n_repetitions=1000, random_state=0)
+    >>> from sklearn_mcmd.adjustment import BaardaPlaneDetector, plan_plane
+    >>> detector = BaardaPlaneDetector(sigma0=0.004)
+    >>> plan = plan_plane(50, detector, n_repetitions=1000, random_state=0)
     >>> print(f"{plan.bias[0]:.3f} m; {plan.missed[0]:.2f} missed")
     0.017 m; 0.20 missed
     """
-    sides = np.asarray(extent, dtype=float)
-    if sides.shape != (2,) or not np.all((sides > 0) & (sides < np.inf)):
-        raise ValueError(f"extent={extent!r} is no rectangle: give two sides above 0.")
+    detector = BaardaPlaneDetector() if detector is None else detector
+    check_parameters(detector)
+    if detector.sigma0 == "auto" or detector.test != "w":
+        raise ParameterError("A plan is of tests with a known scale: give $sigma0, and $test='w'.")
+    alpha, correction, sigma0 = detector.alpha, detector.correction, float(detector.sigma0)
     root = np.sqrt(noncentrality(local_level(alpha, n_points, correction), power))
     levels = [local_level(alpha, n, correction) for n in range(n_points + 2)]
     limits = np.array([critical_value("w", level, 1) for level in levels])
     seed = check_random_state(random_state).randint(2**31)
 
     def simulate(bias, k, repeat):
-        return _outcomes(n_points, k, bias, limits, robust_start, seed, repeat)
+        return _outcomes(n_points, k, bias, limits, detector.robust_start, seed, repeat)
 
     k = max(1, round(outlier_rate * n_points))
     if bias is None:
@@ -135,9 +128,9 @@ def plan_plane(
     else:
         size, error = bias / sigma0, 0.0
     found, correct, missed, wrong, over = simulate(min(size, LARGEST), k, n_repetitions)
-    normal_errors = np.degrees(sigma0 / (sides * np.sqrt(n_points / 12)))
     return PlanePlan(
         n_outliers=k,
+        # Redundancy numbers of n points sum to n - 3: their mean is 1 - 3 / n.
         minimal_bias=float(sigma0 * root / np.sqrt(1 - 3 / n_points)),
         bias=(float(sigma0 * size), float(sigma0 * error)),
         found=found,
@@ -146,8 +139,6 @@ def plan_plane(
         wrongly_excluded=wrong,
         over_excluded=over,
         false_alarm=simulate(0.0, 0, n_repetitions)[-1],
-        offset_error=float(sigma0 / np.sqrt(n_points)),
-        normal_errors=tuple(normal_errors.tolist()),
     )
 
 
@@ -163,8 +154,8 @@ def _outcomes(n, k, bias, limits, robust_start, seed, n_repetitions):
         if robust_start:
             corners = rng.randint(n, size=(len(heights), n_trials_of_start(3), 3))
             member = _started(design, heights, corners, limits[n])
-        found = _snooped(design, heights, member, limits)
-        counts.append([found[:, :k].sum(axis=1), found[:, k:].sum(axis=1)])
+        rejected = _snooped(design, heights, member, limits)
+        counts.append([rejected[:, :k].sum(axis=1), rejected[:, k:].sum(axis=1)])
     n_found, n_false = np.concatenate(counts, axis=1)
     full, clean = n_found == k, n_false == 0
     rates = n_found / max(k, 1), full & clean, ~full & clean, ~full & ~clean, full & ~clean

@@ -1,21 +1,16 @@
-"""Power of tests: noncentralities, coupled levels, and biases that can be distinguished."""
+"""Power of tests: noncentralities and coupled levels."""
 
-from functools import cache
 from numbers import Real
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import chdtrc, chdtri, chndtrinc, chndtrix, fdtri, ncfdtr, ndtr, stdtrit
+from scipy.special import chdtrc, chdtri, chndtrinc, chndtrix, fdtri, ncfdtr, stdtrit
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, checked
 
 POWER = 0.8  # Baarda's; the usual one of reliability
 SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="left")]
-REACH = 9.0  # standard deviations beyond which the normal density counts as 0
-N_NODES = 200  # of its integrals
-LARGEST_BIAS = 1e6  # standard deviations, the largest that is tried
-_rule = cache(np.polynomial.legendre.leggauss)
 
 
 @checked(
@@ -90,26 +85,3 @@ def coupled_level(level: float, dof: float, power: float = POWER) -> float:
     if not dof >= 1:
         raise ValueError(f"dof={dof!r}: a global test needs a degree of freedom or more.")
     return float(chdtrc(dof, chndtrix(1 - power, dof, noncentrality(level, power))))
-
-
-def identifiable_bias(correlation, critical, power):
-    """Least bias, in standard deviations, of one of two correlated w that is rejected and larger
-    than the other with the probability `power`; infinite if both always agree.
-
-    Given ``w_1 = w`` the other is normal with mean ``rho w`` and variance ``1 - rho^2``, whatever
-    the bias is. So one integral over w remains.
-    """
-    rho = min(abs(correlation), 1.0)
-    narrow, wide = np.sqrt((1 - rho) / (1 + rho)), np.sqrt((1 + rho) / max(1 - rho, 1e-300))
-    nodes, areas = _rule(N_NODES)
-
-    def lacking(bias):
-        total = -power
-        for mean in (bias, -bias):
-            half = max(REACH - max(critical - mean, -REACH), 0.0) / 2
-            u = REACH + half * (nodes - 1)
-            larger = ndtr((u + mean) * narrow) - ndtr(-(u + mean) * wide)
-            total += half * float(areas @ (np.exp(-(u**2) / 2) * larger)) / np.sqrt(2 * np.pi)
-        return total
-
-    return np.inf if lacking(LARGEST_BIAS) < 0 else float(brentq(lacking, 0.0, LARGEST_BIAS))

@@ -113,7 +113,8 @@ def precision_of(plane, scale, dof, alike=1.0):
     sine, azimuth, azimuth_error = float(np.linalg.norm(normal[:-1])), np.nan, np.nan
     tilt_error = np.linalg.norm(tilt_direction(normal) @ roots[:-1]) if sine else errors[0]
     if len(normal) == 3:
-        azimuth = np.degrees(np.arctan2(*(np.sign(normal[2]) or 1.0) * normal[:2])) % 360
+        x, y = (np.sign(normal[2]) or 1.0) * normal[:2]  # of the normal that points up
+        azimuth = np.degrees(np.arctan2(x, y)) % 360
         level = np.array([normal[1], -normal[0], 0.0])
         azimuth_error = np.degrees(np.linalg.norm(level @ roots[:-1]) / sine**2) if sine else np.inf
     # Of z = x @ coef + intercept, with coef = -normal[:-1] / normal[-1].

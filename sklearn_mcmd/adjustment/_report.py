@@ -1,13 +1,14 @@
 """A report of a fitted plane test for a surveyor's files, as text or as a figure."""
 
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sklearn_mcmd._extras import import_extra
-from sklearn_mcmd._sklearn import checked
-from sklearn_mcmd.adjustment._base import N_WORST, PlaneDetector, check_points
+from sklearn_mcmd._sklearn import Interval, checked
+from sklearn_mcmd.adjustment._base import PlaneDetector, check_points
 from sklearn_mcmd.adjustment._comparison import PlaneComparison
 from sklearn_mcmd.adjustment._plane_figures import plane_figures
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness
@@ -21,7 +22,7 @@ MAX_DEVIATIONS = 15  # half width of the histogram, in standard deviations of th
 BLUE, RED = "#1f77b4", "#d62728"
 
 
-@checked(n_worst=N_WORST)
+@checked(n_worst=[Interval(Integral, 0, None, closed="left")])
 def text_report(
     detector: PlaneDetector,
     X: "ArrayLike",
@@ -67,9 +68,15 @@ def text_report(
     outliers              1 of 7 (14.29 %)
     ...
     """
-    X = check_points(detector, X)
-    further = {"comparison": comparison, "flatness": flatness}
-    return figures_as_text(title, plane_figures(detector, X, unit, n_worst=n_worst, **further))
+    figures = plane_figures(
+        detector,
+        check_points(detector, X),
+        unit,
+        n_worst=n_worst,
+        comparison=comparison,
+        flatness=flatness,
+    )
+    return figures_as_text(title, figures)
 
 
 def figures_as_text(title, figures):
@@ -123,7 +130,8 @@ def plot_report(
     panels["m"].set_title("Residual map")
     if not good.all():
         marks = {"s": 9, "marker": "x", "c": "k", "linewidths": 0.6, "label": "outlier"}
-        panels["m"].scatter(*_thinned(view[~good]).T, **marks, rasterized=True)
+        x, y = _thinned(view[~good]).T
+        panels["m"].scatter(x, y, **marks, rasterized=True)
         panels["m"].legend(loc="lower right", bbox_to_anchor=(1, 1), markerscale=2, frameon=False)
     plane = detector._fitted.plane
     cells = cells_of((X[good] - plane.center) @ plane.directions, residuals[good])
@@ -157,7 +165,8 @@ def _draw_map(axes, view, values, label):
     # Not the largest value: one point would make all others pale.
     reach = np.percentile(np.abs(values), 99) if len(values) else 1.0
     ends = {"cmap": "coolwarm", "vmin": -(reach or 1.0), "vmax": reach or 1.0}
-    shown = axes.scatter(*view.T, c=values, s=4, linewidths=0, rasterized=True, **ends)
+    x, y = view.T
+    shown = axes.scatter(x, y, c=values, s=4, linewidths=0, rasterized=True, **ends)
     place = {"location": "bottom", "shrink": 0.6, "aspect": 30, "pad": 0.02}
     bar = axes.figure.colorbar(shown, ax=axes, label=label, extend="both", **place)
     bar.ax.locator_params(nbins=4)
@@ -174,7 +183,7 @@ def _view(detector, X, residuals):
     if X.shape[1] == 2:
         return np.column_stack([X[:, 0], residuals]), ["x", "residual"]
     if X.shape[1] == 3 and detector.surface == "orthogonal" and abs(normal[2]) < np.sqrt(0.5):
-        right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(*normal[:2])
+        right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(normal[0], normal[1])
         along = (X - detector._fitted.plane.center) @ right
         return np.column_stack([along, X[:, 2]]), ["along the level line", "z"]
     return X[:, :2], ["x", "y"] if X.shape[1] == 3 else ["column 0", "column 1"]

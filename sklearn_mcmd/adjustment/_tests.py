@@ -140,8 +140,8 @@ def statistic(standardized, test, sigma0, scale, dof):
 def tau_to_t(tau, dof):
     """t of a residual whose tau is known, ``tau sqrt((f - 1) / (f - tau^2))`` (Table 1)."""
     # tau reaches sqrt(f) where all other residuals are 0.
-    rest = np.maximum(dof - tau**2, dof * np.finfo(float).eps)
-    return tau * np.sqrt((dof - 1) / rest)
+    left = np.maximum(dof - tau**2, dof * np.finfo(float).eps)
+    return tau * np.sqrt((dof - 1) / left)
 
 
 def pvalue(statistic, test, dof):

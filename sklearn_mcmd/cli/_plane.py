@@ -376,8 +376,6 @@ class Plan:
 
     points: int = option(100, "Points on the plane.", min=5)
     sigma0: float = length(1.0, "Standard deviation of a point.")
-    width: float = length(1.0, "Of the plane, in the unit of sigma0, for the normal.")
-    height: float = length(1.0, "The other side of the plane.")
     alpha: float = option(0.05, "Level of the test of all points.")
     outlier_rate: float = option(0.0, "Share of outliers; there is at least one.")
     power: float = option(0.8, "Share of the outliers that shall be found.")
@@ -390,16 +388,17 @@ class Plan:
     help_all: _options.HelpAll = False
 
     def run(self):
-        from sklearn_mcmd.adjustment import plan_plane
+        from sklearn_mcmd.adjustment import BaardaPlaneDetector, plan_plane
         from sklearn_mcmd.adjustment._plane_figures import plan_rows
 
         begin = time.perf_counter()
-        same = "sigma0", "alpha", "outlier_rate", "power", "robust_start", "random_state"
         planned = plan_plane(
             self.points,
-            extent=(self.width, self.height),
+            made(self, BaardaPlaneDetector),
+            outlier_rate=self.outlier_rate,
+            power=self.power,
             n_repetitions=self.repetitions,
-            **{name: getattr(self, name) for name in same},
+            random_state=self.random_state,
         )
         rows = plan_rows(planned, self.unit)
         _messages.print_table(f"{self.points} points", begin, **rows)

@@ -27,9 +27,9 @@ class Bilinear:
         middle = (np.arange(_AREA_CELLS) + 0.5) / _AREA_CELLS
         u, v = (grid.ravel() for grid in np.meshgrid(middle, middle))
         self.area = np.linalg.norm(self._cross_product(u, v), axis=1).mean()
-        ends = np.array([0.0, 1, 0, 1]), np.array([0.0, 0, 1, 1])
         # Linear in u and v, so its length is greatest at a corner.
-        self._largest = np.linalg.norm(self._cross_product(*ends), axis=1).max()
+        u, v = np.array([0.0, 1, 0, 1]), np.array([0.0, 0, 1, 1])
+        self._largest = np.linalg.norm(self._cross_product(u, v), axis=1).max()
         self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
 
     def sample(self, n, rng):
@@ -42,7 +42,8 @@ class Bilinear:
         return np.concatenate(kept)
 
     def normals(self, points):
-        normals = self._cross_product(*self._foot(points))
+        u, v = self._foot(points)
+        normals = self._cross_product(u, v)
         return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
     def distance(self, points):
@@ -63,13 +64,13 @@ class Bilinear:
         ray = way / np.linalg.norm(way, axis=1, keepdims=True)
         across = np.cross(ray, np.eye(3)[np.argmin(np.abs(ray), axis=1)])
         across /= np.linalg.norm(across, axis=1, keepdims=True)
-        other = np.cross(ray, across)
+        also_across = np.cross(ray, across)
         (p1, a1, b1, c1), (p2, a2, b2, c2) = (
             [
                 np.sum(side * vector, axis=1)
                 for vector in (self.start - origin, self.a, self.b, self.c)
             ]
-            for side in (across, other)
+            for side in (across, also_across)
         )
         square, linear = a2 * c1 - a1 * c2, p2 * c1 + a2 * b1 - p1 * c2 - a1 * b2
         constant = p2 * b1 - p1 * b2
@@ -97,7 +98,7 @@ class Bilinear:
         """Parameters of the foot of each point on the unbounded surface: Gauss-Newton."""
         grid = (np.arange(_START_CELLS) + 0.5) / _START_CELLS
         starts = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
-        gaps = points[:, None] - self._surface(*starts.T)
+        gaps = points[:, None] - self._surface(starts[:, 0], starts[:, 1])
         u, v = starts[np.einsum("nsi,nsi->ns", gaps, gaps).argmin(axis=1)].T
         for _ in range(_STEPS):
             along_u, along_v = self.a + v[:, None] * self.c, self.b + u[:, None] * self.c

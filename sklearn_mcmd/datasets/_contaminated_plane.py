@@ -10,7 +10,7 @@ from sklearn.utils import Bunch, check_random_state
 from sklearn_mcmd._sklearn import Interval, checked
 
 _REGULAR_MEAN, _OUTLIER_MEAN = np.full(3, 2.0), np.array([7.0, 6.0, 8.0])
-_UNIFORM_RANGE = -9.0, 9.0  # of uniform outliers, on every axis
+_REACH = 9.0  # of uniform outliers to both sides of the origin, on every axis
 
 
 @checked(
@@ -102,7 +102,7 @@ def make_contaminated_plane(
     if outliers == "clustered":
         intruders = _OUTLIER_MEAN + outlier_scale * rng.standard_normal((n_outliers, 3))
     else:
-        intruders = rng.uniform(*_UNIFORM_RANGE, (n_outliers, 3))
+        intruders = rng.uniform(-_REACH, _REACH, (n_outliers, 3))
     data = np.concatenate([clean[: n_samples - n_outliers], intruders])
     target = np.repeat([1, -1], [n_samples - n_outliers, n_outliers])
     if return_X_y:

@@ -44,8 +44,8 @@ def labeled_cloud(parts, kinds, sizes, names, order, *, both, regular):
     codes = np.repeat([names.index(kind) for kind in sizes], list(sizes.values()))
     return Bunch(
         target=truth(np.ones(len(kinds), np.int64), -1),
-        **{name: join(*values) for name, values in both.items()},
-        **{name: truth(*values) for name, values in regular.items()},
+        **{name: join(echoes, outliers) for name, (echoes, outliers) in both.items()},
+        **{name: truth(echoes, nothing) for name, (echoes, nothing) in regular.items()},
         outlier_kind=join(kinds.astype(np.int8), codes),
         outlier_kind_names=names,
         surface_names=[part.name for part in parts],

@@ -6,10 +6,9 @@ from numbers import Integral, Real
 import numpy as np
 
 from sklearn_mcmd._sklearn import Interval
-from sklearn_mcmd.datasets._beams import MIXED, REGULAR, Beams, cast
 from sklearn_mcmd.datasets._labels import labeled_cloud, outlier_sizes, streams
 from sklearn_mcmd.datasets._outliers import CLEARANCE, SCENE_OUTLIERS
-from sklearn_mcmd.datasets._surfaces import facing_normals
+from sklearn_mcmd.datasets._surfaces import facing_normals, first_hits
 
 #: Constraints of the parameters that all makers share.
 SHARED_PARAMETERS = {
@@ -31,11 +30,11 @@ def scan(
     *,
     outlier_kinds=tuple(SCENE_OUTLIERS),
     noise_growth=1.0,
-    divergence=None,
+    on_lines=False,
 ):
     """Scan a scene: points, noise, outliers and the truth, as `make_street` documents them.
 
-    `divergence` is that of beams on scan lines; None is for a sample of even density.
+    Points are a sample of even density, or on scan lines.
     """
     sizes = outlier_sizes(n_samples, outlier_share, outlier_kinds, SCENE_OUTLIERS)
     n = n_samples - sum(sizes.values())
@@ -49,8 +48,8 @@ def scan(
     def is_clear(points, more=0.0):
         return scene.distance(points) > more + CLEARANCE * scale_at(scene.ranges(points))
 
-    if divergence is not None:
-        points, places, surface, kind = scan_lines(scene, n, points_rng, scale_at, divergence)
+    if on_lines:
+        points, surface = scan_lines(scene, n, points_rng)
         # A scanner's error is that of the range.
         ray = points - scene.scanner
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
@@ -58,7 +57,6 @@ def scan(
         area = angular_area(scene) * nearest**2
     else:
         points, surface = scene.sample(n, points_rng)
-        places, kind = points, np.full(n, REGULAR)
         deviations = noise_rng.standard_normal((n, 3))
         area = scene.seen_area
     scale = scale_at(scene.ranges(points))
@@ -67,7 +65,7 @@ def scan(
     names = ["regular", *SCENE_OUTLIERS]
     cloud = labeled_cloud(
         scene.parts,
-        np.where(kind == MIXED, names.index("mixed_pixel"), 0),
+        np.zeros(n, np.int8),  # none of the echoes is an outlier
         sizes,
         names,
         order_rng.permutation(n_samples),
@@ -77,10 +75,10 @@ def scan(
             "sensor_origins": (np.tile(scene.scanner, (n, 1)), scene.scanner),
         },
         regular={
-            "true_points": (places, np.nan),
-            "normals": (facing_normals(scene.parts, places, surface, scene.scanner), np.nan),
+            "true_points": (points, np.nan),
+            "normals": (facing_normals(scene.parts, points, surface, scene.scanner), np.nan),
             "surface": (surface, -1),
-            "edge_distance": (_edge_distances(scene, places, surface), np.nan),
+            "edge_distance": (_edge_distances(scene, points, surface), np.nan),
         },
     )
     cloud.spacing = float(np.sqrt(area / n))
@@ -95,22 +93,19 @@ def _edge_distances(scene, places, surface):
     return distances
 
 
-def scan_lines(scene, n, rng, noise_at, divergence):
-    """n points of the scene's surfaces on vertical scan lines at equal angles.
+def scan_lines(scene, n, rng):
+    """n points of the scene's surfaces on vertical scan lines at equal angles, and their parts.
 
     From the scanner rays leave in columns of equal azimuth, at equal steps of azimuth and
     elevation, and end at the first surface they meet. So the density falls with the square of the
     range and with the angle of incidence, and what lies behind another surface is in shadow.
-    Returns points without noise, where they truly are, their parts, and the kinds of the echoes.
     """
     step = np.sqrt(angular_area(scene) / ((1 + _SURPLUS) * n + 4))
     while True:
-        beams, found = _cast(scene, step, rng, noise_at, divergence)
-        found = found.take(found.kind >= 0)
-        if len(found.beam) >= n:
-            found = found.take(np.sort(rng.permutation(len(found.beam))[:n]))
-            ends = found.ranges[:, None] * beams.directions[found.beam]
-            return beams.origins[found.beam] + ends, found.place, found.part, found.kind
+        points, part, _ = _cast(scene, step, rng)
+        if len(points) >= n:
+            rows = np.sort(rng.permutation(len(points))[:n])
+            return points[rows], part[rows]
         step *= 0.99
 
 
@@ -119,22 +114,21 @@ def angular_area(scene):
     """Azimuth times elevation, in square radians, in which the scanner meets a surface."""
     low, high = _elevations(scene)
     size = 2 * np.pi * (high - low)
-    beams, found = _cast(scene, np.sqrt(size) / _PILOT, np.random.default_rng(0))
-    return size * (len(found.beam) / len(beams.origins))
+    points, _, n_rays = _cast(scene, np.sqrt(size) / _PILOT, np.random.default_rng(0))
+    return size * (len(points) / n_rays)
 
 
-def _cast(scene, step, rng, noise_at=np.zeros_like, divergence=0.0):
-    """Beams of the scanner, column by column, and their echoes."""
+def _cast(scene, step, rng):
+    """Where rays of the scanner end, column by column, the parts there, and how many rays left."""
     view = (-np.pi, np.pi), _elevations(scene)
     azimuth, elevation = (np.arange(low + step * rng.random(), high, step) for low, high in view)
     azimuth, elevation = np.repeat(azimuth, len(elevation)), np.tile(elevation, len(azimuth))
     flat = np.cos(elevation)
     ray = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
-    reach = 1.01 * scene.farthest_range
-    # Beams without width are as long as they reach, so that coordinates are rounded once less.
-    unit = 1.0 if divergence else reach
-    beams = Beams(np.tile(scene.scanner, (len(ray), 1)), unit * ray)
-    return beams, cast(scene, beams, reach / unit, rng, noise_at, divergence)
+    ray *= 1.01 * scene.farthest_range
+    fraction, part = first_hits(scene.parts, scene.scanner, scene.scanner + ray, rng)
+    met = part >= 0
+    return scene.scanner + fraction[met, None] * ray[met], part[met], len(ray)
 
 
 def _elevations(scene):

@@ -32,7 +32,6 @@ _SIGN, _POLE, _TREE = (0.9, 3.4), (3.6, 3.45), (2.3, 3.55)  # x, y of their feet
     **SHARED_PARAMETERS,
     noise_growth=[Interval(Real, 1, None, closed="left")],
     outlier_kinds=[list, tuple],
-    beam_divergence=[Interval(Real, 0, None, closed="left")],
 )
 def make_street(
     n_samples: int = 100_000,
@@ -43,7 +42,6 @@ def make_street(
     outlier_kinds: Sequence[str] = ("gaussian", "uniform", "mixed_pixel", "ghost"),
     tree: bool = False,
     sampling: Literal["uniform", "scan_lines"] = "uniform",
-    beam_divergence: float = 0.0,
     random_state: int | np.random.RandomState | None = None,
 ) -> Bunch:
     """Make a laser scan of a street whose truth is known at every point.
@@ -84,13 +82,6 @@ def make_street(
           elevation, down to 60 degrees below the horizon, in vertical lines. The spacing grows
           with the range and with the angle of incidence. Noise is along the ray, and some rays
           pass through foliage.
-    beam_divergence : float, default=0.0
-        Full angle of each beam in radians, to 1/e^2 of the intensity on its axis, as data sheets
-        state it: 0.0003 is usual. Only for scan lines. A beam that is cut by an outline has one
-        range, the mean over all that it meets, weighted by energy, as scanners that compare
-        phases have. Where that is farther than four standard deviations of the noise from every
-        surface, the point is an outlier of kind ``"mixed_pixel"``, besides those of
-        `outlier_share`.
     random_state : int, RandomState instance or None, default=None
         Seed. The same seed gives the same cloud.
 
@@ -101,8 +92,7 @@ def make_street(
 
         - ``data``, float64 (n_samples, 3);
         - ``target``, int64 (n_samples,): +1 regular, -1 outlier;
-        - ``true_points``, float64 (n_samples, 3): `data` without noise; of a wide beam, where it
-          met the surface next to its axis; NaN for outliers;
+        - ``true_points``, float64 (n_samples, 3): `data` without noise; NaN for outliers;
         - ``normals``, float64 (n_samples, 3): true unit normals, toward the seen side of the
           surface; NaN for foliage and outliers;
         - ``surface``, int64 (n_samples,): number of the surface in ``surface_names``, where every
@@ -122,9 +112,8 @@ def make_street(
     Raises
     ------
     ValueError
-        If a kind of outlier is unknown or given twice, if no regular point is left, if
-        `beam_divergence` is given for what has no beams, or if the noise is so large that no point
-        in the bounding box is an outlier.
+        If a kind of outlier is unknown or given twice, if no regular point is left, or if the noise
+        is so large that no point in the bounding box is an outlier.
 
     See Also
     --------
@@ -140,8 +129,8 @@ def make_street(
     (the crown of the road, the top of the wall, both ends of the street).
 
     An outlier that falls within four noise standard deviations of a surface, or into foliage, is
-    drawn anew, so no label is wrong. Beams that would make one there are lost. The points are
-    independent draws unless ``sampling="scan_lines"``.
+    drawn anew, so no label is wrong. The points are independent draws unless
+    ``sampling="scan_lines"``.
 
     Time is linear in `n_samples`, a few seconds for a million points.
 
@@ -156,10 +145,6 @@ def make_street(
     >>> round(street.spacing, 3)
     0.045
     """
-    if sampling == "uniform" and beam_divergence:
-        raise ValueError(
-            f"beam_divergence={beam_divergence:g} is for sampling='scan_lines', which has beams."
-        )
     return scan(
         _street(tree),
         n_samples,
@@ -168,7 +153,7 @@ def make_street(
         random_state,
         outlier_kinds=outlier_kinds,
         noise_growth=noise_growth,
-        divergence=beam_divergence if sampling == "scan_lines" else None,
+        on_lines=sampling == "scan_lines",
     )
 
 

@@ -104,7 +104,7 @@ class Patch(Flat):
         self.cell_areas = np.prod(self.high - self.low, axis=1)
         self.area = self.cell_areas.sum()
 
-        self.border, sides = _cell_border(self.solid, *self.cuts)
+        self.border, sides = _cell_border(self.solid, cuts_u=self.cuts[0], cuts_v=self.cuts[1])
         self.edges = self.border[[side not in smooth for side in sides]]
         corners = self._to_scene(self.border.reshape(-1, 2))
         self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
@@ -339,8 +339,8 @@ def segments_distance(points, segments):
     for a, b in segments:
         way = b - a
         along = np.clip((points - a) @ way / (way @ way), 0.0, 1.0)
-        rest = points - a - along[:, None] * way
-        np.minimum(nearest, np.einsum("ij,ij->i", rest, rest), out=nearest)
+        gaps = points - a - along[:, None] * way
+        np.minimum(nearest, np.einsum("ij,ij->i", gaps, gaps), out=nearest)
     return np.sqrt(nearest)
 
 

@@ -53,6 +53,14 @@ class CreaseLimits(NamedTuple):
     radii: tuple = (1.0, 1.5, 2.0, 3.0, 4.0)
 
 
+class MeetingLimits(NamedTuple):
+    """When planes meet in a crease, and how far that explains its neighbors."""
+
+    creases: CreaseLimits
+    cosine: float  # of the angle between two faces that meet, at most
+    explained: float  # standard deviations within which a plane explains a point
+
+
 class Faces(NamedTuple):
     """The planes given to m points."""
 
@@ -60,23 +68,51 @@ class Faces(NamedTuple):
     on_face: np.ndarray  # bool (m,): whether the point lies on its plane, and this is a face's
 
 
+class CreaseArrays(NamedTuple):
+    """What `meet_faces` works with for k neighbors: rows of one array, and an answer of each."""
+
+    local: np.ndarray  # (d, k), coordinates of the neighbors from their mean
+    rows: np.ndarray  # (7, k): heights above three planes, weights, terms of a regression
+    mean: np.ndarray  # (d,), of the neighbors from the query
+    differs: np.ndarray  # bool (k,), whether a neighbor lies on a face that is not joined yet
+    equations: tuple  # of a quadric, as of `work_arrays`
+
+
 def find_creases(index, planes, min_angle, n_jobs=None):
-    """The `Creases` of the points of an index, and their distances.
+    """The `Creases` of the points of an index, and the points' distances.
 
     Of the planes centroids, normals and scale are known; scale is changed. Those of two faces meet
     at `min_angle` degrees at least.
     """
     with progress_part(0.0, BEFORE):
         planes = _measured(index, planes, n_jobs)
+    # A median of shares of the radius, so that it depends on no unit.
     usual = np.median(planes.scale / np.maximum(planes.radius, np.finfo(float).tiny))
-    creases = Creases(index, planes, usual, np.cos(np.radians(min_angle)), n_jobs)
+    meeting = MeetingPlanes(index, planes, usual, np.cos(np.radians(min_angle)), n_jobs)
     with progress_part(BEFORE, 1.0):
-        return creases, creases.fit()
+        distances, faces, evidence = meeting.distances(index.points, index.query_own)
+    return Creases(meeting, faces, evidence), distances
 
 
-@dataclass
-class Creases:
-    """The planes of a cloud's points, and what the creases say in which they meet.
+class Creases(NamedTuple):
+    """The creases of a fitted cloud, from which the distances of other points follow."""
+
+    meeting: "MeetingPlanes"
+    faces: Faces
+    evidence: np.ndarray  # float64 (n,), as of `MeetingPlanes`
+
+    def distance(self, queries):
+        """Distances of queries (m, d) to the nearest crease, in spacings. Where none is found it is
+        between `far` and twice as much, the less, the more planes around turn."""
+        with progress_part(0.0, BEFORE):
+            around = _search(self.meeting.index, queries, self.meeting.n_jobs)
+        with progress_part(BEFORE, 1.0):
+            return self.meeting.distances(queries, around.take, fitted=self)[0]
+
+
+@dataclass(frozen=True)
+class MeetingPlanes:
+    """The planes of a cloud's points, and which of them may meet in creases.
 
     The scale of a plane is its noise, and the spacing that of the points.
     """
@@ -86,32 +122,27 @@ class Creases:
     usual: float  # noise of half of the planes over their radius, at most
     cosine: float  # that of two faces that meet is smaller
     n_jobs: int | None
-    faces: Faces | None = None  # what `fit` finds, as the evidence, float64 (n,); see `_meet`
-    evidence: np.ndarray | None = None
 
-    def fit(self):
-        """Find faces, evidence and distances of the points, as by `distance`."""
-        return self._distances(self.index.points, self.index.query_own, is_fit=True)
+    def distances(self, queries, around_of, fitted=None):
+        """Distances to creases, the `Faces` of the points of the cloud, and their evidence.
 
-    def distance(self, queries):
-        """Distances of queries (m, d) to the nearest crease, in spacings. Where none is found it is
-        between `far` and twice as much, the less, the more planes around turn."""
-        with progress_part(0.0, BEFORE):
-            around = _search(self.index, queries, self.n_jobs)
-        with progress_part(BEFORE, 1.0):
-            return self._distances(queries, around.take)
+        ``around_of(rows)`` are the `Neighborhoods` of some of the queries. These are the points of
+        the cloud, unless their `Creases` are fitted already.
 
-    def _distances(self, queries, around_of, is_fit=False):
-        """The distances; ``around_of(rows)`` are the `Neighborhoods` of some of the queries."""
+        The evidence, float64 (m,), is half of the BIC of the best two or three faces less that of
+        the best surface without a crease: negative where there is an edge, NaN where nothing is
+        asked.
+        """
         with progress_part(0.0, GIVEN):
-            faces, doubtful, distances = self._give_faces(queries, around_of)
-        self.faces = faces if is_fit else self.faces
+            given_faces, doubtful, distances = self._give_faces(queries, around_of)
+        faces = given_faces if fitted is None else fitted.faces
         with progress_part(GIVEN, MET):
-            off, evidence = self._meet(queries, around_of, faces.owners, doubtful)
-        self.evidence = evidence if is_fit else self.evidence
+            off, evidence = self._meet(queries, around_of, given_faces.owners, doubtful, faces)
+        if fitted is not None:
+            evidence = fitted.evidence
         with progress_part(MET, 1.0):
-            self._judge(around_of, off, distances)
-        return distances
+            self._judge(around_of, evidence, off, distances)
+        return distances, faces, evidence
 
     def _give_faces(self, queries, around_of):
         """The `Faces` of queries, whether planes around differ by the least angle where they are of
@@ -124,7 +155,8 @@ class Creases:
         faces = Faces(np.empty(m, np.int32), np.empty(m, bool))
         doubtful, distances = np.empty(m, bool), np.empty(m)
         usable = np.ones(len(planes.scale), bool)
-        # Of two planes that differ by an angle, one differs from any third by half of it.
+        # Of two planes that differ by an angle, one differs from any third by half of it; and
+        # cos(angle / 2) = sqrt((1 + cos(angle)) / 2).
         half_turn = np.sqrt(0.5 * (1.0 + self.cosine))
 
         def give(part):
@@ -134,49 +166,67 @@ class Creases:
             rows = np.flatnonzero(turned)
             if len(rows):
                 owners[rows] = give_planes(asked[rows], near.take(rows), planes, usable)
-            given = planes.take(owners)
-            flat = are_faces(given, self.usual)
-            height = np.abs(np.einsum("md,md->m", asked - given.centroids, given.normals))
-            on_plane = height <= ExplainLimits().explained * given.scale
+            owned = planes.take(owners)
+            flat = are_faces(owned, self.usual)
+            height = np.abs(np.einsum("md,md->m", asked - owned.centroids, owned.normals))
+            on_plane = height <= ExplainLimits().explained * owned.scale
             faces.owners[part], faces.on_face[part] = owners, flat & on_plane
             doubtful[part] = flat & (turned > 0.0)
+            # Beyond all creases that are sought: nearer where more planes turn.
             turned[:] = CreaseLimits().far * (2.0 - turned)
 
         _each_slice(self.index, m, give, self.n_jobs)
         return faces, doubtful, distances
 
-    def _meet(self, queries, around_of, owners, doubtful):
+    def _meet(self, queries, around_of, owners, doubtful, faces):
         """Distances to where faces meet in spacings, inf if nowhere, larger off the planes; and the
-        evidence: half of the BIC of the best two or three faces less that of the best surface
-        without a crease, negative where there is an edge, NaN where nothing is asked."""
+        evidence. `faces` are those of the cloud, and `owners` have the queries' planes."""
         (m, d), k = queries.shape, self.index.n_neighbors
         off, evidence = np.full(m, np.inf), np.full(m, np.nan)
-        told = CreaseLimits(), self.cosine, ExplainLimits().explained
+        limits = MeetingLimits(CreaseLimits(), self.cosine, ExplainLimits().explained)
 
         def meet(part):
             rows = part.start + np.flatnonzero(doubtful[part])
             if not len(rows):
                 return
-            found = off[rows], evidence[rows]
+            off_rows, evidence_rows = off[rows], evidence[rows]
             arrays, equations = work_arrays(max(d, 3) + 7, k)
-            room = arrays[7:], arrays[:7], np.empty(d), np.empty(k, bool), equations
-            given = queries[rows], around_of(rows), self.planes, owners[rows]
-            _compiled("meet_faces")(self.index.points, *given, self.faces, told, room, *found)
-            off[rows], evidence[rows] = found
+            work = CreaseArrays(
+                local=arrays[7:],
+                rows=arrays[:7],
+                mean=np.empty(d),
+                differs=np.empty(k, bool),
+                equations=equations,
+            )
+            _compiled("meet_faces")(
+                self.index.points,
+                queries[rows],
+                around_of(rows),
+                self.planes,
+                owners[rows],
+                faces,
+                limits,
+                work,
+                off_rows,
+                evidence_rows,
+            )
+            off[rows], evidence[rows] = off_rows, evidence_rows
 
         _each_slice(self.index, m, meet, self.n_jobs)
         return off, evidence
 
-    def _judge(self, around_of, off, distances):
+    def _judge(self, around_of, evidence, off, distances):
         """Let the neighbors say, in place, how far each point counts as from the crease: as far as
         it is, which `off` says, where they say that an edge is the better model, else farther."""
 
         def judge(part):
             rows = part.start + np.flatnonzero(off[part] < np.inf)
             if len(rows):
-                found, room = off[rows], np.empty(self.index.n_neighbors)
-                _compiled("judge_distances")(around_of(rows), self.evidence, CERTAIN, room, found)
-                distances[rows] = np.minimum(distances[rows], found)
+                judged, sorted_evidence = off[rows], np.empty(self.index.n_neighbors)
+                _compiled("judge_distances")(
+                    around_of(rows), evidence, CERTAIN, sorted_evidence, judged
+                )
+                distances[rows] = np.minimum(distances[rows], judged)
 
         _each_slice(self.index, len(off), judge, self.n_jobs)
 
@@ -186,6 +236,8 @@ def _measured(index, planes, n_jobs):
     the side of the cell that one point of a surface takes, the mean of those around."""
     points, (n, d) = index.points, index.points.shape
     last = min(FaceLimits().n_spacing, index.n_neighbors - 1)
+    # Volume of the unit ball of d - 1 dimensions: the surface within reach of the `last` neighbor
+    # holds as many points, so that each takes the cell of ball * near^(d - 1) / last.
     ball = np.pi ** (0.5 * (d - 1)) / gamma(0.5 * (d - 1) + 1.0)
     spacing, radius = np.empty(n), np.empty(n)
 

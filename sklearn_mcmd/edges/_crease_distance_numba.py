@@ -40,83 +40,95 @@ def count_turned(around, normals, cosine, turned):
 
 
 @kernel(cache=True)
-def meet_faces(points, queries, around, planes, owners, faces, told, room, distance, evidence):
-    """Fill distance and evidence of queries as `Creases._meet` says."""
-    limits, cosine, explained = told
+def meet_faces(points, queries, around, planes, owners, faces, limits, work, distance, evidence):
+    """Fill distance and evidence of queries as `MeetingPlanes._meet` says.
+
+    The faces are those of all points, `owners` the rows of the queries' planes.
+    """
+    creases, cosine, explained = limits
     normals = planes.normals
-    local, rows, mean, other, equations = room
+    local, rows, mean, differs = work.local, work.rows, work.mean, work.differs
     surface = rows[3]
     k, d = around.indices.shape[1], queries.shape[1]
     for i in range(len(queries)):
-        near, own = around.indices[i], owners[i]
-        scale, spacing = planes.scale[own], planes.spacing[near[0]]
-        other[:] = True
-        # A face has as many points as determine a plane.
-        n_others = _differ(normals[own], normals, faces, near, cosine, other)
-        if n_others < d or not spacing > 0.0:
+        # Step 1: neighbors on faces that meet the query's at an angle. A face has as many points as
+        # determine a plane.
+        near, owner = around.indices[i], owners[i]
+        scale, spacing = planes.scale[owner], planes.spacing[near[0]]
+        differs[:] = True
+        n_differing = _differ(normals[owner], normals, faces, near, cosine, differs)
+        if n_differing < d or not spacing > 0.0:
             continue
+        # Step 2: heights above the query's plane. What is off it counts as farther from the crease.
         localize(points, near, k, queries[i], local)
         center(local, k, d, mean)
         most = (explained * scale) ** 2
-        to_query = _heights(local, queries[i], mean, planes, own, rows[0])
+        to_query = _heights(local, queries[i], mean, planes, owner, rows[0])
         off = max(abs(to_query) / (explained * scale), 1.0)
         for j in range(k):
             surface[j] = rows[0, j]
+        # Step 3: join one face in a crease, and one more if that pays by BIC.
         squares = rounded = np.inf
-        n_joined, second, side_of_second = 0, own, 1.0
+        n_joined, second, side_of_second = 0, owner, 1.0
         for turn in range(2):
             height = rows[turn + 1]
-            found, form, left = _join(
-                local, near, faces.owners, queries[i], planes, mean, other, most, surface, height
+            joined, form, left = _join(
+                local, near, faces.owners, queries[i], planes, mean, differs, most, surface, height
             )
-            to_query = _heights(local, queries[i], mean, planes, found, height)
+            to_query = _heights(local, queries[i], mean, planes, joined, height)
+            # Of the four forms of `_join` the last two turn the plane over, odd ones are valleys.
             side, up = 1.0 if form < 2 else -1.0, 1.0 if form % 2 == 0 else -1.0
             for j in range(k):
                 height[j] *= side
             # An arc may join any two of the faces.
-            cosine_own = _dot(normals[own], normals[found])
-            arc = _rounded(rows[0], height, up, side * cosine_own, limits.radii, spacing, most)
+            cosine_of_joined = _dot(normals[owner], normals[joined])
+            arc = _rounded(
+                rows[0], height, up, side * cosine_of_joined, creases.radii, spacing, most
+            )
             rounded = min(rounded, arc)
             if turn:
-                turned = side * side_of_second * _dot(normals[second], normals[found])
-                arc = _rounded(rows[1], height, up, turned, limits.radii, spacing, most)
+                turned = side * side_of_second * _dot(normals[second], normals[joined])
+                arc = _rounded(rows[1], height, up, turned, creases.radii, spacing, most)
                 rounded = min(rounded, arc)
-            # By BIC: a plane has d numbers.
+            # By BIC: a plane has d numbers, and k log(squares) must fall by d log(k).
             if turn and not left < k ** (-d / k) * squares:
                 break
             n_joined, squares = n_joined + 1, left
-            sine = np.sqrt(max(1.0 - cosine_own * cosine_own, TINY))
+            # A point at a height h above a plane that meets its own at an angle is h / sin(angle)
+            # from the line.
+            sine = np.sqrt(max(1.0 - cosine_of_joined * cosine_of_joined, TINY))
             distance[i] = min(distance[i], abs(to_query) / sine * off / spacing)
             for j in range(k):
                 surface[j] = up * max(up * height[j], up * surface[j])
-            second, side_of_second = found, side
-            n_others = _differ(normals[found], normals, faces, near, cosine, other)
-            if n_others == 0:
+            second, side_of_second = joined, side
+            n_differing = _differ(normals[joined], normals, faces, near, cosine, differs)
+            if n_differing == 0:
                 break
-        # Too few for a quadric; and such are made in two and three dimensions alone.
+        # Step 4: the best surface without a crease. Too few points leave a quadric nothing to be
+        # judged by; and such are made in two and three dimensions alone.
         evidence[i] = -1.0
         if d > 3 or k <= d * (d + 1) // 2 + 1:
             continue
-        best = half_bic(rounded / k, k, d + 1)
-        quadric = _off_quadric(local, k, d, scale, limits, most, rows, equations)
+        best = half_bic(rounded / k, k, d + 1)  # a plane and a radius
+        quadric = _off_quadric(local, k, d, scale, creases, most, rows, work.equations)
         best = min(best, half_bic(quadric / k, k, d * (d + 1) // 2))
-        # The axes in which the normals vary most.
+        # The axes in which the normals vary most: across them a cylinder is a circle.
         _, (least, middle, most_varied) = principal_axes(_squares_of(normals, faces, near, d), d)
         axes = (least, middle) if d == 2 else (middle, most_varied)
-        arc = _off_arc(local, k, axes, scale, limits, most, rows)
-        best = min(best, half_bic(arc / k, k, 3))
+        arc = _off_arc(local, k, axes, scale, creases, most, rows)
+        best = min(best, half_bic(arc / k, k, 3))  # center and radius
         evidence[i] = half_bic(squares / k, k, n_joined * d) - best
 
 
 @kernel(fastmath=FASTMATH)
-def _differ(normal, normals, faces, near, cosine, other):
-    """Of the neighbors that are `other`, leave those on faces at an angle; their number."""
-    n_others = 0
+def _differ(normal, normals, faces, near, cosine, differs):
+    """Of the neighbors that differ so far, leave those on faces at an angle; their number."""
+    n_differing = 0
     for j in range(len(near)):
-        differs = abs(_dot(normal, normals[faces.owners[near[j]]])) < cosine
-        other[j] &= differs and faces.on_face[near[j]]
-        n_others += 1 if other[j] else 0
-    return n_others
+        meets = abs(_dot(normal, normals[faces.owners[near[j]]])) < cosine
+        differs[j] &= meets and faces.on_face[near[j]]
+        n_differing += 1 if differs[j] else 0
+    return n_differing
 
 
 @kernel(fastmath=FASTMATH)
@@ -189,7 +201,9 @@ def _rounded(one, two, up, cosine, radii, spacing, most):
     for r in radii:
         radius, total = r * spacing, 0.0
         for j in range(len(one)):
-            # From the axis, which is a radius below both planes.
+            # From the axis, which is a radius below both planes. Heights a and b over two lines
+            # that cross at an angle are sqrt(a^2 + b^2 - 2 a b cos) / sin from the crossing. The
+            # arc ends where the foot on either plane does.
             a, b = up * one[j] + radius, up * two[j] + radius
             away = np.sqrt(max(a * a + b * b - 2.0 * a * b * cosine, 0.0) * scale)
             off = (away if (a > b * cosine) & (b > a * cosine) else max(a, b)) - radius
@@ -224,8 +238,8 @@ def _squares_of(normals, faces, near, d):
     """Sums of products of the coordinates of the normals of the neighbors' planes."""
     xx = xy = xz = yy = yz = zz = 0.0
     for j in near:
-        own = faces.owners[j]
-        x, y, z = normals[own, 0], normals[own, 1], normals[own, 2] if d > 2 else 0.0
+        row = faces.owners[j]
+        x, y, z = normals[row, 0], normals[row, 1], normals[row, 2] if d > 2 else 0.0
         xx, xy, xz = xx + x * x, xy + x * y, xz + x * z
         yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
     return xx, xy, xz, yy, yz, zz
@@ -248,6 +262,8 @@ def _off_arc(local, size, axes, scale, limits, most, rows):
         first[j], second[j], weight[j] = 2.0 * x[j], 2.0 * y[j], 1.0
         value[j] = x[j] * x[j] + y[j] * y[j]
     radius = cx = cy = squares = 0.0
+    # Step 0 fits the algebraic circle, x^2 + y^2 = 2 x cx + 2 y cy + (r^2 - cx^2 - cy^2), the
+    # others are Gauss-Newton steps of the distances from it.
     for step in range(limits.smooth_steps + 1):
         more, move, across = _regress(terms, size, weight)
         radius, cx, cy = radius + more, cx + move, cy + across
@@ -272,13 +288,18 @@ def _regress(terms, size, weight):
     ridge = RIDGE * (ff + ss) + TINY
     ff, ss = ff + ridge, ss + ridge
     scale = 1.0 / max(ff * ss - fs * fs, TINY)
-    share, other = scale * (one * ss - two * fs), scale * (two * ff - one * fs)
-    return value - share * first - other * second, share, other
+    # Cramer's rule for the covariances of both terms.
+    of_first, of_second = scale * (one * ss - two * fs), scale * (two * ff - one * fs)
+    return value - of_first * first - of_second * second, of_first, of_second
 
 
 @kernel(cache=True)
 def judge_distances(around, evidence, certain, told, distance):
-    """Enlarge distances as `Creases._judge` says; `told` has room for what the neighbors say."""
+    """Enlarge distances as `MeetingPlanes._judge` says; `told` has room for what the neighbors say.
+
+    The median of the neighbors' evidence is the logarithm of how much better a surface without a
+    crease is. Where it is, distances grow by that factor.
+    """
     for i in range(len(distance)):
         n_told = 0
         for j in around.indices[i]:

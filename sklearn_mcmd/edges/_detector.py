@@ -261,8 +261,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
                 "normals='precomputed' does not tell criterion='removed_fraction': take "
                 "normals='estimate', with coordinates as X."
             )
-        self._n_dimensions = None  # precomputed columns determine it
-        columns = self._columns(table)
+        columns = self._columns(table, None)  # precomputed columns determine the dimensions
         xyz = columns.coordinates
         self._n_dimensions = xyz.shape[1]
         self._check_parameters(xyz)
@@ -285,16 +284,17 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
             with progress_part(0.8, 1.0, "creases"):
                 with progress_part(0.0, 0.9):
                     if self.normals == "estimate":
-                        given = Columns.of(normal_estimator, members)
+                        of_members = Columns.of(normal_estimator, members)
                     else:
-                        given = split_columns(members, self._n_dimensions)
-                    planes = given.planes(index.rows).without("radius", "spacing")
-                    del given, members  # index and planes have what is needed
-                    known = find_creases(index, planes, self.min_angle, self.n_jobs)
-                    self._model, distances = known
+                        of_members = split_columns(members, self._n_dimensions)
+                    planes = of_members.planes(index.rows).without("radius", "spacing")
+                    del of_members, members  # index and planes have what is needed
+                    self._creases, distances = find_creases(
+                        index, planes, self.min_angle, self.n_jobs
+                    )
                 self.scores_[kept] = distances[index.places]
                 with progress_part(0.9, 1.0):
-                    self.scores_[~kept] = self._model.distance(xyz[~kept].astype(np.float64))
+                    self.scores_[~kept] = self._creases.distance(xyz[~kept].astype(np.float64))
         else:
             values = self._values(columns, fitted=True)
             self.offset_ = -least_of_edge(lambda: [values[kept]], self.threshold, self.n_std)
@@ -318,17 +318,25 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         """
         check_is_fitted(self)
         X = validate_points(self, X, reset=False)
-        columns = self._columns(X)
+        columns = self._columns(X, self._n_dimensions)
         if self.criterion == "crease":
-            return self._model.distance(columns.coordinates.astype(np.float64))
+            return self._creases.distance(columns.coordinates.astype(np.float64))
         return -self._values(columns)
 
-    def _columns(self, X):
-        """Coordinates, and the precomputed columns if X has them."""
+    def _columns(self, X, d):
+        """Coordinates, and the precomputed columns if X has them; d is None if they tell it."""
         if self.normals == "precomputed":
-            return split_columns(X, self._n_dimensions)
+            return split_columns(X, d)
         check_extent(X)
-        return Columns(X, *[np.empty(0)] * (len(Columns._fields) - 1))
+        nothing = np.empty(0)
+        return Columns(
+            coordinates=X,
+            normals=nothing,
+            surface_variation=nothing,
+            eigenvalues=nothing,
+            offset=nothing,
+            scale=nothing,
+        )
 
     def _check_parameters(self, xyz):
         n, d = xyz.shape
@@ -381,14 +389,14 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
                 values = columns.eigenvalues[:, 0]
             return values.astype(np.float64)
         estimator, xyz = self.normal_estimator_, columns.coordinates
-        values, rest = np.empty(len(xyz)), np.ones(len(xyz), dtype=bool)
+        values, is_new = np.empty(len(xyz)), np.ones(len(xyz), dtype=bool)
         if fitted:
-            rest = ~self.inlier_mask_
-            values[~rest] = values_of(self.criterion, estimator, xyz.dtype)
-        if rest.any():
+            is_new = ~self.inlier_mask_  # what was removed is scored like a new point
+            values[~is_new] = values_of(self.criterion, estimator, xyz.dtype)
+        if is_new.any():
             names = list(estimator.get_feature_names_out())
             column = names.index(column_of_criterion(self.criterion))
-            values[rest] = np.asarray(estimator.transform(xyz[rest]))[:, column]
+            values[is_new] = np.asarray(estimator.transform(xyz[is_new]))[:, column]
         return values
 
 

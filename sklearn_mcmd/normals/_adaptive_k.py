@@ -73,15 +73,15 @@ class ScaleFinder:
             if not todo.any():
                 return wanted
             errors, normals = fits or self._fit(k, np.ones(self.n, bool))
-            error, found = wanted_by(self._quiet(errors, todo), k, d, limits)
-            known = found <= 2 * k  # larger sizes follow from the next, twice as large
-            if not known.all():
+            error, sizes = wanted_by(self._quiet(errors, todo), k, d, limits)
+            settled = sizes <= 2 * k  # larger sizes follow from the next, twice as large
+            if not settled.all():
                 fits = self._fit(2 * k, self._reached(todo))
                 turns = self._quiet(angles(normals, fits[1]), todo)
-                bent = ~known & are_turned(turns, error)
-                found[bent] = k
-                known |= bent
-            wanted[todo] = np.where(known, np.maximum(found, limits.least), np.inf)
+                bent = ~settled & are_turned(turns, error)
+                sizes[bent] = k
+                settled |= bent
+            wanted[todo] = np.where(settled, np.maximum(sizes, limits.least), np.inf)
             k *= 2
         self._even(wanted)
         return np.where(wanted == np.inf, limits.most, wanted)
@@ -99,6 +99,7 @@ class ScaleFinder:
         disk its row has the share ``sqrt(2 n / (pi k))``.
         """
         k, needed = self.limits.least // 2, np.zeros(self.n)
+        # A row's share of the k nearest is AgreementLimits().face, f, where k = (2 / (pi f^2)) n.
         rows, times = needed == 0, 2 / (pi * AgreementLimits().face ** 2)
 
         def task(part, around):
@@ -133,25 +134,26 @@ class ScaleFinder:
             _, left, _ = whole_planes(
                 self.index.points, around, planes, np.empty_like(planes.normals)
             )
-            known = np.isfinite(left)  # the members determine a quadric
-            found = normal_errors(np.where(known, left, 0.0), planes.eigenvalues, around.sizes)
-            errors[part], normals[part] = np.where(known, found, 90.0), planes.normals
+            determined = np.isfinite(left)  # the members determine a quadric
+            noise = np.where(determined, left, 0.0)
+            tilts = normal_errors(noise, planes.eigenvalues, around.sizes)
+            errors[part], normals[part] = np.where(determined, tilts, 90.0), planes.normals
 
         self._each(rows, k, task)
         return errors, normals
 
     def _quiet(self, values, rows, share=None):
         """The value that the share `quiet` of those around do not exceed, of some points."""
-        found, share = np.empty(self.n), self.limits.quiet if share is None else share
+        quantiles, share = np.empty(self.n), self.limits.quiet if share is None else share
 
         def task(part, around):
-            found[part] = quantile_around(values, around, share)
+            quantiles[part] = quantile_around(values, around, share)
 
         self._each(rows, self.limits.around, task)
-        return found[rows]
+        return quantiles[rows]
 
     def _each(self, wanted, k, work):
-        """Call ``work(some, around)`` with points that are wanted and their k nearest."""
+        """Call ``work(rows, around)`` with points that are wanted and their k nearest."""
         k, index = min(k, self.n), self.index
 
         def task(part):
@@ -178,7 +180,8 @@ def wanted_by(quiet, k, d, limits):
     `quiet` is the error that this share of those around do not exceed.
     """
     error = quiet / noise_quantiles(limits.quiet, np.array([k]), d)
-    # Of k points, the spread along the surface grows as k ** (1 / (d - 1)).
+    # The error falls as the spread of the k points along the surface, k ** (1 / (d - 1)), and as
+    # their mean, k ** (1 / 2).
     return error, k * (error / limits.tilt) ** (1 / (1 / 2 + 1 / (d - 1)))
 
 

@@ -43,7 +43,9 @@ class Curvatures(NamedTuple):
     @classmethod
     def empty(cls, m):
         """A record to be filled."""
-        return cls(*map(np.empty, [(m,)] * 5 + [(m, 3)] * 2))
+        vectors = ("max_direction", "min_direction")
+        shapes = {name: (m, 3) if name in vectors else (m,) for name in cls._fields}
+        return cls(**{name: np.empty(shape) for name, shape in shapes.items()})
 
     put, take = Planes.put, Planes.take  # type: ignore[misc]
 
@@ -80,20 +82,21 @@ def curvatures_of_fitted(model, planes, X, n_jobs=None):
     index = model.index
     if index.n_neighbors is None:
         return curvatures_of_new(model, planes, X, n_jobs)
-    found = Curvatures.empty(len(index.points))
+    distinct = Curvatures.empty(len(index.points))
 
     def task(rows):
-        own, around = planes.take(index.rows[rows]), index.query_own(rows, keep=False)
-        found.put(rows, _curvatures_of_each(model, own, index.points[rows], around))
+        part_planes, around = planes.take(index.rows[rows]), index.query_own(rows, keep=False)
+        points = index.points[rows]
+        distinct.put(rows, _curvatures_of_each(model, part_planes, points, around))
 
     each_slice(len(index.points), model.chunk(), task, n_jobs)
-    places, found = index.places, found.take(index.places)
+    places, curvatures = index.places, distinct.take(index.places)
     # Copies of a point that a sensor measured from its other side have the opposite normal.
     turned = (planes.normals != planes.normals[index.rows[places]]).any(axis=1)
     rows = np.flatnonzero(turned)
     if len(rows):
-        found.put(rows, curvatures_of_new(model, planes.take(rows), X[rows]))
-    return found
+        curvatures.put(rows, curvatures_of_new(model, planes.take(rows), X[rows]))
+    return curvatures
 
 
 def curvatures_of_new(model, planes, queries, n_jobs=None):
@@ -101,15 +104,15 @@ def curvatures_of_new(model, planes, queries, n_jobs=None):
     queries = np.ascontiguousarray(queries, dtype=np.float64)
     if model.index.n_neighbors is None:
         return _curvatures_of_one(model, planes, queries)
-    found = Curvatures.empty(len(queries))
+    curvatures = Curvatures.empty(len(queries))
 
     def task(rows):
         part = queries[rows]
         around = model.index.query(part)
-        found.put(rows, _curvatures_of_each(model, planes.take(rows), part, around))
+        curvatures.put(rows, _curvatures_of_each(model, planes.take(rows), part, around))
 
     each_chunk(queries, model.chunk(), task, n_jobs)
-    return found
+    return curvatures
 
 
 def _curvatures_of_each(model, planes, queries, around):
@@ -130,6 +133,7 @@ def _curvatures_of_one(model, planes, queries):
     jets = _fit_jets(model, one, one.centroids, around, tangents)
     jets = Jets._make(np.broadcast_to(values, (m, *values.shape[1:])) for values in jets)
     radius = planes.radius[0] if planes.radius[0] > 0 else 1.0
+    # The quadric begins at the centroid; its slopes at the queries are those there and its bends'.
     u, v = ((queries - one.centroids) / radius @ tangents[0].T).T
     uu, uv, vv = jets.bends.T
     slopes = jets.slopes + np.column_stack([2 * uu * u + uv * v, uv * u + 2 * vv * v])
@@ -162,24 +166,28 @@ def _derive(jets, tangents, normals, radius):
     """Curvatures from quadrics, by the Weingarten map at u = v = 0."""
     b, c = jets.slopes.T
     uu, uv, vv = jets.bends.T
-    # The metric of the tangent plane, [[1 + bb, bc], [bc, 1 + cc]], is L L'. In the basis of the
-    # columns of the inverse of L', which are orthonormal on the surface, the map is symmetric.
+    # Step 1: the Weingarten map. The metric of the tangent plane, [[1 + bb, bc], [bc, 1 + cc]], is
+    # L L'. In the basis of the columns of the inverse of L', which are orthonormal on the surface,
+    # the map is symmetric. The second derivatives of the height are 2 uu, uv and 2 vv.
     steep = np.sqrt(1 + b * b + c * c)
     i11 = 1 / np.sqrt(1 + b * b)
     i21, i22 = -b * c * i11 / steep, 1 / (steep * i11)
     first = i11 * i11 * 2 * uu / steep
     mixed = i11 * (2 * i21 * uu + i22 * uv) / steep
     second = 2 * (i21 * i21 * uu + i21 * i22 * uv + i22 * i22 * vv) / steep
+    # Step 2: its eigenvalues, mean + half and mean - half, and the angle of the first direction.
     mean, half = (first + second) / 2, np.hypot((first - second) / 2, mixed)
     turn = np.arctan2(2 * mixed, first - second) / 2
     cosine, sine = np.cos(turn), np.sin(turn)
+    # Step 3: directions in space; and derivatives of either curvature by the bends, for the errors.
     directions, gradients = [], []
     for x, y in ((cosine, sine), (-sine, cosine)):
         x, y = i11 * x + i21 * y, i22 * y
         flat = x[:, None] * tangents[:, 0] + y[:, None] * tangents[:, 1]
         directions.append(point_up(flat + (b * x + c * y)[:, None] * normals))
         gradients.append(2 * np.stack([x * x, x * y, y * y]) / steep)
-    # The ratio of the quantiles of Student's and the normal distribution widens the errors of few.
+    # Step 4: errors. The ratio of the quantiles of Student's and the normal distribution widens
+    # those of few members.
     counts, inverse_counts = np.unique(jets.n_used, return_inverse=True)
     quantile = (1 + CONFIDENCE) / 2
     student = stdtrit(np.maximum(counts - TERMS, 1), quantile) / ndtri(quantile)
@@ -188,15 +196,15 @@ def _derive(jets, tangents, normals, radius):
     mean_error = unit * _length(jets.factors, (gradients[0] + gradients[1]) / 2)
     # From one over radii to one over units; zeros where the error exceeds one over the radius.
     inverse = np.divide(1.0, radius, out=np.zeros(len(radius)), where=radius > 0)
-    known = (jets.n_used > 0) & (np.maximum(*errors) <= 1.0)
+    determined = (jets.n_used > 0) & (np.maximum(errors[0], errors[1]) <= 1.0)
     return Curvatures(
-        max_curvature=np.where(known, mean + half, 0.0) * inverse,
-        min_curvature=np.where(known, mean - half, 0.0) * inverse,
-        max_error=np.where(known, errors[0], 1.0) * inverse,
-        min_error=np.where(known, errors[1], 1.0) * inverse,
-        mean_error=np.where(known, mean_error, 1.0) * inverse,
-        max_direction=np.where(known[:, None], directions[0], 0.0),
-        min_direction=np.where(known[:, None], directions[1], 0.0),
+        max_curvature=np.where(determined, mean + half, 0.0) * inverse,
+        min_curvature=np.where(determined, mean - half, 0.0) * inverse,
+        max_error=np.where(determined, errors[0], 1.0) * inverse,
+        min_error=np.where(determined, errors[1], 1.0) * inverse,
+        mean_error=np.where(determined, mean_error, 1.0) * inverse,
+        max_direction=np.where(determined[:, None], directions[0], 0.0),
+        min_direction=np.where(determined[:, None], directions[1], 0.0),
     )
 
 

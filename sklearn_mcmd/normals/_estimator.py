@@ -376,8 +376,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
             As by `transform`.
         """
         xyz = self.fit(X, sensor_origin=sensor_origin)._check_queries(X)
-        planes = self.eigenvalues_, self.plane_offset_[:, None], self.plane_scale_[:, None]
-        return joined_columns(xyz, self.normals_, *planes, self.features_)
+        offset, scale = self.plane_offset_[:, None], self.plane_scale_[:, None]
+        return joined_columns(xyz, self.normals_, self.eigenvalues_, offset, scale, self.features_)
 
     def transform(self, X: "ArrayLike") -> NDArray[np.floating]:
         """Normals and curvature at points, by their neighborhoods in the fitted cloud.

@@ -55,8 +55,8 @@ OF_PLANES = {
 }
 # Functions of Curvatures.
 OF_CURVATURES: dict[str, Callable] = {
-    "mean_curvature": lambda found: (found.max_curvature + found.min_curvature) / 2,
-    "gaussian_curvature": lambda found: found.max_curvature * found.min_curvature,
+    "mean_curvature": lambda curvatures: (curvatures.max_curvature + curvatures.min_curvature) / 2,
+    "gaussian_curvature": lambda curvatures: curvatures.max_curvature * curvatures.min_curvature,
     "max_curvature": attrgetter("max_curvature"),
     "min_curvature": attrgetter("min_curvature"),
     "shape_index": shape_index,
@@ -102,9 +102,9 @@ def check_features(names, d=3):
         if not isinstance(name, str) or name not in FEATURES:
             raise ValueError(f"features={name!r} is not known: take {', '.join(FEATURES)}, or all.")
         if name in SPATIAL and d != 3:
-            others = ", ".join(check_features("all", d))
+            possible = ", ".join(check_features("all", d))
             raise ValueError(
-                f"features={name!r} is defined in 3D only and X has {d} features: take {others}."
+                f"features={name!r} is defined in 3D only and X has {d} features: take {possible}."
             )
     if len(set(names)) < len(names):
         raise ValueError(f"features={list(names)!r} has a name twice; give each once.")
@@ -139,8 +139,8 @@ def flip_columns(columns, names):
         if name[:-2] in VECTORS:
             base, end = name[:-2], name[-2:]
         if base in FLIPPED:
-            sign, other = FLIPPED[base]
-            new[:, i] = sign * columns[:, names.index(other + end)]
+            sign, mirrored = FLIPPED[base]
+            new[:, i] = sign * columns[:, names.index(mirrored + end)]
     return new
 
 

@@ -60,8 +60,9 @@ class Sides:
         n, k = len(index.points), min(TreeLimits().n_neighbors, len(index.points))
         first = np.repeat(np.arange(n, dtype=np.int32), k)
         second = index.query_own(slice(None), k).indices.ravel()
-        edges = spanning_forest(apart, index.points, first, second)
-        self.tree_normals = apart * signs_along(apart, index.points, *edges)[:, None]
+        first, second = spanning_forest(apart, index.points, first, second)
+        signs = signs_along(apart, index.points, first, second)
+        self.tree_normals = apart * signs[:, None]
 
     def orient(self, index, normals, X, n_jobs):
         """Flip normals (m, d) of points X (m, d) in place.

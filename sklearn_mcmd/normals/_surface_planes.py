@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.normals._adaptive_k import angles
 from sklearn_mcmd.planes._around import most_noise_around, quantile_around, ratio
 from sklearn_mcmd.planes._base import mends_planes
 from sklearn_mcmd.planes._explaining import ExplainLimits
@@ -62,6 +63,48 @@ class PatchLimits(NamedTuple):
     patch: float = 1 / 3  # share of the neighborhood that is the patch: those nearest to the point
 
 
+class Patch(NamedTuple):
+    """Work arrays for a patch of k points at most, parts of one array."""
+
+    places: np.ndarray  # (d, k), from the query
+    heights: np.ndarray  # (k,), above a plane
+
+    @classmethod
+    def empty(cls, d, k):
+        """Arrays to be filled."""
+        rows = np.empty((d + 1, k))
+        return cls(rows[:d], rows[d])
+
+
+class NearPlanes(NamedTuple):
+    """Work arrays for at most k planes of neighbors, any of which may be that of the query."""
+
+    heights: np.ndarray  # (k,), of the query above them, inf where they do not reach it; then costs
+    doubt: np.ndarray  # (k,), square degrees by which angles to the query's normal exceed chance
+    places: np.ndarray  # (2, k), of their points from the query, along two tangents of its plane
+    leans: np.ndarray  # (2, k), of their normals along the same tangents: sines of angles
+
+
+class QuadricArrays(NamedTuple):
+    """Work arrays for the quadric of k members at most; see `work_arrays`."""
+
+    local: np.ndarray  # (3, k), their coordinates from the query
+    heights: np.ndarray  # (k,), over the query's plane
+    lower: np.ndarray  # the normal equations, as a lower triangle
+    right: np.ndarray
+    solution: np.ndarray
+    pivot: float  # as of `QuadricLimits`
+
+
+class DoubtArrays(NamedTuple):
+    """What `doubted_errors` works with."""
+
+    tangents: np.ndarray  # (m, d - 1, d), of the queries' planes
+    patch: Patch
+    near_planes: NearPlanes
+    quadric: QuadricArrays
+
+
 class Surfaces(NamedTuple):
     """What is known of the surfaces of m points before any plane is lent."""
 
@@ -72,7 +115,12 @@ class Surfaces(NamedTuple):
 
     def take(self, rows):
         """Those of a slice of the points, as views, which can be filled."""
-        return Surfaces(self.planes.take(rows), *(values[rows] for values in self[1:]))
+        return Surfaces(
+            planes=self.planes.take(rows),
+            forms=self.forms[rows],
+            noise=self.noise[rows],
+            left=self.left[rows],
+        )
 
 
 class SurfacePlanes:
@@ -111,8 +159,9 @@ class SurfacePlanes:
 
         def finish(rows):
             last = planes.take(np.arange(rows.start, rows.stop))  # a copy
-            given = index.points[rows], last, members.forms[rows], index.query_own(rows)
-            lenders[rows], errors[rows] = self._finish(*given, planes), last.normal_error
+            forms, around = members.forms[rows], index.query_own(rows)
+            lenders[rows] = self._finish(index.points[rows], last, forms, around, planes)
+            errors[rows] = last.normal_error
 
         with progress_part(0.0, 0.8, "normals"):
             with progress_part(0.0, 0.7):
@@ -125,25 +174,24 @@ class SurfacePlanes:
             with progress_part(0.5, 1.0):
                 each_slice(m, chunk, finish, n_jobs)
         borrowing = np.flatnonzero(lenders >= 0)
-        before, own_errors = planes.take(borrowing), planes.normal_error.copy()
+        before, undoubted = planes.take(borrowing), planes.normal_error.copy()
         lend(planes, borrowing, planes, lenders[borrowing])
         planes.normal_error[:] = errors
         planes, lenders = _moved(planes, index.places), lenders[index.places]
         self.members = members._replace(planes=Planes.empty(0, d))
         fitted = FittedSurfaces(
-            surfaces=self, planes=planes, borrowing=borrowing, before=before, errors=own_errors
+            surfaces=self, planes=planes, borrowing=borrowing, before=before, errors=undoubted
         )
         return planes, np.where(lenders >= 0, index.rows[lenders], np.arange(len(X))), fitted
 
     def evaluate_neighborhoods(self, points, around, all_planes):
         """Planes of queries (m, d) whose neighborhoods are given; `all_planes` are the members'."""
-        members = self.members
-        own, deviation, left, ordinary = self.model.whole_planes(points, around)
+        planes, deviation, left, ordinary = self.model.whole_planes(points, around)
         forms = np.where(ordinary, FLAT, BENT).astype(np.int8)
-        self._find_rough(points, around, Surfaces(own, forms, deviation, left))
-        self._bend(points, own, forms, left, around, members.noise)
-        self._finish(points, own, forms, around, all_planes)
-        return own
+        self._find_rough(points, around, Surfaces(planes, forms, deviation, left))
+        self._bend(points, planes, forms, left, around, self.members.noise)
+        self._finish(points, planes, forms, around, all_planes)
+        return planes
 
     def _finish(self, points, planes, forms, around, all_planes):
         """Lend planes where these are needed, and add to errors of normals the doubt which plane is
@@ -154,7 +202,8 @@ class SurfacePlanes:
             lenders[rough] = self._lenders(points, planes, rough, around.take(rough), members)
             borrowing = np.flatnonzero(lenders >= 0)
             lend(planes, borrowing, all_planes, lenders[borrowing])
-        # Of many planes of few members some have little noise by chance.
+        # Of many planes of few members some have little noise by chance. Their errors grow by how
+        # much noisier half of the planes around are.
         noisier = ratio(quantile_around(members.scale, around, 0.5), planes.scale)
         errors = np.where(planes.scale > 0, np.maximum(noisier, 1.0), 1.0) * planes.normal_error
         planes.normal_error[:] = np.minimum(errors, 90.0)
@@ -177,15 +226,15 @@ class SurfacePlanes:
         noise is what that plane leaves, and becomes that of the surface, flat or curved.
         """
         planes, forms, noise, left = surfaces
-        rest = np.flatnonzero(forms != FLAT)
-        if len(rest):
-            robust = self._robust(points[rest], around.take(rest))
-            rough = ~is_smooth(left[rest], robust.scale)
-            rough |= _bends_too_much(noise[rest], left[rest], planes.take(rest))
+        asked = np.flatnonzero(forms != FLAT)
+        if len(asked):
+            robust = self._robust(points[asked], around.take(asked))
+            rough = ~is_smooth(left[asked], robust.scale)
+            rough |= _bends_too_much(noise[asked], left[asked], planes.take(asked))
             # Planes of many directions fit a row, and that of its rays to the sensor without noise.
-            rough &= are_rows(planes.eigenvalues[rest]) | ~are_rows(robust.eigenvalues)
-            forms[rest[rough]] = ROUGH
-            planes.put(rest[rough], robust.take(rough))
+            rough &= are_rows(planes.eigenvalues[asked]) | ~are_rows(robust.eigenvalues)
+            forms[asked[rough]] = ROUGH
+            planes.put(asked[rough], robust.take(rough))
         least = self.model.least_scales(planes.centroids)
         left[:] = np.maximum(np.minimum(noise, left), least)
         noise[:] = np.where(forms == ROUGH, planes.scale, left)
@@ -237,17 +286,19 @@ class SurfacePlanes:
         """The members whose planes the rows `rough` borrow, -1 for none; their scales are noise."""
         lenders = np.full(len(rough), -1)
         queries = np.ascontiguousarray(points[rough], dtype=np.float64)
-        own = planes.take(rough)
-        limits = MendLimits()
+        rough_planes, limits = planes.take(rough), MendLimits()
         most = most_noise_around(members.scale, around, around.sizes, limits.quiet)
-        asking = np.flatnonzero((1 - own.kept > limits.removed) | (own.scale > most))
+        asking = np.flatnonzero(
+            (1 - rough_planes.kept > limits.removed) | (rough_planes.scale > most)
+        )
         best = find_lenders(
             self.model.index.points, queries[asking], around.take(asking), members, most[asking]
         )
         asking, best = asking[best >= 0], best[best >= 0]
-        cosine = np.einsum("md,md->m", own.normals[asking], members.normals[best])
-        angle = np.degrees(np.arccos(np.minimum(np.abs(cosine), 1.0)))
-        # A plane that leans by less is the least noisy of many by chance, and no better.
+        angle = angles(rough_planes.normals[asking], members.normals[best])
+        # A plane that leans by less is the least noisy of many by chance, and no better. Normals
+        # whose tilts are E each (root mean square) differ by E in either direction: of the angles
+        # a share `chance` is larger than E sqrt(-2 ln(chance)), by Rayleigh's distribution.
         leans = angle > np.sqrt(-2 * np.log(QuadricLimits().chance)) * members.normal_error[best]
         lenders[asking[leans]] = best[leans]
         return lenders
@@ -264,7 +315,8 @@ class FittedSurfaces(NamedTuple):
 
     def evaluate(self, queries, n_jobs):
         """Planes of any queries (m, d)."""
-        model, planes = self.surfaces.model, Planes.empty(*queries.shape)
+        m, d = queries.shape
+        model, planes = self.surfaces.model, Planes.empty(m, d)
         members = self.planes.take(model.index.rows)
         members.put(self.borrowing, self.before)
         members = members._replace(normal_error=self.errors)
@@ -283,9 +335,10 @@ def lend(planes, rows, members, lenders):
 
     A borrowed normal is no better known than the own one was.
     """
-    own, lent = planes.take(rows), members.take(lenders)
-    error = np.maximum(own.normal_error, lent.normal_error)
-    lent = lent._replace(kept=own.kept, radius=own.radius, spacing=own.spacing)
+    borrowers, lent = planes.take(rows), members.take(lenders)
+    error = np.maximum(borrowers.normal_error, lent.normal_error)
+    extents = {name: getattr(borrowers, name) for name in ("kept", "radius", "spacing")}
+    lent = lent._replace(**extents)
     planes.put(rows, lent._replace(normal_error=error))
 
 
@@ -309,7 +362,8 @@ def _moved(planes, places):
 
 
 def _bends_too_much(deviation, left, planes):
-    """Whether neighborhoods bend more than half a ball, apart from noise."""
+    """Whether neighborhoods bend more than half a ball, apart from noise: what a plane leaves has
+    the bend and the noise, whose squares add up, and the width is that of their narrower side."""
     return (
         np.square(deviation)
         > np.square(left) + MendLimits().half_ball ** 2 * planes.eigenvalues[:, 1]
@@ -330,9 +384,9 @@ def find_lenders(points, queries, around, planes, most):
     (m,), -1 where none reaches the query.
     """
     lenders, limits = np.empty(len(queries), dtype=np.int64), PatchLimits(ExplainLimits().explained)
-    patches = np.empty((queries.shape[1] + 1, around.indices.shape[1]))
+    patch = Patch.empty(queries.shape[1], around.indices.shape[1])
     find = compiled_function("normals._surface_planes_numba", "find_lenders")
-    find(points, queries, around, planes, most, limits, patches, lenders)
+    find(points, queries, around, planes, most, limits, patch, lenders)
     return lenders
 
 
@@ -354,11 +408,23 @@ def doubted_errors(points, queries, around, planes, members, smooth):
     `planes` are those that the queries have in the end, `members` those of the points before any is
     lent, whose scale is noise: of those that bend, what the quadric leaves.
     """
-    errors, width = np.empty(len(queries)), around.indices.shape[1]
+    errors, (d, k) = np.empty(len(queries)), (queries.shape[1], around.indices.shape[1])
+    local, (lower, right, solution) = work_arrays(4, k)
+    rows = np.empty((6, k))
+    work = DoubtArrays(
+        tangents=tangents_of(planes.normals),
+        patch=Patch.empty(d, k),
+        near_planes=NearPlanes(heights=rows[0], doubt=rows[1], places=rows[2:4], leans=rows[4:]),
+        quadric=QuadricArrays(
+            local=local[:3],
+            heights=local[3],
+            lower=lower,
+            right=right,
+            solution=solution,
+            pivot=QuadricLimits().pivot,
+        ),
+    )
     find = compiled_function("normals._surface_planes_numba", "doubted_errors")
-    limits, pivot = PatchLimits(ExplainLimits().explained), QuadricLimits().pivot
-    local, equations = work_arrays(4, width)
-    found = np.empty((queries.shape[1] + 1, width)), np.empty((6, width))
-    room = tangents_of(planes.normals), *found, (local[:3], local[3], *equations)
-    find(points, queries, around, planes, members, smooth, limits, pivot, room, errors)
+    limits = PatchLimits(ExplainLimits().explained)
+    find(points, queries, around, planes, members, smooth, limits, work, errors)
     return errors

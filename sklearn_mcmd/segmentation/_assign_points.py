@@ -3,7 +3,8 @@
 import numpy as np
 
 from sklearn_mcmd.planes._explaining import ExplainLimits, explain
-from sklearn_mcmd.runtime._chunks import run, slices
+from sklearn_mcmd.runtime._chunks import slices
+from sklearn_mcmd.segmentation._graph import answers_of
 from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes
 
 CHUNK = 30_000  # neighbors looked at at once: what they need stays in the processor's cache
@@ -48,15 +49,16 @@ class Claims:
         Regions whose labels are `content` have all their points, and claim none.
         """
         usable = (labels >= 0) & ~np.isin(labels, content)
-        rest = asked = np.flatnonzero(labels < 0)
+        unlabeled = asked = np.flatnonzero(labels < 0)
         fresh = np.zeros(len(labels), dtype=bool)
         while len(asked):
             owner = self._owners(labels, asked, usable)
             claimed = asked[owner >= 0]
             labels[claimed], usable[claimed] = owner[owner >= 0], True
-            rest, fresh[claimed] = rest[labels[rest] < 0], True
-            asked = rest[self._in_parts(rest, lambda _, near: fresh[near.indices].any(axis=1))]
-            fresh[claimed] = False
+            unlabeled, fresh[claimed] = unlabeled[labels[unlabeled] < 0], True
+            # Only what has a neighbor that was claimed just now can be claimed next.
+            has_fresh = self._in_parts(unlabeled, lambda _, near: fresh[near.indices].any(axis=1))
+            asked, fresh[claimed] = unlabeled[has_fresh], False
         return labels
 
     def _owners(self, labels, rows, usable):
@@ -72,10 +74,8 @@ class Claims:
     def _in_parts(self, rows, work):
         """What ``work(rows, around)`` returns of all rows, asked in parts."""
         parts = slices(len(rows), max(1, CHUNK // self.index.n_neighbors)) or [slice(0)]
-        answers: list = [None] * len(parts)
 
-        def task(i, part):
-            answers[i] = work(rows[part], self.index.query_own(rows[part]))
+        def work_on(part):
+            return work(rows[part], self.index.query_own(rows[part]))
 
-        run(list(enumerate(parts)), task, self.n_jobs)
-        return np.concatenate(answers)
+        return np.concatenate(answers_of(work_on, parts, self.n_jobs))

@@ -12,9 +12,8 @@ from sklearn_mcmd.planes._indexed_cloud import distinct_numbers
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._quadrics import n_terms, work_arrays
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import run
 from sklearn_mcmd.runtime._compiling import compiled_function
-from sklearn_mcmd.segmentation._graph import by_place, n_within_median
+from sklearn_mcmd.segmentation._graph import answers_of, by_place, n_within_median
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaceLimits
 from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_moments, sums_by_region
@@ -148,30 +147,20 @@ class CylinderParts:
     def _narrow_parts(self, labels):
         """The parts that may be joined, by label."""
         n_regions, points = n_regions_of(labels), self.index.points
-        found = region_moments(points, labels, n_regions)
+        moments = region_moments(points, labels, n_regions)
         reach = sums_by_region(self.planes.radius, labels, n_regions)
-        reach /= np.maximum(found.sizes, 1)
-        values = np.maximum(np.linalg.eigvalsh(found.covariances), 0.0)
+        reach /= np.maximum(moments.sizes, 1)
+        values = np.maximum(np.linalg.eigvalsh(moments.covariances), 0.0)
         # Those wider than a disk that reaches as far as a strip's points have good normals, and
         # growth follows them. Points spread evenly over a width deviate by its root 12th.
         wide = np.sqrt(12 * values[:, 1]) > 2 * NarrowFaceLimits().reach * reach
-        rows = np.flatnonzero(np.append(~wide & (found.sizes >= 4), False)[labels])
+        rows = np.flatnonzero(np.append(~wide & (moments.sizes >= 4), False)[labels])
         rows = by_place(points, rows)
         rows = rows[np.argsort(labels[rows], kind="stable")]
         names, starts = np.unique(labels[rows], return_index=True)
         groups = np.split(rows, starts[1:]) if len(rows) else []
-        parts = self._each(self._part, groups)
+        parts = answers_of(self._part, groups, self.n_jobs)
         return dict(zip(names.tolist(), parts, strict=True))
-
-    def _each(self, function, items):
-        """The answers of a function to all items, found in threads."""
-        answers: list = [None] * len(items)
-
-        def task(i):
-            answers[i] = function(items[i])
-
-        run([(i,) for i in range(len(items))], task, self.n_jobs)
-        return answers
 
     def _around(self, rows):
         """The nearer half of the neighbors of rows; a row replaces neighbors beyond the gap."""
@@ -196,6 +185,7 @@ class CylinderParts:
         return _Part(
             rows=rows,
             floor=self.floor[rows].max() ** 2,
+            # Three deviations on both sides are as long as the radius.
             ceiling=(reach / (2 * ExplainLimits().explained)) ** 2,
             plane=plane,
             curve=curve,
@@ -212,7 +202,9 @@ class CylinderParts:
                 if tried.get(pair) != key:
                     tried[pair] = key
                     pairs.append(pair)
-            are_one = self._each(lambda pair: self._are_one(*(parts[name] for name in pair)), pairs)
+            are_one = answers_of(
+                lambda pair: self._are_one(parts[pair[0]], parts[pair[1]]), pairs, self.n_jobs
+            )
             pairs = [pair for pair, is_one in zip(pairs, are_one, strict=True) if is_one]
             if not pairs:
                 break
@@ -226,16 +218,17 @@ class CylinderParts:
         if not names:
             return []
         rows = np.concatenate([parts[name].rows for name in names])
-        own = np.repeat(names, [parts[name].size for name in names])
-        other = labels[self._around(rows)]
-        row, column = np.nonzero((other != own[:, None]) & (other >= 0))
-        first, second = own[row].astype(np.int64), other[row, column].astype(np.int64)
+        name_of_row = np.repeat(names, [parts[name].size for name in names])
+        around = labels[self._around(rows)]
+        row, column = np.nonzero((around != name_of_row[:, None]) & (around >= 0))
+        first, second = name_of_row[row].astype(np.int64), around[row, column].astype(np.int64)
         # Pairs are sorted as single numbers, which is much faster than as rows.
         pairs = distinct_numbers(np.minimum(first, second) << 32 | np.maximum(first, second))
         pairs = zip((pairs >> 32).tolist(), (pairs & (2**32 - 1)).tolist(), strict=True)
         return [(a, b) for a, b in pairs if a in parts and b in parts]
 
     def _are_one(self, first, second):
+        """Whether one cylinder explains two parts as well as two planes do, and each of them."""
         n, limits = first.size + second.size, CylinderLimits()
         if n < limits.least_size:
             return False
@@ -249,6 +242,7 @@ class CylinderParts:
         floor, ceiling = max(first.floor, second.floor), max(first.ceiling, second.ceiling)
         rows = np.concatenate([first.rows, second.rows])
         total, cylinder = fit_cylinder(self.index.points[rows], self.planes.normals[rows])
+        # Both variances by degrees of freedom: two planes have 3 numbers each.
         apart = sum(part.plane * (part.size - 3) for part in (first, second)) / (n - 6)
         if not total / (n - N_PARAMETERS) <= min(max(apart, floor), ceiling):
             return False
@@ -294,7 +288,7 @@ class CylinderParts:
         def fit(name):
             return self._part(np.concatenate([parts[name].rows, *gained[name]]))
 
-        parts.update(zip(grown, self._each(fit, grown), strict=True))
+        parts.update(zip(grown, answers_of(fit, grown, self.n_jobs), strict=True))
         return set(grown)
 
     def _claims_of(self, labels, parts, edges):
@@ -304,11 +298,11 @@ class CylinderParts:
         free = distinct_numbers(np.concatenate(list(edges.values())))
         free = free[labels[free] < 0]
         points = self.index.points[free]
-        for name, own in edges.items():
-            some = np.searchsorted(free, own)
-            some = some[np.append(free, -1)[some] == own]
-            share = parts[name].shares(points[some])
-            rows = free[some[share <= 1]]
+        for name, touching in edges.items():
+            at = np.searchsorted(free, touching)
+            at = at[np.append(free, -1)[at] == touching]  # those that are free
+            share = parts[name].shares(points[at])
+            rows = free[at[share <= 1]]
             claims.append((rows, np.full(len(rows), name), share[share <= 1]))
         rows, names, shares = map(np.concatenate, zip(*claims, strict=True))
         order = np.lexsort((names, shares, rows))

@@ -29,10 +29,10 @@ from sklearn_mcmd.segmentation._graph import (
     link_neighbors,
     seed_order,
 )
-from sklearn_mcmd.segmentation._merge_coplanar import join_coplanar, region_planes
+from sklearn_mcmd.segmentation._merge_coplanar import RegionPlanes, join_coplanar
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaces
 from sklearn_mcmd.segmentation._region_division import divide_at_creases
-from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_sizes
+from sklearn_mcmd.segmentation._region_sums import n_regions_of, region_moments, region_sizes
 from sklearn_mcmd.segmentation._region_table import region_table
 
 
@@ -51,9 +51,7 @@ class Segments(NamedTuple):
     """The points of a cloud, and the regions found among them."""
 
     neighbor_index: NeighborIndex
-    labels: (
-        np.ndarray
-    )  # (n,) of the points of the index, from 0 for the largest region on; -1 for none
+    labels: np.ndarray  # (n,) of its points, from 0 for the largest region on; -1 for none
     planes: Planes  # of these points; `scale` and `radius` are those that growth uses
     copies: np.ndarray | None  # (n,), points at each place; None for one
 
@@ -88,26 +86,11 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         Regions of fewer points are dissolved.
 
     refine : bool, default=True
-        Whether growth is refined, see :ref:`refined_growth`; False is the paper's growth alone.
-
-        - Planes must explain each other: a neighbor joins if each of the two points lies within
-          `max_distance` of the other's plane, and a region grows on only from points whose planes
-          are no noisier than is usual around them. Planes that run across an edge are noisier, and
-          so are many in foliage.
-        - Points that growth left over grow regions again, by the same rules and with normals from
-          such points alone. This finds a kerb three points high between road and footpath.
-        - Regions are divided where two planes that meet in a crease explain them better than one
-          smooth surface. Where points are few or noisy for the angle, a single neighborhood does
-          not show a crease; all points of a region do: a gable of 10 degrees from 1,000 points on.
-        - Regions that lie in one plane are joined if the gap between them is at most half as long
-          as the smaller one: the parts of a wall that a shadow cuts, and strips of a face whose
-          normals are bad.
-        - Regions that touch and are no wider than the neighborhoods are joined if one cylinder
-          explains them: strips of a post, a trunk, a bin. It takes in the points on it.
-        - Points that no region reached go to the region whose plane is nearest to them, if it is
-          near enough for its noise; so does a region no larger than a neighborhood, as a whole.
-
-        Creases and cylinders are for three dimensions.
+        Whether growth is refined; False is the paper's growth alone. Planes must then explain each
+        other, what is left over grows again as narrow faces such as kerbs, regions are divided at
+        creases that single neighborhoods do not show, parts of one plane or cylinder are joined,
+        and points and fragments of no region go to the nearest plane that explains them.
+        :ref:`refined_growth` has the six steps. Creases and cylinders are for three dimensions.
 
     normals : {"estimate", "precomputed"}, default="estimate"
         "estimate": X are coordinates, and `normal_estimator` finds normals and curvature.
@@ -179,16 +162,6 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     unverified. ``refine=False`` is nearest to the paper. Departures: deviations are scaled to
     standard deviations by 1.4826, and half the step of rounded coordinates is added, or what their
     precision amounts to.
-
-    With `refine`, the usual noise around a point is the lower quartile of the neighbors'
-    noise. A plane may be noisier by three standard errors, a factor of ``1 + 3 / sqrt(2 *
-    n_neighbors)``, and by the deviation of a surface whose normals turn by `max_angle` over the
-    distance of the farthest neighbor. So no threshold depends on the unit or on the density of the
-    points.
-
-    A crease is told by the Bayesian information criterion, of a quadric against two planes, in each
-    border of two planes. Only those that are wide are parted. Planes that differ by less than a
-    fifth of `max_angle` are one surface, as are bent faces that differ by less than `max_angle`.
 
     A region holds all points that can be reached from its seed. Sums over regions are exact in any
     order, and ties end at coordinates. So labels depend neither on the order of rows nor on
@@ -297,16 +270,15 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         index, labels, planes, copies = self._segment(X)
         points, places, n_regions = index.points, index.places, n_regions_of(labels)
         weights = copies if len(points) < len(places) else None
-        moments = region_planes(points, labels, n_regions, weights)
-        sizes, centroids, _, values, axes = moments
+        region_planes = RegionPlanes.of(region_moments(points, labels, n_regions, weights))
         self.n_regions_ = n_regions
-        self.region_sizes_ = sizes.astype(np.int64)
-        self.region_centroids_ = centroids
-        self.region_normals_ = point_up(axes[..., 0].copy())
-        self.region_errors_ = np.sqrt(values[:, 0])
+        self.region_sizes_ = region_planes.sizes.astype(np.int64)
+        self.region_centroids_ = region_planes.centroids
+        self.region_normals_ = point_up(region_planes.axes[..., 0].copy())
+        self.region_errors_ = np.sqrt(region_planes.eigenvalues[:, 0])
         self.regions_ = None
         if points.shape[1] == 3:
-            self.regions_ = region_table(points, labels, planes, moments)
+            self.regions_ = region_table(points, labels, planes, region_planes)
         self.labels_ = labels[places].astype(np.int64)
         return self
 
@@ -370,7 +342,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
 
     def _steps(self):
         """The `GrowthSteps`: all of them, or none."""
-        return GrowthSteps() if self.refine else GrowthSteps(*[False] * len(GrowthSteps._fields))
+        steps = GrowthSteps()
+        return steps if self.refine else GrowthSteps._make(False for _ in steps)
 
     def _rules(self):
         """The `GrowthRules` that the parameters are."""

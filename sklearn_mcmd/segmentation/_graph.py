@@ -7,7 +7,7 @@ import numpy as np
 from sklearn_mcmd.planes._around import extents, most_noise_around, ratio
 from sklearn_mcmd.planes._explaining import LinkLimits, row_linker
 from sklearn_mcmd.planes._rules import MAD_TO_SD
-from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._chunks import each_slice, run
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 # Seeds are as flat, or as near to their planes, if they differ by less than these bits ...
@@ -101,17 +101,28 @@ def seed_order(variation, points, planes):
     same = np.diff(flatness[seeds]) == 0
     tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
     equal = seeds[tied]
-    own = points[equal]
-    gaps = own - planes.centroids[equal]
+    places = points[equal]
+    gaps = places - planes.centroids[equal]
     heights = np.abs(np.einsum("nd,nd->n", gaps, planes.normals[equal]))
     heights = np.rint(np.ldexp(ratio(heights, planes.scale[equal]), HEIGHT_BITS))
-    seeds[tied] = equal[np.lexsort((*own.T, heights, flatness[equal]))]
+    seeds[tied] = equal[np.lexsort((*places.T, heights, flatness[equal]))]
     return seeds
 
 
 def by_place(points, rows):
     """Rows in the order of their points' coordinates, in which all sums over few points are."""
     return rows[np.lexsort(points[rows].T)]
+
+
+def answers_of(function, items, n_jobs):
+    """The answers of a function to all items, in their order, found in threads."""
+    answers: list = [None] * len(items)
+
+    def task(i):
+        answers[i] = function(items[i])
+
+    run([(i,) for i in range(len(items))], task, n_jobs)
+    return answers
 
 
 def n_linked(index, rules):

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.runtime._chunks import run, slices, spatial_order
+from sklearn_mcmd.segmentation._graph import answers_of
 from sklearn_mcmd.segmentation._region_sums import (
     Groups,
     Moments,
@@ -35,12 +36,27 @@ class JoinLimits(NamedTuple):
     most_gap: float = 0.5  # parts are joined over a gap of this share of the smaller one's length
 
 
-def region_planes(points, labels, n_regions, weights=None):
-    """Sizes, centroids (n_regions, d), covariances, eigenvalues, ascending, and axes as columns, of
-    which the first is the normal; the parameters are those of `region_moments`."""
-    moments = region_moments(points, labels, n_regions, weights)
-    eigenvalues, axes = np.linalg.eigh(moments.covariances)
-    return *moments, np.maximum(eigenvalues, 0.0), axes
+class RegionPlanes(NamedTuple):
+    """The planes of regions, by their moments."""
+
+    sizes: np.ndarray  # as `Moments`, as are the next two
+    centroids: np.ndarray
+    covariances: np.ndarray
+    eigenvalues: np.ndarray  # (n_regions, d), ascending: the first is the mean square distance
+    axes: np.ndarray  # (n_regions, d, d), as columns, of which the first is the normal
+
+    @classmethod
+    def of(cls, moments):
+        """Those of `Moments`."""
+        eigenvalues, axes = np.linalg.eigh(moments.covariances)
+        # Rounding makes the least eigenvalue of an exact plane negative.
+        return cls(
+            sizes=moments.sizes,
+            centroids=moments.centroids,
+            covariances=moments.covariances,
+            eigenvalues=np.maximum(eigenvalues, 0.0),
+            axes=axes,
+        )
 
 
 def join_coplanar(points, labels, around, n_jobs=None):
@@ -58,7 +74,7 @@ def join_coplanar(points, labels, around, n_jobs=None):
     noise, reach = (
         median_by_region(values, labels, n_regions) for values in (around.scale, around.radius)
     )
-    noise = np.column_stack([noise, own_noise(planes.covariances, reach)])
+    noise = np.column_stack([noise, flat_noise(planes.covariances, reach)])
     whole = np.append(np.arange(n_regions, dtype=np.int32), np.int32(-1))  # of which a region is
     while True:  # each round joins at least two parts
         pairs, most = _pairs_in_a_plane(planes, noise, n_jobs)
@@ -72,17 +88,22 @@ def join_coplanar(points, labels, around, n_jobs=None):
         n_parts, part = connected_components(graph, directed=False)
         planes, noise = pooled(planes, noise, part)
         joined: list[list] = [[] for _ in range(n_parts)]
-        for number, own in zip(part.tolist(), parts, strict=True):
-            joined[number] += own
+        for number, arrays in zip(part.tolist(), parts, strict=True):
+            joined[number] += arrays
         parts, whole = joined, np.append(part, -1).astype(np.int32)[whole]
     return whole[labels]
 
 
-def own_noise(covariances, radius):
+def flat_noise(covariances, radius):
     """Root mean square distances of flat regions from their planes, 0 of others: three times that
     distance is within a neighborhood's radius where a region is flat."""
-    own = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
-    return np.where(ExplainLimits().explained * own <= radius, own, 0.0)
+    rms = rms_from_planes(covariances)
+    return np.where(ExplainLimits().explained * rms <= radius, rms, 0.0)
+
+
+def rms_from_planes(covariances):
+    """Root mean square distances of regions from their planes."""
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
 
 
 def pooled(moments, noise, part):
@@ -95,6 +116,7 @@ def pooled(moments, noise, part):
     first = np.unique(part, return_index=True)[1]
     local = centroids - centroids[first[part]]
     mean = (share @ local) / total[:, None]
+    # The covariance of a whole is the mean of those of its parts, about the common mean.
     apart = local - mean[part]
     squares = covariances + apart[:, :, None] * apart[:, None, :]
     d = centroids.shape[1]
@@ -106,9 +128,8 @@ def pooled(moments, noise, part):
 def _pairs_in_a_plane(moments, noise, n_jobs=None):
     """Pairs (smaller, larger) of regions that may be joined, the nearest planes first, and the gap
     that each region allows."""
-    sizes, centroids, covariances = moments
-    eigenvalues, axes = np.linalg.eigh(covariances)
-    eigenvalues, normals = np.maximum(eigenvalues, 0.0), axes[..., 0]
+    sizes, centroids, covariances, eigenvalues, axes = RegionPlanes.of(moments)
+    normals = axes[..., 0]
     # Points spread evenly over a length have its root 12th as standard deviation.
     length, (most_noise, most_gap) = np.sqrt(12 * eigenvalues[:, -1]), JoinLimits()
     rounding = ROUNDING * eigenvalues[:, -1]
@@ -118,35 +139,37 @@ def _pairs_in_a_plane(moments, noise, n_jobs=None):
     flat = np.flatnonzero(flat)
     rank = np.argsort(np.argsort(sizes[flat], kind="stable"), kind="stable")
     centroids, covariances, normals = centroids[flat], covariances[flat], normals[flat]
-    (scale, own), rounding, reach = noise[flat].T, rounding[flat], length[flat]
+    (scale, rms), rounding, reach = noise[flat].T, rounding[flat], length[flat]
     # Regions of one length that are near each other are searched at once: few others are near.
     order, place = spatial_order(centroids), np.empty(len(flat), np.intp)
     place[order] = np.arange(len(flat))
     order = np.lexsort((place, np.frexp(reach)[1]))
-    parts, beside = slices(len(flat), CHUNK), WIDER * (1.0 + most_gap) * reach
-    found = [np.empty((0, 3))] * (len(parts) + 1)
+    beside = WIDER * (1.0 + most_gap) * reach
 
-    def search(place, part):
+    def search(part):
         rows = order[part]
         r, s = _near_pairs(centroids, WIDER * reach[rows], beside, rows)
         smaller = rank[s] < rank[r]
         r, s = r[smaller], s[smaller]
-        pairs = [candidates(r[some], s[some]) for some in slices(len(r), PAIRS)]
-        found[place] = np.concatenate([found[0], *pairs])
+        pairs = [those_in_plane(r[chunk], s[chunk]) for chunk in slices(len(r), PAIRS)]
+        return np.concatenate([np.empty((0, 3)), *pairs])
 
-    def candidates(r, s):
+    def those_in_plane(r, s):
+        """Those of the pairs whose second region lies in the plane of the first, and is near it."""
         apart, normal = centroids[s] - centroids[r], normals[r]
         # This is a lower bound of the gap: no point is farther from its centroid than the length.
         near = np.linalg.norm(apart, axis=-1) - reach[r] - reach[s] <= most_gap * reach[s]
+        # The mean square distance of s from the plane of r: its variance along that normal, and the
+        # square of its centroid's distance.
         tilted = np.einsum("pde,pd,pe->p", covariances[s], normal, normal)
         square = np.einsum("pd,pd->p", apart, normal) ** 2 + tilted
-        thin = np.where((own[r] > 0) & (own[s] > 0), np.maximum(own[r], own[s]), 0.0)
+        thin = np.where((rms[r] > 0) & (rms[s] > 0), np.maximum(rms[r], rms[s]), 0.0)
         limit = (most_noise * np.maximum(np.minimum(scale[r], scale[s]), thin)) ** 2
         near &= square <= limit + np.maximum(rounding[r], rounding[s])
         return np.column_stack([flat[s], flat[r], square])[near]
 
-    run(list(enumerate(parts, 1)), search, n_jobs)
-    small, large, square = np.concatenate(found).T
+    candidates = answers_of(search, slices(len(flat), CHUNK), n_jobs)
+    small, large, square = np.concatenate([np.empty((0, 3)), *candidates]).T
     order = np.lexsort((large, square, small))
     return np.column_stack([small, large])[order].astype(int), most_gap * length
 
@@ -174,8 +197,8 @@ def _near(parts, pairs, most, n_jobs=None):
     near = np.zeros(len(pairs), dtype=bool)
 
     def search(large):
-        own, rows = np.concatenate(parts[large]), np.flatnonzero(pairs[:, 1] == large)
-        low, high = own.min(axis=0), own.max(axis=0)
+        points, rows = np.concatenate(parts[large]), np.flatnonzero(pairs[:, 1] == large)
+        low, high = points.min(axis=0), points.max(axis=0)
         rounding = ROUNDING * np.maximum(np.abs(low), np.abs(high))
         for step in (FEW, 1):  # few points mostly tell
             tree = None
@@ -184,7 +207,7 @@ def _near(parts, pairs, most, n_jobs=None):
                 reach = WIDER * gap + rounding  # those beyond the box are too far away
                 inside = ((queries >= low - reach) & (queries <= high + reach)).all(axis=1)
                 if inside.any():
-                    tree = tree or cKDTree(own[::step], balanced_tree=False)
+                    tree = tree or cKDTree(points[::step], balanced_tree=False)
                     gaps, _ = tree.query(queries[inside], distance_upper_bound=WIDER * gap)
                     near[row] = (gaps <= gap).any()
 

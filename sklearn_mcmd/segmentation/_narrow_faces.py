@@ -63,21 +63,21 @@ class NarrowFaces:
         surface = np.append(sizes > self.k, False)  # the last is -1
         if len(labels) - sizes[surface[:-1]].sum() <= self.k or not surface.any():
             return labels
-        planes, rest = self.planes, np.flatnonzero(~surface[labels])
+        planes, left_over = self.planes, np.flatnonzero(~surface[labels])
         usual = median_by_region(planes.scale, labels, len(sizes))
         outer = np.where(surface, np.append(np.maximum(usual, TINY), np.inf), np.inf)
         # Many points, of which most are in the tails of the noise: the nearer half tells.
-        _, share, flattest = self._nearest(rest, n_within_median(self.k) + 1, labels, outer)
+        _, share, flattest = self._nearest(left_over, n_within_median(self.k) + 1, labels, outer)
         off = np.flatnonzero((share > cutoff) & np.isfinite(share))
-        off = off[np.lexsort(self.index.points[rest[off]].T)]  # as `by_place`
-        rows, face = self._faces(rest[off], flattest[off])
+        off = off[np.lexsort(self.index.points[left_over[off]].T)]  # as `by_place`
+        rows, face = self._faces(left_over[off], flattest[off])
         if len(rows) == 0:
             return labels
         first = len(sizes)
         labels[rows] = first + face
         self._refit(labels, rows)  # points of other faces were among those asked
-        own = np.maximum(median_by_region(planes.scale[rows], face, int(face.max()) + 1), TINY)
-        usual = np.concatenate([outer[:-1], own, [np.inf]])
+        of_faces = median_by_region(planes.scale[rows], face, int(face.max()) + 1)
+        usual = np.concatenate([outer[:-1], np.maximum(of_faces, TINY), [np.inf]])
         fresh, members = rows, by_place(self.index.points, rows)
         while len(fresh):
             around = distinct_numbers(self.index.query_own(fresh, self.k).indices)
@@ -127,6 +127,7 @@ class NarrowFaces:
             heights += gaps * planes.normals[near, axis]
         row, column = np.nonzero(quiet)
         region, heights = region[row, column], np.abs(heights[row, column])
+        # The median, the lower one of two, of the heights over each region's planes around a row.
         key = row * len(usual) + region
         order = np.lexsort((heights, key))
         start = np.flatnonzero(np.diff(key[order], prepend=-1))
@@ -138,20 +139,21 @@ class NarrowFaces:
         """Regions of rows by planes among themselves: rows, and the face of each, from 0 on."""
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
-        reach, planes = NarrowFaceLimits().reach, self.planes
-        found = self._planes(rows, np.zeros(len(rows), dtype=np.intp))
-        flat = found.scale <= JoinLimits().most_noise * flattest
-        rows, found = rows[flat], found.take(flat)
+        reach = NarrowFaceLimits().reach
+        planes = self._planes(rows, np.zeros(len(rows), dtype=np.intp))
+        flat = planes.scale <= JoinLimits().most_noise * flattest
+        rows, planes = rows[flat], planes.take(flat)
         if len(rows) <= self.k:
             return rows[:0], rows[:0]
         index = NeighborIndex(self.index.points[rows], self.k)
-        rows, found = rows[index.rows], found.take(index.rows)
-        links, _ = link_neighbors(index, found, self.floor[rows], self.rules, self.n_jobs)
+        rows, planes = rows[index.rows], planes.take(index.rows)
+        radius = self.planes.radius[rows]
+        links, _ = link_neighbors(index, planes, self.floor[rows], self.rules, self.n_jobs)
         gaps = index.points[:, None] - index.points[links]
-        far = np.square(gaps).sum(axis=-1) > np.square(reach * planes.radius[rows])[:, None]
+        far = np.square(gaps).sum(axis=-1) > np.square(reach * radius)[:, None]
         links[far] = -1
-        face = grow_regions(links, np.argsort(found.scale, kind="stable"))
-        face = join_coplanar(index.points, face, found._replace(radius=planes.radius[rows]))
+        face = grow_regions(links, np.argsort(planes.scale, kind="stable"))
+        face = join_coplanar(index.points, face, planes._replace(radius=radius))
         large = np.bincount(face) > self.k
         number = np.where(large, np.cumsum(large) - 1, -1)
         inside = large[face]
@@ -167,10 +169,11 @@ class NarrowFaces:
     def _lend(self, labels, members, rows):
         """Give rows the plane of the nearest member of their face."""
         points = self.index.points
-        lenders, own_face, face = np.empty_like(rows), labels[rows], labels[members]
-        for name in np.unique(own_face).tolist():
-            own, others = own_face == name, members[face == name]
-            lenders[own] = others[cKDTree(points[others]).query(points[rows[own]])[1]]
+        lenders, face_of_rows, face = np.empty_like(rows), labels[rows], labels[members]
+        for name in np.unique(face_of_rows).tolist():
+            borrowing, of_face = face_of_rows == name, members[face == name]
+            nearest = cKDTree(points[of_face]).query(points[rows[borrowing]])[1]
+            lenders[borrowing] = of_face[nearest]
         self._put(rows, self.planes.take(lenders))
 
     def _put(self, rows, planes):
@@ -182,7 +185,7 @@ class NarrowFaces:
         """Planes of the rows of the same group within reach; their scale is inf of too few."""
         points, reach = self.index.points[rows], NarrowFaceLimits().reach * self.planes.radius[rows]
         (m, d), k = points.shape, min(self.k, len(rows))
-        found = Planes.unknown(m, d)
+        planes = Planes.unknown(m, d)
         tree = cKDTree(points, balanced_tree=False)
 
         def task(part):
@@ -193,12 +196,13 @@ class NarrowFaces:
             gaps = points[near] - points[part][:, None]
             means, eigenvalues, axes = fit_planes(gaps, valid)
             size = valid.sum(axis=1)
-            found.centroids[part], found.normals[part] = points[part] + means, axes[..., 0]
+            planes.centroids[part], planes.normals[part] = points[part] + means, axes[..., 0]
+            # d numbers determine a plane; of fewer than 2 d points it says nothing.
             variance = np.maximum(eigenvalues[:, 0], 0.0) * size / np.maximum(size - d, 1)
-            found.scale[part] = np.where(size >= 2 * d, np.sqrt(variance), np.inf)
+            planes.scale[part] = np.where(size >= 2 * d, np.sqrt(variance), np.inf)
 
         self._each_part(m, task)
-        return found
+        return planes
 
     def _each_part(self, m, task):
         run([(part,) for part in slices(m, max(1, CHUNK // self.k))], task, self.n_jobs)

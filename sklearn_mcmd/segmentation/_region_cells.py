@@ -45,13 +45,13 @@ class Cells(NamedTuple):
         each_slice(n, index.chunk, find, n_jobs)
         of, begins = gathered(order, starts, near.ravel(), labels)
         around, pairs = near[begins], []
-        own = of[around] == np.arange(len(begins))[:, None]
-        for some in slices(n, ROWS):
-            both = np.broadcast_arrays(of[some, None], of[near[some]])
-            one_region = (labels[near[some]] == labels[some, None]) & (labels[some, None] >= 0)
+        in_cell = of[around] == np.arange(len(begins))[:, None]
+        for rows in slices(n, ROWS):
+            both = np.broadcast_arrays(of[rows, None], of[near[rows]])
+            one_region = (labels[near[rows]] == labels[rows, None]) & (labels[rows, None] >= 0)
             pairs.append(once(np.column_stack([cells[one_region] for cells in both])))
-        ends = np.append(0, np.cumsum(own.sum(axis=1)))
-        return cls(of, around[own], ends, once(np.concatenate(pairs)))
+        ends = np.append(0, np.cumsum(in_cell.sum(axis=1)))
+        return cls(of, around[in_cell], ends, once(np.concatenate(pairs)))
 
     @property
     def begins(self):
@@ -133,12 +133,12 @@ def once(pairs):
 def joined(sums, beside):
     """Cells joined to patches, see `join_cells`: the patch (m,) of each, numbered in the order of
     their first cells, and the `Sums` of patches. Pairs of cells are `beside` each other."""
-    m, sums = len(sums.sizes), Sums(*(np.array(values, order="C") for values in sums))
+    m, sums = len(sums.sizes), Sums._make(np.array(values, order="C") for values in sums)
     left, turn, root = np.empty(m), np.zeros(m, np.int64), np.arange(m)
     edges = beside[beside[:, 0] < beside[:, 1]]
-    _compiled("join_cells")(*sums, edges, left, turn, root)
+    _compiled("join_cells")(sums, edges, left, turn, root)
     first, patch = np.unique(root, return_inverse=True)
-    return patch, Sums(*(values[first] for values in sums))
+    return patch, Sums._make(values[first] for values in sums)
 
 
 def _compiled(name):

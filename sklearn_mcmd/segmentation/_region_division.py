@@ -10,11 +10,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from sklearn_mcmd.planes._quadrics import work_arrays
-from sklearn_mcmd.runtime._chunks import run, slices
+from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.segmentation._cylinder_parts import FitLimits
-from sklearn_mcmd.segmentation._graph import n_linked
-from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits
+from sklearn_mcmd.segmentation._graph import answers_of, n_linked
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, rms_from_planes
 from sklearn_mcmd.segmentation._region_cells import (
     ROWS,
     Cells,
@@ -53,15 +53,18 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     """
     points, size = index.points, n_linked(index, rules)
     usual = usual_noise(index, planes, rules, n_jobs)
-    unit = float(np.exp2(np.frexp(usual.max())[1]))  # no square leaves the numbers
+    # A power of two, by which division rounds nothing; and no square leaves the numbers.
+    unit = float(np.exp2(np.frexp(usual.max())[1]))
     rows = np.flatnonzero(labels >= 0)
     if len(rows) == 0 or not usual.min() * unit > 0:
         return labels
+    # Step 1: cells, joined to patches within blocks first, then all.
     noise = np.maximum(usual / unit, FitLimits().ridge)
     order = flattest_first(rows, points, planes.scale / unit, noise)
     cells = Cells.gathered(labels, order, index, size, n_jobs)
     block = cells.blocks(VoteLimits().rings)
-    inside = cells.beside[np.equal(*block[cells.beside].T)]
+    first, second = cells.beside.T
+    inside = cells.beside[block[first] == block[second]]
     part, sums = joined(cells.sums(points, noise, unit), inside)
     patch, sums = joined(sums, once(part[cells.beside]))
     patch = patch[part]
@@ -69,19 +72,23 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     regions = labels[cells.begins[firsts]]
     if n_patches == len(np.unique(regions)):
         return labels
+    # Step 2: borders of wide patches vote, and patches become groups.
     of_points, borders = np.append(patch, -1)[cells.of], once(patch[cells.beside])
     borders = borders[borders[:, 0] < borders[:, 1]]
     wide = _are_wide(points, of_points, n_patches, size)
     normals = np.linalg.eigh(sums.scatters[:, WHOLE].reshape(-1, 3, 3))[1][..., 0]
-    strips = Strips(points, noise, unit, cells, patch, normals, rules.min_cosine)
+    blunt = np.cos(VoteLimits().blunt * np.arccos(min(rules.min_cosine, 1.0)))
+    strips = Strips(points, noise, unit, cells, patch, normals, blunt)
     voting = borders[wide[borders].all(axis=1)]
     votes = strips.votes(voting, n_jobs)
     group = _joined(voting, votes, regions)
     group, mixed = _settled(group, borders, wide, regions)
     labels = np.append(np.where(mixed, -1, group), -1)[of_points].astype(np.int32)
+    # Step 3: points beside a border that parts go to their side of its crease.
     parting = np.flatnonzero((votes < 0) & (group[voting[:, 0]] != group[voting[:, 1]]))
     parting = parting[np.argsort(-votes[parting], kind="stable")]  # the surest has the last word
     strips.part(voting[parting], group, labels, n_jobs)
+    # Step 4: what is no plane, and whose crease is blunt, was divided by luck.
     return join_blunt(labels, regions, index, planes.normals, usual, rules.min_cosine)
 
 
@@ -93,8 +100,8 @@ def join_blunt(labels, regions, index, normals, noise, min_cosine):
     """
     n = len(regions)
     sizes, _, covariances = region_moments(index.points, labels, n)
-    rms = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, 0], 0.0))
-    flat = rms <= JoinLimits().most_noise * median_by_region(noise, labels, n)
+    most = JoinLimits().most_noise * median_by_region(noise, labels, n)
+    flat = rms_from_planes(covariances) <= most
     flat &= sizes > index.points.shape[1]
     angles = [
         _angles_across(rows, labels, regions, flat, index, normals)
@@ -135,6 +142,8 @@ def _are_wide(points, labels, n, size):
     freedom than a cell of `size` has points."""
     sizes, _, covariances = region_moments(points, labels, n)
     values = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
+    # Of `sizes` points along a length sqrt(12 v2), sizes * sqrt(v1 / v2) are in a piece as long as
+    # the width sqrt(12 v1). Both sides are squared, and multiplied by v2.
     return sizes**2 * values[:, 1] > (size + points.shape[1]) ** 2 * values[:, 2]
 
 
@@ -142,48 +151,38 @@ class Strips:
     """The points of two patches near to their border, what they vote, and on which side they are.
 
     A strip reaches on both sides as far as the smaller patch, so that both weigh alike. Normals
-    (n_patches, 3) are those of patches' planes, and `noise` is in units.
+    (n_patches, 3) are those of patches' planes, and `noise` is in units. A crease whose cosine is
+    above `blunt` is none.
     """
 
-    def __init__(self, points, noise, unit, cells, patch, normals, min_cosine):
+    def __init__(self, points, noise, unit, cells, patch, normals, blunt):
         self.points, self.noise, self.unit = points, noise, unit
-        self.cells, self.normals = cells, normals
-        self.blunt = np.cos(VoteLimits().blunt * np.arccos(min(min_cosine, 1.0)))
+        self.cells, self.normals, self.blunt = cells, normals, blunt
         centers, order = points[cells.begins], np.argsort(patch, kind="stable")
         self.groups = groups = np.split(order, np.cumsum(np.bincount(patch))[:-1])
         self.tree = cache(lambda name: cKDTree(centers[groups[name]]))
 
     def votes(self, borders, n_jobs):
         """The vote of each pair of patches; see `vote`."""
-        votes = np.empty(len(borders))
-
-        def task(i):
-            votes[i] = self.vote_on(borders[i])[0]
-
-        run([(i,) for i in range(len(borders))], task, n_jobs)
-        return votes
+        votes = answers_of(lambda border: self.vote_on(border)[0], borders, n_jobs)
+        return np.array(votes, dtype=np.float64)
 
     def part(self, borders, group, labels, n_jobs):
         """Give the points of each strip in turn to the group on their side of its crease; strips
         are asked for again, as all together may take more memory than the cloud."""
-
-        def task(i):
-            _, names, rows, first = self.vote_on(borders[i])
-            parts[i % CHUNK] = rows, group[names], first
-
-        for start in range(0, len(borders), CHUNK):
-            parts: list = [None] * min(CHUNK, len(borders) - start)
-            run([(start + i,) for i in range(len(parts))], task, n_jobs)
-            for rows, groups, first in parts:
-                own = np.isin(labels[rows], groups)
-                labels[rows[own]] = np.where(first[own], *groups)
+        for chunk in slices(len(borders), CHUNK):
+            parts = answers_of(self.vote_on, borders[chunk], n_jobs)
+            for _, names, rows, first in parts:
+                first_group, second_group = group[names]
+                of_both = np.isin(labels[rows], (first_group, second_group))
+                labels[rows[of_both]] = np.where(first[of_both], first_group, second_group)
 
     def vote_on(self, border):
         """The vote of two patches, their names, rows of their strip, and which are the first's."""
         names = sorted(border.tolist(), key=lambda name: len(self.groups[name]))
         small, large = (self.groups[name] for name in names)
-        tree, others = map(self.tree, names)
-        rows, sizes = self.cells.members(np.concatenate([small, large[_strip(tree, others)]]))
+        tree, large_tree = map(self.tree, names)
+        rows, sizes = self.cells.members(np.concatenate([small, large[_strip(tree, large_tree)]]))
         local = ((self.points[rows] - tree.data[0]) / self.unit).T.copy()
         n_first, cell = sizes[: len(small)].sum(), np.repeat(np.arange(len(sizes)), sizes)
         first, fit = np.arange(len(rows)) < n_first, FitLimits()
@@ -191,8 +190,9 @@ class Strips:
         normals, most_noise = self.normals[names], JoinLimits().most_noise
         blunt = bool(abs(normals[0] @ normals[1]) > self.blunt)
         room, equations = work_arrays(6, len(rows))
-        known = local, weights, cell, normals, fit, most_noise, blunt
-        value = _compiled("vote")(*known, room, equations, sides)
+        value = _compiled("vote")(
+            local, weights, cell, normals, fit, most_noise, blunt, room, equations, sides
+        )
         return value, names, rows, sides[2]
 
 

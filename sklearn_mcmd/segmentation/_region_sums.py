@@ -74,14 +74,15 @@ def region_moments(points, labels, n_regions, weights=None):
     d, groups = points.shape[1], Groups.of(labels)
     low, high = np.zeros((2, d, n_regions))
     sizes = region_sizes(labels, n_regions, weights)
-    own = points[groups.rows].T.copy()
+    local = points[groups.rows].T.copy()
     if len(groups.rows):
-        low[:, groups.regions] = np.minimum.reduceat(own, groups.starts, axis=1)
-        high[:, groups.regions] = np.maximum.reduceat(own, groups.starts, axis=1)
+        low[:, groups.regions] = np.minimum.reduceat(local, groups.starts, axis=1)
+        high[:, groups.regions] = np.maximum.reduceat(local, groups.starts, axis=1)
     # A power of two is the unit, so that squares are near 1.
     unit = int(np.clip(np.frexp((high - low).max(initial=0.0))[1], -1000, 1000))
     extent = np.frexp(np.ldexp(high - low, -unit))[1]
     divisor = np.maximum(sizes, 1.0)
+    # A sum of so many numbers has so many bits more, and one more where weights are not equal.
     bits = np.frexp(divisor)[1] + (weights is not None)
     weights = 1 if weights is None else weights[groups.rows]
 
@@ -90,13 +91,13 @@ def region_moments(points, labels, n_regions, weights=None):
 
     means, covariances = np.empty((d, n_regions)), np.empty((n_regions, d, d))
     for i in range(d):
-        own[i] = (own[i] - groups.spread(low[i])) * 2.0**-unit
-        means[i] = mean(own[i], extent[i])
-        own[i] -= groups.spread(means[i])
+        local[i] = (local[i] - groups.spread(low[i])) * 2.0**-unit
+        means[i] = mean(local[i], extent[i])
+        local[i] -= groups.spread(means[i])
     with np.errstate(over="ignore"):
         for a, b in zip(*np.tril_indices(d), strict=True):
             # Rounding may make a deviation longer than the extent.
-            moment = mean(own[a] * own[b], extent[a] + extent[b] + 2)
+            moment = mean(local[a] * local[b], extent[a] + extent[b] + 2)
             covariances[:, a, b] = covariances[:, b, a] = np.ldexp(moment, 2 * unit)
     return Moments(sizes, (low + np.ldexp(means, unit)).T.copy(), covariances)
 
@@ -105,8 +106,8 @@ def sums_by_region(values, labels, n_regions):
     """Sums (n_regions,) of values that are not negative."""
     groups, extent = Groups.of(labels), np.frexp(values.max(initial=0.0))[1]
     bits = np.frexp(float(max(len(labels), 1)))[1]
-    ends = np.full((2, n_regions), [[extent], [bits]])
-    return groups.sums(values[groups.rows], n_regions, *ends)
+    extents, all_bits = np.full(n_regions, extent), np.full(n_regions, bits)
+    return groups.sums(values[groups.rows], n_regions, extents, all_bits)
 
 
 def median_by_region(values, labels, n_regions):

@@ -8,7 +8,7 @@ from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE, student_factors, tilt_variances
 from sklearn_mcmd.segmentation._cylinder_parts import N_PARAMETERS, CylinderLimits, fit_cylinder
 from sklearn_mcmd.segmentation._graph import by_place
-from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, own_noise
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, flat_noise
 from sklearn_mcmd.segmentation._region_sums import Groups, median_by_region, region_sizes
 
 N_PLANE = 3  # parameters of a plane
@@ -20,70 +20,72 @@ FIELDS = [
 ]
 
 
-def region_table(points, labels, around, moments):
-    """The `regions_` of a `RegionGrowing` in 3D, by the planes `around` points and the moments that
-    `region_planes` returns."""
-    sizes, _, _, values, axes = moments
-    distinct = region_sizes(labels, len(sizes))  # copies tell nothing more
-    table, noise = flat_table(moments, distinct)
-    if len(sizes) == 0:
+def region_table(points, labels, around, region_planes):
+    """The `regions_` of a `RegionGrowing` in 3D, by the planes `around` points and the
+    `RegionPlanes`."""
+    n, values = len(region_planes.sizes), region_planes.eigenvalues
+    distinct = region_sizes(labels, n)  # copies tell nothing more
+    table, noise = flat_table(region_planes, distinct)
+    if n == 0:
         return table
     most_noise, least_size = JoinLimits().most_noise, CylinderLimits().least_size
-    usual = median_by_region(around.scale, labels, len(sizes))
-    reach = median_by_region(around.radius, labels, len(sizes))
+    usual = median_by_region(around.scale, labels, n)
+    reach = median_by_region(around.radius, labels, n)
     # What eigenvalues round is no cylinder about a line.
     thin = values[:, 1] <= RANK_TOLERANCE * values[:, 2]
-    flat = are_flat(moments, usual, reach)
+    flat = are_flat(region_planes, usual, reach)
     groups = Groups.of(labels).split()
-    for region, (own, group) in enumerate(zip(table, groups, strict=True)):
+    for region, (row, group) in enumerate(zip(table, groups, strict=True)):
         group = by_place(points, group)
-        own["kind"] = "plane" if flat[region] else "curved"
+        row["kind"] = "plane" if flat[region] else "curved"
         local = points[group]
-        local -= own["centroid"]
-        places = local @ frame_of(own["normal"]).T
-        own["area"], own["outline"] = outline_of(places, own["centroid"], own["normal"])
-        enlarge_errors(own, local, axes[region], noise[region])
+        local -= row["centroid"]
+        places = local @ frame_of(row["normal"]).T
+        row["area"], row["outline"] = outline_of(places, row["centroid"], row["normal"])
+        enlarge_errors(row, local, region_planes.axes[region], noise[region])
         del local, places  # of the largest region these take the most memory
         if len(group) >= least_size and not thin[region]:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
             left = np.sqrt(total / (len(group) - N_PARAMETERS))
             if left <= most_noise * usual[region] and noise[region] > most_noise * left:
-                own["kind"], own["radius"], own["rms"] = "cylinder", cylinder.radius, left
-                own["axis"] = axis = point_up(cylinder.axis[None].copy())[0]
+                row["kind"], row["radius"], row["rms"] = "cylinder", cylinder.radius, left
+                row["axis"] = axis = point_up(cylinder.axis[None].copy())[0]
                 # The point of the axis that is nearest to the centroid.
-                gap = own["centroid"] - cylinder.point
-                own["axis_point"] = cylinder.point + (gap @ axis) * axis
+                gap = row["centroid"] - cylinder.point
+                row["axis_point"] = cylinder.point + (gap @ axis) * axis
     return table
 
 
-def flat_table(moments, distinct):
+def flat_table(region_planes, distinct):
     """The table of regions that are taken for planes, without area and outline, and their noise, by
-    moments as of `region_planes`, and the `distinct` points of each."""
-    sizes, centroids, _, values, axes = moments
+    `RegionPlanes`, and the `distinct` points of each."""
+    sizes, centroids, _, values, axes = region_planes
     table = np.zeros(len(sizes), FIELDS)
     table["points"], table["centroid"], table["rms"] = sizes, centroids, np.sqrt(values[:, 0])
     table["normal"] = normals = point_up(axes[..., 0].copy())
     table["dip"] = np.degrees(np.arccos(np.clip(normals[:, 2], 0.0, 1.0)))
     table["dip_direction"] = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
+    # The plane has taken three of the degrees of freedom.
     noise = np.sqrt(values[:, 0] * distinct / np.maximum(distinct - N_PLANE, 1))
     table["height_error"] = noise / np.sqrt(np.maximum(distinct, 1))
     # Along the narrower axis; 90 where that is none.
     gap = values[:, 1] - values[:, 0]
-    known = gap > RANK_TOLERANCE * values[:, 2]
-    gap[~known] = np.inf
+    determined = gap > RANK_TOLERANCE * values[:, 2]
+    gap[~determined] = np.inf
     tilt = np.sqrt(tilt_variances(values[:, 1], gap, table["height_error"] ** 2))
-    table["normal_error"] = np.where(known, np.degrees(np.minimum(tilt, np.pi / 2)), 90.0)
+    table["normal_error"] = np.where(determined, np.degrees(np.minimum(tilt, np.pi / 2)), 90.0)
     for name in ("axis_point", "axis", "radius"):
         table[name] = np.nan
     return table, noise
 
 
-def are_flat(moments, usual, reach):
-    """Which regions are planes, by moments, and medians of scales and radii of their planes."""
-    _, _, covariances, values, _ = moments
+def are_flat(region_planes, usual, reach):
+    """Which regions are planes, by `RegionPlanes`, and medians of scales and radii of their points'
+    planes."""
+    values = region_planes.eigenvalues
     flat = values[:, 0] <= RANK_TOLERANCE * values[:, 2]  # what eigenvalues round is no bend
     flat |= np.sqrt(values[:, 0]) <= JoinLimits().most_noise * usual
-    return flat | (own_noise(covariances, reach) > 0)
+    return flat | (flat_noise(region_planes.covariances, reach) > 0)
 
 
 def enlarge_errors(row, local, axes, noise, each=1.0):

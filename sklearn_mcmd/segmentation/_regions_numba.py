@@ -181,7 +181,7 @@ def gather(order, starts, near, labels, group, begins):
 
 
 @kernel(cache=True, allocates=True)
-def join_cells(sizes, weights, means, scatters, edges, left, turn, root):
+def join_cells(sums, edges, left, turn, root):
     """Join cells to patches, the most alike first: `root` becomes the first cell of each's patch.
 
     Points, weights, means and scatter (m, 6), in units of noise, become those of the patches. The
@@ -190,23 +190,25 @@ def join_cells(sizes, weights, means, scatters, edges, left, turn, root):
 
     `left` has room for sums of squares. `turn` has 0 of each cell at first, and `root` its number.
     """
+    sizes, weights, means, scatters = sums
     m = len(sizes)
     for c in range(m):
         left[c] = eigh_3d(_scatter(scatters, c, NOTHING))[0][0]
     heap = [(0.0, 0, 0, 0) for _ in range(0)]
     for e in range(len(edges)):
         a, b = edges[e]
-        _push(heap, a, b, sizes, weights, means, scatters, left, turn)
+        _push(heap, a, b, sums, left, turn)
     while len(heap) > 0:
         _, a, b, stamp = heappop(heap)
         a, b = _root(root, a), _root(root, b)
         a, b = min(a, b), max(a, b)
         if a == b:
             continue
-        if turn[a] + turn[b] != stamp:  # one has grown since
-            _push(heap, a, b, sizes, weights, means, scatters, left, turn)
+        # Turns only grow, and their sum tells whether one of the two has since its loss was told.
+        if turn[a] + turn[b] != stamp:
+            _push(heap, a, b, sums, left, turn)
             continue
-        total, moved = _pooled(a, b, weights, means, scatters)
+        total, moved = _pooled(a, b, sums)
         share = weights[b] / total
         for axis in range(3):
             means[a, axis] += share * (means[b, axis] - means[a, axis])
@@ -222,11 +224,11 @@ def join_cells(sizes, weights, means, scatters, edges, left, turn, root):
 
 
 @kernel(allocates=True)
-def _push(heap, a, b, sizes, weights, means, scatters, left, turn):
+def _push(heap, a, b, sums, left, turn):
     """Let two patches wait for each other if the BIC's charge for a plane is not less than what is
     lost if one plane explains both."""
-    apart, n = left[a] + left[b], sizes[a] + sizes[b]
-    _, pooled = _pooled(a, b, weights, means, scatters)
+    apart, n = left[a] + left[b], sums.sizes[a] + sums.sizes[b]
+    _, pooled = _pooled(a, b, sums)
     factor = max(1.0, apart / max(n - 2 * N_PLANE, 1.0))
     loss = (eigh_3d(pooled)[0][0] - apart) / factor
     if loss <= N_PLANE * np.log(n):
@@ -234,8 +236,10 @@ def _push(heap, a, b, sizes, weights, means, scatters, left, turn):
 
 
 @kernel
-def _pooled(a, b, weights, means, scatters):
-    """Weight and scatter of two patches together."""
+def _pooled(a, b, sums):
+    """Weight and scatter of two patches together: those of both about their means, and w_a w_b /
+    (w_a + w_b) times the product of the means' difference with itself."""
+    weights, means, scatters = sums.weights, sums.means, sums.scatters
     total = weights[a] + weights[b]
     f = weights[a] * weights[b] / total
     x, y, z = means[b, 0] - means[a, 0], means[b, 1] - means[a, 1], means[b, 2] - means[a, 2]
@@ -274,18 +278,18 @@ def vote(local, weights, cells, normals, limits, most_noise, blunt, room, equati
     for i in range(n):
         square += local[0, i] ** 2 + local[1, i] ** 2 + local[2, i] ** 2
     extent = max(np.sqrt(square / n), limits.ridge)
-    known = local, n, 3, axes, extent, weights
-    if not fit_sides(*known, labelled, shares, heights):
+    members = local, n, 3, axes, extent, weights
+    if not fit_sides(*members, labelled, shares, heights):
         return limits.ridge  # too few to tell
     step = 0.0
     for i in range(n):
         off = heights[1, i] if labelled[i] else heights[0, i]
         step += weights[i] * off * off
     smooth_left = 0.0
-    fit_quadric(*known, smooth, equations)
+    fit_quadric(*members, smooth, equations)
     for i in range(n):
         smooth_left += weights[i] * smooth[i] * smooth[i]
-    by_line = left = fit_crease(known, sides, shares, heights, crease)
+    by_line = left = fit_crease(members, sides, shares, heights, crease)
     if blunt and left < smooth_left:
         smooth, smooth_left = crease, left
     if blunt or most_noise**2 * step < left:

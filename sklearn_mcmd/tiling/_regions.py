@@ -8,8 +8,14 @@ import numpy as np
 from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.segmentation._estimator import RegionGrowing, numbers_by_size
-from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, pooled, region_planes
-from sklearn_mcmd.segmentation._region_sums import Groups, Moments, median_by_region, region_sizes
+from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, RegionPlanes, pooled
+from sklearn_mcmd.segmentation._region_sums import (
+    Groups,
+    Moments,
+    median_by_region,
+    region_moments,
+    region_sizes,
+)
 from sklearn_mcmd.segmentation._region_table import (
     FIELDS,
     are_flat,
@@ -108,11 +114,13 @@ def parts_of_regions(segments, own):
     regions, labels, n = regions[1:], labels[:-1] - 1, len(regions) - 1  # of those with own points
     points, planes = segments.neighbor_index.points[own], segments.planes.take(np.flatnonzero(own))
     copies = None if segments.copies is None else segments.copies[own]
-    moments, parts = region_planes(points, labels, n, copies), np.zeros(n_regions, SUMS + NUMBERS)
-    table = region_table(points, labels, planes, moments)
+    region_planes = RegionPlanes.of(region_moments(points, labels, n, copies))
+    table = region_table(points, labels, planes, region_planes)
+    parts = np.zeros(n_regions, SUMS + NUMBERS)
     for name, _ in NUMBERS:
         parts[name][regions] = table[name]
-    parts["covariance"][regions], parts["distinct"][regions] = moments[2], region_sizes(labels, n)
+    parts["covariance"][regions] = region_planes.covariances
+    parts["distinct"][regions] = region_sizes(labels, n)
     for name, values in {"usual": planes.scale, "reach": planes.radius}.items():
         parts[name][regions] = median_by_region(values, labels, n)
     corners, samples = [np.empty((0, 4))], [np.empty((0, 4))]
@@ -145,12 +153,11 @@ def joined_table(run, starts, numbers):
     medians = np.column_stack([parts["usual"], parts["reach"]])
     sizes, centroids, covariances = (parts[name] for name in ("points", "centroid", "covariance"))
     own = Moments(sizes.astype(float), centroids, covariances)
-    (sizes, centroids, covariances), medians = pooled(own, medians, group)
-    values, axes = np.linalg.eigh(covariances)
-    moments = sizes, centroids, covariances, np.maximum(values, 0.0), axes
+    moments, medians = pooled(own, medians, group)
+    planes = RegionPlanes.of(moments)
     distinct = np.bincount(group, parts["distinct"], n)
-    table, noise = flat_table(moments, distinct)
-    flat = are_flat(moments, *medians.T)
+    table, noise = flat_table(planes, distinct)
+    flat = are_flat(planes, *medians.T)
     n_parts = np.bincount(group, minlength=n)
     rings, samples = (
         _points_of_regions(run, starts, numbers, name, n) for name in ("corners", "samples")
@@ -163,7 +170,7 @@ def joined_table(run, starts, numbers):
         else:
             _tell_joined(row, part, flat[region])
             local, each = samples[region] - row["centroid"], distinct[region] / len(samples[region])
-            enlarge_errors(row, local, axes[region], noise[region], each)
+            enlarge_errors(row, local, planes.axes[region], noise[region], each)
         local = (ring - row["centroid"]) @ frame_of(row["normal"]).T
         area, row["outline"] = outline_of(local, row["centroid"], row["normal"])
         row["area"] = part["area"] if n_parts[region] == 1 else area

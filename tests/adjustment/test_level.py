@@ -36,12 +36,6 @@ def test_one_clean_plane_in_twenty_has_a_flagged_point(n, robust_start):
     assert FEWEST <= count <= MOST
 
 
-@pytest.mark.parametrize("robust_start", [False, True])
-def test_an_outlier_among_eight_points_is_found(robust_start):
-    found = verdicts(8, robust_start, 50, off=20 * 0.004)
-    assert found[:, 0].all()
-
-
 @pytest.mark.parametrize(("t", "i", "n", "dof"), [(2.0, 1, 8, 4), (4.0, 2, 8, 3), (3.0, 5, 20, 12)])
 def test_the_chance_of_points_that_are_far_off_shares_one_deviation(t, i, n, dof):
     def all_beyond(s):
@@ -79,12 +73,6 @@ def test_one_clean_plane_in_twenty_has_a_point_that_a_corrected_fuzzy_test_flags
     count = sum((detector.fit(X).labels_ == -1).any() for X in planes(n, N_PLANES))
     assert FEWEST <= count <= MOST
     assert detector.test_ == ("t" if sigma0 == "auto" else "w")
-
-
-def test_without_a_correction_the_fuzzy_test_flags_half_of_the_clean_planes_of_200_points():
-    detector = FuzzyPlaneDetector(sigma0=0.004)
-    share = np.mean([(detector.fit(X).labels_ == -1).any() for X in planes(200, N_PLANES)])
-    assert 0.35 < share < 0.6  # known to 0.04
 
 
 @pytest.mark.parametrize("dof", [5, 20, 1000])

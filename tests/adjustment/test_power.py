@@ -1,11 +1,9 @@
 """Noncentralities and coupled levels against SciPy's distributions and simulations."""
 
-import numpy as np
 import pytest
 from scipy import stats
 
 from sklearn_mcmd.adjustment import coupled_level, noncentrality
-from sklearn_mcmd.adjustment._power import identifiable_bias
 
 
 def test_baardas_own_noncentrality_is_17():
@@ -32,22 +30,6 @@ def test_global_and_local_test_of_coupled_levels_find_the_same_bias():
     level = coupled_level(0.001, 50, 0.9)
     assert noncentrality(level, 0.9, 50) == pytest.approx(noncentrality(0.001, 0.9))
     assert coupled_level(0.001, 1) == pytest.approx(0.001)
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.3, -0.9])
-def test_a_bias_is_identified_as_often_as_in_simulations(rho):
-    bias = identifiable_bias(rho, 3.29, 0.8)
-    w = np.random.default_rng(0).multivariate_normal(
-        [bias, rho * bias], [[1, rho], [rho, 1]], 200_000
-    )
-    w = np.abs(w)
-    found = (w[:, 0] > 3.29) & (w[:, 0] > w[:, 1])
-    assert np.mean(found) == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / 200_000))
-
-
-def test_uncorrelated_errors_are_told_apart_if_found_and_equal_ones_never():
-    assert identifiable_bias(0.0, 3.29, 0.8) >= np.sqrt(noncentrality(0.001, 0.8)) - 0.01
-    assert identifiable_bias(1.0, 3.29, 0.8) == np.inf
 
 
 def test_a_power_below_the_level_is_refused():

@@ -143,14 +143,6 @@ def test_statsmodels_has_the_same_covariance_and_bands(weighted):
         np.testing.assert_allclose(ours, (high - low) / 2, rtol=1e-9)
 
 
-def test_errors_of_the_normal_do_not_depend_on_how_a_wall_stands():
-    X, turn = cloud(), np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
-    detector = BaardaPlaneDetector(1e-9, sigma0=0.01, surface="orthogonal")
-    first, second = (detector.fit(points).precision() for points in (X, X @ turn))
-    np.testing.assert_allclose(first.ellipse, second.ellipse, rtol=1e-9)
-    assert first.cone == pytest.approx(np.hypot(*first.ellipse))
-
-
 def test_dip_and_its_errors_do_not_depend_on_the_side_of_the_normal():
     X, both = cloud(), []
     for height in (100.0, -100.0):

@@ -36,11 +36,3 @@ def test_a_pipeline_hands_requested_weights_to_the_detector(detector, cloud):
         pipeline = Pipeline(steps)
         assert_array_equal(pipeline.fit(X, weights=weights)["test"].labels_, expected)
         assert_array_equal(pipeline.fit_predict(X, weights=weights), expected)
-
-
-@parametrized
-def test_a_weight_is_no_repetition(detector):
-    X = plane_with_outliers(200, 0)
-    once = detector(sigma0=9.0).fit(X, weights=np.full(200, 2.0))
-    twice = detector(sigma0=9.0).fit(np.repeat(X, 2, axis=0))
-    assert (once.dof_, twice.dof_) == (197, 397)

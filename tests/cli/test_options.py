@@ -107,7 +107,6 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("plan", "--alpha", ["2"]),
         ("plan", "--power", ["1"]),
         ("plan", "--outlier-rate", ["0.5"]),
-        ("plan", "--width", ["nan"]),
         ("info", "--columns", ["x=a,y=b,z", "a=x", "1,2,3"]),
     ],
 )
@@ -137,7 +136,7 @@ LENGTHS = {
     "normals": ("--radius",),
     "segment": ("--max-distance", "--max-gap"),
     "plane": ("--sigma0", "--tolerance"),
-    "plan": ("--sigma0", "--width", "--height"),
+    "plan": ("--sigma0",),
 }
 
 

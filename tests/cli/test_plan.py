@@ -3,16 +3,15 @@
 import pytest
 
 from commands import done, error_line, run
-from sklearn_mcmd.adjustment import plan_plane
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, plan_plane
 
 FAST = ("plan", "--points", 20, "--repetitions", 500)
 
 
 def test_the_table_is_that_of_plan_plane():
     result = done(*FAST, "--sigma0", 0.004, "--unit", "m", "--outlier-rate", 0.1)
-    plan = plan_plane(
-        20, sigma0=0.004, outlier_rate=0.1, robust_start=True, n_repetitions=500, random_state=0
-    )
+    detector = BaardaPlaneDetector(sigma0=0.004, robust_start=True)
+    plan = plan_plane(20, detector, outlier_rate=0.1, n_repetitions=500, random_state=0)
     rows = dict(line.strip().split("  ", 1) for line in result.stdout.splitlines()[1:])
     assert rows["outliers"].strip() == "2"
     assert rows["detectable bias"].strip().startswith(f"{plan.minimal_bias:.4g} m")

@@ -27,7 +27,6 @@ def test_every_array_has_a_row_per_point_and_the_documented_type():
         assert np.isnan(street[name][outlier]).all()
 
 
-WIDE_BEAMS = {"sampling": "scan_lines", "beam_divergence": 0.1}
 BAD = [
     (make_street, {"outlier_kinds": ["rain"]}, r"outlier_kinds=\['rain'\] must name"),
     (make_street, {"outlier_kinds": ["ghost", "ghost"]}, "once each"),
@@ -38,14 +37,8 @@ BAD = [
     (make_street, {"noise": -0.1}, "'noise' parameter"),
     (make_street, {"noise_growth": 0.5}, "'noise_growth' parameter"),
     (make_street, {"noise": 2.0}, "noise leaves no room"),
-    (make_street, {"beam_divergence": 0.003}, "beam_divergence=0.003 is for sampling"),
     (make_box, {"outlier_scale": 0.0}, "'outlier_scale' parameter"),
     (make_street, {"n_samples": 0}, "'n_samples' parameter"),
-    (
-        make_street,
-        {"n_samples": 1, "outlier_share": 0, "random_state": 2} | WIDE_BEAMS,
-        "No regular point is left: give more n_samples",
-    ),
     (make_contaminated_plane, {"outliers": "none"}, "'outliers' parameter"),
     (make_contaminated_plane, {"outlier_share": 1.2}, "'outlier_share' parameter"),
     (make_contaminated_plane, {"regular_variances": (1, 1, -1)}, "regular_.*not negative"),

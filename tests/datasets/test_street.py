@@ -133,3 +133,16 @@ def test_ghosts_are_dense_balls_off_the_surfaces():
     company = cKDTree(points).query_ball_point(points, 0.2, return_length=True)
     assert company.min() >= 10
     assert _street(tree=False).distance(points).min() > 0.15 - 1e-9
+
+
+def test_scanned_points_lie_on_vertical_lines_of_equal_azimuth_at_equal_steps():
+    cloud = make_street(20_000, sampling="scan_lines", noise=0, outlier_share=0, random_state=0)
+    x, y, z = (cloud.data - cloud.sensor_origins[0]).T
+    elevation = np.arctan2(z, np.hypot(x, y))
+    for angle in (np.arctan2(y, x), elevation):
+        levels = np.unique(np.round(angle, 9))
+        steps = np.diff(levels)
+        step = np.median(steps)
+        assert len(levels) < 1500  # of 20 000 points
+        assert_allclose(steps / step, np.round(steps / step), atol=1e-4)
+    assert elevation.min() >= -np.radians(60)

@@ -76,7 +76,7 @@ def test_distances_and_evidence_are_those_of_the_oracle(name):
     points = columns.coordinates
     oracle = LiteralCreases(points, columns.planes(np.arange(len(points))), k, 20.0)
     evidence = np.empty(len(points))
-    evidence[creases.index.rows] = creases.evidence
+    evidence[creases.meeting.index.rows] = creases.evidence
     assert np.isfinite(evidence).mean() > 0.05
     assert_allclose(evidence, oracle.evidence, rtol=1e-5, atol=1e-5)
     assert_allclose(distances, oracle.scores, rtol=1e-5)

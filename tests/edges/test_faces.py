@@ -31,18 +31,17 @@ def test_points_more_than_three_deviations_off_are_on_no_face(height):
     index = NeighborIndex(points, 9)
     creases, _ = find_creases(index, planes_of([FLOOR] * 36, [0] * 36, 0.2), 20.0)
     place = index.places[14]
-    assert are_faces(creases.planes, creases.usual)[place]
+    assert are_faces(creases.meeting.planes, creases.meeting.usual)[place]
     assert creases.faces.on_face[place] == (abs(height) < 3)
 
 
 def test_the_usual_flatness_is_that_of_half_of_the_planes():
     points = np.array([[x, y, 0.0] for x in range(6) for y in range(6)])
     noise = np.random.default_rng(0).uniform(1, 5, 36)
-    creases, _ = find_creases(
-        NeighborIndex(points, 9), planes_of([FLOOR] * 36, [0] * 36, noise), 20
-    )
-    assert creases.usual == np.median(creases.planes.scale / creases.planes.radius)
-    assert are_faces(creases.planes, creases.usual).mean() == 0.5
+    planes = planes_of([FLOOR] * 36, [0] * 36, noise)
+    meeting = find_creases(NeighborIndex(points, 9), planes, 20)[0].meeting
+    assert meeting.usual == np.median(meeting.planes.scale / meeting.planes.radius)
+    assert are_faces(meeting.planes, meeting.usual).mean() == 0.5
 
 
 def test_faces_are_flat_or_the_flatter_half():

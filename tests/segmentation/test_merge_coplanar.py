@@ -15,6 +15,7 @@ from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation import _merge_coplanar
 from sklearn_mcmd.segmentation._merge_coplanar import _near, join_coplanar
+from sklearn_mcmd.segmentation._region_sums import Moments
 
 
 def walls(rng, *boxes, noise=0.003, density=3000):
@@ -66,7 +67,7 @@ def test_pairs_in_a_plane_are_found_wherever_regions_are_and_however_long(seed, 
     covariances = np.einsum("nij,nj,nkj->nik", axes, values, axes)
     sizes = rng.integers(10, 200, n).astype(float)
     noise = np.column_stack([rng.uniform(1e-3, 0.02, n), rng.choice([0, 0.02], n)])
-    pairs, gap = _merge_coplanar._pairs_in_a_plane((sizes, centroids, covariances), noise)
+    pairs, gap = _merge_coplanar._pairs_in_a_plane(Moments(sizes, centroids, covariances), noise)
     eigenvalues, vectors = np.linalg.eigh(covariances)
     length, expected = np.sqrt(12 * eigenvalues[:, 2]), []
     assert_allclose(gap, 0.5 * length)

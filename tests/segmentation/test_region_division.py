@@ -244,8 +244,8 @@ def test_votes_are_those_of_general_least_squares(make, blunt, seed):
     # The ridge of the normal equations is a millionth of a millionth.
     expected, expected_sides = vote_by_numpy(X, weights, cells, first, blunt)
     sides, (room, equations) = np.stack([first] * 3), work_arrays(6, 300)
-    known = X.T.copy(), weights, cells, normals, FIT, MOST_NOISE, blunt
-    found = vote(*known, room, equations, sides)
+    members = X.T.copy(), weights, cells, normals
+    found = vote(*members, FIT, MOST_NOISE, blunt, room, equations, sides)
     assert_allclose(found, expected, rtol=1e-6)
     assert_array_equal(sides[2], expected_sides)
     assert blunt or (found > 0) == (make in ("barrel", "plane"))

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from sklearn_mcmd import RegionGrowing
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.segmentation._merge_coplanar import RegionPlanes
+from sklearn_mcmd.segmentation._region_sums import Moments
 from sklearn_mcmd.segmentation._region_table import region_table
 
 SHIFT = np.array([4e5, 5e6, 200.0])
@@ -135,12 +137,11 @@ def test_errors_of_narrow_regions_are_how_normals_scatter():
         X[:, 1:] += 0.01 * rng.normal(size=(400, 2))
         _, _, axes = np.linalg.svd(X - X.mean(axis=0), full_matrices=False)
         turned.append(np.degrees(np.arctan2(axes[2, 1], axes[2, 2]) % np.pi))
-        values = np.linalg.eigvalsh(np.cov(X.T, bias=True))[None]
-        moments = np.array([400]), X.mean(axis=0)[None], np.cov(X.T, bias=True)[None], values
+        moments = Moments(np.array([400]), X.mean(axis=0)[None], np.cov(X.T, bias=True)[None])
         around = Planes.empty(400, 3)
         around.scale[:], around.radius[:], around.normals[:] = 0.01, 0.1, axes[2]
         labels = np.zeros(400, np.int32)
-        found.append(region_table(X, labels, around, (*moments, axes.T[None, :, ::-1])))
+        found.append(region_table(X, labels, around, RegionPlanes.of(moments)))
     turned = (np.array(turned) + 90) % 180 - 90
     # Usually; those that seem bowed have more.
     stated = np.median([table["normal_error"][0] for table in found])
