@@ -75,7 +75,7 @@ def _in_words(err):
 def _of_options(said):
     """What an error or a warning says, and what it repeats of its cause, with options as names."""
     if isinstance(said, ParameterError | ParameterWarning):
-        return said.worded(_option)
+        return said.worded(_option).replace(" points is ", " points are ")  # of $n_samples
     words, cause = str(said), str(said.__cause__ or "")
     return words.replace(cause, _of_options(said.__cause__)) if cause else words
 

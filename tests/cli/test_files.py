@@ -84,7 +84,7 @@ def test_single_precision_fine_enough_is_taken_without_a_word(verb, room, tmp_pa
         (None, "no such file"),
         ("truncated", "truncated"),
         ("1 2\n3 4\n", "2 column"),
-        ("0 0 0\n1 0 0\n0 1 0\n", "3 points is too few for planes in 3D: at least 4"),
+        ("0 0 0\n1 0 0\n0 1 0\n", "3 points are too few for planes in 3D: at least 4"),
     ],
 )
 def test_bad_input_fails_with_one_line_and_writes_nothing(text, reason, tmp_path):
