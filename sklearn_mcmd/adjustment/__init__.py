@@ -7,7 +7,7 @@ from sklearn_mcmd.adjustment._planning import PlanePlan, plan_plane
 from sklearn_mcmd.adjustment._power import coupled_level, noncentrality
 from sklearn_mcmd.adjustment._precision import PlanePrecision
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
-from sklearn_mcmd.adjustment._report import plot_report, text_report
+from sklearn_mcmd.adjustment._report import text_report
 from sklearn_mcmd.adjustment._tests import critical_value, local_level
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness, flatness
 from sklearn_mcmd.planes._form import PlaneForm
@@ -29,6 +29,5 @@ __all__ = [
     "local_level",
     "noncentrality",
     "plan_plane",
-    "plot_report",
     "text_report",
 ]

@@ -86,7 +86,6 @@ class CloudVerb:
     report: _files.ReportFolder = None
     columns: _options.Columns = None
     unit: _options.HiddenUnit = ""  # which options that are lengths look up
-    no_clobber: _options.NoClobber = False
     allow_coarse: _options.AllowCoarse = False
     help_all: _options.HelpAll = False
     quiet: _options.Quiet = False
@@ -94,9 +93,8 @@ class CloudVerb:
     results = ""  # what formats may have no place for
     writes_all = True  # whether no point is left out
 
-    def other_files(self, catalog):
-        """The files to write beside the cloud; an error if options do not go with tiles."""
-        return []
+    def check_options(self, catalog):
+        """Raise before the work if options cannot be had, by tiles if there is a catalog."""
 
     def dry_parameters(self, catalog):
         """Other parameters of an estimator whose time a dry run measures."""
@@ -139,12 +137,10 @@ class CloudVerb:
         check_parameters(estimator)
         with nullcontext() if self.scheduler is None else joblib_by(self.scheduler):
             catalog = self._large_catalog()
-            others = self.other_files(catalog)
+            self.check_options(catalog)
             if self.dry_run:
                 self._print_plan(catalog, estimator)
                 return
-            if self.no_clobber:
-                _files.refuse_existing(self.target, *others, report=self.report, catalog=catalog)
             with _messages.progress(type(self).__name__.lower(), self.quiet):
                 if catalog is None:
                     told, contents = self.in_memory(estimator)

@@ -138,12 +138,11 @@ class Denoise(CloudVerb):
     def dry_parameters(self, catalog):
         return {"sensor_origin": "origin" if self.asked.may_be_known(catalog) else None}
 
-    def other_files(self, catalog):
+    def check_options(self, catalog):
         if self.false_positive_rate is not None:
             from sklearn_mcmd.outliers._calibration import check_rate
 
             check_rate(self.false_positive_rate)  # before a file is read
-        return []
 
     def estimator(self):
         typed = self.sensor if isinstance(self.sensor, tuple) else None

@@ -1,6 +1,5 @@
 """Reading and writing by the verbs, reports too. Errors of writing appear before the long work."""
 
-import os
 import shlex
 import time
 import warnings
@@ -97,25 +96,6 @@ def read(source, target=None, results=None, *, columns=None):
         words = f"{counted(n_left, 'point')} without coordinates {agreed(n_left, 'are')} left out"
         warnings.warn(f"{source}: {words}", stacklevel=2)
     return cloud
-
-
-def refuse_existing(*targets, report=None, catalog=None):
-    """Raise if an output is there that --no-clobber keeps; a `catalog` may have several."""
-    more = ""
-    if catalog is not None:
-        from sklearn_mcmd.tiling._folder import MOVES, WorkFolder
-        from sklearn_mcmd.tiling._outputs import targets_of
-
-        if (WorkFolder.path_of(targets[0]) / MOVES).exists():
-            more = "; an earlier run has moved a part of its outputs, and goes on without it"
-        targets = (*targets_of(catalog, targets[0]), *targets[1:])
-    if report is not None:
-        from sklearn_mcmd.report._rendering import PAGE, VIEW
-
-        targets = (*targets, report.folder / PAGE, report.folder / VIEW)
-    for path in targets:
-        if os.path.lexists(path):
-            raise FileExistsError(f"{path}: is there already, and --no-clobber keeps it{more}")
 
 
 @contextmanager

@@ -131,7 +131,6 @@ UNIT = {
 }
 Unit = Annotated[str, typer.Option(**UNIT)]
 HiddenUnit = Annotated[str, typer.Option(hidden=True, **UNIT)]
-NoClobber = Annotated[bool, typer.Option("--no-clobber", help="Replace no file: fail instead.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show warnings only.")]
 
 

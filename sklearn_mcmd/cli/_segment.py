@@ -61,11 +61,9 @@ class Segment(CloudVerb):
 
     results = "regions"
 
-    def other_files(self, catalog):
-        if self.regions is None:
-            return []
-        check_regions_file(self.regions, self.source, self.target)
-        return [self.regions]
+    def check_options(self, catalog):
+        if self.regions is not None:
+            check_regions_file(self.regions, self.source, self.target)
 
     def estimator(self):
         normals = made(self, sklearn_mcmd.RobustNormalEstimator)

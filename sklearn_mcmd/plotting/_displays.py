@@ -313,7 +313,7 @@ class PlaneResidualDisplay(CloudDisplay):
 
     See Also
     --------
-    sklearn_mcmd.adjustment.plot_report : All figures of a plane test.
+    sklearn_mcmd.BaardaPlaneDetector : Tests a plane.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Text, picture and page say what the detector found."""
+"""The text says what the detector found."""
 
 import re
 
@@ -12,7 +12,6 @@ from sklearn_mcmd.adjustment import (
     FuzzyPlaneDetector,
     compare_planes,
     flatness,
-    plot_report,
     text_report,
 )
 
@@ -58,47 +57,11 @@ def test_the_text_has_the_figures_of_the_fit(detector):
     assert rows["residuals"].endswith(f"positive {side}")
 
 
-def panels(figure):
-    return {axes.get_title(): axes for axes in figure.axes}
-
-
-@pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")
-@pytest.mark.parametrize(
-    ("detector", "n", "columns"),
-    [(one, 200, [0, 1, 2]) for one in DETECTORS]
-    + [(one, *shape) for one in DETECTORS[::3] for shape in ((200, [0, 2]), (4, [0, 1, 2]))],
-)
-def test_the_picture_has_three_panels_and_can_be_saved(detector, n, columns, tmp_path):
-    pytest.importorskip("matplotlib")
-    X = plane_with_outliers(n, n // 20, 12.0)[:, columns]
-    figure = plot_report(detector.fit(X), X, unit="m")
-    figure.savefig(tmp_path / "report.png", dpi=40)
-    drawn = panels(figure)
-    assert {"Residual map", "Residuals"} <= drawn.keys()
-    assert any(title.startswith("Form: means of ") for title in drawn)
-    names = ["x", "y"] if len(columns) == 3 else ["x", "residual"]
-    if len(columns) == 3 and detector.surface == "orthogonal":  # steeper than 45 degrees
-        names = ["along the level line", "z"]
-    axes = drawn["Residual map"]
-    assert [axes.get_xlabel(), axes.get_ylabel()] == [f"{name} [m]" for name in names]
-    assert reported(detector, X, unit="m")[0]["normal"] in figure.get_supxlabel()
-
-
-@pytest.mark.parametrize("offset", [4.0, 40.0])
-def test_the_histogram_has_all_points_and_the_normal_curve_of_the_inliers(offset):
-    pytest.importorskip("matplotlib")
-    X = 0.01 * plane_with_outliers(200, 10, offset)
-    detector = BaardaPlaneDetector(sigma0=0.01).fit(X)
-    histogram = panels(plot_report(detector, X))["Residuals"]
-    residuals, good = detector.residuals(X), detector.labels_ == 1
-    scale = residuals[good].std()
-    (curve,) = histogram.lines
-    bars = [patch for patch in histogram.patches if patch.get_height() > 0]
-    width = bars[0].get_width()
-    x, y = curve.get_data()
-    np.testing.assert_allclose(y, good.sum() * width * stats.norm.pdf(x, scale=scale), rtol=1e-9)
-    assert sum(bar.get_height() for bar in bars) == len(X)
-    assert ("beyond" in histogram.get_xlabel()) == (np.abs(residuals).max() > 15 * scale)
+@pytest.mark.filterwarnings("ignore:sigma0=1e.300 is")
+def test_the_square_of_a_huge_sigma0_is_not_formed():
+    X = plane_with_outliers(200, 10, 12.0)
+    rows, _ = reported(BaardaPlaneDetector(sigma0=1e300).fit(X), X)
+    assert rows["variance ratio"].startswith("0 = v'Pv")
 
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])

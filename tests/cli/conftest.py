@@ -2,7 +2,6 @@
 
 import pytest
 
-from sklearn_mcmd import adjustment
 from sklearn_mcmd.cli import _messages
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.report import _rendering
@@ -20,22 +19,6 @@ def patient(monkeypatch):
 def small_maps(monkeypatch):
     """Maps of reports take most of their time for pixels."""
     monkeypatch.setattr(_rendering, "DPI", 20)
-
-
-@pytest.fixture
-def real_figures():
-    """Have `mcmd plane` draw its figure, which takes it most of its time."""
-
-
-@pytest.fixture(autouse=True)
-def _empty_figures(request, monkeypatch):
-    def figure(*args, **kwargs):
-        from matplotlib.figure import Figure
-
-        return Figure((1, 1))
-
-    if "real_figures" not in request.fixturenames:
-        monkeypatch.setattr(adjustment, "plot_report", figure)
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """Options: they reach the estimators, wrong values are wrong usage, threads change nothing."""
 
 import inspect
-import shutil
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from commands import done, error_line, files_in, run, usage_error
 from sklearn_mcmd.cli import app
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import WITH_COLUMNS
-from sklearn_mcmd.report._rendering import MADE_BY
 
 COMMANDS = {name: verb.loaded for name, verb in get_command(app).commands.items()}
 ESTIMATORS = {
@@ -101,7 +99,6 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("plane", "--alpha", ["0", "1"]),
         ("plane", "--test", ["z"]),
         ("plane", "--tolerance", ["0", "5,5", "nan"]),
-        ("plane", "--plot", ["figure.docx"]),
         ("plan", "--points", ["4"]),
         ("plan", "--sigma0", ["-1"]),
         ("plan", "--alpha", ["2"]),
@@ -222,30 +219,3 @@ def test_columns_of_files_that_name_their_own_are_refused(source, tmp_path):
     for verb, path in (("normals", source), ("plane", source), ("normals", tmp_path)):
         line = error_line(run(verb, path, tmp_path / "out.laz", "--columns", "x=1,y=2"))
         assert f"{path}: --columns x=1,y=2 is for {WITH_COLUMNS}" in line
-
-
-@pytest.mark.parametrize("verb", [*ESTIMATORS, "view"])
-def test_no_clobber_keeps_what_is_there(verb, room_file, tmp_path):
-    outputs = {"plane": ["a.laz", "a_report.txt", "a_report.png"], "view": ["a.html"]}
-    reports = [] if verb == "view" else ["report/index.html"]
-    for name in [*outputs.get(verb, ["a.laz"]), *reports]:
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(MADE_BY.decode())
-        target = ("-o", tmp_path / "a.html") if verb == "view" else (tmp_path / "a.laz",)
-        options = ("--report", tmp_path / "report") if name in reports else ()
-        line = error_line(run(verb, room_file, *target, *options, "--no-clobber"))
-        assert f"{path}: is there already" in line
-        assert path.read_bytes() == MADE_BY
-        path.unlink()
-
-
-def test_no_clobber_keeps_what_is_in_a_folder(tmp_path, source):
-    (tmp_path / "in").mkdir()
-    for name in "ab":
-        shutil.copy(source, tmp_path / "in" / f"{name}.laz")
-    asked = ("normals", tmp_path / "in", tmp_path / "out", "--n-jobs", "1", "--no-clobber", "-q")
-    done(*asked)
-    assert files_in(tmp_path / "out") == ["a.laz", "b.laz"]
-    (tmp_path / "out" / "a.laz").unlink()
-    assert "b.laz: is there already" in error_line(run(*asked))
