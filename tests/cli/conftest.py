@@ -1,12 +1,13 @@
 """Settings of the tests of the command line."""
 
+import numpy as np
 import pytest
 
 from sklearn_mcmd.cli import _messages
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.report import _rendering
 from sklearn_mcmd.tiling import _memory
-from tiled import street
+from tiled import shining_street
 
 
 @pytest.fixture(autouse=True)
@@ -30,6 +31,9 @@ def small_machine(monkeypatch):
 
 @pytest.fixture
 def source(tmp_path):
-    """A street of 6,000 points in a file."""
-    write_points(tmp_path / "street.laz", street(6_000))
+    """A street of 6,000 points in a file, whose ground has class 2, and some others class 3."""
+    cloud = shining_street(6_000)
+    height = cloud.xyz[:, 2] - 100
+    classes = np.where(height < 0.1, 2, np.where(height > 3, 3, 1))
+    write_points(tmp_path / "street.laz", cloud.with_attributes(classification=classes))
     return tmp_path / "street.laz"

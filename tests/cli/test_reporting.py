@@ -140,11 +140,8 @@ def test_a_report_that_cannot_be_is_refused_before_the_work(
     [
         ("denoise", ("--strictness", "paper"), "outliers"),
         ("denoise", ("--strictness", "surfaces", "--ignore-class", 6), "used 870,"),
-        ("denoise", ("--contamination", 0.05, "--mode", "mark"), "47 of 930 points"),
         ("edges", ("--criterion", "eigenvalue"), "limit of eigenvalue"),
-        ("edges", ("--criterion", "removed_fraction"), "limit of removed_fraction"),
-        ("normals", ("--n-neighbors", "auto", "--method", "mcmd_md"), "normals"),
-        ("normals", ("--method", "pca", "--features", "all"), "normals"),
+        ("normals", ("--n-neighbors", "auto", "--method", "pca"), "normals"),
     ],
 )
 def test_every_kind_of_verdict_has_a_report(verb, options, words, room, tmp_path):
@@ -156,9 +153,8 @@ def test_every_kind_of_verdict_has_a_report(verb, options, words, room, tmp_path
 
 
 @pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("n", [5, 60])
-def test_tiny_clouds_have_reports(verb, n, tmp_path):
-    xyz = np.random.default_rng(0).uniform(size=(n, 3))
+def test_tiny_clouds_have_reports(verb, tmp_path):
+    xyz = np.random.default_rng(0).uniform(size=(5, 3))
     write_points(tmp_path / "a.laz", PointCloud(xyz))
     done(verb, tmp_path / "a.laz", tmp_path / "b.laz", "--report", tmp_path / "r")
     assert "Few points." in words_of(tmp_path / "r" / "index.html")
