@@ -47,13 +47,12 @@ class CloudVerb:
     """
 
     estimator: ClassVar[Callable]  # (): the estimator, with its parameters as options tell them
-    # (cloud, estimator): what is found in memory, by names; numbers have those of `RunReport`
+    # (cloud, estimator): the outcome in memory, by names; numbers have those of `RunReport`
     find: ClassVar[Callable]
-    # (cloud, found=None): what to write, and the points to mark in it; blank if nothing is found
-    written: ClassVar[Callable]
-    rows: ClassVar[Callable]  # (found): rows of the summary, of memory or of a `RunReport`
-    contents: ClassVar[Callable]  # (cloud, found): `Contents` of a report,
-    tile_contents: ClassVar[Callable]  # (catalog, told): and of one by tiles
+    written: ClassVar[Callable]  # (cloud, outcome=None): the `Output`; blank without an outcome
+    rows: ClassVar[Callable]  # (outcome): rows of the summary, of memory or of a `RunReport`
+    contents: ClassVar[Callable]  # (cloud, outcome): `Contents` of a report,
+    tile_contents: ClassVar[Callable]  # (catalog, run): and of one by tiles
 
     source: _options.InFiles
     target: _options.OutFiles
@@ -104,31 +103,34 @@ class CloudVerb:
         """What `process_files` takes beside the estimator."""
         return {"colors": getattr(self, "colors", None)}
 
-    def write(self, cloud, found):
-        _files.write(self.target, *self.written(cloud, found))
+    def write(self, cloud, outcome):
+        _files.write(self.target, self.written(cloud, outcome))
 
     def in_memory(self, estimator):
+        """The outcome, and what makes the `Contents` of a report of it."""
         cloud = _files.read(self.source, self.target, self.results, columns=self.columns)
-        rehearse(self.target, *self.written(cloud), whole=self.writes_all)
+        blank = self.written(cloud)
+        rehearse(self.target, blank.cloud, blank.noise, whole=self.writes_all)
         with _files.working(self.source):
-            told = self.find(cloud, estimator)
-            found = SimpleNamespace(n_points=len(cloud), n_tiles=0, **told)
-        self.write(cloud, found)
-        return found, lambda: self.contents(cloud, found)
+            results = self.find(cloud, estimator)
+            outcome = SimpleNamespace(n_points=len(cloud), n_tiles=0, **results)
+        self.write(cloud, outcome)
+        return outcome, lambda: self.contents(cloud, outcome)
 
     def by_tiles(self, catalog, estimator):
+        """Likewise, with the `RunReport` as outcome."""
         from sklearn_mcmd.tiling import process_files
 
         asked = {"memory": self.memory, "n_jobs": estimator.n_jobs, "restart": self.restart}
-        told = process_files(catalog, self.target, estimator, **asked, **self.tile_options())
-        return told, lambda: self.tile_contents(catalog, told)
+        run = process_files(catalog, self.target, estimator, **asked, **self.tile_options())
+        return run, lambda: self.tile_contents(catalog, run)
 
-    def shown(self, catalog, told, *names):
+    def shown(self, catalog, run, names):
         """What a report shows of these attributes of a run by tiles."""
         from sklearn_mcmd.report._shown import Shown
         from sklearn_mcmd.tiling._outputs import targets_of
 
-        return Shown.of_tiles(catalog, targets_of(catalog, self.target), told, names)
+        return Shown.of_tiles(catalog, targets_of(catalog, self.target), run, names)
 
     def run(self):
         from sklearn_mcmd._sklearn import check_parameters
@@ -143,12 +145,12 @@ class CloudVerb:
                 return
             with _messages.progress(type(self).__name__.lower(), self.quiet):
                 if catalog is None:
-                    told, contents = self.in_memory(estimator)
+                    outcome, contents = self.in_memory(estimator)
                 else:
-                    told, contents = self.by_tiles(catalog, estimator)
+                    outcome, contents = self.by_tiles(catalog, estimator)
                 _files.write_report_of(self, begin, contents)
             if not self.quiet:
-                rows = {"points": f"{told.n_points:,}"} | self.rows(told)
+                rows = {"points": f"{outcome.n_points:,}"} | self.rows(outcome)
                 title = f"{self.source} -> {self.target}"
                 _messages.print_table(title, begin, **rows)
 
@@ -222,13 +224,13 @@ class CloudVerb:
         _messages.print_table(title, **rows, time=f"about {_in_words(seconds)}")
 
 
-def tiles_row(told):
+def tiles_row(outcome):
     """The row of the summary on tiles, where there are any."""
-    if told.n_tiles == 0:
+    if outcome.n_tiles == 0:
         return {}
-    share = 100 * told.n_proven / max(1, told.n_points)
+    share = 100 * outcome.n_proven / max(1, outcome.n_points)
     return {
-        "tiles": f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
+        "tiles": f"{outcome.n_tiles:,}, of which {outcome.n_resumed:,} were done before",
         "halos": f"complete for {share:.2f} % of the points",
     }
 

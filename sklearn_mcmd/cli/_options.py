@@ -44,13 +44,13 @@ def length(default, help, *words, metavar="LENGTH", signed=False, **settings) ->
         digits = text.rstrip(f"{ascii_letters} ")
         if not digits or digits == text:
             return number(text)
-        value, own, unit = number(digits), text[len(digits) :].strip(), context.params["unit"]
-        if not METERS.keys() >= {own, unit}:
+        value, typed, unit = number(digits), text[len(digits) :].strip(), context.params["unit"]
+        if not METERS.keys() >= {typed, unit}:
             raise typer.BadParameter(
                 f"{text} is no number. With a unit, it needs --unit, the unit of the file; both "
                 f"are one of {', '.join(METERS)}"
             )
-        return METERS[own] / METERS[unit] * value
+        return METERS[typed] / METERS[unit] * value
 
     return option(default, help, parser=str, callback=parse, metavar=metavar, **settings)
 
@@ -58,8 +58,8 @@ def length(default, help, *words, metavar="LENGTH", signed=False, **settings) ->
 def made(verb, kind, **others):
     """An estimator; its parameters are options of the same names that have a value, and others."""
     names = signature(kind).parameters.keys() & {one.name for one in fields(verb)}
-    given = {name: getattr(verb, name) for name in names if getattr(verb, name) is not None}
-    return kind(**given | others)
+    parameters = {name: getattr(verb, name) for name in names if getattr(verb, name) is not None}
+    return kind(**parameters | others)
 
 
 def _not_zero(value):
@@ -176,20 +176,19 @@ def command_of(kind, *, without=(), more=""):
     call = Signature(parameters)
 
     def command(*args, **kwargs):
-        given = call.bind(*args, **kwargs).arguments
+        values = call.bind(*args, **kwargs).arguments
         for names in getattr(kind, "one_of", ()):
-            values = {one: given.get(one) for one in names}
             asked = [
-                f"--{one.replace('_', '-')} {value}"
-                for one, value in values.items()
-                if value not in (None, "none")  # as --sensor none, which gives none
+                f"--{one.replace('_', '-')} {values[one]}"
+                for one in names
+                if values.get(one) not in (None, "none")  # as --sensor none, which tells none
             ]
             if len(asked) > 1:
                 raise typer.BadParameter(
                     f"{' and '.join(asked)} exclude each other: leave all but one out."
                 )
-        with clear_exits(allow_coarse=given.get("allow_coarse", False)):
-            kind(**given).run()
+        with clear_exits(allow_coarse=values.get("allow_coarse", False)):
+            kind(**values).run()
 
     command.__name__ = kind.__name__.lower()
     command.__doc__ = f"{getdoc(kind)}\n{more}"

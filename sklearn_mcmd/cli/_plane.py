@@ -5,7 +5,7 @@ import warnings
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import typer
@@ -215,8 +215,9 @@ class Plane:
             clouds = (_files.read(path, columns=self.columns) for path in catalog.paths)
             return PointCloud(np.concatenate([cloud.xyz for cloud in clouds]))
         cloud = _files.read(self.source, self.target, "results of a test", columns=self.columns)
-        none = np.zeros(len(cloud))
-        rehearse(self.target, *_tested(cloud, none > 0, none, none))
+        zeros = np.zeros(len(cloud))
+        blank = PlaneResults(zeros > 0, zeros, zeros).output(cloud)
+        rehearse(self.target, blank.cloud, blank.noise)
         return cloud
 
     def _further(self, detector, cloud):
@@ -235,11 +236,11 @@ class Plane:
         return further
 
     def _write(self, catalog, outputs, cloud, detector):
-        """Write the points with what was found of them."""
+        """Write the points with their results."""
         residuals = detector.residuals(cloud.xyz)
-        results = (detector.labels_ == -1, detector.test_statistic_, residuals)
+        results = PlaneResults(detector.labels_ == -1, detector.test_statistic_, residuals)
         if catalog is None:
-            _files.write(self.target, *_tested(cloud, *results))
+            _files.write(self.target, results.output(cloud))
         else:
             _write_each(catalog, outputs, results)
 
@@ -272,27 +273,39 @@ def _check_width(detector, xyz):
         )
 
 
-def _tested(cloud, is_outlier, statistic, residuals):
-    """The cloud to write, and the points to mark in it."""
-    results = {"test_statistic": statistic, "residual": residuals}
-    results = {name: values.astype(np.float32) for name, values in results.items()}
-    return with_results(cloud, results), is_outlier
+class PlaneResults(NamedTuple):
+    """What a test says of points (n,)."""
+
+    is_outlier: np.ndarray
+    statistic: np.ndarray
+    residuals: np.ndarray  # in units of the file
+
+    def output(self, cloud):
+        """The cloud to write, with the points to mark in it."""
+        columns = {"test_statistic": self.statistic, "residual": self.residuals}
+        columns = {name: values.astype(np.float32) for name, values in columns.items()}
+        return _files.Output(with_results(cloud, columns), self.is_outlier)
+
+    def divided(self, ends):
+        """The results of the points up to each of these ends, and of those behind the last."""
+        parts = zip(*(np.split(values, ends) for values in self), strict=True)
+        return [PlaneResults(*part) for part in parts]
 
 
 def _write_each(catalog, outputs, results):
     """Write the points of each file with their results, or all into one file."""
-    ends = np.cumsum(catalog.counts)[:-1]
-    parts = zip(*(np.split(values, ends) for values in results), strict=True)
+    parts = results.divided(np.cumsum(catalog.counts)[:-1])
     clouds = map(read_points, catalog.paths)
     if len(outputs) == len(catalog):
         outputs[0].parent.mkdir(exist_ok=True)
         for path, cloud, part in zip(outputs, clouds, parts, strict=True):
-            _files.write(path, *_tested(cloud, *part))
+            _files.write(path, part.output(cloud))
         return
     header = joined_header(catalog.paths)
     with replacing(outputs[0]) as temporary, writing_parts(temporary) as put:
         for cloud, part in zip(clouds, parts, strict=True):
-            put(*_tested(joined_cloud(cloud, header), *part))
+            one = part.output(joined_cloud(cloud, header))
+            put(one.cloud, one.noise)
 
 
 @dataclass

@@ -148,8 +148,8 @@ def _doubt(xyz, positions, words, setups):
 
 def intensity_of(source, cloud):
     """The intensity of each point, as files name it; of four columns without names the last."""
-    given = cloud.attributes
-    for values in (given if list(given) == ["column_4"] else lights_in(given)).values():
+    columns = cloud.attributes
+    for values in (columns if list(columns) == ["column_4"] else lights_in(columns)).values():
         if (values != values[:1]).any():  # LAS has 0 where there is none
             return values
     raise ValueError(f"{source}: --intensity: the file has none, or the same at all points")

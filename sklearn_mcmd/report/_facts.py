@@ -52,8 +52,8 @@ class Facts(NamedTuple):
                 radius, sparse = np.quantile(radii, [0.5, LARGE]).tolist()
         noise = np.nan
         if scales is not None:
-            known = scales[np.isfinite(scales)]
-            noise = float(np.median(known)) if known.size else np.nan
+            finite = scales[np.isfinite(scales)]
+            noise = float(np.median(finite)) if finite.size else np.nan
         return cls(
             n_points=len(xyz),
             n_distinct=len(distinct),

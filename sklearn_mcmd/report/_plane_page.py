@@ -19,10 +19,10 @@ def plane_contents(cloud, detector, figures, unit):
     parts = dict(figures.parts)
     residuals, first = detector.residuals(cloud.xyz), parts.pop("") + parts.pop("Plane")
     rms = float(np.sqrt(np.mean(residuals[those_of_plane(is_outlier)] ** 2)))
-    results = {"residual": residuals, "test_statistic": detector.test_statistic_}
-    results = {name: values.astype(np.float32) for name, values in results.items()}
-    results["outlier"] = is_outlier.astype(np.uint8)
-    shown = Shown.of_memory(cloud, 0, np.array([detector.sigma0_]), **results)
+    columns = {"residual": residuals, "test_statistic": detector.test_statistic_}
+    columns = {name: values.astype(np.float32) for name, values in columns.items()}
+    columns["outlier"] = is_outlier.astype(np.uint8)
+    shown = Shown.of_memory(cloud, 0, np.array([detector.sigma0_]), **columns)
     headline = (
         f"{share(n, n_all, 'do')} not belong to the plane; {'the others' if n < n_all else 'all'} "
     )
@@ -36,7 +36,7 @@ def plane_contents(cloud, detector, figures, unit):
     return Contents(
         shown,
         headline=headline,
-        found=[(row.name, row) for row in first],
+        results=[(row.name, row) for row in first],
         maps=_residual_maps(detector, cloud.xyz, shown.near, unit),
         tables=[
             *(Table(title, [(row.name, row) for row in part]) for title, part in parts.items()),

@@ -81,11 +81,11 @@ def typical_spacing(xyz):
     tree = cKDTree(xyz, balanced_tree=False)
     distance, _ = tree.query(xyz[::every], k=range(2, 6))
     distance[~np.isfinite(distance)] = 0.0  # fewer points than that
-    known = distance[:, -1][distance[:, -1] > 0]
-    fourth = float(np.median(known)) if known.size else float(np.ptp(xyz, axis=0).max())
-    apart = np.where(distance > 0, distance, np.inf).min(axis=1)
-    apart = apart[np.isfinite(apart)]
-    return (float(np.median(apart)) if apart.size else fourth, fourth)
+    apart = distance[:, -1][distance[:, -1] > 0]
+    fourth = float(np.median(apart)) if apart.size else float(np.ptp(xyz, axis=0).max())
+    nearest = np.where(distance > 0, distance, np.inf).min(axis=1)
+    nearest = nearest[np.isfinite(nearest)]
+    return (float(np.median(nearest)) if nearest.size else fourth, fourth)
 
 
 def shuffled(n_points, most):
@@ -121,7 +121,7 @@ def pack_column(values):
     width = max(1, (int(values.max()).bit_length() + 7) // 8)
     plain = _planes(values, width)
     steps = _planes(_differences(values, width), width)
-    sizes = (len(zlib.compress(some[:, : 1 << 16].tobytes(), 1)) for some in (plain, steps))
+    sizes = (len(zlib.compress(planes[:, : 1 << 16].tobytes(), 1)) for planes in (plain, steps))
     delta = next(sizes) > next(sizes)
     return width, delta, zlib.compress((steps if delta else plain).tobytes(), 6)
 

@@ -146,7 +146,7 @@ def test_a_place_that_a_file_states_in_vain_is_told_and_one_that_is_typed_is_use
         (("--sensor", "9,9,1"), "outliers are so by rays alone"),
     ):
         result = done("denoise", path, tmp_path / "out.npy", *options, "--report", page.parent)
-        for words in (result.output, html.unescape(page.read_text())):
+        for words in (result.stdout, html.unescape(page.read_text())):
             assert said in " ".join(words.split())
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from commands import done, error_line, files_in, run
-from sklearn_mcmd import MCMDOutlierDetector
+from sklearn_mcmd import SharpFeatureDetector
+from sklearn_mcmd.cli import _files, _plane
 from sklearn_mcmd.io import read_points, write_points
 
 
@@ -96,13 +97,13 @@ def test_bad_input_fails_with_one_line_and_writes_nothing(text, reason, tmp_path
         ("x" * 260 + ".laz", "cannot be written: file name too long"),
     ],
 )
-def test_an_output_that_cannot_be_is_refused_before_the_work(
+def test_an_output_that_cannot_be_is_refused_before_the_input_is_read(
     name, reason, room_file, tmp_path, monkeypatch
 ):
-    def work(*args, **kwargs):
-        raise AssertionError("the long work began")
+    def read(*args, **kwargs):
+        raise AssertionError("the input is read")
 
-    monkeypatch.setattr(MCMDOutlierDetector, "fit", work)
+    monkeypatch.setattr(_files, "read_points", read)
     (tmp_path / "folder.laz").mkdir()
     target = tmp_path / name
     before = files_in(tmp_path)
@@ -112,25 +113,21 @@ def test_an_output_that_cannot_be_is_refused_before_the_work(
     assert files_in(tmp_path) == before
 
 
-EVERY_VERB = [
-    ("denoise", ["--mode", "mark"]),
-    ("normals", []),
-    ("segment", ["--no-colors"]),
-    ("edges", []),
-    ("plane", []),
-]
-
-
-@pytest.mark.parametrize(("verb", "options"), EVERY_VERB)
-def test_e57_is_refused_where_it_cannot_hold_the_results(verb, options, room_file, tmp_path):
-    line = error_line(run(verb, room_file, tmp_path / "out.e57", *options))
+@pytest.mark.parametrize("verb", [["denoise", "--mode", "mark"], *([one] for one in VERBS[1:])])
+def test_e57_is_refused_where_it_cannot_hold_the_results(verb, room_file, tmp_path):
+    line = error_line(run(*verb, room_file, tmp_path / "out.e57"))
     assert "out.e57: E57 has no place for" in line
     assert files_in(tmp_path) == ["room.laz"]
 
 
-def test_points_too_far_for_las_are_named_before_the_work(room, tmp_path):
+@pytest.mark.parametrize("verb", ["edges", "plane"])
+def test_points_too_far_for_las_are_named_before_the_work(verb, room, tmp_path, monkeypatch):
+    def work(*args, **kwargs):
+        raise AssertionError("the long work began")
+
+    monkeypatch.setattr(SharpFeatureDetector, "fit", work)
+    monkeypatch.setattr(_plane.Plane, "tested", work)
     np.savetxt(tmp_path / "in.csv", np.r_[np.round(room.xyz, 3), [[1e10, 0, 0]]], delimiter=",")
-    for verb, options in EVERY_VERB:
-        line = error_line(run(verb, tmp_path / "in.csv", tmp_path / "out.laz", *options))
-        assert f"point {len(room) + 1} at (1e+10, 0, 0); remove them" in line
+    line = error_line(run(verb, tmp_path / "in.csv", tmp_path / "out.laz"))
+    assert f"point {len(room) + 1} at (1e+10, 0, 0); remove them" in line
     assert files_in(tmp_path) == ["in.csv"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd.io import PointCloud
-from sklearn_mcmd.report._maps import found_maps, fullest_cells
+from sklearn_mcmd.report._maps import fullest_cells, marked_maps
 from sklearn_mcmd.report._regions_page import segment_contents
 from sklearn_mcmd.report._shown import Shown
 
@@ -28,7 +28,7 @@ def made(offset=0.0, n_far=0):
     xyz = np.random.default_rng(0).uniform(0, 1, (3000, 3)) * [10, 5, 1]
     found, near = (xyz[:, 0] > 8) & (xyz[:, 1] > 4), np.arange(len(xyz)) >= n_far
     xyz[~near] += 1e6
-    return found_maps(xyz + offset, found, near, "outlier")
+    return marked_maps(xyz + offset, found, near, "outlier")
 
 
 def orange(pixels):
@@ -57,7 +57,7 @@ def test_a_map_is_filled_far_from_the_origin_and_far_points_are_left_out():
 def test_clouds_without_extent_are_drawn(xyz):
     n = len(xyz)
     for found in (np.zeros(n, bool), np.ones(n, bool)):
-        assert len(list(drawn(found_maps(xyz, found, np.ones(n, bool), "outlier")))) == 3
+        assert len(list(drawn(marked_maps(xyz, found, np.ones(n, bool), "outlier")))) == 3
 
 
 XYZ = np.random.default_rng(0).uniform(0, 20, (5000, 3)) + np.array([1000, 2000, -5])
