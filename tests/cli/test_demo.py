@@ -32,6 +32,8 @@ def test_demo_prints_the_accuracy_that_its_files_have_and_the_position_finds_mos
         kept = (~left).sum() / (~truth).sum()
         assert f"outliers found       {100 * shares[-1]:.1f} %" in text
         assert f"regular points kept  {100 * kept:.1f} %" in text
+        right = (truth.sum() - left.sum() + (~left).sum()) / len(truth)
+        assert f"accuracy             {100 * right:.1f} %" in text
     assert shares[0] < 0.8 < 0.9 < shares[1]
 
 

@@ -45,7 +45,6 @@ def outliers_of(cloud, used):
 @pytest.mark.parametrize(
     ("options", "left_out"),
     [
-        ((), []),
         (("--ignore-class", "6,9"), [6]),
         (("--only-class", "2,6"), [1]),
         (("--only-class", "1,2", "--ignore-class", "1"), [1, 6]),
@@ -67,7 +66,6 @@ def test_points_left_out_are_not_used_and_keep_their_class(options, left_out, si
 @pytest.mark.parametrize(
     ("options", "low", "high"),
     [
-        (("--above", 2.0), 2, np.inf),
         (("--below", 10), -np.inf, 10),
         (("--above", 5, "--below", 20.5), 5, 20.5),
     ],

@@ -26,7 +26,7 @@ main()
 IMPORTING = """
 class Finder:
     def find_spec(self, name, *rest):
-        if name == {name!r}:
+        if name == "numpy":
             ctrl_c()
 
 sys.meta_path.insert(0, Finder())
@@ -104,10 +104,8 @@ def outcome_of(moment, *args, **variables):
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("name", ["sklearn_mcmd._extras", "numpy"])
-def test_ctrl_c_ends_in_one_line_while_modules_are_imported(name, room_file, tmp_path):
-    moment = IMPORTING.format(name=name)
-    outcome = outcome_of(moment, "denoise", room_file, tmp_path / "out.npy")
+def test_ctrl_c_ends_in_one_line_while_modules_are_imported(room_file, tmp_path):
+    outcome = outcome_of(IMPORTING, "denoise", room_file, tmp_path / "out.npy")
     assert outcome == (130, "", "mcmd: interrupted\n")
     assert files_in(tmp_path) == ["room.laz"]
 
