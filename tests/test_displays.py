@@ -70,6 +70,7 @@ def test_outliers_and_edges_are_drawn_in_their_color_and_counted(xyz):
 def test_with_the_truth_errors_have_colors_of_their_own(xyz):
     y_true, y_pred = np.ones(400), np.ones(400)
     y_true[:30], y_pred[20:35] = -1, -1
+    y_true[40] = y_pred[41] = 0  # neither
     display = OutlierDisplay.from_predictions(X=xyz, y_true=y_true, y_pred=y_pred, view="top")
     assert [count(display, c) for c in ("#d55e00", "#0072b2", "#e69f00")] == [10, 20, 5]
     texts = [text.get_text() for text in display.ax_.get_legend().get_texts()]

@@ -5,15 +5,14 @@ import warnings
 from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from datetime import timedelta
 from errno import ENOENT
 from types import SimpleNamespace
 from typing import ClassVar
 
-import typer
-
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._options import option
+from sklearn_mcmd.cli._options import option, parsed
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._formats import TILED, TILED_NAMES
 from sklearn_mcmd.io._las_parts import read_parts
@@ -32,10 +31,7 @@ an OUT that ends in .las or .laz gets all.
 def _memory(text):
     from sklearn_mcmd.tiling._memory import parse_memory
 
-    try:
-        return parse_memory(text)
-    except ValueError as err:
-        raise typer.BadParameter(str(err).removeprefix("memory=")) from err
+    return parse_memory(text)
 
 
 @dataclass
@@ -59,7 +55,7 @@ class CloudVerb:
     memory: float | None = option(
         None,
         "Memory to take, such as 2GB; 430MB or more.",
-        parser=_memory,
+        parser=parsed(_memory, "a size, such as 2GB"),
         metavar="SIZE",
         show_default="half of it",
     )
@@ -221,7 +217,9 @@ class CloudVerb:
         if tiles:
             seconds *= MORE / (plan.n_workers * plan.n_threads)
         title = f"{self.source} -> {self.target}"
-        _messages.print_table(title, **rows, time=f"about {_in_words(seconds)}")
+        _messages.print_table(
+            title, **rows, time=f"about {timedelta(seconds=round(seconds))} hours"
+        )
 
 
 def tiles_row(outcome):
@@ -233,12 +231,6 @@ def tiles_row(outcome):
         "tiles": f"{outcome.n_tiles:,}, of which {outcome.n_resumed:,} were done before",
         "halos": f"complete for {share:.2f} % of the points",
     }
-
-
-def _in_words(seconds):
-    if seconds < 120:
-        return f"{seconds:.0f} seconds"
-    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
 
 
 @contextmanager

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-import typer
 
 import sklearn_mcmd
 from sklearn_mcmd._choices import Mode, OutlierMethod, Strictness
@@ -14,7 +13,7 @@ from sklearn_mcmd.cli import _options, _sensor
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._files import Output
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.cli._options import command_of, length, made, option
+from sklearn_mcmd.cli._options import command_of, length, made, option, parsed
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, class_numbers, noise_classes
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import (
@@ -31,18 +30,11 @@ PAPER = "paper"  # the level that is None in Python
 
 def _classes(text):
     """Classes, separated by commas."""
-    try:
-        numbers: list = [int(part) for part in text.split(",")]
-    except ValueError:
-        numbers = [None]
-    try:
-        return class_numbers(numbers)
-    except ValueError as err:
-        raise typer.BadParameter(f"{text} {err}, such as 6,9") from err
+    return class_numbers([int(part) for part in text.split(",")])
 
 
 HEIGHT = {"metavar": "HEIGHT", "hidden": True, "signed": True}
-CLASSES = {"parser": _classes, "metavar": "CLASSES"}
+CLASSES = {"parser": parsed(_classes, "a list of classes, such as 6,9"), "metavar": "CLASSES"}
 
 
 @dataclass

@@ -12,7 +12,7 @@ from sklearn_mcmd._choices import RuleMethod
 from sklearn_mcmd.cli import _options, _sensor
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._files import Output
-from sklearn_mcmd.cli._options import command_of, length, made, option
+from sklearn_mcmd.cli._options import command_of, length, made, option, parsed
 from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
@@ -21,11 +21,10 @@ SOME_UPRIGHT = 0.05  # share of normals of upright faces that is worth a line
 DIRECTIONS = {"none": None, "up": [0.0, 0.0, 1.0]}
 
 
-def _count_or_auto(value):
+def _count_or_auto(text):
     """A whole number from 4 on, or auto."""
-    text = str(value)
-    if text != "auto" and not (text.isdecimal() and int(text) >= 4):
-        raise typer.BadParameter(f"{text} is not auto or a whole number from 4 on")
+    if text != "auto" and int(text) < 4:
+        raise ValueError
     return text if text == "auto" else int(text)
 
 
@@ -52,7 +51,7 @@ class Normals(CloudVerb):
         50,
         "Points in a neighborhood, with the point. auto: as many for each point as its noise asks "
         "for; an attribute n_neighbors tells how many.",
-        parser=_count_or_auto,
+        parser=parsed(_count_or_auto, "auto or a whole number from 4 on"),
         metavar="NUMBER|auto",
     )
     method: RuleMethod = option(

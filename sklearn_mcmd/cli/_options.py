@@ -24,6 +24,18 @@ def option(default, help, *names, **settings) -> Any:
     return field(default=default, metadata={"option": typer.Option(*names, help=help, **settings)})
 
 
+def parsed(function, form):
+    """What reads the text of an option by a function; what this refuses has not the form."""
+
+    def parse(text):
+        try:
+            return function(text)
+        except ValueError as err:
+            raise typer.BadParameter(f"{text} is not {form}") from err
+
+    return parse
+
+
 def length(default, help, *words, metavar="LENGTH", signed=False, **settings) -> Any:
     """The field of a length in units of the file, or with a unit of its own, or of some words."""
     about = "a number" if signed else "a number above 0"
@@ -70,9 +82,10 @@ def _not_zero(value):
 
 def _columns(text):
     """The columns of axes, as in x=easting,y=northing,z=3."""
-    columns = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
-    if len(columns) != text.count(",") + 1 or not columns.keys() <= set("xyz"):
-        raise typer.BadParameter(f"{text} is not of the form x=easting,y=northing,z=elevation")
+    pairs = [part.split("=", 1) for part in text.split(",")]
+    columns = dict(pairs)
+    if len(columns) < len(pairs) or not columns.keys() <= set("xyz"):
+        raise ValueError
     return columns
 
 
@@ -109,7 +122,7 @@ NJobs = Annotated[
 Columns = Annotated[
     dict | None,
     typer.Option(
-        parser=_columns,
+        parser=parsed(_columns, "of the form x=easting,y=northing,z=elevation"),
         metavar="x=A,y=B,...",
         help="Columns, by name or number.",
         show_default="by header",

@@ -16,11 +16,11 @@ from sklearn_mcmd.cli._files import ReportFolder, write_report_of
 from sklearn_mcmd.cli._messages import progress
 from sklearn_mcmd.cli._options import command_of, length, made, option
 from sklearn_mcmd.io import PointCloud, read_points
-from sklearn_mcmd.io._files import naming, replacing
+from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.io._rehearsal import rehearse, trial_folder
+from sklearn_mcmd.io._rehearsal import rehearse
 from sklearn_mcmd.planes._resolution import coordinate_step
 
 # Number of points that suffices to find the step of their coordinates.
@@ -197,15 +197,12 @@ class Plane:
         return fitted
 
     def _outputs(self, catalog):
-        """Paths of the points, if any; those of several files after a trial beside them."""
-        if self.target is None:
-            return []
-        if catalog is None:
-            return [self.target]
+        """Paths of the points, if any."""
+        if self.target is None or catalog is None:
+            return [] if self.target is None else [self.target]
         from sklearn_mcmd.tiling._outputs import targets_of
 
-        with naming(self.target), trial_folder(self.target.absolute().parent):
-            return targets_of(catalog, self.target)
+        return targets_of(catalog, self.target)
 
     def _read(self, catalog):
         """The points to test; of several files that are written one by one, coordinates alone."""

@@ -53,6 +53,7 @@ def fullest_cells(xyz, is_marked, near, noun):
     if not is_marked.any():
         return []
     extent = float(np.ptp(xyz[:, :2], axis=0).max())
+    # Of 1, 2 or 5 times a power of ten, so that the bounds of cells are round.
     side = round_length(extent / CELLS) if extent > 0 else 1.0
     cells, inverse = np.unique(np.floor(xyz[:, :2] / side), axis=0, return_inverse=True)
     n_all = np.bincount(inverse.ravel())

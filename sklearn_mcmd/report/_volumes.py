@@ -69,6 +69,8 @@ def lost_volumes(parts, n_points):
         return []
     low, extent = np.min(ends, axis=0)[0], np.ptp(ends, axis=(0, 1))
     extent = np.maximum(extent, limits.flattest * extent.max())
+    # Cubes of this side fill the whole, eight for each removed point: a box of eight would hold one
+    # if they were strewn evenly. Quotients by the longest extent keep the product from overflow.
     side = extent.max() * np.cbrt(np.prod(extent / extent.max()) / min(8 * n_removed, MOST_CELLS))
     shape = np.ceil(extent / side).astype(int)
     counts = np.zeros((2, np.prod(shape)), np.int32)  # of removed points, and of all
@@ -79,8 +81,9 @@ def lost_volumes(parts, n_points):
         for count, cells in zip(counts, (codes[removed[inside]], codes), strict=True):
             count += np.bincount(cells, minlength=len(count)).astype(np.int32)
     n_lost, n_all = counts.reshape(2, *shape)
+    # A rim of empty cubes, so that there are boxes around those at the ends, too.
     lost, whole = (_pairs(np.pad(count, 1), np.add) for count in (n_lost, n_all))
-    even = max(1.0, 8 * n_removed / MOST_CELLS)
+    even = max(1.0, 8 * n_removed / MOST_CELLS)  # 1, or more where memory limits the cubes
     boxes = (lost >= limits.least * even) & (lost >= limits.share * whole)
     # What boxes hold by chance: of points strewn at random, exp(-mean) of the boxes are empty.
     strewn = -np.log((1 + np.count_nonzero(lost == 0)) / (1 + lost.size))

@@ -64,6 +64,7 @@ class NumberCode(NamedTuple):
             return cls(low, 1.0)
         q25, q50, q75 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
         usual = q75 - q25
+        # The distance of the quartiles is where the code turns from even to logarithmic.
         if not np.isfinite(high - low) or (usual > 0 and high - low > LONG_TAIL * usual):
             largest = max(abs(low), abs(high))
             # Quotients by a smaller width, or by an infinite one, are no numbers.
@@ -139,6 +140,8 @@ def code_normals(vectors):
     has_length = np.isfinite(size) & (size > 0)
     unit = vectors / np.where(has_length, size, 1.0)[:, None]
     unit[~has_length] = 0.0
+    # |x| + |y| + |z| = 1 is an octahedron. Its upper half is a square over x and y, and the lower
+    # one folds outward over the four edges of that.
     flat = unit[:, :2]
     folded = (1.0 - np.abs(flat[:, ::-1])) * np.where(flat >= 0, 1.0, -1.0)
     square = np.where(unit[:, 2:] < 0, folded, flat)

@@ -129,6 +129,7 @@ def pack_column(values):
 def _text(data):
     """Bytes in base 85, filled up with zeros."""
     words = np.frombuffer(data + bytes(-len(data) % 4), dtype="<u4")
+    # 85^5 is just above 2^32, so five digits hold a word.
     digits = np.empty((len(words), 5), dtype=np.uint8)
     for place in range(4, -1, -1):
         words, digits[:, place] = np.divmod(words, np.uint32(85))
@@ -138,6 +139,7 @@ def _text(data):
 def _differences(values, width):
     """Differences modulo 256 ** width as 0, -1, 1, -2 ..."""
     half = 1 << (8 * width - 1)
+    # Small changes of either sign become small numbers, whose high bytes are 0 and compress well.
     change = np.diff(values.astype(np.int64), prepend=0)
     change = (change + half) % (2 * half) - half
     return np.where(change >= 0, 2 * change, -2 * change - 1)

@@ -84,6 +84,7 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("edges", "--threshold", ["0"]),
         ("plane", "--sigma0", ["0", "-1", "nan", "5mm"]),
         ("plane", "--alpha", ["0", "1"]),
+        ("plane", "--tolerance", ["0", "-1", "nan"]),
         ("plan", "--power", ["1"]),
         ("info", "--columns", ["x=a,y=b,z", "a=x", "1,2,3"]),
     ],

@@ -164,7 +164,7 @@ def test_the_files_of_a_folder_are_tested_as_one_plane(wall, wall_file, tmp_path
         np.testing.assert_array_equal(joined[name], values)
         np.testing.assert_array_equal(np.concatenate([part[name] for part in each]), values)
     assert "become a folder" in error_line(run("plane", folder, tmp_path / "out.csv"))
-    assert "cannot be written" in error_line(run("plane", folder, tmp_path / "no" / "each"))
+    assert "does not exist" in error_line(run("plane", folder, tmp_path / "no" / "each"))
 
 
 def moved(path, wall, shift):
@@ -218,7 +218,7 @@ def test_the_normal_faces_a_place(wall_file):
             -0.8 * side, abs=0.01
         )
     refused = run("plane", wall_file, "--toward", "2,-10")
-    assert "2,-10 is no position, such as 0,0,0" in usage_error(refused)
+    assert "2,-10 is not a position, such as 0,0,0" in usage_error(refused)
 
 
 @pytest.mark.parametrize(("share", "is_asked"), [(0.18, False), (0.22, True), (0.45, True)])
