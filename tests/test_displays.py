@@ -141,11 +141,6 @@ def test_perspective_enlarges_what_is_near():
     assert lengths[2] < 1.8
 
 
-def test_a_few_points_can_be_drawn():
-    for points in ([[1.0, 2.0, 3.0]], np.zeros((2, 3)), np.eye(3) * [1, 1, 0]):
-        EdgeDisplay(points, np.ones(len(points))).plot(max_points=2).figure_.canvas.draw()
-
-
 @pytest.mark.parametrize(
     ("view", "columns", "near"), [("top", [0, 1], 2), ("front", [0, 2], 4), ("side", [1, 2], 0)]
 )
@@ -160,30 +155,6 @@ def test_exactly_the_outliers_are_red(xyz):
     colors = plot_cloud(xyz, outliers=outliers, view="front").collections[0].get_facecolors()
     red = (colors[:, 0] > 0.8) & (colors[:, 1:3] < 0.2).all(axis=1)
     np.testing.assert_array_equal(red, outliers[np.argsort(-xyz[:, 1])])
-
-
-@pytest.mark.parametrize("color", ["tab:blue", (0.1, 0.2, 0.3), "values", "rgb"])
-def test_colors_may_be_one_or_one_a_point(color, xyz):
-    color = {"values": xyz[:, 0], "rgb": np.abs(xyz)}.get(color, color)
-    for outliers in (None, xyz[:, 0] > 2):
-        plot_cloud(xyz, color=color, outliers=outliers).figure.canvas.draw()
-
-
-def test_the_ball_beside_the_normals_has_the_color_of_each_of_its_normals(xyz):
-    normals = xyz / np.linalg.norm(xyz, axis=1, keepdims=True)
-    axes = NormalsDisplay.from_predictions(xyz, normals, view="front").ax_
-    ball, _ = axes.artists[-1].get_child().get_children()
-    picture = ball.get_data()
-    middle = len(picture) // 2
-    # Seen along +y: x to the right, z up, and the near side looks along -y.
-    for row, column, normal in (
-        (middle, middle, [0, -1, 0]),
-        (-1, middle, [0, 0, 1]),
-        (middle, -1, [1, 0, 0]),
-    ):
-        expected = [*plotting.normal_colors([normal], view="front")[0], 1.0]
-        np.testing.assert_allclose(picture[row, column], expected, atol=1e-9)
-    assert picture[0, 0, 3] == 0  # nothing outside of the ball
 
 
 def test_each_of_many_regions_has_a_color_of_its_own_and_none_is_gray():

@@ -64,22 +64,6 @@ def test_the_stored_run_that_pages_quote_has_the_shares_of_this_one(demo):
         np.testing.assert_allclose(np.float64(old[1:]), np.float64(new[1:]), rtol=0, atol=0.1)
 
 
-def test_the_picture_that_pages_show_is_the_one_that_the_demo_makes(demo):
-    figures = pytest.importorskip("benchmarks.demo_figures", reason="a checkout is needed")
-    stored = n_red(pytest.importorskip("PIL.Image").open(figures.DOCS / "images" / "demo.png"))
-    assert stored == pytest.approx(
-        n_red(figures.picture(demo[0])), rel=0.01
-    )  # and not one of 40,000
-
-
-def n_red(picture):
-    """Pixels of outliers in each quarter; another matplotlib may draw some otherwise."""
-    red, green, blue = np.moveaxis(np.asarray(picture.convert("RGB"), int), 2, 0)
-    outlier = (red > 180) & (green < 90) & (blue < 90)
-    half = np.array_split(outlier, 2)
-    return [int(quarter.sum()) for part in half for quarter in np.array_split(part, 2, axis=1)]
-
-
 def test_the_demo_replaces_a_file_only_by_force_and_gives_the_same_again(tmp_path, monkeypatch):
     monkeypatch.setattr(_demo, "N_POINTS", 2_000)
     done("demo", tmp_path)

@@ -4,13 +4,11 @@ import importlib
 import os
 import subprocess
 import sys
-import warnings
 
-import numba
 import numpy as np
 import pytest
 
-from sklearn_mcmd.runtime import _compiling, _kernels, _progress
+from sklearn_mcmd.runtime import _compiling, _kernels
 
 SOURCE = """
 from sklearn_mcmd.runtime._kernels import kernel
@@ -34,11 +32,16 @@ def test_where_numba_is_told_not_to_compile_python_runs():
     assert subprocess.check_output(command, env=environment, text=True) == "6\n"
 
 
-def test_a_kernel_that_makes_arrays_without_saying_so_does_not_compile():
+def test_a_kernel_that_makes_arrays_compiles_only_if_it_says_so():
+    @_kernels.kernel(cache=True, allocates=True)
+    def ones(n):
+        return np.ones(n)
+
     @_kernels.kernel(cache=True)
     def zeros(n):
         return np.zeros(n)
 
+    assert ones(3).tolist() == [1, 1, 1]
     with pytest.raises(Exception, match="No implementation"):
         zeros(3)
 
@@ -122,32 +125,6 @@ def test_a_package_that_cannot_be_written_keeps_its_code_elsewhere_or_compiles_e
         assert done.stderr.count("Compiled code cannot be kept, so each run compiles anew") == (
             compilations - 1
         )
-
-
-@pytest.mark.parametrize("is_there", [True, False])
-def test_the_line_on_compiling_says_where_code_is_kept_if_not_for_long(
-    is_there, tmp_path, monkeypatch
-):
-    folder = str(tmp_path) if is_there else ""
-    monkeypatch.setattr(_compiling, "_own_folder", lambda: folder)
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
-    monkeypatch.setattr(_kernels, "is_kept", True)
-    monkeypatch.setattr(_progress, "COMPILING", _progress.COMPILING)
-    outcomes = iter([RuntimeError("cannot cache function: no locator"), "compiled"])
-
-    def load(module, name):
-        if isinstance(outcome := next(outcomes), Exception):
-            raise outcome
-        return outcome
-
-    monkeypatch.setattr(_compiling, "_load", load)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        assert _compiling.compiled_function("planes._nearest_numba", "any") == "compiled"
-    how = "each time: no folder can keep it"
-    if is_there:
-        how = f"kept in {tmp_path}, until temporary files are removed"
-    assert f"compiling for this computer ({how})" == _progress.COMPILING
 
 
 def test_the_folder_is_this_users_alone(tmp_path, monkeypatch):
