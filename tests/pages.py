@@ -103,15 +103,6 @@ class Tab:
         """Wait until all is drawn."""
         self.wait_for(f"Boolean(window.cloudPage && {STILL})")
 
-    def measure(self, *places):
-        """Look from above, and measure the length between two places of the window."""
-        self.tab.keyboard.press("2")
-        self.tab.keyboard.press("m")
-        self.rest()
-        for x, y in places:
-            self.tab.mouse.click(x, y)
-            time.sleep(0.4)
-
     def wait_for(self, expression):
         """The page forbids the evaluation that Playwright's wait needs."""
         end = time.monotonic() + 600

@@ -6,9 +6,6 @@ import sys
 
 import pytest
 
-from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.io import PointCloud, write_points
-
 pytestmark = pytest.mark.slow
 # Estimators in turn, each of which needs some functions that those before it have not compiled;
 # then curvatures of a machined part without noise, whose folds rounding decides.
@@ -37,27 +34,13 @@ MOST = {
     "RegionGrowing": 25,
     "SharpFeatureDetector": 3,
 }
-# Verbs in turn, each with its arguments in a line.
-VERBS = """
-import sys
-from numba.core import event
-from sklearn_mcmd.cli import app
-
-compiled = event.RecordingListener()
-event.register("numba:compile", compiled)
-for line in sys.stdin:
-    before = len(compiled.buffer)
-    app(line.split(), standalone_mode=False)
-    print((len(compiled.buffer) - before) // 2)
-"""
 
 
-def printed(cache, code, *arguments, lines=()):
+def printed(cache, code, *arguments):
     """The words that a process prints whose compiled functions are kept in a folder."""
     done = subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)],
         env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-        input="\n".join(lines),
         capture_output=True,
         text=True,
         check=True,
@@ -73,18 +56,3 @@ def test_few_functions_are_compiled_once_and_give_what_loaded_ones_give(tmp_path
         assert 1 <= int(count) <= MOST[name], name
     assert later_counts == ["0", "0", "0", "0"]
     assert first == second
-
-
-def test_nothing_is_compiled_after_warm_up(tmp_path):
-    points = make_street(20_000, outlier_share=0.1, random_state=0).data
-    write_points(tmp_path / "street.npy", PointCloud(points[:8_000], {}))
-    write_points(tmp_path / "flight.laz", PointCloud(points, {}))
-    (count,) = printed(tmp_path / "cache", VERBS, lines=["warm-up --quiet"])
-    assert int(count) > 50
-    runs = [
-        f"{verb} {tmp_path / source} {tmp_path / verb}.{source} --quiet"
-        for verb in ("denoise", "normals", "segment", "edges")
-        for source in ("street.npy", "flight.laz")
-    ]
-    counts = printed(tmp_path / "cache", VERBS, lines=runs)
-    assert dict(zip(runs, counts, strict=True)) == dict.fromkeys(runs, "0")

@@ -7,7 +7,7 @@ from sklearn_mcmd.adjustment._planning import PlanePlan, plan_plane
 from sklearn_mcmd.adjustment._power import coupled_level, noncentrality
 from sklearn_mcmd.adjustment._precision import PlanePrecision
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
-from sklearn_mcmd.adjustment._report import plot_report, text_report
+from sklearn_mcmd.adjustment._report import text_report
 from sklearn_mcmd.adjustment._scan_weights import (
     ScanWeights,
     VarianceComponent,
@@ -37,7 +37,6 @@ __all__ = [
     "local_level",
     "noncentrality",
     "plan_plane",
-    "plot_report",
     "scan_weights",
     "text_report",
     "variance_components",

@@ -262,7 +262,9 @@ def _variance_ratio(detector):
     if detector.sigma0 == "auto" or detector._fitted.is_rounding or f < 1:
         return {}
     low, high = (chdtri(f, share) / f for share in (0.975, 0.025))
-    ratio = detector.variance_factor_ / detector.sigma0_**2
+    # The square of the quotient, as sigma0 may be so large that its own square overflows.
+    deviation = float(np.sqrt(detector.variance_factor_) / detector.sigma0_)
+    ratio = deviation * deviation
     words = f"{ratio:.4g} = v'Pv / (f sigma0^2), without outliers; {low:.4g} to {high:.4g} is usual"
     return {"variance ratio": f"{words} (95 %)"}
 

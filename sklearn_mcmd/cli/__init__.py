@@ -26,10 +26,9 @@ VERBS = {
     "view": "Make one HTML page that shows point clouds in any browser, offline.",
     "info": "Show what a file holds: points, bounds, spacing, duplicates, attributes.",
     "demo": "Clean a simulated street scan whose truth is known, and show how well that went.",
-    "warm-up": "Compile for this computer what denoise, normals, segment and edges need.",
 }
 TYPED = f"{__name__}.typed"  # where a context keeps what was typed after the verb
-MODULES = {"plan": "_plane", "warm-up": "_demo"}  # others are as the verb
+MODULES = {"plan": "_plane"}  # others are as the verb
 
 
 class Verb(TyperCommand):
@@ -41,7 +40,7 @@ class Verb(TyperCommand):
     def loaded(self):
         """The command that does the work."""
         module = import_module(f"{__name__}.{MODULES.get(self.name, f'_{self.name}')}")
-        work = getattr(module, self.name.replace("-", "_"))
+        work = getattr(module, self.name)
         help = f"{self.help}\n\n{getdoc(work)}"
         alone = typer.Typer(add_completion=False)
         alone.command(self.name, help=help)(work)
@@ -59,7 +58,8 @@ app = typer.Typer(
     help="Find outliers, normals, surfaces and edges of point clouds. The extension of a file "
     "chooses its format; mcmd info --help lists them.",
     epilog="Exit codes: 0 done, 1 failed (one line on stderr says why), 2 wrong usage, "
-    "130 interrupted. An output file appears only when it is complete. It may be the input file.",
+    "130 interrupted. An output file appears only when it is complete. "
+    "It replaces a file of its name, and may be the input file.",
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,

@@ -5,15 +5,14 @@ import warnings
 from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from datetime import timedelta
 from errno import ENOENT
 from types import SimpleNamespace
 from typing import ClassVar
 
-import typer
-
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._options import option
+from sklearn_mcmd.cli._options import option, parsed
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._formats import TILED, TILED_NAMES
 from sklearn_mcmd.io._las_parts import read_parts
@@ -32,10 +31,7 @@ an OUT that ends in .las or .laz gets all.
 def _memory(text):
     from sklearn_mcmd.tiling._memory import parse_memory
 
-    try:
-        return parse_memory(text)
-    except ValueError as err:
-        raise typer.BadParameter(str(err).removeprefix("memory=")) from err
+    return parse_memory(text)
 
 
 @dataclass
@@ -47,20 +43,19 @@ class CloudVerb:
     """
 
     estimator: ClassVar[Callable]  # (): the estimator, with its parameters as options tell them
-    # (cloud, estimator): what is found in memory, by names; numbers have those of `RunReport`
+    # (cloud, estimator): the outcome in memory, by names; numbers have those of `RunReport`
     find: ClassVar[Callable]
-    # (cloud, found=None): what to write, and the points to mark in it; blank if nothing is found
-    written: ClassVar[Callable]
-    rows: ClassVar[Callable]  # (found): rows of the summary, of memory or of a `RunReport`
-    contents: ClassVar[Callable]  # (cloud, found): `Contents` of a report,
-    tile_contents: ClassVar[Callable]  # (catalog, told): and of one by tiles
+    written: ClassVar[Callable]  # (cloud, outcome=None): the `Output`; blank without an outcome
+    rows: ClassVar[Callable]  # (outcome): rows of the summary, of memory or of a `RunReport`
+    contents: ClassVar[Callable]  # (cloud, outcome): `Contents` of a report,
+    tile_contents: ClassVar[Callable]  # (catalog, run): and of one by tiles
 
     source: _options.InFiles
     target: _options.OutFiles
     memory: float | None = option(
         None,
         "Memory to take, such as 2GB; 430MB or more.",
-        parser=_memory,
+        parser=parsed(_memory, "a size, such as 2GB"),
         metavar="SIZE",
         show_default="half of it",
     )
@@ -86,7 +81,6 @@ class CloudVerb:
     report: _files.ReportFolder = None
     columns: _options.Columns = None
     unit: _options.HiddenUnit = ""  # which options that are lengths look up
-    no_clobber: _options.NoClobber = False
     allow_coarse: _options.AllowCoarse = False
     help_all: _options.HelpAll = False
     quiet: _options.Quiet = False
@@ -94,9 +88,8 @@ class CloudVerb:
     results = ""  # what formats may have no place for
     writes_all = True  # whether no point is left out
 
-    def other_files(self, catalog):
-        """The files to write beside the cloud; an error if options do not go with tiles."""
-        return []
+    def check_options(self, catalog):
+        """Raise before the work if options cannot be had, by tiles if there is a catalog."""
 
     def dry_parameters(self, catalog):
         """Other parameters of an estimator whose time a dry run measures."""
@@ -106,31 +99,34 @@ class CloudVerb:
         """What `process_files` takes beside the estimator."""
         return {"colors": getattr(self, "colors", None)}
 
-    def write(self, cloud, found):
-        _files.write(self.target, *self.written(cloud, found))
+    def write(self, cloud, outcome):
+        _files.write(self.target, self.written(cloud, outcome))
 
     def in_memory(self, estimator):
+        """The outcome, and what makes the `Contents` of a report of it."""
         cloud = _files.read(self.source, self.target, self.results, columns=self.columns)
-        rehearse(self.target, *self.written(cloud), whole=self.writes_all)
+        blank = self.written(cloud)
+        rehearse(self.target, blank.cloud, blank.noise, whole=self.writes_all)
         with _files.working(self.source):
-            told = self.find(cloud, estimator)
-            found = SimpleNamespace(n_points=len(cloud), n_tiles=0, **told)
-        self.write(cloud, found)
-        return found, lambda: self.contents(cloud, found)
+            results = self.find(cloud, estimator)
+            outcome = SimpleNamespace(n_points=len(cloud), n_tiles=0, **results)
+        self.write(cloud, outcome)
+        return outcome, lambda: self.contents(cloud, outcome)
 
     def by_tiles(self, catalog, estimator):
+        """Likewise, with the `RunReport` as outcome."""
         from sklearn_mcmd.tiling import process_files
 
         asked = {"memory": self.memory, "n_jobs": estimator.n_jobs, "restart": self.restart}
-        told = process_files(catalog, self.target, estimator, **asked, **self.tile_options())
-        return told, lambda: self.tile_contents(catalog, told)
+        run = process_files(catalog, self.target, estimator, **asked, **self.tile_options())
+        return run, lambda: self.tile_contents(catalog, run)
 
-    def shown(self, catalog, told, *names):
+    def shown(self, catalog, run, names):
         """What a report shows of these attributes of a run by tiles."""
         from sklearn_mcmd.report._shown import Shown
         from sklearn_mcmd.tiling._outputs import targets_of
 
-        return Shown.of_tiles(catalog, targets_of(catalog, self.target), told, names)
+        return Shown.of_tiles(catalog, targets_of(catalog, self.target), run, names)
 
     def run(self):
         from sklearn_mcmd._sklearn import check_parameters
@@ -139,20 +135,18 @@ class CloudVerb:
         check_parameters(estimator)
         with nullcontext() if self.scheduler is None else joblib_by(self.scheduler):
             catalog = self._large_catalog()
-            others = self.other_files(catalog)
+            self.check_options(catalog)
             if self.dry_run:
                 self._print_plan(catalog, estimator)
                 return
-            if self.no_clobber:
-                _files.refuse_existing(self.target, *others, report=self.report, catalog=catalog)
             with _messages.progress(type(self).__name__.lower(), self.quiet):
                 if catalog is None:
-                    told, contents = self.in_memory(estimator)
+                    outcome, contents = self.in_memory(estimator)
                 else:
-                    told, contents = self.by_tiles(catalog, estimator)
+                    outcome, contents = self.by_tiles(catalog, estimator)
                 _files.write_report_of(self, begin, contents)
             if not self.quiet:
-                rows = {"points": f"{told.n_points:,}"} | self.rows(told)
+                rows = {"points": f"{outcome.n_points:,}"} | self.rows(outcome)
                 title = f"{self.source} -> {self.target}"
                 _messages.print_table(title, begin, **rows)
 
@@ -223,24 +217,20 @@ class CloudVerb:
         if tiles:
             seconds *= MORE / (plan.n_workers * plan.n_threads)
         title = f"{self.source} -> {self.target}"
-        _messages.print_table(title, **rows, time=f"about {_in_words(seconds)}")
+        _messages.print_table(
+            title, **rows, time=f"about {timedelta(seconds=round(seconds))} hours"
+        )
 
 
-def tiles_row(told):
+def tiles_row(outcome):
     """The row of the summary on tiles, where there are any."""
-    if told.n_tiles == 0:
+    if outcome.n_tiles == 0:
         return {}
-    share = 100 * told.n_proven / max(1, told.n_points)
+    share = 100 * outcome.n_proven / max(1, outcome.n_points)
     return {
-        "tiles": f"{told.n_tiles:,}, of which {told.n_resumed:,} were done before",
+        "tiles": f"{outcome.n_tiles:,}, of which {outcome.n_resumed:,} were done before",
         "halos": f"complete for {share:.2f} % of the points",
     }
-
-
-def _in_words(seconds):
-    if seconds < 120:
-        return f"{seconds:.0f} seconds"
-    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
 
 
 @contextmanager

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-import typer
 
 import sklearn_mcmd
 from sklearn_mcmd._choices import Mode, OutlierMethod, Strictness
 from sklearn_mcmd.cli import _options, _sensor
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
+from sklearn_mcmd.cli._files import Output
 from sklearn_mcmd.cli._messages import number_and_share
-from sklearn_mcmd.cli._options import command_of, length, made, option
+from sklearn_mcmd.cli._options import command_of, length, made, option, parsed
 from sklearn_mcmd.io._classes import LOW_NOISE, Choice, class_numbers, noise_classes
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import (
@@ -30,18 +30,11 @@ PAPER = "paper"  # the level that is None in Python
 
 def _classes(text):
     """Classes, separated by commas."""
-    try:
-        numbers: list = [int(part) for part in text.split(",")]
-    except ValueError:
-        numbers = [None]
-    try:
-        return class_numbers(numbers)
-    except ValueError as err:
-        raise typer.BadParameter(f"{text} {err}, such as 6,9") from err
+    return class_numbers([int(part) for part in text.split(",")])
 
 
 HEIGHT = {"metavar": "HEIGHT", "hidden": True, "signed": True}
-CLASSES = {"parser": _classes, "metavar": "CLASSES"}
+CLASSES = {"parser": parsed(_classes, "a list of classes, such as 6,9"), "metavar": "CLASSES"}
 
 
 @dataclass
@@ -138,12 +131,11 @@ class Denoise(CloudVerb):
     def dry_parameters(self, catalog):
         return {"sensor_origin": "origin" if self.asked.may_be_known(catalog) else None}
 
-    def other_files(self, catalog):
+    def check_options(self, catalog):
         if self.false_positive_rate is not None:
             from sklearn_mcmd.outliers._calibration import check_rate
 
             check_rate(self.false_positive_rate)  # before a file is read
-        return []
 
     def estimator(self):
         typed = self.sensor if isinstance(self.sensor, tuple) else None
@@ -162,30 +154,30 @@ class Denoise(CloudVerb):
         if cloud.metadata.get("denoised"):
             warnings.warn(denoised_before(self.source), stacklevel=2)
         points = judged_points(self.source, cloud, self.choice, **self.heights)
-        some = cloud if points.used.all() else cloud.subset(points.used)
-        sensed = self._detect(detector, cloud, some, points.used)
+        used_cloud = cloud if points.used.all() else cloud.subset(points.used)
+        sensed = self._detect(detector, cloud, used_cloud, points.used)
         classes, score, under = _verdict(cloud, points, detector, self.low_groups)
         is_outlier = classes != 0
         _warn_if_without_scale(np.sum(score[is_outlier] > EXACT_PLANE_SCORE), len(cloud))
         removed = (is_outlier & ~under)[points.used]
-        together = losses_of(detector, lambda: [(some.xyz, removed)], len(some))
+        together = losses_of(detector, lambda: [(used_cloud.xyz, removed)], len(used_cloud))
         if together:
             warnings.warn(together, stacklevel=2)
         return {
-            "some": some,
+            "used_cloud": used_cloud,
             "points": points,
             "detector": detector,
             "classes": classes,
             "score": score,
             "n_judged": np.count_nonzero(points.judged),
-            "n_used": len(some),
+            "n_used": len(used_cloud),
             "n_outliers": np.count_nonzero(is_outlier),
             "together": together,
             "sensor": sensed,
         }
 
-    def _detect(self, detector, cloud, some, used):
-        """Let the detector judge some of the points; rows on the sensor."""
+    def _detect(self, detector, cloud, used_cloud, used):
+        """Let the detector judge the used points; rows on the sensor."""
         from sklearn_mcmd.outliers._detector import judged_cloud
 
         light = _sensor.intensity_of(self.source, cloud)[used] if self.intensity else None
@@ -193,25 +185,26 @@ class Denoise(CloudVerb):
         doubted = self.asked.recognize or self.asked.sensor == _sensor.AUTO
         doubted = doubted and origins is not None
         detector.set_params(sensor_origin=_sensor.AUTO if doubted else None)
-        detector.fit(in_own_precision(some.xyz), sensor_origin=origins, intensity=light)
+        detector.fit(in_own_precision(used_cloud.xyz), sensor_origin=origins, intensity=light)
         judged = judged_cloud(detector)
         where = "" if judged.rays is None else where  # it is not used
         return rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
 
-    def written(self, cloud, found=None):
+    def written(self, cloud, outcome=None):
         n = len(cloud)
-        classes = np.zeros(n, np.uint8) if found is None else found.classes
-        score = np.zeros(n, np.float32) if found is None else found.score.astype(np.float32)
+        classes = np.zeros(n, np.uint8) if outcome is None else outcome.classes
+        score = np.zeros(n, np.float32) if outcome is None else outcome.score.astype(np.float32)
         if self.marks:
-            return with_results(cloud, {"outlier_score": score}), classes
-        return without_outliers(cloud, classes == 0), None
+            return Output(with_results(cloud, {"outlier_score": score}), classes)
+        return Output(without_outliers(cloud, classes == 0))
 
-    def rows(self, told):
+    def rows(self, outcome):
         rows = {}
-        if told.n_judged < told.n_points:
-            rows["judged"] = number_and_share(told.n_judged, told.n_points)
-        found = number_and_share(told.n_outliers, told.n_points)
-        return rows | tiles_row(told) | told.sensor | {"marked" if self.marks else "removed": found}
+        if outcome.n_judged < outcome.n_points:
+            rows["judged"] = number_and_share(outcome.n_judged, outcome.n_points)
+        done = "marked" if self.marks else "removed"
+        outliers = number_and_share(outcome.n_outliers, outcome.n_points)
+        return rows | tiles_row(outcome) | outcome.sensor | {done: outliers}
 
     def tile_options(self):
         return self.heights | {
@@ -223,38 +216,40 @@ class Denoise(CloudVerb):
         }
 
     def by_tiles(self, catalog, estimator):
-        told, contents = super().by_tiles(catalog, estimator)
-        _warn_if_without_scale(told.n_exact, told.n_points)
-        return told, contents
+        run, contents = super().by_tiles(catalog, estimator)
+        _warn_if_without_scale(run.n_exact, run.n_points)
+        return run, contents
 
-    def contents(self, cloud, found):
+    def contents(self, cloud, outcome):
         from sklearn_mcmd.report._outliers_page import denoise_contents, plane_scales
         from sklearn_mcmd.report._shown import Shown
 
-        detector, is_outlier = found.detector, (found.classes != 0)[found.points.used]
+        detector, is_outlier = outcome.detector, (outcome.classes != 0)[outcome.points.used]
         results = {
             "outlier": is_outlier.astype(np.uint8),
             "outlier_score": (-detector.scores_).astype(np.float32),
         }
         scales = plane_scales(detector)
-        shown = Shown.of_memory(found.some, detector.n_neighbors_, scales, **results)
-        if found.n_used < found.n_points:
-            used = ("used", f"{found.n_used:,}, as follows")
-            shown = shown._replace(rows=[("points", f"{found.n_points:,}"), used, *shown.rows[1:]])
+        shown = Shown.of_memory(outcome.used_cloud, detector.n_neighbors_, scales, **results)
+        if outcome.n_used < outcome.n_points:
+            used = ("used", f"{outcome.n_used:,}, as follows")
+            shown = shown._replace(
+                rows=[("points", f"{outcome.n_points:,}"), used, *shown.rows[1:]]
+            )
         n, cutoff = np.count_nonzero(is_outlier), -float(detector.offset_)
-        return denoise_contents(shown, found, n, cutoff, marked=self.marks, detector=detector)
+        return denoise_contents(shown, outcome, n, cutoff, marked=self.marks, detector=detector)
 
-    def tile_contents(self, catalog, told):
+    def tile_contents(self, catalog, run):
         from sklearn_mcmd.planes._explaining import ExplainLimits
         from sklearn_mcmd.report._outliers_page import denoise_contents, shown_of_tiles
         from sklearn_mcmd.tiling._outputs import targets_of
 
-        shown = shown_of_tiles(catalog, targets_of(catalog, self.target), told, self.marks)
+        shown = shown_of_tiles(catalog, targets_of(catalog, self.target), run, self.marks)
         found_by_run = (self.contamination, self.false_positive_rate) != (None, None)
         cutoff = self.cutoff
         if cutoff is None and not found_by_run and self.strictness != PAPER:
             cutoff = ExplainLimits().explained
-        return denoise_contents(shown, told, told.n_outliers, cutoff, marked=self.marks)
+        return denoise_contents(shown, run, run.n_outliers, cutoff, marked=self.marks)
 
 
 denoise = command_of(Denoise, more=BY_TILES)

@@ -8,6 +8,7 @@ import sklearn_mcmd
 from sklearn_mcmd._choices import Criterion
 from sklearn_mcmd.cli import _options
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
+from sklearn_mcmd.cli._files import Output
 from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._options import command_of, made, option
 from sklearn_mcmd.planes._resolution import in_own_precision
@@ -56,38 +57,38 @@ class Edges(CloudVerb):
             "n_edges": np.count_nonzero(is_edge),
         }
 
-    def written(self, cloud, found=None):
+    def written(self, cloud, outcome=None):
         from sklearn_mcmd.plotting._still import with_edges
 
         is_edge, score = np.zeros(len(cloud), bool), np.zeros(len(cloud), np.float32)
-        if found is not None:
-            is_edge, score = found.is_edge, found.score
-        return with_edges(cloud, is_edge, score, self.colors), None
+        if outcome is not None:
+            is_edge, score = outcome.is_edge, outcome.score
+        return Output(with_edges(cloud, is_edge, score, self.colors))
 
-    def rows(self, told):
-        return tiles_row(told) | {"edges": number_and_share(told.n_edges, told.n_points)}
+    def rows(self, outcome):
+        return tiles_row(outcome) | {"edges": number_and_share(outcome.n_edges, outcome.n_points)}
 
-    def contents(self, cloud, found):
+    def contents(self, cloud, outcome):
         from sklearn_mcmd.plotting._still import edge_columns
         from sklearn_mcmd.report._edges_page import edges_contents
         from sklearn_mcmd.report._shown import Shown
 
-        detector = found.detector
+        detector = outcome.detector
         scales = getattr(detector.normal_estimator_, "plane_scale_", None)
-        results = edge_columns(found.is_edge, found.score)
+        results = edge_columns(outcome.is_edge, outcome.score)
         shown = Shown.of_memory(cloud, detector.n_neighbors, scales, **results)
         limit = float(detector.offset_ if detector.criterion == "crease" else -detector.offset_)
         n_outliers = np.count_nonzero(~detector.inlier_mask_)
         others = [("outliers that were left out", f"{n_outliers:,}")]
-        return edges_contents(shown, detector.criterion, found.n_edges, limit, others)
+        return edges_contents(shown, detector.criterion, outcome.n_edges, limit, others)
 
-    def tile_contents(self, catalog, told):
+    def tile_contents(self, catalog, run):
         from sklearn_mcmd.edges._detector import crease_width
         from sklearn_mcmd.report._edges_page import edges_contents
 
-        shown = self.shown(catalog, told, "edge", "edge_score")
+        shown = self.shown(catalog, run, ["edge", "edge_score"])
         limit = crease_width(self.estimator()) if self.criterion == "crease" else None
-        return edges_contents(shown, self.criterion, told.n_edges, limit, [])
+        return edges_contents(shown, self.criterion, run.n_edges, limit, [])
 
 
 edges = command_of(Edges, without={"unit"}, more=BY_TILES)  # it has no option that is a length

@@ -1,6 +1,5 @@
 """Reading and writing by the verbs, reports too. Errors of writing appear before the long work."""
 
-import os
 import shlex
 import time
 import warnings
@@ -32,7 +31,7 @@ from sklearn_mcmd.runtime._progress import current_span, progress_part
 
 USUAL_NEIGHBORS = 50  # of estimators by default, where none have been given
 # Begin and end of the work between reading and writing, as shares of a verb's progress.
-WORKING = (0.04, 0.97)
+WORK_BEGINS, WORK_ENDS = 0.04, 0.97
 DRAWN = 0.8  # share of a report's time until its maps are drawn
 
 
@@ -91,7 +90,7 @@ def read(source, target=None, results=None, *, columns=None):
         rehearse(target, PointCloud(np.zeros((1, 3))))
         if results and (one := format_of(target)).results not in (ALL, results):
             raise ValueError(f"{target}: {one.name} has no place for {results}; use another format")
-    with progress_part(0.0, WORKING[0], "reading"):
+    with progress_part(0.0, WORK_BEGINS, "reading"):
         cloud = read_points(source, columns=columns)
     if n_left := cloud.n_dropped - cloud.metadata.get(LEFT_OUT, 0):
         words = f"{counted(n_left, 'point')} without coordinates {agreed(n_left, 'are')} left out"
@@ -99,29 +98,10 @@ def read(source, target=None, results=None, *, columns=None):
     return cloud
 
 
-def refuse_existing(*targets, report=None, catalog=None):
-    """Raise if an output is there that --no-clobber keeps; a `catalog` may have several."""
-    more = ""
-    if catalog is not None:
-        from sklearn_mcmd.tiling._folder import MOVES, WorkFolder
-        from sklearn_mcmd.tiling._outputs import targets_of
-
-        if (WorkFolder.path_of(targets[0]) / MOVES).exists():
-            more = "; an earlier run has moved a part of its outputs, and goes on without it"
-        targets = (*targets_of(catalog, targets[0]), *targets[1:])
-    if report is not None:
-        from sklearn_mcmd.report._rendering import PAGE, VIEW
-
-        targets = (*targets, report.folder / PAGE, report.folder / VIEW)
-    for path in targets:
-        if os.path.lexists(path):
-            raise FileExistsError(f"{path}: is there already, and --no-clobber keeps it{more}")
-
-
 @contextmanager
 def working(source, stage=None):
     """The work between reading and writing. Its errors name the file, if they do not yet."""
-    with progress_part(*WORKING, stage):
+    with progress_part(WORK_BEGINS, WORK_ENDS, stage):
         try:
             yield
         except Exception as err:
@@ -130,9 +110,16 @@ def working(source, stage=None):
             raise
 
 
-def write(target, cloud, noise=None):
-    with progress_part(WORKING[1], 1.0, "writing"):
-        write_points(target, cloud, noise=noise)
+class Output(NamedTuple):
+    """What is written: a cloud, and its points that are marked as noise, bool or class (n,)."""
+
+    cloud: PointCloud
+    noise: np.ndarray | None = None
+
+
+def write(target, output):
+    with progress_part(WORK_ENDS, 1.0, "writing"):
+        write_points(target, output.cloud, noise=output.noise)
 
 
 class Report(NamedTuple):

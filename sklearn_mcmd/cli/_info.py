@@ -57,16 +57,17 @@ def summarize(source, cloud):
         if values.dtype.kind not in "biuf":
             rows[f"- {name}"] = str(values.dtype)
             continue
-        known = values[np.isfinite(values) & ~_without_data(cloud, name)]
-        if known.size == 0:
+        numbers = values[np.isfinite(values) & ~_without_data(cloud, name)]
+        if numbers.size == 0:
             constant.append(f"{name} nan")
-        elif known.min() == known.max() and known.size == values.size:
-            constant.append(f"{name} {known.min():g}")
-        else:
-            shape = f" x {values.shape[1]}" if values.ndim == 2 else ""
-            unknown = ", some without a value" if known.size < values.size else ""
-            low_high = f"{known.min():.6g} to {known.max():.6g}"
-            rows[f"- {name}"] = f"{values.dtype}{shape}, {low_high}{unknown}"
+            continue
+        low, high, is_whole = numbers.min(), numbers.max(), numbers.size == values.size
+        if low == high and is_whole:
+            constant.append(f"{name} {low:g}")
+            continue
+        shape = f" x {values.shape[1]}" if values.ndim == 2 else ""
+        missing = "" if is_whole else ", some without a value"
+        rows[f"- {name}"] = f"{values.dtype}{shape}, {low:.6g} to {high:.6g}{missing}"
     if constant:
         rows["constant"] = ", ".join(constant)
     return rows
@@ -85,13 +86,13 @@ def summarize_each(paths, read):
             errors.append(str(err))
             continue
         told = summarize(path, cloud)
-        known = (
+        facts = [
             f"{name} {told[name].partition(' (')[0]}" for name in ("spacing", "CRS") if name in told
-        )
+        ]
         bounds += [cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)]
         n_points += len(cloud)
-        size = " x ".join(f"{extent:.4g}" for extent in bounds[-1] - bounds[-2])
-        rows[path.name] = ", ".join([counted(len(cloud), "point"), size, *known])
+        extent = " x ".join(f"{length:.4g}" for length in bounds[-1] - bounds[-2])
+        rows[path.name] = ", ".join([counted(len(cloud), "point"), extent, *facts])
     rows["all"] = f"{counted(n_points, 'point')} of {counted(len(bounds) // 2, 'file')}"
     if bounds:
         ranges = bounds_rows(np.min(bounds, axis=0), np.max(bounds, axis=0))

@@ -12,7 +12,7 @@ import typer
 
 from sklearn_mcmd._errors import ParameterError, ParameterWarning, counted
 from sklearn_mcmd.runtime._interrupts import INTERRUPTED, raise_interrupts, was_interrupted
-from sklearn_mcmd.runtime._progress import listen_to_progress, progress_part
+from sklearn_mcmd.runtime._progress import listen_to_progress
 
 # Without a terminal: a stage is named after PATIENCE seconds, then progress is printed every AGAIN
 # seconds.
@@ -75,7 +75,7 @@ def _in_words(err):
 def _of_options(said):
     """What an error or a warning says, and what it repeats of its cause, with options as names."""
     if isinstance(said, ParameterError | ParameterWarning):
-        return said.worded(_option)
+        return said.worded(_option).replace(" points is ", " points are ")  # of $n_samples
     words, cause = str(said), str(said.__cause__ or "")
     return words.replace(cause, _of_options(said.__cause__)) if cause else words
 
@@ -150,16 +150,13 @@ def number_and_share(n, n_all):
 
 @contextmanager
 def progress(title, quiet):
-    """Show on stderr the progress that ``progress_part`` and estimators report within.
-
-    Yields ``progress_part``, which names the parts of the work.
-    """
+    """Show on stderr the progress that ``progress_part`` and estimators report within."""
     from rich.console import Console
 
     console = Console(stderr=True)
     show = _bars if console.is_terminal else _lines
     with nullcontext() if quiet else show(title, console) as listener, listen_to_progress(listener):
-        yield progress_part
+        yield
 
 
 @contextmanager

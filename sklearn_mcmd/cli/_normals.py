@@ -11,7 +11,8 @@ import sklearn_mcmd
 from sklearn_mcmd._choices import RuleMethod
 from sklearn_mcmd.cli import _options, _sensor
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
-from sklearn_mcmd.cli._options import command_of, length, made, option
+from sklearn_mcmd.cli._files import Output
+from sklearn_mcmd.cli._options import command_of, length, made, option, parsed
 from sklearn_mcmd.io._formats import SENSORS
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._resolution import in_own_precision
@@ -20,11 +21,10 @@ SOME_UPRIGHT = 0.05  # share of normals of upright faces that is worth a line
 DIRECTIONS = {"none": None, "up": [0.0, 0.0, 1.0]}
 
 
-def _count_or_auto(value):
+def _count_or_auto(text):
     """A whole number from 4 on, or auto."""
-    text = str(value)
-    if text != "auto" and not (text.isdecimal() and int(text) >= 4):
-        raise typer.BadParameter(f"{text} is not auto or a whole number from 4 on")
+    if text != "auto" and int(text) < 4:
+        raise ValueError
     return text if text == "auto" else int(text)
 
 
@@ -51,7 +51,7 @@ class Normals(CloudVerb):
         50,
         "Points in a neighborhood, with the point. auto: as many for each point as its noise asks "
         "for; an attribute n_neighbors tells how many.",
-        parser=_count_or_auto,
+        parser=parsed(_count_or_auto, "auto or a whole number from 4 on"),
         metavar="NUMBER|auto",
     )
     method: RuleMethod = option(
@@ -100,8 +100,8 @@ class Normals(CloudVerb):
         from sklearn_mcmd.normals._features import feature_columns
 
         self.asked = _sensor.Asked(self.source, self.sensor, self.trajectory)
-        given = self.sensor is not None or self.trajectory is not None
-        if given != (self.orientation == "sensor"):
+        is_sensed = self.sensor is not None or self.trajectory is not None
+        if is_sensed != (self.orientation == "sensor"):
             raise typer.BadParameter(
                 "--orientation sensor needs --sensor X,Y,Z|auto or --trajectory FILE, and these "
                 "need --orientation sensor: give both or neither."
@@ -109,8 +109,8 @@ class Normals(CloudVerb):
         self.feature_columns = feature_columns(self.features or (), "xyz")
 
     def dry_parameters(self, catalog):
-        given = self.orientation == "sensor"
-        return {"orientation": None, "sensor_origin": None} if given else {}
+        is_sensed = self.orientation == "sensor"
+        return {"orientation": None, "sensor_origin": None} if is_sensed else {}
 
     def estimator(self):
         return made(
@@ -137,42 +137,42 @@ class Normals(CloudVerb):
             "sensor": sensed,
         }
 
-    def written(self, cloud, found=None):
+    def written(self, cloud, outcome=None):
         names = self._columns() + ["n_neighbors"] * (self.n_neighbors == "auto")
         blank = dict.fromkeys(names, np.zeros(len(cloud), np.float32))
-        return with_results(cloud, blank if found is None else found.results), None
+        return Output(with_results(cloud, blank if outcome is None else outcome.results))
 
     def tile_options(self):
         return {"sensor_origin": self.asked.path()}
 
-    def rows(self, told):
-        rows = tiles_row(told)
-        rows["removed"] = f"{100 * told.removed_fraction:.2f} % of an average neighborhood"
-        if told.n_tiles == 0:  # tiles do not tell it
-            rows["surface variation"] = f"{told.variation:.2g} (median)"
-            rows |= told.sensor
-        if self.orientation == "none" and told.n_upright > SOME_UPRIGHT * told.n_points:
-            share = f"{100 * told.n_upright / told.n_points:.0f} % are of upright faces"
+    def rows(self, outcome):
+        rows = tiles_row(outcome)
+        rows["removed"] = f"{100 * outcome.removed_fraction:.2f} % of an average neighborhood"
+        if outcome.n_tiles == 0:  # tiles do not tell it
+            rows["surface variation"] = f"{outcome.variation:.2g} (median)"
+            rows |= outcome.sensor
+        if self.orientation == "none" and outcome.n_upright > SOME_UPRIGHT * outcome.n_points:
+            share = f"{100 * outcome.n_upright / outcome.n_points:.0f} % are of upright faces"
             rows["sides"] = f"{share}, to either side by chance; see --orientation sensor and mst"
         return rows
 
-    def contents(self, cloud, found):
+    def contents(self, cloud, outcome):
         from sklearn_mcmd.report._normals_page import normals_contents
         from sklearn_mcmd.report._shown import Shown
 
-        fitted, results = found.estimator, found.results
+        fitted, results = outcome.estimator, outcome.results
         both = results | {"normal_error": fitted.normal_error_.astype(np.float32)}
         n_neighbors = int(np.median(fitted.n_neighbors_))
         shown = Shown.of_memory(cloud, n_neighbors, fitted.plane_scale_, **both)
-        shown = shown._replace(rows=[*shown.rows, *found.sensor.items()])
+        shown = shown._replace(rows=[*shown.rows, *outcome.sensor.items()])
         return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
 
-    def tile_contents(self, catalog, told):
+    def tile_contents(self, catalog, run):
         from sklearn_mcmd.report._normals_page import normals_contents
 
         names = self._columns()
-        shown = self.shown(catalog, told, *names)
-        return normals_contents(shown, names, told.removed_fraction)
+        shown = self.shown(catalog, run, names)
+        return normals_contents(shown, names, run.removed_fraction)
 
     def _columns(self):
         from sklearn_mcmd.tiling._verbs import NORMAL_COLUMNS

@@ -24,6 +24,18 @@ def option(default, help, *names, **settings) -> Any:
     return field(default=default, metadata={"option": typer.Option(*names, help=help, **settings)})
 
 
+def parsed(function, form):
+    """What reads the text of an option by a function; what this refuses has not the form."""
+
+    def parse(text):
+        try:
+            return function(text)
+        except ValueError as err:
+            raise typer.BadParameter(f"{text} is not {form}") from err
+
+    return parse
+
+
 def length(default, help, *words, metavar="LENGTH", signed=False, **settings) -> Any:
     """The field of a length in units of the file, or with a unit of its own, or of some words."""
     about = "a number" if signed else "a number above 0"
@@ -44,13 +56,13 @@ def length(default, help, *words, metavar="LENGTH", signed=False, **settings) ->
         digits = text.rstrip(f"{ascii_letters} ")
         if not digits or digits == text:
             return number(text)
-        value, own, unit = number(digits), text[len(digits) :].strip(), context.params["unit"]
-        if not METERS.keys() >= {own, unit}:
+        value, typed, unit = number(digits), text[len(digits) :].strip(), context.params["unit"]
+        if not METERS.keys() >= {typed, unit}:
             raise typer.BadParameter(
                 f"{text} is no number. With a unit, it needs --unit, the unit of the file; both "
                 f"are one of {', '.join(METERS)}"
             )
-        return METERS[own] / METERS[unit] * value
+        return METERS[typed] / METERS[unit] * value
 
     return option(default, help, parser=str, callback=parse, metavar=metavar, **settings)
 
@@ -58,8 +70,8 @@ def length(default, help, *words, metavar="LENGTH", signed=False, **settings) ->
 def made(verb, kind, **others):
     """An estimator; its parameters are options of the same names that have a value, and others."""
     names = signature(kind).parameters.keys() & {one.name for one in fields(verb)}
-    given = {name: getattr(verb, name) for name in names if getattr(verb, name) is not None}
-    return kind(**given | others)
+    parameters = {name: getattr(verb, name) for name in names if getattr(verb, name) is not None}
+    return kind(**parameters | others)
 
 
 def _not_zero(value):
@@ -70,9 +82,10 @@ def _not_zero(value):
 
 def _columns(text):
     """The columns of axes, as in x=easting,y=northing,z=3."""
-    columns = dict(part.split("=", 1) for part in text.split(",") if "=" in part)
-    if len(columns) != text.count(",") + 1 or not columns.keys() <= set("xyz"):
-        raise typer.BadParameter(f"{text} is not of the form x=easting,y=northing,z=elevation")
+    pairs = [part.split("=", 1) for part in text.split(",")]
+    columns = dict(pairs)
+    if len(columns) < len(pairs) or not columns.keys() <= set("xyz"):
+        raise ValueError
     return columns
 
 
@@ -109,7 +122,7 @@ NJobs = Annotated[
 Columns = Annotated[
     dict | None,
     typer.Option(
-        parser=_columns,
+        parser=parsed(_columns, "of the form x=easting,y=northing,z=elevation"),
         metavar="x=A,y=B,...",
         help="Columns, by name or number.",
         show_default="by header",
@@ -131,7 +144,6 @@ UNIT = {
 }
 Unit = Annotated[str, typer.Option(**UNIT)]
 HiddenUnit = Annotated[str, typer.Option(hidden=True, **UNIT)]
-NoClobber = Annotated[bool, typer.Option("--no-clobber", help="Replace no file: fail instead.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show warnings only.")]
 
 
@@ -177,20 +189,19 @@ def command_of(kind, *, without=(), more=""):
     call = Signature(parameters)
 
     def command(*args, **kwargs):
-        given = call.bind(*args, **kwargs).arguments
+        values = call.bind(*args, **kwargs).arguments
         for names in getattr(kind, "one_of", ()):
-            values = {one: given.get(one) for one in names}
             asked = [
-                f"--{one.replace('_', '-')} {value}"
-                for one, value in values.items()
-                if value not in (None, "none")  # as --sensor none, which gives none
+                f"--{one.replace('_', '-')} {values[one]}"
+                for one in names
+                if values.get(one) not in (None, "none")  # as --sensor none, which tells none
             ]
             if len(asked) > 1:
                 raise typer.BadParameter(
                     f"{' and '.join(asked)} exclude each other: leave all but one out."
                 )
-        with clear_exits(allow_coarse=given.get("allow_coarse", False)):
-            kind(**given).run()
+        with clear_exits(allow_coarse=values.get("allow_coarse", False)):
+            kind(**values).run()
 
     command.__name__ = kind.__name__.lower()
     command.__doc__ = f"{getdoc(kind)}\n{more}"

@@ -1,21 +1,16 @@
 """``mcmd plane``, and ``mcmd plan``, which simulates its tests."""
 
-import os
 import time
 import warnings
-from contextlib import ExitStack
 from dataclasses import dataclass
-from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import typer
 
-from sklearn_mcmd import __version__
 from sklearn_mcmd._choices import Correction, EliminationRule, Surface, Test
-from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.cli import _files, _messages, _options, _sensor
 from sklearn_mcmd.cli._files import ReportFolder, write_report_of
 from sklearn_mcmd.cli._messages import progress
@@ -25,14 +20,13 @@ from sklearn_mcmd.io._files import replacing
 from sklearn_mcmd.io._las import writing_parts
 from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.io._rehearsal import rehearse, standing_in
+from sklearn_mcmd.io._rehearsal import rehearse
 from sklearn_mcmd.planes._resolution import coordinate_step
 
-FIGURE_EXTENSIONS = (".png", ".pdf", ".svg")
 # Number of points that suffices to find the step of their coordinates.
 MAX_LOOKED_AT = 20_000
 ONE_PLANE = 0.2  # share of outliers; from here on those at one edge tilt a plane of least squares
-N_WORST = 10  # points of the largest statistics that the reports list
+N_WORST = 10  # points of the largest statistics that the report lists
 # Figures that the terminal shows, as far as there are such.
 SUMMARY = (
     *("outliers", "normal", "point", "dip", "dip direction", "errors", "lack of fit"),
@@ -45,8 +39,8 @@ SUMMARY = (
 class Plane:
     """All points are kept. Outliers get class 7 (noise) in LAS and LAZ, elsewhere an attribute
     'outlier'. All points get a 'residual' (in units of the file) and a 'test_statistic', float32.
-    The report, as text and as figure, shows the plane, its quality and the residuals. Points that
-    determine no plane are refused: fewer than four distinct points, or points along a line.
+    Points that determine no plane are refused: fewer than four distinct points, or points along a
+    line. --report shows the plane, its quality and the residuals.
 
     The files of a folder, or of an index .vpc, are tested as one plane. A folder OUT gets one file
     for each; an OUT that ends in .las or .laz gets all.
@@ -125,19 +119,10 @@ class Plane:
         "many are outside, and whether that is more than noise.",
         metavar="WIDTH",
     )
-    text: Path | None = option(
-        None, "Text report to write.", show_default="OUT, its extension replaced by _report.txt"
-    )
-    plot: Path | None = option(
-        None,
-        "Figure to write: .png, .pdf or .svg.",
-        show_default="OUT, its extension replaced by _report.png",
-    )
     unit: _options.Unit = ""
     random_state: _options.RandomState = 0
     report: ReportFolder = None
     columns: _options.Columns = None
-    no_clobber: _options.NoClobber = False
     allow_coarse: _options.AllowCoarse = False
     help_all: _options.HelpAll = False
     quiet: _options.Quiet = False
@@ -150,11 +135,8 @@ class Plane:
             raise typer.BadParameter(
                 "is of two clouds: name the other by --against.", param_hint="--registration"
             )
-        if self.target is None and (self.text or self.plot or self.report):
-            raise typer.BadParameter(
-                "is missing. It can be left out if there are no --text, --plot and --report.",
-                param_hint="OUT",
-            )
+        if self.target is None and self.report is not None:
+            raise typer.BadParameter("is missing, which --report needs.", param_hint="OUT")
 
     def run(self):
         from sklearn_mcmd._sklearn import check_parameters
@@ -166,22 +148,22 @@ class Plane:
             catalog = None
             if _files.is_several(self.source):
                 catalog = _files.catalog_of(self.source, self.columns)
-            outputs, sheets = self._outputs(catalog, self.target) if self.target else ([], ())
+            outputs = self._outputs(catalog)
             cloud = self._read(catalog)
             with _files.working(self.source, "plane"):
                 _files.warn_if_coarse(cloud)
                 detector = self.tested(cloud.xyz)
             more = self._further(detector, cloud)
-            more["n_worst"] = N_WORST if outputs else None
+            more["n_worst"] = N_WORST if self.report else None
             figures = plane_figures(detector, cloud.xyz, self.unit, **more)
             if outputs:
                 from sklearn_mcmd.report._plane_page import plane_contents
 
-                self._write(catalog, outputs, sheets, cloud, detector, figures)
+                self._write(catalog, outputs, cloud, detector)
                 contents = partial(plane_contents, cloud, detector, figures, self.unit)
                 write_report_of(self, begin, contents)
         if not self.quiet:
-            self._print_summary(sheets, detector.labels_ == -1, figures.rows(), begin)
+            self._print_summary(detector.labels_ == -1, figures.rows(), begin)
 
     def detector(self):
         """The detector, with its parameters as options tell them."""
@@ -214,43 +196,13 @@ class Plane:
             )
         return fitted
 
-    def _outputs(self, catalog, target):
-        """Paths of the points, and of the text and the figure, after a trial of all.
+    def _outputs(self, catalog):
+        """Paths of the points, if any."""
+        if self.target is None or catalog is None:
+            return [] if self.target is None else [self.target]
+        from sklearn_mcmd.tiling._outputs import targets_of
 
-        The figure is None where it cannot be drawn and nobody asked for it.
-        """
-        # Not OUT with .txt, which may be the name of a point file.
-        text = self.text or target.with_name(f"{target.stem}_report.txt")
-        plot = self.plot or target.with_name(f"{target.stem}_report.png")
-        if plot.suffix.lower() not in FIGURE_EXTENSIONS:
-            raise typer.BadParameter(
-                f"{plot}: a figure ends in {', '.join(FIGURE_EXTENSIONS)}.", param_hint="--plot"
-            )
-        taken = {os.path.realpath(self.source): "IN", os.path.realpath(target): "OUT"}
-        for name, path in (("--text", text), ("--plot", plot)):
-            other = taken.setdefault(os.path.realpath(path), name)
-            if other != name:
-                raise typer.BadParameter(f"{path} is {other} as well.", param_hint=name)
-        points = [target]
-        if catalog is not None:
-            from sklearn_mcmd.tiling._outputs import targets_of
-
-            points = targets_of(catalog, target)
-        if self.no_clobber:
-            _files.refuse_existing(*points, text, plot, report=self.report)
-        for path in (text,) if catalog is not None else (target, text):
-            with standing_in(path):
-                pass
-        try:
-            import_extra("matplotlib", "plot", "the figure")
-        except (ImportError, OSError) as err:  # it refuses to be without any folder to write to
-            if self.plot is not None:
-                raise
-            warnings.warn(f"{err}; the text alone is written", stacklevel=2)
-            return points, (text, None)
-        with standing_in(plot):
-            pass
-        return points, (text, plot)
+        return targets_of(catalog, self.target)
 
     def _read(self, catalog):
         """The points to test; of several files that are written one by one, coordinates alone."""
@@ -260,8 +212,9 @@ class Plane:
             clouds = (_files.read(path, columns=self.columns) for path in catalog.paths)
             return PointCloud(np.concatenate([cloud.xyz for cloud in clouds]))
         cloud = _files.read(self.source, self.target, "results of a test", columns=self.columns)
-        none = np.zeros(len(cloud))
-        rehearse(self.target, *_tested(cloud, none > 0, none, none))
+        zeros = np.zeros(len(cloud))
+        blank = PlaneResults(zeros > 0, zeros, zeros).output(cloud)
+        rehearse(self.target, blank.cloud, blank.noise)
         return cloud
 
     def _further(self, detector, cloud):
@@ -279,33 +232,19 @@ class Plane:
             further["comparison"] = compare_planes(detector, fitted, registration_error=error)
         return further
 
-    def _write(self, catalog, outputs, sheets, cloud, detector, figures):
-        """Write the points and both sheets; no file is replaced before all are on the disk."""
-        from sklearn_mcmd.adjustment import plot_report
+    def _write(self, catalog, outputs, cloud, detector):
+        """Write the points with their results."""
+        residuals = detector.residuals(cloud.xyz)
+        results = PlaneResults(detector.labels_ == -1, detector.test_statistic_, residuals)
+        if catalog is None:
+            _files.write(self.target, results.output(cloud))
+        else:
+            _write_each(catalog, outputs, results)
 
-        text_file, plot = sheets
-        title = f"Plane test of {self.source.name}"
-        with ExitStack() as stack:
-            temporary = stack.enter_context(replacing(text_file))
-            text = _text_of(title, figures, self.source, self.target, sheets)
-            temporary.write_text(text, encoding="utf-8", errors="replace")
-            if plot is not None:
-                temporary = stack.enter_context(replacing(plot))
-                figure = plot_report(detector, cloud.xyz, title=title, unit=self.unit)
-                figure.savefig(temporary, dpi=150)
-            residuals = detector.residuals(cloud.xyz)
-            results = (detector.labels_ == -1, detector.test_statistic_, residuals)
-            if catalog is None:
-                _files.write(self.target, *_tested(cloud, *results))
-            else:
-                _write_each(catalog, outputs, results)
-
-    def _print_summary(self, sheets, is_outlier, known, begin):
+    def _print_summary(self, is_outlier, figures, begin):
         rows = {"points": f"{len(is_outlier):,}"}
-        rows |= {name: known[name] for name in SUMMARY if name in known}
+        rows |= {name: figures[name] for name in SUMMARY if name in figures}
         rows["outliers"] = _messages.number_and_share(is_outlier.sum(), len(is_outlier))
-        if sheets:
-            rows["report"] = ", ".join(str(path) for path in sheets if path is not None)
         title = self.source if self.target is None else f"{self.source} -> {self.target}"
         _messages.print_table(title, begin, **rows)
 
@@ -331,41 +270,39 @@ def _check_width(detector, xyz):
         )
 
 
-def _tested(cloud, is_outlier, statistic, residuals):
-    """The cloud to write, and the points to mark in it."""
-    results = {"test_statistic": statistic, "residual": residuals}
-    results = {name: values.astype(np.float32) for name, values in results.items()}
-    return with_results(cloud, results), is_outlier
+class PlaneResults(NamedTuple):
+    """What a test says of points (n,)."""
+
+    is_outlier: np.ndarray
+    statistic: np.ndarray
+    residuals: np.ndarray  # in units of the file
+
+    def output(self, cloud):
+        """The cloud to write, with the points to mark in it."""
+        columns = {"test_statistic": self.statistic, "residual": self.residuals}
+        columns = {name: values.astype(np.float32) for name, values in columns.items()}
+        return _files.Output(with_results(cloud, columns), self.is_outlier)
+
+    def divided(self, ends):
+        """The results of the points up to each of these ends, and of those behind the last."""
+        parts = zip(*(np.split(values, ends) for values in self), strict=True)
+        return [PlaneResults(*part) for part in parts]
 
 
 def _write_each(catalog, outputs, results):
     """Write the points of each file with their results, or all into one file."""
-    ends = np.cumsum(catalog.counts)[:-1]
-    parts = zip(*(np.split(values, ends) for values in results), strict=True)
+    parts = results.divided(np.cumsum(catalog.counts)[:-1])
     clouds = map(read_points, catalog.paths)
     if len(outputs) == len(catalog):
         outputs[0].parent.mkdir(exist_ok=True)
         for path, cloud, part in zip(outputs, clouds, parts, strict=True):
-            _files.write(path, *_tested(cloud, *part))
+            _files.write(path, part.output(cloud))
         return
     header = joined_header(catalog.paths)
     with replacing(outputs[0]) as temporary, writing_parts(temporary) as put:
         for cloud, part in zip(clouds, parts, strict=True):
-            put(*_tested(joined_cloud(cloud, header), *part))
-
-
-def _text_of(title, figures, source, target, sheets):
-    """The text report, and as its last lines input, output, program and date."""
-    from sklearn_mcmd.adjustment._report import figures_as_text, with_heading
-
-    rows = {
-        "input": source,
-        "output": target,
-        "figure": sheets[1] or "none",
-        "program": f"sklearn-mcmd {__version__}, mcmd plane",
-        "date": datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
-    }
-    return figures_as_text(title, figures) + "\n".join(with_heading("Record", rows)) + "\n"
+            one = part.output(joined_cloud(cloud, header))
+            put(one.cloud, one.noise)
 
 
 @dataclass

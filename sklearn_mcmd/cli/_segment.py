@@ -10,6 +10,7 @@ import typer
 import sklearn_mcmd
 from sklearn_mcmd.cli import _options
 from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
+from sklearn_mcmd.cli._files import Output
 from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._options import command_of, length, made, option
 from sklearn_mcmd.io._files import replacing
@@ -61,16 +62,14 @@ class Segment(CloudVerb):
 
     results = "regions"
 
-    def other_files(self, catalog):
-        if self.regions is None:
-            return []
-        check_regions_file(self.regions, self.source, self.target)
-        return [self.regions]
+    def check_options(self, catalog):
+        if self.regions is not None:
+            check_regions_file(self.regions, self.source, self.target)
 
     def estimator(self):
         normals = made(self, sklearn_mcmd.RobustNormalEstimator)
-        own = {"n_neighbors": self.growth_neighbors, "normal_estimator": normals}
-        return made(self, sklearn_mcmd.RegionGrowing, **own)
+        growth = {"n_neighbors": self.growth_neighbors, "normal_estimator": normals}
+        return made(self, sklearn_mcmd.RegionGrowing, **growth)
 
     def find(self, cloud, growing):
         labels = growing.fit(in_own_precision(cloud.xyz)).labels_
@@ -82,45 +81,45 @@ class Segment(CloudVerb):
             "largest": sizes,
         }
 
-    def written(self, cloud, found=None):
+    def written(self, cloud, outcome=None):
         from sklearn_mcmd.plotting._still import with_regions
 
-        labels = np.zeros(len(cloud), np.int64) if found is None else found.growing.labels_
-        return with_regions(cloud, labels, self.colors), None
+        labels = np.zeros(len(cloud), np.int64) if outcome is None else outcome.growing.labels_
+        return Output(with_regions(cloud, labels, self.colors))
 
-    def write(self, cloud, found):
+    def write(self, cloud, outcome):
         if self.regions is None:
-            super().write(cloud, found)
+            super().write(cloud, outcome)
             return
         with replacing(self.regions) as temporary:  # no file is replaced before both are written
-            write_regions(temporary, found.growing.regions_)
-            super().write(cloud, found)
+            write_regions(temporary, outcome.growing.regions_)
+            super().write(cloud, outcome)
 
     def tile_options(self):
         return super().tile_options() | {"regions": self.regions}
 
-    def rows(self, told):
-        return tiles_row(told) | {
-            "regions": f"{told.n_regions:,}",
-            "inside": number_and_share(told.n_inside, told.n_points),
-            "largest": ", ".join(f"{size:,}" for size in told.largest[:LARGEST_SHOWN]) or "none",
+    def rows(self, outcome):
+        return tiles_row(outcome) | {
+            "regions": f"{outcome.n_regions:,}",
+            "inside": number_and_share(outcome.n_inside, outcome.n_points),
+            "largest": ", ".join(f"{size:,}" for size in outcome.largest[:LARGEST_SHOWN]) or "none",
         }
 
-    def contents(self, cloud, found):
+    def contents(self, cloud, outcome):
         from sklearn_mcmd.report._regions_page import segment_contents
         from sklearn_mcmd.report._shown import Shown
 
-        growing, planes = found.growing, found.growing.normal_estimator_
+        growing, planes = outcome.growing, outcome.growing.normal_estimator_
         n_neighbors = int(np.median(planes.n_neighbors_))
         region = growing.labels_.astype(np.int32)
         shown = Shown.of_memory(cloud, n_neighbors, planes.plane_scale_, region=region)
-        return segment_contents(shown, found.largest, found.n_regions, found.n_inside)
+        return segment_contents(shown, outcome.largest, outcome.n_regions, outcome.n_inside)
 
-    def tile_contents(self, catalog, told):
+    def tile_contents(self, catalog, run):
         from sklearn_mcmd.report._regions_page import segment_contents
 
-        shown = self.shown(catalog, told, "region")
-        return segment_contents(shown, told.largest, told.n_regions, told.n_inside)
+        shown = self.shown(catalog, run, ["region"])
+        return segment_contents(shown, run.largest, run.n_regions, run.n_inside)
 
 
 segment = command_of(Segment, more=BY_TILES)

@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import typer
 
-from sklearn_mcmd.cli._options import option
+from sklearn_mcmd.cli._options import option, parsed
 from sklearn_mcmd.io import PointFileError, read_trajectory, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._sensor import lights_in, place_words, stated_positions
@@ -22,18 +21,14 @@ def position_option(help, *words, name="--sensor", **settings):
     def parse(text):
         if text in words:
             return text
-        try:
-            position = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            position = ()
+        position = tuple(float(part) for part in text.split(","))
         if len(position) != 3 or not np.isfinite(position).all():
-            choices = f"neither {', '.join(words)} nor a" if words else "no"
-            raise typer.BadParameter(f"{text} is {choices} position, such as 0,0,0")
+            raise ValueError
         return position
 
-    return option(
-        None, help, name, parser=parse, metavar="|".join(("X,Y,Z", *words[:1])), **settings
-    )
+    form = " or ".join((*words, "a position, such as 0,0,0"))
+    metavar = "|".join(("X,Y,Z", *words[:1]))
+    return option(None, help, name, parser=parsed(parse, form), metavar=metavar, **settings)
 
 
 def trajectory_option():
@@ -148,8 +143,8 @@ def _doubt(xyz, positions, words, setups):
 
 def intensity_of(source, cloud):
     """The intensity of each point, as files name it; of four columns without names the last."""
-    given = cloud.attributes
-    for values in (given if list(given) == ["column_4"] else lights_in(given)).values():
+    columns = cloud.attributes
+    for values in (columns if list(columns) == ["column_4"] else lights_in(columns)).values():
         if (values != values[:1]).any():  # LAS has 0 where there is none
             return values
     raise ValueError(f"{source}: --intensity: the file has none, or the same at all points")

@@ -52,13 +52,10 @@ class View:
     )
     title: str | None = option(None, "Title of the page.", show_default="names of the files")
     columns: _options.Columns = None
-    no_clobber: _options.NoClobber = False
     quiet: _options.Quiet = False
 
     def run(self):
         begin = time.perf_counter()
-        if self.no_clobber:
-            _files.refuse_existing(self.output)
         with progress("view", self.quiet):
             made = self._make()
             with progress_part(0.97, 1.0, "writing"):

@@ -21,6 +21,7 @@ from sklearn_mcmd._sklearn import (
     fit_context,
 )
 from sklearn_mcmd._validation import (
+    SAID,
     FittedScoresMixin,
     check_extent,
     check_inliers,
@@ -276,6 +277,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         if self.normals == "estimate":
             self.normal_estimator_ = normal_estimator
             with progress_part(0.6, 0.8), warnings.catch_warnings():
+                warnings.filterwarnings("ignore", SAID)
                 if creases and self.normal_estimator is None:
                     warnings.filterwarnings("ignore", TOO_MANY)
                 normal_estimator.fit(members)
@@ -373,6 +375,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
             return np.ones(len(xyz), dtype=bool)
         self.outlier_detector_ = detector
         with progress_part(0.0, 0.6), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", SAID)
             if self.outlier_detector is None:
                 warnings.filterwarnings("ignore", TOO_MANY)
             labels = detector.fit_predict(xyz)

@@ -20,6 +20,7 @@ from sklearn_mcmd.planes._principal_planes import (
     orthogonal_distances,
 )
 
+WIDEST = 40.0  # cutoff, beyond which float64 has no share of a normal variable left
 MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent for the normal distribution
 
 
@@ -77,6 +78,7 @@ class RuleArguments(NamedTuple):
 
 def truncated_normal(cutoff):
     """Share of a standard normal variable within +-cutoff, and the variance of that part."""
+    cutoff = min(cutoff, WIDEST)
     share = erf(cutoff / sqrt(2))
     return share, 1.0 - 2.0 * cutoff * exp(-(cutoff**2) / 2) / (sqrt(2 * pi) * share)
 
@@ -211,7 +213,7 @@ def _inflation_z(cutoff, d, n_inliers, n_members):
 
 def _inflation_md(cutoff, d, n_inliers, n_members):
     """Approximation: the in-plane part of each squared distance is set to its mean, d - 1."""
-    along = sqrt(max(cutoff**2 - (d - 1), 1.0))
+    along = sqrt(max(min(cutoff, WIDEST) ** 2 - (d - 1), 1.0))
     return _inflation_z(along, d, n_inliers, n_members)
 
 

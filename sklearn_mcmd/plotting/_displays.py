@@ -49,16 +49,16 @@ class CloudDisplay(ABC):
 
         The first three columns are coordinates, and options as in `from_predictions`.
         """
-        return cls.from_predictions(np.asarray(X)[:, :3], *cls._found_by(estimator, X), **options)
+        return cls.from_predictions(np.asarray(X)[:, :3], *cls._results_of(estimator, X), **options)
 
     @classmethod
-    def from_predictions(cls, X: "ArrayLike", *found: "ArrayLike", **options: Any) -> Self:
+    def from_predictions(cls, X: "ArrayLike", *results: "ArrayLike", **options: Any) -> Self:
         """Draw what was found in a cloud.
 
         The arguments are those of the class, by place or name, and options for :meth:`plot`.
         """
-        own = signature(cls).parameters.keys() & options.keys()
-        return cls(X, *found, **{name: options.pop(name) for name in own}).plot(**options)
+        names = signature(cls).parameters.keys() & options.keys()
+        return cls(X, *results, **{name: options.pop(name) for name in names}).plot(**options)
 
     def plot(
         self, *, view: View | None = None, max_points: int = MOST_DRAWN, ax: "Axes | None" = None
@@ -96,7 +96,7 @@ class CloudDisplay(ABC):
 
     @staticmethod
     @abstractmethod
-    def _found_by(estimator: Any, X: "ArrayLike") -> tuple[Any, ...]:
+    def _results_of(estimator: Any, X: "ArrayLike") -> tuple[Any, ...]:
         """What the class takes behind the points."""
 
     @abstractmethod
@@ -141,8 +141,8 @@ class OutlierDisplay(CloudDisplay):
     ) -> None:
         super().__init__(X)
         self.is_outlier = _is_minus_one(y_pred, self.xyz, "y_pred")
-        known = y_true is not None
-        self.is_true_outlier = _is_minus_one(y_true, self.xyz, "y_true") if known else None
+        has_truth = y_true is not None
+        self.is_true_outlier = _is_minus_one(y_true, self.xyz, "y_true") if has_truth else None
 
     @classmethod
     def from_estimator(
@@ -153,7 +153,7 @@ class OutlierDisplay(CloudDisplay):
         return super().from_estimator(estimator, X, y_true=y, **options)
 
     @staticmethod
-    def _found_by(estimator, X):
+    def _results_of(estimator, X):
         return (estimator.predict(X),)
 
     def _kinds(self):
@@ -166,7 +166,7 @@ class OutlierDisplay(CloudDisplay):
 
     def _picture(self, view):
         kinds = self._kinds().values()
-        return *_choose_colors(kinds), _found_title(self.is_outlier, "are outliers")
+        return *_choose_colors(kinds), _marked_title(self.is_outlier, "are outliers")
 
     def _complete(self, view):
         if self.is_true_outlier is None:
@@ -210,7 +210,7 @@ class NormalsDisplay(CloudDisplay):
             raise ValueError(f"normals has {len(self.normals)} rows, the cloud {len(self.xyz)}.")
 
     @staticmethod
-    def _found_by(estimator, X):
+    def _results_of(estimator, X):
         return (estimator.normals_,)
 
     def _picture(self, view):
@@ -252,7 +252,7 @@ class SegmentationDisplay(CloudDisplay):
         self.labels = _whole(_one_for_each(labels, self.xyz, "labels"), "labels")
 
     @staticmethod
-    def _found_by(estimator, X):
+    def _results_of(estimator, X):
         return (estimator.labels_,)
 
     def _picture(self, view):
@@ -291,12 +291,12 @@ class EdgeDisplay(CloudDisplay):
         self.is_edge = _is_minus_one(y_pred, self.xyz, "y_pred")
 
     @staticmethod
-    def _found_by(estimator, X):
+    def _results_of(estimator, X):
         return (np.where(estimator.scores_ < estimator.offset_, -1, 1),)
 
     def _picture(self, view):
         kinds = [(FOUND, self.is_edge)]
-        return *_choose_colors(kinds), _found_title(self.is_edge, "are edges")
+        return *_choose_colors(kinds), _marked_title(self.is_edge, "are edges")
 
 
 class PlaneResidualDisplay(CloudDisplay):
@@ -313,7 +313,7 @@ class PlaneResidualDisplay(CloudDisplay):
 
     See Also
     --------
-    sklearn_mcmd.adjustment.plot_report : All figures of a plane test.
+    sklearn_mcmd.BaardaPlaneDetector : Tests a plane.
 
     Examples
     --------
@@ -332,7 +332,7 @@ class PlaneResidualDisplay(CloudDisplay):
         self.is_outlier = _is_minus_one(y_pred, self.xyz, "y_pred")
 
     @staticmethod
-    def _found_by(estimator, X):
+    def _results_of(estimator, X):
         return estimator.residuals(X), estimator.labels_
 
     def _usual_view(self):
@@ -393,8 +393,8 @@ def _choose_colors(kinds):
     return np.array([to_rgb(shade) for shade in (REGULAR, *shades)])[number], number
 
 
-def _found_title(found, what):
-    n, n_all = np.count_nonzero(found), len(found)
+def _marked_title(is_marked, what):
+    n, n_all = np.count_nonzero(is_marked), len(is_marked)
     return f"{counted(n, 'point', what, of=n_all)} ({100 * n / n_all:.2f} %)"
 
 

@@ -145,7 +145,7 @@ def normal_colors(
     shade = 0.45 + 0.55 * np.clip(seen @ (light / np.linalg.norm(light)), 0.0, 1.0)
     # Faces along x, y and z each have their own hue; other directions mix these.
     hues = np.array([[0.86, 0.42, 0.30], [1.0, 0.88, 0.62], [0.45, 0.66, 0.84]])
-    colors = shade[:, None] * (seen**2 @ hues)
+    colors = shade[:, None] * (seen**2 @ hues)  # squares of a unit normal sum to 1
     return np.where(np.isnan(colors), 0.6, np.clip(colors, 0.0, 1.0))
 
 
@@ -190,6 +190,8 @@ def region_colors(labels: "ArrayLike") -> NDArray[np.float64]:
     hue = 6.0 * (number * ((np.sqrt(5.0) - 1.0) / 2.0) % 1.0)  # turns by the golden angle
     value = np.take([0.90, 0.77, 0.62], number % 3)
     saturation = np.take([0.64, 0.54, 0.74], number % 3)
+    # Red, green and blue of hue, saturation and value: each is full over two of six sectors, falls
+    # over one and is least over two.
     sector = (np.array([5.0, 3.0, 1.0]) + hue[:, None]) % 6.0
     shade = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0)
     colors = value[:, None] * (1.0 - saturation[:, None] * shade)
@@ -236,6 +238,7 @@ def _marker_size(ax, extent, n_points):
     figure = ax.get_figure()
     figure.draw_without_rendering()  # fixes the layout
     box = ax.get_window_extent()
+    # Points of type, 72 an inch, for a unit of the cloud. Each point gets its share of the area.
     scale = 72.0 / figure.dpi * np.min([box.width, box.height] / np.maximum(extent, 1e-300))
     return float(np.clip(scale * np.sqrt(extent[0] * extent[1] / n_points), 0.4, 6.0))
 

@@ -24,6 +24,7 @@ def look(points, view):
         *middle, depth = (low + high) / 2
         eye = EYE * np.linalg.norm(high - low) / 2
         if eye > 0:
+            # Similar triangles: what is as far as the middle keeps its length.
             enlarged = eye / np.maximum(eye - (nearness - depth), NEAREST * eye)
             places = middle + (places - middle) * enlarged[:, None]
     return places, nearness
@@ -46,6 +47,8 @@ def thinned(labels, most):
     if len(labels) <= most:
         return np.arange(len(labels))
     _, classes, sizes = np.unique(labels, return_inverse=True, return_counts=True)
+    # The first to come of exponential waiting times, whose rates are the chances, are a draw
+    # without replacement.
     chance = 1 / len(labels) + 1 / (len(sizes) * sizes[classes])
     waiting = np.random.default_rng(0).exponential(size=len(labels)) / chance
     return np.sort(np.argpartition(waiting, most)[:most])

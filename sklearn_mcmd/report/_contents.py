@@ -54,7 +54,7 @@ class Contents(NamedTuple):
 
     shown: Any  # the `Shown` cloud, with what is known of it whatever the verb
     headline: str  # one sentence, the result
-    found: list[tuple[str, object]]  # names, and numbers with their units
+    results: list[tuple[str, object]]  # names, and numbers with their units
     maps: list[Map]
     tables: list[Table]  # the doubtful places, the largest regions and the like
     notes: list[Note]

@@ -3,16 +3,16 @@
 import numpy as np
 
 from sklearn_mcmd.report._contents import Contents, note_if, share
-from sklearn_mcmd.report._maps import found_maps, fullest_cells
+from sklearn_mcmd.report._maps import fullest_cells, marked_maps
 
 MANY = 0.4  # share of edge points, of areas and not of lines; machined parts have a third
 
 
-def edges_contents(shown, criterion, n, limit, found):
+def edges_contents(shown, criterion, n, limit, more_rows):
     """The contents of a report of `mcmd edges`, of whose points `n` are of edges.
 
     What is shown has ``edge`` and ``edge_score``. The limit is of scores; None is the least value
-    of an edge. `found` are rows on what else is known.
+    of an edge. `more_rows` follow in the table of results.
     """
     n_all, xyz, near = shown.n_all, shown.xyz, shown.near
     is_edge = shown.cloud.attributes["edge"] > 0
@@ -23,8 +23,12 @@ def edges_contents(shown, criterion, n, limit, found):
     return Contents(
         shown,
         headline=f"{share(n, n_all, 'lie')} on edges.",
-        found=[("edge points", share(n, n_all)), (f"limit of {what}", f"{limit:.3g}"), *found],
-        maps=found_maps(xyz, is_edge, near, "edge point"),
+        results=[
+            ("edge points", share(n, n_all)),
+            (f"limit of {what}", f"{limit:.3g}"),
+            *more_rows,
+        ],
+        maps=marked_maps(xyz, is_edge, near, "edge point"),
         tables=fullest_cells(xyz, is_edge, near, "edge points"),
         notes=_notes(n, n_all),
         checks="edges that are areas, no edges",

@@ -52,8 +52,8 @@ class Facts(NamedTuple):
                 radius, sparse = np.quantile(radii, [0.5, LARGE]).tolist()
         noise = np.nan
         if scales is not None:
-            known = scales[np.isfinite(scales)]
-            noise = float(np.median(known)) if known.size else np.nan
+            finite = scales[np.isfinite(scales)]
+            noise = float(np.median(finite)) if finite.size else np.nan
         return cls(
             n_points=len(xyz),
             n_distinct=len(distinct),
@@ -98,7 +98,7 @@ def bounds_rows(low, high):
     extent = min(float((high - low).max()), np.finfo(float).max)
     if extent == 0.0:
         return {axis: f"{value!r}" for axis, value in zip("xyz", low.tolist(), strict=True)}
-    digits = max(0, 5 - int(np.floor(np.log10(extent))))
+    digits = max(0, 5 - int(np.floor(np.log10(extent))))  # behind the point: six in all
     # For large coordinates float64 holds fewer digits than that.
     most = max(0, 15 - int(np.floor(np.log10(max(np.abs([low, high]).max(), 1.0)))))
     form = f".{min(digits, most)}f"

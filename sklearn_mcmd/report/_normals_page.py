@@ -18,33 +18,33 @@ def normals_contents(shown, names, removed):
     What is shown has the columns that were written, by their names, and ``normal_error``, if it is
     known. `removed` is the mean share of a neighborhood that was removed.
     """
-    given, n_all, xyz, near = shown.cloud.attributes, shown.n_all, shown.xyz, shown.near
-    normals = np.column_stack([given[f"normal_{axis}"] for axis in "xyz"]).astype(np.float64)
-    errors, found, tables = given.get("normal_error"), [], []
+    columns, n_all, xyz, near = shown.cloud.attributes, shown.n_all, shown.xyz, shown.near
+    normals = np.column_stack([columns[f"normal_{axis}"] for axis in "xyz"]).astype(np.float64)
+    errors, results, tables = columns.get("normal_error"), [], []
     headline = f"{n_all:,} points have normals."
     if errors is not None:
-        known, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
-        median, most = np.quantile(known, [0.5, 0.95]) if known.size else (np.nan, np.nan)
+        finite, unreliable = errors[np.isfinite(errors)], ~(errors <= UNRELIABLE)
+        median, most = np.quantile(finite, [0.5, 0.95]) if finite.size else (np.nan, np.nan)
         headline += f" Half of these are exact to {median:.2g} degrees, 95 % to {most:.2g} "
         headline += "(standard errors)."
         n = int(np.count_nonzero(unreliable))
         name = f"unreliable normals, whose standard error is above {UNRELIABLE:g}°"
-        found = [
+        results = [
             ("standard error", f"{median:.2g}° (median), 95 % to {most:.2g}°"),
             (name, share(n, len(errors), noun="normal")),
         ]
         tables = fullest_cells(xyz, unreliable, near, "unreliable normals")
-    found += [
-        ("surface variation (median)", f"{np.median(given['surface_variation']):.2g}"),
+    results += [
+        ("surface variation (median)", f"{np.median(columns['surface_variation']):.2g}"),
         ("removed of a neighborhood (mean)", percent(removed, 1.0)),
     ]
     return Contents(
         shown,
         headline=headline,
-        found=found,
+        results=results,
         maps=display_maps("Normals as colors", NormalsDisplay(xyz[near], normals[near])),
         tables=tables,
-        notes=_notes(errors, given["removed_fraction"]),
+        notes=_notes(errors, columns["removed_fraction"]),
         checks="unreliable normals, neighborhoods of two things",
         output=f"{n_all:,} points{shown.files}, with {', '.join(names)}",
     )

@@ -5,7 +5,7 @@ import numpy as np
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.outliers._detector import judged_cloud
 from sklearn_mcmd.report._contents import Contents, Table, note_if, share
-from sklearn_mcmd.report._maps import found_maps, fullest_cells
+from sklearn_mcmd.report._maps import fullest_cells, marked_maps
 from sklearn_mcmd.report._shown import Shown, removed_of, step_of
 
 MANY = 0.25  # share of outliers; neighborhoods with a half, which planes withstand, are then common
@@ -25,64 +25,64 @@ def shown_of_tiles(catalog, outputs, run, marked):
         names = "outlier_score", "classification"
         cloud = Shown.of_tiles(catalog, outputs, run, names).cloud
         cloud = cloud.subset(np.isfinite(cloud.attributes["outlier_score"]))
-        found = np.isin(cloud.attributes["classification"], (LOW_NOISE, HIGH_NOISE))
+        is_outlier = np.isin(cloud.attributes["classification"], (LOW_NOISE, HIGH_NOISE))
     else:
-        cloud, found = removed_of(catalog.paths, outputs, step_of(run))
-    if found is not None:
-        cloud = cloud.with_attributes(outlier=found.astype(np.uint8))
+        cloud, is_outlier = removed_of(catalog.paths, outputs, step_of(run))
+    if is_outlier is not None:
+        cloud = cloud.with_attributes(outlier=is_outlier.astype(np.uint8))
     return Shown.of_sample(cloud, catalog, outputs, run)
 
 
-def denoise_contents(shown, told, n, cutoff, *, marked, detector=None):
+def denoise_contents(shown, outcome, n, cutoff, *, marked, detector=None):
     """The contents of a report of `mcmd denoise`.
 
     What is shown has ``outlier``, and ``outlier_score`` if scores are known; neither if nobody
-    knows which points were removed. `told` has the counts of the run, `n` is that of outliers, and
-    the cutoff of scores is None if it is unknown. Outliers are marked, or dropped. The fitted
+    knows which points were removed. `outcome` has the counts of the run, `n` is that of outliers,
+    and the cutoff of scores is None if it is unknown. Outliers are marked, or dropped. The fitted
     detector is there after a run in memory.
     """
-    n_all, n_others = told.n_used, told.n_points - told.n_used
-    given, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
-    is_outlier, score = given.get("outlier"), given.get("outlier_score")
+    n_all, n_others = outcome.n_used, outcome.n_points - outcome.n_used
+    columns, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
+    is_outlier, score = columns.get("outlier"), columns.get("outlier_score")
     done = "marked" if marked else "removed"
-    found, maps, tables = [(f"outliers, {done}", share(n, n_all))], [], []
+    results, maps, tables = [(f"outliers, {done}", share(n, n_all))], [], []
     if n_others:
-        found.append(("points neither judged nor used", f"{n_others:,}"))
+        results.append(("points neither judged nor used", f"{n_others:,}"))
     if is_outlier is None:
         words = (
             "none: the outputs replaced the inputs, or have other coordinates; --mode mark keeps "
         )
-        found.append(("maps", words + "outliers, and then they have maps"))
+        results.append(("maps", words + "outliers, and then they have maps"))
     else:
         is_outlier = is_outlier > 0
-        maps = found_maps(xyz, is_outlier, near, "outlier")
+        maps = marked_maps(xyz, is_outlier, near, "outlier")
         tables = fullest_cells(xyz, is_outlier, near, "outliers")
     if score is not None:
         score = score.astype(np.float64)
         if cutoff is None:  # the run found it: the largest score below it
             cutoff = float(score[~is_outlier].max(initial=0.0))
-        found.append(("cutoff of the score; up to it a point is real", f"{cutoff:.3g}"))
-        of = np.count_nonzero(score > cutoff)
+        results.append(("cutoff of the score; up to it a point is real", f"{cutoff:.3g}"))
+        n_above = np.count_nonzero(score > cutoff)
         for kind, least in (("clear", CLEAR), ("gross", GROSS)):
-            worse = share(np.count_nonzero(score > max(least, cutoff)), of, noun="outlier")
-            found.append((f"{kind} errors, whose score is above {least}", worse))
+            worse = share(np.count_nonzero(score > max(least, cutoff)), n_above, noun="outlier")
+            results.append((f"{kind} errors, whose score is above {least}", worse))
     if detector is not None:
         on_surface = int(np.count_nonzero(detector.on_surface_))
-        found.append(("points on surfaces", share(on_surface, n_all)))
+        results.append(("points on surfaces", share(on_surface, n_all)))
         if plane_scales(detector) is not None:
-            found += _kinds(detector, is_outlier)
+            results += _kinds(detector, is_outlier)
             tables = _worst(detector, xyz, is_outlier) + tables
     n_out = n_all + n_others - (0 if marked else n)
     return Contents(
         shown,
         headline=f"{share(n, n_all, 'are outliers')}: {done}.",
-        found=found,
+        results=results,
         maps=maps,
         tables=tables,
         notes=_notes(detector, n, n_all),
         checks="many outliers, many that lie together",
         output=f"{n_out:,} points{shown.files}" + ", with outlier_score and marks" * marked,
-        rows=told.sensor.items(),
+        rows=outcome.sensor.items(),
     )
 
 

@@ -25,7 +25,7 @@ def segment_contents(shown, sizes, n_regions, inside):
     return Contents(
         shown,
         headline=f"{counted(n_regions, 'region', 'hold')} {share(inside, n_all)}.",
-        found=[
+        results=[
             ("regions", f"{n_regions:,}"),
             ("points of no region", share(n_all - inside, n_all)),
             ("points of the largest region", share(int(sizes[0]) if len(sizes) else 0, n_all)),

@@ -34,7 +34,7 @@ class Shown(NamedTuple):
     words: str = ""  # that state the sample, if not all points are shown
     notes: Sequence[Note] = ()  # what is the matter with the cloud itself
     checks: str = ""  # what was looked for in the cloud itself
-    found: Sequence[tuple[str, str]] = ()  # tiles and files
+    run_rows: Sequence[tuple[str, str]] = ()  # numbers of tiles and files
     files: str = ""  # words on the number of outputs, if there are several
 
     @property
@@ -74,7 +74,7 @@ class Shown(NamedTuple):
         rows = [("points", f"{catalog.n_points:,}"), ("files", f"{len(catalog):,}")]
         rows += bounds_rows(catalog.low, catalog.high).items()
         rows.append(("CRS", catalog.crs or "not stated"))
-        found = [("tiles", f"{run.n_tiles:,}"), ("input files", f"{len(catalog):,}")]
+        run_rows = [("tiles", f"{run.n_tiles:,}"), ("input files", f"{len(catalog):,}")]
         return cls(
             cloud=cloud,
             n_all=run.n_points,
@@ -82,7 +82,7 @@ class Shown(NamedTuple):
             rows=rows,
             words=words,
             checks="the cloud itself is not measured by tiles",
-            found=found,
+            run_rows=run_rows,
             files=f" in {counted(len(outputs), 'file')}",
         )
 
@@ -100,10 +100,10 @@ def removed_of(inputs, outputs, step):
     real = {path.resolve() for path in outputs}
     if any(path.resolve() in real for path in inputs):
         return _sample(outputs, step, ()), None
-    xyz, found, first, n_kept, n_out = [], [], 0, 0, 0
-    rest, waiting = _parts(outputs), np.empty(0, np.uint64)
+    xyz, removed, first, n_kept, n_out = [], [], 0, 0, 0
+    parts_left, waiting = _parts(outputs), np.empty(0, np.uint64)
     for part in _parts(inputs):
-        while len(waiting) < len(part) and (after := next(rest, None)) is not None:
+        while len(waiting) < len(part) and (after := next(parts_left, None)) is not None:
             waiting = np.concatenate([waiting, location_hashes(after.xyz)])
             n_out += len(after)
         kept = np.isin(location_hashes(part.xyz), waiting[: len(part)])
@@ -111,10 +111,10 @@ def removed_of(inputs, outputs, step):
         waiting, n_kept = waiting[n_part:], n_kept + n_part
         rows = slice((-first) % step, None, step)
         xyz.append(part.xyz[rows])
-        found.append(~kept[rows])
+        removed.append(~kept[rows])
         first += len(part)
     cloud = PointCloud(np.concatenate(xyz))
-    return cloud, np.concatenate(found) if n_kept == n_out and len(waiting) == 0 else None
+    return cloud, np.concatenate(removed) if n_kept == n_out and len(waiting) == 0 else None
 
 
 def _parts(paths):

@@ -58,17 +58,19 @@ def lost_volumes(parts, n_points):
     for xyz, removed in parts():
         n_removed += int(np.count_nonzero(removed))
         chosen = location_hashes(xyz) % step == 0
-        for some, own in zip(samples, (removed, ~removed), strict=True):
-            some.append(xyz[chosen & own])
+        for sample, is_of_it in zip(samples, (removed, ~removed), strict=True):
+            sample.append(xyz[chosen & is_of_it])
     ends = [
-        np.quantile(own, [limits.trim, 1 - limits.trim], axis=0)
-        for own in map(np.concatenate, samples if n_removed >= many else ())
-        if len(own)
+        np.quantile(points, [limits.trim, 1 - limits.trim], axis=0)
+        for points in map(np.concatenate, samples if n_removed >= many else ())
+        if len(points)
     ]
     if not ends or not np.ptp(ends, axis=(0, 1)).any():
         return []
     low, extent = np.min(ends, axis=0)[0], np.ptp(ends, axis=(0, 1))
     extent = np.maximum(extent, limits.flattest * extent.max())
+    # Cubes of this side fill the whole, eight for each removed point: a box of eight would hold one
+    # if they were strewn evenly. Quotients by the longest extent keep the product from overflow.
     side = extent.max() * np.cbrt(np.prod(extent / extent.max()) / min(8 * n_removed, MOST_CELLS))
     shape = np.ceil(extent / side).astype(int)
     counts = np.zeros((2, np.prod(shape)), np.int32)  # of removed points, and of all
@@ -76,25 +78,26 @@ def lost_volumes(parts, n_points):
         places = np.floor((xyz - low) / side)
         inside = ((places >= 0) & (places < shape)).all(axis=1)
         codes = np.ravel_multi_index(tuple(places[inside].astype(int).T), shape)
-        for own, some in zip(counts, (codes[removed[inside]], codes), strict=True):
-            own += np.bincount(some, minlength=len(own)).astype(np.int32)
+        for count, cells in zip(counts, (codes[removed[inside]], codes), strict=True):
+            count += np.bincount(cells, minlength=len(count)).astype(np.int32)
     n_lost, n_all = counts.reshape(2, *shape)
-    lost, whole = (_pairs(np.pad(own, 1), np.add) for own in (n_lost, n_all))
-    even = max(1.0, 8 * n_removed / MOST_CELLS)
+    # A rim of empty cubes, so that there are boxes around those at the ends, too.
+    lost, whole = (_pairs(np.pad(count, 1), np.add) for count in (n_lost, n_all))
+    even = max(1.0, 8 * n_removed / MOST_CELLS)  # 1, or more where memory limits the cubes
     boxes = (lost >= limits.least * even) & (lost >= limits.share * whole)
     # What boxes hold by chance: of points strewn at random, exp(-mean) of the boxes are empty.
     strewn = -np.log((1 + np.count_nonzero(lost == 0)) / (1 + lost.size))
     boxes &= (lost < whole) | (lost >= limits.dense * strewn)
     volumes, _ = label(_pairs(boxes, np.logical_or), np.ones((3, 3, 3)))
-    found = []
+    lost_ones = []
     sizes = np.bincount(volumes.ravel(), n_lost.ravel())
     for number in 1 + np.flatnonzero(sizes[1:] >= many):
         cells = volumes == number
         corners = side * np.argwhere(cells)
         low_there, high_there = low + corners.min(axis=0), low + corners.max(axis=0) + side
         lost_there, all_there = int(sizes[number]), int(n_all[cells].sum())
-        found.append(LostVolume(lost_there, all_there, low_there, high_there))
-    return sorted(found, key=lambda volume: -volume.n_lost)
+        lost_ones.append(LostVolume(lost_there, all_there, low_there, high_there))
+    return sorted(lost_ones, key=lambda volume: -volume.n_lost)
 
 
 def words_of(volumes):

@@ -57,6 +57,7 @@ def ahead(items):
 
 def spatial_order(X):
     """The row order of a coarse tree's leaves: points near in space are near in memory."""
+    # A tree that is not balanced and has loose boxes is made sooner; only its order is asked for.
     return cKDTree(X, leafsize=COARSE_LEAF, balanced_tree=False, compact_nodes=False).indices
 
 

@@ -38,8 +38,8 @@ def _own_folder():
         path = os.path.join(tempfile.gettempdir(), f"sklearn_mcmd-{user}")
         os.makedirs(path, mode=0o700, exist_ok=True)
         status = os.lstat(path)
-        own = stat.S_ISDIR(status.st_mode) and user in ("", status.st_uid)
-        if own and os.access(path, os.W_OK) and (user == "" or not status.st_mode & 0o022):
+        is_ours = stat.S_ISDIR(status.st_mode) and user in ("", status.st_uid)
+        if is_ours and os.access(path, os.W_OK) and (user == "" or not status.st_mode & 0o022):
             return path
     with suppress(OSError):
         return tempfile.mkdtemp(prefix="sklearn_mcmd-")

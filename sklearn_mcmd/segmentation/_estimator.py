@@ -1,5 +1,6 @@
 """RegionGrowing: surfaces of a point cloud as clusters."""
 
+import warnings
 from numbers import Integral, Real
 from typing import ClassVar, Literal, NamedTuple, Self
 
@@ -13,7 +14,7 @@ from sklearn_mcmd._sklearn import (
     StrOptions,
     fit_context,
 )
-from sklearn_mcmd._validation import check_work, validate_points
+from sklearn_mcmd._validation import SAID, check_work, validate_points
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -360,7 +361,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         if estimator is None:
             estimator = RobustNormalEstimator(random_state=self.random_state, n_jobs=self.n_jobs)
         self.normal_estimator_ = clone(estimator)
-        with progress_part(0.0, 0.35):
+        with progress_part(0.0, 0.35), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", SAID)
             return Columns.of(self.normal_estimator_.fit(X), X)
 
 

@@ -207,9 +207,9 @@ def process_files(
     # The folder of a run knows parameters by their repr, and that of NumPy's numbers is no literal.
     own = {name: value.item() for name, value in params.items() if isinstance(value, np.generic)}
     own |= {name: 1 for name in params if name.endswith("n_jobs")}  # tiles have processes
+    check_parameters(clone(estimator).set_params(**own | {"n_jobs": n_jobs}))
     estimator = clone(estimator).set_params(**own)
     options = {name: given[name] for name in taken if name in given}
-    check_parameters(estimator)
     verb = verb(estimator, **options)
     # Positions have a key of their own.
     verb.content = [f"{name}={options[name]}" for name in options if name != "sensor_origin"]

@@ -64,6 +64,7 @@ class NumberCode(NamedTuple):
             return cls(low, 1.0)
         q25, q50, q75 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
         usual = q75 - q25
+        # The distance of the quartiles is where the code turns from even to logarithmic.
         if not np.isfinite(high - low) or (usual > 0 and high - low > LONG_TAIL * usual):
             largest = max(abs(low), abs(high))
             # Quotients by a smaller width, or by an infinite one, are no numbers.
@@ -73,12 +74,12 @@ class NumberCode(NamedTuple):
         return cls(low, (high - low) / TOP or 1.0)
 
     def encode(self, values):
-        known = np.isfinite(values)
-        numbers = np.where(known, values, 0.0)
+        is_finite = np.isfinite(values)
+        numbers = np.where(is_finite, values, 0.0)
         if self.width is not None:
             numbers = np.arcsinh(numbers / self.width - self.center / self.width)
         codes = np.clip(np.rint((numbers - self.low) / self.step), 0, TOP) + 1
-        return np.where(known, codes, 0).astype(np.uint16)
+        return np.where(is_finite, codes, 0).astype(np.uint16)
 
     def info(self, exact):
         """What the page needs; `error` is absolute near the center, `relative` holds far away."""
@@ -97,7 +98,7 @@ def plan_attributes(clouds, only=None):
     tables = [flat_columns(attributes) for attributes in clouds]
     columns = [{k: v for k, v in table.items() if v.dtype.kind in "biuf"} for table in tables]
     pairs = zip(tables, columns, strict=True)
-    skipped = sorted({name for table, known in pairs for name in table.keys() - known.keys()})
+    skipped = sorted({name for table, kept in pairs for name in table.keys() - kept.keys()})
     sources = []
     for name, kind, code in (("normal", "normal", code_normals), ("color", "rgb", _code_colors)):
         joined = _join(columns, PARTS[kind], name, code)
@@ -136,14 +137,16 @@ def code_normals(vectors):
     """
     vectors = np.asarray(vectors, dtype=np.float64)
     size = np.abs(vectors).sum(axis=1)
-    known = np.isfinite(size) & (size > 0)
-    unit = vectors / np.where(known, size, 1.0)[:, None]
-    unit[~known] = 0.0
+    has_length = np.isfinite(size) & (size > 0)
+    unit = vectors / np.where(has_length, size, 1.0)[:, None]
+    unit[~has_length] = 0.0
+    # |x| + |y| + |z| = 1 is an octahedron. Its upper half is a square over x and y, and the lower
+    # one folds outward over the four edges of that.
     flat = unit[:, :2]
     folded = (1.0 - np.abs(flat[:, ::-1])) * np.where(flat >= 0, 1.0, -1.0)
     square = np.where(unit[:, 2:] < 0, folded, flat)
     codes = np.rint((square + 1.0) / 2.0 * NORMAL_TOP) + 1
-    return [np.where(known, codes[:, i], 0).astype(np.uint16) for i in range(2)]
+    return [np.where(has_length, codes[:, i], 0).astype(np.uint16) for i in range(2)]
 
 
 def _code_colors(colors):
@@ -170,23 +173,22 @@ def _join(columns, names, name, code):
 
 def _only_value(arrays):
     """The value that all points of all clouds share, or None."""
-    given = [values for values in arrays if values is not None]
-    first = given[0].ravel()[0]
-    if all((values == first).all() for values in given):
+    columns = [values for values in arrays if values is not None]
+    first = columns[0].ravel()[0]
+    if all((values == first).all() for values in columns):
         return first.item()
     return None
 
 
 def _single(name, arrays):
-    given = [values for values in arrays if values is not None]
-    numbers = np.concatenate([values.astype(np.float64) for values in given])
-    known = numbers[np.isfinite(numbers)]
-    whole = known.size > 0 and np.array_equal(known, np.rint(known))
-    if whole and len(known) == len(numbers):
-        distinct = np.unique(known)
+    numbers = np.concatenate([v.astype(np.float64) for v in arrays if v is not None])
+    finite = numbers[np.isfinite(numbers)]
+    whole = finite.size > 0 and np.array_equal(finite, np.rint(finite))
+    if whole and len(finite) == len(numbers):
+        distinct = np.unique(finite)
         if len(distinct) <= (MANY if name.lower() in LABELS else FEW):
             return _classes(name, arrays, distinct)
-    code = NumberCode.for_values(known) if known.size else NumberCode(0.0, 1.0)
+    code = NumberCode.for_values(finite) if finite.size else NumberCode(0.0, 1.0)
     codes = [None if v is None else [code.encode(v.astype(np.float64))] for v in arrays]
     exact = whole and code.step == 1.0 and code.width is None
     info = {"name": name, "kind": "number", **code.info(exact)}
@@ -200,12 +202,12 @@ def _classes(name, arrays, distinct):
         for v in arrays
     ]
     values = [int(value) for value in distinct]
-    known = NAMES.get(name.lower(), {})
+    words = NAMES.get(name.lower(), {})
     info = {
         "name": name,
         "kind": "class",
         "values": values,
-        "names": {str(v): known[v] for v in values if v in known},
+        "names": {str(v): words[v] for v in values if v in words},
     }
     marks = OUTLIERS.get(name.lower(), set())
     outliers = [code for code, value in enumerate(values) if value in marks]

@@ -81,11 +81,11 @@ def typical_spacing(xyz):
     tree = cKDTree(xyz, balanced_tree=False)
     distance, _ = tree.query(xyz[::every], k=range(2, 6))
     distance[~np.isfinite(distance)] = 0.0  # fewer points than that
-    known = distance[:, -1][distance[:, -1] > 0]
-    fourth = float(np.median(known)) if known.size else float(np.ptp(xyz, axis=0).max())
-    apart = np.where(distance > 0, distance, np.inf).min(axis=1)
-    apart = apart[np.isfinite(apart)]
-    return (float(np.median(apart)) if apart.size else fourth, fourth)
+    apart = distance[:, -1][distance[:, -1] > 0]
+    fourth = float(np.median(apart)) if apart.size else float(np.ptp(xyz, axis=0).max())
+    nearest = np.where(distance > 0, distance, np.inf).min(axis=1)
+    nearest = nearest[np.isfinite(nearest)]
+    return (float(np.median(nearest)) if nearest.size else fourth, fourth)
 
 
 def shuffled(n_points, most):
@@ -121,7 +121,7 @@ def pack_column(values):
     width = max(1, (int(values.max()).bit_length() + 7) // 8)
     plain = _planes(values, width)
     steps = _planes(_differences(values, width), width)
-    sizes = (len(zlib.compress(some[:, : 1 << 16].tobytes(), 1)) for some in (plain, steps))
+    sizes = (len(zlib.compress(planes[:, : 1 << 16].tobytes(), 1)) for planes in (plain, steps))
     delta = next(sizes) > next(sizes)
     return width, delta, zlib.compress((steps if delta else plain).tobytes(), 6)
 
@@ -129,6 +129,7 @@ def pack_column(values):
 def _text(data):
     """Bytes in base 85, filled up with zeros."""
     words = np.frombuffer(data + bytes(-len(data) % 4), dtype="<u4")
+    # 85^5 is just above 2^32, so five digits hold a word.
     digits = np.empty((len(words), 5), dtype=np.uint8)
     for place in range(4, -1, -1):
         words, digits[:, place] = np.divmod(words, np.uint32(85))
@@ -138,6 +139,7 @@ def _text(data):
 def _differences(values, width):
     """Differences modulo 256 ** width as 0, -1, 1, -2 ..."""
     half = 1 << (8 * width - 1)
+    # Small changes of either sign become small numbers, whose high bytes are 0 and compress well.
     change = np.diff(values.astype(np.int64), prepend=0)
     change = (change + half) % (2 * half) - half
     return np.where(change >= 0, 2 * change, -2 * change - 1)

@@ -214,8 +214,10 @@ def view(
     _check_extent(finite, names)
     sizes = [len(rows) for _, rows in finite]
     rows = [
-        known[shuffled(size, most)]
-        for (_, known), size, most in zip(finite, sizes, shares(sizes, max_points), strict=True)
+        finite_rows[shuffled(size, most)]
+        for (_, finite_rows), size, most in zip(
+            finite, sizes, shares(sizes, max_points), strict=True
+        )
     ]
     kept = [cloud.subset(chosen) for (cloud, _), chosen in zip(finite, rows, strict=True)]
     n_shown = sum(map(len, rows))
@@ -224,13 +226,13 @@ def view(
     manifest, blocks = _pack(kept, rows, only)
     for told, name, size, cloud in zip(manifest["clouds"], names, sizes, kept, strict=True):
         told |= {"name": str(name), "total": size, "dropped": cloud.n_dropped}
-    known = [attribute["name"] for attribute in manifest["attributes"]]
+    attributes = [attribute["name"] for attribute in manifest["attributes"]]
     units = {length_unit(cloud) for cloud in kept}
     manifest |= {
         "title": title or ", ".join(map(str, names)),
-        "own_height": free_name("height", known),
+        "own_height": free_name("height", attributes),
         "unit": units.pop() if len(units) == 1 else None,
-        "start": _first_color(color, [*known, free_name("height", known)]),
+        "start": _first_color(color, [*attributes, free_name("height", attributes)]),
     }
     return CloudPage(
         _fill(manifest, blocks),
@@ -339,11 +341,11 @@ def _template():
     )
 
 
-def _first_color(color, known):
+def _first_color(color, attributes):
     if color is None:
-        return next((name for name in FIRST_COLORS if name in known), known[-1])
-    if color not in known:
-        raise ValueError(f"no attribute {color!r} to color by; there are {', '.join(known)}")
+        return next((name for name in FIRST_COLORS if name in attributes), attributes[-1])
+    if color not in attributes:
+        raise ValueError(f"no attribute {color!r} to color by; there are {', '.join(attributes)}")
     return color
 
 

@@ -1,13 +1,13 @@
 """Settings of the tests of the command line."""
 
+import numpy as np
 import pytest
 
-from sklearn_mcmd import adjustment
 from sklearn_mcmd.cli import _messages
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.report import _rendering
 from sklearn_mcmd.tiling import _memory
-from tiled import street
+from tiled import shining_street
 
 
 @pytest.fixture(autouse=True)
@@ -23,22 +23,6 @@ def small_maps(monkeypatch):
 
 
 @pytest.fixture
-def real_figures():
-    """Have `mcmd plane` draw its figure, which takes it most of its time."""
-
-
-@pytest.fixture(autouse=True)
-def _empty_figures(request, monkeypatch):
-    def figure(*args, **kwargs):
-        from matplotlib.figure import Figure
-
-        return Figure((1, 1))
-
-    if "real_figures" not in request.fixturenames:
-        monkeypatch.setattr(adjustment, "plot_report", figure)
-
-
-@pytest.fixture
 def small_machine(monkeypatch):
     """A process takes nothing, so that 2 MB are tiles of few thousand points."""
     for name, value in {"PROCESS": 0, "PART": 1_000, "SMALLEST_CELL": 1_000}.items():
@@ -47,6 +31,9 @@ def small_machine(monkeypatch):
 
 @pytest.fixture
 def source(tmp_path):
-    """A street of 6,000 points in a file."""
-    write_points(tmp_path / "street.laz", street(6_000))
+    """A street of 6,000 points in a file, whose ground has class 2, and some others class 3."""
+    cloud = shining_street(6_000)
+    height = cloud.xyz[:, 2] - 100
+    classes = np.where(height < 0.1, 2, np.where(height > 3, 3, 1))
+    write_points(tmp_path / "street.laz", cloud.with_attributes(classification=classes))
     return tmp_path / "street.laz"

@@ -71,32 +71,14 @@ def test_info_shows_as_many_digits_as_coordinates_have(text, shown, tmp_path):
     assert shown in rows_of(tmp_path / "a.xyz")["x"]
 
 
-@pytest.mark.parametrize(
-    ("codes", "shown"),
-    [
-        ({}, "Amersfoort / RD New"),
-        ({2048: 4326, 3072: 32767}, "user-defined"),
-        ({2048: 4326, 3072: 25832}, "EPSG:25832"),
-        ({2048: 4326}, "EPSG:4326"),
-    ],
-)
-def test_info_names_the_coordinate_system_of_a_las_file(codes, shown, room, tmp_path):
+def test_info_names_the_coordinate_system_of_a_las_file(room, tmp_path):
     laspy = pytest.importorskip("laspy")
-    from laspy.vlrs import known
-
-    las = laspy.create(point_format=1 if codes else 6, file_version="1.2" if codes else "1.4")
+    las = laspy.create(point_format=6, file_version="1.4")
     las.x, las.y, las.z = room.xyz.T
-    record = known.WktCoordinateSystemVlr('PROJCS["Amersfoort / RD New",GEOGCS["x"]]')
-    if codes:
-        record = known.GeoKeyDirectoryVlr()
-        record.geo_keys = [
-            known.GeoKeyEntryStruct(id=key, tiff_tag_location=0, count=1, value_offset=code)
-            for key, code in codes.items()
-        ]
-        record.geo_keys_header.number_of_keys = len(codes)
-    las.header.vlrs.append(record)
+    text = 'PROJCS["Amersfoort / RD New",GEOGCS["x"]]'
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(text))
     las.write(tmp_path / "crs.las")
-    assert rows_of(tmp_path / "crs.las")["CRS"].split("  ")[0].startswith(shown)
+    assert rows_of(tmp_path / "crs.las")["CRS"].startswith("Amersfoort / RD New")
 
 
 def test_info_names_the_position_of_the_sensor_where_a_format_can_tell_it(room, tmp_path):
@@ -118,13 +100,6 @@ def test_huge_coordinates_are_shown_with_six_digits(verb, tmp_path):
     shown = done(verb, tmp_path / "huge.xyz").stdout
     assert re.findall(r"\d{16,}", shown) == []
     assert re.search(r"\de\+5\d", shown)
-
-
-def test_info_counts_one_point_of_one_file(tmp_path):
-    np.savetxt(tmp_path / "one.xyz", [[1.0, 2, 3]])
-    shown = done("info", tmp_path).stdout
-    assert "1 point of 1 file" in shown
-    assert "1 point," in shown
 
 
 def test_info_of_a_folder_has_a_line_for_each_file_and_one_for_all(tmp_path):

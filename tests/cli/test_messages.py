@@ -84,8 +84,8 @@ def test_deprecations_within_libraries_are_not_told_to_users(room_file, tmp_path
 
 
 @pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges"])
-@pytest.mark.parametrize("n", [1, 4, 30])
-def test_a_cloud_of_few_distinct_points_is_told_how_many_it_has(verb, n, tmp_path):
+def test_a_cloud_of_few_distinct_points_is_told_how_many_it_has(verb, tmp_path):
+    n = 4
     X = np.random.default_rng(0).uniform(size=(n, 3))
     np.savetxt(tmp_path / "in.xyz", np.resize(X, (70, 3)))
     result = done(verb, tmp_path / "in.xyz", tmp_path / "out.xyz")

@@ -1,12 +1,10 @@
 """mcmd normals: the estimator's normals and features as attributes."""
 
-import html
 import re
 
 import numpy as np
 import pytest
 
-from benchmarks.simulators import make_lidar_turn
 from commands import done, error_line, files_in, run
 from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.io import PointCloud, read_points, write_points
@@ -81,19 +79,6 @@ def row_of_sensor(result):
 def written(folder):
     out = np.load(folder / "out.npy")
     return [np.column_stack([out[f"{name}{a}"] for a in "xyz"]) for name in ("normal_", "")]
-
-
-def test_normals_look_at_where_the_file_says_that_shows_steps_of_a_scanner(tmp_path):
-    pytest.importorskip("pypcd4")
-    turn, stood = make_lidar_turn(4_000, random_state=0).data, np.array([5.0, 6, 7])
-    viewpoint = {"pcd_viewpoint": (*stood, 1.0, 0.0, 0.0, 0.0)}
-    write_points(tmp_path / "in.pcd", PointCloud(turn + stood, {}, viewpoint))
-    result = oriented(tmp_path / "in.pcd", tmp_path, "--sensor", "auto")
-    assert row_of_sensor(result) == "5, 6, 7 (PCD's VIEWPOINT)"
-    page = html.unescape((tmp_path / "report" / "index.html").read_text())
-    assert "5, 6, 7 (PCD's VIEWPOINT)" in page
-    normals, xyz = written(tmp_path)
-    assert (np.einsum("ij,ij->i", normals, stood - xyz) >= -1e-4).all()
 
 
 def test_normals_do_not_look_at_a_local_origin_that_a_file_states(room, tmp_path):

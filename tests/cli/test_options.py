@@ -1,7 +1,6 @@
 """Options: they reach the estimators, wrong values are wrong usage, threads change nothing."""
 
 import inspect
-import shutil
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from commands import done, error_line, files_in, run, usage_error
 from sklearn_mcmd.cli import app
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import WITH_COLUMNS
-from sklearn_mcmd.report._rendering import MADE_BY
 
 COMMANDS = {name: verb.loaded for name, verb in get_command(app).commands.items()}
 ESTIMATORS = {
@@ -73,40 +71,21 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("denoise", "--noise-scale", ["local", "-0.01", "0", "nan", "inf"]),
         ("denoise", "--n-neighbors", ["3"]),
         ("denoise", "--max-outlier-rate", ["1", "-0.1", "nan", "half"]),
-        ("denoise", "--mode", ["x"]),
         ("denoise", "--strictness", ["none"]),
-        ("denoise", "--cutoff", ["0", "-3", "3 sigma"]),
-        ("denoise", "--false-positive-rate", ["0", "0.5", "-0.1", "nan", "1%"]),
-        ("denoise", "--contamination", ["0", "0.51", "-0.1", "nan", "inf", "auto", "5%"]),
+        ("denoise", "--contamination", ["0", "0.51", "nan", "5%"]),
         ("denoise", "--above", ["nan", "high"]),
-        ("denoise", "--ignore-class", ["a"]),
-        ("denoise", "--only-class", ["3,256"]),
+        ("denoise", "--ignore-class", ["a", "3,256"]),
         ("denoise", "--sensor", ["1,2", "1,2,x", "0,0,nan", "", "origin"]),
         ("denoise", "--n-jobs", ["0", "one"]),
-        ("denoise", "--strictness", ["wild"]),
         ("normals", "--memory", ["lots", "0GB", "-1GB"]),
-        ("normals", "--radius", ["0", "-1", "nan"]),
-        ("normals", "--cutoff", ["0", "nan"]),
         ("normals", "--n-neighbors", ["3", "12.5", "many", "nan", "-50"]),
         ("normals", "--features", ["planarity,flatness"]),
-        ("normals", "--orientation", ["down"]),
         ("segment", "--max-angle", ["0", "91"]),
-        ("segment", "--max-gap", ["-1"]),
-        ("segment", "--max-distance", ["0"]),
-        ("segment", "--max-outlier-rate", ["1"]),
         ("edges", "--threshold", ["0"]),
-        ("edges", "--criterion", ["sharpness"]),
-        ("edges", "--min-angle", ["90"]),
         ("plane", "--sigma0", ["0", "-1", "nan", "5mm"]),
         ("plane", "--alpha", ["0", "1"]),
-        ("plane", "--test", ["z"]),
-        ("plane", "--tolerance", ["0", "5,5", "nan"]),
-        ("plane", "--plot", ["figure.docx"]),
-        ("plan", "--points", ["4"]),
-        ("plan", "--sigma0", ["-1"]),
-        ("plan", "--alpha", ["2"]),
+        ("plane", "--tolerance", ["0", "-1", "nan"]),
         ("plan", "--power", ["1"]),
-        ("plan", "--outlier-rate", ["0.5"]),
         ("info", "--columns", ["x=a,y=b,z", "a=x", "1,2,3"]),
     ],
 )
@@ -122,7 +101,7 @@ def test_values_out_of_range_are_wrong_usage_before_a_file_is_read(verb, option,
 RULERS = {"--cutoff": "2.8", "--false-positive-rate": "0.01", "--contamination": "0.1"}
 
 
-@pytest.mark.parametrize("left_out", ["--cutoff", "--false-positive-rate", "--contamination", ""])
+@pytest.mark.parametrize("left_out", ["--cutoff", ""])
 def test_cutoff_rate_and_contamination_exclude_each_other(left_out):
     given = {name: value for name, value in RULERS.items() if name != left_out}
     options = [f"{name}={value}" for name, value in given.items()]
@@ -151,35 +130,16 @@ def test_a_length_may_have_a_unit_where_that_of_the_file_is_given(verb, option):
     assert value(option, "40mm", "--unit", "m") == pytest.approx(0.04, rel=1e-15)
     assert value("--unit", "mm", option, "1 in") == pytest.approx(25.4, rel=1e-15)
     assert value(option, "4e-2") == value(option, "4e-2", "--unit", "chain") == 0.04
-    for text, unit, words in (
-        ("40mm", (), "40mm is no number. With a unit, it needs --unit, the unit of the file"),
-        ("40mm", ("--unit", "chain"), "40mm is no number. With a unit, it needs --unit"),
-        ("40MM", ("--unit", "m"), "40MM is no number. With a unit, it needs --unit"),
-    ):
-        assert f"'{option}': {words}" in usage_error(run(verb, *files, option, text, *unit))
+    for text, unit in (("40mm", ()), ("40mm", ("--unit", "chain")), ("40MM", ("--unit", "m"))):
+        words = f"'{option}': {text} is no number. With a unit, it needs --unit, the unit of the"
+        assert words in usage_error(run(verb, *files, option, text, *unit))
     below = value(option, "-50cm", "--unit", "m") if option == "--below" else -0.5
     assert below == -0.5
 
 
-@pytest.mark.parametrize(
-    ("verb", "option"),
-    [
-        *((verb, "--n-neighbors") for verb in ESTIMATORS if verb != "plane"),
-        ("segment", "--growth-neighbors"),
-    ],
-)
-def test_far_more_neighbors_than_points_are_refused_by_the_name_of_the_option(
-    verb, option, tmp_path
-):
-    np.save(tmp_path / "in.npy", np.random.default_rng(0).uniform(size=(5_000, 3)))
-    line = error_line(run(verb, tmp_path / "in.npy", tmp_path / "out.npy", option, 10**6))
-    assert f"in.npy: {option} 1000000 is more than there are points, 5,000" in line
-
-
-@pytest.mark.parametrize("verb", ["denoise", "normals", "segment", "edges"])
-def test_tiles_refuse_too_many_neighbors_before_any_work(verb, tmp_path, small_machine):
+def test_tiles_refuse_too_many_neighbors_before_any_work(tmp_path, small_machine):
     write_points(tmp_path / "in.las", np.random.default_rng(0).uniform(size=(5_000, 3)))
-    asked = verb, tmp_path / "in.las", tmp_path / "out.las", "--memory", "2MB", "--n-neighbors"
+    asked = "denoise", tmp_path / "in.las", tmp_path / "out.las", "--memory", "2MB", "--n-neighbors"
     line = error_line(run(*asked, 10**6))
     assert "--n-neighbors 1000000 is more than there are points, 5,000" in line
     assert files_in(tmp_path) == ["in.las"]
@@ -195,7 +155,7 @@ def survey(path, names):
     return path
 
 
-@pytest.mark.parametrize("verb", ESTIMATORS)
+@pytest.mark.parametrize("verb", ["denoise", "plane"])
 def test_coordinates_are_found_by_their_names_and_where_columns_says(verb, tmp_path):
     known = survey(tmp_path / "known.csv", "point,northing,easting,elevation")
     unknown = survey(tmp_path / "unknown.csv", "point,north of,east of,level")
@@ -221,30 +181,3 @@ def test_columns_of_files_that_name_their_own_are_refused(source, tmp_path):
     for verb, path in (("normals", source), ("plane", source), ("normals", tmp_path)):
         line = error_line(run(verb, path, tmp_path / "out.laz", "--columns", "x=1,y=2"))
         assert f"{path}: --columns x=1,y=2 is for {WITH_COLUMNS}" in line
-
-
-@pytest.mark.parametrize("verb", [*ESTIMATORS, "view"])
-def test_no_clobber_keeps_what_is_there(verb, room_file, tmp_path):
-    outputs = {"plane": ["a.laz", "a_report.txt", "a_report.png"], "view": ["a.html"]}
-    reports = [] if verb == "view" else ["report/index.html"]
-    for name in [*outputs.get(verb, ["a.laz"]), *reports]:
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(MADE_BY.decode())
-        target = ("-o", tmp_path / "a.html") if verb == "view" else (tmp_path / "a.laz",)
-        options = ("--report", tmp_path / "report") if name in reports else ()
-        line = error_line(run(verb, room_file, *target, *options, "--no-clobber"))
-        assert f"{path}: is there already" in line
-        assert path.read_bytes() == MADE_BY
-        path.unlink()
-
-
-def test_no_clobber_keeps_what_is_in_a_folder(tmp_path, source):
-    (tmp_path / "in").mkdir()
-    for name in "ab":
-        shutil.copy(source, tmp_path / "in" / f"{name}.laz")
-    asked = ("normals", tmp_path / "in", tmp_path / "out", "--n-jobs", "1", "--no-clobber", "-q")
-    done(*asked)
-    assert files_in(tmp_path / "out") == ["a.laz", "b.laz"]
-    (tmp_path / "out" / "a.laz").unlink()
-    assert "b.laz: is there already" in error_line(run(*asked))

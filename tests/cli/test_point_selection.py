@@ -7,8 +7,6 @@ from commands import done, error_line, run
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
-TOLD = ("judged", "marked", "removed")  # lines of the summary
-
 
 @pytest.fixture
 def site(tmp_path):
@@ -47,7 +45,6 @@ def outliers_of(cloud, used):
 @pytest.mark.parametrize(
     ("options", "left_out"),
     [
-        ((), []),
         (("--ignore-class", "6,9"), [6]),
         (("--only-class", "2,6"), [1]),
         (("--only-class", "1,2", "--ignore-class", "1"), [1, 6]),
@@ -69,7 +66,6 @@ def test_points_left_out_are_not_used_and_keep_their_class(options, left_out, si
 @pytest.mark.parametrize(
     ("options", "low", "high"),
     [
-        (("--above", 2.0), 2, np.inf),
         (("--below", 10), -np.inf, 10),
         (("--above", 5, "--below", 20.5), 5, 20.5),
     ],
@@ -99,39 +95,6 @@ def test_a_dense_cluster_below_ground_is_low_noise_if_asked_for(site):
         after.attributes["classification"][:2_000], kept.attributes["classification"][:2_000]
     )
     assert set(after.attributes["classification"][2_300:]) == {18}
-
-
-@pytest.mark.parametrize(
-    ("mode", "options"),
-    [
-        ("drop", ("--above", 2)),
-        ("mark", ("--below", 0, "--only-class", "1,2")),
-        ("mark", ("--ignore-class", "6")),
-        ("drop", ("--low-groups", "--below", -4.0, "--contamination", 0.02)),
-        ("mark", ("--above", 0, "--below", 20.5, "--low-groups", "--ignore-class", 2)),
-    ],
-    ids=str,
-)
-def test_heights_by_one_tile_are_those_of_memory(mode, options, site, tmp_path):
-    """The ground of one file counts for the points of another."""
-    cloud, options = read_points(site), ("--mode", mode, *options)
-    is_ground = cloud.attributes["classification"] == 2
-    (tmp_path / "in").mkdir()
-    for name, rows in {"a.las": is_ground, "b.las": ~is_ground}.items():
-        write_points(tmp_path / "in" / name, cloud.subset(rows))
-    write_points(site, cloud.subset(np.argsort(~is_ground, kind="stable")))
-    a, b = tmp_path / "a.las", tmp_path / "b.las"
-    told = []
-    for source, target in ((site, a), (tmp_path / "in", b)):
-        result = done("denoise", source, target, *options, "--n-jobs", 1)
-        rows = [line.split() for line in result.stdout.splitlines()]
-        told.append([row for row in rows if row[0] in TOLD])
-    assert told[0] == told[1]
-    assert len(told[0]) == 2
-    whole, tiles = read_points(a), read_points(b)
-    np.testing.assert_array_equal(whole.xyz, tiles.xyz)
-    for name, values in whole.attributes.items():
-        np.testing.assert_array_equal(values, tiles.attributes[name])
 
 
 def test_heights_without_ground_are_refused_by_tiles(small_machine, site, tmp_path):

@@ -35,15 +35,6 @@ def test_the_result_of_each_verb_is_what_the_page_colors_by(verb, color, kind, r
     np.testing.assert_array_equal(shown.columns["intensity"][0] - 1 + numbers["low"], shown.rows)
 
 
-def test_coordinates_that_no_page_can_hold_are_refused_by_the_name_of_the_file(tmp_path):
-    source = tmp_path / "huge.xyz"
-    source.write_text("1e308 0 0\n-1e308 0 0\n1 2 3\n")
-    result = run("view", source, "-o", tmp_path / "page.html")
-    assert result.exit_code == 1
-    assert "huge.xyz: x reaches from -1e+308 to 1e+308" in error_line(result)
-    assert not (tmp_path / "page.html").exists()
-
-
 def test_two_files_are_two_clouds_and_the_summary_tells_all(room, room_file, tmp_path):
     write_points(tmp_path / "less.laz", room.subset(slice(0, 100)))
     page = tmp_path / "both.html"

@@ -130,6 +130,9 @@ def test_errors_do_not_depend_on_the_unit_however_small_or_large(unit):
 
 def test_a_cut_far_out_costs_nothing_and_one_at_2_5_five_percent():
     assert_allclose(cut_inflation(10.0), 1)
+    for method in ("mcmd_z", "mcmd_md"):  # the square of a cutoff of 1e300 is not formed
+        huge, large = (METHODS[method].inflation(cutoff, 3, 40, 50) for cutoff in (1e300, 50.0))
+        assert huge == large
     assert_allclose(cut_inflation(2.5), 1 / np.sqrt(0.9113), rtol=1e-4)
 
 

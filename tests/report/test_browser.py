@@ -80,19 +80,6 @@ def test_a_report_fits_the_window_and_follows_the_theme(width, scheme, chromium,
             assert tab.evaluate(lightness) == (scheme == "light")
 
 
-def test_a_report_is_printed_and_leads_to_the_other_page(chromium, pages, tmp_path):
-    tab = chromium.new_page()
-    tab.goto(pages[1][0].as_uri())
-    tab.emulate_media(media="print")
-    assert not tab.is_visible("text=Look around in the cloud")
-    tab.pdf(path=tmp_path / "report.pdf")
-    assert (tmp_path / "report.pdf").stat().st_size > 10_000
-    tab.emulate_media(media="screen")
-    tab.click("text=Look around in the cloud")
-    tab.wait_for_url("**/view.html")
-    tab.close()
-
-
 def test_names_that_are_scripts_are_shown_and_run_nowhere(chromium, pages):
     for page in pages[1] + pages[2]:
         with opened(chromium, page) as tab:

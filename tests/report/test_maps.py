@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from sklearn_mcmd import BaardaPlaneDetector
+from sklearn_mcmd.adjustment._plane_figures import plane_figures
 from sklearn_mcmd.io import PointCloud
-from sklearn_mcmd.report._maps import found_maps, fullest_cells
+from sklearn_mcmd.report._maps import fullest_cells, marked_maps
+from sklearn_mcmd.report._plane_page import plane_contents
 from sklearn_mcmd.report._regions_page import segment_contents
 from sklearn_mcmd.report._shown import Shown
 
@@ -28,7 +31,7 @@ def made(offset=0.0, n_far=0):
     xyz = np.random.default_rng(0).uniform(0, 1, (3000, 3)) * [10, 5, 1]
     found, near = (xyz[:, 0] > 8) & (xyz[:, 1] > 4), np.arange(len(xyz)) >= n_far
     xyz[~near] += 1e6
-    return found_maps(xyz + offset, found, near, "outlier")
+    return marked_maps(xyz + offset, found, near, "outlier")
 
 
 def orange(pixels):
@@ -57,7 +60,7 @@ def test_a_map_is_filled_far_from_the_origin_and_far_points_are_left_out():
 def test_clouds_without_extent_are_drawn(xyz):
     n = len(xyz)
     for found in (np.zeros(n, bool), np.ones(n, bool)):
-        assert len(list(drawn(found_maps(xyz, found, np.ones(n, bool), "outlier")))) == 3
+        assert len(list(drawn(marked_maps(xyz, found, np.ones(n, bool), "outlier")))) == 3
 
 
 XYZ = np.random.default_rng(0).uniform(0, 20, (5000, 3)) + np.array([1000, 2000, -5])
@@ -110,3 +113,17 @@ def test_the_largest_regions_have_the_planes_of_their_points():
     assert rows[0]["middle"] == " ".join(f"{value:.9g}" for value in floor.mean(axis=0))
     assert rows[2]["normal"] == "nan nan nan"  # of a sample that has three points of it
     assert len(contents.maps) == 3
+
+
+def test_the_third_map_of_a_plane_has_a_color_for_each_of_its_16_cells():
+    rng = np.random.default_rng(0)
+    xyz = np.column_stack([rng.uniform(0, 4, (800, 2)), rng.normal(0, 0.004, 800)])
+    xyz[:, 2] += 0.01 * (xyz[:, 0] - 2) ** 2
+    xyz[:20, 2] += 1
+    detector = BaardaPlaneDetector(sigma0="auto", surface="orthogonal", robust_start=True)
+    figures = plane_figures(detector.fit(xyz), xyz)
+    *_, (form, _) = drawn(plane_contents(PointCloud(xyz), detector, figures, "").maps)
+    places, colors = form.collections[0].get_offsets(), form.collections[0].get_facecolors()
+    assert 10 < len(np.unique(colors, axis=0)) <= 17  # that of outliers, too; some cells are alike
+    middle = np.abs(places[:, 0] - 2) < 0.5  # lies lower: blue, not red
+    assert np.median(colors[middle, 2]) > np.median(colors[middle, 0])

@@ -30,7 +30,7 @@ def page(words="", **changes):
     contents = Contents(
         shown,
         headline=f"5 of 10 points {EVIL}",
-        found=[("points & parts", 10), (EVIL, EVIL)],
+        results=[("points & parts", 10), (EVIL, EVIL)],
         maps=[Map(EVIL, lambda ax: ax.plot([0, 1]))],
         tables=[Table(EVIL, [(EVIL, 1)], (EVIL, "b"), numbers=(1,), words=EVIL, colors=[EVIL])],
         notes=[Note("Few points.", f"Only 10 {EVIL}", "Take more.")],

@@ -44,17 +44,14 @@ def test_parts_of_parts_are_shares_of_the_whole():
 @pytest.mark.parametrize(
     ("estimator", "stages"),
     [
-        (MCMDOutlierDetector(random_state=0), ["planes", "outliers"]),
         (
             MCMDOutlierDetector(false_positive_rate=0.05, random_state=0),
             ["cutoff by simulation", "planes", "outliers"],
         ),
-        (RobustNormalEstimator(random_state=0), ["normals", "normals next to edges"]),
         (
             RobustNormalEstimator("auto", features="all", random_state=0),
             ["sizes of neighborhoods", "normals", "normals next to edges", "curvatures"],
         ),
-        (RobustNormalEstimator(method="pca"), ["normals"]),
         (RegionGrowing(random_state=0), ["normals", "links of neighbors", "narrow faces"]),
         (SharpFeatureDetector(random_state=0), ["planes", "outliers", "normals", "creases"]),
     ],

@@ -90,6 +90,7 @@ OPTIONS = [
     (OUTLIERS, {"intensity": True}, r"a\.las: intensity is asked for, but the inputs have none"),
     (but(OUTLIERS, strictness=None), {"intensity": True}, "has no meaning where"),
     (ESTIMATOR, {"memory": "10MB"}, "too little"),
+    *((one, {"n_jobs": 1.5}, "'n_jobs' parameter .* must be") for one in (ESTIMATOR, EDGES)),
     *((ESTIMATOR, {"tile_size": n}, "^tile_size=.* must be") for n in (0, -5, 1.5, "2000", True)),
     *((ESTIMATOR, {"memory": n}, "^memory=.* must be") for n in (0, -1e9, np.nan, np.inf)),
     *((ESTIMATOR, {"memory": text}, "write it like 2GB") for text in NO_SIZES),

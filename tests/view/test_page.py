@@ -160,6 +160,11 @@ def test_wrong_arguments_are_refused_by_name(wrong, message):
         view(np.eye(3), np.eye(3), **wrong)
 
 
+def test_coordinates_that_no_page_can_hold_are_refused_by_the_name_of_the_cloud():
+    with pytest.raises(ValueError, match=r"huge: x reaches from -1e\+308 to 1e\+308"):
+        view(1e308 * np.array([[1.0, 0, 0], [-1, 0, 0]]), names=["huge"])
+
+
 def test_in_jupyter_the_page_is_a_frame(cloud):
     page = view(cloud, height=321)
     frame = page._repr_html_()
