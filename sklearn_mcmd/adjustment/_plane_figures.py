@@ -57,12 +57,14 @@ class PlaneFigures(NamedTuple):
         return {row.name: row for rows in self.parts.values() for row in rows}
 
 
-def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatness=None):
+def plane_figures(
+    detector, X, unit="", *, n_worst=None, comparison=None, flatness=None, by_range=()
+):
     """The figures of a fitted detector, its training points, and what was compared with them.
 
-    The unit is only printed. `comparison` and `flatness` are results of `compare_planes` and
-    `flatness`. Without `n_worst`, the number of points to list, there are neither tables nor
-    reliability.
+    The unit is only printed. `comparison`, `flatness` and `by_range` are results of
+    `compare_planes`, `flatness` and `variance_components`. Without `n_worst`, the number of points
+    to list, there are neither tables nor reliability.
     """
     unit = f" {unit}" if unit else ""
     reliability = None if n_worst is None else _usual_reliability(detector, X)
@@ -73,7 +75,7 @@ def plane_figures(detector, X, unit="", *, n_worst=None, comparison=None, flatne
         "Plane": _plane_rows(detector, unit),
         "Standard errors": _error_rows(detector, X, unit),
         "Form": _form_rows(detector, unit),
-        "Tests": _test_rows(detector, unit),
+        "Tests": _test_rows(detector, unit) + _range_rows(by_range, unit),
         "Reliability": _reliability_rows(reliability, unit),
         "Flatness": _flatness_rows(flatness, unit),
         "Against the other plane": _comparison_rows(comparison, unit),
@@ -204,8 +206,9 @@ def _error_rows(detector, X, unit):
     ellipse = " x ".join(f"{error:.2g}" for error in precision.ellipse)
     return _words(
         {
-            "errors": f"{times}of independent noise{share}; not in them: form of the whole plane, "
-            "registration, calibration",
+            "errors": f"{times}of independent noise{share}; the middle of the plane lies within ± "
+            f"{center:.2g}{unit} (95 %); not in them: form of the whole plane, registration, "
+            "calibration",
             "a posteriori": exact if variance == "prior" else posterior,
             "normal's ellipse": f"{ellipse}, cone {precision.cone:.2g} degrees; 95 %: "
             f"{precision.confidence_factor():.2f} ellipses",
@@ -249,6 +252,23 @@ def _test_rows(detector, unit):
             "degrees of freedom": detector.dof_,
             **_variance_ratio(detector),
             "global test": _global_test(detector),
+        }
+    )
+
+
+def _range_rows(components, unit):
+    """Whether instrument data hold, class by class of the range."""
+    if not components:
+        return []
+    ratios = ", ".join(f"{one.ratio:.2f}" for one in components)
+    low, high = components[0].usual
+    held = sum(one.usual[0] <= one.ratio <= one.usual[1] for one in components)
+    return _words(
+        {
+            "by range": f"{ratios} times the deviations that the instrument's errors tell, from "
+            f"{components[0].low:.3g} to {components[-1].high:.3g}{unit}",
+            "instrument": f"{held} of {len(components)} ranges are within {low:.2f} and "
+            f"{high:.2f}, where 95 % are if these errors hold",
         }
     )
 

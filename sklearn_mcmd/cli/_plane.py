@@ -31,7 +31,8 @@ N_WORST = 10  # points of the largest statistics that the report lists
 SUMMARY = (
     *("outliers", "normal", "point", "dip", "dip direction", "errors", "lack of fit"),
     *("bow", "residuals", "sigma0", "variance ratio", "global test", "flatness", "form", "outside"),
-    *("zone", "against", "compared at", "registration", "tilt between", "offset"),
+    *("by range", "instrument", "zone", "against", "compared at", "registration"),
+    *("tilt between", "offset"),
 )
 
 
@@ -119,6 +120,21 @@ class Plane:
         "many are outside, and whether that is more than noise.",
         metavar="WIDTH",
     )
+    weights_from: tuple | None = _sensor.position_option(
+        "Where the scanner stood. Points then have weights by the errors of its ranges and angles, "
+        "which grow with the range and the angle of incidence; and the summary says by range "
+        "whether these hold.",
+        name="--weights-from",
+    )
+    range_error: float | None = length(
+        None, "With --weights-from: standard deviation of a range, such as 2mm."
+    )
+    range_ppm: float = option(
+        0.0, "With --weights-from: what it grows by, in millionths of the range.", min=0.0
+    )
+    angle_error: float = option(
+        0.0, "With --weights-from: standard deviation of a direction, in degrees.", min=0.0
+    )
     unit: _options.Unit = ""
     random_state: _options.RandomState = 0
     report: ReportFolder = None
@@ -135,6 +151,10 @@ class Plane:
             raise typer.BadParameter(
                 "is of two clouds: name the other by --against.", param_hint="--registration"
             )
+        if (self.weights_from is None) != (self.range_error is None):
+            names = "--range-error", "--weights-from"
+            missing, given = names if self.range_error is None else names[::-1]
+            raise typer.BadParameter(f"is missing, which {given} needs.", param_hint=missing)
         if self.target is None and self.report is not None:
             raise typer.BadParameter("is missing, which --report needs.", param_hint="OUT")
 
@@ -176,7 +196,7 @@ class Plane:
     def tested(self, xyz):
         """The fitted detector."""
         with warnings.catch_warnings(record=True) as caught:
-            fitted = self.detector().fit(xyz)
+            fitted = self.detector().fit(xyz, weights=self._weights(xyz))
         _check_width(fitted, xyz)  # what is refused needs no warning
         for one in caught:
             warnings.warn(one.message, stacklevel=2)
@@ -195,6 +215,21 @@ class Plane:
                 stacklevel=2,
             )
         return fitted
+
+    def _weights(self, xyz):
+        """Those of the points by the errors of the instrument, None where they are not given."""
+        if self.weights_from is None:
+            return None
+        from sklearn_mcmd.adjustment import scan_weights
+
+        return scan_weights(
+            xyz,
+            self.weights_from,
+            range_error=self.range_error,
+            range_ppm=self.range_ppm,
+            angle_error=self.angle_error,
+            normal=[0, 0, 1] if self.surface == "vertical" else None,
+        ).weights
 
     def _outputs(self, catalog):
         """Paths of the points, if any."""
@@ -219,9 +254,12 @@ class Plane:
 
     def _further(self, detector, cloud):
         """Results that are asked for: flatness, and the comparison with another file's plane."""
-        from sklearn_mcmd.adjustment import compare_planes, flatness
+        from sklearn_mcmd.adjustment import compare_planes, flatness, variance_components
 
-        further = {}
+        further: dict = {}
+        if self.weights_from is not None:
+            ranges = np.linalg.norm(cloud.xyz - self.weights_from, axis=1)
+            further["by_range"] = variance_components(detector, cloud.xyz, ranges)
         if self.tolerance is not None:
             further["flatness"] = flatness(detector, cloud.xyz, self.tolerance)
         if self.against is not None:

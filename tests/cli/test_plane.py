@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commands import done, error_line, files_in, run, usage_error
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, scan_weights
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 
 N, N_OUTLIERS = 600, 60
@@ -221,3 +221,23 @@ def test_a_fifth_of_outliers_raises_the_question_whether_it_is_one_plane(share, 
     said = done("plane", tmp_path / "a.npy").stderr
     words = r"[24]\d\.\d % of the 1,000 points are outliers: is it one plane\?.*mcmd segment"
     assert bool(re.search(words, said)) == is_asked
+
+
+def test_weights_from_a_station_are_those_of_the_instrument_and_told_by_range(tmp_path):
+    rng, station = np.random.default_rng(0), np.array([-3.0, -2.0, 1.2])
+    xyz = rng.uniform((0, 0, 0), (4, 0, 2.5), (2_000, 3))
+    ranges = np.linalg.norm(xyz - station, axis=1)
+    cosine = 2 / ranges
+    precise = np.hypot(0.002 * cosine, np.radians(0.03) * ranges * np.sqrt(1 - cosine**2))
+    xyz[:, 1] += rng.normal(0, precise)
+    np.save(tmp_path / "a.npy", xyz)
+    options = ("plane", tmp_path / "a.npy", "--unit", "m", "--weights-from=-3,-2,1.2")
+    told = done(*options, "--range-error", "2mm", "--angle-error", "0.03").stdout
+    assert re.search(r"instrument +[34] of 4 ranges", told)
+    wrong = done(*options, "--range-error", "2mm").stdout
+    assert re.search(r"instrument +[01] of 4 ranges", wrong)
+    weights = scan_weights(xyz, station, range_error=0.002, angle_error=0.03).weights
+    settings = {"sigma0": "auto", "surface": "orthogonal", "robust_start": True}
+    fitted = BaardaPlaneDetector(**settings, random_state=0).fit(xyz, weights=weights)
+    assert f"{fitted.sigma0_:.4g} m (estimated)" in told
+    assert "is missing, which --weights-from needs" in usage_error(run(*options))
