@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._formats import ALL, format_of, no_columns
-from sklearn_mcmd.io._no_returns import LEFT_OUT, BlankRecords, NoReturns
+from sklearn_mcmd.io._no_returns import LEFT_OUT, NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._units import degrees_warning
 
@@ -51,9 +51,8 @@ def read_points(
     UserWarning
         If columns of words, or fields of other formats, are left out. If integers of text are
         rounded. If points are 0, 0, 0 where most coordinates are large, or many are: rays without a
-        return. If records of LAS are zero bytes. If x and y seem to be degrees, unlike z. If LAS
-        describes more of a point than there is, or holds more or fewer records than its header
-        counts, or a rotation of E57 is not of length 1.
+        return. If x and y seem to be degrees, unlike z. If LAS holds more or fewer records than its
+        header counts, or a rotation of E57 is not of length 1.
 
     See Also
     --------
@@ -114,7 +113,7 @@ def read_points(
         check_file(path)
         cloud = known.read(path) if columns is None else known.read(path, columns)
         no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz, order="F").all(axis=1)
-        odd = [no_returns.warning(path), BlankRecords().add(cloud).warning(path)]
+        warning = no_returns.warning(path)
         if no_returns.n_left_out:
             kept &= cloud.xyz.any(axis=1)
         if not kept.all():
@@ -126,7 +125,7 @@ def read_points(
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))
     header = cloud.metadata.get("las_header")
-    for words in (*odd, degrees_warning(path, cloud.xyz, header, columns)):
+    for words in (warning, degrees_warning(path, cloud.xyz, header, columns)):
         if words:
             warnings.warn(words, stacklevel=2)
     return cloud

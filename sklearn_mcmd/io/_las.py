@@ -9,13 +9,7 @@ import numpy as np
 from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, offset_of, scale_of
-from sklearn_mcmd.io._las_structure import (
-    EVLR_HEADER,
-    as_described,
-    check_structure,
-    record_length,
-    start_of_longest,
-)
+from sklearn_mcmd.io._las_structure import EVLR_HEADER, check_structure
 from sklearn_mcmd.io._laz import compressed_parts, n_compressed
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
@@ -35,7 +29,6 @@ COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the sam
 WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
 LONGEST_NAME = 32  # bytes of an extra dimension's name
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}  # of extra dimensions
-MOST_LACKING = 10  # times a record, what descriptions may have besides: zeros that take memory
 
 WAVEFORMS = "LASF_Spec", 65535  # user and number of the record with the samples of waveforms
 # User, number and description of the record that says that outliers were removed.
@@ -55,14 +48,13 @@ def parts_of(file, header, n_points):
     if header.are_points_compressed and header.point_count:
         yield from compressed_parts(file, header, n_points)
         return
-    size = record_length(file)
     file.seek(header.offset_to_point_data)
     for start in range(0, header.point_count, n_points or 1):
-        wanted = min(n_points, header.point_count - start)
-        points = np.fromfile(file, np.uint8, wanted * size)
-        if len(points) < wanted * size:
+        n_bytes = min(n_points, header.point_count - start) * header.point_format.size
+        points = np.fromfile(file, np.uint8, n_bytes)
+        if len(points) < n_bytes:
             raise PointFileError("truncated: the points end too early")
-        yield as_described(points, size, header.point_format)
+        yield points
 
 
 def write_las(path, cloud, noise=None):
@@ -181,9 +173,8 @@ def header_of(path, file):
     """The header of a file that is open. Its bounds are in order, the file at any position."""
     laspy = import_laspy(path.name.lower().endswith(".laz"))
     n_points, n_behind = check_structure(file)
-    length = record_length(file)
-    header = laspy.LasHeader.read_from(start_of_longest(file))
-    header.read_evlrs(file)
+    file.seek(0)
+    header = laspy.LasHeader.read_from(file, read_evlrs=True)
     if n_points != header.point_count:
         header.point_count = n_points
         warn_caller(f"{path}: its header counts 0 points, but {n_points:,} where LAS 1.2 does")
@@ -194,27 +185,13 @@ def header_of(path, file):
             warn_caller(f"{path}: holds {header.point_count:,} {counted_more}")
     for record in header.vlrs.get("ExtraBytesVlr"):  # laspy forgets which value means no data
         no_data = {e.format_name(): e.no_data for e in record.extra_bytes_structs if e.data_type}
-        for i, known in enumerate(header.point_format.dimensions):
-            header.point_format.dimensions[i] = known._replace(no_data=no_data.get(known.name))
-    standard = laspy.PointFormat(header.point_format.id).size
-    rest = header.point_format.dimensions.pop()  # what none of the records describes
-    n_more = length - header.point_format.size
-    if length < standard:
-        raise PointFileError(f"broken header: points of {length} bytes, not {standard} or more")
+        header.point_format.dimensions = [
+            dimension._replace(no_data=no_data.get(dimension.name))
+            for dimension in header.point_format.dimensions
+        ]
     if n_behind:
         warn_caller(
             f"{path}: holds {counted(n_behind, 'record')} more than its header counts: not read"
-        )
-    if n_more > 0:
-        header.point_format.dimensions.append(
-            rest._replace(num_bits=8 * n_more, num_elements=n_more)
-        )
-    elif n_more < 0:
-        told = f"describes {length - n_more - standard} extra bytes of each point, its points have"
-        if -n_more > MOST_LACKING * length:
-            raise PointFileError(f"broken header: it {told} {length - standard}")
-        warn_caller(
-            f"{path}: its header {told} {length - standard}; attributes that are not there are 0"
         )
     if header.version.minor < 2:
         header.global_encoding = type(header.global_encoding)()  # these bytes meant nothing then

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from e57_files import write_scans
-from las_files import las_of
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.io._formats import supported_extensions
 from sklearn_mcmd.io._las_parts import read_parts
@@ -44,39 +43,6 @@ def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
     with pytest.warns(UserWarning, match=r"a.e57, scan 1: 90 of 390 points are 0, 0, 0"):
         cloud = read_points(tmp_path / "a.e57")
     assert (len(cloud), cloud.n_dropped, cloud.metadata["n_no_returns"]) == (300, 90, 90)
-
-
-def blank(path, point_format, offset, rows, by_return=0, xyz=SURVEY):
-    """LAS of which some records are zero bytes."""
-    las = las_of(point_format, xyz=xyz, offsets=np.array(offset, float))
-    las.points.array.view(np.uint8).reshape(len(xyz), -1)[:, 12:] = 0
-    las.return_number = np.full(len(xyz), by_return)
-    las.points.array[rows] = 0
-    las.write(path)
-    return path
-
-
-@pytest.mark.parametrize("point_format", [1, 6])
-@pytest.mark.parametrize("name", ["a.las", "a.laz"])
-@pytest.mark.parametrize(
-    ("offset", "by_return"), [((4e5, 1e5, 0), 0), (CORNER - [0, 0, 100], 0), (SURVEY[5], 1)]
-)
-def test_records_of_zero_bytes_are_named(tmp_path, point_format, name, offset, by_return):
-    path = blank(tmp_path / name, point_format, offset, [17, 28, 29], by_return)
-    told = "3 of 30 records are zero bytes, which lie at the file's offset, the first is point 18: "
-    with pytest.warns(UserWarning, match=told):
-        assert len(read_points(path)) == 30
-    with pytest.warns(UserWarning, match=told):
-        assert sum(map(len, read_parts(path, 11))) == 30
-
-
-LATTICE = CORNER + np.stack(np.meshgrid(range(6), range(5), [0]), axis=-1).reshape(-1, 3)
-
-
-@pytest.mark.parametrize(("offset", "by_return"), [(CORNER, 0), (CORNER, 1), (CORNER - 1, 0)])
-def test_a_point_at_the_offset_that_has_nothing_else_may_be_one(tmp_path, offset, by_return):
-    path = blank(tmp_path / "a.las", 6, offset, [], by_return, xyz=LATTICE)
-    assert len(read_points(path)) == sum(map(len, read_parts(path, 11))) == 30
 
 
 TENS = np.repeat(np.outer(np.arange(-30.0, 30), [1, 2, 3]), 10, axis=0)  # each place ten times
