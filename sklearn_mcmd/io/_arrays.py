@@ -76,9 +76,9 @@ def read_npz(path):
     else:
         for table in (a for a in arrays.values() if a.ndim == 2):
             check_turned(*table.shape)
-        found = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
+        shapes = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
         raise PointFileError(
-            f"needs an array xyz of shape (n, 3), or x, y, z; it holds {found[:300]}"
+            f"needs an array xyz of shape (n, 3), or x, y, z; it holds {shapes[:300]}"
         )
     shape = xyz.shape[:2]
     is_grid, (xyz, columns) = xyz.ndim == 3, _columns(xyz)
@@ -146,10 +146,9 @@ def _check_array(file, room, what):
     Of none, each takes a byte all the same: there are loops over columns without rows.
     """
     file = io.BytesIO(file.read(LONGEST_HEADER))
-    known = np.lib.format
-    is_first = known.read_magic(file) == (1, 0)
-    read = known.read_array_header_1_0 if is_first else known.read_array_header_2_0
-    shape, _, dtype = read(file)
+    is_first = np.lib.format.read_magic(file) == (1, 0)
+    readers = np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0
+    shape, _, dtype = readers[0 if is_first else 1](file)
     if dtype.hasobject:
         raise PointFileError("holds pickled objects, which are never loaded; write numbers")
     check_room(math.prod(shape) * dtype.itemsize, room, what)

@@ -162,13 +162,14 @@ def _pose(path, number, scan):
 
 def _scan(pye57, file, header):
     """Coordinates as they are in a scan, and attributes, of all points that are not invalid."""
-    known, n = pye57.e57.SUPPORTED_POINT_FIELDS, header.point_count
+    dtypes, n = pye57.e57.SUPPORTED_POINT_FIELDS, header.point_count
     data, buffers = {}, pye57.libe57.VectorSourceDestBuffer()
-    for field in known.keys() & set(header.point_fields):
+    for field in dtypes.keys() & set(header.point_fields):
         # pye57 reads colors as bytes; single precision holds those of 16 bits, too.
-        data[field] = np.empty(n, "f" if field in COLOR_FIELDS else known[field])
-        array = file.image_file, field, data[field], n, True, True
-        buffers.append(pye57.libe57.SourceDestBuffer(*array))
+        data[field] = np.empty(n, "f" if field in COLOR_FIELDS else dtypes[field])
+        # The last two arguments: numbers are converted to this dtype, and scaled.
+        buffer = pye57.libe57.SourceDestBuffer(file.image_file, field, data[field], n, True, True)
+        buffers.append(buffer)
     if (n_read := header.points.reader(buffers).read()) != n:
         raise PointFileError(f"a scan promises {n:,} points and holds {n_read:,}")
     system = header.get_coordinate_system(pye57.e57.COORDINATE_SYSTEMS)

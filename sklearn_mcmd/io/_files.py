@@ -104,14 +104,15 @@ def read_points(
     with one_clear_line(path, "read"):
         if path.is_dir():
             raise PointFileError("is a folder; a point file is needed")
-        known = format_of(path)
-        if columns is not None and not known.columns:
+        file_format = format_of(path)
+        if columns is not None and not file_format.columns:
             error = no_columns(columns)
             raise PointFileError(str(error)) from error
         if not set(columns or ()) <= set("xyz"):
             raise PointFileError(f"columns={columns} must tell of x, y or z")
         check_file(path)
-        cloud = known.read(path) if columns is None else known.read(path, columns)
+        read = file_format.read
+        cloud = read(path) if columns is None else read(path, columns)
         no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz, order="F").all(axis=1)
         warning = no_returns.warning(path)
         if no_returns.n_left_out:
@@ -212,7 +213,7 @@ def write_points(
     """
     path = Path(path)
     with one_clear_line(path, "written"):
-        known = format_of(path, written=True)
+        file_format = format_of(path, written=True)
     if not isinstance(cloud, PointCloud):
         cloud = PointCloud(cloud)
     if len(cloud) == 0:
@@ -222,16 +223,16 @@ def write_points(
     options = {}
     if noise is not None:
         noise = _mask(noise, len(cloud))
-        if known.marks:
+        if file_format.marks:
             options["noise"] = noise
-        elif known.results != ALL:
+        elif file_format.results != ALL:
             raise PointFileError(
-                f"{path}: {known.name} has no place to mark outliers; write another format"
+                f"{path}: {file_format.name} has no place to mark outliers; write another format"
             )
         else:
             cloud = cloud.with_attributes(outlier=noise != 0)
     with replacing(path) as temporary, one_clear_line(path, "written"):
-        known.write(temporary, cloud, **options)
+        file_format.write(temporary, cloud, **options)
 
 
 def check_file(path):

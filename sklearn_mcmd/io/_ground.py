@@ -69,8 +69,8 @@ class Ground:
         """
         distances, heights = np.empty((2, len(xyz), self._n_nearest))
         for first in range(0, len(xyz), AT_ONCE):
-            some = slice(first, first + AT_ONCE)
-            distances[some], heights[some] = self._nearest(xyz[some, :2])
+            rows = slice(first, first + AT_ONCE)
+            distances[rows], heights[rows] = self._nearest(xyz[rows, :2])
         return distances, heights
 
     def _nearest(self, plan):

@@ -126,13 +126,13 @@ def _correct(header, ends):
         header.mins = np.where(turned, ends[:, 0].min(axis=0), header.mins)
         header.maxs = np.where(turned, ends[:, 1].max(axis=0), header.maxs)
     if header.start_of_waveform_data_packet_record:
-        at, found = header.start_of_first_evlr, 0
+        at, waveforms_at = header.start_of_first_evlr, 0
         for record in header.evlrs or []:
             if (record.user_id, record.record_id) == WAVEFORMS:
-                found = found or at
+                waveforms_at = waveforms_at or at
             at += EVLR_HEADER + len(record.record_data_bytes())
-        header.start_of_waveform_data_packet_record = found
-        if not found:
+        header.start_of_waveform_data_packet_record = waveforms_at
+        if not waveforms_at:
             warn_caller("waveform samples behind the points of the input are not copied")
 
 

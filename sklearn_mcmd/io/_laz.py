@@ -102,8 +102,8 @@ class _Layout:
         wanted = [item[:2] for item in struct.iter_unpack("<3H", plain[34:])]
         items = list(struct.iter_unpack("<3H", record[34 : 34 + 6 * n_items]))
         for i, (kind, n_bytes, version) in enumerate(items):
-            known = wanted[i] == (kind, n_bytes) if i < len(wanted) else kind in EXTRA_BYTES
-            if not known or version not in ITEM_VERSIONS[self.compressor]:
+            is_usual = wanted[i] == (kind, n_bytes) if i < len(wanted) else kind in EXTRA_BYTES
+            if not is_usual or version not in ITEM_VERSIONS[self.compressor]:
                 raise PointFileError(
                     f"damaged, or compressed by an unknown LASzip ({record[4]}.{record[5]}): item "
                     f"{kind} of {n_bytes} bytes, version {version}; write it anew by laszip"

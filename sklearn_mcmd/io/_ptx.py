@@ -40,8 +40,9 @@ def read_ptx(path):
                 xyz = table[kept, :3] @ matrix[:3, :3] + matrix[3, :3]
                 scans[len(scans)] = PointCloud(xyz, attributes)
                 # Where nothing is moved, points may have been moved before.
-                known = min(shape) > 1 and ((matrix != np.eye(4)).any() or not position.any())
-                setups.append(matrix[3, :3] if known else np.full(3, np.nan))
+                is_moved = (matrix != np.eye(4)).any() or not position.any()
+                stood = matrix[3, :3] if min(shape) > 1 and is_moved else np.full(3, np.nan)
+                setups.append(stood)
     return joined_scans(scans, setups, n_points)
 
 

@@ -60,9 +60,11 @@ def _check_ply_values(path):
         header, _, _ = file.read(LONGEST_HEADER).partition(b"end_header")
         size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
     elements = re.split(rb"(?:^|[\r\n])\s*element\s+\S+\s+(\d+)", header)[1:]
-    properties = (re.findall(rb"[\r\n]\s*property", some) for some in elements[1::2])
-    rows = zip(map(int, elements[::2]), properties, strict=True)
-    check_room(sum(n * len(some) for n, some in rows), size, "its values")
+    n_values = sum(
+        int(n_rows) * len(re.findall(rb"[\r\n]\s*property", properties))
+        for n_rows, properties in zip(elements[::2], elements[1::2], strict=True)
+    )
+    check_room(n_values, size, "its values")
 
 
 def write_ply(path, cloud):

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io._formats import SENSORS
+from sklearn_mcmd.io._las_structure import ANGLE_STEP
 from sklearn_mcmd.io._point_cloud import SETUPS, PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
@@ -37,8 +38,8 @@ def place_words(positions, words):
 
 def lights_in(attributes):
     """Those of the attributes of a cloud that say how much light came back, by their names."""
-    given = {name.lower().removeprefix("scalar_"): a for name, a in attributes.items()}
-    return {name: given[name] for name in LIGHTS if name in given and np.ndim(given[name]) == 1}
+    arrays = {name.lower().removeprefix("scalar_"): a for name, a in attributes.items()}
+    return {name: arrays[name] for name in LIGHTS if name in arrays and np.ndim(arrays[name]) == 1}
 
 
 def rows_of_sensor(where, doubt, n_by_rays):
@@ -152,23 +153,23 @@ def _of_setups(cloud):
 
 def positions_of_lines(cloud):
     """Positions for each point (n, 3), or None; and where they are from, or why there are none."""
-    given = cloud.attributes
-    angles = given.get("scan_angle_rank")
-    if angles is None and "scan_angle" in given:
-        angles = 0.006 * np.asarray(given["scan_angle"], float)
-    if angles is None or "gps_time" not in given or "point_source_id" not in given:
+    attributes = cloud.attributes
+    angles = attributes.get("scan_angle_rank")
+    if angles is None and "scan_angle" in attributes:
+        angles = ANGLE_STEP * np.asarray(attributes["scan_angle"], float)
+    if angles is None or not {"gps_time", "point_source_id"} <= attributes.keys():
         return None, "points have no scan angles with times; give a position or a trajectory"
-    angles, times = np.asarray(angles, float), np.asarray(given["gps_time"], float)
+    angles, times = np.asarray(angles, float), np.asarray(attributes["gps_time"], float)
     if np.ptp(angles) == 0 or np.ptp(times) == 0:
         return None, "scan angles or times are all equal; give a position or a trajectory"
-    lines = np.asarray(given["point_source_id"])
+    lines = np.asarray(attributes["point_source_id"])
     positions, numbers = np.empty((len(cloud), 3)), np.unique(lines)
     for line in numbers:
         rows = lines == line
-        found, why = _adjusted(cloud.xyz[rows], times[rows], angles[rows])
-        if found is None:
+        flown, why = _adjusted(cloud.xyz[rows], times[rows], angles[rows])
+        if flown is None:
             return None, f"of flight line {line}, {why}; give a trajectory"
-        positions[rows] = found
+        positions[rows] = flown
     one = len(numbers) == 1
     return positions, "scan angles of " + ("one flight line" if one else f"{len(numbers)} lines")
 

@@ -55,7 +55,7 @@ def read_text(path, columns=None):
     ]
     if left_out:
         warn_caller(f"{path}: columns with words are left out: {', '.join(left_out)}")
-    attributes = {}
+    attributes: dict[str, np.ndarray] = {}
     for j, name in enumerate(table.names):
         if j in table.positions or j in table.words:
             continue
@@ -161,9 +161,9 @@ class _Head:
 
 def _head(file, columns):
     """What stands above the first row."""
-    given = list(columns.values()) if columns else []
-    numbered = len(given) == 3 and all(str(which).isdecimal() for which in given)
-    head = _Head([int(which) - 1 for which in given] if numbered else [0, 1, 2])
+    chosen = list(columns.values()) if columns else []
+    by_number = len(chosen) == 3 and all(str(column).isdecimal() for column in chosen)
+    head = _Head([int(column) - 1 for column in chosen] if by_number else [0, 1, 2])
     while True:
         head.line = line = named_nans(_decoded(file.readline(LONGEST)))
         head.number += 1
@@ -180,8 +180,8 @@ def _head(file, columns):
             text = head.last = text.lstrip("#/ ")
             names = _fields(text)
             # Fields between commas, without blanks or numbers, are names even if none is known.
-            between = " " not in text and _delimiter(text) and not any(map(_is_value, names))
-            if between or are_names(names, () if numbered else given):
+            is_list = " " not in text and _delimiter(text) and not any(map(_is_value, names))
+            if is_list or are_names(names, () if by_number else chosen):
                 head.comments.append(names)
         elif text and head.is_row(columns):
             return head
@@ -198,10 +198,8 @@ def _begin(file, columns, extension):
     if head.names is None:
         # The format names what follows x, y and z.
         n = len(fields) - 3
-        of_places = next(
-            (names for names in COLUMNS.get(extension, ()) if len(names) == n), [""] * n
-        )
-        names = ["", "", "", *of_places]
+        layouts = (names for names in COLUMNS.get(extension, ()) if len(names) == n)
+        names = ["", "", "", *next(layouts, [""] * n)]
     else:
         # A separator at the end of the header, or of the rows, makes a column without a name.
         if head.names[-1] == "" and len(head.names) == len(fields) + 1:
@@ -306,13 +304,12 @@ class _Table:
         """The table of lines that NumPy can read, else None."""
         converters = dict.fromkeys(self.gaps, _filled)
         converters |= dict.fromkeys(self.words, lambda cell: np.nan)
-        options = {"comments": None, "encoding": "utf-8", "quotechar": '"', "ndmin": 2}
+        options: dict[str, Any] = {"comments": None, "encoding": "utf-8", "quotechar": '"'}
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of a part without rows
-                table = np.loadtxt(
-                    lines, delimiter=self.delimiter, converters=converters, **options
-                )
+                options |= {"delimiter": self.delimiter, "converters": converters}
+                table = np.loadtxt(lines, ndmin=2, **options)
         except ValueError:
             return None
         return table if table.shape[1] == len(self.names) else None
