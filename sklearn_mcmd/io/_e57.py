@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._las_structure import check_grid
 from sklearn_mcmd.io._no_returns import LEFT_OUT, NoReturns
 from sklearn_mcmd.io._point_cloud import (
@@ -22,8 +23,8 @@ from sklearn_mcmd.io._point_cloud import (
     colors_of_bytes,
     fit_dtype,
     flat_columns,
-    import_extra,
     joined_scans,
+    warn_of_lost,
 )
 
 MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
@@ -246,12 +247,8 @@ def write_e57(path, cloud):
             lost += [n for n, f in zip(group, fields, strict=True) if data.pop(f, None) is not None]
     if stood.any() and not keep:
         lost.append("poses of the scans")
-    told = {"not written": lost, "rounded": [name for name in rounded if name not in lost]}
-    if lost or rounded:
-        warn_caller(
-            "E57 holds coordinates, finite intensity of single precision and colors of 8 bits only"
-            + "".join(f"; {how}: {', '.join(names)}" for how, names in told.items() if names)
-        )
+    holds = "E57 holds coordinates, finite intensity of single precision and colors of 8 bits"
+    warn_of_lost(holds, lost, rounded)
     file = pye57.E57(os.fsencode(path), mode="w")
     try:
         write_scan(file, data, name=None if keep else MERGED, translation=center)

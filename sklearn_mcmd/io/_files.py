@@ -328,7 +328,7 @@ def one_clear_line(path, action):
     """Turn any error into a PointFileError that begins with the file's name."""
     try:
         yield
-    except PointFileError as err:
+    except (PointFileError, ImportError) as err:  # which says how to install what is missing
         words = " ".join(str(err).split())  # names in files may have several lines
         raise PointFileError(f"{path}: {words}") from err.__cause__
     except OSError as err:

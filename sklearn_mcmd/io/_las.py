@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sklearn_mcmd._errors import counted, warn_caller
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import EVLR_HEADER, check_structure
@@ -17,7 +18,6 @@ from sklearn_mcmd.io._point_cloud import (
     PointFileError,
     fit_dtype,
     flat_columns,
-    import_extra,
 )
 from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
 

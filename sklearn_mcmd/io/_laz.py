@@ -12,7 +12,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from sklearn_mcmd.io._point_cloud import PointFileError, check_room, import_extra
+from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.io._point_cloud import PointFileError, check_room
 
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of LASzip's items by number; an extra byte is one
 EXTRA_BYTES = (0, 14)  # numbers of the items that hold them

@@ -8,6 +8,7 @@ from math import prod
 import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._arrays import cloud_from_records
 from sklearn_mcmd.io._column_names import without_accents
 from sklearn_mcmd.io._point_cloud import (
@@ -19,7 +20,6 @@ from sklearn_mcmd.io._point_cloud import (
     check_room,
     fit_dtype,
     flat_columns,
-    import_extra,
     made_of_bytes,
     with_cells,
 )

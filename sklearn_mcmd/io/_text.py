@@ -22,6 +22,7 @@ from sklearn_mcmd.io._point_cloud import (
     colors_of_bytes,
     fit_dtype,
     flat_columns,
+    warn_of_lost,
 )
 from sklearn_mcmd.io._unnamed import check_first_columns, naming_columns
 
@@ -474,20 +475,17 @@ def _with_bytes(path, attributes):
 
 def _fitting(extension, columns):
     """The columns that a format holds, with a warning of all others."""
-    name, (held, rounded) = extension[1:].upper(), colors_of_bytes(columns)
-    for color in COLORS:
-        values = held.get(color, np.zeros(1))
-        if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > 255:
-            held = {n: v for n, v in held.items() if n != color}
-    names = next(names for names in COLUMNS[extension] if held.keys() >= set(names))
-    lost = [n for n in columns if n not in names]
+    format_name, (columns, are_rounded) = extension[1:].upper(), colors_of_bytes(columns)
+    kept = {
+        name: values
+        for name, values in columns.items()
+        if name not in COLORS
+        or (values.dtype.kind in "iu" and values.min() >= 0 and values.max() <= 255)
+    }
+    names = next(names for names in COLUMNS[extension] if kept.keys() >= set(names))
+    lost = [name for name in columns if name not in names]
     if "outlier" in lost:
-        raise PointFileError(f"{name} has no place to mark outliers; write another format")
-    words = [f"not written: {', '.join(lost)}"] if lost else []
-    words += ["rounded to 8 bits: colors"] if rounded and "red" in names else []
-    if not names and extension != ".pts":
-        words.append(f"few programs read {name} without the last three")
-    if words:
-        holds = ", ".join(COLUMNS[extension][0])
-        warn_caller(f"{name} holds x, y, z and {holds} only; {'; '.join(words)}")
-    return {n: held[n] / 255 if extension == ".xyzrgb" else held[n] for n in names}
+        raise PointFileError(f"{format_name} has no place to mark outliers; write another format")
+    holds = f"{format_name} holds x, y, z and {', '.join(COLUMNS[extension][0])}"
+    warn_of_lost(holds, lost, COLORS if are_rounded and "red" in names else ())
+    return {name: kept[name] / 255 if extension == ".xyzrgb" else kept[name] for name in names}
