@@ -13,7 +13,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from benchmarks._fuzz_seeds import ENCODINGS, save_as
+from benchmarks._fuzz_seeds import save_as
 from sklearn_mcmd.io import PointFileError, read_points, write_points
 from sklearn_mcmd.io._formats import format_of, supported_extensions
 from sklearn_mcmd.io._text import read_text
@@ -47,34 +47,21 @@ BAD_TEXTS = {
     "gap.csv": ("x,y,z\n1,2,3\n4,,6\n", "line 3: '' is not a number"),
     "underscore.csv": ("1,2,3\n4,5_0,6\n", "line 2: '5_0' is not a number"),
     "commas.xyz": ("112,345 213,456 100,123\n", "decimal commas"),  # or thousands apart
-    "other.xyz": ("1 2,5 3,5\n1.5 2 3\n", "line 2: '1.5' is .* with a decimal comma, as those"),
     "doubled.csv": ("x,y,z\n1,5,2,25,3,5\n", "header has 3 columns, line 2 has 6; .* decimal com"),
-    "later.csv": ("x,y,z\n1,2,3\n1,5,2,-3,5\n", "line 3 has 5 columns, .* decimal commas"),
     "unnamed.csv": ("7,216,8,32,9,5\n7,016,8,32,9,5\n", "line 2 has decimal commas: write points"),
     "count.xyz": ("3\n1 2 3\n4 5 6\n", "line 1 promises 3 points, found 2"),
-    "quoted.csv": ('"1,5","2,5","3,5"\n', "line 1 has decimal commas"),
     "thousands.csv": ('x,y,z\n1,2,"312,403"\n', "line 2 has decimal commas: .* between thousands"),
-    "word.csv": ('"x","y","z"\n"1","2","3"\n"4","wall","6"\n', "line 3: 'wall' is not a number"),
-    "missing.csv": ('"x","y","z"\n"1","2","3"\n"4","5"\n', "line 3 has 2 columns, line 2 has 3"),
-    "one.csv": ("1,5\n", "line 1 has 2 columns"),
     "more.xyz": ("1\n1 2 3\n4 5 6\n", "line 1 promises 1 point, line 3 is one more"),
     "second.xyz": ("1\n1 2 3\n3\n4 5 6\n", "line 3 promises 3 points, found 1"),
-    "last.xyz": ("1\n1 2 3\n1\n4 5 6\n7 8 9\n", "line 3 promises 1 point, line 5 is one more"),
-    "inner.xyz": ("2\n1 2 3\n1\n4 5 6\n", "line 3 has 1 columns, .*; line 1 promises 2 points"),
     "ragged.xyz": ("1 2 3\n\n4 5\n", "line 3 has 2 columns, line 1 has 3"),
     "late.xyz": ("1 2 3\n4 b 6\n", "line 2: 'b' is not a number"),
     "grid.asc": ("ncols 2\nnrows 1\ncellsize 5\n3 4\n", "is an ESRI ASCII grid: convert it by"),
     "twice.csv": ("x,y,z,a,a\n1,2,3,4,5\n", "two columns are named 'a'"),
     "flat.csv": ("x,y,t\n1,2,3\n", "no z among the columns x, y, t: say which they are"),
-    "short.csv": ("x,y,z,a\n1,2,3\n", "has 4 columns, line 2 has 3"),
     "header.csv": ("x,y,z\n", "no points"),
     "nan.xyz": ("nan 1 2\n", r"no points with finite coordinates \(1 dropped\)"),
     "text.ply": ("hello\n", "damaged or is of another format"),
-    "text.pcd": ("hello\n", "not a PCD file"),
-    "text.laz": ("hello\n", "not a LAS/LAZ file"),
     "text.npy": ("hello\n", "NumPy's format NPY"),
-    "text.npz": ("hello\n", "NumPy's format NPZ"),
-    "text.e57": ("hello\n", "damaged or is of another format"),
     "empty.ply": ("ply\nformat ascii 1.0\nelement face 0\nend_header\n", "no element 'vertex'"),
     "a.foo": ("1 2 3\n", "unknown extension '.foo'; known are ."),
     "nothing": ("1 2 3\n", "no extension; known are"),
@@ -84,10 +71,8 @@ ROWS = "1 2 3\n4 5 6\n"
 POINTS = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n"
 BAD_TEXTS |= {  # PCD
     "commas.pcd": (POINTS + "1,5 2,5 3,5\n" * 2, "or damaged: no 2 points of 3 numbers"),
-    "word.pcd": (POINTS + "1 2 b\n4 5 6\n", "truncated or damaged: no 2 points of 3 numbers"),
     "one.pcd": ("VERSION 1.0\n" + POINTS + ROWS, "is PCD of version 1.0; .5, .6 and .7 are"),
     "type.pcd": (POINTS.replace("F F F", "F F Q") + ROWS, "broken PCD header: FIELDS x"),
-    "width.pcd": (POINTS.replace("WIDTH 2", "WIDTH b") + ROWS, "broken PCD header: FIELDS x"),
     "size.pcd": (POINTS.replace("SIZE 4 4 4\n", "") + ROWS, "its header has no SIZE"),
     "empty.pcd": (POINTS.replace("2", "0"), "holds no points"),
 }
@@ -97,17 +82,12 @@ BAD_TEXTS |= {  # names in a comment that hold no coordinates
         "no x, y among .* SHOT",
     ),
     "ost.csv": ("// time ost nord hoch\n9 1 2 3\n", "no z among the columns time, ost, nord, hoch"),
-    "hand.csv": ("# by hand\n# t azimuth range v\n9 1 2 3\n", "no x, y, z among the columns t, az"),
-    "id.csv": ("#id,a,b,c\n9,1,2,3\n", "no x, y, z among the columns id, a, b, c"),
-    "id;.csv": ("#id;a;b;c\n9;1;2;3\n", "no x, y, z among the columns id, a, b, c"),
     "id,.csv": ("#id,a,b,c\n9,1,2,3,\n", "no x, y, z among the columns id, a, b, c"),
     "today.csv": ("# a,b,c,d\n# scanned,by,hand,today\n3,2,1,4\n", "among the columns a, b, c, d"),
 }
 SIGNS = [  # decimal signs that change: the text, the line, and those above
     ("1,5;2;3\n312.403;2;3", 2, "comma"),  # thousands, as in German
-    ("1,5;2;3\n1.5;2;3", 2, "comma"),
     ("1.5;2;3\n4;5;6\n312,403;2;3", 3, "point"),
-    ("1;2;3\n4;5.0;6\n4;5;6,5", 3, "point"),
     ("452,345.6;2;3\n4;5;6,5", 2, "point"),
     ("1;2;3;0,5\n1.5;2;3;4", 2, "comma"),  # that an attribute had
 ]
@@ -117,12 +97,10 @@ BAD_TEXTS |= {
 }
 DOUBTS = {  # by the line
     1: [
-        '"345,678";"567,890";12',
         "1,234 5,678 9,012\n234 5,678 1,012\n1,234 500 9,013",
-        "1,234 5,678 9,012\n1,234 5,679 9,012",
         "112,345  213,456\t100,123",
     ],
-    2: ['345;567;12\n1;"-567,890";12', 'x;y;z;i\n1;2;3;"12,345"'],
+    2: ['345;567;12\n1;"-567,890";12'],
 }
 BAD_TEXTS |= {
     f"doubt{line}{i}.csv": (text, f"line {line}: are there thousands or decimals")
@@ -172,15 +150,6 @@ def test_no_pickle_is_loaded(tmp_path, extension):
     save(tmp_path / f"a{extension}", np.array([[Trap()] * 3]))
     refused(tmp_path / f"a{extension}", "pickled objects, which are never loaded")
     assert not loaded.exists()
-
-
-@pytest.mark.parametrize("encoding", ENCODINGS[".pcd"])
-def test_truncated_pcd_is_recognized_in_every_encoding(tmp_path, encoding):
-    path = tmp_path / "a.pcd"
-    write_points(path, np.tile(np.eye(3), (50, 1)))
-    save_as(path, encoding)
-    path.write_bytes(path.read_bytes()[:-30])
-    refused(path, "damaged: .* need|promises 150 points|truncated or damaged: no")
 
 
 # ---- what has no room --------------------------------------------------------------------
@@ -265,15 +234,10 @@ def test_a_line_of_millions_of_numbers_is_no_row(tmp_path):
     refused(tmp_path / "a.xyz", "a line has more than 1,000,000 characters")
 
 
-def test_an_error_names_the_first_of_many_arrays(tmp_path):
-    (tmp_path / "a.npz").write_bytes(npz(*((f"a{i}.npy", npy((0,))) for i in range(999))))
-    assert len(refused(tmp_path / "a.npz", "it holds a0")) < 600
-
-
-@pytest.mark.parametrize("name", ["a\nb", "a\r\n", "\x1b[2J\n"])
-def test_an_error_is_one_line_whatever_names_a_file_holds(name, tmp_path):
-    (tmp_path / "a.npz").write_bytes(npz((f"{name}.npy", npy((0,)))))
-    refused(tmp_path / "a.npz", "it holds")
+def test_an_error_is_one_line_whatever_names_a_file_holds_and_however_many(tmp_path):
+    members = ((f"a\n\x1b[2J{i}.npy", npy((0,))) for i in range(999))
+    (tmp_path / "a.npz").write_bytes(npz(*members))
+    assert len(refused(tmp_path / "a.npz", "it holds a")) < 600
 
 
 @pytest.mark.filterwarnings("ignore:.*no returns")

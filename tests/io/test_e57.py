@@ -31,11 +31,8 @@ MISSING = np.where(EXACT == 3, np.nan, EXACT)
         (dict.fromkeys(COLORS, np.uint16(EXACT)), None),
         (dict.fromkeys(COLORS, np.uint16(EXACT * 186)), "; rounded: red, green, blue"),
         (dict.fromkeys(COLORS, EXACT / 40), "; not written: red, green, blue"),
-        (dict.fromkeys(COLORS, np.uint16(EXACT * 256)), None),
         ({"intensity": EXACT / 4}, None),
-        ({"intensity": EXACT / 3}, "; rounded: intensity"),
         ({"intensity": np.uint32(EXACT + 2**24)}, "; rounded: intensity"),
-        ({"intensity": MISSING}, "; not written: intensity"),
         ({"intensity": np.float32(MISSING)}, "; not written: intensity"),
         ({"intensity": EXACT * 1e300}, "; not written: intensity"),
         ({"intensity": EXACT / 3, "n": EXACT}, "; not written: n; rounded: intensity"),
@@ -239,9 +236,8 @@ TRANSLATION = r'(<translation.*?<x type="Float">)1e\+01'
 @pytest.mark.parametrize(
     "change",
     [
-        *(rotation(w, x, 0, z) for w, x, z in [("nan", 0, 0), (1, "inf", 0), ("half", 0, 0)]),
-        rotation(1, 0, 0, "1e999"),
-        *((TRANSLATION, rf"\g<1>{x}") for x in ("nan", "inf", "-1e999", "1e300", "1e12", "ten")),
+        *(rotation(w, x, 0, 0) for w, x in [("nan", 0), (1, "inf"), ("half", 0)]),
+        *((TRANSLATION, rf"\g<1>{x}") for x in ("nan", "-1e999", "1e12", "ten")),
     ],
 )
 def test_a_pose_that_cannot_be_is_refused(plain, tmp_path, change):

@@ -31,8 +31,6 @@ from sklearn_mcmd.tiling import Catalog
 for library in ("laspy", "lazrs", "plyfile", "pypcd4", "pye57"):
     pytest.importorskip(library)
 ROOT = Path(__file__).parents[2]
-# XYZN and XYZRGB say so where they have nothing but coordinates.
-pytestmark = pytest.mark.filterwarnings("ignore:.*few programs read")
 WRITTEN = [one for one in FORMATS if one.write]
 XYZ = np.diag([1.0, 2.0, 3.0])
 EXTENSIONS = [extension for one in FORMATS for extension in one.extensions]

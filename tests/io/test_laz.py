@@ -5,7 +5,6 @@ import os
 import struct
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -171,17 +170,7 @@ def test_no_damage_ends_the_process_or_takes_its_time_or_memory(tmp_path):
     assert done.stdout == "laz                150 executions without a failure\n", done.stderr
 
 
-def test_compressed_bytes_that_end_before_points_that_two_counts_have_are_damaged(tmp_path):
-    path = tmp_path / "a.laz"
-    promising(path, 1, 11, 1)
-    content = bytearray(path.read_bytes())
-    struct.pack_into("<I", content, 111, N + 11)  # points by return
-    path.write_bytes(content)
-    with pytest.raises(PointFileError, match="damaged: points 1 to 3,011 cannot be decompressed"):
-        read_points(path)
-
-
-def test_chunks_of_a_point_each_are_refused_as_each_takes_a_millisecond(tmp_path):
+def test_thousands_of_chunks_of_a_point_are_refused_as_each_takes_a_millisecond(tmp_path):
     (tmp_path / "a.laz").write_bytes(laz_of(made(1), chunk_size=1))
     with pytest.raises(PointFileError, match="3000 points are not in 3000 chunks"):
         read_points(tmp_path / "a.laz")
@@ -204,8 +193,8 @@ def promising(path, point_format, n_more, by_return, **chunks):
     return las.points.array.tobytes()
 
 
-@pytest.mark.parametrize("point_format", [0, 1, 3, 4, 6, 8])
-@pytest.mark.parametrize("n_more", [1, 11, 40_000])
+@pytest.mark.parametrize("point_format", [0, 3, 4, 6])
+@pytest.mark.parametrize("n_more", [1, 40_000])
 @pytest.mark.parametrize("chunks", CHUNKS)
 def test_what_is_there_of_more_that_are_promised_is_read(tmp_path, point_format, n_more, chunks):
     points = promising(tmp_path / "a.laz", point_format, n_more, 1, **chunks)
@@ -221,15 +210,6 @@ def test_a_catalog_counts_what_is_there_and_parts_hold_as_many(tmp_path):
             assert Catalog(tmp_path / "a.laz").counts == [3000]
         with pytest.warns(UserWarning, match="a.laz: holds 3,000 of the 3,011 points"):
             assert sum(map(len, read_parts(tmp_path / "a.laz", 500))) == 3000
-
-
-@pytest.mark.parametrize("point_format", [1, 6])
-@pytest.mark.parametrize("by_return", [0, 1])
-def test_points_as_many_as_promised_have_no_warning(tmp_path, point_format, by_return):
-    points = promising(tmp_path / "a.laz", point_format, 0, by_return)
-    with warnings.catch_warnings(action="error"):
-        cloud = read_points(tmp_path / "a.laz")
-    assert cloud.metadata["las_points"].tobytes() == points
 
 
 # ---- old versions of LASzip --------------------------------------------------------------
@@ -265,23 +245,13 @@ def test_one_chunk_by_laszip_1_2_of_chunks_of_0_points_is_read(tmp_path, point_f
     assert points.tobytes() == las.points.array.tobytes()
 
 
-@pytest.mark.parametrize("point_format", [1, 6])
-def test_chunks_of_0_points_are_of_any_number(tmp_path, point_format):
-    las = las_of(point_format, n=N)
+def test_chunks_of_0_points_are_of_any_number(tmp_path):
+    las = las_of(1, n=N)
     content = laz_of(las, cuts=[7, 8, 1500])
     struct.pack_into("<I", content, record_at(content) + CHUNK_SIZE, 0)
     (tmp_path / "a.laz").write_bytes(content)
     points = read_points(tmp_path / "a.laz").metadata["las_points"]
     assert points.tobytes() == las.points.array.tobytes()
-
-
-def test_an_unknown_laszip_is_named(tmp_path):
-    content = laz_of(made(6))
-    struct.pack_into("<H", content, record_at(content) + 38, 7)
-    struct.pack_into("<BB", content, record_at(content) + 4, 5, 1)
-    (tmp_path / "a.laz").write_bytes(content)
-    with pytest.raises(PointFileError, match=r"by an unknown LASzip \(5.1\): item 10 .* version 7"):
-        read_points(tmp_path / "a.laz")
 
 
 # ---- writing -----------------------------------------------------------------------------
@@ -295,33 +265,19 @@ def test_laz_in_any_parts_is_written_as_laspy_writes_it(tmp_path, monkeypatch):
         assert (tmp_path / "b.laz").read_bytes() == (tmp_path / "a.laz").read_bytes()
 
 
-def waves(point_format, offsets):
-    las = made(point_format, n=len(offsets))
-    las.points.array["wavepacket_offset"] = offsets
-    return las
-
-
 @pytest.mark.parametrize("point_format", [4, 5, 9, 10])
 def test_wave_packets_in_any_order_survive_laz(tmp_path, point_format):
-    anywhere = np.random.default_rng(0).integers(0, 2**40, N)
-    for offsets in (60 + 256 * np.arange(N), anywhere):
-        las = waves(point_format, offsets)
-        las.write(tmp_path / "a.las")
-        write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
-        assert_array_equal(laspy.read(tmp_path / "b.laz").points.array, las.points.array)
+    las = made(point_format)
+    las.points.array["wavepacket_offset"] = np.random.default_rng(0).integers(0, 2**40, N)
+    las.write(tmp_path / "a.las")
+    write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
+    assert_array_equal(laspy.read(tmp_path / "b.laz").points.array, las.points.array)
 
 
-@pytest.mark.parametrize("point_format", [9, 10])
-def test_wave_packets_of_two_channels_are_refused_as_lazrs_would_change_them(
-    tmp_path, point_format
-):
-    las = waves(point_format, 60 + 256 * np.arange(N))
+def test_wave_packets_of_two_channels_are_refused_as_lazrs_would_change_them(tmp_path):
+    las = made(9)
     las.scanner_channel = np.arange(N) % 2
     las.write(tmp_path / "a.las")
     with pytest.raises(PointFileError, match=r"of several channels; write \.las"):
         write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
     assert os.listdir(tmp_path) == ["a.las"]
-    buffer = io.BytesIO()
-    las.write(buffer, do_compress=True)  # a later lazrs may be right, and is to be let
-    buffer.seek(0)
-    assert (laspy.read(buffer).points.array != las.points.array).any()

@@ -20,7 +20,6 @@ OWN_FRAME = np.random.default_rng(1).normal(size=(300, 3))
 SPINNING = np.insert(OWN_FRAME, np.repeat([0, 40, 200], 30), 0, axis=0)
 
 
-@pytest.mark.filterwarnings("ignore:.*few programs read")
 @pytest.mark.parametrize("extension", supported_extensions(written=True))
 def test_zeros_of_every_format_are_named_and_many_in_the_scanners_frame_left_out(
     tmp_path, extension
@@ -45,20 +44,15 @@ def test_zeros_of_e57_are_left_out_wherever_the_pose_moves_them(tmp_path):
     assert (len(cloud), cloud.n_dropped, cloud.metadata["n_no_returns"]) == (300, 90, 90)
 
 
-TENS = np.repeat(np.outer(np.arange(-30.0, 30), [1, 2, 3]), 10, axis=0)  # each place ten times
-
-
 @pytest.mark.parametrize(
     "xyz",
     [
         np.r_[SURVEY - CORNER, [[0, 0, 0]]],  # an origin among smaller coordinates
-        np.r_[SURVEY - CORNER + [90_000, 0, 0], [[0, 0, 0]]],
         np.vstack([OWN_FRAME, np.zeros((8, 3))]),  # a target at the origin
         np.round(np.vstack([OWN_FRAME * [1, 1, 0.01], np.zeros((20, 3))])),  # coarse steps
-        TENS,
         np.vstack([OWN_FRAME * [1, 0, 0], np.zeros((200, 3))]),  # along an axis
     ],
-    ids=["origin", "far", "few", "rounded", "copies", "axis"],
+    ids=["origin", "few", "rounded", "axis"],
 )
 def test_zeros_that_may_be_points_are_kept(tmp_path, xyz):
     np.save(tmp_path / "a.npy", xyz)
@@ -76,9 +70,8 @@ FLOOR = np.c_[np.random.default_rng(2).integers(1, 5_000, (3_000, 2)), np.zeros(
         (OWN_FRAME * [1, 1, 0], 200),  # a lidar of one plane, or a plan
         (np.vstack(RINGS), 30),  # the middle one is level
         (np.vstack([OWN_FRAME * 1_000, FLOOR]), 100),  # a floor at height 0
-        (TENS[TENS.any(axis=1)], 19),  # more copies than any other place has
     ],
-    ids=["plan", "rings", "floor", "copies"],
+    ids=["plan", "rings", "floor"],
 )
 def test_zeros_are_no_returns_where_more_points_have_one_coordinate_0(tmp_path, points, n_zeros):
     np.save(tmp_path / "a.npy", np.vstack([points, np.zeros((n_zeros, 3))]))
@@ -86,7 +79,7 @@ def test_zeros_are_no_returns_where_more_points_have_one_coordinate_0(tmp_path, 
         assert_array_equal(read_points(tmp_path / "a.npy").xyz, points)
 
 
-PARTED = [(SPINNING, 300), (-np.abs(SPINNING), 300), (TENS[::-1], 600), (HOLED, 33)]
+PARTED = [(SPINNING, 300), (-np.abs(SPINNING), 300), (HOLED, 33)]
 
 
 @pytest.mark.parametrize(("xyz", "n_left"), PARTED)
