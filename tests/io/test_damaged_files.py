@@ -1,13 +1,6 @@
-"""Files that are damaged, empty, of another kind, or that claim to hold much: one clear line.
+"""Files that are damaged, empty, or of another kind: one clear line."""
 
-Libraries are not asked for memory that a file has no bytes for. Most of the small files that claim
-much are the smallest of their kind that `benchmarks/fuzz_files.py` found.
-"""
-
-import io
 import os
-import struct
-import tracemalloc
 import zipfile
 
 import numpy as np
@@ -152,72 +145,7 @@ def test_no_pickle_is_loaded(tmp_path, extension):
     assert not loaded.exists()
 
 
-# ---- what has no room --------------------------------------------------------------------
-
-MOST = 2**22  # bytes that files of a few hundred bytes may take
-PLY = b"ply\nformat %s 1.0\nelement %s 99999999\nproperty %s x\nend_header\n0\n"
-PCD = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT %s 1 1\nWIDTH 5\nPOINTS %s\nDATA %s\n"
-
-
-def npy(shape, version=1):
-    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}".encode()
-    length = struct.pack("<H" if version == 1 else "<I", len(header))
-    return b"\x93NUMPY" + bytes([version, 0]) + length + header
-
-
-def npz(*members):
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for name, data in members:
-            archive.writestr(name, data)
-    return buffer.getvalue()
-
-
-def las(format_id, points_at, n_points):
-    """A header of LAS 1.2, and nothing behind it."""
-    head = bytearray(227)
-    head[:4], head[24:26] = b"LASF", b"\x01\x02"
-    head[94:111] = struct.pack("<HIIBHI", 227, points_at, 0, format_id, 20, n_points)
-    return bytes(head)
-
-
-MANY = {
-    "a text of 10**8 points": (".ply", PLY % (b"ascii", b"vertex", b"double")),
-    "lists in a text": (".ply", PLY % (b"ascii", b"face", b"list uchar int")),
-    "lists": (".ply", PLY % (b"binary_little_endian", b"face", b"list uchar int")),
-    "columns without end": (".pcd", PCD % (b"3333332", b"4", b"binary") + bytes(48)),
-    "columns and no points": (".pcd", PCD % (b"99999999", b"0", b"ascii")),
-    "compressed bytes": (
-        ".pcd",
-        PCD % (b"1", b"5", b"binary_compressed") + struct.pack("<II", 2**30, 60) + bytes(30),
-    ),
-    "rows": (".npy", npy((10**8, 3)) + bytes(24)),
-    "a header": (".npy", b"\x93NUMPY\x02\x00\xff\xff\xff\x3f {"),
-    "rows of a member": (".npz", npz(("xyz.npy", npy((10**8, 3)) + bytes(24)))),
-    "bytes before the points": (".las", las(0x80, 2**30, 0)),
-    "points that seem compressed": (".las", las(0xC0, 227, 10**8) + bytes(30)),
-}
-
-
-@pytest.mark.parametrize("kind", MANY)
-def test_what_a_file_has_no_room_for_takes_no_memory(kind, tmp_path):
-    extension, data = MANY[kind]
-    path = tmp_path / f"a{extension}"
-    write_points(tmp_path / f"warm{extension}", np.eye(3))
-    read_points(tmp_path / f"warm{extension}")  # imports libraries
-    path.write_bytes(data)
-    tracemalloc.start()
-    try:
-        assert "not enough memory" not in refused(path)
-        assert tracemalloc.get_traced_memory()[1] < MOST
-    finally:
-        tracemalloc.stop()
-
-
-def test_a_size_to_decompress_to_is_refused_before_it_is_tried(tmp_path):
-    head = PCD % (b"1", b"5", b"binary_compressed")
-    (tmp_path / "a.pcd").write_bytes(head + struct.pack("<II", 30, 2**30) + bytes(30))
-    refused(tmp_path / "a.pcd", "the decompressed points need 1,073,741,824 bytes")
+# ---- what has room, or not ----------------------------------------------------------------
 
 
 def test_an_e57_of_more_points_than_bits_is_refused(tmp_path, monkeypatch):
@@ -227,17 +155,6 @@ def test_an_e57_of_more_points_than_bits_is_refused(tmp_path, monkeypatch):
     pye57 = pytest.importorskip("pye57")
     monkeypatch.setattr(pye57.scan_header.ScanHeader, "point_count", 10**9)
     refused(path, "1,000,000,000 points need 125,000,000 bytes")
-
-
-def test_a_line_of_millions_of_numbers_is_no_row(tmp_path):
-    (tmp_path / "a.xyz").write_text("1 2 3\n" + "1 " * 600_000 + "\n")
-    refused(tmp_path / "a.xyz", "a line has more than 1,000,000 characters")
-
-
-def test_an_error_is_one_line_whatever_names_a_file_holds_and_however_many(tmp_path):
-    members = ((f"a\n\x1b[2J{i}.npy", npy((0,))) for i in range(999))
-    (tmp_path / "a.npz").write_bytes(npz(*members))
-    assert len(refused(tmp_path / "a.npz", "it holds a")) < 600
 
 
 @pytest.mark.filterwarnings("ignore:.*no returns")
@@ -253,7 +170,7 @@ def test_what_is_compressed_as_far_as_can_be_is_read(tmp_path):
     assert xyz.nbytes / 2 > 80 * (tmp_path / "a.pcd").stat().st_size
     assert read_points(tmp_path / "a.pcd").n_dropped == len(xyz) - 1
     digits = "".join("0 0 0\n" for _ in range(9))
-    (tmp_path / "b.pcd").write_bytes(PCD % (b"1", b"9", b"ascii") + digits[:-1].encode())
+    (tmp_path / "b.pcd").write_text(POINTS.replace("2", "9") + digits[:-1])
     assert len(read_points(tmp_path / "b.pcd")) == 9
 
 
