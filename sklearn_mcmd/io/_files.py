@@ -61,32 +61,26 @@ def read_points(
 
     Notes
     -----
-    Points with a coordinate that is not finite (common in organized PCD), or that E57 marks
-    invalid, are dropped and counted in ``PointCloud.n_dropped``. So are rows of zeros, which
-    scanners write for rays without a return: all of PTX, of other formats if there are more than 8,
-    and more than rows with two coordinates 0. In E57 they are where the scanner stood.
+    Points with a coordinate that is not finite, or that E57 marks invalid, are dropped and counted
+    in ``PointCloud.n_dropped``. So are rows of zeros, which scanners write for rays without a
+    return: all of PTX, of other formats if there are more than 8, and more than rows with two
+    coordinates 0. In E57 they are where the scanner stood.
 
-    Text is read :ref:`however it is laid out <text_files>`. Without names of columns, coordinates
-    are the first three. Integers in all rows are exact up to 64 bits.
+    *Text* is read :ref:`however it is laid out <text_files>`. Without names of columns, coordinates
+    are the first three. Integers are exact up to 64 bits. A count of points may stand above the
+    rows, as in PTS, which has ``intensity`` after x, y, z, or colors, or both. XYZN has normals,
+    XYZRGB colors, which are from 0 to 1 unless one is larger.
 
-    A count of points may stand above the rows, as in PTS, and other scans may follow. PTS has an
-    ``intensity`` after x, y, z, or colors, or both: of Leica from -2048 to 2047, as in the file.
-    XYZN has normals, XYZRGB colors, which are from 0 to 1 unless one is larger.
+    *NPY* holds a table (n, >= 3), an organized one (rows, columns, >= 3), or a structured array of
+    either shape. *NPZ* holds ``xyz``, or ``x``, ``y``, ``z``, organized or not; else its first
+    array of shape (n, 3) is taken. Arrays of another length, such as an ``offset``, are not applied
+    to the coordinates: they stay in ``metadata["npz_arrays"]``.
 
-    NPY holds a table (n, >= 3), an organized one (rows, columns, >= 3), or a structured array of
-    either shape. NPZ holds an array ``xyz``, or ``x``, ``y``, ``z``, organized or not; else its
-    first array of shape (n, 3) is taken. Arrays of NPZ of another length (for example an ``offset``
-    of length 3) are not applied to the coordinates: they stay in ``metadata["npz_arrays"]``.
-
-    Attributes have one name in all formats, such as ``normal_x`` and ``red, green, blue``, of 8
-    bits if a format has shares or packs them. Several scans of a file are merged, and
-    ``scan_index`` numbers them. ``row_index`` and ``column_index`` tell the cell of a point in the
-    grid of its scan, or of an organized PCD, NPY or NPZ, whose ``metadata["grid_shape"]`` has the
-    numbers of rows and columns. Colors of E57 that are no bytes get 16 bits, and the most that the
-    file states of them becomes 65535.
-
-    A changed bit of a compressed point is not noticed if the point still decompresses: LAZ has no
-    checksums.
+    Attributes have one name in all formats, such as ``normal_x`` and ``red, green, blue``.
+    ``scan_index`` numbers the scans of a file. ``row_index`` and ``column_index`` tell the cell of
+    a point in the grid of its scan, or of an organized PCD, NPY or NPZ of
+    ``metadata["grid_shape"]`` rows and columns. Colors of E57 that are no bytes get 16 bits: the
+    most that the file states becomes 65535. LAZ has no checksums: a changed bit may go unnoticed.
 
     Examples
     --------
@@ -177,23 +171,21 @@ def write_points(
 
     Notes
     -----
-    *LAS, LAZ.* A cloud read from LAS keeps its header, and every unchanged coordinate keeps its
-    integers. Changed coordinates are rounded to the header's scale (an error of at most half a
-    step). If they do not fit 32-bit integers there, a new offset is chosen for that axis, and a new
-    scale if needed. Other clouds become LAS 1.4, point format 6 (7 with colors). Colors of 8 bits,
-    and integers up to 255 but uint16, are multiplied by 257. Their scale is the coarsest of 1, 0.1
-    ... 1e-6 that holds all coordinates exactly, else the finest power of ten that fits. If far
-    points would make it coarser than the decimal step of most points (0.0001 or more), else than a
-    hundredth of their spacing and a millionth of the extent of their middle half, they are refused.
-    Attributes without a standard dimension become extra dimensions and replace any of the same
-    name. LAS 1.0 and 1.1 become 1.2. Wave packets of several scanner channels (point formats 9
-    and 10) are refused in LAZ, since lazrs would change them. Samples of waveforms inside a file
-    are copied from LAS 1.4, but not from LAS 1.3.
+    *LAS, LAZ.* A cloud read from LAS keeps its header, and unchanged coordinates their integers.
+    Others are rounded to half a step of the header's scale; an axis where they do not fit integers
+    of 32 bits gets a new offset, and a new scale if needed. Other clouds become LAS 1.4, point
+    format 6 (7 with colors). Colors of 8 bits, and integers up to 255 but uint16, are multiplied by
+    257. Their scale is the coarsest of 1, 0.1 ... 1e-6 that holds all coordinates exactly, else the
+    finest power of ten that fits. Far points that would make it coarser than the decimal step of
+    most points (0.0001 or more), else than a hundredth of their spacing and a millionth of the
+    extent of their middle half, are refused. Attributes without a standard dimension become extra
+    dimensions. LAS 1.0 and 1.1 become 1.2. LAZ with wave packets of several scanner channels
+    (formats 9 and 10) is refused, since lazrs would change them. Samples of waveforms inside a
+    file are copied from LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Files are binary. Coordinates are float32 where that is exact, as viewers expect,
-    else float64.
-    Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized cloud keeps its
-    grid; cells whose points were left out or removed have NaN, and 0 where fields are integers.
+    else float64. Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized
+    cloud keeps its grid; empty cells have NaN, and 0 where fields are integers.
 
     *E57.* Coordinates are float64 about their median.
 

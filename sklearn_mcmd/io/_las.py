@@ -72,7 +72,7 @@ def writing_parts(path):
     """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
-    channels, ends = set[int](), []
+    channels = set[int]()
     writer: Any = None  # of laspy,
     header: Any = None  # and the header of the first cloud
     with open(path, "wb+") as file:
@@ -98,9 +98,6 @@ def writing_parts(path):
                     )
                 for start in range(0, len(las.points), WRITTEN_AT_ONCE):  # Ctrl-C ends between
                     writer.write_points(las.points[start : start + WRITTEN_AT_ONCE])
-                if (las.header.scales < 0).any():
-                    xyz = _coordinates(las.points.array, las.header)
-                    ends.append([xyz.min(axis=0), xyz.max(axis=0)])
 
         try:
             yield write
@@ -112,28 +109,24 @@ def writing_parts(path):
         with sink.own_errors():
             if header.version.minor >= 4 and header.evlrs is not None:
                 writer.write_evlrs(header.evlrs)
-            _correct(writer.header, np.array(ends))
+            if writer.header.start_of_waveform_data_packet_record:
+                _tell_waveforms(writer.header)
             writer.close()
 
 
-def _correct(header, ends):
-    """Set the bounds of negative scales from those of parts, and say where waveforms are now.
+def _tell_waveforms(header):
+    """Say in a header where waveforms are now: in an extended record of LAS 1.4.
 
     LAS 1.3 has their samples behind the points, where laspy reads nothing: 0 is for none.
     """
-    if len(ends):  # laspy takes the largest integer for the largest coordinate
-        turned = header.scales < 0
-        header.mins = np.where(turned, ends[:, 0].min(axis=0), header.mins)
-        header.maxs = np.where(turned, ends[:, 1].max(axis=0), header.maxs)
-    if header.start_of_waveform_data_packet_record:
-        at, waveforms_at = header.start_of_first_evlr, 0
-        for record in header.evlrs or []:
-            if (record.user_id, record.record_id) == WAVEFORMS:
-                waveforms_at = waveforms_at or at
-            at += EVLR_HEADER + len(record.record_data_bytes())
-        header.start_of_waveform_data_packet_record = waveforms_at
-        if not waveforms_at:
-            warn_caller("waveform samples behind the points of the input are not copied")
+    at, waveforms_at = header.start_of_first_evlr, 0
+    for record in header.evlrs or []:
+        if (record.user_id, record.record_id) == WAVEFORMS:
+            waveforms_at = waveforms_at or at
+        at += EVLR_HEADER + len(record.record_data_bytes())
+    header.start_of_waveform_data_packet_record = waveforms_at
+    if not waveforms_at:
+        warn_caller("waveform samples behind the points of the input are not copied")
 
 
 class _Sink:
@@ -344,25 +337,21 @@ def _store_attributes(laspy, las, attributes):
     """Fill the dimensions that hold the values exactly; all other values get extra dimensions."""
     standard = set(las.point_format.standard_dimension_names)
     extra = set(las.point_format.extra_dimension_names)
-    others = {
-        name: values
-        for name, values in attributes.items()
-        if name not in standard | extra or not _assigned(las, name, values)
-    }
-    new = {}
-    for name, values in others.items():
-        for column, part in flat_columns({name: values}).items():
-            if column in standard:
-                warn_caller(
-                    f"{column!r} does not fit the LAS dimension of that name; it is stored as the "
-                    f"extra dimension {column + '_value'!r}"
-                )
-                column += "_value"
-            if column in new or (column != name and column in attributes):
-                raise PointFileError(f"two attributes would both be written as {column!r}")
-            if len(column.encode()) > LONGEST_NAME:
-                raise PointFileError(f"rename {column!r}: it is longer than {LONGEST_NAME} bytes")
-            new[column] = fit_dtype(column, part, EXTRA_DTYPES, "LAS")
+    stored = {n for n, v in attributes.items() if n in standard | extra and _assigned(las, n, v)}
+    others = {name: values for name, values in attributes.items() if name not in stored}
+    new: dict[str, np.ndarray] = {}
+    for name, column in flat_columns(others).items():
+        if name in standard:
+            warn_caller(
+                f"{name!r} does not fit the LAS dimension of that name; it is stored as the "
+                f"extra dimension {name + '_value'!r}"
+            )
+            name += "_value"
+        if name in new or name in stored:
+            raise PointFileError(f"two attributes would both be written as {name!r}")
+        if len(name.encode()) > LONGEST_NAME:
+            raise PointFileError(f"rename {name!r}: it is longer than {LONGEST_NAME} bytes")
+        new[name] = fit_dtype(name, column, EXTRA_DTYPES, "LAS")
     if replaced := extra & (others.keys() | new.keys()):
         las.remove_extra_dims(list(replaced))
     if new:
@@ -374,22 +363,18 @@ def _store_attributes(laspy, las, attributes):
 def _assigned(las, name, values):
     """Put values into an existing dimension if it holds them exactly, else leave it unchanged."""
     stored = np.array(las[name])
-    if _same(stored, values):
-        return True  # nothing is written, so a scaled dimension keeps its integers
     if values.shape != stored.shape or values.dtype.kind not in "biuf":
         return False
-    try:
-        with np.errstate(invalid="ignore", over="ignore"):
-            las[name] = values.astype(stored.dtype)
-            if _same(np.asarray(las[name]).astype(values.dtype), values):
-                return True
-    except (OverflowError, ValueError):
-        pass  # laspy refuses values that a bit field cannot hold
+    if _same(stored, values):
+        return True  # nothing is written, so a scaled dimension keeps its integers
+    # laspy refuses values that a bit field cannot hold.
+    with suppress(OverflowError, ValueError), np.errstate(invalid="ignore", over="ignore"):
+        las[name] = values.astype(stored.dtype)
+        if _same(np.asarray(las[name]).astype(values.dtype), values):
+            return True
     las[name] = stored
     return False
 
 
 def _same(stored, values):
-    if stored.shape != values.shape:
-        return False
     return np.array_equal(stored, values, equal_nan=stored.dtype.kind == values.dtype.kind == "f")

@@ -25,7 +25,7 @@ def joined_header(paths):
     first = read_header(paths[0])
     dimensions: dict = {}
     header, formats, version = copy.deepcopy(first), set(), first.version
-    low, high, scales = first.mins, first.maxs, np.abs(first.scales)
+    low, high, scales = first.mins, first.maxs, first.scales
     for path in paths:
         other = read_header(path)
         formats.add(other.point_format.id)
@@ -39,7 +39,7 @@ def joined_header(paths):
                     f"{path}: its attribute {dimension.name!r} is of another kind; write a folder"
                 )
         version = max(version, other.version)
-        scales = np.minimum(scales, np.abs(other.scales))
+        scales = np.minimum(scales, other.scales)
         low, high = np.minimum(low, other.mins), np.maximum(high, other.maxs)
     header.scales, header.offsets = scales, _offsets(first.offsets, scales, low, high)
     forget_copc(header)
