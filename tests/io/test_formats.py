@@ -51,30 +51,18 @@ def in_one_line(text):
 # ---- pages -----------------------------------------------------------------------------
 
 
-def readme_row(one):
-    names = " ".join(f"`{extension}`" for extension in one.extensions)
-    return f"| {names} | {f'`[{one.extra}]`' if one.extra else 'none'} | {one.kept} |"
-
-
-def page_row(one):
-    names = " ".join(f"``{extension}``" for extension in one.extensions)
-    return (
-        f"   * - {names}\n     - {f'``{one.extra}``' if one.extra else 'none'}\n     - {one.kept}\n"
-    )
-
-
 @pytest.mark.parametrize(
-    ("page", "row", "any_row"),
+    ("page", "any_row"),
     [
-        ("README.md", readme_row, r"^\| `\..*\|$"),
-        ("docs/command_line.rst", page_row, r"^   \* - ``\..*\n     - .*\n     - .*\n"),
+        ("README.md", r"^\| (`\..*) \| (.*) \| (.*) \|$"),
+        ("docs/command_line.rst", r"^   \* - (``\..*)\n     - (.*)\n     - (.*)\n"),
     ],
 )
-def test_the_tables_of_formats_have_a_row_of_each_and_no_other(page, row, any_row):
-    rows, expected = re.findall(any_row, text_of(page), re.M), [row(one) for one in FORMATS]
-    for other in expected:
-        assert other in rows, f"{page} has no row:\n{other}"
-    assert rows == expected
+def test_the_tables_of_formats_have_a_row_of_each_and_no_other(page, any_row):
+    rows = [
+        re.sub(r"[`[\]]", "", "|".join(row)) for row in re.findall(any_row, text_of(page), re.M)
+    ]
+    assert rows == [f"{' '.join(f.extensions)}|{f.extra or 'none'}|{f.kept}" for f in FORMATS]
 
 
 @pytest.mark.parametrize("one", FORMATS, ids=ids)

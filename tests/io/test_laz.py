@@ -5,6 +5,7 @@ import os
 import struct
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,26 +31,25 @@ def made(point_format, n=N, **options):
     return las
 
 
-def laz_of(las, chunk_size=50_000, cuts=None):
-    """The bytes of a LAZ file with chunks of a size, or (cuts) of several sizes."""
+def laz_of(las, chunk_size=50_000, cuts=(), record=None):
+    """The bytes of a LAZ file with chunks of a size, or (cuts) of several, or of a record."""
     buffer = io.BytesIO()
     las.write(buffer, do_compress=True)
     content = bytearray(buffer.getvalue())
-    extra = las.point_format.num_extra_bytes
-    vlr = lazrs.LazVlr.new_for_compression(las.point_format.id, extra, cuts is not None)
-    record = bytearray(vlr.record_data())
-    if cuts is None:
-        struct.pack_into("<I", record, CHUNK_SIZE, chunk_size)
+    if record is None:
+        extra = las.point_format.num_extra_bytes
+        vlr = lazrs.LazVlr.new_for_compression(las.point_format.id, extra, bool(cuts))
+        record = bytearray(vlr.record_data())
+        if not cuts:
+            struct.pack_into("<I", record, CHUNK_SIZE, chunk_size)
     at = record_at(content)
     content[at : at + len(record)] = record
-    (points_at,) = struct.unpack_from("<I", content, POINTS_AT)
-    out = io.BytesIO(content[:points_at])
-    out.seek(points_at)
-    compressor = lazrs.LasZipCompressor(out, lazrs.LazVlr(bytes(record)))
-    points = las.points.array
-    for start, stop in zip([0, *(cuts or [])], [*(cuts or []), len(points)], strict=True):
+    out = io.BytesIO(content[: first_chunk_at(content) - 8])
+    out.seek(0, os.SEEK_END)
+    compressor, points = lazrs.LasZipCompressor(out, lazrs.LazVlr(bytes(record))), las.points.array
+    for start, stop in pairwise([0, *cuts, len(points)]):
         compressor.compress_many(np.frombuffer(points[start:stop].tobytes(), np.uint8))
-        if cuts is not None:
+        if cuts:
             compressor.finish_current_chunk()
     compressor.done()
     return bytearray(out.getvalue())
@@ -76,11 +76,14 @@ QUALITY = [("quality", "f4")]
 CHUNKS = [{}, {"chunk_size": 40}, {"cuts": [7, 8, 1500]}]  # of a usual, a small, and their own size
 
 
+def read_as_laz(path, las):
+    points = read_points(path).metadata["las_points"]
+    assert points.tobytes() == las.points.array.tobytes()
+
+
 def read_as_laspy_does(path, las):
-    """Write the points of a file."""
-    points = las.points.array.tobytes()
-    assert read_points(path).metadata["las_points"].tobytes() == points
-    assert laspy.read(path).points.array.tobytes() == points
+    read_as_laz(path, las)
+    assert laspy.read(path).points.array.tobytes() == las.points.array.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -139,7 +142,6 @@ DAMAGES = [
     (points_at, 0, "<q", -1, "has no chunk table"),
     (record_at, 0, "<H", 9, "compressed in a way unknown"),
     (record_at, 32, "<H", 500, "too short"),
-    (record_at, 34, "<H", 11, "item 11 of 30 bytes"),
     (record_at, 36, "<H", 29, "item 10 of 29 bytes"),
     (record_at, 38, "<H", 2, "version 2"),
     (first_chunk_at, 34, "<I", 0x70000000, "chunk 1 would need"),  # of the first layer
@@ -190,17 +192,16 @@ def promising(path, point_format, n_more, by_return, **chunks):
     position, form = (247, "<Q") if content[25] >= 4 else (107, "<I")
     struct.pack_into(form, content, position, N + n_more)
     path.write_bytes(content)
-    return las.points.array.tobytes()
+    return las
 
 
 @pytest.mark.parametrize("point_format", [0, 3, 4, 6])
 @pytest.mark.parametrize("n_more", [1, 40_000])
 @pytest.mark.parametrize("chunks", CHUNKS)
 def test_what_is_there_of_more_that_are_promised_is_read(tmp_path, point_format, n_more, chunks):
-    points = promising(tmp_path / "a.laz", point_format, n_more, 1, **chunks)
+    las = promising(tmp_path / "a.laz", point_format, n_more, 1, **chunks)
     with pytest.warns(UserWarning, match=f"a.laz: holds 3,000 of the {N + n_more:,} points that"):
-        cloud = read_points(tmp_path / "a.laz")
-    assert cloud.metadata["las_points"].tobytes() == points
+        read_as_laz(tmp_path / "a.laz", las)
 
 
 def test_a_catalog_counts_what_is_there_and_parts_hold_as_many(tmp_path):
@@ -215,34 +216,18 @@ def test_a_catalog_counts_what_is_there_and_parts_hold_as_many(tmp_path):
 # ---- old versions of LASzip --------------------------------------------------------------
 
 
-def old(content, las, record):
-    """Points compressed as an old record says, of whose one chunk no table tells."""
-    at, start = record_at(content), first_chunk_at(content) - 8
-    out = io.BytesIO(content[:start])
-    out.seek(start)
-    compressor = lazrs.LasZipCompressor(out, lazrs.LazVlr(bytes(record)))
-    compressor.compress_many(np.frombuffer(las.points.array.tobytes(), np.uint8))
-    compressor.done()
-    changed = bytearray(out.getvalue())
-    changed[at : at + len(record)] = record
-    return changed
-
-
 @pytest.mark.parametrize("point_format", range(6))
 def test_one_chunk_by_laszip_1_2_of_chunks_of_0_points_is_read(tmp_path, point_format):
     las = las_of(point_format, n=N)
-    content = laz_of(las)
-    at, (n_items,) = record_at(content), struct.unpack_from("<H", content, record_at(content) + 32)
-    record = content[at : at + 34 + 6 * n_items]
-    for i in range(n_items):
-        struct.pack_into("<H", record, 38 + 6 * i, 1)  # the first versions of all items
-    content = old(content, las, record)
+    record = bytearray(lazrs.LazVlr.new_for_compression(point_format, 0, False).record_data())
+    for at in range(38, len(record), 6):
+        struct.pack_into("<H", record, at, 1)  # the first versions of all items
+    content = laz_of(las, record=record)
     start, end = first_chunk_at(content), table_at(content)
-    content = content[: start - 8] + content[start:end]
-    struct.pack_into("<H10xI", content, at, 1, 0)
+    content = content[: start - 8] + content[start:end]  # no table tells of one chunk
+    struct.pack_into("<H10xI", content, record_at(content), 1, 0)
     (tmp_path / "a.laz").write_bytes(content)
-    points = read_points(tmp_path / "a.laz").metadata["las_points"]
-    assert points.tobytes() == las.points.array.tobytes()
+    read_as_laz(tmp_path / "a.laz", las)
 
 
 def test_chunks_of_0_points_are_of_any_number(tmp_path):
@@ -250,8 +235,7 @@ def test_chunks_of_0_points_are_of_any_number(tmp_path):
     content = laz_of(las, cuts=[7, 8, 1500])
     struct.pack_into("<I", content, record_at(content) + CHUNK_SIZE, 0)
     (tmp_path / "a.laz").write_bytes(content)
-    points = read_points(tmp_path / "a.laz").metadata["las_points"]
-    assert points.tobytes() == las.points.array.tobytes()
+    read_as_laz(tmp_path / "a.laz", las)
 
 
 # ---- writing -----------------------------------------------------------------------------
