@@ -94,6 +94,7 @@ def _checked_scans(path):
             raise PointFileError("damaged or is of another format: it does not begin as E57 does")
         at, length = struct.unpack_from("<QQ", start, 24)
         check_room(at + length, os.fstat(file.fileno()).st_size, "points and XML")
+        # Where the XML begins counts checksums, its length does not: read whole pages of it.
         file.seek(at - at % PAGE)
         n_pages = (at % PAGE + length) // (PAGE - CHECKSUM) + 2
         xml = b"".join(file.read(PAGE)[:-CHECKSUM] for _ in range(n_pages))

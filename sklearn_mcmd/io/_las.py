@@ -272,6 +272,7 @@ def _with_colors(laspy, las, attributes, from_las):
     if not wider or not (
         from_las or wider - WIDER or any(v.min() < 0 or v.max() > 255 for v in colors)
     ):
+        # 65535 is 255 * 257, so that the high byte and the low one are the 8 bits.
         wide = {color: v.astype(np.uint16) * 257 for color, v in zip(COLORS, colors, strict=True)}
         attributes = {**attributes, **wide}
     return las, attributes
@@ -292,6 +293,7 @@ def forget_copc(header):
 
 
 def _coordinates(records, header):
+    """Coordinates (n, 3): integers times scale plus offset, rounded in this order as in laspy."""
     xyz = np.empty((len(records), 3))
     for i, axis in enumerate("XYZ"):
         np.multiply(records[axis], header.scales[i], out=xyz[:, i])

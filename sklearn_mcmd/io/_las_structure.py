@@ -33,6 +33,9 @@ def check_structure(file):
         raise PointFileError("not a LAS/LAZ file: it does not begin with 'LASF'")
     if len(start) < SMALLEST_HEADER:
         raise PointFileError(f"truncated: {size} bytes are fewer than a LAS header")
+    # Places as in the specification of LAS: from 94 the sizes of the header and of all before the
+    # points, from 104 the format (its two high bits are of LAZ), length and number of points, from
+    # 235 where extended records begin, their number, and the points again, in 64 bits.
     header_size, points_at, n_vlrs = struct.unpack_from("<HII", start, 94)
     major, minor = start[24:26]
     if (major, minor) > (1, 5) or (minor == 5 and header_size < LAS_15_HEADER):

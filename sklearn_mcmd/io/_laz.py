@@ -93,6 +93,8 @@ class _Layout:
     """The layout and compression of a point, from the LASzip record of the header."""
 
     def __init__(self, lazrs, record, point_format):
+        # 34 bytes: the compressor first, the chunk size at 12, the number of items at 32. Each item
+        # has 6 more: what it is of a point (coordinates, time, colors), its bytes, its version.
         n_items = struct.unpack_from("<H", record, 32)[0] if len(record) >= 34 else 0
         if n_items == 0 or len(record) < 34 + 6 * n_items:
             raise PointFileError("damaged: the record of the compression is too short")

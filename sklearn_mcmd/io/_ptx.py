@@ -30,6 +30,7 @@ def read_ptx(path):
             if not prod(shape):
                 continue
             table = _table(lines, prod(shape), first[0])
+            # A column of the grid after the other, as the scanner turned.
             cells = np.divmod(np.arange(len(table), dtype=np.int32), np.int32(shape[1]))
             kept = table[:, :3].any(axis=1)  # others have 0 0 0
             if kept.any():

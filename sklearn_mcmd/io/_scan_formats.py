@@ -116,6 +116,7 @@ def write_pcd(path, cloud):
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
     columns = _columns(cloud)
     if all(c in columns and columns[c].dtype == np.uint8 for c in COLORS):
+        # PCL has a color in the low 24 bits of a float.
         red, green, blue = (columns.pop(c).astype(np.uint32) for c in COLORS)
         columns["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
     columns = {n: fit_dtype(n, v, PCD_DTYPES, "PCD") for n, v in columns.items()}

@@ -233,8 +233,8 @@ def _names_above(head, fields, columns):
     lines = [names for names in head.headers + head.comments if len(names) in widths]
     for names in lines:
         with suppress(PointFileError):
-            if coordinate_columns(names, columns):
-                return names, False
+            coordinate_columns(names, columns)
+            return names, False
     if lines or head.headers:
         return (lines + head.headers)[0], False
     words = _fields(head.last, head.delimiter)

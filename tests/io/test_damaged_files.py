@@ -69,36 +69,22 @@ BAD_TEXTS |= {  # PCD
     "size.pcd": (POINTS.replace("SIZE 4 4 4\n", "") + ROWS, "its header has no SIZE"),
     "empty.pcd": (POINTS.replace("2", "0"), "holds no points"),
 }
-BAD_TEXTS |= {  # names in a comment that hold no coordinates
-    "shot.csv": (
-        "# SHOT TIME LONGITUDE LATITUDE HEIGHT\n9 8 13.4 52.5 3\n",
-        "no x, y among .* SHOT",
-    ),
+SIGN = "with a decimal %s, as those above"
+DOUBT = "line %d: are there thousands or decimals"
+BAD_TEXTS |= {
+    # names in a comment that hold no coordinates
+    "shot.csv": ("# SHOT TIME LONGITUDE LATITUDE HEIGHT\n9 8 1 2 3\n", "no x, y among .* SHOT"),
     "ost.csv": ("// time ost nord hoch\n9 1 2 3\n", "no z among the columns time, ost, nord, hoch"),
     "id,.csv": ("#id,a,b,c\n9,1,2,3,\n", "no x, y, z among the columns id, a, b, c"),
     "today.csv": ("# a,b,c,d\n# scanned,by,hand,today\n3,2,1,4\n", "among the columns a, b, c, d"),
-}
-SIGNS = [  # decimal signs that change: the text, the line, and those above
-    ("1,5;2;3\n312.403;2;3", 2, "comma"),  # thousands, as in German
-    ("1.5;2;3\n4;5;6\n312,403;2;3", 3, "point"),
-    ("452,345.6;2;3\n4;5;6,5", 2, "point"),
-    ("1;2;3;0,5\n1.5;2;3;4", 2, "comma"),  # that an attribute had
-]
-BAD_TEXTS |= {
-    f"sign{i}.csv": (text, f"line {line}: .* with a decimal {sign}, as those")
-    for i, (text, line, sign) in enumerate(SIGNS)
-}
-DOUBTS = {  # by the line
-    1: [
-        "1,234 5,678 9,012\n234 5,678 1,012\n1,234 500 9,013",
-        "112,345  213,456\t100,123",
-    ],
-    2: ['345;567;12\n1;"-567,890";12'],
-}
-BAD_TEXTS |= {
-    f"doubt{line}{i}.csv": (text, f"line {line}: are there thousands or decimals")
-    for line, texts in DOUBTS.items()
-    for i, text in enumerate(texts)
+    # decimal signs that change, and thousands as in German
+    "german.csv": ("1,5;2;3\n312.403;2;3", f"line 2: .* {SIGN % 'comma'}"),
+    "english.csv": ("1.5;2;3\n4;5;6\n312,403;2;3", f"line 3: .* {SIGN % 'point'}"),
+    "both.csv": ("452,345.6;2;3\n4;5;6,5", f"line 2: .* {SIGN % 'point'}"),
+    "attribute.csv": ("1;2;3;0,5\n1.5;2;3;4", f"line 2: .* {SIGN % 'comma'}"),
+    "blanks.csv": ("1,234 5,678 9,012\n234 5,678 1,012\n1,234 500 9,013", DOUBT % 1),
+    "tab.csv": ("112,345  213,456\t100,123", DOUBT % 1),
+    "quotes.csv": ('345;567;12\n1;"-567,890";12', DOUBT % 2),
 }
 
 
