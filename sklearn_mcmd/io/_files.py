@@ -96,15 +96,13 @@ def read_points(
     """
     path = Path(path)
     with one_clear_line(path, "read"):
-        if path.is_dir():
-            raise PointFileError("is a folder; a point file is needed")
+        check_file(path)
         file_format = format_of(path)
         if columns is not None and not file_format.columns:
             error = no_columns(columns)
             raise PointFileError(str(error)) from error
         if not set(columns or ()) <= set("xyz"):
             raise PointFileError(f"columns={columns} must tell of x, y or z")
-        check_file(path)
         read = file_format.read
         cloud = read(path) if columns is None else read(path, columns)
         no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz, order="F").all(axis=1)
@@ -231,6 +229,8 @@ def check_file(path):
     """Refuse what is no file, or has no bytes."""
     if not path.exists():
         raise PointFileError("no such file")
+    if path.is_dir():
+        raise PointFileError("is a folder; a point file is needed")
     if not path.is_file():
         raise PointFileError("is not a regular file")
     if path.stat().st_size == 0:

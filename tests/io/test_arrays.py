@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.io import PointFileError, read_points, write_points
 
 
 @pytest.mark.parametrize("extension", [".npy", ".npz"])
@@ -45,16 +45,6 @@ def test_npz_coordinates_may_have_other_names(tmp_path, arrays):
     table = np.arange(6.0).reshape(2, 3)
     np.savez(tmp_path / "a.npz", **{name: table[:, column] for name, column in arrays.items()})
     assert_array_equal(read_points(tmp_path / "a.npz").xyz, table)
-
-
-@pytest.mark.parametrize("extension", [".npy", ".ply", ".pcd"])
-def test_columns_say_which_fields_are_the_coordinates(tmp_path, extension):
-    path, values = tmp_path / f"a{extension}", np.arange(36.0).reshape(6, 6)
-    write_points(path, PointCloud(values[:, :3], dict(zip("abc", values.T[3:], strict=True))))
-    assert_array_equal(read_points(path).xyz, values[:, :3])
-    cloud = read_points(path, columns={"x": "a", "y": "b", "z": 6})
-    assert_array_equal(cloud.xyz, values[:, 3:])
-    assert list(cloud.attributes) == ["x_value", "y_value", "z_value"]
 
 
 GRID = np.random.default_rng(0).random((4, 5, 3))

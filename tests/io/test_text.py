@@ -170,13 +170,14 @@ def test_a_byte_order_mark_tells_the_encoding(tmp_path, encoding):
 
 def test_columns_say_where_the_coordinates_are(tmp_path):
     rows = "\n2026-05-01,noon,A,3,2,1\n2026-05-02,noon,B,6,5,4"
-    for text, columns in [
-        (f"May\nday,hour,name,hoch,nord,ost{rows}", {"x": "ost", "y": "nord", "z": "hoch"}),
-        (f"day,hour,name,z,hoch,nord{rows}", {"x": 6, "y": 5, "z": 4}),
-        (rows, {"x": 6, "y": 5, "z": 4}),
+    names = "day,hour,name,hoch,nord,ost"
+    for head, columns in [
+        (f"May\n{names}", {"x": "ost", "y": "nord", "z": "hoch"}),
+        ("", {"x": 6, "y": 5, "z": 4}),
     ]:
         with pytest.warns(UserWarning, match="left out"):
-            assert_array_equal(read(tmp_path, text, columns=columns).xyz, [[1, 2, 3], [4, 5, 6]])
+            cloud = read(tmp_path, head + rows, columns=columns)
+        assert_array_equal(cloud.xyz, [[1, 2, 3], [4, 5, 6]])
     cloud = read(tmp_path, "x,y,z,height\n1,2,3,4\n", columns={"z": "height"})
     assert_array_equal(cloud.xyz, [[1, 2, 4]])
     assert_array_equal(cloud.attributes["z_value"], [3])
