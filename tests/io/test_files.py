@@ -73,12 +73,12 @@ def test_files_of_any_name_in_any_case_are_read_and_written_over(tmp_path, cloud
 def test_of_two_writers_each_leaves_a_whole_file(tmp_path, extension):
     path, clouds = tmp_path / f"a{extension}", (np.zeros((1_000, 3)), np.ones((3_000, 3)))
     write_points(path, clouds[0])
-    found = set()
+    read = set()
     with ThreadPoolExecutor(2) as pool:
         writers = [pool.submit(write_points, path, clouds[i % 2]) for i in range(40)]
         while not all(writer.done() for writer in writers):
-            found.add((len(cloud := read_points(path)), cloud.xyz.min(), cloud.xyz.max()))
-    assert found == {(1_000, 0, 0), (3_000, 1, 1)}
+            read.add((len(cloud := read_points(path)), cloud.xyz.min(), cloud.xyz.max()))
+    assert read == {(1_000, 0, 0), (3_000, 1, 1)}
     assert not any(writer.exception() for writer in writers)
     assert os.listdir(tmp_path) == [path.name]
 

@@ -130,9 +130,9 @@ def test_outliers_have_a_mark_a_column_or_no_place(tmp_path, one):
             written(tmp_path, one, noise=noise)
         assert not list(tmp_path.iterdir())
         return
-    found = read_points(written(tmp_path, one, noise=noise)).attributes
-    assert ("outlier" in found) != one.marks
-    assert_array_equal(found["classification"] == 7 if one.marks else found["outlier"], noise)
+    back = read_points(written(tmp_path, one, noise=noise)).attributes
+    assert ("outlier" in back) != one.marks
+    assert_array_equal(back["classification"] == 7 if one.marks else back["outlier"], noise)
 
 
 @pytest.mark.parametrize("one", WRITTEN, ids=ids)

@@ -57,6 +57,6 @@ def test_printed_digits_without_room_are_rounded_to_a_hundredth_of_the_spacing_o
 def test_no_step_is_finer_than_double_precision_about_the_points(tmp_path, place, extent):
     xyz = place + extent * np.random.default_rng(0).random((9, 3))
     write_points(tmp_path / "a.las", xyz)
-    found = read_points(tmp_path / "a.las").xyz
-    assert_allclose(found, xyz, rtol=0, atol=1e-8 * extent + 4 * np.spacing(place))
+    back = read_points(tmp_path / "a.las").xyz
+    assert_allclose(back, xyz, rtol=0, atol=1e-8 * extent + 4 * np.spacing(place))
     assert laspy.open(tmp_path / "a.las").header.scales[0] >= np.spacing(place) / 10

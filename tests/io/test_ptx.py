@@ -89,7 +89,7 @@ def test_colors_have_eight_bits_and_scans_without_them_take_them_from_all(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("shape", "options", "known"),
+    ("shape", "options", "is_known"),
     [
         ((4, 3), {}, True),
         ((4, 3), {"place": np.zeros(3), "turn": Rotation.identity()}, True),
@@ -99,12 +99,12 @@ def test_colors_have_eight_bits_and_scans_without_them_take_them_from_all(tmp_pa
     ids=["pose", "the scanner's own coordinates", "moved before", "no grid"],
 )
 def test_where_the_scanner_stood_is_known_where_nothing_speaks_against_it(
-    tmp_path, shape, options, known
+    tmp_path, shape, options, is_known
 ):
     """A merged cloud is written as one row, and moved points beside a matrix that moves nothing."""
     cloud = read_points(written(tmp_path, header(shape, **options), body(scan())))
-    assert (stated_positions(cloud).positions is not None) == known
-    if known:
+    assert (stated_positions(cloud).positions is not None) == is_known
+    if is_known:
         assert_array_equal(sensor_origins(cloud)[0], options.get("place", PLACE))
 
 

@@ -149,8 +149,8 @@ def organized(tmp_path):
 def test_an_organized_pcd_keeps_its_grid_whatever_is_removed(tmp_path):
     path, xyz = organized(tmp_path)
     cloud = read_points(path)
-    given = cloud.attributes
-    assert_array_equal(5 * given["row_index"] + given["column_index"], given["label"])
+    row, column = cloud.attributes["row_index"], cloud.attributes["column_index"]
+    assert_array_equal(5 * row + column, cloud.attributes["label"])
     kept = cloud.subset(np.arange(18)[::-1][1:])  # in another order, and without the last
     write_points(tmp_path / "b.pcd", kept)
     pcd = pypcd4.PointCloud.from_path(tmp_path / "b.pcd")
@@ -190,8 +190,8 @@ def test_a_grid_that_is_lost_is_told(tmp_path, row_index):
 def test_a_row_of_points_and_a_file_with_own_rows_are_not_organized(tmp_path):
     write_points(tmp_path / "a.pcd", np.eye(3))
     assert read_points(tmp_path / "a.pcd").attributes == {}
-    own = PointCloud(np.random.default_rng(0).random((4, 3)), {"row_index": np.arange(4)})
-    write_points(tmp_path / "a.pcd", own)
+    numbered = PointCloud(np.random.default_rng(0).random((4, 3)), {"row_index": np.arange(4)})
+    write_points(tmp_path / "a.pcd", numbered)
     data = (tmp_path / "a.pcd").read_bytes()
     (tmp_path / "a.pcd").write_bytes(data.replace(b"WIDTH 4\nHEIGHT 1", b"WIDTH 2\nHEIGHT 2"))
     cloud = read_points(tmp_path / "a.pcd")

@@ -100,8 +100,8 @@ TABLES = [
 @pytest.mark.parametrize("separator", [";", "\t"])
 @pytest.mark.parametrize(("text", "table"), TABLES)
 def test_numbers_of_many_programs_are_read(tmp_path, monkeypatch, text, table, separator):
-    found = same_by_parts(tmp_path, monkeypatch, text.replace(";", separator))[1]
-    assert_array_equal(found, [list(map(float, row.split())) for row in table.split(",")])
+    back = same_by_parts(tmp_path, monkeypatch, text.replace(";", separator))[1]
+    assert_array_equal(back, [list(map(float, row.split())) for row in table.split(",")])
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])
