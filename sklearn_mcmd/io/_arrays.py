@@ -45,7 +45,7 @@ def _columns(array, columns=None):
             f"holds dtype {array.dtype} of shape {shape}; numbers of shape (n, 3) or (rows, "
             "columns, 3), or more at the end, or a structured array with x, y, z are needed"
         )
-    check_turned(*array.shape)
+    check_turned(array.shape)
     names = [f"column_{i}" for i in range(1, array.shape[1] + 1)]
     axes = coordinate_columns(names, columns) if columns else [0, 1, 2]
     others = {name: array[:, i].copy() for i, name in enumerate(names) if i not in axes}
@@ -75,7 +75,7 @@ def read_npz(path):
         xyz = arrays.pop(tables[0])
     else:
         for table in (a for a in arrays.values() if a.ndim == 2):
-            check_turned(*table.shape)
+            check_turned(table.shape)
         shapes = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
         raise PointFileError(
             f"needs an array xyz of shape (n, 3), or x, y, z; it holds {shapes[:300]}"

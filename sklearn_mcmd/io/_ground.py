@@ -59,6 +59,7 @@ class Ground:
         kept = np.ones(len(xyz), bool)
         self._n_nearest = m = GroundLimits().n_nearest
         kept[m:] = (xyz[m:, :2] != xyz[:-m, :2]).any(axis=1)
+        # The tree's answer where there are too few points is their number: infinitely high.
         self._heights = np.append(xyz[kept, 2], np.inf)
         self._tree = cKDTree(xyz[kept, :2], balanced_tree=False)
 

@@ -31,8 +31,8 @@ LONGEST_NAME = 32  # bytes of an extra dimension's name
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}  # of extra dimensions
 
 WAVEFORMS = "LASF_Spec", 65535  # user and number of the record with the samples of waveforms
-# User, number and description of the record that says that outliers were removed.
-DENOISED = "sklearn-mcmd", 1, "outliers removed"
+# The record that says that outliers were removed.
+DENOISED = {"user_id": "sklearn-mcmd", "record_id": 1, "description": "outliers removed"}
 
 
 def read_las(path):
@@ -206,7 +206,8 @@ def coordinate_system(header):
 
 def is_denoised(header):
     """Whether the file of a LAS header is what `mcmd denoise` has left."""
-    return any((record.user_id, record.record_id) == DENOISED[:2] for record in header.vlrs)
+    key = DENOISED["user_id"], DENOISED["record_id"]
+    return any((record.user_id, record.record_id) == key for record in header.vlrs)
 
 
 def cloud_of_points(points, header):
@@ -239,7 +240,7 @@ def las_of_cloud(laspy, cloud, noise=None):
         header = _new_header(laspy, cloud)
         records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
     if cloud.metadata.get("denoised") and not is_denoised(header):
-        header.vlrs.append(laspy.VLR(*DENOISED))
+        header.vlrs.append(laspy.VLR(**DENOISED))
     las = laspy.LasData(header, records)
     las, attributes = _with_colors(laspy, las, cloud.attributes, "las_points" in cloud.metadata)
     _store_coordinates(las, cloud.xyz)

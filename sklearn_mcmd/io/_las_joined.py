@@ -76,6 +76,7 @@ def joined_cloud(cloud, header):
         for name in header.point_format.dimension_names:
             if name in cloud.attributes:
                 records[name] = cloud.attributes[name]
+        # Old formats have whole degrees, new ones steps of 0.006.
         new["scan_angle"] = np.rint(cloud.attributes["scan_angle_rank"] / ANGLE_STEP)
     if (before.scales != header.scales).any() or (before.offsets != header.offsets).any():
         steps = np.rint((cloud.xyz - header.offsets) / header.scales)

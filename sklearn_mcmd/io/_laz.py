@@ -130,6 +130,7 @@ class _Layout:
         start = 0
         for number, (n_points, n_bytes) in enumerate(chunks, start=first + 1):
             needed = self.smallest_chunk if n_points else 0  # lazrs may end with an empty one
+            # The first point is followed by the number of points, and the bytes of each layer.
             if self.compressor == LAYERED and 0 < needed <= n_bytes:
                 n_stored, *layers = struct.unpack_from(
                     f"<{1 + self.n_layers}I", data, start + self.n_bytes
@@ -157,7 +158,7 @@ def _chunks(lazrs, file, header, record, layout):
     table_at = _table_position(file, points_at, size)
     room = table_at - points_at - 8
     file.seek(table_at)
-    start = file.read(8)
+    start = file.read(8)  # a version, the number of chunks; then compressed entries
     (n_chunks,) = struct.unpack_from("<I", start, 4)
     is_variable = layout.chunk_size == VARIABLE
     most = room // layout.smallest_chunk + 1, FEW_CHUNKS + room // BYTES_A_CHUNK
@@ -171,6 +172,7 @@ def _chunks(lazrs, file, header, record, layout):
     if is_variable:
         chunks = [entry for entry in entries if any(entry)]
     else:
+        # All chunks but the last have as many points; an entry without bytes may follow.
         if not entries[-1][1]:
             entries.pop()
         size = layout.chunk_size

@@ -252,7 +252,6 @@ class _Table:
     parts: list = field(default_factory=list)
     words: dict = field(default_factory=dict)  # columns with words: line and text of the first
     gaps: set = field(default_factory=set)  # columns with gaps
-
     comma: bool | None = None  # whether commas are decimal: None until a number tells
 
     def __post_init__(self):
@@ -336,7 +335,9 @@ class _Table:
         table = np.full((len(rows), width), np.nan)
         for j, cells in enumerate(zip(*rows, strict=True)):
             if j in self.positions:
-                table[:, j] = [self._coordinate(*cell) for cell in zip(cells, numbers, strict=True)]
+                table[:, j] = [
+                    self._coordinate(cell, line) for cell, line in zip(cells, numbers, strict=True)
+                ]
             elif j not in self.words:
                 values = [number_of(cell, self.comma) for cell in cells]
                 table[:, j] = values  # None becomes NaN
@@ -351,8 +352,8 @@ class _Table:
         """Learn from the first number with a comma or point which of them is decimal."""
         if self.comma is None and len(fields) == len(self.names):
             # Of one row coordinates tell before attributes.
-            order = sorted(range(len(fields)), key=lambda j: j not in self.positions)
-            cells = [fields[j] for j in order]
+            cells = [fields[j] for j in self.positions]
+            cells += [cell for j, cell in enumerate(fields) if j not in self.positions]
             self.comma = _decimal(cells, line, number, is_loose=self.delimiter is None)
 
     def _coordinate(self, cell, number):

@@ -151,6 +151,7 @@ def _shift(times, begin, end):
     points_in_weeks = times.min() >= 0 and times.max() <= WEEK
     path_in_weeks = begin >= 0 and end <= WEEK
     if points_in_weeks != path_in_weeks:
+        # Seconds of a week fit any week: the one by which the middles of both are nearest.
         middle = np.median(times) - (begin + end) / 2
         for offset, other in ((0.0, plain), (-ADJUSTED if path_in_weeks else ADJUSTED, adjusted)):
             of_points, of_path = (week, other) if points_in_weeks else (other, week)

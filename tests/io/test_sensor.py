@@ -87,7 +87,7 @@ def test_a_trajectory_that_is_no_pair_is_refused():
 @pytest.mark.parametrize("heading", [0.7, -2.0])
 def test_the_flight_is_found_from_rounded_angles(step, most, heading):
     xyz, sensor, attributes = flight(heading=heading, step=step, start=2e8)
-    positions, words = positions_of_lines(of(xyz, attributes))
+    positions, words, _ = positions_of_lines(of(xyz, attributes))
     assert words == "scan angles of one flight line"
     off = np.linalg.norm(positions - sensor, axis=1)
     # Half a degree of 800 m, which a mean of thousands of points makes much smaller.
@@ -97,7 +97,7 @@ def test_the_flight_is_found_from_rounded_angles(step, most, heading):
 def test_each_flight_line_has_its_own_flight():
     lines = [flight(heading=0.1, seed=1), flight(heading=3.2, height=600, seed=2)]
     clouds = [of(xyz, attributes, line) for line, (xyz, _, attributes) in enumerate(lines)]
-    positions, words = positions_of_lines(joined(clouds))
+    positions, words, _ = positions_of_lines(joined(clouds))
     assert words == "scan angles of 2 lines"
     for part, (_, sensor, _) in zip(np.split(positions, 2), lines, strict=True):
         assert_allclose(part, sensor, atol=7)
@@ -120,12 +120,12 @@ def test_angles_that_tell_no_flight_are_refused_with_the_reason(change, why):
             name: values for name, values in (attributes | change).items() if values is not None
         }
         change = slice(None)
-    positions, words = positions_of_lines(of(xyz, attributes).subset(change))
+    positions, words, _ = positions_of_lines(of(xyz, attributes).subset(change))
     assert positions is None
     assert why in words
 
 
 def test_a_real_flight_is_found_where_its_operator_flew(shared_data):
     path = shared_data / "ahn3_amsterdam_2397" / "ahn_2397_9705.laz"
-    positions, _ = positions_of_lines(read_points(path))
+    positions = positions_of_lines(read_points(path)).positions
     assert ((positions[:, 2] > 600) & (positions[:, 2] < 1_000)).all()
