@@ -15,10 +15,10 @@ def flight(n=4_000, heading=0.7, height=800.0, angles=(-20, 5), step=1.0, start=
     true = rng.uniform(*angles, n)
     down = height + rng.uniform(0, 60, n)
     xyz = sensor + (down * np.tan(np.radians(true)))[:, None] * across - down[:, None] * [0, 0, 1]
-    given = np.round(true / step)
+    rounded = np.round(true / step)
     name = "scan_angle_rank" if step == 1.0 else "scan_angle"
-    return xyz, sensor, {name: given.astype(np.int16), "gps_time": times + start}
+    return xyz, sensor, {name: rounded.astype(np.int16), "gps_time": times + start}
 
 
-def of(xyz, given, line=1):
-    return PointCloud(xyz, {**given, "point_source_id": np.full(len(xyz), line)})
+def of(xyz, attributes, line=1):
+    return PointCloud(xyz, {**attributes, "point_source_id": np.full(len(xyz), line)})

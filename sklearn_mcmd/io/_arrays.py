@@ -45,7 +45,7 @@ def _columns(array, columns=None):
             f"holds dtype {array.dtype} of shape {shape}; numbers of shape (n, 3) or (rows, "
             "columns, 3), or more at the end, or a structured array with x, y, z are needed"
         )
-    check_turned(*array.shape)
+    check_turned(array.shape)
     names = [f"column_{i}" for i in range(1, array.shape[1] + 1)]
     axes = coordinate_columns(names, columns) if columns else [0, 1, 2]
     others = {name: array[:, i].copy() for i, name in enumerate(names) if i not in axes}
@@ -75,10 +75,10 @@ def read_npz(path):
         xyz = arrays.pop(tables[0])
     else:
         for table in (a for a in arrays.values() if a.ndim == 2):
-            check_turned(*table.shape)
-        found = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
+            check_turned(table.shape)
+        shapes = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
         raise PointFileError(
-            f"needs an array xyz of shape (n, 3), or x, y, z; it holds {found[:300]}"
+            f"needs an array xyz of shape (n, 3), or x, y, z; it holds {shapes[:300]}"
         )
     shape = xyz.shape[:2]
     is_grid, (xyz, columns) = xyz.ndim == 3, _columns(xyz)
@@ -146,10 +146,9 @@ def _check_array(file, room, what):
     Of none, each takes a byte all the same: there are loops over columns without rows.
     """
     file = io.BytesIO(file.read(LONGEST_HEADER))
-    known = np.lib.format
-    is_first = known.read_magic(file) == (1, 0)
-    read = known.read_array_header_1_0 if is_first else known.read_array_header_2_0
-    shape, _, dtype = read(file)
+    is_first = np.lib.format.read_magic(file) == (1, 0)
+    readers = np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0
+    shape, _, dtype = readers[0 if is_first else 1](file)
     if dtype.hasobject:
         raise PointFileError("holds pickled objects, which are never loaded; write numbers")
     check_room(math.prod(shape) * dtype.itemsize, room, what)

@@ -28,23 +28,23 @@ REMEDY = ParameterError(
 
 def coordinate_columns(names, columns=None):
     """Positions of x, y and z among the names of columns, or as `columns` of `read_points` say."""
-    given = {axis: [_position(names, which)] for axis, which in (columns or {}).items()}
-    asked = [axis for axis in "xyz" if axis not in given]
+    chosen = {axis: [_position(names, column)] for axis, column in (columns or {}).items()}
+    sought = [axis for axis in "xyz" if axis not in chosen]
     plain = [_plain(name) for name in names]
-    for some in ([name.lower() for name in names], plain):  # whole sets come before other names
-        if all(some.count(axis) == 1 for axis in asked):
-            found = given | {axis: [some.index(axis)] for axis in asked}
+    for spelled in ([name.lower() for name in names], plain):  # x, y, z come before other names
+        if all(spelled.count(axis) == 1 for axis in sought):
+            candidates = chosen | {axis: [spelled.index(axis)] for axis in sought}
             break
     else:
-        found = given | {axis: _of_axis(plain, axis) for axis in asked}
+        candidates = chosen | {axis: _of_axis(plain, axis) for axis in sought}
     among = f"among the columns {', '.join(names)[:300]}: {REMEDY}"
-    for axis in asked:
-        if len(found[axis]) > 1:
-            which = " or ".join(repr(names[i]) for i in found[axis])
+    for axis in sought:
+        if len(candidates[axis]) > 1:
+            which = " or ".join(repr(names[i]) for i in candidates[axis])
             raise PointFileError(f"{axis} may be {which} {among}") from REMEDY
-    if missing := [axis for axis in asked if not found[axis]]:
+    if missing := [axis for axis in sought if not candidates[axis]]:
         raise PointFileError(f"no {', '.join(missing)} {among}") from REMEDY
-    positions = [found[axis][0] for axis in "xyz"]
+    positions = [candidates[axis][0] for axis in "xyz"]
     if len(set(positions)) < 3:
         error = ParameterError("x, y and z need three columns, got $columns", columns=columns)
         raise PointFileError(str(error)) from error
@@ -62,11 +62,11 @@ def are_names(fields, told=()):
     A letter alone may be a word of a sentence: one does not count without another.
     """
     plain = [_plain(field) for field in fields]
-    found = [{plain[i] for i in _of_axis(plain, axis)} for axis in "xyz"]
-    letters = sum(max(map(len, names), default=0) == 1 for names in found)
-    words = " ".join(plain).split()
-    known = sum(map(bool, found)) - (letters == 1) + len(OTHERS.intersection(words))
-    return known + len(set(told).intersection(fields)) >= 2
+    by_axis = [{plain[i] for i in _of_axis(plain, axis)} for axis in "xyz"]
+    n_letters = sum(max(map(len, names), default=0) == 1 for names in by_axis)
+    n_axes = sum(map(bool, by_axis)) - (n_letters == 1)
+    n_others = len(OTHERS.intersection(" ".join(plain).split()))
+    return n_axes + n_others + len(set(told).intersection(fields)) >= 2
 
 
 def no_sentence(words):
@@ -78,8 +78,8 @@ def no_sentence(words):
 
 def _of_axis(plain, axis):
     """Columns that may be an axis. Words come before what means many things: letters, "est"."""
-    found = [i for i, name in enumerate(plain) if name in AXES[axis]]
-    return [i for i in found if len(plain[i]) > 1 and plain[i] != "est"] or found
+    columns = [i for i, name in enumerate(plain) if name in AXES[axis]]
+    return [i for i in columns if len(plain[i]) > 1 and plain[i] != "est"] or columns
 
 
 def _plain(name):
@@ -93,12 +93,13 @@ def without_accents(text):
     return "".join(letter for letter in letters if not unicodedata.combining(letter))
 
 
-def _position(names, which):
+def _position(names, column):
+    """Position of a column, by its name in any case or by its number from 1 on."""
     names = [unicodedata.normalize("NFC", name) for name in names]
-    which = unicodedata.normalize("NFC", str(which))
-    for some in (names, [name.lower() for name in names]):
-        if which in some:
-            return some.index(which)
-    if which.isdecimal() and 1 <= int(which) <= len(names):
-        return int(which) - 1
-    raise PointFileError(f"no column {which!r} among {', '.join(names)[:300]}")
+    column = unicodedata.normalize("NFC", str(column))
+    for spelled in (names, [name.lower() for name in names]):
+        if column in spelled:
+            return spelled.index(column)
+    if column.isdecimal() and 1 <= int(column) <= len(names):
+        return int(column) - 1
+    raise PointFileError(f"no column {column!r} among {', '.join(names)[:300]}")

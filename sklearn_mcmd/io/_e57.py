@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._las_structure import check_grid
 from sklearn_mcmd.io._no_returns import LEFT_OUT, NoReturns
 from sklearn_mcmd.io._point_cloud import (
@@ -22,8 +23,8 @@ from sklearn_mcmd.io._point_cloud import (
     colors_of_bytes,
     fit_dtype,
     flat_columns,
-    import_extra,
     joined_scans,
+    warn_of_lost,
 )
 
 MERGED = "cloud without setup"  # name of a scan whose pose is no place of a scanner
@@ -93,6 +94,7 @@ def _checked_scans(path):
             raise PointFileError("damaged or is of another format: it does not begin as E57 does")
         at, length = struct.unpack_from("<QQ", start, 24)
         check_room(at + length, os.fstat(file.fileno()).st_size, "points and XML")
+        # Where the XML begins counts checksums, its length does not: read whole pages of it.
         file.seek(at - at % PAGE)
         n_pages = (at % PAGE + length) // (PAGE - CHECKSUM) + 2
         xml = b"".join(file.read(PAGE)[:-CHECKSUM] for _ in range(n_pages))
@@ -162,13 +164,14 @@ def _pose(path, number, scan):
 
 def _scan(pye57, file, header):
     """Coordinates as they are in a scan, and attributes, of all points that are not invalid."""
-    known, n = pye57.e57.SUPPORTED_POINT_FIELDS, header.point_count
+    dtypes, n = pye57.e57.SUPPORTED_POINT_FIELDS, header.point_count
     data, buffers = {}, pye57.libe57.VectorSourceDestBuffer()
-    for field in known.keys() & set(header.point_fields):
+    for field in dtypes.keys() & set(header.point_fields):
         # pye57 reads colors as bytes; single precision holds those of 16 bits, too.
-        data[field] = np.empty(n, "f" if field in COLOR_FIELDS else known[field])
-        array = file.image_file, field, data[field], n, True, True
-        buffers.append(pye57.libe57.SourceDestBuffer(*array))
+        data[field] = np.empty(n, "f" if field in COLOR_FIELDS else dtypes[field])
+        # The last two arguments: numbers are converted to this dtype, and scaled.
+        buffer = pye57.libe57.SourceDestBuffer(file.image_file, field, data[field], n, True, True)
+        buffers.append(buffer)
     if (n_read := header.points.reader(buffers).read()) != n:
         raise PointFileError(f"a scan promises {n:,} points and holds {n_read:,}")
     system = header.get_coordinate_system(pye57.e57.COORDINATE_SYSTEMS)
@@ -245,12 +248,8 @@ def write_e57(path, cloud):
             lost += [n for n, f in zip(group, fields, strict=True) if data.pop(f, None) is not None]
     if stood.any() and not keep:
         lost.append("poses of the scans")
-    told = {"not written": lost, "rounded": [name for name in rounded if name not in lost]}
-    if lost or rounded:
-        warn_caller(
-            "E57 holds coordinates, finite intensity of single precision and colors of 8 bits only"
-            + "".join(f"; {how}: {', '.join(names)}" for how, names in told.items() if names)
-        )
+    holds = "E57 holds coordinates, finite intensity of single precision and colors of 8 bits"
+    warn_of_lost(holds, lost, rounded)
     file = pye57.E57(os.fsencode(path), mode="w")
     try:
         write_scan(file, data, name=None if keep else MERGED, translation=center)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.io._formats import ALL, format_of, no_columns
-from sklearn_mcmd.io._no_returns import LEFT_OUT, BlankRecords, NoReturns
+from sklearn_mcmd.io._no_returns import LEFT_OUT, NoReturns
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError
 from sklearn_mcmd.io._units import degrees_warning
 
@@ -51,9 +51,8 @@ def read_points(
     UserWarning
         If columns of words, or fields of other formats, are left out. If integers of text are
         rounded. If points are 0, 0, 0 where most coordinates are large, or many are: rays without a
-        return. If records of LAS are zero bytes. If x and y seem to be degrees, unlike z. If LAS
-        describes more of a point than there is, or holds more or fewer records than its header
-        counts, or a rotation of E57 is not of length 1.
+        return. If x and y seem to be degrees, unlike z. If LAS holds more or fewer records than its
+        header counts, or a rotation of E57 is not of length 1.
 
     See Also
     --------
@@ -62,32 +61,26 @@ def read_points(
 
     Notes
     -----
-    Points with a coordinate that is not finite (common in organized PCD), or that E57 marks
-    invalid, are dropped and counted in ``PointCloud.n_dropped``. So are rows of zeros, which
-    scanners write for rays without a return: all of PTX, of other formats if there are more than 8,
-    and more than rows with two coordinates 0. In E57 they are where the scanner stood.
+    Points with a coordinate that is not finite, or that E57 marks invalid, are dropped and counted
+    in ``PointCloud.n_dropped``. So are rows of zeros, which scanners write for rays without a
+    return: all of PTX, of other formats if there are more than 8, and more than rows with two
+    coordinates 0. In E57 they are where the scanner stood.
 
-    Text is read :ref:`however it is laid out <text_files>`. Without names of columns, coordinates
-    are the first three. Integers in all rows are exact up to 64 bits.
+    *Text* is read :ref:`however it is laid out <text_files>`. Without names of columns, coordinates
+    are the first three. Integers are exact up to 64 bits. A count of points may stand above the
+    rows, as in PTS, which has ``intensity`` after x, y, z, or colors, or both. XYZN has normals,
+    XYZRGB colors, which are from 0 to 1 unless one is larger.
 
-    A count of points may stand above the rows, as in PTS, and other scans may follow. PTS has an
-    ``intensity`` after x, y, z, or colors, or both: of Leica from -2048 to 2047, as in the file.
-    XYZN has normals, XYZRGB colors, which are from 0 to 1 unless one is larger.
+    *NPY* holds a table (n, >= 3), an organized one (rows, columns, >= 3), or a structured array of
+    either shape. *NPZ* holds ``xyz``, or ``x``, ``y``, ``z``, organized or not; else its first
+    array of shape (n, 3) is taken. Arrays of another length, such as an ``offset``, are not applied
+    to the coordinates: they stay in ``metadata["npz_arrays"]``.
 
-    NPY holds a table (n, >= 3), an organized one (rows, columns, >= 3), or a structured array of
-    either shape. NPZ holds an array ``xyz``, or ``x``, ``y``, ``z``, organized or not; else its
-    first array of shape (n, 3) is taken. Arrays of NPZ of another length (for example an ``offset``
-    of length 3) are not applied to the coordinates: they stay in ``metadata["npz_arrays"]``.
-
-    Attributes have one name in all formats, such as ``normal_x`` and ``red, green, blue``, of 8
-    bits if a format has shares or packs them. Several scans of a file are merged, and
-    ``scan_index`` numbers them. ``row_index`` and ``column_index`` tell the cell of a point in the
-    grid of its scan, or of an organized PCD, NPY or NPZ, whose ``metadata["grid_shape"]`` has the
-    numbers of rows and columns. Colors of E57 that are no bytes get 16 bits, and the most that the
-    file states of them becomes 65535.
-
-    A changed bit of a compressed point is not noticed if the point still decompresses: LAZ has no
-    checksums.
+    Attributes have one name in all formats, such as ``normal_x`` and ``red, green, blue``.
+    ``scan_index`` numbers the scans of a file. ``row_index`` and ``column_index`` tell the cell of
+    a point in the grid of its scan, or of an organized PCD, NPY or NPZ of
+    ``metadata["grid_shape"]`` rows and columns. Colors of E57 that are no bytes get 16 bits: the
+    most that the file states becomes 65535. LAZ has no checksums: a changed bit may go unnoticed.
 
     Examples
     --------
@@ -103,18 +96,17 @@ def read_points(
     """
     path = Path(path)
     with one_clear_line(path, "read"):
-        if path.is_dir():
-            raise PointFileError("is a folder; a point file is needed")
-        known = format_of(path)
-        if columns is not None and not known.columns:
+        check_file(path)
+        file_format = format_of(path)
+        if columns is not None and not file_format.columns:
             error = no_columns(columns)
             raise PointFileError(str(error)) from error
         if not set(columns or ()) <= set("xyz"):
             raise PointFileError(f"columns={columns} must tell of x, y or z")
-        check_file(path)
-        cloud = known.read(path) if columns is None else known.read(path, columns)
+        read = file_format.read
+        cloud = read(path) if columns is None else read(path, columns)
         no_returns, kept = NoReturns().add(cloud.xyz), np.isfinite(cloud.xyz, order="F").all(axis=1)
-        odd = [no_returns.warning(path), BlankRecords().add(cloud).warning(path)]
+        warning = no_returns.warning(path)
         if no_returns.n_left_out:
             kept &= cloud.xyz.any(axis=1)
         if not kept.all():
@@ -126,7 +118,7 @@ def read_points(
             dropped = f" with finite coordinates ({cloud.n_dropped} dropped)"
             raise PointFileError("holds no points" + (dropped if cloud.n_dropped else ""))
     header = cloud.metadata.get("las_header")
-    for words in (*odd, degrees_warning(path, cloud.xyz, header, columns)):
+    for words in (warning, degrees_warning(path, cloud.xyz, header, columns)):
         if words:
             warnings.warn(words, stacklevel=2)
     return cloud
@@ -177,23 +169,21 @@ def write_points(
 
     Notes
     -----
-    *LAS, LAZ.* A cloud read from LAS keeps its header, and every unchanged coordinate keeps its
-    integers. Changed coordinates are rounded to the header's scale (an error of at most half a
-    step). If they do not fit 32-bit integers there, a new offset is chosen for that axis, and a new
-    scale if needed. Other clouds become LAS 1.4, point format 6 (7 with colors). Colors of 8 bits,
-    and integers up to 255 but uint16, are multiplied by 257. Their scale is the coarsest of 1, 0.1
-    ... 1e-6 that holds all coordinates exactly, else the finest power of ten that fits. If far
-    points would make it coarser than the decimal step of most points (0.0001 or more), else than a
-    hundredth of their spacing and a millionth of the extent of their middle half, they are refused.
-    Attributes without a standard dimension become extra dimensions and replace any of the same
-    name. LAS 1.0 and 1.1 become 1.2. Wave packets of several scanner channels (point formats 9
-    and 10) are refused in LAZ, since lazrs would change them. Samples of waveforms inside a file
-    are copied from LAS 1.4, but not from LAS 1.3.
+    *LAS, LAZ.* A cloud read from LAS keeps its header, and unchanged coordinates their integers.
+    Others are rounded to half a step of the header's scale; an axis where they do not fit integers
+    of 32 bits gets a new offset, and a new scale if needed. Other clouds become LAS 1.4, point
+    format 6 (7 with colors). Colors of 8 bits, and integers up to 255 but uint16, are multiplied by
+    257. Their scale is the coarsest of 1, 0.1 ... 1e-6 that holds all coordinates exactly, else the
+    finest power of ten that fits. Far points that would make it coarser than the decimal step of
+    most points (0.0001 or more), else than a hundredth of their spacing and a millionth of the
+    extent of their middle half, are refused. Attributes without a standard dimension become extra
+    dimensions. LAS 1.0 and 1.1 become 1.2. LAZ with wave packets of several scanner channels
+    (formats 9 and 10) is refused, since lazrs would change them. Samples of waveforms inside a
+    file are copied from LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Files are binary. Coordinates are float32 where that is exact, as viewers expect,
-    else float64.
-    Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized cloud keeps its
-    grid; cells whose points were left out or removed have NaN, and 0 where fields are integers.
+    else float64. Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized
+    cloud keeps its grid; empty cells have NaN, and 0 where fields are integers.
 
     *E57.* Coordinates are float64 about their median.
 
@@ -213,7 +203,7 @@ def write_points(
     """
     path = Path(path)
     with one_clear_line(path, "written"):
-        known = format_of(path, written=True)
+        file_format = format_of(path, written=True)
     if not isinstance(cloud, PointCloud):
         cloud = PointCloud(cloud)
     if len(cloud) == 0:
@@ -223,22 +213,24 @@ def write_points(
     options = {}
     if noise is not None:
         noise = _mask(noise, len(cloud))
-        if known.marks:
+        if file_format.marks:
             options["noise"] = noise
-        elif known.results != ALL:
+        elif file_format.results != ALL:
             raise PointFileError(
-                f"{path}: {known.name} has no place to mark outliers; write another format"
+                f"{path}: {file_format.name} has no place to mark outliers; write another format"
             )
         else:
             cloud = cloud.with_attributes(outlier=noise != 0)
     with replacing(path) as temporary, one_clear_line(path, "written"):
-        known.write(temporary, cloud, **options)
+        file_format.write(temporary, cloud, **options)
 
 
 def check_file(path):
     """Refuse what is no file, or has no bytes."""
     if not path.exists():
         raise PointFileError("no such file")
+    if path.is_dir():
+        raise PointFileError("is a folder; a point file is needed")
     if not path.is_file():
         raise PointFileError("is not a regular file")
     if path.stat().st_size == 0:
@@ -328,7 +320,7 @@ def one_clear_line(path, action):
     """Turn any error into a PointFileError that begins with the file's name."""
     try:
         yield
-    except PointFileError as err:
+    except (PointFileError, ImportError) as err:  # which says how to install what is missing
         words = " ".join(str(err).split())  # names in files may have several lines
         raise PointFileError(f"{path}: {words}") from err.__cause__
     except OSError as err:

@@ -104,13 +104,13 @@ def format_of(path, *, written=False):
     """The format of a file, by its extension; raise if it is `written` and can only be read."""
     suffixes = [suffix.lower() for suffix in Path(path).suffixes[-2:]] or [""]
     for extension in ("".join(suffixes), suffixes[-1]):
-        if known := _BY_EXTENSION.get(extension):
-            if written and not known.write:
+        if file_format := _BY_EXTENSION.get(extension):
+            if written and not file_format.write:
                 words = "can be read but not written; write another format, such as plain .laz"
-                raise PointFileError(f"{known.name} {words}")
-            return known
-    found = f"unknown extension {suffixes[-1]!r}" if suffixes[-1] else "no extension"
-    raise PointFileError(f"{found}; known are {' '.join(supported_extensions())}")
+                raise PointFileError(f"{file_format.name} {words}")
+            return file_format
+    reason = f"unknown extension {suffixes[-1]!r}" if suffixes[-1] else "no extension"
+    raise PointFileError(f"{reason}; known are {' '.join(supported_extensions())}")
 
 
 def supported_extensions(*, written: bool = False) -> tuple[str, ...]:

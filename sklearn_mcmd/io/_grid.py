@@ -25,6 +25,7 @@ def scale_of(xyz, axes=slice(None)):
     sample = np.unique(values[:: len(xyz) // SAMPLE + 1], axis=0)  # copies, as of no returns, once
     with np.errstate(over="ignore", invalid="ignore"):
         extent = np.ptp(values, axis=0).max() or 1.0
+        # About an offset in the middle, half the extent has room in 31 bits.
         finest = 10.0 ** np.ceil(np.log10(extent / 2 / (LARGEST - 1)))
         usual = np.median(np.abs(sample).max(axis=1))
         for step in 10.0 ** -np.arange(DECIMALS + 1):
@@ -44,6 +45,7 @@ def offset_of(low, high, scale):
     """A round number below the minimum, or the middle if only that leaves room for all."""
     if high <= low:
         return low
+    # The power of ten of the extent: from 362,327.1 to 362,359.8 the offset is 362,320.
     unit = 10.0 ** np.floor(np.log10(high - low))
     below = np.floor(low / unit) * unit
     return below if high - below <= LARGEST * scale else np.rint((low + high) / 2 / scale) * scale
@@ -51,6 +53,7 @@ def offset_of(low, high, scale):
 
 def _on_grid(xyz, step, usual):
     """Whether each point lies on the grid, up to the rounding of usual coordinates."""
+    # By whole steps a unit, as 0.001 itself is rounded in double precision and 1000 is not.
     steps_a_unit = np.rint(1 / step)
     rounded = np.rint(xyz * steps_a_unit) / steps_a_unit
     return (np.abs(rounded - xyz) <= 4 * np.spacing(np.maximum(np.abs(xyz), usual))).all(axis=1)

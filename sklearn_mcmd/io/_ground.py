@@ -59,6 +59,7 @@ class Ground:
         kept = np.ones(len(xyz), bool)
         self._n_nearest = m = GroundLimits().n_nearest
         kept[m:] = (xyz[m:, :2] != xyz[:-m, :2]).any(axis=1)
+        # The tree's answer where there are too few points is their number: infinitely high.
         self._heights = np.append(xyz[kept, 2], np.inf)
         self._tree = cKDTree(xyz[kept, :2], balanced_tree=False)
 
@@ -69,8 +70,8 @@ class Ground:
         """
         distances, heights = np.empty((2, len(xyz), self._n_nearest))
         for first in range(0, len(xyz), AT_ONCE):
-            some = slice(first, first + AT_ONCE)
-            distances[some], heights[some] = self._nearest(xyz[some, :2])
+            rows = slice(first, first + AT_ONCE)
+            distances[rows], heights[rows] = self._nearest(xyz[rows, :2])
         return distances, heights
 
     def _nearest(self, plan):

@@ -7,15 +7,10 @@ from typing import Any
 import numpy as np
 
 from sklearn_mcmd._errors import counted, warn_caller
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, offset_of, scale_of
-from sklearn_mcmd.io._las_structure import (
-    EVLR_HEADER,
-    as_described,
-    check_structure,
-    record_length,
-    start_of_longest,
-)
+from sklearn_mcmd.io._las_structure import EVLR_HEADER, check_structure
 from sklearn_mcmd.io._laz import compressed_parts, n_compressed
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
@@ -23,7 +18,6 @@ from sklearn_mcmd.io._point_cloud import (
     PointFileError,
     fit_dtype,
     flat_columns,
-    import_extra,
 )
 from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
 
@@ -35,11 +29,10 @@ COLORED_FORMAT = {0: 2, 1: 3, 4: 5, 6: 7, 9: 10}  # from point format to the sam
 WIDER = {"i2", "i4", "u4", "i8", "u8"}  # dtypes that may hold colors of 8 bits
 LONGEST_NAME = 32  # bytes of an extra dimension's name
 EXTRA_DTYPES = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"}  # of extra dimensions
-MOST_LACKING = 10  # times a record, what descriptions may have besides: zeros that take memory
 
 WAVEFORMS = "LASF_Spec", 65535  # user and number of the record with the samples of waveforms
-# User, number and description of the record that says that outliers were removed.
-DENOISED = "sklearn-mcmd", 1, "outliers removed"
+# The record that says that outliers were removed.
+DENOISED = {"user_id": "sklearn-mcmd", "record_id": 1, "description": "outliers removed"}
 
 
 def read_las(path):
@@ -55,14 +48,13 @@ def parts_of(file, header, n_points):
     if header.are_points_compressed and header.point_count:
         yield from compressed_parts(file, header, n_points)
         return
-    size = record_length(file)
     file.seek(header.offset_to_point_data)
     for start in range(0, header.point_count, n_points or 1):
-        wanted = min(n_points, header.point_count - start)
-        points = np.fromfile(file, np.uint8, wanted * size)
-        if len(points) < wanted * size:
+        n_bytes = min(n_points, header.point_count - start) * header.point_format.size
+        points = np.fromfile(file, np.uint8, n_bytes)
+        if len(points) < n_bytes:
             raise PointFileError("truncated: the points end too early")
-        yield as_described(points, size, header.point_format)
+        yield points
 
 
 def write_las(path, cloud, noise=None):
@@ -80,7 +72,7 @@ def writing_parts(path):
     """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
-    channels, ends = set[int](), []
+    channels = set[int]()
     writer: Any = None  # of laspy,
     header: Any = None  # and the header of the first cloud
     with open(path, "wb+") as file:
@@ -106,9 +98,6 @@ def writing_parts(path):
                     )
                 for start in range(0, len(las.points), WRITTEN_AT_ONCE):  # Ctrl-C ends between
                     writer.write_points(las.points[start : start + WRITTEN_AT_ONCE])
-                if (las.header.scales < 0).any():
-                    xyz = _coordinates(las.points.array, las.header)
-                    ends.append([xyz.min(axis=0), xyz.max(axis=0)])
 
         try:
             yield write
@@ -120,28 +109,24 @@ def writing_parts(path):
         with sink.own_errors():
             if header.version.minor >= 4 and header.evlrs is not None:
                 writer.write_evlrs(header.evlrs)
-            _correct(writer.header, np.array(ends))
+            if writer.header.start_of_waveform_data_packet_record:
+                _tell_waveforms(writer.header)
             writer.close()
 
 
-def _correct(header, ends):
-    """Set the bounds of negative scales from those of parts, and say where waveforms are now.
+def _tell_waveforms(header):
+    """Say in a header where waveforms are now: in an extended record of LAS 1.4.
 
     LAS 1.3 has their samples behind the points, where laspy reads nothing: 0 is for none.
     """
-    if len(ends):  # laspy takes the largest integer for the largest coordinate
-        turned = header.scales < 0
-        header.mins = np.where(turned, ends[:, 0].min(axis=0), header.mins)
-        header.maxs = np.where(turned, ends[:, 1].max(axis=0), header.maxs)
-    if header.start_of_waveform_data_packet_record:
-        at, found = header.start_of_first_evlr, 0
-        for record in header.evlrs or []:
-            if (record.user_id, record.record_id) == WAVEFORMS:
-                found = found or at
-            at += EVLR_HEADER + len(record.record_data_bytes())
-        header.start_of_waveform_data_packet_record = found
-        if not found:
-            warn_caller("waveform samples behind the points of the input are not copied")
+    at, waveforms_at = header.start_of_first_evlr, 0
+    for record in header.evlrs or []:
+        if (record.user_id, record.record_id) == WAVEFORMS:
+            waveforms_at = waveforms_at or at
+        at += EVLR_HEADER + len(record.record_data_bytes())
+    header.start_of_waveform_data_packet_record = waveforms_at
+    if not waveforms_at:
+        warn_caller("waveform samples behind the points of the input are not copied")
 
 
 class _Sink:
@@ -181,9 +166,8 @@ def header_of(path, file):
     """The header of a file that is open. Its bounds are in order, the file at any position."""
     laspy = import_laspy(path.name.lower().endswith(".laz"))
     n_points, n_behind = check_structure(file)
-    length = record_length(file)
-    header = laspy.LasHeader.read_from(start_of_longest(file))
-    header.read_evlrs(file)
+    file.seek(0)
+    header = laspy.LasHeader.read_from(file, read_evlrs=True)
     if n_points != header.point_count:
         header.point_count = n_points
         warn_caller(f"{path}: its header counts 0 points, but {n_points:,} where LAS 1.2 does")
@@ -194,27 +178,13 @@ def header_of(path, file):
             warn_caller(f"{path}: holds {header.point_count:,} {counted_more}")
     for record in header.vlrs.get("ExtraBytesVlr"):  # laspy forgets which value means no data
         no_data = {e.format_name(): e.no_data for e in record.extra_bytes_structs if e.data_type}
-        for i, known in enumerate(header.point_format.dimensions):
-            header.point_format.dimensions[i] = known._replace(no_data=no_data.get(known.name))
-    standard = laspy.PointFormat(header.point_format.id).size
-    rest = header.point_format.dimensions.pop()  # what none of the records describes
-    n_more = length - header.point_format.size
-    if length < standard:
-        raise PointFileError(f"broken header: points of {length} bytes, not {standard} or more")
+        header.point_format.dimensions = [
+            dimension._replace(no_data=no_data.get(dimension.name))
+            for dimension in header.point_format.dimensions
+        ]
     if n_behind:
         warn_caller(
             f"{path}: holds {counted(n_behind, 'record')} more than its header counts: not read"
-        )
-    if n_more > 0:
-        header.point_format.dimensions.append(
-            rest._replace(num_bits=8 * n_more, num_elements=n_more)
-        )
-    elif n_more < 0:
-        told = f"describes {length - n_more - standard} extra bytes of each point, its points have"
-        if -n_more > MOST_LACKING * length:
-            raise PointFileError(f"broken header: it {told} {length - standard}")
-        warn_caller(
-            f"{path}: its header {told} {length - standard}; attributes that are not there are 0"
         )
     if header.version.minor < 2:
         header.global_encoding = type(header.global_encoding)()  # these bytes meant nothing then
@@ -236,7 +206,8 @@ def coordinate_system(header):
 
 def is_denoised(header):
     """Whether the file of a LAS header is what `mcmd denoise` has left."""
-    return any((record.user_id, record.record_id) == DENOISED[:2] for record in header.vlrs)
+    key = DENOISED["user_id"], DENOISED["record_id"]
+    return any((record.user_id, record.record_id) == key for record in header.vlrs)
 
 
 def cloud_of_points(points, header):
@@ -269,7 +240,7 @@ def las_of_cloud(laspy, cloud, noise=None):
         header = _new_header(laspy, cloud)
         records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
     if cloud.metadata.get("denoised") and not is_denoised(header):
-        header.vlrs.append(laspy.VLR(*DENOISED))
+        header.vlrs.append(laspy.VLR(**DENOISED))
     las = laspy.LasData(header, records)
     las, attributes = _with_colors(laspy, las, cloud.attributes, "las_points" in cloud.metadata)
     _store_coordinates(las, cloud.xyz)
@@ -302,6 +273,7 @@ def _with_colors(laspy, las, attributes, from_las):
     if not wider or not (
         from_las or wider - WIDER or any(v.min() < 0 or v.max() > 255 for v in colors)
     ):
+        # 65535 is 255 * 257, so that the high byte and the low one are the 8 bits.
         wide = {color: v.astype(np.uint16) * 257 for color, v in zip(COLORS, colors, strict=True)}
         attributes = {**attributes, **wide}
     return las, attributes
@@ -322,6 +294,7 @@ def forget_copc(header):
 
 
 def _coordinates(records, header):
+    """Coordinates (n, 3): integers times scale plus offset, rounded in this order as in laspy."""
     xyz = np.empty((len(records), 3))
     for i, axis in enumerate("XYZ"):
         np.multiply(records[axis], header.scales[i], out=xyz[:, i])
@@ -367,25 +340,21 @@ def _store_attributes(laspy, las, attributes):
     """Fill the dimensions that hold the values exactly; all other values get extra dimensions."""
     standard = set(las.point_format.standard_dimension_names)
     extra = set(las.point_format.extra_dimension_names)
-    others = {
-        name: values
-        for name, values in attributes.items()
-        if name not in standard | extra or not _assigned(las, name, values)
-    }
-    new = {}
-    for name, values in others.items():
-        for column, part in flat_columns({name: values}).items():
-            if column in standard:
-                warn_caller(
-                    f"{column!r} does not fit the LAS dimension of that name; it is stored as the "
-                    f"extra dimension {column + '_value'!r}"
-                )
-                column += "_value"
-            if column in new or (column != name and column in attributes):
-                raise PointFileError(f"two attributes would both be written as {column!r}")
-            if len(column.encode()) > LONGEST_NAME:
-                raise PointFileError(f"rename {column!r}: it is longer than {LONGEST_NAME} bytes")
-            new[column] = fit_dtype(column, part, EXTRA_DTYPES, "LAS")
+    stored = {n for n, v in attributes.items() if n in standard | extra and _assigned(las, n, v)}
+    others = {name: values for name, values in attributes.items() if name not in stored}
+    new: dict[str, np.ndarray] = {}
+    for name, column in flat_columns(others).items():
+        if name in standard:
+            warn_caller(
+                f"{name!r} does not fit the LAS dimension of that name; it is stored as the "
+                f"extra dimension {name + '_value'!r}"
+            )
+            name += "_value"
+        if name in new or name in stored:
+            raise PointFileError(f"two attributes would both be written as {name!r}")
+        if len(name.encode()) > LONGEST_NAME:
+            raise PointFileError(f"rename {name!r}: it is longer than {LONGEST_NAME} bytes")
+        new[name] = fit_dtype(name, column, EXTRA_DTYPES, "LAS")
     if replaced := extra & (others.keys() | new.keys()):
         las.remove_extra_dims(list(replaced))
     if new:
@@ -397,22 +366,18 @@ def _store_attributes(laspy, las, attributes):
 def _assigned(las, name, values):
     """Put values into an existing dimension if it holds them exactly, else leave it unchanged."""
     stored = np.array(las[name])
-    if _same(stored, values):
-        return True  # nothing is written, so a scaled dimension keeps its integers
     if values.shape != stored.shape or values.dtype.kind not in "biuf":
         return False
-    try:
-        with np.errstate(invalid="ignore", over="ignore"):
-            las[name] = values.astype(stored.dtype)
-            if _same(np.asarray(las[name]).astype(values.dtype), values):
-                return True
-    except (OverflowError, ValueError):
-        pass  # laspy refuses values that a bit field cannot hold
+    if _same(stored, values):
+        return True  # nothing is written, so a scaled dimension keeps its integers
+    # laspy refuses values that a bit field cannot hold.
+    with suppress(OverflowError, ValueError), np.errstate(invalid="ignore", over="ignore"):
+        las[name] = values.astype(stored.dtype)
+        if _same(np.asarray(las[name]).astype(values.dtype), values):
+            return True
     las[name] = stored
     return False
 
 
 def _same(stored, values):
-    if stored.shape != values.shape:
-        return False
     return np.array_equal(stored, values, equal_nan=stored.dtype.kind == values.dtype.kind == "f")

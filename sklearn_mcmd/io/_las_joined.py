@@ -6,6 +6,7 @@ import numpy as np
 
 from sklearn_mcmd.io._grid import LARGEST
 from sklearn_mcmd.io._las import cloud_of_points, forget_copc, import_laspy, read_header
+from sklearn_mcmd.io._las_structure import ANGLE_STEP
 from sklearn_mcmd.io._point_cloud import PointFileError
 
 # What a point format has besides coordinates: GPS time, colors, near infrared.
@@ -15,7 +16,6 @@ PARTS = {
 }
 WAVE_PACKETS = 4, 5, 9, 10  # point formats
 FIRST_NEW = 6  # from this format on, angles and flags are stored in another way
-ANGLE_STEP = 0.006  # degrees, of the new formats
 
 
 def joined_header(paths):
@@ -25,7 +25,7 @@ def joined_header(paths):
     first = read_header(paths[0])
     dimensions: dict = {}
     header, formats, version = copy.deepcopy(first), set(), first.version
-    low, high, scales = first.mins, first.maxs, np.abs(first.scales)
+    low, high, scales = first.mins, first.maxs, first.scales
     for path in paths:
         other = read_header(path)
         formats.add(other.point_format.id)
@@ -34,13 +34,12 @@ def joined_header(paths):
         if other.global_encoding.gps_time_type != first.global_encoding.gps_time_type:
             raise PointFileError(f"{path}: its GPS times begin elsewhere than those of {paths[0]}")
         for dimension in other.point_format.extra_dimensions:
-            known = dimensions.setdefault(dimension.name, dimension)
-            if _kind(known) != _kind(dimension):
+            if _kind(dimensions.setdefault(dimension.name, dimension)) != _kind(dimension):
                 raise PointFileError(
                     f"{path}: its attribute {dimension.name!r} is of another kind; write a folder"
                 )
         version = max(version, other.version)
-        scales = np.minimum(scales, np.abs(other.scales))
+        scales = np.minimum(scales, other.scales)
         low, high = np.minimum(low, other.mins), np.maximum(high, other.maxs)
     header.scales, header.offsets = scales, _offsets(first.offsets, scales, low, high)
     forget_copc(header)
@@ -77,6 +76,7 @@ def joined_cloud(cloud, header):
         for name in header.point_format.dimension_names:
             if name in cloud.attributes:
                 records[name] = cloud.attributes[name]
+        # Old formats have whole degrees, new ones steps of 0.006.
         new["scan_angle"] = np.rint(cloud.attributes["scan_angle_rank"] / ANGLE_STEP)
     if (before.scales != header.scales).any() or (before.offsets != header.offsets).any():
         steps = np.rint((cloud.xyz - header.offsets) / header.scales)
@@ -101,9 +101,9 @@ def _richest(formats):
 
 def _offsets(offsets, scales, low, high):
     """Those of the first file if all points fit, else whole numbers in the middle."""
-    for some in (offsets, np.round((low + high) / 2)):
-        if (np.maximum(np.abs(low - some), np.abs(high - some)) <= LARGEST * scales).all():
-            return some
+    for origin in (offsets, np.round((low + high) / 2)):
+        if (np.maximum(np.abs(low - origin), np.abs(high - origin)) <= LARGEST * scales).all():
+            return origin
     raise PointFileError(
         f"the files span too much for one file with steps of {scales.min():g}; write a folder"
     )

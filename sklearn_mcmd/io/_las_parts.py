@@ -2,24 +2,21 @@
 
 from functools import cache
 
-from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._las import cloud_of_points, header_of, parts_of, read_header
-from sklearn_mcmd.io._no_returns import BlankRecords, NoReturns
+from sklearn_mcmd.io._no_returns import NoReturns
 
 POINTS_A_TIME = 250_000  # that are read to look for rays without a return
 
 
 def read_parts(path, n_points):
     """The clouds of successive points of a LAS, LAZ or COPC file, as of `read_las`."""
-    some, blank = no_returns_of(path).n_left_out, BlankRecords()
+    has_no_returns = no_returns_of(path).n_left_out > 0
     for cloud in _all_parts(path, n_points):
-        blank.add(cloud)
-        cloud = cloud.subset(cloud.xyz.any(axis=1)) if some else cloud
+        if has_no_returns:
+            cloud = cloud.subset(cloud.xyz.any(axis=1))
         if len(cloud):
             yield cloud
-    if words := blank.warning(path):
-        warn_caller(words)
 
 
 def no_returns_of(path):
@@ -32,11 +29,11 @@ def no_returns_of(path):
 @cache
 def _no_returns(path, _size, _time):
     with one_clear_line(path, "read"):
-        header, found = read_header(path), NoReturns()
+        header, no_returns = read_header(path), NoReturns()
     if (header.mins <= 0).all() and (header.maxs >= 0).all():
         for cloud in _all_parts(path, POINTS_A_TIME):
-            found.add(cloud.xyz)
-    return found
+            no_returns.add(cloud.xyz)
+    return no_returns
 
 
 def _all_parts(path, n_points):

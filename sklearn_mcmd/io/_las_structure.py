@@ -1,6 +1,5 @@
 """Checks of a LAS header: counts and positions against the size of the file, and the grid."""
 
-import io
 import os
 import struct
 from typing import NamedTuple
@@ -11,7 +10,8 @@ from sklearn_mcmd.io._point_cloud import PointFileError
 
 SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393  # bytes
 VLR_HEADER, EVLR_HEADER = 54, 60  # bytes of the head of a record, and of an extended one
-LENGTH_FIELD, GRID_FIELD, WAVEFORMS_FIELD = 105, 131, 227  # places in a header
+GRID_FIELD, WAVEFORMS_FIELD = 131, 227  # places in a header
+ANGLE_STEP = 0.006  # degrees, of scan angles from point format 6 on
 
 
 class ScaleLimits(NamedTuple):
@@ -33,6 +33,9 @@ def check_structure(file):
         raise PointFileError("not a LAS/LAZ file: it does not begin with 'LASF'")
     if len(start) < SMALLEST_HEADER:
         raise PointFileError(f"truncated: {size} bytes are fewer than a LAS header")
+    # Places as in the specification of LAS: from 94 the sizes of the header and of all before the
+    # points, from 104 the format (its two high bits are of LAZ), length and number of points, from
+    # 235 where extended records begin, their number, and the points again, in 64 bits.
     header_size, points_at, n_vlrs = struct.unpack_from("<HII", start, 94)
     major, minor = start[24:26]
     if (major, minor) > (1, 5) or (minor == 5 and header_size < LAS_15_HEADER):
@@ -66,38 +69,16 @@ def check_structure(file):
 
 
 def check_grid(axis, scale, offset):
-    """Refuse a scale that puts all points at one place about the offset, or beyond all bounds."""
+    """Refuse a scale that puts all points at one place about the offset, or beyond all bounds.
+
+    Coordinates are integers times scale plus offset, so a negative scale would turn an axis.
+    """
     with np.errstate(invalid="ignore"):
         finest = np.spacing(max(abs(offset), 1.0))
-    if not finest / ScaleLimits().same_place <= abs(scale) <= 1 / np.finfo(float).eps:
+    if not finest / ScaleLimits().same_place <= scale <= 1 / np.finfo(float).eps:
         raise PointFileError(
             f"broken header: scale {scale:g} and offset {offset:g} of {axis} give no coordinates"
         )
-
-
-def record_length(file):
-    """Bytes of each point of a file, as its header says."""
-    file.seek(LENGTH_FIELD)
-    return struct.unpack("<H", file.read(2))[0]
-
-
-def start_of_longest(file):
-    """The bytes before points, as if these were the longest: laspy reads all descriptions."""
-    file.seek(0)
-    start = file.read(SMALLEST_HEADER)
-    start += file.read(max(0, struct.unpack_from("<I", start, 96)[0] - len(start)))
-    return io.BytesIO(start[:LENGTH_FIELD] + b"\xff\xff" + start[LENGTH_FIELD + 2 :])
-
-
-def as_described(points, size, point_format):
-    """Records of some bytes as long as their description: what of it they lack is 0."""
-    if size == point_format.size:
-        return points
-    ends = [at + dtype.itemsize for dtype, at in point_format.dtype().fields.values()]
-    n_kept = max(end for end in ends if end <= size)
-    described = np.zeros((len(points) // size, point_format.size), np.uint8)
-    described[:, :n_kept] = points.reshape(-1, size)[:, :n_kept]
-    return described.reshape(-1)
 
 
 def _fit(file, position, n_records, size):

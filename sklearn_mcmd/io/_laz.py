@@ -12,8 +12,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from sklearn_mcmd.io._las_structure import as_described, record_length
-from sklearn_mcmd.io._point_cloud import PointFileError, check_room, import_extra
+from sklearn_mcmd._extras import import_extra
+from sklearn_mcmd.io._point_cloud import PointFileError, check_room
 
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of LASzip's items by number; an extra byte is one
 EXTRA_BYTES = (0, 14)  # numbers of the items that hold them
@@ -51,7 +51,7 @@ def compressed_parts(file, header, n_points):
             except lazrs.LazrsError as err:
                 words = f"damaged: points {ends[start] + 1:,} to {ends[end]:,} cannot be"
                 raise PointFileError(f"{words} decompressed ({err})") from err
-        yield as_described(points.reshape(-1), layout.n_bytes, header.point_format)
+        yield points.reshape(-1)
         first = last
 
 
@@ -85,33 +85,35 @@ def _opened(file, header):
     record = records[0].record_data
     if record[CHUNK_SIZE] == bytes(4):  # so LASzip 1.2 writes one chunk, and others what varies
         record = record[: CHUNK_SIZE.start] + b"\xff" * 4 + record[CHUNK_SIZE.stop :]
-    layout = _Layout(lazrs, record, header.point_format.id, record_length(file))
+    layout = _Layout(lazrs, record, header.point_format)
     return lazrs, record, layout, _chunks(lazrs, file, header, record, layout)
 
 
 class _Layout:
     """The layout and compression of a point, from the LASzip record of the header."""
 
-    def __init__(self, lazrs, record, format_id, size):
+    def __init__(self, lazrs, record, point_format):
+        # 34 bytes: the compressor first, the chunk size at 12, the number of items at 32. Each item
+        # has 6 more: what it is of a point (coordinates, time, colors), its bytes, its version.
         n_items = struct.unpack_from("<H", record, 32)[0] if len(record) >= 34 else 0
         if n_items == 0 or len(record) < 34 + 6 * n_items:
             raise PointFileError("damaged: the record of the compression is too short")
         self.compressor, self.chunk_size = struct.unpack_from("<H10xI", record)
         if self.compressor not in ITEM_VERSIONS:
             raise PointFileError(f"damaged, or compressed in a way unknown ({self.compressor})")
-        plain = lazrs.LazVlr.new_for_compression(format_id, 0, False).record_data()
+        plain = lazrs.LazVlr.new_for_compression(point_format.id, 0, False).record_data()
         wanted = [item[:2] for item in struct.iter_unpack("<3H", plain[34:])]
         items = list(struct.iter_unpack("<3H", record[34 : 34 + 6 * n_items]))
         for i, (kind, n_bytes, version) in enumerate(items):
-            known = wanted[i] == (kind, n_bytes) if i < len(wanted) else kind in EXTRA_BYTES
-            if not known or version not in ITEM_VERSIONS[self.compressor]:
+            is_usual = wanted[i] == (kind, n_bytes) if i < len(wanted) else kind in EXTRA_BYTES
+            if not is_usual or version not in ITEM_VERSIONS[self.compressor]:
                 raise PointFileError(
                     f"damaged, or compressed by an unknown LASzip ({record[4]}.{record[5]}): item "
                     f"{kind} of {n_bytes} bytes, version {version}; write it anew by laszip"
                 )
-        self.n_bytes = size
-        if (n_compressed := sum(n_bytes for _, n_bytes, _ in items)) != size:
-            raise PointFileError(f"damaged: points of {size} bytes, not {n_compressed}")
+        self.n_bytes = point_format.size
+        if (n_compressed := sum(n_bytes for _, n_bytes, _ in items)) != self.n_bytes:
+            raise PointFileError(f"damaged: points of {self.n_bytes} bytes, not {n_compressed}")
         self.n_layers = 0
         if self.compressor == LAYERED:
             self.n_layers = sum(LAYERS.get(kind, n_bytes) for kind, n_bytes, _ in items)
@@ -128,6 +130,7 @@ class _Layout:
         start = 0
         for number, (n_points, n_bytes) in enumerate(chunks, start=first + 1):
             needed = self.smallest_chunk if n_points else 0  # lazrs may end with an empty one
+            # The first point is followed by the number of points, and the bytes of each layer.
             if self.compressor == LAYERED and 0 < needed <= n_bytes:
                 n_stored, *layers = struct.unpack_from(
                     f"<{1 + self.n_layers}I", data, start + self.n_bytes
@@ -155,7 +158,7 @@ def _chunks(lazrs, file, header, record, layout):
     table_at = _table_position(file, points_at, size)
     room = table_at - points_at - 8
     file.seek(table_at)
-    start = file.read(8)
+    start = file.read(8)  # a version, the number of chunks; then compressed entries
     (n_chunks,) = struct.unpack_from("<I", start, 4)
     is_variable = layout.chunk_size == VARIABLE
     most = room // layout.smallest_chunk + 1, FEW_CHUNKS + room // BYTES_A_CHUNK
@@ -169,6 +172,7 @@ def _chunks(lazrs, file, header, record, layout):
     if is_variable:
         chunks = [entry for entry in entries if any(entry)]
     else:
+        # All chunks but the last have as many points; an entry without bytes may follow.
         if not entries[-1][1]:
             entries.pop()
         size = layout.chunk_size

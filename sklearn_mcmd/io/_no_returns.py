@@ -14,13 +14,11 @@ class NoReturns:
     """Counts the rows of zeros of a file, part by part.
 
     They are many if there are more than rows of which two coordinates are 0: rounding makes more of
-    these, rays without a return make none. Nor has the place with the largest coordinate as many
-    copies, as where all do. A few may be a point.
+    these, rays without a return make none. A few may be a point.
     """
 
     def __init__(self):
-        self.n_points = self.n_large = self.n_zeros = self.n_exact = self.n_beside = 0
-        self.first, self.end = 0, ((), 0)
+        self.n_points = self.n_large = self.n_zeros = self.n_exact = self.n_beside = self.first = 0
 
     def add(self, xyz):
         sizes = np.abs(xyz, order="F")  # passes along columns are ten times as fast
@@ -28,15 +26,8 @@ class NoReturns:
         zeros = np.flatnonzero(largest < ZERO)
         if not self.n_zeros and len(zeros):
             self.first = self.n_points + int(zeros[0])
-        n_exact, top = int(np.count_nonzero(largest == 0)), largest[largest < np.inf].max(initial=0)
-        if top > 0:
-            end = xyz[largest == top]
-            for axis in range(3):
-                end = end[end[:, axis] == end[:, axis].max()]
-            place, last = (top, *end[0]), self.end
-            self.end = max(last, (place, len(end) + last[1] * (last[0] == place)))
         self.n_beside += int(np.count_nonzero((sizes == 0).sum(axis=1) == 2))
-        self.n_exact += n_exact
+        self.n_exact += int(np.count_nonzero(largest == 0))
         self.n_points += len(xyz)
         self.n_large += int(np.count_nonzero(largest >= LARGE))
         self.n_zeros += len(zeros)
@@ -44,56 +35,18 @@ class NoReturns:
 
     @property
     def n_left_out(self):
-        many = max(FEW, self.n_beside, self.end[1]) < self.n_exact < self.n_points
-        return self.n_exact if many else 0
+        are_many = max(FEW, self.n_beside) < self.n_exact < self.n_points
+        return self.n_exact if are_many else 0
 
     def warning(self, path):
         """What to warn of, or None if a few zeros are not amid large coordinates."""
-        n, many = self.n_zeros, self.n_left_out
-        if not many and (not n or 2 * self.n_large <= self.n_points - n):
+        n, n_left_out = self.n_zeros, self.n_left_out
+        # A few are odd if more than half of the other points are far from them.
+        if not n_left_out and (not n or 2 * self.n_large <= self.n_points - n):
             return None
-        where = "" if many else f" amid coordinates of {LARGE:,.0f} and more"
-        done = "they are left out" if many else "remove them"
+        where = "" if n_left_out else f" amid coordinates of {LARGE:,.0f} and more"
+        done = "they are left out" if n_left_out else "remove them"
         return (
             f"{path}: {counted(n, 'point', 'are', of=self.n_points)} 0, 0, 0{where}, the first is "
             f"point {self.first + 1}: no returns, as it seems; {done}"
-        )
-
-
-class BlankRecords:
-    """Counts records of LAS that are zero bytes, part by part: they lie at the file's offset.
-
-    They are no points if other points are farther away, along an axis, than these are apart, or if
-    all others have a return number.
-    """
-
-    def __init__(self):
-        self.n_points = self.n_unnumbered = self.n_blank = self.first = 0
-        self.place, self.low, self.high = np.zeros(3), np.inf, -np.inf
-
-    def add(self, cloud):
-        if (records := cloud.metadata.get("las_points")) is None:
-            return self
-        at = np.flatnonzero((records["X"] == 0) & (records["Y"] == 0) & (records["Z"] == 0))
-        at = at[~records[at].view(np.uint8).reshape(len(at), records.itemsize).any(axis=1)]
-        if len(at) and not self.n_blank:
-            self.first, self.place = self.n_points + int(at[0]), cloud.xyz[at[0]]
-        if len(at) or not self.n_points:  # other parts are taken to be near these
-            others = np.delete(cloud.xyz, at, axis=0) if len(at) else cloud.xyz
-            self.low = np.minimum(self.low, others.min(axis=0, initial=np.inf))
-            self.high = np.maximum(self.high, others.max(axis=0, initial=-np.inf))
-        self.n_points, self.n_blank = self.n_points + len(records), self.n_blank + len(at)
-        self.n_unnumbered += int(np.count_nonzero(cloud.attributes["return_number"] == 0))
-        return self
-
-    def warning(self, path):
-        """What to warn of, or None. `NoReturns` tells of those at 0, 0, 0."""
-        gap = np.maximum(self.low - self.place, self.place - self.high)
-        far = (gap > self.high - self.low).any() or self.n_unnumbered == self.n_blank
-        if not (0 < self.n_blank < self.n_points and far and self.place.any()):
-            return None
-        return (
-            f"{path}: {self.n_blank:,} of {self.n_points:,} records are zero bytes, which lie at "
-            f"the file's offset, the first is point {self.first + 1}: no points, as it seems; "
-            "remove them"
         )

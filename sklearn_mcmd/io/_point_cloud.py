@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sklearn_mcmd import _extras
 from sklearn_mcmd._errors import warn_caller
 
 RESERVED = {"x", "y", "z", "xyz"}  # which attributes cannot be called
@@ -225,6 +224,14 @@ def joined_scans(scans, setups, n_points):
     return cloud
 
 
+def warn_of_lost(holds, lost, rounded):
+    """Warn of columns that a format cannot hold, or not exactly; `holds` tells what it can."""
+    ways = {"not written": lost, "rounded": [name for name in rounded if name not in lost]}
+    words = [f"; {way}: {', '.join(names)}" for way, names in ways.items() if names]
+    if words:
+        warn_caller(f"{holds} only{''.join(words)}")
+
+
 def with_results(cloud, results):
     """The cloud with results, which replace input attributes written under the same names."""
     replaced = [
@@ -291,11 +298,3 @@ def cells_of(cloud):
             return cells
     warn_caller("the grid is not kept: row_index and column_index tell no cell for each point")
     return None
-
-
-def import_extra(module, extra, purpose):
-    """Import an optional library, or say how to install it."""
-    try:
-        return _extras.import_extra(module, extra, purpose)
-    except ImportError as err:
-        raise PointFileError(str(err)) from err.__cause__

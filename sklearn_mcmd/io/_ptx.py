@@ -30,6 +30,7 @@ def read_ptx(path):
             if not prod(shape):
                 continue
             table = _table(lines, prod(shape), first[0])
+            # A column of the grid after the other, as the scanner turned.
             cells = np.divmod(np.arange(len(table), dtype=np.int32), np.int32(shape[1]))
             kept = table[:, :3].any(axis=1)  # others have 0 0 0
             if kept.any():
@@ -40,8 +41,9 @@ def read_ptx(path):
                 xyz = table[kept, :3] @ matrix[:3, :3] + matrix[3, :3]
                 scans[len(scans)] = PointCloud(xyz, attributes)
                 # Where nothing is moved, points may have been moved before.
-                known = min(shape) > 1 and ((matrix != np.eye(4)).any() or not position.any())
-                setups.append(matrix[3, :3] if known else np.full(3, np.nan))
+                is_moved = (matrix != np.eye(4)).any() or not position.any()
+                stood = matrix[3, :3] if min(shape) > 1 and is_moved else np.full(3, np.nan)
+                setups.append(stood)
     return joined_scans(scans, setups, n_points)
 
 

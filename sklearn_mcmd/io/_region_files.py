@@ -33,8 +33,8 @@ def _row(number, region):
         value = region[name].tolist() if hasattr(region[name], "tolist") else region[name]
         parts = zip("xyz", value, strict=True) if isinstance(value, list) else [("", value)]
         for axis, part in parts:
-            known = not isinstance(part, float) or math.isfinite(part)
-            row[f"{name}_{axis}" if axis else name] = part if known else None
+            has_value = not isinstance(part, float) or math.isfinite(part)
+            row[f"{name}_{axis}" if axis else name] = part if has_value else None
     return row
 
 

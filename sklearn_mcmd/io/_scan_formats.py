@@ -8,6 +8,7 @@ from math import prod
 import numpy as np
 
 from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._arrays import cloud_from_records
 from sklearn_mcmd.io._column_names import without_accents
 from sklearn_mcmd.io._point_cloud import (
@@ -19,7 +20,6 @@ from sklearn_mcmd.io._point_cloud import (
     check_room,
     fit_dtype,
     flat_columns,
-    import_extra,
     made_of_bytes,
     with_cells,
 )
@@ -60,9 +60,11 @@ def _check_ply_values(path):
         header, _, _ = file.read(LONGEST_HEADER).partition(b"end_header")
         size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
     elements = re.split(rb"(?:^|[\r\n])\s*element\s+\S+\s+(\d+)", header)[1:]
-    properties = (re.findall(rb"[\r\n]\s*property", some) for some in elements[1::2])
-    rows = zip(map(int, elements[::2]), properties, strict=True)
-    check_room(sum(n * len(some) for n, some in rows), size, "its values")
+    n_values = sum(
+        int(n_rows) * len(re.findall(rb"[\r\n]\s*property", properties))
+        for n_rows, properties in zip(elements[::2], elements[1::2], strict=True)
+    )
+    check_room(n_values, size, "its values")
 
 
 def write_ply(path, cloud):
@@ -114,6 +116,7 @@ def write_pcd(path, cloud):
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
     columns = _columns(cloud)
     if all(c in columns and columns[c].dtype == np.uint8 for c in COLORS):
+        # PCL has a color in the low 24 bits of a float.
         red, green, blue = (columns.pop(c).astype(np.uint32) for c in COLORS)
         columns["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
     columns = {n: fit_dtype(n, v, PCD_DTYPES, "PCD") for n, v in columns.items()}

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io._formats import SENSORS
+from sklearn_mcmd.io._las_structure import ANGLE_STEP
 from sklearn_mcmd.io._point_cloud import SETUPS, PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
 
@@ -37,8 +38,8 @@ def place_words(positions, words):
 
 def lights_in(attributes):
     """Those of the attributes of a cloud that say how much light came back, by their names."""
-    given = {name.lower().removeprefix("scalar_"): a for name, a in attributes.items()}
-    return {name: given[name] for name in LIGHTS if name in given and np.ndim(given[name]) == 1}
+    arrays = {name.lower().removeprefix("scalar_"): a for name, a in attributes.items()}
+    return {name: arrays[name] for name in LIGHTS if name in arrays and np.ndim(arrays[name]) == 1}
 
 
 def rows_of_sensor(where, doubt, n_by_rays):
@@ -133,7 +134,7 @@ def stated_positions(cloud):
             return Stated(None, why)
         return Stated(viewpoint[None, :3], "PCD's VIEWPOINT")
     if "las_header" in cloud.metadata:
-        return Stated(*positions_of_lines(cloud))
+        return positions_of_lines(cloud)
     return Stated(None, f"only {SENSORS} tell it; give a position or a trajectory")
 
 
@@ -151,26 +152,28 @@ def _of_setups(cloud):
 
 
 def positions_of_lines(cloud):
-    """Positions for each point (n, 3), or None; and where they are from, or why there are none."""
-    given = cloud.attributes
-    angles = given.get("scan_angle_rank")
-    if angles is None and "scan_angle" in given:
-        angles = 0.006 * np.asarray(given["scan_angle"], float)
-    if angles is None or "gps_time" not in given or "point_source_id" not in given:
-        return None, "points have no scan angles with times; give a position or a trajectory"
-    angles, times = np.asarray(angles, float), np.asarray(given["gps_time"], float)
+    """What scan angles, times and flight lines of LAS say of the sensor: `Stated`."""
+    attributes = cloud.attributes
+    angles = attributes.get("scan_angle_rank")
+    if angles is None and "scan_angle" in attributes:
+        angles = ANGLE_STEP * np.asarray(attributes["scan_angle"], float)
+    if angles is None or not {"gps_time", "point_source_id"} <= attributes.keys():
+        return Stated(
+            None, "points have no scan angles with times; give a position or a trajectory"
+        )
+    angles, times = np.asarray(angles, float), np.asarray(attributes["gps_time"], float)
     if np.ptp(angles) == 0 or np.ptp(times) == 0:
-        return None, "scan angles or times are all equal; give a position or a trajectory"
-    lines = np.asarray(given["point_source_id"])
+        return Stated(None, "scan angles or times are all equal; give a position or a trajectory")
+    lines = np.asarray(attributes["point_source_id"])
     positions, numbers = np.empty((len(cloud), 3)), np.unique(lines)
     for line in numbers:
         rows = lines == line
-        found, why = _adjusted(cloud.xyz[rows], times[rows], angles[rows])
-        if found is None:
-            return None, f"of flight line {line}, {why}; give a trajectory"
-        positions[rows] = found
-    one = len(numbers) == 1
-    return positions, "scan angles of " + ("one flight line" if one else f"{len(numbers)} lines")
+        flown, why = _adjusted(cloud.xyz[rows], times[rows], angles[rows])
+        if flown is None:
+            return Stated(None, f"of flight line {line}, {why}; give a trajectory")
+        positions[rows] = flown
+    words = "one flight line" if len(numbers) == 1 else f"{len(numbers)} lines"
+    return Stated(positions, f"scan angles of {words}")
 
 
 def _adjusted(xyz, times, angles):
@@ -182,11 +185,13 @@ def _adjusted(xyz, times, angles):
     """
     if len(xyz) < LEAST_POINTS:
         return None, f"there are fewer than {LEAST_POINTS} points"
+    # Step 1: the unknowns are a place, a way in the time of the line, and a step across.
     middle, tangents = xyz.mean(axis=0), np.tan(np.radians(angles))
     times = (times - times.mean()) / max(np.ptp(times), np.finfo(float).tiny)
     unknown = np.column_stack([np.ones(len(xyz)), times, tangents])
     if np.linalg.matrix_rank(unknown) < 3:
         return None, "scan angles or times are all equal"
+    # Step 2: plan = place + way * time + across * (height - z) * tangent, by rounds for z.
     local, across, solve = xyz - middle, np.zeros(2), np.linalg.pinv(unknown)
     for _ in range(ROUNDS):
         plan = local[:, :2] + (local[:, 2] * tangents)[:, None] * across
@@ -195,6 +200,7 @@ def _adjusted(xyz, times, angles):
         if not height > 0:
             return None, "scan angles say nothing of its height"
         across = solved[2] / height
+    # Step 3: what is left on the ground is an angle as seen from the height.
     off = np.linalg.norm(plan - unknown @ solved, axis=1)
     off = np.degrees(np.sqrt(np.mean(off**2)) / height)
     if off > MOST_OFF:

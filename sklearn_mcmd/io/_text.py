@@ -22,11 +22,11 @@ from sklearn_mcmd.io._point_cloud import (
     colors_of_bytes,
     fit_dtype,
     flat_columns,
+    warn_of_lost,
 )
 from sklearn_mcmd.io._unnamed import check_first_columns, naming_columns
 
 NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # dtypes written
-LAYOUT: dict[str, Any] = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
 COMMENTS = ("#", "//")  # begin a line that is no row
 ROWS_A_TIME = 100_000  # that are read and written at once
 LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
@@ -56,7 +56,7 @@ def read_text(path, columns=None):
     ]
     if left_out:
         warn_caller(f"{path}: columns with words are left out: {', '.join(left_out)}")
-    attributes = {}
+    attributes: dict[str, np.ndarray] = {}
     for j, name in enumerate(table.names):
         if j in table.positions or j in table.words:
             continue
@@ -66,7 +66,7 @@ def read_text(path, columns=None):
         if name == f"column_{j + 1}" and np.isnan(values).all():
             continue  # of trailing delimiters
         if ((values == np.rint(values)) | np.isnan(values)).all():
-            if (np.abs(values) >= 2**53).any():
+            if (np.abs(values) >= 2**53).any():  # which double precision may round
                 values = _large_integers(path, table, j, values)
             elif table.fields[j].lstrip("+-").isdigit() and not np.isnan(values).any():
                 values = values.astype(np.int64)  # class numbers and labels stay integers
@@ -111,26 +111,17 @@ def _opened(path):
 
 
 def _large_integers(path, table, j, values):
-    """A column read again: exact if all its values are integers, else what is rounded is named."""
-    for dtype in (np.int64, np.uint64):
-        with _opened(path) as file, suppress(ValueError, Warning), warnings.catch_warnings():
-            warnings.simplefilter("error")  # of integers read as float64
-            lines = islice(file, table.head.number - 1, None)
-            exact = np.loadtxt(
-                lines, dtype, usecols=j, ndmin=1, delimiter=table.delimiter, **LAYOUT
-            )
-            if np.array_equal(exact.astype(float), values):
-                return exact
-    width = len(table.names)
+    """A column read again: exact if 64 bits hold it, else a warning names what is rounded."""
     with _opened(path) as file:
-        rows = (
-            _row(line, table.delimiter, width) for line in islice(file, table.head.number - 1, None)
+        rows = (table.row(line) for line in islice(file, table.head.number - 1, None))
+        cells = [row[j] for row in rows if len(row) == len(table.names) and any(row)]
+    for dtype in (np.int64, np.uint64):
+        with suppress(ValueError, OverflowError):
+            return np.array([int(cell) for cell in cells], dtype)
+    if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
+        warn_caller(
+            f"{path}: integers of {table.names[j]} are rounded to 53 bits: 64 do not hold all"
         )
-        cells = (row[j] for row in rows if len(row) == width)
-        if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
-            warn_caller(
-                f"{path}: integers of {table.names[j]} are rounded to 53 bits: 64 do not hold all"
-            )
     return values
 
 
@@ -171,9 +162,9 @@ class _Head:
 
 def _head(file, columns):
     """What stands above the first row."""
-    given = list(columns.values()) if columns else []
-    numbered = len(given) == 3 and all(str(which).isdecimal() for which in given)
-    head = _Head([int(which) - 1 for which in given] if numbered else [0, 1, 2])
+    chosen = list(columns.values()) if columns else []
+    by_number = len(chosen) == 3 and all(str(column).isdecimal() for column in chosen)
+    head = _Head([int(column) - 1 for column in chosen] if by_number else [0, 1, 2])
     while True:
         head.line = line = named_nans(_decoded(file.readline(LONGEST)))
         head.number += 1
@@ -190,8 +181,8 @@ def _head(file, columns):
             text = head.last = text.lstrip("#/ ")
             names = _fields(text)
             # Fields between commas, without blanks or numbers, are names even if none is known.
-            between = " " not in text and _delimiter(text) and not any(map(_is_value, names))
-            if between or are_names(names, () if numbered else given):
+            is_list = " " not in text and _delimiter(text) and not any(map(_is_value, names))
+            if is_list or are_names(names, () if by_number else chosen):
                 head.comments.append(names)
         elif text and head.is_row(columns):
             return head
@@ -200,42 +191,55 @@ def _head(file, columns):
 def _begin(file, columns, extension):
     """The table whose rows are to be read, the first of which its head has."""
     head = _head(file, columns)
-    fields, known = _row(head.line, head.delimiter, len(head.names or ())), head.names
-    is_guess = False  # that words of a comment are names
+    fields, is_guess = _row(head.line, head.delimiter, len(head.names or ())), False
     if len(fields) < 3:
         raise PointFileError(f"line {head.number} has {len(fields)} columns, x, y, z are 3")
-    if known is None:
-        widths = {len(fields), len(fields) - (fields[-1] == "")}
-        named = [some for some in head.headers + head.comments if len(some) in widths]
-        known = (named + head.headers[:1] + [None])[0]
-        for some in reversed(named):
-            with suppress(PointFileError):
-                known = coordinate_columns(some, columns) and some
-        words = _fields(head.last, head.delimiter)
-        is_guess = known is None and len(words) in widths - {3} and no_sentence(words)
-        known = words if is_guess else known
-    if known is not None:
-        if known[-1] == "" and len(known) == len(fields) + 1:
-            known = known[:-1]
-        if fields[-1] == "" and len(fields) == len(known) + 1:
-            known = [*known, ""]
-        if len(fields) != len(known):
-            words = f"header has {len(known)} columns, line {head.number} has {len(fields)}"
-            raise PointFileError(words + _more(fields, head.delimiter, len(known)))
-    n = len(fields) - 3  # after x, y, z, which the format names where the file has no header
-    own = next((names for names in COLUMNS.get(extension, ()) if len(names) == n), [""] * n)
-    names = known or ["", "", "", *own]
+    if head.names is None:
+        head.names, is_guess = _names_above(head, fields, columns)
+    if head.names is None:
+        # The format names what follows x, y and z.
+        n = len(fields) - 3
+        layouts = (names for names in COLUMNS.get(extension, ()) if len(names) == n)
+        names = ["", "", "", *next(layouts, [""] * n)]
+    else:
+        # A separator at the end of the header, or of the rows, makes a column without a name.
+        if head.names[-1] == "" and len(head.names) == len(fields) + 1:
+            head.names = head.names[:-1]
+        if fields[-1] == "" and len(fields) == len(head.names) + 1:
+            head.names = [*head.names, ""]
+        names = head.names
+        if len(fields) != len(names):
+            words = f"header has {len(names)} columns, line {head.number} has {len(fields)}"
+            raise PointFileError(words + _more(fields, head.delimiter, len(names)))
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
-    if known is not None or columns:
+    if head.names is not None or columns:
         try:
             head.positions = coordinate_columns(names, columns)
         except PointFileError as err:
             more = "; or x=1,y=2,z=3 if the comment above them names none" * is_guess
             raise PointFileError(f"{err}{more}") from err.__cause__
-    head.names = known
     table = _Table(head, fields, names)
     table.find_decimals(fields, head.line, head.number)
     return table
+
+
+def _names_above(head, fields, columns):
+    """Names of columns by a line above the first row, if any, and whether that is a guess.
+
+    Lines with as many fields as the row come first, of these the first that has x, y and z. The
+    last comment is a guess: of as many words, that make no sentence.
+    """
+    widths = {len(fields), len(fields) - (fields[-1] == "")}
+    lines = [names for names in head.headers + head.comments if len(names) in widths]
+    for names in lines:
+        with suppress(PointFileError):
+            coordinate_columns(names, columns)
+            return names, False
+    if lines or head.headers:
+        return (lines + head.headers)[0], False
+    words = _fields(head.last, head.delimiter)
+    is_guess = len(words) in widths - {3} and no_sentence(words)
+    return (words if is_guess else None), is_guess
 
 
 @dataclass
@@ -248,12 +252,13 @@ class _Table:
     parts: list = field(default_factory=list)
     words: dict = field(default_factory=dict)  # columns with words: line and text of the first
     gaps: set = field(default_factory=set)  # columns with gaps
+    comma: bool | None = None  # whether commas are decimal: None until a number tells
 
     def __post_init__(self):
         self.at = self.head.number  # of the next line
         self.delimiter, self.positions = self.head.delimiter, self.head.positions
-        # Whether commas are decimal, of coordinates and of others: None until a number tells.
-        self.comma = self.others = False if self.delimiter == "," else None
+        if self.delimiter == ",":
+            self.comma = False
 
     def read(self, lines):
         """Read all rows. Where the file tells how many, other scans may follow with their own."""
@@ -262,7 +267,7 @@ class _Table:
             if left:
                 self.parts.append(self._part(part))
                 left -= len(self.parts[-1])
-            elif any(fields := self._row(plain_numbers(part[0], self.comma))):
+            elif any(fields := self.row(plain_numbers(part[0], self.comma))):
                 if len(fields) > 1 or not fields[0].isdecimal():
                     raise PointFileError(f"{self._promise()}, line {self.at} is one more")
                 left, self.head.counted_at = int(fields[0]), self.at
@@ -275,53 +280,49 @@ class _Table:
         n_points = self.head.counts[-1]
         return f"line {self.head.counted_at} promises {counted(n_points, 'point')}"
 
-    def _part(self, part):
+    def _part(self, lines):
         """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""
         if self.delimiter == "," and self.head.names is None:
-            for number, line in enumerate(part, self.at):
+            for number, line in enumerate(lines, self.at):
                 if ",0" in line and TWICE.fullmatch(line):
                     raise PointFileError(f"line {number} has {COMMAS}")
-        if max(map(len, part)) > LONGEST:
+        if max(map(len, lines)) > LONGEST:
             raise PointFileError(f"a line has more than {LONGEST:,} characters: is no table")
-        comma = self.others if self.comma is None else self.comma
-        if self.others is not comma:
-            return self._slow(part)
-        table = None if comma else self._parsed(part)
+        table = None if self.comma else self._parsed(lines)
         if table is None:
-            table = self._parsed([plain_numbers(line, comma) for line in part])
+            table = self._parsed([plain_numbers(line, self.comma) for line in lines])
         if table is None:
-            return self._slow(part)
-        last = None if self.others is None else max(self.positions) + 1
-        for number, line in enumerate(part, self.at):
+            return self._slow(lines)
+        for number, line in enumerate(lines, self.at):
             if self.comma is not None:
                 break
-            if ("." in line or "," in line) and any(
-                "." in cell or "," in cell for cell in line.split(self.delimiter)[:last]
-            ):
-                self.find_decimals(self._row(line), line, number)
+            if "." in line or "," in line:
+                self.find_decimals(self.row(line), line, number)
         return table
 
     def _parsed(self, lines):
         """The table of lines that NumPy can read, else None."""
         converters = dict.fromkeys(self.gaps, _filled)
         converters |= dict.fromkeys(self.words, lambda cell: np.nan)
+        options: dict[str, Any] = {"comments": None, "encoding": "utf-8", "quotechar": '"'}
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of a part without rows
-                options = {"converters": converters, "comments": None, **LAYOUT}
-                table = np.loadtxt(lines, delimiter=self.delimiter, ndmin=2, **options)
+                options |= {"delimiter": self.delimiter, "converters": converters}
+                table = np.loadtxt(lines, ndmin=2, **options)
         except ValueError:
             return None
         return table if table.shape[1] == len(self.names) else None
 
-    def _row(self, line):
+    def row(self, line):
+        """The fields of a row."""
         return _row(line, self.delimiter, len(self.names))
 
     def _slow(self, part):
         """A table of lines that NumPy cannot read; columns with words and gaps are remembered."""
         rows, numbers, width = [], [], len(self.names)
         for at, line in enumerate(part, start=self.at):
-            fields = self._row(line)
+            fields = self.row(line)
             if not any(fields):
                 continue
             if len(fields) != width:
@@ -334,9 +335,11 @@ class _Table:
         table = np.full((len(rows), width), np.nan)
         for j, cells in enumerate(zip(*rows, strict=True)):
             if j in self.positions:
-                table[:, j] = [self._coordinate(*cell) for cell in zip(cells, numbers, strict=True)]
+                table[:, j] = [
+                    self._coordinate(cell, line) for cell, line in zip(cells, numbers, strict=True)
+                ]
             elif j not in self.words:
-                values = [number_of(cell, self.others) for cell in cells]
+                values = [number_of(cell, self.comma) for cell in cells]
                 table[:, j] = values  # None becomes NaN
                 if None in values:
                     i = values.index(None)
@@ -346,18 +349,12 @@ class _Table:
         return table
 
     def find_decimals(self, fields, line, number):
-        """Learn from the first number with a comma or point which of them is decimal.
-
-        Attributes may have another than coordinates, if theirs comes first or in the same row.
-        """
-        if self.comma is not None or len(fields) != len(self.names):
-            return
-        own = [fields[j] for j in self.positions]
-        others = [cell for j, cell in enumerate(fields) if j not in self.positions]
-        is_loose = self.delimiter is None
-        self.comma = _decimal(own, line, number, is_loose)
-        if self.others is None:
-            self.others = _decimal(others + own, line, number, is_loose)
+        """Learn from the first number with a comma or point which of them is decimal."""
+        if self.comma is None and len(fields) == len(self.names):
+            # Of one row coordinates tell before attributes.
+            cells = [fields[j] for j in self.positions]
+            cells += [cell for j, cell in enumerate(fields) if j not in self.positions]
+            self.comma = _decimal(cells, line, number, is_loose=self.delimiter is None)
 
     def _coordinate(self, cell, number):
         value, words = number_of(cell, self.comma), f"line {number}: {_decoded(cell)[:40]!r}"
@@ -479,20 +476,17 @@ def _with_bytes(path, attributes):
 
 def _fitting(extension, columns):
     """The columns that a format holds, with a warning of all others."""
-    name, (held, rounded) = extension[1:].upper(), colors_of_bytes(columns)
-    for color in COLORS:
-        values = held.get(color, np.zeros(1))
-        if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > 255:
-            held = {n: v for n, v in held.items() if n != color}
-    names = next(names for names in COLUMNS[extension] if held.keys() >= set(names))
-    lost = [n for n in columns if n not in names]
+    format_name, (columns, are_rounded) = extension[1:].upper(), colors_of_bytes(columns)
+    kept = {
+        name: values
+        for name, values in columns.items()
+        if name not in COLORS
+        or (values.dtype.kind in "iu" and values.min() >= 0 and values.max() <= 255)
+    }
+    names = next(names for names in COLUMNS[extension] if kept.keys() >= set(names))
+    lost = [name for name in columns if name not in names]
     if "outlier" in lost:
-        raise PointFileError(f"{name} has no place to mark outliers; write another format")
-    words = [f"not written: {', '.join(lost)}"] if lost else []
-    words += ["rounded to 8 bits: colors"] if rounded and "red" in names else []
-    if not names and extension != ".pts":
-        words.append(f"few programs read {name} without the last three")
-    if words:
-        holds = ", ".join(COLUMNS[extension][0])
-        warn_caller(f"{name} holds x, y, z and {holds} only; {'; '.join(words)}")
-    return {n: held[n] / 255 if extension == ".xyzrgb" else held[n] for n in names}
+        raise PointFileError(f"{format_name} has no place to mark outliers; write another format")
+    holds = f"{format_name} holds x, y, z and {', '.join(COLUMNS[extension][0])}"
+    warn_of_lost(holds, lost, COLORS if are_rounded and "red" in names else ())
+    return {name: kept[name] / 255 if extension == ".xyzrgb" else kept[name] for name in names}

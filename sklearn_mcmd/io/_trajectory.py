@@ -75,10 +75,10 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
         check_file(path)
         table = read_text(path, columns={})  # where the first may be a time
         names = {name.lower(): name for name in reversed(table.attributes)}
-        known = [names[time] for time in TIMES if time in names]
-        if not known:
+        columns = [names[time] for time in TIMES if time in names]
+        if not columns:
             raise PointFileError("is no trajectory: columns must be x, y, z, and time or gps_time")
-        return trajectory_of(table.attributes[known[0]], table.xyz)
+        return trajectory_of(table.attributes[columns[0]], table.xyz)
 
 
 def trajectory_of(times, positions):
@@ -146,17 +146,18 @@ def _shift(times, begin, end):
         return np.count_nonzero((times - shift >= begin) & (times - shift <= end))
 
     week, plain, adjusted = "seconds of the week", "GPS seconds", "GPS seconds less 1e9"
-    known = [(0.0, ""), (-ADJUSTED, f"taken as {adjusted}, and as {plain}")]
-    known += [(ADJUSTED, f"taken as {plain}, and as {adjusted}")]
+    shifts = [(0.0, ""), (-ADJUSTED, f"taken as {adjusted}, and as {plain}")]
+    shifts += [(ADJUSTED, f"taken as {plain}, and as {adjusted}")]
     points_in_weeks = times.min() >= 0 and times.max() <= WEEK
     path_in_weeks = begin >= 0 and end <= WEEK
     if points_in_weeks != path_in_weeks:
+        # Seconds of a week fit any week: the one by which the middles of both are nearest.
         middle = np.median(times) - (begin + end) / 2
         for offset, other in ((0.0, plain), (-ADJUSTED if path_in_weeks else ADJUSTED, adjusted)):
             of_points, of_path = (week, other) if points_in_weeks else (other, week)
             shift = offset + WEEK * np.round((middle - offset) / WEEK)
-            known.append((shift, f"taken as {of_points}, and as {of_path}"))
-    return next(((shift, words) for shift, words in known if within(shift)), (0.0, ""))
+            shifts.append((shift, f"taken as {of_points}, and as {of_path}"))
+    return next(((shift, words) for shift, words in shifts if within(shift)), (0.0, ""))
 
 
 def warn_if_far(low, high, positions):

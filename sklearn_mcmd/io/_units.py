@@ -35,14 +35,14 @@ def length_unit(cloud):
     """
     if SETUPS in cloud.metadata:
         return "m"
-    found, (wkts, keys) = set(), system_of(cloud.metadata.get("las_header"))
+    units, (wkts, keys) = set(), system_of(cloud.metadata.get("las_header"))
     for wkt in wkts:
         if "PROJ" in wkt:
             factors = UNIT.findall(PARTS.sub("", wkt))
-            found |= {METERS.get(round(float(factor), 7)) for factor in factors}
+            units |= {METERS.get(round(float(factor), 7)) for factor in factors}
     if PLANE_UNIT in keys:
-        found |= {GEOTIFF.get(keys[key]) for key in (PLANE_UNIT, HEIGHT_UNIT) if key in keys}
-    return found.pop() if len(found) == 1 else None
+        units |= {GEOTIFF.get(keys[key]) for key in (PLANE_UNIT, HEIGHT_UNIT) if key in keys}
+    return units.pop() if len(units) == 1 else None
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -21,19 +21,19 @@ class UnnamedLimits(NamedTuple):
     turned: float = 3.0  # times as many columns as rows, of which there are less than ten
 
 
-def check_turned(n_rows, n_columns):
+def check_turned(shape):
     """Refuse a table that has a row of each coordinate, as it seems."""
+    n_rows, n_columns = shape
     if 3 <= n_rows < min(10, n_columns / UnnamedLimits().turned):
         raise PointFileError(f"holds {n_rows} points of {n_columns:,} columns: transpose it?")
 
 
 def check_first_columns(table, start):
     """Refuse a table (n, m) that begins, at `start`, with numbers, rows or times of points."""
-    check_turned(*table.shape)
-    at = [j for j, values in enumerate(table[:ROWS].T) if not np.isnan(values).all()][
-        :5
-    ]  # no words
-    table = table[:ROWS, at].astype(np.float64)
+    check_turned(table.shape)
+    table = table[:ROWS]
+    at = [j for j, values in enumerate(table.T) if not np.isnan(values).all()][:5]  # no words
+    table = table[:, at].astype(np.float64)
     table = table[np.isfinite(table).all(axis=1)]
     limits, n = UnnamedLimits(), len(table)
     if len(at) < 4 or n < limits.rows:
@@ -42,10 +42,13 @@ def check_first_columns(table, start):
     small, whole = sizes < LARGE, (table == np.rint(table)).all(axis=0)
     usual = np.median(steps, axis=0)
     alike = (np.abs(steps - usual) <= limits.alike * np.abs(usual)).sum(axis=0)
+    # A row and a column of a grid come first: two columns of small whole numbers.
     # Behind x, y, z are integers or shares, as of normals; behind a row and a column are x, y, z.
     is_cell = len(at) == 5 and (whole & small)[:2].all() and table[:, :2].min() >= 0
     is_more = whole[3:].any() or np.abs(table[:, 3:]).max() <= 1
     is_cell &= not whole[2] and not (small[2:4].any() and is_more)
+    # A number of each point beside coordinates with decimals; or seconds of the week before large
+    # coordinates; or steps that are alike, in more than half of the rows by at least five.
     is_number = whole[0] and not whole[1:3].all() and len(np.unique(table[:, 0])) == n
     before_large = sizes[0] <= limits.week and not (small | whole)[1:3].any()
     rises = steps[:, 0].min() > 0 and 2 * alike[0] - n >= limits.rows

@@ -40,7 +40,6 @@ def test_names_that_people_use_are_known(tmp_path, names):
         ("point a b c", None, "no x, y, z among the columns point, a, b, c: say which they are"),
         ("longitude latitude height", None, "no x, y among the columns longitude, latitude, heig"),
         ("e n h est", None, "x may be 'e' or 'est' among"),  # which may be an estimate
-        ("Länge Breite Höhe", None, "no x, y among the columns Länge, Breite, Höhe"),
         ("x y height elevation", None, "z may be 'height' or 'elevation' among the columns x, y"),
         ("a b c", {"x": "a", "y": "B", "z": "c"}, "no column 'B' among a, b, c"),
         ("a b c", {"x": 1, "y": 2, "z": 4}, "no column '4' among a, b, c"),

@@ -1,7 +1,5 @@
 """E57: poses, colors, and what is dropped."""
 
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -31,11 +29,8 @@ MISSING = np.where(EXACT == 3, np.nan, EXACT)
         (dict.fromkeys(COLORS, np.uint16(EXACT)), None),
         (dict.fromkeys(COLORS, np.uint16(EXACT * 186)), "; rounded: red, green, blue"),
         (dict.fromkeys(COLORS, EXACT / 40), "; not written: red, green, blue"),
-        (dict.fromkeys(COLORS, np.uint16(EXACT * 256)), None),
         ({"intensity": EXACT / 4}, None),
-        ({"intensity": EXACT / 3}, "; rounded: intensity"),
         ({"intensity": np.uint32(EXACT + 2**24)}, "; rounded: intensity"),
-        ({"intensity": MISSING}, "; not written: intensity"),
         ({"intensity": np.float32(MISSING)}, "; not written: intensity"),
         ({"intensity": EXACT * 1e300}, "; not written: intensity"),
         ({"intensity": EXACT / 3, "n": EXACT}, "; not written: n; rounded: intensity"),
@@ -86,18 +81,6 @@ def test_poses_that_one_scan_cannot_hold_are_named(tmp_path):
 
 N = 50
 NUMBERS = np.arange(N)
-READ_ALL = """
-import sys
-from pathlib import Path
-from sklearn_mcmd.io import PointFileError, read_points
-for path in sorted(Path(sys.argv[1]).iterdir()):
-    print(path.stem, end=" ", flush=True)
-    try:
-        read_points(path)
-        print("read", flush=True)
-    except PointFileError as err:
-        print("refused:", err, flush=True)
-"""
 
 
 @pytest.fixture
@@ -167,35 +150,6 @@ def test_scans_with_colors_of_8_and_16_bits_have_one_scale_together(tmp_path):
     assert_array_equal(red, np.r_[NUMBERS * 257, NUMBERS * 1000])
 
 
-def test_points_without_a_word_on_what_they_hold_do_not_end_the_process(plain, tmp_path):
-    """libe57 reads a null pointer there, so this is tried in another process."""
-    (tmp_path / "cut").mkdir()
-    prototype = r"<prototype.*</prototype>"
-    prefix = '<e57Root xmlns:e="http://www.astm.org/COMMIT/E57/2010-e57-v1.0"'
-    cuts = {
-        "prototype": [(prototype, "")],
-        "children": [(r"(<points[^>]*>).*(</points>)", r"\1\2")],
-        "renamed": [("prototype", "other")],
-        "another": [("</data3D>", '<x type="CompressedVector" fileOffset="48"/></data3D>')],
-        "prefix": [("<e57Root", prefix), (r"<(/?)prototype", r"<\1e:prototype")],
-        "points": [(r"<points.*</points>", "")],
-        "type": [('type="CompressedVector"', 'type="Structure"')],
-        "document": [("<e57Root", '<!DOCTYPE a [<!ENTITY b "c">]><e57Root')],
-        "end": [("</e57Root>", "")],
-        "fields": [(r"(<prototype[^>]*>).*(</prototype>)", r"\1\2")],
-    }
-    for name, changes in cuts.items():
-        with_xml(plain, tmp_path / "cut" / f"{name}.e57", *changes)
-    done = subprocess.run(
-        [sys.executable, "-c", READ_ALL, tmp_path / "cut"], capture_output=True, text=True
-    )
-    lines = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
-    assert [lines[name][:8] for name in sorted(cuts)] == ["refused:"] * len(cuts), lines
-    assert "points does not say what it holds: no prototype" in lines["prototype"]
-    assert "declares a type of document" in lines["document"]
-    assert done.returncode == 0
-
-
 ROTATION = r"<rotation.*</rotation>"
 
 
@@ -239,9 +193,8 @@ TRANSLATION = r'(<translation.*?<x type="Float">)1e\+01'
 @pytest.mark.parametrize(
     "change",
     [
-        *(rotation(w, x, 0, z) for w, x, z in [("nan", 0, 0), (1, "inf", 0), ("half", 0, 0)]),
-        rotation(1, 0, 0, "1e999"),
-        *((TRANSLATION, rf"\g<1>{x}") for x in ("nan", "inf", "-1e999", "1e300", "1e12", "ten")),
+        *(rotation(w, x, 0, 0) for w, x in [("nan", 0), (1, "inf"), ("half", 0)]),
+        *((TRANSLATION, rf"\g<1>{x}") for x in ("nan", "-1e999", "1e12", "ten")),
     ],
 )
 def test_a_pose_that_cannot_be_is_refused(plain, tmp_path, change):

@@ -25,8 +25,6 @@ WRITTEN = supported_extensions(written=True)
 FLOAT64_EXACT = [
     e for e in WRITTEN if format_of(f"a{e}").results == ALL and not format_of(f"a{e}").tiles
 ]
-# XYZN and XYZRGB say so where they have nothing but coordinates.
-pytestmark = pytest.mark.filterwarnings("ignore:.*few programs read")
 
 
 @pytest.mark.parametrize("extension", FLOAT64_EXACT)
@@ -75,12 +73,12 @@ def test_files_of_any_name_in_any_case_are_read_and_written_over(tmp_path, cloud
 def test_of_two_writers_each_leaves_a_whole_file(tmp_path, extension):
     path, clouds = tmp_path / f"a{extension}", (np.zeros((1_000, 3)), np.ones((3_000, 3)))
     write_points(path, clouds[0])
-    found = set()
+    read = set()
     with ThreadPoolExecutor(2) as pool:
         writers = [pool.submit(write_points, path, clouds[i % 2]) for i in range(40)]
         while not all(writer.done() for writer in writers):
-            found.add((len(cloud := read_points(path)), cloud.xyz.min(), cloud.xyz.max()))
-    assert found == {(1_000, 0, 0), (3_000, 1, 1)}
+            read.add((len(cloud := read_points(path)), cloud.xyz.min(), cloud.xyz.max()))
+    assert read == {(1_000, 0, 0), (3_000, 1, 1)}
     assert not any(writer.exception() for writer in writers)
     assert os.listdir(tmp_path) == [path.name]
 
@@ -99,7 +97,6 @@ ONES = np.ones(3)
         (".las", {"a": np.array(list("abc"))}, "'a' of dtype <U1 cannot be stored in LAS"),
         (".ply", {"a": np.full(3, 2**60 + 1)}, "'a' of dtype int64 cannot be stored in PLY"),
         (".pcd", {"a": ONES * 1j}, "'a' of dtype complex128 cannot be stored in PCD"),
-        (".csv", {"a": ONES * 1j}, "'a' of dtype complex128 cannot be stored"),
         (".las", {"normals": np.eye(3), "normal_x": ONES}, "two attributes .* as 'normal_x'"),
     ],
 )
@@ -117,7 +114,6 @@ def test_attributes_that_a_format_cannot_hold_are_named(tmp_path, extension, att
     [
         ("no/a.ply", np.eye(3), {}, r"the folder .*no does not exist"),
         ("folder.ply", np.eye(3), {}, "is a folder"),
-        ("a.foo", np.eye(3), {}, "unknown extension"),
         ("a.ply", np.empty((0, 3)), {}, "no points"),
         ("a.ply", np.full((2, 3), np.nan), {}, "NaN or infinity"),
         ("a.ply", np.eye(3), {"noise": [0, 1, 0]}, r"must be 0, 7 \(low\) or 18"),
@@ -133,16 +129,13 @@ def test_output_that_makes_no_sense_is_refused(tmp_path, name, cloud, options, m
     assert os.listdir(tmp_path) == ["folder.ply"]
 
 
-@pytest.mark.parametrize(
-    "error", [PermissionError(13, "Permission denied"), OSError(30, "Read-only file system")]
-)
-def test_a_folder_that_cannot_be_written_to_is_named(tmp_path, monkeypatch, error):
+def test_a_folder_that_cannot_be_written_to_is_named(tmp_path, monkeypatch):
     def refuse(self, **kwargs):
-        raise error
+        raise OSError(30, "Read-only file system")
 
     for name in ("touch", "unlink"):
         monkeypatch.setattr(f"pathlib.Path.{name}", refuse)
-    message = rf"a\.ply: cannot be written: {error.strerror.lower()}; check the permissions of"
+    message = r"a\.ply: cannot be written: read-only file system; check the permissions of"
     with pytest.raises(PointFileError, match=message):
         write_points(tmp_path / "a.ply", np.eye(3))
 
@@ -168,12 +161,7 @@ class Ending(BaseException):
 
 @pytest.mark.parametrize("old", ["1 2 3\n", None])
 @pytest.mark.parametrize(
-    "error",
-    [
-        RuntimeError("boom"),
-        OSError(28, "No space left on device"),
-        *(KeyboardInterrupt(), SystemExit(), Ending()),
-    ],
+    "error", [RuntimeError("boom"), OSError(28, "No space left"), KeyboardInterrupt(), Ending()]
 )
 def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, error, old):
     path = tmp_path / "a.xyz"
@@ -251,12 +239,8 @@ def test_clouds_that_make_no_sense_are_refused(cloud, call, message):
 def test_real_files_hold_as_many_points_as_their_notes_say(shared_data, folder):
     notes = (shared_data / folder / "INFO.md").read_text(encoding="utf-8")
     n_points = int(re.search(r"- points: (\d+)", notes)[1])
-    files = [
-        p for p in (shared_data / folder).iterdir() if p.suffix.lower() in supported_extensions()
-    ]
-    assert files
+    paths = (shared_data / folder).iterdir()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*are 0, 0, 0.*left out")
-        clouds = {p.name: read_points(p) for p in files}
-    n_read = {name: len(cloud) + cloud.n_dropped for name, cloud in clouds.items()}
-    assert n_read == {p.name: n_points for p in files}
+        clouds = [read_points(p) for p in paths if p.suffix.lower() in supported_extensions()]
+    assert {len(cloud) + cloud.n_dropped for cloud in clouds} == {n_points}

@@ -31,8 +31,6 @@ from sklearn_mcmd.tiling import Catalog
 for library in ("laspy", "lazrs", "plyfile", "pypcd4", "pye57"):
     pytest.importorskip(library)
 ROOT = Path(__file__).parents[2]
-# XYZN and XYZRGB say so where they have nothing but coordinates.
-pytestmark = pytest.mark.filterwarnings("ignore:.*few programs read")
 WRITTEN = [one for one in FORMATS if one.write]
 XYZ = np.diag([1.0, 2.0, 3.0])
 EXTENSIONS = [extension for one in FORMATS for extension in one.extensions]
@@ -53,30 +51,18 @@ def in_one_line(text):
 # ---- pages -----------------------------------------------------------------------------
 
 
-def readme_row(one):
-    names = " ".join(f"`{extension}`" for extension in one.extensions)
-    return f"| {names} | {f'`[{one.extra}]`' if one.extra else 'none'} | {one.kept} |"
-
-
-def page_row(one):
-    names = " ".join(f"``{extension}``" for extension in one.extensions)
-    return (
-        f"   * - {names}\n     - {f'``{one.extra}``' if one.extra else 'none'}\n     - {one.kept}\n"
-    )
-
-
 @pytest.mark.parametrize(
-    ("page", "row", "any_row"),
+    ("page", "any_row"),
     [
-        ("README.md", readme_row, r"^\| `\..*\|$"),
-        ("docs/command_line.rst", page_row, r"^   \* - ``\..*\n     - .*\n     - .*\n"),
+        ("README.md", r"^\| (`\..*) \| (.*) \| (.*) \|$"),
+        ("docs/command_line.rst", r"^   \* - (``\..*)\n     - (.*)\n     - (.*)\n"),
     ],
 )
-def test_the_tables_of_formats_have_a_row_of_each_and_no_other(page, row, any_row):
-    rows, expected = re.findall(any_row, text_of(page), re.M), [row(one) for one in FORMATS]
-    for other in expected:
-        assert other in rows, f"{page} has no row:\n{other}"
-    assert rows == expected
+def test_the_tables_of_formats_have_a_row_of_each_and_no_other(page, any_row):
+    rows = [
+        re.sub(r"[`[\]]", "", "|".join(row)) for row in re.findall(any_row, text_of(page), re.M)
+    ]
+    assert rows == [f"{' '.join(f.extensions)}|{f.extra or 'none'}|{f.kept}" for f in FORMATS]
 
 
 @pytest.mark.parametrize("one", FORMATS, ids=ids)
@@ -144,9 +130,9 @@ def test_outliers_have_a_mark_a_column_or_no_place(tmp_path, one):
             written(tmp_path, one, noise=noise)
         assert not list(tmp_path.iterdir())
         return
-    found = read_points(written(tmp_path, one, noise=noise)).attributes
-    assert ("outlier" in found) != one.marks
-    assert_array_equal(found["classification"] == 7 if one.marks else found["outlier"], noise)
+    back = read_points(written(tmp_path, one, noise=noise)).attributes
+    assert ("outlier" in back) != one.marks
+    assert_array_equal(back["classification"] == 7 if one.marks else back["outlier"], noise)
 
 
 @pytest.mark.parametrize("one", WRITTEN, ids=ids)

@@ -46,12 +46,9 @@ def test_las_to_las_keeps_every_record_bit_for_bit(tmp_path, source, target):
     assert after.points.array.tobytes() == before.points.array.tobytes()
     assert after.vlrs.get("WktCoordinateSystemVlr")[0].string == WKT
     assert [v.record_data for v in after.vlrs if v.user_id == "someone"] == [b"\x01\x02\x03"]
-    for name in ("global_encoding.wkt", "system_identifier", "version", "point_format"):
-        owner, _, last = name.rpartition(".")
-        one, other = (getattr(h.header, owner) if owner else h.header for h in (before, after))
-        assert getattr(one, last) == getattr(other, last), name
-    assert_array_equal(after.header.scales, before.header.scales)
-    assert_array_equal(after.header.offsets, before.header.offsets)
+    assert after.header.global_encoding.wkt == before.header.global_encoding.wkt
+    for name in ("system_identifier", "version", "point_format", "scales", "offsets"):
+        assert_array_equal(getattr(after.header, name), getattr(before.header, name))
 
 
 def test_a_subset_of_las_keeps_the_integers_of_the_chosen_points(tmp_path, source):
@@ -101,7 +98,7 @@ def test_values_too_rich_for_a_standard_dimension_are_kept_beside_it(tmp_path, c
 # ---- colors ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("extension", [".csv", ".npz", ".ply", ".pcd", ".e57"])
+@pytest.mark.parametrize("extension", [".csv", ".ply", ".pcd", ".e57"])
 @pytest.mark.parametrize("dtype", [np.uint8, np.int64])
 @pytest.mark.filterwarnings("ignore:E57 holds")
 def test_eight_bit_colors_fill_the_sixteen_bits_of_las_and_come_back(tmp_path, extension, dtype):
@@ -182,17 +179,13 @@ def test_copc_can_be_read_and_its_octree_is_not_claimed_for_the_copy(tmp_path, s
     assert "someone" in users
 
 
-@pytest.mark.parametrize("name", ["a.las", "a.laz"])
-def test_ranges_of_extra_attributes_are_not_told_wrong(tmp_path, name):
+def test_ranges_of_extra_attributes_are_not_told_wrong(tmp_path):
     """laspy takes them from the first points of the parts that it writes."""
     values = np.array([1, 5, -2], np.float32)
-    write_points(tmp_path / name, PointCloud(np.zeros((3, 3)), {"quality": values}))
-    with laspy.open(tmp_path / name) as reader:
-        (record,) = reader.header.vlrs.get("ExtraBytesVlr")
+    write_points(tmp_path / "a.las", PointCloud(np.zeros((3, 3)), {"quality": values}))
+    (record,) = laspy.open(tmp_path / "a.las").header.vlrs.get("ExtraBytesVlr")
     (described,) = record.extra_bytes_structs
-    assert described.format_name() == "quality"
-    assert described.min in (None, -2)
-    assert described.max in (None, 5)
+    assert (described.min in (None, -2), described.max in (None, 5)) == (True, True)
 
 
 SAMPLES = bytes(range(200))
@@ -233,9 +226,8 @@ def test_the_header_says_where_samples_of_waveforms_are_after_points_were_remove
     assert (points["wavepacket_offset"] == [60, 110]).all()
 
 
-@pytest.mark.parametrize("target", ["b.las", "b.laz"])
-def test_samples_that_cannot_be_copied_are_not_promised(tmp_path, target):
+def test_samples_that_cannot_be_copied_are_not_promised(tmp_path):
     cloud = read_points(las_with_waveforms(tmp_path / "a.las", 4))
     with pytest.warns(UserWarning, match="waveform samples .* are not copied"):
-        write_points(tmp_path / target, cloud)
-    assert struct.unpack_from("<Q", (tmp_path / target).read_bytes(), 227) == (0,)
+        write_points(tmp_path / "b.laz", cloud)
+    assert struct.unpack_from("<Q", (tmp_path / "b.laz").read_bytes(), 227) == (0,)

@@ -46,12 +46,12 @@ def test_a_file_written_in_parts_is_the_one_written_at_once(path, name):
         for part in read_parts(path, 30_000):
             write(part.with_attributes(score=score[first : first + len(part)]))
             first += len(part)
-    found, wanted = laspy.read(target), laspy.read(expected)
-    assert found.points.array.tobytes() == wanted.points.array.tobytes()
-    assert found.points.array.dtype == wanted.points.array.dtype
+    parted, whole = laspy.read(target), laspy.read(expected)
+    assert parted.points.array.tobytes() == whole.points.array.tobytes()
+    assert parted.points.array.dtype == whole.points.array.dtype
     # laspy states the least and most of extra dimensions by the first point of what it is given.
     for name in ("mins", "maxs", "scales", "offsets", "number_of_points_by_return", "uuid"):
-        assert_array_equal(getattr(found.header, name), getattr(wanted.header, name))
+        assert_array_equal(getattr(parted.header, name), getattr(whole.header, name))
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])

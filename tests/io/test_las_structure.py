@@ -48,7 +48,6 @@ def at_once(path, target):
     return target
 
 
-WAYS = pytest.mark.parametrize("way", [at_once, in_parts])
 READERS = pytest.mark.parametrize("read", [read_points, Catalog, first_part])
 
 
@@ -57,7 +56,7 @@ READERS = pytest.mark.parametrize("read", [read_points, Catalog, first_part])
 def test_scales_and_offsets_that_cannot_be_are_refused(tmp_path, read, field):
     kind, axis = ("scale", "offset")[field // 3], "xyz"[field % 3]
     path = write(tmp_path / "a.las")
-    wrong = [0.0, 1e-300] if kind == "scale" else [1e17]  # or so far that all is one place
+    wrong = [0.0, 1e-300, -0.001] if kind == "scale" else [1e17]  # or so far that all is one place
     for value in [np.nan, np.inf, -np.inf, 1e300, *wrong]:
         change(path, SCALES + 8 * field, struct.pack("<d", value))
         with pytest.raises(PointFileError, match=f"broken header: .*{kind} .*of {axis} give no"):
@@ -66,7 +65,7 @@ def test_scales_and_offsets_that_cannot_be_are_refused(tmp_path, read, field):
 
 @pytest.mark.parametrize(
     ("scale", "offset"),
-    [(1e-6, 5e6), (1e-3, 0.0), (1e-9, 5e6), (1e-3, 1e12), (-1e-3, 5e6), (1.0, 5e6), (1e3, 5e6)],
+    [(1e-6, 5e6), (1e-3, 0.0), (1e-9, 5e6), (1e-3, 1e12), (1.0, 5e6), (1e3, 5e6)],
 )
 def test_scales_and_offsets_that_can_be_are_read(tmp_path, scale, offset):
     las = las_of(n=18)
@@ -77,32 +76,14 @@ def test_scales_and_offsets_that_can_be_are_read(tmp_path, scale, offset):
     assert_array_equal(xyz[:, 0], np.arange(-9, 9) * scale + offset)
 
 
-def by_parts(path, target):
-    with writing_parts(target) as write_part:
-        for part in read_parts(path, 15):
-            write_part(part)
-    return target
-
-
-@pytest.mark.parametrize("way", [at_once, in_parts, by_parts])
-@pytest.mark.parametrize("name", ["b.las", "b.laz"])
-def test_negative_scales_keep_the_bounds_in_order(tmp_path, way, name):
-    path = write(tmp_path / "a.las", scales=[-0.001, 0.001, -0.01])
-    target = way(path, tmp_path / name)
-    xyz, header = read_points(target).xyz, laspy.open(target).header
-    assert_allclose(xyz, read_points(path).xyz, rtol=0, atol=1e-9)
-    assert_allclose([header.mins, header.maxs], [xyz.min(axis=0), xyz.max(axis=0)])
-
-
-@WAYS
+@pytest.mark.parametrize("way", [at_once, in_parts])
 @pytest.mark.parametrize("minor", [0, 1])
-@pytest.mark.parametrize("name", ["b.las", "b.laz"])
-def test_the_oldest_versions_become_las_1_2_with_the_same_points(tmp_path, way, minor, name):
+def test_the_oldest_versions_become_las_1_2_with_the_same_points(tmp_path, way, minor):
     path = write(tmp_path / "a.las", "1.2", 1)
     before = laspy.read(path).points.array
     change(path, 6, b"\1\1")  # in 1.2 a flag of the GPS times, before a byte without a meaning
     change(path, MINOR, bytes([minor]))
-    after = laspy.read(way(path, tmp_path / name))
+    after = laspy.read(way(path, tmp_path / "b.laz"))
     assert str(after.header.version) == "1.2"
     assert after.header.global_encoding.value == 0
     assert after.points.array.tobytes() == before.tobytes()
@@ -114,7 +95,7 @@ def test_the_oldest_versions_become_las_1_2_with_the_same_points(tmp_path, way, 
     [
         (MINOR - 1, b"\1\5", "LAS 1.5 with a header of 375 bytes"),
         (MINOR - 1, b"\2\0", "LAS 2.0 with a header of 375 bytes"),
-        (LENGTH, struct.pack("<H", 20), "points of 20 bytes, not 30 or more"),
+        (LENGTH, struct.pack("<H", 20), "header says 20 point_format"),
         (100, b"\xff" * 4, "more metadata records than the file has room for"),
         (243, b"\1\0\0\0", "more metadata records than the file has room for"),
         (247, struct.pack("<Q", 2**33), "truncated: 8589934592 points need"),
@@ -148,11 +129,11 @@ def counting(path, version, n_counted, tail=b"", waveforms=False):
 
 
 @READERS
-@pytest.mark.parametrize("version", COUNTS)
-@pytest.mark.parametrize("waveforms", [False, True])
+@pytest.mark.parametrize(
+    ("version", "waveforms"), [("1.2", False), ("1.3", True), ("1.4", False), ("1.4", True)]
+)
 def test_records_behind_those_that_the_header_counts_are_told(tmp_path, read, version, waveforms):
-    behind = waveforms and version != "1.2"
-    path = counting(tmp_path / "a.las", version, 30, bytes(range(90)) * behind, behind)
+    path = counting(tmp_path / "a.las", version, 30, bytes(range(90)) * waveforms, waveforms)
     with pytest.warns(UserWarning, match="a.las: holds 20 records more than its header counts"):
         read(path)
 
@@ -188,11 +169,6 @@ def test_the_old_count_is_taken_where_the_new_one_is_0(tmp_path, name, point_for
         assert Catalog(path).counts == [N]
 
 
-def test_an_old_count_beside_a_new_one_has_no_warning(tmp_path):
-    path = change(write(tmp_path / "a.las"), 107, struct.pack("<I", 7))
-    assert len(read_points(path)) == N
-
-
 def test_an_old_count_of_more_than_there_is_is_truncated(tmp_path):
     path = change(write(tmp_path / "a.las"), 247, bytes(8))
     change(path, 107, struct.pack("<I", N + 1))
@@ -201,13 +177,9 @@ def test_an_old_count_of_more_than_there_is_is_truncated(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a.las", "a.laz"])
-@pytest.mark.parametrize("version", COUNTS)
 @pytest.mark.parametrize("behind", [0, 2])
-def test_a_file_without_points_holds_none_wherever_they_would_begin(
-    tmp_path, name, version, behind
-):
-    path = tmp_path / name
-    las_file(path, 6 if version == "1.4" else 1, n=0, version=version)
+def test_a_file_without_points_holds_none_wherever_they_would_begin(tmp_path, name, behind):
+    path = las_file(tmp_path / name, n=0)
     begin = struct.unpack_from("<I", path.read_bytes(), 96)[0]
     path.write_bytes(path.read_bytes()[:begin])
     change(path, 96, struct.pack("<I", begin + behind))
@@ -219,42 +191,14 @@ def test_a_file_without_points_holds_none_wherever_they_would_begin(
 # ---- descriptions of extra bytes ---------------------------------------------------------
 
 
-@WAYS
-@pytest.mark.parametrize(("n_bytes", "n_there"), [(34, 1), (36, 1), (46, 4), (30, 0)])
-def test_described_attributes_that_records_lack_are_0(tmp_path, way, n_bytes, n_there):
-    path = write(tmp_path / "a.las", extra=EXTRA)
-    raw = path.read_bytes()
-    (at,), (length,) = struct.unpack_from("<I", raw, 96), struct.unpack_from("<H", raw, LENGTH)
-    points = np.frombuffer(raw[at:], np.uint8).reshape(N, length)[:, :n_bytes]
-    path.write_bytes(raw[:at] + points.tobytes())
-    change(path, LENGTH, struct.pack("<H", n_bytes))
-    message = f"describes 20 extra bytes of each point, its points have {n_bytes - 30}"
-    with pytest.warns(UserWarning, match=message):
-        back = laspy.read(way(path, tmp_path / "b.las"))
-    assert_allclose(back.xyz, XYZ, rtol=1e-15)
-    for i, (name, _) in enumerate(EXTRA):
-        assert_array_equal(back[name], np.arange(1, N + 1) if i < n_there else np.zeros(N))
-
-
-def test_descriptions_of_many_times_what_is_there_are_refused(tmp_path):
-    path = write(tmp_path / "a.las", extra=[(f"f{i}", "f8") for i in range(60)])
-    begin = struct.unpack_from("<I", path.read_bytes(), 96)[0]
-    path.write_bytes(path.read_bytes()[: begin + N * 30])
-    change(path, LENGTH, struct.pack("<H", 30))
-    with pytest.raises(PointFileError, match="broken header: it describes 480 extra bytes"):
-        read_points(path)
-
-
-def test_a_laz_with_descriptions_longer_than_its_records_is_read(tmp_path):
-    las = laspy.read(write(tmp_path / "a.laz", extra=EXTRA[:1]))
-    whole = laspy.read(write(tmp_path / "b.las", extra=EXTRA)).header.vlrs.get("ExtraBytesVlr")
-    las.vlrs[:] = [*whole, *(r for r in las.vlrs if type(r).__name__ != "ExtraBytesVlr")]
-    las.write(tmp_path / "a.laz")
-    with pytest.warns(UserWarning, match="describes 20 extra bytes"):
-        clouds = [read_points(tmp_path / "a.laz"), *read_parts(tmp_path / "a.laz", 10)]
-    for cloud in clouds:
-        assert_array_equal(cloud.attributes["f0"], np.arange(1, N + 1))
-        assert not cloud.attributes["f4"].any()
+@pytest.mark.parametrize("name", ["a.las", "a.laz"])
+def test_records_shorter_than_their_description_are_refused(tmp_path, name):
+    las = laspy.read(write(tmp_path / name, extra=EXTRA[:1]))
+    longer = laspy.read(write(tmp_path / "b.las", extra=EXTRA)).header.vlrs.get("ExtraBytesVlr")
+    las.vlrs[:] = [*longer, *(r for r in las.vlrs if type(r).__name__ != "ExtraBytesVlr")]
+    las.write(tmp_path / name)
+    with pytest.raises(PointFileError, match=f"{name}: .*header says 34 point_format .* says 50"):
+        read_points(tmp_path / name)
 
 
 def test_records_longer_than_their_description_keep_the_bytes(tmp_path):

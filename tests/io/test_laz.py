@@ -5,7 +5,7 @@ import os
 import struct
 import subprocess
 import sys
-import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -31,26 +31,25 @@ def made(point_format, n=N, **options):
     return las
 
 
-def laz_of(las, chunk_size=50_000, cuts=None):
-    """The bytes of a LAZ file with chunks of a size, or (cuts) of several sizes."""
+def laz_of(las, chunk_size=50_000, cuts=(), record=None):
+    """The bytes of a LAZ file with chunks of a size, or (cuts) of several, or of a record."""
     buffer = io.BytesIO()
     las.write(buffer, do_compress=True)
     content = bytearray(buffer.getvalue())
-    extra = las.point_format.num_extra_bytes
-    vlr = lazrs.LazVlr.new_for_compression(las.point_format.id, extra, cuts is not None)
-    record = bytearray(vlr.record_data())
-    if cuts is None:
-        struct.pack_into("<I", record, CHUNK_SIZE, chunk_size)
+    if record is None:
+        extra = las.point_format.num_extra_bytes
+        vlr = lazrs.LazVlr.new_for_compression(las.point_format.id, extra, bool(cuts))
+        record = bytearray(vlr.record_data())
+        if not cuts:
+            struct.pack_into("<I", record, CHUNK_SIZE, chunk_size)
     at = record_at(content)
     content[at : at + len(record)] = record
-    (points_at,) = struct.unpack_from("<I", content, POINTS_AT)
-    out = io.BytesIO(content[:points_at])
-    out.seek(points_at)
-    compressor = lazrs.LasZipCompressor(out, lazrs.LazVlr(bytes(record)))
-    points = las.points.array
-    for start, stop in zip([0, *(cuts or [])], [*(cuts or []), len(points)], strict=True):
+    out = io.BytesIO(content[: first_chunk_at(content) - 8])
+    out.seek(0, os.SEEK_END)
+    compressor, points = lazrs.LasZipCompressor(out, lazrs.LazVlr(bytes(record))), las.points.array
+    for start, stop in pairwise([0, *cuts, len(points)]):
         compressor.compress_many(np.frombuffer(points[start:stop].tobytes(), np.uint8))
-        if cuts is not None:
+        if cuts:
             compressor.finish_current_chunk()
     compressor.done()
     return bytearray(out.getvalue())
@@ -77,11 +76,14 @@ QUALITY = [("quality", "f4")]
 CHUNKS = [{}, {"chunk_size": 40}, {"cuts": [7, 8, 1500]}]  # of a usual, a small, and their own size
 
 
+def read_as_laz(path, las):
+    points = read_points(path).metadata["las_points"]
+    assert points.tobytes() == las.points.array.tobytes()
+
+
 def read_as_laspy_does(path, las):
-    """Write the points of a file."""
-    points = las.points.array.tobytes()
-    assert read_points(path).metadata["las_points"].tobytes() == points
-    assert laspy.read(path).points.array.tobytes() == points
+    read_as_laz(path, las)
+    assert laspy.read(path).points.array.tobytes() == las.points.array.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -140,7 +142,6 @@ DAMAGES = [
     (points_at, 0, "<q", -1, "has no chunk table"),
     (record_at, 0, "<H", 9, "compressed in a way unknown"),
     (record_at, 32, "<H", 500, "too short"),
-    (record_at, 34, "<H", 11, "item 11 of 30 bytes"),
     (record_at, 36, "<H", 29, "item 10 of 29 bytes"),
     (record_at, 38, "<H", 2, "version 2"),
     (first_chunk_at, 34, "<I", 0x70000000, "chunk 1 would need"),  # of the first layer
@@ -171,17 +172,7 @@ def test_no_damage_ends_the_process_or_takes_its_time_or_memory(tmp_path):
     assert done.stdout == "laz                150 executions without a failure\n", done.stderr
 
 
-def test_compressed_bytes_that_end_before_points_that_two_counts_have_are_damaged(tmp_path):
-    path = tmp_path / "a.laz"
-    promising(path, 1, 11, 1)
-    content = bytearray(path.read_bytes())
-    struct.pack_into("<I", content, 111, N + 11)  # points by return
-    path.write_bytes(content)
-    with pytest.raises(PointFileError, match="damaged: points 1 to 3,011 cannot be decompressed"):
-        read_points(path)
-
-
-def test_chunks_of_a_point_each_are_refused_as_each_takes_a_millisecond(tmp_path):
+def test_thousands_of_chunks_of_a_point_are_refused_as_each_takes_a_millisecond(tmp_path):
     (tmp_path / "a.laz").write_bytes(laz_of(made(1), chunk_size=1))
     with pytest.raises(PointFileError, match="3000 points are not in 3000 chunks"):
         read_points(tmp_path / "a.laz")
@@ -201,17 +192,16 @@ def promising(path, point_format, n_more, by_return, **chunks):
     position, form = (247, "<Q") if content[25] >= 4 else (107, "<I")
     struct.pack_into(form, content, position, N + n_more)
     path.write_bytes(content)
-    return las.points.array.tobytes()
+    return las
 
 
-@pytest.mark.parametrize("point_format", [0, 1, 3, 4, 6, 8])
-@pytest.mark.parametrize("n_more", [1, 11, 40_000])
+@pytest.mark.parametrize("point_format", [0, 3, 4, 6])
+@pytest.mark.parametrize("n_more", [1, 40_000])
 @pytest.mark.parametrize("chunks", CHUNKS)
 def test_what_is_there_of_more_that_are_promised_is_read(tmp_path, point_format, n_more, chunks):
-    points = promising(tmp_path / "a.laz", point_format, n_more, 1, **chunks)
+    las = promising(tmp_path / "a.laz", point_format, n_more, 1, **chunks)
     with pytest.warns(UserWarning, match=f"a.laz: holds 3,000 of the {N + n_more:,} points that"):
-        cloud = read_points(tmp_path / "a.laz")
-    assert cloud.metadata["las_points"].tobytes() == points
+        read_as_laz(tmp_path / "a.laz", las)
 
 
 def test_a_catalog_counts_what_is_there_and_parts_hold_as_many(tmp_path):
@@ -223,65 +213,29 @@ def test_a_catalog_counts_what_is_there_and_parts_hold_as_many(tmp_path):
             assert sum(map(len, read_parts(tmp_path / "a.laz", 500))) == 3000
 
 
-@pytest.mark.parametrize("point_format", [1, 6])
-@pytest.mark.parametrize("by_return", [0, 1])
-def test_points_as_many_as_promised_have_no_warning(tmp_path, point_format, by_return):
-    points = promising(tmp_path / "a.laz", point_format, 0, by_return)
-    with warnings.catch_warnings(action="error"):
-        cloud = read_points(tmp_path / "a.laz")
-    assert cloud.metadata["las_points"].tobytes() == points
-
-
 # ---- old versions of LASzip --------------------------------------------------------------
-
-
-def old(content, las, record):
-    """Points compressed as an old record says, of whose one chunk no table tells."""
-    at, start = record_at(content), first_chunk_at(content) - 8
-    out = io.BytesIO(content[:start])
-    out.seek(start)
-    compressor = lazrs.LasZipCompressor(out, lazrs.LazVlr(bytes(record)))
-    compressor.compress_many(np.frombuffer(las.points.array.tobytes(), np.uint8))
-    compressor.done()
-    changed = bytearray(out.getvalue())
-    changed[at : at + len(record)] = record
-    return changed
 
 
 @pytest.mark.parametrize("point_format", range(6))
 def test_one_chunk_by_laszip_1_2_of_chunks_of_0_points_is_read(tmp_path, point_format):
     las = las_of(point_format, n=N)
-    content = laz_of(las)
-    at, (n_items,) = record_at(content), struct.unpack_from("<H", content, record_at(content) + 32)
-    record = content[at : at + 34 + 6 * n_items]
-    for i in range(n_items):
-        struct.pack_into("<H", record, 38 + 6 * i, 1)  # the first versions of all items
-    content = old(content, las, record)
+    record = bytearray(lazrs.LazVlr.new_for_compression(point_format, 0, False).record_data())
+    for at in range(38, len(record), 6):
+        struct.pack_into("<H", record, at, 1)  # the first versions of all items
+    content = laz_of(las, record=record)
     start, end = first_chunk_at(content), table_at(content)
-    content = content[: start - 8] + content[start:end]
-    struct.pack_into("<H10xI", content, at, 1, 0)
+    content = content[: start - 8] + content[start:end]  # no table tells of one chunk
+    struct.pack_into("<H10xI", content, record_at(content), 1, 0)
     (tmp_path / "a.laz").write_bytes(content)
-    points = read_points(tmp_path / "a.laz").metadata["las_points"]
-    assert points.tobytes() == las.points.array.tobytes()
+    read_as_laz(tmp_path / "a.laz", las)
 
 
-@pytest.mark.parametrize("point_format", [1, 6])
-def test_chunks_of_0_points_are_of_any_number(tmp_path, point_format):
-    las = las_of(point_format, n=N)
+def test_chunks_of_0_points_are_of_any_number(tmp_path):
+    las = las_of(1, n=N)
     content = laz_of(las, cuts=[7, 8, 1500])
     struct.pack_into("<I", content, record_at(content) + CHUNK_SIZE, 0)
     (tmp_path / "a.laz").write_bytes(content)
-    points = read_points(tmp_path / "a.laz").metadata["las_points"]
-    assert points.tobytes() == las.points.array.tobytes()
-
-
-def test_an_unknown_laszip_is_named(tmp_path):
-    content = laz_of(made(6))
-    struct.pack_into("<H", content, record_at(content) + 38, 7)
-    struct.pack_into("<BB", content, record_at(content) + 4, 5, 1)
-    (tmp_path / "a.laz").write_bytes(content)
-    with pytest.raises(PointFileError, match=r"by an unknown LASzip \(5.1\): item 10 .* version 7"):
-        read_points(tmp_path / "a.laz")
+    read_as_laz(tmp_path / "a.laz", las)
 
 
 # ---- writing -----------------------------------------------------------------------------
@@ -295,33 +249,19 @@ def test_laz_in_any_parts_is_written_as_laspy_writes_it(tmp_path, monkeypatch):
         assert (tmp_path / "b.laz").read_bytes() == (tmp_path / "a.laz").read_bytes()
 
 
-def waves(point_format, offsets):
-    las = made(point_format, n=len(offsets))
-    las.points.array["wavepacket_offset"] = offsets
-    return las
-
-
 @pytest.mark.parametrize("point_format", [4, 5, 9, 10])
 def test_wave_packets_in_any_order_survive_laz(tmp_path, point_format):
-    anywhere = np.random.default_rng(0).integers(0, 2**40, N)
-    for offsets in (60 + 256 * np.arange(N), anywhere):
-        las = waves(point_format, offsets)
-        las.write(tmp_path / "a.las")
-        write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
-        assert_array_equal(laspy.read(tmp_path / "b.laz").points.array, las.points.array)
+    las = made(point_format)
+    las.points.array["wavepacket_offset"] = np.random.default_rng(0).integers(0, 2**40, N)
+    las.write(tmp_path / "a.las")
+    write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
+    assert_array_equal(laspy.read(tmp_path / "b.laz").points.array, las.points.array)
 
 
-@pytest.mark.parametrize("point_format", [9, 10])
-def test_wave_packets_of_two_channels_are_refused_as_lazrs_would_change_them(
-    tmp_path, point_format
-):
-    las = waves(point_format, 60 + 256 * np.arange(N))
+def test_wave_packets_of_two_channels_are_refused_as_lazrs_would_change_them(tmp_path):
+    las = made(9)
     las.scanner_channel = np.arange(N) % 2
     las.write(tmp_path / "a.las")
     with pytest.raises(PointFileError, match=r"of several channels; write \.las"):
         write_points(tmp_path / "b.laz", read_points(tmp_path / "a.las"))
     assert os.listdir(tmp_path) == ["a.las"]
-    buffer = io.BytesIO()
-    las.write(buffer, do_compress=True)  # a later lazrs may be right, and is to be let
-    buffer.seek(0)
-    assert (laspy.read(buffer).points.array != las.points.array).any()

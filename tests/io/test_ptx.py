@@ -41,13 +41,8 @@ def written(tmp_path, *texts):
 def test_points_are_moved_by_the_pose_of_their_scan(tmp_path):
     tables, turns = [scan(seed=0), scan(2, 5, seed=1)], [TURN, Rotation.identity()]
     places = [PLACE, PLACE + 10]
-    texts = [
-        header((4, 3)),
-        body(tables[0]),
-        header((2, 5), *(turns[1], places[1])),
-        body(tables[1]),
-    ]
-    cloud = read_points(written(tmp_path, *texts))
+    heads = header((4, 3)), header((2, 5), turns[1], places[1])
+    cloud = read_points(written(tmp_path, heads[0], body(tables[0]), heads[1], body(tables[1])))
     expected = [t.apply(a[:, :3]) + p for t, a, p in zip(turns, tables, places, strict=True)]
     assert_allclose(cloud.xyz, np.concatenate(expected), rtol=0, atol=1e-8)
     assert_array_equal(cloud.attributes["scan_index"], np.repeat([0, 1], [12, 10]))
@@ -94,7 +89,7 @@ def test_colors_have_eight_bits_and_scans_without_them_take_them_from_all(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("shape", "options", "known"),
+    ("shape", "options", "is_known"),
     [
         ((4, 3), {}, True),
         ((4, 3), {"place": np.zeros(3), "turn": Rotation.identity()}, True),
@@ -104,12 +99,12 @@ def test_colors_have_eight_bits_and_scans_without_them_take_them_from_all(tmp_pa
     ids=["pose", "the scanner's own coordinates", "moved before", "no grid"],
 )
 def test_where_the_scanner_stood_is_known_where_nothing_speaks_against_it(
-    tmp_path, shape, options, known
+    tmp_path, shape, options, is_known
 ):
     """A merged cloud is written as one row, and moved points beside a matrix that moves nothing."""
     cloud = read_points(written(tmp_path, header(shape, **options), body(scan())))
-    assert (stated_positions(cloud).positions is not None) == known
-    if known:
+    assert (stated_positions(cloud).positions is not None) == is_known
+    if is_known:
         assert_array_equal(sensor_origins(cloud)[0], options.get("place", PLACE))
 
 
@@ -132,20 +127,13 @@ BAD = {  # what a file has, and what the error says
         "truncated: it ends before the row of four of the",
     ),
     "ends in a scan": (SCAN[:8], "truncated: scan of line 1: 7 of 12 points"),
-    "ends in the second": (SCAN + SCAN[:12], "scan of line 23: 11 of 12 points"),
     "too many points": ([header((4, 2)), *LINES], "line 19: needs the number of columns, has"),
     "no counts": (LINES, "line 1: needs the number of columns, has"),
     "a broken count": ([header((4, "x")), *LINES], "line 2: needs the number of rows, has 'x'"),
-    "half a row": ([header((4, 2.5)), *LINES], "line 2: needs the number of rows, has '2.5'"),
-    "a negative count": ([header((-4, 3)), *LINES], "line 1: needs the number of columns"),
     "no number": ([*SCAN[:5], "1 2 b 4\n", *SCAN[6:]], "line 15: '1 2 b 4' is no point; points"),
     "a gap": ([*SCAN[:5], "1 2 3\n", *SCAN[6:]], "line 15: '1 2 3' is no point"),
     "three columns": ([SCAN[0], *["1 2 3\n"] * 12], "line 22: a point of 3 numbers; points have 4"),
     "more than bytes": ([header((10**9, 10**9)), *LINES], "1,000,000,000,000,000,000 points need"),
-    "no matrix": (
-        [header((4, 3), matrix=np.full((4, 4), np.nan)), *LINES],
-        "line 7: needs the row",
-    ),
 }
 MATRICES = {"a scale": SCALED, "a mirror": MIRROR, "zeros": SCALED * 0, "a perspective": SHIFTED}
 BAD |= {
@@ -166,10 +154,8 @@ def test_what_is_wrong_is_named_with_its_line(tmp_path, kind):
 def test_a_rotation_of_three_decimals_is_rigid_and_a_scale_is_none(tmp_path, factor, is_rigid):
     """Rounding changes squares and products of axes by sqrt(3) / 1000 at most."""
     decimals = 3 if factor == 1 else 12
-    turns = Rotation.from_euler(
-        "zyx", np.random.default_rng(0).uniform(-3, 3, (200, 3))
-    ).as_matrix()
-    for turn in np.round(factor * turns, decimals):
+    angles = np.random.default_rng(0).uniform(-3, 3, (50, 3))
+    for turn in np.round(factor * Rotation.from_euler("zyx", angles).as_matrix(), decimals):
         matrix = np.eye(4)
         matrix[:3, :3] = turn
         path = written(tmp_path, header((1, 1), matrix=matrix), "1 2 3 0.5\n")

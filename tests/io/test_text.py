@@ -18,20 +18,14 @@ LAYOUTS = {
     "other order": "label;z;y;x\n4;3.5;2;1\n8;7;6;5\n",
     "comments and blanks": "# a survey\n\n1 2 3.5 4\n\n5 6 7 8 # last\n",
     "quotes around everything": '"x","y","z","label"\n"1","2","3.5","4"\n"5","6","7","8"\n',
-    "quotes and semicolons": '"x";"y";"z";"label"\n"1";"2";"3.5";"4"\n"5";"6";"7";"8"\n',
     "quotes and tabs": '"x"\t"y"\t"z"\t"label"\n"1"\t"2"\t"3.5"\t"4"\n"5"\t"6"\t"7"\t"8"\n',
-    "quotes without a header": '"1","2","3.5","4"\n"5","6","7","8"\n',
     "quotes in the second row": 'x,y,z,label\n1,2,3.5,4\n"5","6","7","8"\n',
     "a title and units": "Survey in May\nx,y,z,label\n[m],[m],[m],\n1,2,3.5,4\n5,6,7,8\n",
-    "a count as in PTS": "2\n1 2 3.5 4\n5 6 7 8\n",
     "a count below the header": "//X Y Z label\n2\n1 2 3.5 4\n5 6 7 8\n",
-    "trailing delimiters": "1,2,3.5,4,\n5,6,7,8,\n",
-    "trailing delimiters of rows": "x,y,z,label\n1,2,3.5,4,\n5,6,7,8,\n",
     "a trailing delimiter of the header": "x\ty\tz\tlabel\t\n1\t2\t3.5\t4\n5\t6\t7\t8\n",
     "columns and rows of a spreadsheet": "x,y,z,label,,\n1,2,3.5,4,,\n5,6,7,8,,\n,,,,,\n",
     "names of several words": "Point ID\tX\tY\tZ\tlabel\n\t1\t2\t3.5\t4\n\t5\t6\t7\t8\n",
     "the header of numpy.savetxt": "# easting northing height label\n1,2,3.5,4\n5,6,7,8\n",
-    "other names": '"easting", "northing", "height", "label"\n1, 2, 3.5, 4\n5, 6, 7, 8\n',
     "a comment with a name for each column": "# x y z in UTM 33\n# label z y x\n4 3.5 2 1\n8 7 6 5",
     "the first comment that holds coordinates": "# m,m,m,s\n# z,y,x,label\n# x,y,z,other\n"
     "3.5,2,1,4\n7,6,5,8",
@@ -70,10 +64,9 @@ TABLES = [
     ("x,y,z,a,b\n1,2,3,,7\n4,5,6,0.5,8", "1 2 3 nan 7, 4 5 6 0.5 8"),
     *[
         (f"1,2,3,0.5\n4,5,6,{cell}", "1 2 3 0.5, 4 5 6 nan")
-        for cell in ("", "NA", "null", "N/A", " None", "nan", "-1.#IND", "nan(snan)")
+        for cell in ("", "null", "N/A", " None", "nan(snan)")
     ],
     ('"","x","y","z"\n"1",0.5,2,3\n"2",4,5,6\n', "0.5 2 3 1, 4 5 6 2"),
-    ("0 0 0 1\n0 0 0 1.5\n", "0 0 0 1, 0 0 0 1.5"),
     ("1,2,3,1.#INF # far\n1,2,3,-1.#INF00\n4,5,6,7\n", "1 2 3 inf, 1 2 3 -inf, 4 5 6 7"),
     ('1.0D+00,2,3\n"5,411,234.500",2,3\n1.#QNAN,2,3\n-nan(ind),2,3\n', "1 2 3, 5411234.5 2 3"),
     (
@@ -81,41 +74,23 @@ TABLES = [
         "0 1 2 0, 1 2 3 1, 2 3 4 nan, 3 4 5 nan",
     ),
     *[(f"1,2,3,5\n4,5,6,{cell}\n", f"1 2 3 5, 4 5 6 {cell}") for cell in ("1e300", "inf", 10**20)],
-    # Decimal commas between semicolons; the sign of an attribute decides no coordinates.
-    (
-        GERMAN + "452348,901;5411237,2;3,4;0,5\n1,5;-2;3;7",
-        "452348.901 5411237.2 3.4 0.5, 1.5 -2 3 7",
-    ),
+    # Decimal commas between semicolons.
     (GERMAN + "1,5;2,5;3,5;1\n0,125;1,25e3;,5;0,25", "1.5 2.5 3.5 1, 0.125 1250 0.5 0.25"),
     ("1;2;3;4\n5;6;7;8\n312,403;1,1;2,2;3,3", "1 2 3 4, 5 6 7 8, 312.403 1.1 2.2 3.3"),
     ("5.411.234,500;1,5;3;4\n5.411.234;1,5;3;4", "5411234.5 1.5 3 4, 5411234 1.5 3 4"),
-    ("1;2;3;0.5\n1,5;2;3;0.5", "1 2 3 0.5, 1.5 2 3 0.5"),
-    ("1;2;3;0.5\n4;5;6;7\n1,5;2;3;1.234", "1 2 3 0.5, 4 5 6 7, 1.5 2 3 1.234"),
-    ("1;2;3;0,5\n1.5;2;3;0,25", "1 2 3 0.5, 1.5 2 3 0.25"),
-    ("1,5;2;3;0.5\n7;8;9;0.25", "1.5 2 3 0.5, 7 8 9 0.25"),
-    ("1;2;3;0,5\n4,5;5;6;1,5", "1 2 3 0.5, 4.5 5 6 1.5"),
     # In quotes, where no spreadsheet leaves thousands so, or the first is beyond doubt.
     ("345,678;567,890;12", "345.678 567.89 12"),
-    ('"1,5";"567,890";"12,125"', "1.5 567.89 12.125"),
     ('"452348,901";"567,890";12', "452348.901 567.89 12"),
     ('"0,125";"567,890";12', "0.125 567.89 12"),
     ('"5,411,234";"1.5";12', "5411234 1.5 12"),
     # Decimal commas between blanks.
-    (
-        "412003,216 5280003,232 430,001 50\n1,5 2,5 3 7",
-        "412003.216 5280003.232 430.001 50, 1.5 2.5 3 7",
-    ),
-    ("1 2,5 3\n4,5 5 6", "1 2.5 3, 4.5 5 6"),
     ("1 2 3\n4,5 5 6", "1 2 3, 4.5 5 6"),
-    ("# x y z i\n1,5 2,5 3,5 0.5", "1.5 2.5 3.5 0.5"),
     ("-1,5e2 +2,5 0,5\n0 1 2", "-150 2.5 0.5, 0 1 2"),
     ("1,234.5 2,345.5 3,456.7", "1234.5 2345.5 3456.7"),
     # Commas between columns.
     ("1, 2, 3\n4, 5, 6", "1 2 3, 4 5 6"),
     ("1 ,2 ,3", "1 2 3"),
-    ("1.5,2.5,3.5", "1.5 2.5 3.5"),
     ("x,y,z,a,b,c\n7,016,8,32,9,5", "7 16 8 32 9 5"),
-    ("7,216,8,032,9,007", "7 216 8 32 9 7"),
     ("12,045,088,255,128,064", "12 45 88 255 128 64"),
     # Counts begin scans, which get a number.
     ("0\n1\n1 2 3\n\n0\n2\n1 2 3\n4 5 6 # last\n# end\n", "1 2 3 1, 1 2 3 3, 4 5 6 3"),
@@ -125,8 +100,8 @@ TABLES = [
 @pytest.mark.parametrize("separator", [";", "\t"])
 @pytest.mark.parametrize(("text", "table"), TABLES)
 def test_numbers_of_many_programs_are_read(tmp_path, monkeypatch, text, table, separator):
-    found = same_by_parts(tmp_path, monkeypatch, text.replace(";", separator))[1]
-    assert_array_equal(found, [list(map(float, row.split())) for row in table.split(",")])
+    back = same_by_parts(tmp_path, monkeypatch, text.replace(";", separator))[1]
+    assert_array_equal(back, [list(map(float, row.split())) for row in table.split(",")])
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])
@@ -146,9 +121,8 @@ def test_thousands_of_swiss_and_french_are_read(tmp_path, monkeypatch, mark, sep
 
 NUMBERS = {"1.0D+00": 1, "-1.5d2": -150, ".5D1": 5, "1.D0": 1, "0.25D-02": 0.0025, "1e5": 1e5}
 NUMBERS |= {"5,411,234.500": 5411234.5, "-1,234.": -1234, "5,411,234": 5411234}
-WORDS = ["12d34", "3D", "1d2", "1_000.5", "wall", "1,5", "12,34,567", "1,23.5", "0,123.5"]
-WORDS += ["1,234,56", ",123,456", "1.5.2"]
-WORDS += ["45'23", "1'234'56", "0'123.5", "1'234\xa0567", "1234'567", "5'"]  # no thousands
+WORDS = ["12d34", "3D", "1_000.5", "wall", "1,5", "12,34,567", "1,23.5", "0,123.5", "1,234,56"]
+WORDS += ["45'23", "1'234'56", "0'123.5", "1'234\xa0567", "1234'567"]  # no thousands
 
 
 @pytest.mark.parametrize("decimal", [".", ","])
@@ -194,23 +168,16 @@ def test_a_byte_order_mark_tells_the_encoding(tmp_path, encoding):
     assert cloud.attributes["Zeit"].tolist() == [large]
 
 
-@pytest.mark.parametrize("tail", [b"1\x002", b"\x00\xd8\x00\xd8", b"\0\0" * 9])
-def test_damaged_utf_16_gets_one_clear_line(tmp_path, tail):
-    (tmp_path / "a.csv").write_bytes("\ufeff1,2,3\n".encode("utf-16-le") + tail)
-    with pytest.raises(PointFileError, match=r"damaged or is of another|line 2 has 1 col") as error:
-        read_points(tmp_path / "a.csv")
-    assert "\n" not in str(error.value)
-
-
 def test_columns_say_where_the_coordinates_are(tmp_path):
     rows = "\n2026-05-01,noon,A,3,2,1\n2026-05-02,noon,B,6,5,4"
-    for text, columns in [
-        (f"May\nday,hour,name,hoch,nord,ost{rows}", {"x": "ost", "y": "nord", "z": "hoch"}),
-        (f"day,hour,name,z,hoch,nord{rows}", {"x": 6, "y": 5, "z": 4}),
-        (rows, {"x": 6, "y": 5, "z": 4}),
+    names = "day,hour,name,hoch,nord,ost"
+    for head, columns in [
+        (f"May\n{names}", {"x": "ost", "y": "nord", "z": "hoch"}),
+        ("", {"x": 6, "y": 5, "z": 4}),
     ]:
         with pytest.warns(UserWarning, match="left out"):
-            assert_array_equal(read(tmp_path, text, columns=columns).xyz, [[1, 2, 3], [4, 5, 6]])
+            cloud = read(tmp_path, head + rows, columns=columns)
+        assert_array_equal(cloud.xyz, [[1, 2, 3], [4, 5, 6]])
     cloud = read(tmp_path, "x,y,z,height\n1,2,3,4\n", columns={"z": "height"})
     assert_array_equal(cloud.xyz, [[1, 2, 4]])
     assert_array_equal(cloud.attributes["z_value"], [3])
@@ -218,10 +185,10 @@ def test_columns_say_where_the_coordinates_are(tmp_path):
         read(tmp_path, "a,b,c\n1,2,3\n", columns={"a": "x"})
 
 
-@pytest.mark.parametrize("first", [1_700_000_000_123_456_789, -(2**63), 2**64 - 2, 2**53])
-@pytest.mark.parametrize("rest", ["0.5", "", "wall"])  # of other columns
-def test_integers_beyond_double_precision_are_exact(tmp_path, first, rest):
-    rows = [f"1,2,3,{n},{rest}\n" for n in (first, first + 1)]
+@pytest.mark.parametrize("first", [-(2**63), 2**64 - 2, 2**53])
+@pytest.mark.parametrize("beside", ["0.5", "", "wall"])
+def test_integers_beyond_double_precision_are_exact(tmp_path, first, beside):
+    rows = [f"1,2,3,{n},{beside}\n" for n in (first, first + 1)]
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*columns with words")
         cloud = read(tmp_path, "é\nx,y,z,t,b\n" + "\n".join(rows), "latin-1")
@@ -259,33 +226,27 @@ def test_columns_are_found_by_the_names_of_a_comment(tmp_path):
         assert list(cloud.attributes) == ["id"]
 
 
-COMMENTS = ["exported by CloudCompare", "12 points surveyed", "height in m", "----------"]
-COMMENTS += ["punti e quota", "cota y fecha", "Berlin, Mitte, Nord", "scanned,cleaned"]  # e, y: and
-COMMENTS += ["x y z are UTM", "time, position and intensity of the scanner", "2026-05-01,scanner,A"]
-COMMENTS += ["4,5,6", "4;5;6"]  # rows that are left out
+COMMENTS = ["exported by CloudCompare", "12 points surveyed", "height in m", "punti e quota"]
+COMMENTS += ["Berlin, Mitte, Nord", "scanned,cleaned", "x y z are UTM", "2026-05-01,scanner,A"]
+COMMENTS += ["time, position and intensity of the scanner", "4,5,6", "4;5;6"]  # rows are left out
+# Of as many words as there are columns, or nearly.
+COMMENTS += ["CloudCompare v2.12 ASCII export", "Scan of hall 3", "Project: Castle hall scan"]
+COMMENTS += ["hall hall north south", "a b c", "a b c d e", "- m m m", "a b c d\n# made by tool v2"]
 
 
-LONGER = [
-    "made by tool v2",
-    "CloudCompare v2.12 ASCII export",
-    "Scan of hall 3",
-    "Project: Castle hall scan",
-    "hall hall north south",
-]
-LONGER += ["id x px py\n# made by tool v2", "a b c", "a b c d e", "- m m m", "1 a b c"]
+@pytest.mark.parametrize("comment", COMMENTS)
+def test_other_comments_leave_the_first_three_columns_to_be_coordinates(tmp_path, comment):
+    for separator, cells in [(" ", "1234"), (" ", "123"), (",", "123"), (";", "123")]:
+        row = separator.join(cells)
+        cloud = read(tmp_path, f"# {comment}\n//{comment}\n{row}\n{row}")
+        assert_array_equal(cloud.xyz, [[1, 2, 3], [1, 2, 3]])
 
 
-@pytest.mark.parametrize("comment", LONGER)
-def test_comments_of_as_many_words_as_columns_may_be_comments(tmp_path, comment):
-    assert_array_equal(read(tmp_path, f"# {comment}\n1 2 3 4\n5 6 7 8").xyz, [[1, 2, 3], [5, 6, 7]])
+UNKNOWN = ["id px py pz", "Länge Breite Höhe id", "TIME lon lat", "id,px,py,pz"]
+UNKNOWN += ["LONGITUDE_CENTROID LATITUDE_CENTROID ELEVATION_CENTROID", "lat_deg;lon_deg;h_m"]
 
 
-UNKNOWN = ["id px py pz", "rho theta phi r", "X_RAW Y_RAW Z_RAW I", "Länge Breite Höhe id"]
-UNKNOWN += ["LONGITUDE_CENTROID LATITUDE_CENTROID ELEVATION_CENTROID", "TIME lon lat"]
-UNKNOWN += ["id,px,py,pz", "lat_deg;lon_deg;h_m"]
-
-
-@pytest.mark.parametrize("mark", ["", "# ", "#", "// made by tool v2\n//"])
+@pytest.mark.parametrize("mark", ["", "# ", "// made by tool v2\n//"])
 @pytest.mark.parametrize("names", UNKNOWN)
 def test_names_of_a_comment_are_refused_as_those_of_a_header(tmp_path, mark, names):
     separator = next((one for one in ",;" if one in names), " ")
@@ -295,12 +256,3 @@ def test_names_of_a_comment_are_refused_as_those_of_a_header(tmp_path, mark, nam
         read(tmp_path, f"{mark}{names}\n{row}\n{row}")
     columns = {"x": 1, "y": 2, "z": 3}
     assert_array_equal(read(tmp_path, f"{mark}{names}\n{row}", columns=columns).xyz, [[1, 2, 3]])
-
-
-@pytest.mark.parametrize("separator", [" ", ",", ";"])
-@pytest.mark.parametrize("comment", COMMENTS)
-def test_other_comments_leave_the_first_three_columns_to_be_coordinates(
-    tmp_path, comment, separator
-):
-    text = f"# {comment}\n//{comment}\n" + separator.join("123") + "\n" + separator.join("456")
-    assert_array_equal(read(tmp_path, text).xyz, [[1, 2, 3], [4, 5, 6]])
