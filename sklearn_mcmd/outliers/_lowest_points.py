@@ -46,9 +46,9 @@ class LowestPoints:
         asked, rows = _codes(xyz, self.exponent), np.arange(len(xyz))
         for _ in range(N_BITS):
             places = np.minimum(np.searchsorted(codes, asked), len(codes) - 1)
-            known = (codes[places] == asked) & (counts[places] >= self.n_usual)
-            low[rows[known]] = xyz[rows[known], 2] < lowest[places[known]]
-            asked, rows = _twofold(asked[~known]), rows[~known]
+            enough = (codes[places] == asked) & (counts[places] >= self.n_usual)
+            low[rows[enough]] = xyz[rows[enough], 2] < lowest[places[enough]]
+            asked, rows = _twofold(asked[~enough]), rows[~enough]
             if not len(rows):
                 return low
             codes, counts, lowest = _joined(_twofold(codes), counts, lowest)

@@ -49,8 +49,8 @@ def _at_ranks(parts, ranks):
     chosen = np.zeros(len(keys), bool)
     chosen[of] = True
     left_out = np.cumsum(np.where(chosen, 0, counts))
-    found = np.concatenate([v[chosen[np.searchsorted(keys, _bins(v))]] for v in parts()])
-    return np.sort(found)[ranks - left_out[of]]
+    in_bins = np.concatenate([v[chosen[np.searchsorted(keys, _bins(v))]] for v in parts()])
+    return np.sort(in_bins)[ranks - left_out[of]]
 
 
 def _bins(values):
@@ -74,13 +74,13 @@ def ratio(numerator, denominator):
     return np.nan_to_num(quotient, nan=0.0, posinf=LARGEST, neginf=-LARGEST)
 
 
-def known_at(values, rows, missing):
+def values_at(values, rows, missing):
     """The values of these rows, and another of rows that are missing: the number of all."""
     if not len(values):
         return np.full(rows.shape, missing)
-    found = values[np.minimum(rows, len(values) - 1)]
-    found[rows == len(values)] = missing
-    return found
+    at_rows = values[np.minimum(rows, len(values) - 1)]
+    at_rows[rows == len(values)] = missing
+    return at_rows
 
 
 def most_noise_around(noise, around, sizes, quiet, bend=0.0):

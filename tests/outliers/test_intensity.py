@@ -106,7 +106,7 @@ def test_bright_mixed_pixels_stay_on_their_sheets():
     light = np.r_[np.linspace(8, 9, 60), np.linspace(0, 1, len(cloud) - 60)]
     plain = MCMDOutlierDetector(**FORM).fit(cloud, sensor_origin=sensor)
     lit = MCMDOutlierDetector(**FORM).fit(cloud, sensor_origin=sensor, intensity=light)
-    sheets = plain._cloud.off_surface.rest.rows[plain._cloud.rays.rest.by_sheet]
+    sheets = plain._cloud.off_surface.rows[plain._cloud.beside_rays.by_sheet]
     assert len(sheets) > 30
     assert_array_equal(lit._cloud.point_scores[sheets], plain._cloud.point_scores[sheets])
 

@@ -9,7 +9,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._off_surface import Rest, judge_off_surface
+from sklearn_mcmd.outliers._company import judge_off_surface
+from sklearn_mcmd.outliers._off_surface import Unexplained
 from sklearn_mcmd.outliers._small_groups import gaps_to
 from sklearn_mcmd.planes._nearest import NearestPoints
 
@@ -37,9 +38,9 @@ def company(points, n_explained, least=100, counts=None, n_jobs=None):
     counts = np.ones(len(points), dtype=int) if counts is None else counts
     explained = np.arange(len(points)) < n_explained
     spacings = (spacing_of(points, counts, others_only=only) for only in (False, True))
-    rest = Rest.of(index_of(points), counts, explained, *spacings)
+    rest = Unexplained.of(index_of(points), counts, explained, *spacings)
     found = judge_off_surface(rest, least, n_jobs)
-    assert_array_equal(found.rest.rows, np.flatnonzero(~explained))
+    assert_array_equal(found.rows, np.flatnonzero(~explained))
     isolation, separation = np.zeros(len(points)), np.zeros(len(points))
     isolation[~explained], separation[~explained] = found.isolation, found.separation
     return SimpleNamespace(
@@ -207,7 +208,7 @@ def test_a_new_point_is_measured_as_if_it_alone_were_added():
     for query in queries:
         added = company(with_rest(rest, query), 400, least=70)
         spacing = spacing_of(with_rest(rest, query), np.ones(461, dtype=int))[-1:]
-        isolation, separation, _ = fitted.measure(query[None], spacing)
+        _, isolation, separation, _ = fitted.measure(query[None], spacing)
         assert_allclose(isolation, added.isolation[-1:], rtol=1e-12)
         gap = np.linalg.norm(rest - query, axis=1).min()
         if gap > 2.5 * added.usual.max():  # a group of its own
@@ -225,7 +226,7 @@ def test_gaps_are_to_the_nearer_of_all_that_is_real(order):
 def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
     fitted = company(with_rest(), 400)
     assert_array_equal(fitted.isolation, 0)
-    isolation, separation, _ = fitted.measure(np.array([[10, 10, 5.0]]), np.array([6.0]))
+    _, isolation, separation, _ = fitted.measure(np.array([[10, 10, 5.0]]), np.array([6.0]))
     extent = np.linalg.norm([19, 19, 5])
     assert_allclose(isolation, np.cbrt(extent**2 * 6) / LATTICE)
     assert_allclose(separation, 5 / LATTICE)
@@ -234,9 +235,9 @@ def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
 def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
     X = np.zeros((4, 3))
     counts, explained = np.ones(4, dtype=int), np.ones(4, dtype=bool)
-    rest = Rest.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4))
+    rest = Unexplained.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4))
     fitted = judge_off_surface(rest, 2, None)
-    isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
+    _, isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
     assert isolation >= 1e300
     assert separation >= 1e300
 

@@ -1,7 +1,5 @@
 """What rays tell equals what the literal oracle says, on small clouds."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -10,7 +8,6 @@ from reference import judged
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
 from sklearn_mcmd.planes._consistent_set import draw_trials
-from sklearn_mcmd.sensors._rays import RayLimits
 
 FORM = {"n_neighbors": 30, "max_outlier_rate": 0.2, "random_state": 0}
 
@@ -94,9 +91,8 @@ def test_a_position_is_doubted_if_more_than_a_tenth_of_all_that_is_flat_is_sheet
     n_sheets, doubted
 ):
     """Measurements count, not places: one place of a sheet has all but one of them."""
-    evidence = RayEvidence.__new__(RayEvidence)
-    evidence.rays = SimpleNamespace(limits=RayLimits())
-    evidence.on_sheet = np.repeat([True, False], [2, 50])
+    on_sheet = np.repeat([True, False], [2, 50])
+    evidence = RayEvidence(None, approximate=False, scatter=None, on_sheet=on_sheet, n_jobs=None)
     counts = np.array([n_sheets - 1, 1, *np.repeat(90 / 45, 45), *np.repeat(9, 5)])
     surfaces = np.repeat([False, True, False], [2, 45, 5])
     words = evidence.doubt(surfaces, counts)
