@@ -71,7 +71,7 @@ class NeighborhoodFit:
         return scores
 
 
-class Found(NamedTuple):
+class Verdict(NamedTuple):
     """The result of `Method._fit`, with the names of `NeighborhoodFit`."""
 
     model: object
@@ -178,11 +178,11 @@ class Method(ABC):
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
             table = self.table(int(size), d, seed)
-            found = self._fit(local[rows, :size], table, floor[rows])
-            scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
-            support[rows, :size] = found.inliers if found.support is None else found.support
-            cutoff[rows], scale[rows] = found.cutoff, found.scale
-            models.append((rows, found.model))
+            verdict = self._fit(local[rows, :size], table, floor[rows])
+            scores[rows, :size], inliers[rows, :size] = verdict.scores, verdict.inliers
+            support[rows, :size] = verdict.inliers if verdict.support is None else verdict.support
+            cutoff[rows], scale[rows] = verdict.cutoff, verdict.scale
+            models.append((rows, verdict.model))
         # Algorithm 4: the plane of the members left.
         centers, _, axes = fit_planes(local, support)
         unknown = scale == 0
@@ -220,7 +220,7 @@ class Method(ABC):
 
     @abstractmethod
     def _fit(self, points, table, floor):
-        """The verdicts on neighborhoods of one size, as `Found`.
+        """The verdicts on neighborhoods of one size, as `Verdict`.
 
         Points (B, n, d) are without the origin; `table` has random positions, and `floor` (B,) is
         the least scale.

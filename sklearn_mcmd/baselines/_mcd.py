@@ -153,9 +153,9 @@ def _best_support(local, table, h, ridge):
     support = np.take_along_axis(support, order[..., None], axis=1)
     moving = np.arange(n_sets)
     for _ in range(MOST_STEPS):
-        found = _concentrate(features[moving], support[moving], h, ridge[moving])
-        changed = (found != support[moving]).any(axis=(1, 2))
-        support[moving] = found
+        moved = _concentrate(features[moving], support[moving], h, ridge[moving])
+        changed = (moved != support[moving]).any(axis=(1, 2))
+        support[moving] = moved
         moving = moving[changed]
         if moving.size == 0:
             break
@@ -179,9 +179,9 @@ def _concentrate(features, support, h, ridge):
     coefficients = np.concatenate([constant, -2.0 * shifted, quadratic], axis=-1)
     squares = coefficients @ np.swapaxes(features, 1, 2)
     order = np.argpartition(squares, h - 1, axis=-1)[..., :h]
-    found = np.zeros(squares.shape, dtype=bool)
-    np.put_along_axis(found, order, True, axis=-1)
-    return found
+    nearest = np.zeros(squares.shape, dtype=bool)
+    np.put_along_axis(nearest, order, True, axis=-1)
+    return nearest
 
 
 def _volumes(features, support, ridge):

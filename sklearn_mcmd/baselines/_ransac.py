@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from sklearn_mcmd._sklearn import Interval
-from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method, WhitenedModel
+from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Method, Verdict, WhitenedModel
 from sklearn_mcmd.planes._consistent_set import n_trials_needed, planes_through
 from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
@@ -88,22 +88,22 @@ class Ransac(Method):
             scale = MAD_TO_SD * (1.0 + 5.0 / max(n - d, 1)) * least_medians(points, table[:enough])
         else:
             scale = np.full(n_sets, float(self.noise_scale))
-        found = np.isfinite(scale)
-        scale = np.maximum(np.where(found, scale, 0.0), floor)
+        has_plane = np.isfinite(scale)
+        scale = np.maximum(np.where(has_plane, scale, 0.0), floor)
         stops = trials_to_stop(n, d, self.stop_probability)
         limit = self.cutoff * scale
         centers, normals = best_planes(points, table, limit, stops, self.truncated_loss)
-        found &= np.isfinite(normals[:, 0])
+        has_plane &= np.isfinite(normals[:, 0])
         for _ in range(self.n_refits):
             distances = np.abs(orthogonal_distances(points, centers, normals))
             members = distances < limit[:, None]
             centers, _, axes = fit_planes(points, members)
             normals = axes[..., 0]
-        whitening = np.where(found[:, None], normals / scale[:, None], 0.0)[..., None]
-        model = WhitenedModel(np.where(found[:, None], centers, 0.0), whitening)
+        whitening = np.where(has_plane[:, None], normals / scale[:, None], 0.0)[..., None]
+        model = WhitenedModel(np.where(has_plane[:, None], centers, 0.0), whitening)
         scores = model.score(points)
-        scale = np.where(found, scale, -1.0)
-        return Found(
+        scale = np.where(has_plane, scale, -1.0)
+        return Verdict(
             model=model,
             scores=scores,
             inliers=scores < self.cutoff,

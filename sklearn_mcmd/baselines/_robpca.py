@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from sklearn_mcmd._sklearn import Interval, StrOptions
-from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method
+from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Method, Verdict
 from sklearn_mcmd.baselines._mcd import fit_mcd, mcd_support_size, moments, univariate_mcd
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
@@ -110,7 +110,7 @@ class Robpca(Method):
             subspace = np.broadcast_to(np.eye(d), (n_sets, d, d))
         k_scores = subspace.shape[2]
         scores = (points - location[:, None]) @ subspace
-        found = fit_mcd(
+        mcd = fit_mcd(
             scores,
             starts[:, : k_scores + 1],
             self.support_fraction,
@@ -118,11 +118,11 @@ class Robpca(Method):
             small_sample=self.small_sample,
             consistency=self.consistency,
         )
-        support = found.kept if support is None else support
-        values, axes = np.linalg.eigh(found.covariances)
+        support = mcd.kept if support is None else support
+        values, axes = np.linalg.eigh(mcd.covariances)
         values, axes = values[:, ::-1], axes[:, :, ::-1]
         deviations = np.sqrt(np.maximum(values, floor[:, None] ** 2))[:, :k]
-        centers = location + np.matmul(subspace, found.locations[..., None])[..., 0]
+        centers = location + np.matmul(subspace, mcd.locations[..., None])[..., 0]
         loadings = subspace @ axes[:, :, :k]
         cutoff = np.full(n_sets, self.usual_cutoff(n, d))
         limit = np.zeros(n_sets)
@@ -138,7 +138,7 @@ class Robpca(Method):
         # With all components the least deviation is the consistent one along the normal.
         scale = deviations[:, -1] if k == d else 0.0
         scores = model.score(points)
-        return Found(
+        return Verdict(
             model=model,
             scores=scores,
             inliers=scores <= cutoff[:, None],

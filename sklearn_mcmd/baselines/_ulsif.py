@@ -5,7 +5,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.baselines._fits import SHARE, Found, Method, flag_share
+from sklearn_mcmd.baselines._fits import SHARE, Method, Verdict, flag_share
 from sklearn_mcmd.baselines._mcd import McdLimits, fit_mcd
 
 POINTS_AT_ONCE = 20_000  # whose kernels are in memory
@@ -79,14 +79,14 @@ class Ulsif(Method):
         model = RatioModel(basis, width, weights)
         scores = model.score(points)
         inliers, cutoff = flag_share(scores, self.contamination)
-        return Found(model, scores, inliers, cutoff)
+        return Verdict(model, scores, inliers, cutoff)
 
     def _training(self, points, table, floor):
         """The central members (B, m, d), in random order."""
         (_, n, d), shuffled = points.shape, table[-1]
-        found = fit_mcd(points, table[:-1, : d + 1], 0.5, floor)
+        mcd = fit_mcd(points, table[:-1, : d + 1], 0.5, floor)
         m = max(d + 1, int(np.ceil(round(RatioLimits().training_fraction * n, 9))))
-        squares = found.raw_squares[:, shuffled]
+        squares = mcd.raw_squares[:, shuffled]
         central = np.sort(np.argsort(squares, axis=1, kind="stable")[:, :m], axis=1)
         return np.take_along_axis(points[:, shuffled], central[..., None], 1)
 

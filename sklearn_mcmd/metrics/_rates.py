@@ -101,9 +101,9 @@ def outlier_scores(y_true: "ArrayLike", y_pred: "ArrayLike") -> Bunch:
             message = f"Rates are undefined and set to nan: y_true holds no {missing}."
             warnings.warn(message, UndefinedMetricWarning, stacklevel=2)
     with np.errstate(invalid="ignore"):
-        (found, missed), (swamped, kept) = (counts / totals[:, None]).tolist()
+        (detected, missed), (swamped, kept) = (counts / totals[:, None]).tolist()
     return Bunch(
-        true_positive_rate=found,
+        true_positive_rate=detected,
         true_negative_rate=kept,
         swamping_rate=swamped,
         masking_rate=missed,

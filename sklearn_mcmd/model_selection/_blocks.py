@@ -194,10 +194,10 @@ class SpatialBlockSplit(BaseCrossValidator):
             inside = fold == i
             front = test = np.flatnonzero(inside)
             for _ in range(self.n_rings):
-                found = np.zeros(len(points), dtype=np.bool_)
-                found[tree.query(points[front], k=self.n_neighbors)[1].ravel()] = True
-                front = np.flatnonzero(found & ~inside)
-                inside |= found
+                near = np.zeros(len(points), dtype=np.bool_)
+                near[tree.query(points[front], k=self.n_neighbors)[1].ravel()] = True
+                front = np.flatnonzero(near & ~inside)
+                inside |= near
             yield np.flatnonzero(inside), test
 
     def _check_parameters(self, n_samples):

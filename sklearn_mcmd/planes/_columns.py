@@ -38,13 +38,13 @@ class Columns(NamedTuple):
         planes.kept[:], planes.radius[:], planes.spacing[:] = 1.0, np.nan, np.nan
 
         def task(part):
-            some = rows[part]
-            normals = self.normals[some].astype(np.float64)
+            chosen = rows[part]
+            normals = self.normals[chosen].astype(np.float64)
             # A file may have rounded them.
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
             planes.normals[part] = normals
-            planes.centroids[part] = self.coordinates[some] + self.offset[some, None] * normals
-            planes.scale[part] = self.scale[some]
+            planes.centroids[part] = self.coordinates[chosen] + self.offset[chosen, None] * normals
+            planes.scale[part] = self.scale[chosen]
 
         run([(part,) for part in slices(len(rows), CHUNK)], task, n_jobs)
         return planes
@@ -108,8 +108,8 @@ def _cut(X, d, n_jobs):
         if wrong:
             return
         coordinates[part] = X[part, :d]
-        own = np.maximum(X[part, 2 * d + 1 : 3 * d + 1], 0, out=eigenvalues[part])
-        if not _are_planes(normals[part], variation[part], own):
+        values = np.maximum(X[part, 2 * d + 1 : 3 * d + 1], 0, out=eigenvalues[part])
+        if not _are_planes(normals[part], variation[part], values):
             wrong.append(part)
 
     run([(part,) for part in slices(len(X), CHUNK)], task, n_jobs)

@@ -127,12 +127,12 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None, bounde
     n_support = np.broadcast_to(n_support, n_sets)
     local, radius = localize(neighborhoods, sizes)
     support, least = np.empty((n_sets, k), dtype=bool), np.empty(n_sets)
-    degenerate, rest = np.zeros(n_sets, dtype=bool), np.ones(n_sets, dtype=bool)
+    degenerate, unsure = np.zeros(n_sets, dtype=bool), np.ones(n_sets, dtype=bool)
     if bounded:
-        rest = _find_by_bounds(local, trials, n_support, sizes, support, least)
-    if rest.any():
-        sets = _find_sets(local[rest], trials, n_support[rest], sizes[rest])
-        support[rest], least[rest], degenerate[rest] = sets
+        unsure = _find_by_bounds(local, trials, n_support, sizes, support, least)
+    if unsure.any():
+        sets = _find_sets(local[unsure], trials, n_support[unsure], sizes[unsure])
+        support[unsure], least[unsure], degenerate[unsure] = sets
     return support, least * radius**2, degenerate
 
 
@@ -223,9 +223,9 @@ def _trial_planes(local, trials, sizes):
     # Where all points together span no plane, no subset does.
     members = np.arange(k) < sizes[:, None]
     hopeless = np.zeros(n_sets, dtype=bool)
-    some = np.unique(rows)
-    _, spread, _ = fit_planes(local[some], members[some])
-    hopeless[some] = _spans_no_plane(spread)
+    sets = np.unique(rows)
+    _, spread, _ = fit_planes(local[sets], members[sets])
+    hopeless[sets] = _spans_no_plane(spread)
     inside = ~hopeless[rows]
     rows, trial = rows[inside], trial[inside]
     n_used = d

@@ -95,8 +95,8 @@ def cells_of(places, residuals, weights=None, halvings=None, larger=None):
 
 def _halves(places, rows):
     """Rows below and from the median of their longer side on; ties stay together."""
-    own = places[rows]
-    along = own[:, np.ptp(own, axis=0).argmax()]
+    of_cell = places[rows]
+    along = of_cell[:, np.ptp(of_cell, axis=0).argmax()]
     below = along < np.partition(along, len(along) // 2)[len(along) // 2]
     return [rows[below], rows[~below]] if below.any() else [rows]
 
@@ -110,9 +110,11 @@ def planes_of(cells, places, residuals, weights, noise):
     for i, j in np.ndindex(k, k + 1):
         moments[:, i, j] = np.bincount(of_point, weights * local[:, i] * columns[:, j])
     values, vectors = eigh(moments[..., :-1])
-    known = values > (WIDEST_NOISE * noise) ** 2 * np.bincount(of_point)[:, None]
-    known &= values > RANK_TOLERANCE * values[:, -1:]
-    inverse = (vectors * (known / np.where(known, values, 1.0))[:, None]) @ vectors.swapaxes(1, 2)
+    is_wide = values > (WIDEST_NOISE * noise) ** 2 * np.bincount(of_point)[:, None]
+    is_wide &= values > RANK_TOLERANCE * values[:, -1:]
+    inverse = (vectors * (is_wide / np.where(is_wide, values, 1.0))[:, None]) @ vectors.swapaxes(
+        1, 2
+    )
     slopes = np.einsum("cij,cj->ci", inverse, moments[..., -1])
     heights = cells.residuals[of_point] + np.einsum("ni,ni->n", local, slopes[of_point])
     cofactors = np.einsum("ni,nij,nj->n", local, inverse[of_point], local)

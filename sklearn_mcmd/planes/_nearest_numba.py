@@ -152,7 +152,7 @@ def _search(asking, tree, begin, end, first_leaf, near, stack, radii, failed, in
 
 
 @kernel
-def _search_one(tree, x, y, z, k, bound, near, stack, found):
+def _search_one(tree, x, y, z, k, bound, near, stack, neighbors):
     """Neighbors of one location from the nearest boxes on; the square of the k-th distance.
 
     The square is at most `bound`. Of many candidates all but the k nearest go.
@@ -186,11 +186,11 @@ def _search_one(tree, x, y, z, k, bound, near, stack, found):
             for a in range(n):
                 widest = max(widest, near.squares[a])
             _screen(near, n, widest)
-            bound = _sort(points, near, n, widest, k, found)
+            bound = _sort(points, near, n, widest, k, neighbors)
             for a in range(k):
                 near.z[a] = near.squares[near.places[a]]
             for a in range(k):
-                near.squares[a], near.rows[a] = near.z[a], found[a]
+                near.squares[a], near.rows[a] = near.z[a], neighbors[a]
             n = k
         if n_waiting == 0:
             return bound
@@ -262,8 +262,8 @@ def _screen(near, n, bound):
 
 
 @kernel
-def _sort(points, near, n, bound, k, found):
-    """Fill `found` with the k nearest of n rows; return the square of the k-th distance.
+def _sort(points, near, n, bound, k, neighbors):
+    """Fill `neighbors` with the k nearest of n rows; return the square of the k-th distance.
 
     By counting in bins of squared distance, of which a surface has about equal numbers in each;
     then by insertion, as far as the bin of the last that is wanted: of keys first, and of the
@@ -300,7 +300,7 @@ def _sort(points, near, n, bound, k, found):
             b -= 1
         places[b] = place
     for a in range(k):
-        found[a] = rows[places[a]]
+        neighbors[a] = rows[places[a]]
     return squares[places[k - 1]]
 
 
@@ -325,8 +325,8 @@ def _before(points, square, row, other_square, other_row):
 def _partition(points, axis, order, low, high, wanted):
     """Let the point at `wanted` be the one that sorting would put there, smaller ones before it."""
     while low < high:
-        one, middle, other = points[low, axis], points[(low + high) // 2, axis], points[high, axis]
-        pivot = max(min(one, other), min(max(one, other), middle))
+        first, middle, last = points[low, axis], points[(low + high) // 2, axis], points[high, axis]
+        pivot = max(min(first, last), min(max(first, last), middle))
         i, j = low, high
         while i <= j:
             while points[i, axis] < pivot:
@@ -356,6 +356,6 @@ def _square_to_box(boxes, node, x, y, z):
 
 
 @kernel
-def _distance(one, other):
-    dx, dy, dz = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+def _distance(first, second):
+    dx, dy, dz = first[0] - second[0], first[1] - second[1], first[2] - second[2]
     return np.sqrt(dx * dx + dy * dy + dz * dz)

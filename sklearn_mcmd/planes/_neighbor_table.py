@@ -35,25 +35,25 @@ class NeighborTable:
         """
         if isinstance(rows, slice):
             first, last, _ = rows.indices(self.n)
-            found = np.empty((max(last - first, 0), k), np.int32)
-            end = -(-last // self.part_size) if len(found) else 0
+            neighbors = np.empty((max(last - first, 0), k), np.int32)
+            end = -(-last // self.part_size) if len(neighbors) else 0
             for i in range(first // self.part_size, end):
                 begin = i * self.part_size
-                some = slice(max(first, begin), min(last, begin + self.part_size))
+                part = slice(max(first, begin), min(last, begin + self.part_size))
                 if keep or self.parts[i] is not None:
-                    near = self._take(i, np.arange(some.start, some.stop) - begin, k)
+                    near = self._take(i, np.arange(part.start, part.stop) - begin, k)
                 else:
-                    near = self.search(some, k)
-                found[some.start - first : some.stop - first] = near
-            return found
-        found = np.empty((len(rows), k), np.int32)
+                    near = self.search(part, k)
+                neighbors[part.start - first : part.stop - first] = near
+            return neighbors
+        neighbors = np.empty((len(rows), k), np.int32)
         part_of = rows // self.part_size
         order = np.argsort(part_of, kind="stable")
         ends = np.cumsum(np.bincount(part_of))
         for i in np.unique(part_of):
             places = order[ends[i - 1] if i else 0 : ends[i]]
-            found[places] = self._take(i, rows[places] - i * self.part_size, k)
-        return found
+            neighbors[places] = self._take(i, rows[places] - i * self.part_size, k)
+        return neighbors
 
     def _part(self, i):
         """A part, which is searched if this was not done before."""
@@ -93,11 +93,11 @@ class Packed(NamedTuple):
 
     def take(self, rows, k):
         """The first k neighbors of some of the rows; those that they have, if these are fewer."""
-        found = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)
+        neighbors = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)
         rows = np.array(rows, np.int64)  # of one kind, for which alone `unpack` is compiled
         lists, bits = self[:-1], bits_of(self.codes.shape[1])
-        _compiled("unpack")(self.codes, bits, *lists, rows, found)
-        return found
+        _compiled("unpack")(self.codes, bits, *lists, rows, neighbors)
+        return neighbors
 
 
 def bits_of(k):

@@ -63,11 +63,11 @@ class RuleArguments(NamedTuple):
     rank_tolerance: float = RANK_TOLERANCE
 
     @classmethod
-    def of(cls, **own):
+    def of(cls, **settings):
         """The first seven, with the limits as they are now."""
         limits = ReweightLimits()
         return cls(
-            **own,
+            **settings,
             mad_to_sd=MAD_TO_SD,
             reweight_cutoff=limits.cutoff,
             reweight_steps=limits.steps,
@@ -231,11 +231,11 @@ def comparator_of(method, method_params=None):
     if method not in COMPARATORS:
         raise ValueError(f"method={method!r} is none of {', '.join(sorted(COMPARATORS))}.")
     kind, params = COMPARATORS[method], dict(method_params or {})
-    known = sorted(field.name for field in fields(kind))
-    unknown = sorted(str(name) for name in params if name not in known)
+    names = sorted(field.name for field in fields(kind))
+    unknown = sorted(str(name) for name in params if name not in names)
     if unknown:
         raise ValueError(
             f"method_params has {', '.join(map(repr, unknown))}, unknown to method {method!r}; "
-            f"it knows {', '.join(known)}."
+            f"it knows {', '.join(names)}."
         )
     return kind(**params)

@@ -126,7 +126,7 @@ def _least_bound(covariance, least_ridge, column):
     d, trace, total = len(covariance), 0.0, 0.0
     for a in range(d):
         trace += covariance[a, a]
-    ridge = least_ridge * max(trace, 1e-200)
+    ridge = least_ridge * max(trace, 1e-200)  # above zero for points in one place, too
     for a in range(d):
         covariance[a, a] += ridge
         for c in range(a + 1):
