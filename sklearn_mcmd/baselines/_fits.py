@@ -164,6 +164,7 @@ class Method(ABC):
         from their step. No scale is smaller than these.
         """
         n_sets, n, d = points.shape
+        # Large coordinates would cost digits, and rounding of them is the least scale.
         origin = points[:, 0].copy()
         local = points - origin[:, None]
         inside = np.arange(n) < sizes[:, None]
@@ -239,6 +240,7 @@ def flag_share(scores, contamination):
     order = np.argsort(-scores, axis=1, kind="stable")
     inliers = np.ones(scores.shape, dtype=bool)
     np.put_along_axis(inliers, order[:, :n_flagged], False, axis=1)
+    # Scores up to the highest that is kept are below the cutoff.
     highest_kept = np.take_along_axis(scores, order[:, n_flagged : n_flagged + 1], 1)[:, 0]
     return inliers, np.nextafter(highest_kept, np.inf)
 

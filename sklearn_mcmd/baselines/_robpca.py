@@ -101,6 +101,7 @@ class Robpca(Method):
 
     def _fit(self, points, table, floor):
         n_sets, n, d = points.shape
+        # Step 1: projection pursuit leaves k dimensions, if it is asked for.
         projection, k = self._components(n, d)
         starts, pairs = table[: self.n_trials], table[self.n_trials :, :2]
         if projection and k < d:
@@ -108,6 +109,7 @@ class Robpca(Method):
         else:
             location, support = np.zeros((n_sets, d)), None
             subspace = np.broadcast_to(np.eye(d), (n_sets, d, d))
+        # Step 2: the MCD in these.
         k_scores = subspace.shape[2]
         scores = (points - location[:, None]) @ subspace
         mcd = fit_mcd(
@@ -119,6 +121,7 @@ class Robpca(Method):
             consistency=self.consistency,
         )
         support = mcd.kept if support is None else support
+        # Step 3: its principal axes, back in the coordinates of the points.
         values, axes = np.linalg.eigh(mcd.covariances)
         values, axes = values[:, ::-1], axes[:, :, ::-1]
         deviations = np.sqrt(np.maximum(values, floor[:, None] ** 2))[:, :k]
@@ -162,10 +165,12 @@ class Robpca(Method):
     def _project(self, points, pairs, k, floor):
         """Subspace of projection pursuit: center (B, d), basis (B, d, k), whom it is fitted to."""
         n_sets, n, _ = points.shape
+        # At least so many that the breakdown point is the largest possible in k dimensions.
         h = min(n, max(int(self.support_fraction * n), (n + k + 1) // 2))
         if n <= PursuitLimits().all_pairs:
             pairs = np.column_stack(np.triu_indices(n, 1))
         outlyingness = stahel_donoho(points, pairs, h, floor)
+        # The subspace of the h least outlying, then of all that are near it.
         order = np.argsort(outlyingness, axis=1, kind="stable")[:, :h]
         members = np.zeros((n_sets, n), dtype=bool)
         np.put_along_axis(members, order, True, axis=1)
@@ -208,6 +213,7 @@ class ComponentModel:
         limit = self.orthogonal_cutoff
         if not limit.any():
             return distances
+        # Orthogonal distances in units of the other cut-off, so that one cut-off holds for both.
         counts = limit > 0
         factor = np.where(counts, self.score_cutoff / np.where(counts, limit, 1.0), 0.0)
         across = _orthogonal_distances(points, self.centers, self.loadings)

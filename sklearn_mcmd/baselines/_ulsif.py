@@ -57,12 +57,14 @@ class Ulsif(Method):
         return (1 if size >= McdLimits().nested_from else RatioLimits().n_starts + 1), size
 
     def _fit(self, points, table, floor):
+        # Step 1: training points are central, and kernels stand at the first of them.
         n_sets, shuffled = len(points), table[-1]
         training = self._training(points, table, floor)
         basis = training[:, : RatioLimits().max_basis]
         gaps = training - np.median(training, axis=1, keepdims=True)
         usual = np.median(np.sqrt(np.square(gaps).sum(axis=-1)), axis=1)
         candidates = np.maximum(usual, floor)[:, None] * RatioLimits().widths
+        # Step 2: the width and the regularization with the best leave-one-out score.
         best = np.full(n_sets, np.inf)
         width, weights = np.ones(n_sets), np.zeros((n_sets, basis.shape[1]))
         for widths in candidates.T:
@@ -110,6 +112,7 @@ class RatioModel:
 
 def gaussian_kernels(basis, points, widths):
     """exp(-|x - c|^2 / (2 s^2)), (B, b, m), of points (B, m, d) around a basis (B, b, d)."""
+    # |x - c|^2 by one product of matrices; rounding may leave a little less than zero.
     squares = np.square(basis).sum(axis=-1)[..., None] + np.square(points).sum(axis=-1)[:, None]
     squares = np.maximum(squares - 2.0 * basis @ np.swapaxes(points, 1, 2), 0.0)
     return np.exp(-0.5 * squares / np.square(widths)[:, None, None])

@@ -54,6 +54,7 @@ def bias_angle(normals_a: "ArrayLike", normals_b: "ArrayLike") -> float | NDArra
             f"normals_a of shape {a.shape} and normals_b of shape {b.shape} do not broadcast: "
             "give one normal, or as many in both."
         ) from error
+    # Of unit vectors at an angle a, the difference is 2 sin(a / 2) and the sum 2 cos(a / 2).
     chords = np.stack([np.linalg.norm(difference, axis=-1), np.linalg.norm(total, axis=-1)])
     angle = np.degrees(2.0 * np.arctan2(chords.min(axis=0), chords.max(axis=0)))
     return float(angle) if angle.ndim == 0 else angle

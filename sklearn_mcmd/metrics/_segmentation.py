@@ -103,6 +103,7 @@ def segmentation_scores(
     surface_sizes = np.bincount(surface)
     rows, segments, common, segment_sizes = _overlaps(surface, y_pred)
 
+    # Shares of each pair of a surface and a segment with points in common.
     held = common / surface_sizes[rows]  # of the surface, by the segment
     pure = common / segment_sizes[segments]  # of the segment, by the surface
     iou = common / (surface_sizes[rows] + segment_sizes[segments] - common)
@@ -113,9 +114,11 @@ def segmentation_scores(
     main = order[np.flatnonzero(np.diff(rows[order], append=-1))]
     n_held = np.bincount(segments[held >= min_overlap], minlength=len(segment_sizes))
 
+    # The rules in reverse order: the first that holds is written last.
     covered = np.bincount(rows, common, len(surfaces)) / surface_sizes
     outcome = np.full(len(surfaces), "missed", dtype="<U6")
     row, share = rows[main], held[main]
+    # Other surfaces of which the main segment holds enough.
     others = n_held[segments[main]] - (share >= min_overlap)
     fate = np.where(share < min_overlap, "over", "proper")
     fate = np.where((others > 0) | (pure[main] < min_overlap), "under", fate)

@@ -29,9 +29,11 @@ class LowestPoints:
         largest = max(np.abs(xyz[:, :2]).max(), np.finfo(float).tiny)
         self._coarsen(max(self.exponent, int(np.frexp(largest)[1]) - (N_BITS - 1)))
         codes = _codes(xyz, self.exponent)
-        parts = (codes, np.ones(len(xyz), np.int64), xyz[:, 2])
-        both = zip((self.codes, self.counts, self.lowest), parts, strict=True)
-        self.codes, self.counts, self.lowest = _joined(*map(np.concatenate, both))
+        self.codes, self.counts, self.lowest = _joined(
+            codes=np.concatenate([self.codes, codes]),
+            counts=np.concatenate([self.counts, np.ones(len(xyz), np.int64)]),
+            lowest=np.concatenate([self.lowest, xyz[:, 2]]),
+        )
         self.n_points += len(xyz)
         self._limit(self.most_points)
 

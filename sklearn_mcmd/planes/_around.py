@@ -45,6 +45,7 @@ def _at_ranks(parts, ranks):
         new = np.unique(_bins(values), return_counts=True)
         keys, places = np.unique(np.concatenate([keys, new[0]]), return_inverse=True)
         counts = np.bincount(places, np.concatenate([counts, new[1]])).astype(np.int64)
+    # Second pass: only the bins of the wanted ranks are sorted.
     of = np.searchsorted(np.cumsum(counts), ranks, side="right")
     chosen = np.zeros(len(keys), bool)
     chosen[of] = True
@@ -93,6 +94,7 @@ def most_noise_around(noise, around, sizes, quiet, bend=0.0):
     half of them have planes of their own face; among many outliers fewer have planes without any.
     """
     usual = np.hypot(quantile_around(noise, around, quiet), bend)
+    # A standard deviation of n members has a relative standard error of 1 / sqrt(2 n).
     return (1 + NoiseLimits().n_errors / np.sqrt(2 * sizes)) * usual
 
 

@@ -28,8 +28,15 @@ class Columns(NamedTuple):
     def of(cls, fitted, X):
         """Those that a `RobustNormalEstimator` fitted to X has found, in the dtype of X, without
         the copies that `transform` makes."""
-        names = "normals_", "surface_variation_", "eigenvalues_", "plane_offset_", "plane_scale_"
-        return cls(X, *(getattr(fitted, name).astype(X.dtype, copy=False) for name in names))
+        columns = cls(
+            coordinates=X,
+            normals=fitted.normals_,
+            surface_variation=fitted.surface_variation_,
+            eigenvalues=fitted.eigenvalues_,
+            offset=fitted.plane_offset_,
+            scale=fitted.plane_scale_,
+        )
+        return cls._make(values.astype(X.dtype, copy=False) for values in columns)
 
     def planes(self, rows, n_jobs=None):
         """The planes of some of the points, float64; what columns lack is no number or left out."""

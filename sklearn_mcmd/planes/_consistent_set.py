@@ -38,6 +38,16 @@ class Trials(NamedTuple):
     rank_tolerance: float = RANK_TOLERANCE
 
 
+class TrialBounds(NamedTuple):
+    """What compiled code tells of the minimal subsets of B neighborhoods."""
+
+    normals: np.ndarray  # (B, T, d), of their planes
+    offsets: np.ndarray  # (B, T)
+    # (B, T): what the least eigenvalue of the members nearest to a plane is not below; NaN of
+    # subsets that may span none
+    bounds: np.ndarray
+
+
 def n_trials_needed(max_outlier_rate, success_probability, n_features):
     """Number of trials after which one minimal subset is probably free of outliers (Eq. 13).
 
@@ -45,6 +55,7 @@ def n_trials_needed(max_outlier_rate, success_probability, n_features):
     epsilon; `success_probability`, in (0, 1), is P_r; and `n_features`, the points in a minimal
     subset, is h_0. The number is at least 1 and at most 2**62.
     """
+    # 1 - (1 - clean)^n reaches P_r: Eq. 13 solved for n.
     clean = (1.0 - max_outlier_rate) ** n_features
     if clean >= 1.0:
         return 1
@@ -141,17 +152,20 @@ def _find_sets(local, trials, n_support, sizes):
     n_sets, k, d = local.shape
     eigenvalues, offsets = np.empty((2, n_sets, len(trials)))
     normals = np.empty((n_sets, len(trials), d))
+    # Steps 1 to 3 for all trials, in blocks that bound the memory.
     step = max(1, CHUNK_ENTRIES // (n_sets * k))
     for start in range(0, len(trials), step):
         block = slice(start, start + step)
         normals[:, block], offsets[:, block], degenerate = _trial_planes(
             local, trials[block], sizes
         )
-        planes = normals[:, block], offsets[:, block]
-        support = _nearest_members(local, *planes, n_support, sizes)
+        support = _nearest_members(
+            local, normals[:, block], offsets[:, block], n_support=n_support, sizes=sizes
+        )
         least = _least_eigenvalues(local, support, n_support)
         eigenvalues[:, block] = np.where(degenerate, np.inf, least)
 
+    # Step 4: the best of them.
     support, least = _best_trials(local, normals, offsets, eigenvalues, n_support, sizes)
     degenerate = np.isinf(least)
     support[degenerate] = (np.arange(k) < n_support[:, None])[degenerate]
@@ -163,8 +177,10 @@ def _best_trials(local, normals, offsets, eigenvalues, n_support, sizes):
     # The first trial among the best, so that rounding does not decide.
     best = eigenvalues.min(axis=1, keepdims=True) + EIGENVALUE_STEP
     winner = np.arange(len(local)), np.argmax(eigenvalues <= best, axis=1)
-    planes = normals[winner][:, None], offsets[winner][:, None]
-    return _nearest_members(local, *planes, n_support, sizes)[:, 0], eigenvalues[winner]
+    support = _nearest_members(
+        local, normals[winner][:, None], offsets[winner][:, None], n_support=n_support, sizes=sizes
+    )
+    return support[:, 0], eigenvalues[winner]
 
 
 def _find_by_bounds(local, trials, n_support, sizes, support, least):
@@ -173,30 +189,34 @@ def _find_by_bounds(local, trials, n_support, sizes, support, least):
     A trial whose bound is above the least eigenvalue of the most promising one is not the best.
     """
     (n_sets, k, d), sets = local.shape, np.arange(len(local))
-    bounds, offsets = np.empty((2, n_sets, len(trials)))
-    normals, eigenvalues = np.empty((n_sets, len(trials), d)), np.full(bounds.shape, np.inf)
+    normals = np.empty((n_sets, len(trials), d))
+    offsets, bounds, eigenvalues = np.full((3, n_sets, len(trials)), np.inf)
     keys = np.zeros(k)
+    room = np.empty((d, d)), np.empty(d, np.int64), keys, keys.view(np.int64)
     bound_trials = compiled_function("planes._trial_bounds_numba", "bound_trials")
     bound_trials(
-        np.ascontiguousarray(np.swapaxes(local, 1, 2)),
-        np.asarray(sizes, np.int64),
-        np.ascontiguousarray(n_support, np.int64),
-        trials,
-        (DISTANCE_STEP, SURE_RANK, RIDGE),
-        (np.empty((d, d)), np.empty(d, np.int64)),
-        (keys, keys.view(np.int64), np.empty(k), np.empty(d)),
-        normals,
-        offsets,
-        bounds,
+        columns=np.ascontiguousarray(np.swapaxes(local, 1, 2)),
+        sizes=np.asarray(sizes, np.int64),
+        n_support=np.ascontiguousarray(n_support, np.int64),
+        trials=trials,
+        limits=(DISTANCE_STEP, SURE_RANK, RIDGE),
+        room=(*room, np.empty(k), np.empty(d)),
+        out=TrialBounds(normals, offsets, bounds),
     )
     is_unsure = np.isnan(bounds).any(axis=1)
     bounds[is_unsure] = np.inf
 
     def decide(sets, chosen):
-        planes = normals[sets, chosen][:, None], offsets[sets, chosen][:, None]
-        members = _nearest_members(local[sets], *planes, n_support[sets], sizes[sets])
-        eigenvalues[sets, chosen] = _least_eigenvalues(local[sets], members, n_support[sets])[:, 0]
+        support = _nearest_members(
+            local[sets],
+            normals[sets, chosen][:, None],
+            offsets[sets, chosen][:, None],
+            n_support=n_support[sets],
+            sizes=sizes[sets],
+        )
+        eigenvalues[sets, chosen] = _least_eigenvalues(local[sets], support, n_support[sets])[:, 0]
 
+    # Step 1: decide the trial with the least bound; step 2: those whose bound is not above it.
     promising = bounds.argmin(axis=1)
     decide(sets, promising)
     may_be_best = bounds <= eigenvalues[sets, promising][:, None] + EIGENVALUE_STEP
@@ -290,6 +310,7 @@ def _least_eigenvalues(local, support, n_support):
     d = local.shape[-1]
     upper = np.triu_indices(d)
     products = local[..., upper[0]] * local[..., upper[1]]
+    # Means and second moments of all subsets in one product of matrices.
     moments = support.astype(float) @ np.concatenate([local, products], axis=-1)
     moments /= n_support[:, None, None]
     mean, second = moments[..., :d], moments[..., d:]

@@ -109,6 +109,7 @@ def planes_of(cells, places, residuals, weights, noise):
     columns = np.column_stack([local, residuals])
     for i, j in np.ndindex(k, k + 1):
         moments[:, i, j] = np.bincount(of_point, weights * local[:, i] * columns[:, j])
+    # A cell has a tilt only across what is wider than noise.
     values, vectors = eigh(moments[..., :-1])
     is_wide = values > (WIDEST_NOISE * noise) ** 2 * np.bincount(of_point)[:, None]
     is_wide &= values > RANK_TOLERANCE * values[:, -1:]
@@ -124,6 +125,7 @@ def planes_of(cells, places, residuals, weights, noise):
 def form_of(places, residuals, weights=None):
     """The `PlaneForm` of residuals from a least-squares plane, at places (n, k) in it, as lengths
     along its axes, with positive weights."""
+    # Step 1: cells, and the plane that fits their means best, by their weights.
     unit = np.sqrt(np.mean(places**2, axis=0))
     unit[unit == 0] = 1.0
     cells = cells_of(places, residuals, weights)
@@ -133,6 +135,7 @@ def form_of(places, residuals, weights=None):
     dof, noise_dof = len(root) - int(rank), len(places) - len(root)
     # Cells that cannot test many regressors need none of their many bows.
     bow, explained, n_bows, squares = _bows(places / unit, residuals, weights, dof > 0)
+    # Step 2: what the means are off that plane against the noise inside of cells (lack of fit).
     between, within = np.sum((means - design @ tilts) ** 2), squares - means @ means
     statistic = pvalue = np.nan
     if dof and noise_dof and within > RANK_TOLERANCE * squares:
@@ -166,6 +169,8 @@ def _bows(places, residuals, weights, tested):
     planes = np.linalg.lstsq(total[: k + 1, : k + 1], total[: k + 1, k + 1 :])[0]
     left = total[k + 1 :, k + 1 :] - total[k + 1 :, : k + 1] @ planes
     values, vectors = eigh(left[:-1, :-1])
+    # Bows that are independent of each other, each scaled to squares of one: the square of its
+    # product with the residuals is what it explains.
     kept = values > RANK_TOLERANCE * max(values[-1], 1.0)
     vectors = vectors[:, kept] / np.sqrt(values[kept])
     shares = vectors.T @ left[:-1, -1]

@@ -51,7 +51,7 @@ def ask_neighbors(points, around, queries, offers, method, rule, out):
 
 @kernel(cache=True)
 def _fit_neighborhoods(points, around, queries, trials, rule, robust, within, arrays, out):
-    planes, directions, distance = out
+    planes, _, distance = out
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
         radius, floor = _localize(points, row, size, queries[i], rule, arrays, BY_MEDIAN)
@@ -66,12 +66,12 @@ def _fit_neighborhoods(points, around, queries, trials, rule, robust, within, ar
         else:
             distance[i], scale, _, _ = _judge(size, fit, 0.0, rule, within, floor, arrays)
         planes.scale[i] = scale * radius
-        _store(points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, planes, directions, i)
+        _store(points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, out, i)
 
 
 @kernel(cache=True)
 def _ask_neighbors(points, around, queries, offers, rule, within, arrays, out):
-    planes, directions, distance = out
+    planes, _, distance = out
     values = planes.eigenvalues
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
@@ -81,14 +81,12 @@ def _ask_neighbors(points, around, queries, offers, rule, within, arrays, out):
         if not flat:
             distance[i], scale, fitted, fit = _judge(size, fit, first, rule, within, floor, arrays)
             planes.scale[i] = scale * radius
-            _store(points[row[0]], radius, size, rule, arrays, fitted, fit, planes, directions, i)
+            _store(points[row[0]], radius, size, rule, arrays, fitted, fit, out, i)
             flat = values[i, 1] <= rule.rank_tolerance * values[i, rule.d - 1]
         if flat:
             distance[i], planes.scale[i] = 0.0, -1.0  # the caller decides
             arrays.member[:] = 1.0
-            _store(
-                points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, planes, directions, i
-            )
+            _store(points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, out, i)
 
 
 @kernel
@@ -192,8 +190,9 @@ def _judge(size, fit, first, rule, within, floor, arrays):
 
 
 @kernel
-def _store(origin, radius, size, rule, arrays, fitted, fit, planes, directions, i):
+def _store(origin, radius, size, rule, arrays, fitted, fit, out, i):
     """Fill the plane of the members that are kept: `fit`, if it is `fitted` to them."""
+    planes, directions, _ = out
     member, n_kept = arrays.member, 0.0
     for j in range(size):
         n_kept += member[j]

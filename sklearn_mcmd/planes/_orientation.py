@@ -47,6 +47,7 @@ def spanning_forest(normals, points, first, second):
     place = np.empty(n, np.int64)
     place[by_place] = np.arange(n)
     place_1, place_2 = place[first], place[second]
+    # One number for each pair, the same in both directions; each pair once.
     pairs = np.minimum(place_1, place_2) * n + np.maximum(place_1, place_2)
     del place_1, place_2
     pairs.sort()
@@ -83,6 +84,7 @@ def signs_along(normals, points, first, second):
     _, parent = breadth_first_order(joined, n, directed=False)
     parent = parent[:n]
 
+    # A step toward the root flips the sign where the normals at its ends are opposed.
     sign = np.ones(n + 1)
     below = np.flatnonzero(parent != n)
     product = np.einsum("ij,ij->i", normals[below], normals[parent[below]])

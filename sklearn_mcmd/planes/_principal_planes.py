@@ -136,11 +136,13 @@ def flat_normals(normals, eigenvalues, directions):
     are the axes of the largest.
     """
     d = normals.shape[1]
+    # All variance is along one axis, or there is none.
     flat = np.flatnonzero(eigenvalues[:, d - 2] <= RANK_TOLERANCE * eigenvalues[:, -1])
     for axis in reversed(range(d)):
         if flat.size == 0:
             break
         line = np.where(eigenvalues[flat, -1:] > 0, directions[flat], 0.0)
+        # The axis, less its part along the line.
         candidate = -line[:, axis, None] * line
         candidate[:, axis] += 1.0
         length = np.linalg.norm(candidate, axis=1)

@@ -121,6 +121,7 @@ def noise_quantiles(share, sizes, d):
 def tangents_of(normals):
     """Unit vectors at right angles to each normal and to each other: (m, d - 1, d)."""
     d = normals.shape[1]
+    # The reflection that turns the last axis into the normal turns the others into tangents.
     last = normals[:, -1]
     mirror = normals.copy()
     mirror[:, -1] += np.copysign(1.0, last)

@@ -132,7 +132,7 @@ def pca(local, valid, support, reweight, floor):
     centers, _, axes = fit_planes(local, valid)
     size = valid.sum(axis=1)
     variance = _variance_along(orthogonal_distances(local, centers, axes[..., 0]), valid)
-    variance *= size / np.maximum(size - local.shape[-1], 1)
+    variance *= size / np.maximum(size - local.shape[-1], 1)  # a plane takes d degrees of freedom
     scale = np.maximum(np.sqrt(variance), floor)
     return centers, axes[..., :1] / scale[:, None, None]
 
@@ -145,6 +145,8 @@ def cut_inflation(cutoff):
     plane before. The plane before is assumed to have converged at a cutoff of 2.5. For this
     cutoff the result is one over the root of the cut normal's variance, 1.05.
     """
+    # The variance of the sum of both errors: of the points within this cutoff, and what is
+    # inherited of the plane before, which shares the points within both cutoffs.
     share, variance = truncated_normal(cutoff)
     before, variance_before = truncated_normal(ReweightLimits().cutoff)
     common = min(share * variance, before * variance_before)
@@ -211,6 +213,7 @@ def _inflation_z(cutoff, d, n_inliers, n_members):
 
 def _inflation_md(cutoff, d, n_inliers, n_members):
     """Approximation: the in-plane part of each squared distance is set to its mean, d - 1."""
+    # What then is left of the cutoff for the distance along the normal.
     along = sqrt(max(cutoff**2 - (d - 1), 1.0))
     return _inflation_z(along, d, n_inliers, n_members)
 

@@ -7,12 +7,11 @@ from sklearn_mcmd.runtime._kernels import kernel
 
 
 @kernel(cache=True)
-def bound_trials(columns, sizes, n_support, trials, limits, edges, room, normals, offsets, bounds):
-    """Fill the planes of the minimal subsets of neighborhoods, columns (B, d, k), and what the
-    least eigenvalue of the members nearest to each is not below; NaN of subsets that may span none.
-    """
+def bound_trials(columns, sizes, n_support, trials, limits, room, out):
+    """Fill `TrialBounds` of the minimal subsets of neighborhoods, columns (B, d, k)."""
+    normals, offsets, bounds = out
     distance_step, rank_tolerance, least_ridge = limits
-    (matrix, order), (keys, bits, member, moments) = edges, room
+    matrix, order, keys, bits, member, moments = room
     n_sets, d, k = columns.shape
     for b in range(n_sets):
         size, x = sizes[b], columns[b]

@@ -59,13 +59,16 @@ class Emptiness(NamedTuple):
     @classmethod
     def of(cls, witnesses, on_surface):
         """From `Witnesses`, and which points of the cloud a surface explains."""
-        rows, asked, farther, _ = witnesses
-        passing, ending = asked * np.maximum(farther, 0.0), asked * np.maximum(-farther, 0.0)
-        met = on_surface[rows]
-        hidden = np.where(met, ending, 0.0)
-        near = np.where(met, 0.0, asked * (1 - np.abs(farther)))
-        sums = passing, ending, hidden, near, asked
-        return cls(*(part.sum(axis=1) for part in sums))
+        farther, asked, met = witnesses.farther, witnesses.asked, on_surface[witnesses.rows]
+        ending = asked * np.maximum(-farther, 0.0)
+        near = asked * (1 - np.abs(farther))
+        return cls(
+            passing=(asked * np.maximum(farther, 0.0)).sum(axis=1),
+            ending=ending.sum(axis=1),
+            hidden=np.where(met, ending, 0.0).sum(axis=1),
+            near=np.where(met, 0.0, near).sum(axis=1),
+            asked=asked.sum(axis=1),
+        )
 
     def alone(self):
         """Evidence from 0 to 1 that a place is empty: the share of beams that pass.
@@ -133,6 +136,7 @@ class Rays:
             ranges[rows], directions[rows] = polar(points[rows], origins[rows])
 
         each_slice(n, CHUNK, look, n_jobs)
+        # Of several echoes of a beam the farthest comes first, and so stands for it.
         seen = ranges > 0
         unit = None if (origins == origins[0]).all() else np.median(ranges[seen])
         order = np.argsort(-ranges, kind="stable").astype(np.int32)

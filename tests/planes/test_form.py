@@ -36,17 +36,17 @@ def test_f_and_bows_are_those_of_nested_regressions(weighted):
         return values - design @ np.linalg.lstsq(root[:, None] * design, root * values)[0]
 
     v, of_quadric = left(plane, z, p), left(quadric, z, p)
-    found = form_of(places, v, p if weighted else None)
-    assert found.bow_deviation == pytest.approx(np.sqrt((p @ v**2 - p @ of_quadric**2) / 3))
-    assert found.n_bows == 3
-    assert found.bow == pytest.approx(np.ptp(v - of_quadric))
+    form = form_of(places, v, p if weighted else None)
+    assert form.bow_deviation == pytest.approx(np.sqrt((p @ v**2 - p @ of_quadric**2) / 3))
+    assert form.n_bows == 3
+    assert form.bow == pytest.approx(np.ptp(v - of_quadric))
     # The means of cells, on the plane that fits them best, against the noise inside of cells.
     sums = cells.T @ p
     means, centers = (cells.T @ (p * v)) / sums, (cells.T @ (p[:, None] * plane)) / sums[:, None]
     between, within = sums @ left(centers, means, sums) ** 2, p @ left(cells, v, p) ** 2
-    assert found.statistic == pytest.approx(between / 13 / (within / 74))
-    assert found.pvalue == pytest.approx(stats.f.sf(found.statistic, 13, 74))
-    assert found.noise == pytest.approx(np.sqrt(within / 74))
+    assert form.statistic == pytest.approx(between / 13 / (within / 74))
+    assert form.pvalue == pytest.approx(stats.f.sf(form.statistic, 13, 74))
+    assert form.noise == pytest.approx(np.sqrt(within / 74))
 
 
 def test_cells_hold_as_many_points_and_ties_stay_together():
@@ -80,8 +80,8 @@ def test_few_points_have_no_lack_of_fit_and_independent_noise(n):
 def test_a_line_bows_by_three_degrees_and_exact_points_by_none():
     rng = np.random.default_rng(0)
     line = np.column_stack([rng.uniform(0, 5, 300), rng.normal(0, NOISE, 300)])
-    found = form(line)
-    assert found.n_bows == 3
+    of_line = form(line)
+    assert of_line.n_bows == 3
     assert form(line + np.array([0, 1]) * 0.01 * line[:, :1] ** 2).pvalue < 1e-6
     exact = BaardaPlaneDetector(1e-9, sigma0=NOISE).fit(np.round(wall() * [1, 1, 0], 3))
     assert not exact.form_.is_alike(exact._fitted.scale)
