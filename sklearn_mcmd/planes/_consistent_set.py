@@ -10,7 +10,6 @@ import numpy as np
 from sklearn.utils import check_random_state
 
 from sklearn_mcmd.planes._principal_planes import fit_planes
-from sklearn_mcmd.runtime._compiling import compiled_function
 
 # Distances to a trial plane that differ by less than this share of the neighborhood's median
 # radius are tied (the nearer neighbor goes first), so that rounding does not decide.
@@ -21,8 +20,6 @@ EIGENVALUE_STEP = 1e-14
 # A subset spans no plane when its second-least singular value is below this share of the
 # largest: rounding would decide how such a plane lies.
 RANK_TOLERANCE = 1e-6
-SURE_RANK = 1e-5  # the same share of pivots, which are near singular values, for bounds
-RIDGE = 2.0**-43  # share of the trace that makes any covariance matrix regular, beyond rounding
 MOST_TRIALS = 2**62  # what a 64-bit integer holds, and no more are ever made
 CHUNK_ENTRIES = 2_000_000  # of the largest temporary array of maximum_consistent_sets
 
@@ -36,16 +33,6 @@ class Trials(NamedTuple):
     distance_step: float = DISTANCE_STEP
     eigenvalue_step: float = EIGENVALUE_STEP
     rank_tolerance: float = RANK_TOLERANCE
-
-
-class TrialBounds(NamedTuple):
-    """What compiled code tells of the minimal subsets of B neighborhoods."""
-
-    normals: np.ndarray  # (B, T, d), of their planes
-    offsets: np.ndarray  # (B, T)
-    # (B, T): what the least eigenvalue of the members nearest to a plane is not below; NaN of
-    # subsets that may span none
-    bounds: np.ndarray
 
 
 def n_trials_needed(max_outlier_rate, success_probability, n_features):
@@ -118,7 +105,7 @@ def localize(neighborhoods, sizes=None):
     return local, extent * radius
 
 
-def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None, bounded=False):
+def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     """Find the maximum consistent set of each neighborhood (Algorithm 1).
 
     Each random minimal subset gives a plane, and the h points nearest to it are a candidate. The
@@ -130,100 +117,34 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None, bounde
     Returns the sets, bool (B, k); the least eigenvalue (B,) of each set's covariance (divisor h),
     in squared units of the points; and whether no trial found a set that spans a plane, bool (B,),
     since points are collinear or coincident. The set is then the first h members. Ties are as
-    `DISTANCE_STEP` and `EIGENVALUE_STEP` say. If trials are `bounded`, compiled code tells first
-    which few may be the best.
+    `DISTANCE_STEP` and `EIGENVALUE_STEP` say.
     """
-    n_sets, k, _ = neighborhoods.shape
+    n_sets, k, d = neighborhoods.shape
     sizes = np.full(n_sets, k) if sizes is None else np.asarray(sizes)
     n_support = np.broadcast_to(n_support, n_sets)
     local, radius = localize(neighborhoods, sizes)
-    support, least = np.empty((n_sets, k), dtype=bool), np.empty(n_sets)
-    degenerate, unsure = np.zeros(n_sets, dtype=bool), np.ones(n_sets, dtype=bool)
-    if bounded:
-        unsure = _find_by_bounds(local, trials, n_support, sizes, support, least)
-    if unsure.any():
-        sets = _find_sets(local[unsure], trials, n_support[unsure], sizes[unsure])
-        support[unsure], least[unsure], degenerate[unsure] = sets
-    return support, least * radius**2, degenerate
-
-
-def _find_sets(local, trials, n_support, sizes):
-    """The same of neighborhoods whose median radius is one."""
-    n_sets, k, d = local.shape
     eigenvalues, offsets = np.empty((2, n_sets, len(trials)))
     normals = np.empty((n_sets, len(trials), d))
     # Steps 1 to 3 for all trials, in blocks that bound the memory.
     step = max(1, CHUNK_ENTRIES // (n_sets * k))
     for start in range(0, len(trials), step):
         block = slice(start, start + step)
-        normals[:, block], offsets[:, block], degenerate = _trial_planes(
-            local, trials[block], sizes
-        )
+        normals[:, block], offsets[:, block], no_plane = _trial_planes(local, trials[block], sizes)
         support = _nearest_members(
             local, normals[:, block], offsets[:, block], n_support=n_support, sizes=sizes
         )
         least = _least_eigenvalues(local, support, n_support)
-        eigenvalues[:, block] = np.where(degenerate, np.inf, least)
-
-    # Step 4: the best of them.
-    support, least = _best_trials(local, normals, offsets, eigenvalues, n_support, sizes)
-    degenerate = np.isinf(least)
-    support[degenerate] = (np.arange(k) < n_support[:, None])[degenerate]
-    return support, least, degenerate
-
-
-def _best_trials(local, normals, offsets, eigenvalues, n_support, sizes):
-    """The sets, bool (B, k), of the trials with the least eigenvalues, and these (B,)."""
-    # The first trial among the best, so that rounding does not decide.
+        eigenvalues[:, block] = np.where(no_plane, np.inf, least)
+    # Step 4: the first trial among the best, so that rounding does not decide.
     best = eigenvalues.min(axis=1, keepdims=True) + EIGENVALUE_STEP
-    winner = np.arange(len(local)), np.argmax(eigenvalues <= best, axis=1)
+    winner = np.arange(n_sets), np.argmax(eigenvalues <= best, axis=1)
     support = _nearest_members(
         local, normals[winner][:, None], offsets[winner][:, None], n_support=n_support, sizes=sizes
-    )
-    return support[:, 0], eigenvalues[winner]
-
-
-def _find_by_bounds(local, trials, n_support, sizes, support, least):
-    """Fill the sets and their least eigenvalues; returns where this needs the plain way, bool (B,).
-
-    A trial whose bound is above the least eigenvalue of the most promising one is not the best.
-    """
-    (n_sets, k, d), sets = local.shape, np.arange(len(local))
-    normals = np.empty((n_sets, len(trials), d))
-    offsets, bounds, eigenvalues = np.full((3, n_sets, len(trials)), np.inf)
-    keys = np.zeros(k)
-    room = np.empty((d, d)), np.empty(d, np.int64), keys, keys.view(np.int64)
-    bound_trials = compiled_function("planes._trial_bounds_numba", "bound_trials")
-    bound_trials(
-        columns=np.ascontiguousarray(np.swapaxes(local, 1, 2)),
-        sizes=np.asarray(sizes, np.int64),
-        n_support=np.ascontiguousarray(n_support, np.int64),
-        trials=trials,
-        limits=(DISTANCE_STEP, SURE_RANK, RIDGE),
-        room=(*room, np.empty(k), np.empty(d)),
-        out=TrialBounds(normals, offsets, bounds),
-    )
-    is_unsure = np.isnan(bounds).any(axis=1)
-    bounds[is_unsure] = np.inf
-
-    def decide(sets, chosen):
-        support = _nearest_members(
-            local[sets],
-            normals[sets, chosen][:, None],
-            offsets[sets, chosen][:, None],
-            n_support=n_support[sets],
-            sizes=sizes[sets],
-        )
-        eigenvalues[sets, chosen] = _least_eigenvalues(local[sets], support, n_support[sets])[:, 0]
-
-    # Step 1: decide the trial with the least bound; step 2: those whose bound is not above it.
-    promising = bounds.argmin(axis=1)
-    decide(sets, promising)
-    may_be_best = bounds <= eigenvalues[sets, promising][:, None] + EIGENVALUE_STEP
-    may_be_best[sets, promising] = False
-    decide(*np.nonzero(may_be_best))
-    support[:], least[:] = _best_trials(local, normals, offsets, eigenvalues, n_support, sizes)
-    return is_unsure | np.isinf(least)
+    )[:, 0]
+    least = eigenvalues[winner]
+    degenerate = np.isinf(least)
+    support[degenerate] = (np.arange(k) < n_support[:, None])[degenerate]
+    return support, least * radius**2, degenerate
 
 
 def _trial_planes(local, trials, sizes):

@@ -356,13 +356,7 @@ class LocalPlaneModel:
         support, flat = None, np.zeros(len(local), dtype=bool)
         if rule.needs_consistent_set:
             n_support = n_support_points(self.settings.support_fraction, sizes, d)
-            support, _, flat = maximum_consistent_sets(
-                neighborhoods,
-                self.trials,
-                n_support,
-                sizes,
-                bounded=d > 3 and len(self.index.points) >= COMPILE_FROM,
-            )
+            support, _, flat = maximum_consistent_sets(neighborhoods, self.trials, n_support, sizes)
         centers, whitening = rule.apply(local, valid, support, self.settings.reweight, floor)
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
         if rule.needs_consistent_set:
