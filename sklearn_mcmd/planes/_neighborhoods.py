@@ -109,11 +109,11 @@ class NeighborIndex:
             return Neighborhoods(padded(indices, sizes), sizes)
         return within_radius(indices, distances, sizes, self.radius, self.points.shape[1])
 
-    def nearest(self, queries):
+    def nearest(self, queries, n_workers=1):
         """Row of `points` nearest to each query; 0 with one neighborhood of all points."""
         if self.n_neighbors is None:
             return np.zeros(len(queries), dtype=np.intp)
-        return self.cloud.tree.query(queries)[1]
+        return self.cloud.tree.query(queries, workers=n_workers)[1]
 
 
 def within_radius(indices, distances, sizes, radius, d):
