@@ -71,7 +71,7 @@ class NeighborhoodFit:
         return scores
 
 
-class Found(NamedTuple):
+class Verdict(NamedTuple):
     """The result of `Method._fit`, with the names of `NeighborhoodFit`."""
 
     model: object
@@ -164,6 +164,7 @@ class Method(ABC):
         from their step. No scale is smaller than these.
         """
         n_sets, n, d = points.shape
+        # Large coordinates would cost digits, and rounding of them is the least scale.
         origin = points[:, 0].copy()
         local = points - origin[:, None]
         inside = np.arange(n) < sizes[:, None]
@@ -178,11 +179,11 @@ class Method(ABC):
         for size in np.unique(sizes):
             rows = np.flatnonzero(sizes == size)
             table = self.table(int(size), d, seed)
-            found = self._fit(local[rows, :size], table, floor[rows])
-            scores[rows, :size], inliers[rows, :size] = found.scores, found.inliers
-            support[rows, :size] = found.inliers if found.support is None else found.support
-            cutoff[rows], scale[rows] = found.cutoff, found.scale
-            models.append((rows, found.model))
+            verdict = self._fit(local[rows, :size], table, floor[rows])
+            scores[rows, :size], inliers[rows, :size] = verdict.scores, verdict.inliers
+            support[rows, :size] = verdict.inliers if verdict.support is None else verdict.support
+            cutoff[rows], scale[rows] = verdict.cutoff, verdict.scale
+            models.append((rows, verdict.model))
         # Algorithm 4: the plane of the members left.
         centers, _, axes = fit_planes(local, support)
         unknown = scale == 0
@@ -220,7 +221,7 @@ class Method(ABC):
 
     @abstractmethod
     def _fit(self, points, table, floor):
-        """The verdicts on neighborhoods of one size, as `Found`.
+        """The verdicts on neighborhoods of one size, as `Verdict`.
 
         Points (B, n, d) are without the origin; `table` has random positions, and `floor` (B,) is
         the least scale.
@@ -239,6 +240,7 @@ def flag_share(scores, contamination):
     order = np.argsort(-scores, axis=1, kind="stable")
     inliers = np.ones(scores.shape, dtype=bool)
     np.put_along_axis(inliers, order[:, :n_flagged], False, axis=1)
+    # Scores up to the highest that is kept are below the cutoff.
     highest_kept = np.take_along_axis(scores, order[:, n_flagged : n_flagged + 1], 1)[:, 0]
     return inliers, np.nextafter(highest_kept, np.inf)
 

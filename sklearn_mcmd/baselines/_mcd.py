@@ -79,12 +79,14 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
     """
     n_sets, n, d = points.shape
     h, limits = mcd_support_size(support_fraction, n, d), McdLimits()
+    # Step 1: the median at the origin, and the median extent one, in whatever unit.
     center = np.median(points, axis=1, keepdims=True)
     local = points - center
     extent = np.median(np.abs(local).max(axis=2), axis=1)
     extent = np.where(extent > 0, extent, np.maximum(np.abs(local).max(axis=(1, 2)), floor))
     local = local / extent[:, None, None]
     ridge = np.maximum(floor / extent, limits.flatness) ** 2
+    # Step 2: the subset of h members with the least determinant.
     if n >= limits.nested_from:
         support = np.array(
             [fast_mcd(part, support_fraction=h / n, random_state=0)[2] for part in local]
@@ -95,10 +97,12 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
         for start in range(0, n_sets, at_once):
             rows = slice(start, start + at_once)
             support[rows] = _best_support(local[rows], table, h, ridge[rows])
+    # Step 3: its covariance is too small, since it is the central share of a normal distribution.
     locations, scatter, size = moments(local, support)
     covariances = scatter / size * _consistency(h / n, d)
     if small_sample:
         covariances *= _small_sample("raw", n, d, support_fraction)
+    # Step 4: members within a quantile of chi-squared are kept, and fitted once more.
     raw = _squared_distances(local, locations, covariances, ridge)
     kept = raw <= chdtri(d, 1.0 - limits.kept_quantile)
     # At least the subset itself is kept.
@@ -128,6 +132,7 @@ def univariate_mcd(values, h):
     middle = np.median(values, axis=-1, keepdims=True)
     ordered = np.sort(values - middle, axis=-1)
     zero = np.zeros((*ordered.shape[:-1], 1))
+    # Sums of all runs are differences of cumulative sums. Centering at the median keeps digits.
     sums = np.concatenate([zero, np.cumsum(ordered, axis=-1)], axis=-1)
     squares = np.concatenate([zero, np.cumsum(ordered**2, axis=-1)], axis=-1)
     means = (sums[..., h:] - sums[..., :-h]) / h
@@ -153,9 +158,9 @@ def _best_support(local, table, h, ridge):
     support = np.take_along_axis(support, order[..., None], axis=1)
     moving = np.arange(n_sets)
     for _ in range(MOST_STEPS):
-        found = _concentrate(features[moving], support[moving], h, ridge[moving])
-        changed = (found != support[moving]).any(axis=(1, 2))
-        support[moving] = found
+        moved = _concentrate(features[moving], support[moving], h, ridge[moving])
+        changed = (moved != support[moving]).any(axis=(1, 2))
+        support[moving] = moved
         moving = moving[changed]
         if moving.size == 0:
             break
@@ -179,9 +184,9 @@ def _concentrate(features, support, h, ridge):
     coefficients = np.concatenate([constant, -2.0 * shifted, quadratic], axis=-1)
     squares = coefficients @ np.swapaxes(features, 1, 2)
     order = np.argpartition(squares, h - 1, axis=-1)[..., :h]
-    found = np.zeros(squares.shape, dtype=bool)
-    np.put_along_axis(found, order, True, axis=-1)
-    return found
+    nearest = np.zeros(squares.shape, dtype=bool)
+    np.put_along_axis(nearest, order, True, axis=-1)
+    return nearest
 
 
 def _volumes(features, support, ridge):
@@ -194,6 +199,7 @@ def _feature_moments(features, support, ridge):
     """Means and covariances, `ridge` added, of subsets (B, T, n)."""
     moments = support.astype(float) @ features
     size = moments[..., :1]
+    # Of 1 + d + d (d + 1) / 2 features: 1, coordinates and products.
     d = int((np.sqrt(8 * features.shape[-1] + 1) - 3) / 2)
     upper = np.triu_indices(d)
     mean = moments[..., 1 : d + 1] / size
@@ -223,6 +229,7 @@ def _squared_distances(local, locations, covariances, ridge):
 
 def _consistency(share, d):
     """Factor on the covariance of the central share of a normal distribution."""
+    # Within the quantile of this share the covariance is P(chi2_(d + 2) < q) / share of the whole.
     share = np.asarray(share, dtype=float)
     inner = np.minimum(share, 1.0 - 1e-12)
     return np.where(share >= 1.0, 1.0, share / chdtr(d + 2, chdtri(d, 1.0 - inner)))
@@ -234,6 +241,7 @@ def _small_sample(kind, n, d, support_fraction):
         half, most = (1.0 - np.exp(a) / n**b for a, b in ONE_OR_TWO[kind][d])
     else:
         half, most = (1.0 - _interpolate(pair, n, d) for pair in THREE_AND_MORE[kind])
+    # Linear between the two fractions that were simulated, and to 1 for all members.
     if support_fraction <= 0.875:
         share = half + (most - half) * (support_fraction - 0.5) / 0.375
     else:
@@ -244,6 +252,7 @@ def _small_sample(kind, n, d, support_fraction):
 
 def _interpolate(pair, n, d):
     """exp(a) / n^b through the two values known at n = 2 d^2 and 3 d^2."""
+    # Logarithms of 1 - factor are linear in log n.
     y = [np.log(c / d**e) for c, e in pair]
     slope = (y[0] - y[1]) / np.log(3.0 / 2.0)
     intercept = y[0] + slope * np.log(2.0 * d**2)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from sklearn_mcmd._sklearn import Interval
-from sklearn_mcmd.baselines._fits import Found, Method, WhitenedModel, plane_scale
+from sklearn_mcmd.baselines._fits import Method, Verdict, WhitenedModel, plane_scale
 from sklearn_mcmd.planes._principal_planes import fit_planes
 
 
@@ -37,7 +37,7 @@ class Pca(Method):
         scale = np.maximum(plane_scale(points, members, centers, axes[..., 0]), floor)
         model = WhitenedModel(centers, axes[..., :1] / scale[:, None, None])
         scores = model.score(points)
-        return Found(
+        return Verdict(
             model=model,
             scores=scores,
             inliers=scores < self.cutoff,

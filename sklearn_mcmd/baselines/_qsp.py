@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from sklearn_mcmd._sklearn import Interval
-from sklearn_mcmd.baselines._fits import SHARE, Found, Method, flag_share
+from sklearn_mcmd.baselines._fits import SHARE, Method, Verdict, flag_share
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Qsp(Method):
         model = SampleModel(points[:, chosen])
         scores = model.score(points)
         inliers, cutoff = flag_share(scores, self.contamination)
-        return Found(model, scores, inliers, cutoff)
+        return Verdict(model, scores, inliers, cutoff)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from sklearn_mcmd._sklearn import Interval
-from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method, WhitenedModel
+from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Method, Verdict, WhitenedModel
 from sklearn_mcmd.planes._consistent_set import n_trials_needed, planes_through
 from sklearn_mcmd.planes._principal_planes import fit_planes, orthogonal_distances
 from sklearn_mcmd.planes._rules import MAD_TO_SD
@@ -82,28 +82,32 @@ class Ransac(Method):
 
     def _fit(self, points, table, floor):
         n_sets, n, d = points.shape
+        # Step 1: the noise, if it is not stated, by the least median of distances.
         if self.noise_scale is None:
             enough = min(len(table), n_trials_needed(0.5, self.stop_probability, d))
             # With the small-sample factor of Rousseeuw and Leroy.
             scale = MAD_TO_SD * (1.0 + 5.0 / max(n - d, 1)) * least_medians(points, table[:enough])
         else:
             scale = np.full(n_sets, float(self.noise_scale))
-        found = np.isfinite(scale)
-        scale = np.maximum(np.where(found, scale, 0.0), floor)
+        has_plane = np.isfinite(scale)
+        scale = np.maximum(np.where(has_plane, scale, 0.0), floor)
+        # Step 2: the plane with the largest consensus, or the least loss.
         stops = trials_to_stop(n, d, self.stop_probability)
         limit = self.cutoff * scale
         centers, normals = best_planes(points, table, limit, stops, self.truncated_loss)
-        found &= np.isfinite(normals[:, 0])
+        has_plane &= np.isfinite(normals[:, 0])
+        # Step 3: refits to its members.
         for _ in range(self.n_refits):
             distances = np.abs(orthogonal_distances(points, centers, normals))
             members = distances < limit[:, None]
             centers, _, axes = fit_planes(points, members)
             normals = axes[..., 0]
-        whitening = np.where(found[:, None], normals / scale[:, None], 0.0)[..., None]
-        model = WhitenedModel(np.where(found[:, None], centers, 0.0), whitening)
+        # Without a plane all distances are zero, so that no member is judged.
+        whitening = np.where(has_plane[:, None], normals / scale[:, None], 0.0)[..., None]
+        model = WhitenedModel(np.where(has_plane[:, None], centers, 0.0), whitening)
         scores = model.score(points)
-        scale = np.where(found, scale, -1.0)
-        return Found(
+        scale = np.where(has_plane, scale, -1.0)
+        return Verdict(
             model=model,
             scores=scores,
             inliers=scores < self.cutoff,
@@ -128,6 +132,7 @@ def trials_to_stop(n, d, probability):
 
     Subsets are drawn without replacement, so their probability is a ratio of binomials.
     """
+    # (c choose d) / (n choose d) as a product of d quotients.
     sizes = np.arange(n + 1.0)[:, None] - np.arange(d)
     clean = np.prod(np.maximum(sizes, 0.0) / (n - np.arange(d)), axis=1)
     with np.errstate(divide="ignore"):
@@ -146,6 +151,7 @@ def best_planes(points, table, threshold, stops, truncated_loss):
     centers, normals = np.full((2, n_sets, d), np.nan)
     rows, start = np.arange(n_sets), 0
     while rows.size and start < len(table):
+        # More trials at once later on: most neighborhoods stop early, the others need many.
         at_once = max(1, min(TRIALS_AT_ONCE * (1 + start // 64), CHUNK_ENTRIES // (len(rows) * n)))
         part = table[start : start + at_once]
         anchors, axes, spans, distances = _trial_planes(points[rows], part)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from sklearn_mcmd._sklearn import Interval, StrOptions
-from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Found, Method
+from sklearn_mcmd.baselines._fits import CHUNK_ENTRIES, Method, Verdict
 from sklearn_mcmd.baselines._mcd import fit_mcd, mcd_support_size, moments, univariate_mcd
 from sklearn_mcmd.planes._rules import MAD_TO_SD
 
@@ -101,6 +101,7 @@ class Robpca(Method):
 
     def _fit(self, points, table, floor):
         n_sets, n, d = points.shape
+        # Step 1: projection pursuit leaves k dimensions, if it is asked for.
         projection, k = self._components(n, d)
         starts, pairs = table[: self.n_trials], table[self.n_trials :, :2]
         if projection and k < d:
@@ -108,9 +109,10 @@ class Robpca(Method):
         else:
             location, support = np.zeros((n_sets, d)), None
             subspace = np.broadcast_to(np.eye(d), (n_sets, d, d))
+        # Step 2: the MCD in these.
         k_scores = subspace.shape[2]
         scores = (points - location[:, None]) @ subspace
-        found = fit_mcd(
+        mcd = fit_mcd(
             scores,
             starts[:, : k_scores + 1],
             self.support_fraction,
@@ -118,11 +120,12 @@ class Robpca(Method):
             small_sample=self.small_sample,
             consistency=self.consistency,
         )
-        support = found.kept if support is None else support
-        values, axes = np.linalg.eigh(found.covariances)
+        support = mcd.kept if support is None else support
+        # Step 3: its principal axes, back in the coordinates of the points.
+        values, axes = np.linalg.eigh(mcd.covariances)
         values, axes = values[:, ::-1], axes[:, :, ::-1]
         deviations = np.sqrt(np.maximum(values, floor[:, None] ** 2))[:, :k]
-        centers = location + np.matmul(subspace, found.locations[..., None])[..., 0]
+        centers = location + np.matmul(subspace, mcd.locations[..., None])[..., 0]
         loadings = subspace @ axes[:, :, :k]
         cutoff = np.full(n_sets, self.usual_cutoff(n, d))
         limit = np.zeros(n_sets)
@@ -138,7 +141,7 @@ class Robpca(Method):
         # With all components the least deviation is the consistent one along the normal.
         scale = deviations[:, -1] if k == d else 0.0
         scores = model.score(points)
-        return Found(
+        return Verdict(
             model=model,
             scores=scores,
             inliers=scores <= cutoff[:, None],
@@ -162,10 +165,12 @@ class Robpca(Method):
     def _project(self, points, pairs, k, floor):
         """Subspace of projection pursuit: center (B, d), basis (B, d, k), whom it is fitted to."""
         n_sets, n, _ = points.shape
+        # At least so many that the breakdown point is the largest possible in k dimensions.
         h = min(n, max(int(self.support_fraction * n), (n + k + 1) // 2))
         if n <= PursuitLimits().all_pairs:
             pairs = np.column_stack(np.triu_indices(n, 1))
         outlyingness = stahel_donoho(points, pairs, h, floor)
+        # The subspace of the h least outlying, then of all that are near it.
         order = np.argsort(outlyingness, axis=1, kind="stable")[:, :h]
         members = np.zeros((n_sets, n), dtype=bool)
         np.put_along_axis(members, order, True, axis=1)
@@ -208,6 +213,7 @@ class ComponentModel:
         limit = self.orthogonal_cutoff
         if not limit.any():
             return distances
+        # Orthogonal distances in units of the other cut-off, so that one cut-off holds for both.
         counts = limit > 0
         factor = np.where(counts, self.score_cutoff / np.where(counts, limit, 1.0), 0.0)
         across = _orthogonal_distances(points, self.centers, self.loadings)

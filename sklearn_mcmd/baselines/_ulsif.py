@@ -5,7 +5,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.baselines._fits import SHARE, Found, Method, flag_share
+from sklearn_mcmd.baselines._fits import SHARE, Method, Verdict, flag_share
 from sklearn_mcmd.baselines._mcd import McdLimits, fit_mcd
 
 POINTS_AT_ONCE = 20_000  # whose kernels are in memory
@@ -57,12 +57,14 @@ class Ulsif(Method):
         return (1 if size >= McdLimits().nested_from else RatioLimits().n_starts + 1), size
 
     def _fit(self, points, table, floor):
+        # Step 1: training points are central, and kernels stand at the first of them.
         n_sets, shuffled = len(points), table[-1]
         training = self._training(points, table, floor)
         basis = training[:, : RatioLimits().max_basis]
         gaps = training - np.median(training, axis=1, keepdims=True)
         usual = np.median(np.sqrt(np.square(gaps).sum(axis=-1)), axis=1)
         candidates = np.maximum(usual, floor)[:, None] * RatioLimits().widths
+        # Step 2: the width and the regularization with the best leave-one-out score.
         best = np.full(n_sets, np.inf)
         width, weights = np.ones(n_sets), np.zeros((n_sets, basis.shape[1]))
         for widths in candidates.T:
@@ -79,14 +81,14 @@ class Ulsif(Method):
         model = RatioModel(basis, width, weights)
         scores = model.score(points)
         inliers, cutoff = flag_share(scores, self.contamination)
-        return Found(model, scores, inliers, cutoff)
+        return Verdict(model, scores, inliers, cutoff)
 
     def _training(self, points, table, floor):
         """The central members (B, m, d), in random order."""
         (_, n, d), shuffled = points.shape, table[-1]
-        found = fit_mcd(points, table[:-1, : d + 1], 0.5, floor)
+        mcd = fit_mcd(points, table[:-1, : d + 1], 0.5, floor)
         m = max(d + 1, int(np.ceil(round(RatioLimits().training_fraction * n, 9))))
-        squares = found.raw_squares[:, shuffled]
+        squares = mcd.raw_squares[:, shuffled]
         central = np.sort(np.argsort(squares, axis=1, kind="stable")[:, :m], axis=1)
         return np.take_along_axis(points[:, shuffled], central[..., None], 1)
 
@@ -110,6 +112,7 @@ class RatioModel:
 
 def gaussian_kernels(basis, points, widths):
     """exp(-|x - c|^2 / (2 s^2)), (B, b, m), of points (B, m, d) around a basis (B, b, d)."""
+    # |x - c|^2 by one product of matrices; rounding may leave a little less than zero.
     squares = np.square(basis).sum(axis=-1)[..., None] + np.square(points).sum(axis=-1)[:, None]
     squares = np.maximum(squares - 2.0 * basis @ np.swapaxes(points, 1, 2), 0.0)
     return np.exp(-0.5 * squares / np.square(widths)[:, None, None])

@@ -54,6 +54,7 @@ def bias_angle(normals_a: "ArrayLike", normals_b: "ArrayLike") -> float | NDArra
             f"normals_a of shape {a.shape} and normals_b of shape {b.shape} do not broadcast: "
             "give one normal, or as many in both."
         ) from error
+    # Of unit vectors at an angle a, the difference is 2 sin(a / 2) and the sum 2 cos(a / 2).
     chords = np.stack([np.linalg.norm(difference, axis=-1), np.linalg.norm(total, axis=-1)])
     angle = np.degrees(2.0 * np.arctan2(chords.min(axis=0), chords.max(axis=0)))
     return float(angle) if angle.ndim == 0 else angle
@@ -101,9 +102,9 @@ def outlier_scores(y_true: "ArrayLike", y_pred: "ArrayLike") -> Bunch:
             message = f"Rates are undefined and set to nan: y_true holds no {missing}."
             warnings.warn(message, UndefinedMetricWarning, stacklevel=2)
     with np.errstate(invalid="ignore"):
-        (found, missed), (swamped, kept) = (counts / totals[:, None]).tolist()
+        (detected, missed), (swamped, kept) = (counts / totals[:, None]).tolist()
     return Bunch(
-        true_positive_rate=found,
+        true_positive_rate=detected,
         true_negative_rate=kept,
         swamping_rate=swamped,
         masking_rate=missed,

@@ -95,14 +95,15 @@ def segmentation_scores(
         raise ValueError(f"min_overlap={min_overlap!r} must be above 0.5 and at most 1.")
     y_true, y_pred = _labels(y_true, "y_true"), _labels(y_pred, "y_pred")
     check_consistent_length(y_true, y_pred)
-    known = y_true != -1
-    if not known.any():
+    is_labelled = y_true != -1
+    if not is_labelled.any():
         raise ValueError("y_true names no surface: all its labels are -1.")
-    y_true, y_pred = y_true[known], y_pred[known]
+    y_true, y_pred = y_true[is_labelled], y_pred[is_labelled]
     surfaces, surface = np.unique(y_true, return_inverse=True)
     surface_sizes = np.bincount(surface)
     rows, segments, common, segment_sizes = _overlaps(surface, y_pred)
 
+    # Shares of each pair of a surface and a segment with points in common.
     held = common / surface_sizes[rows]  # of the surface, by the segment
     pure = common / segment_sizes[segments]  # of the segment, by the surface
     iou = common / (surface_sizes[rows] + segment_sizes[segments] - common)
@@ -113,13 +114,15 @@ def segmentation_scores(
     main = order[np.flatnonzero(np.diff(rows[order], append=-1))]
     n_held = np.bincount(segments[held >= min_overlap], minlength=len(segment_sizes))
 
+    # The rules in reverse order: the first that holds is written last.
     covered = np.bincount(rows, common, len(surfaces)) / surface_sizes
     outcome = np.full(len(surfaces), "missed", dtype="<U6")
     row, share = rows[main], held[main]
+    # Other surfaces of which the main segment holds enough.
     others = n_held[segments[main]] - (share >= min_overlap)
-    found = np.where(share < min_overlap, "over", "proper")
-    found = np.where((others > 0) | (pure[main] < min_overlap), "under", found)
-    outcome[row] = np.where(covered[row] <= 1 - min_overlap, "missed", found)
+    fate = np.where(share < min_overlap, "over", "proper")
+    fate = np.where((others > 0) | (pure[main] < min_overlap), "under", fate)
+    outcome[row] = np.where(covered[row] <= 1 - min_overlap, "missed", fate)
 
     counts = {name: int((outcome == name).sum()) for name in ("proper", "over", "under", "missed")}
     proper, over, under = counts["proper"], counts["over"], counts["under"]

@@ -65,6 +65,7 @@ def spatial_blocks(X: "ArrayLike", n_blocks: int) -> NDArray[np.intp]:
         along = points[rows, np.argmax(high - low)]
         n_before = count // 2
         order = np.argsort(along, kind="stable")
+        # In proportion to the blocks on both sides, whose numbers differ if theirs is odd.
         cut = len(rows) * n_before // count
         left += [
             (rows[order[:cut]], first, n_before),
@@ -193,11 +194,11 @@ class SpatialBlockSplit(BaseCrossValidator):
         for i in range(self.n_splits):
             inside = fold == i
             front = test = np.flatnonzero(inside)
-            for _ in range(self.n_rings):
-                found = np.zeros(len(points), dtype=np.bool_)
-                found[tree.query(points[front], k=self.n_neighbors)[1].ravel()] = True
-                front = np.flatnonzero(found & ~inside)
-                inside |= found
+            for _ in range(self.n_rings):  # neighbors of what the ring before has added
+                near = np.zeros(len(points), dtype=np.bool_)
+                near[tree.query(points[front], k=self.n_neighbors)[1].ravel()] = True
+                front = np.flatnonzero(near & ~inside)
+                inside |= near
             yield np.flatnonzero(inside), test
 
     def _check_parameters(self, n_samples):

@@ -12,10 +12,11 @@ import numpy as np
 from scipy.special import ndtri
 
 from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd.outliers._model import JudgedCloud
+from sklearn_mcmd.outliers._model import judge
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._local_planes import LocalPlaneModel
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
+from sklearn_mcmd.runtime._chunks import slices
 
 SEED = 20_150  # of the simulated planes
 EXPECTED = 50  # flagged points wanted in the simulation, whose own error is 14 % then,
@@ -44,9 +45,9 @@ def calibrated_cutoff(model, settings, rate, roughness=None):
     """Cutoff beyond which a stated share of a clean plane's points is flagged.
 
     The model is of the whole cloud. Its planes also tell how large the noise is against the
-    spacing, which matters where it reaches the size of a neighborhood. The settings are of
-    `JudgedCloud`. Raise if the rate is less than the simulation resolves. The `roughness` is as by
-    `roughness_of`, if the model is of other points.
+    spacing, which matters where it reaches the size of a neighborhood. The settings are
+    `JudgeSettings`. Raise if the rate is less than the simulation resolves. The `roughness` is as
+    by `roughness_of`, if the model is of other points.
     """
     d = model.index.points.shape[1]
     compiled = d == 3 and model.index.n_neighbors is not None
@@ -56,10 +57,10 @@ def calibrated_cutoff(model, settings, rate, roughness=None):
         return float(np.quantile(_one_plane(model, settings, n_counted), 1 - rate))
     noise = _matching_noise(model, roughness_of(model) if roughness is None else roughness)
     X, counted = _clean_plane(n_counted, model.index.n_neighbors, d, noise)
-    if settings["noise_scale"] is not None:
-        settings = {**settings, "noise_scale": noise}
-    simulated = JudgedCloud(_model_over(model, X), **settings).fit(X)
-    return float(np.quantile(simulated.scores[counted], 1 - rate))
+    if settings.noise_scale is not None:
+        settings = settings._replace(noise_scale=noise)
+    _, judgement = judge(_model_over(model, X), X, settings)
+    return float(np.quantile(judgement.scores[counted], 1 - rate))
 
 
 def check_rate(rate, compiled=True):
@@ -114,8 +115,7 @@ def _matching_noise(model, wanted):
         noise = float(np.clip(noise, least, most))
         X, counted = _clean_plane(MATCHED, k, d, noise)
         simulated = _model_over(model, X)
-        found = _roughness(simulated, np.flatnonzero(counted[simulated.index.rows]))
-        noise *= wanted / found
+        noise *= wanted / _roughness(simulated, np.flatnonzero(counted[simulated.index.rows]))
     return float(np.clip(noise, least, most))
 
 
@@ -131,13 +131,12 @@ def _even_rows(index):
 
 def _roughness(model, rows):
     """Median ratio of scale to radius of the planes around some of the points."""
-    found = []
-    for first in range(0, len(rows), model.chunk()):
-        some = rows[first : first + model.chunk()]
-        around = model.index.query_own(some)
-        planes, _ = model.first_planes(model.index.points[some], around)
-        found.append(ratio(planes.scale, planes.radius))
-    return float(np.median(np.concatenate(found)))
+    ratios = []
+    for part in slices(len(rows), model.chunk()):
+        around = model.index.query_own(rows[part])
+        planes, _ = model.first_planes(model.index.points[rows[part]], around)
+        ratios.append(ratio(planes.scale, planes.radius))
+    return float(np.median(np.concatenate(ratios)))
 
 
 def _model_over(model, X):
@@ -167,9 +166,9 @@ def _one_plane(model, settings, n_counted):
         off_center = np.linalg.norm(X - X.mean(axis=1, keepdims=True), axis=2)
         X = np.take_along_axis(X, np.argsort(off_center, axis=1)[..., None], axis=1)
         sizes = np.full(len(X), n)
-        found = _model_over(model, X[0]).fit_rule(X, sizes, model.rounding)
-        distances = found.score(X)
-        if settings["noise_scale"] is not None:
-            distances *= found.scale[:, None] / noise
+        fit = _model_over(model, X[0]).fit_rule(X, sizes, model.rounding)
+        distances = fit.score(X)
+        if settings.noise_scale is not None:
+            distances *= fit.scale[:, None] / noise
         scores.append(distances.ravel())
     return np.concatenate(scores)

@@ -11,7 +11,8 @@ from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import check_sensor_origin, is_auto
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff
-from sklearn_mcmd.outliers._model import JudgedCloud, n_by_rays, ranks_of_intensity
+from sklearn_mcmd.outliers._intensity import ranks_of_intensity
+from sklearn_mcmd.outliers._model import JudgeSettings, Sensed, judge, n_by_rays
 from sklearn_mcmd.outliers._off_surface import OffSurfaceLimits
 from sklearn_mcmd.planes._base import BasePlaneOutliers
 from sklearn_mcmd.planes._explaining import ExplainLimits
@@ -328,18 +329,18 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         origins, position, doubted = self._origins(xyz, sensor_origin)
         ranks = ranks_of_intensity(intensity, self._model.index, len(xyz))
         cutoff, begin = self._cutoff()
-        given = {"origins": origins, "intensity": ranks, "doubted": doubted}
-        self._cloud = JudgedCloud(self._model, **given, **self._settings())
+        sensed = Sensed(origins=origins, doubted=doubted, intensity=ranks)
+        xyz = xyz.astype(np.float64, copy=False)
         with progress_part(begin, 1.0):
-            found = self._cloud.fit(xyz.astype(np.float64, copy=False))
-        self.plane_index_, self.on_surface_ = found.plane_index, found.on_surface
-        self.isolation_, self.separation_ = found.isolation, found.separation
-        self.group_index_ = found.group_index
-        self.scores_ = np.negative(found.scores, out=found.scores)
+            self._cloud, judgement = judge(self._model, xyz, self._settings(), sensed)
+        self.plane_index_, self.on_surface_ = judgement.plane_index, judgement.on_surface
+        self.isolation_, self.separation_ = judgement.isolation, judgement.separation
+        self.group_index_ = judgement.group_index
+        self.scores_ = np.negative(judgement.scores, out=judgement.scores)
         self.offset_ = -cutoff
         if (share := share_to_flag(self)) is not None:
             self.offset_ = float(np.quantile(self.scores_, share))
-        self.n_by_rays_ = n_by_rays(self._cloud.raised, -self.offset_)
+        self.n_by_rays_ = n_by_rays(self._cloud.raised.scores, -self.offset_)
         self.sensor_origin_ = None if self._cloud.rays is None else position
         self._warn_if_plan()
         return self
@@ -350,19 +351,18 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         return self.strictness is None or self.n_neighbors is None
 
     def _settings(self):
-        """Those of `JudgedCloud`."""
-        return {name: getattr(self, name) for name in ("strictness", "noise_scale", "n_jobs")}
+        return JudgeSettings(self.strictness, self.noise_scale, self.n_jobs)
 
     def _check_choices(self, sensor_origin, intensity):
         """Raise where parameters exclude each other."""
-        given = {
+        ways = {
             name: getattr(self, name)
             for name in ("cutoff", "false_positive_rate", "contamination")
             if getattr(self, name) not in (None, "auto")
         }
-        if len(given) > 1:
+        if len(ways) > 1:
             raise ValueError(
-                " and ".join(f"{name}={value}" for name, value in given.items())
+                " and ".join(f"{name}={value}" for name, value in ways.items())
                 + " exclude each other: leave all but one of them None."
             )
         origin = self.sensor_origin if sensor_origin is None else sensor_origin
@@ -413,8 +413,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         origins = check_sensor_origin(sensor_origin, xyz)
         if origins is None:
             return None, None, doubted
-        one = None if np.shape(sensor_origin) == xyz.shape else origins[0].copy()
-        return origins[self._model.index.rows], one, doubted
+        position = None if np.shape(sensor_origin) == xyz.shape else origins[0].copy()
+        return origins[self._model.index.rows], position, doubted
 
     def _cutoff(self):
         """The cutoff, and the share of the time after which it is known."""
@@ -455,6 +455,6 @@ def share_to_flag(detector: MCMDOutlierDetector) -> float | None:
     return None if isinstance(detector.contamination, str) else detector.contamination
 
 
-def judged_cloud(detector: MCMDOutlierDetector) -> JudgedCloud:
-    """The cloud of a fitted detector, as it was judged."""
+def judged_cloud(detector):
+    """The `JudgedCloud` of a fitted detector, `OwnPlanesCloud` of one that asks no surfaces."""
     return detector._cloud

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.runtime._chunks import slices
 
 AT_ONCE = 100_000  # points whose nearest are asked for at once; it limits the memory
@@ -43,9 +44,9 @@ class Shapes(NamedTuple):
         rounding = 8 * np.finfo(float).eps * np.abs(points).max(initial=0.0)
         order, parts = np.argsort(group, kind="stable"), []
         ends = np.append(0, np.cumsum(np.bincount(group)))
-        for some in slices(max(len(ends) - 1, 1), GROUPS_AT_ONCE):
-            rows = order[ends[some.start] : ends[min(some.stop, len(ends) - 1)]]
-            parts.append(cls._of(points[rows], group[rows] - some.start, rounding))
+        for part in slices(max(len(ends) - 1, 1), GROUPS_AT_ONCE):
+            rows = order[ends[part.start] : ends[min(part.stop, len(ends) - 1)]]
+            parts.append(cls._of(points[rows], group[rows] - part.start, rounding))
         return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
     @classmethod
@@ -57,14 +58,15 @@ class Shapes(NamedTuple):
         normals = np.where(straight[:, None], np.nan, axes[:, :, 0])
         rows = np.flatnonzero(straight[group])
         if len(rows):
-            own = group[rows]
-            places = np.einsum("nd,nd->n", points[rows] - centers[own], axes[own, :, -1])
-            lowest, highest = gaps_of_groups(own, places), -gaps_of_groups(own, -places)
-            half = 2 * own + (places - lowest[own] > highest[own] - places)
+            of_row = group[rows]
+            places = np.einsum("nd,nd->n", points[rows] - centers[of_row], axes[of_row, :, -1])
+            lowest, highest = gaps_of_groups(of_row, places), -gaps_of_groups(of_row, -places)
+            half = 2 * of_row + (places - lowest[of_row] > highest[of_row] - places)
             in_halves = np.bincount(half, minlength=2 * len(counts))
-            _, halves, own_axes = _axes(points[rows], half, in_halves)
+            _, halves, half_axes = _axes(points[rows], half, in_halves)
             long_axes = np.repeat(axes[..., -1], 2, axis=0)
-            cosines = np.abs(np.einsum("hd,hd->h", own_axes[..., -1], long_axes))
+            cosines = np.abs(np.einsum("hd,hd->h", half_axes[..., -1], long_axes))
+            # By more than arctan(1 / thin), 18 degrees, as the diagonal of so thin a box is.
             turned = ShapeLimits().thin > np.hypot(1.0, ShapeLimits().thin) * cosines
             both = are_straight(halves, in_halves) & ~turned
             straight &= both.reshape(-1, 2).all(axis=1)
@@ -129,14 +131,39 @@ def gaps_of_groups(group, gaps):
 
 
 def separation_of_groups(points, group, usual, gaps):
-    """Gap of each group over the size of the group, by the usual spacing around each point and its
-    gap to the nearest that is real; and which groups are straight. Sums are taken in the order of
-    coordinates, so they do not depend on that of the points."""
+    """Gap of the group of each point (m,) over the size of the group, and whether it is straight.
+
+    `usual` (m,) are the usual spacings around the points, and `gaps` (m,) those to the nearest
+    that is real. All points of the groups are given, so a group may have any number.
+    """
+    group = numbered(group)
+    # Sums are taken in the order of coordinates, so they do not depend on that of the points.
     order = np.lexsort(points.T[::-1])
-    points, group, usual, gaps = points[order], group[order], usual[order], gaps[order]
-    shapes = Shapes.of(points, group)
-    size = np.maximum(np.bincount(group, usual) / np.bincount(group), shapes.size)
-    return ratio(gaps_of_groups(group, gaps), size), shapes.straight
+    of_ordered = group[order]
+    shapes = Shapes.of(points[order], of_ordered)
+    spacing = np.bincount(of_ordered, usual[order]) / np.bincount(of_ordered)
+    separation = ratio(gaps_of_groups(group, gaps), np.maximum(spacing, shapes.size))
+    return separation[group], shapes.straight[group]
+
+
+def gaps_between_groups(points, group, n_jobs):
+    """Distances (m,) of the points of groups, numbers from 1 on, to the nearest point that is of
+    another group or of none, 0; inf if there is none, and of points of none."""
+    gaps = np.full(len(points), np.inf)
+    # The numbers of two groups differ in one bit at least, so one of the searches is of the other:
+    # as many searches as the number of groups has bits, instead of one for each group.
+    for bit in range(int(group.max(initial=0)).bit_length()):
+        is_set = (group >> bit & 1).astype(bool)
+        for asked, answering in ((is_set, ~is_set), (~is_set, is_set)):
+            rows, search = np.flatnonzero(asked & (group > 0)), NearestPoints(points, answering)
+            if len(rows) and search.n:
+                gaps[rows] = np.minimum(gaps[rows], search.query(points[rows], 1, n_jobs)[0][:, 0])
+    return gaps
+
+
+def numbered(groups):
+    """Groups as numbers from 0 on: int32."""
+    return np.unique(groups, return_inverse=True)[1].astype(np.int32)
 
 
 def depths_of_groups(xyz, ground, candidates):
@@ -166,7 +193,7 @@ def group_depths(points, depth, away):
         order = np.lexsort(points.T)
         points, depth, away = points[order], depth[order], away[order]
         group = connected_components(_links(points, depth), directed=False)[1]
-        result[order] = separation_of_groups(points, group, away, depth)[0][group]
+        result[order] = separation_of_groups(points, group, away, depth)[0]
     return result
 
 
@@ -179,9 +206,9 @@ def _links(points, depth):
     near = np.arange(1, min(SurfaceLimits().n_links, n) + 1)
     links = []
     for first in range(0, n, AT_ONCE):
-        some = slice(first, first + AT_ONCE)
-        distances, others = tree.query(points[some], near)
-        own, column = np.nonzero(distances < depth[some, None])
-        links.append(np.stack([first + own, others[own, column]]).astype(np.int32))
-    own, others = np.concatenate(links, axis=1)
-    return coo_array((np.ones(len(own), bool), (own, others)), shape=(n, n))
+        part = slice(first, first + AT_ONCE)
+        distances, neighbors = tree.query(points[part], near)
+        row, column = np.nonzero(distances < depth[part, None])
+        links.append(np.stack([first + row, neighbors[row, column]]).astype(np.int32))
+    rows, neighbors = np.concatenate(links, axis=1)
+    return coo_array((np.ones(len(rows), bool), (rows, neighbors)), shape=(n, n))

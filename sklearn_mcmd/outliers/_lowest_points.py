@@ -29,9 +29,11 @@ class LowestPoints:
         largest = max(np.abs(xyz[:, :2]).max(), np.finfo(float).tiny)
         self._coarsen(max(self.exponent, int(np.frexp(largest)[1]) - (N_BITS - 1)))
         codes = _codes(xyz, self.exponent)
-        parts = (codes, np.ones(len(xyz), np.int64), xyz[:, 2])
-        both = zip((self.codes, self.counts, self.lowest), parts, strict=True)
-        self.codes, self.counts, self.lowest = _joined(*map(np.concatenate, both))
+        self.codes, self.counts, self.lowest = _joined(
+            codes=np.concatenate([self.codes, codes]),
+            counts=np.concatenate([self.counts, np.ones(len(xyz), np.int64)]),
+            lowest=np.concatenate([self.lowest, xyz[:, 2]]),
+        )
         self.n_points += len(xyz)
         self._limit(self.most_points)
 
@@ -46,9 +48,9 @@ class LowestPoints:
         asked, rows = _codes(xyz, self.exponent), np.arange(len(xyz))
         for _ in range(N_BITS):
             places = np.minimum(np.searchsorted(codes, asked), len(codes) - 1)
-            known = (codes[places] == asked) & (counts[places] >= self.n_usual)
-            low[rows[known]] = xyz[rows[known], 2] < lowest[places[known]]
-            asked, rows = _twofold(asked[~known]), rows[~known]
+            enough = (codes[places] == asked) & (counts[places] >= self.n_usual)
+            low[rows[enough]] = xyz[rows[enough], 2] < lowest[places[enough]]
+            asked, rows = _twofold(asked[~enough]), rows[~enough]
             if not len(rows):
                 return low
             codes, counts, lowest = _joined(_twofold(codes), counts, lowest)

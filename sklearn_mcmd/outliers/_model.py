@@ -1,30 +1,34 @@
 """A fitted cloud that scores its own points and new ones: planes, surfaces, then all else."""
 
-from itertools import chain
-from math import fsum
 from typing import NamedTuple
 
 import numpy as np
-from sklearn.utils import check_array
 
 from sklearn_mcmd._errors import warn
+from sklearn_mcmd.outliers._company import NewCompany, OffSurface, judge_off_surface
+from sklearn_mcmd.outliers._intensity import Darkness
 from sklearn_mcmd.outliers._off_surface import (
     OffSurfaceLimits,
-    Rest,
-    judge_off_surface,
+    Unexplained,
     least_thing,
     mean_distance,
 )
-from sklearn_mcmd.outliers._ray_evidence import RayEvidence
-from sklearn_mcmd.outliers._surfaces import are_usable, find_surfaces, least_surface, own_distances
+from sklearn_mcmd.outliers._ray_evidence import BesideRays, RayEvidence
+from sklearn_mcmd.outliers._surfaces import (
+    MeasuringPlanes,
+    are_usable,
+    find_surfaces,
+    least_surface,
+)
 from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._explaining import ExplainLimits, explain
+from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel
+from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.planes._rules import small_sample_inflation
 from sklearn_mcmd.planes._whole import whole_cloud
-from sklearn_mcmd.runtime._chunks import each_chunk, each_slice, run, slices
+from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
 from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.sensors._rays import RayLimits, distances_between
+from sklearn_mcmd.sensors._rays import distances_between
 
 UNUSED = "eigenvalues", "spacing", "normal_error"  # fields of planes that no later step asks for
 USED = "Look at what goes by it, or give another $sensor_origin, or none"
@@ -47,8 +51,26 @@ LEVELS = {
 }
 
 
+class JudgeSettings(NamedTuple):
+    """The detector's parameters by which points are judged."""
+
+    strictness: str | None
+    noise_scale: float | None  # in units of the points
+    n_jobs: int | None
+
+
+class Sensed(NamedTuple):
+    """What is told of the n points of an index beside their coordinates."""
+
+    origins: np.ndarray | None = None  # float64 (n, d), where the sensor was
+    # An origin that is doubted is not used if surfaces would go by it. Parts of a cloud leave this
+    # to the whole.
+    doubted: bool = False
+    intensity: np.ndarray | None = None  # (n,), as of `ranks_of_intensity`
+
+
 class Judgement(NamedTuple):
-    """What is found of each of n points: arrays (n,), the last three as the detector has them."""
+    """What is known of each of n points: arrays (n,), the last three as the detector has them."""
 
     scores: np.ndarray  # the larger, the more abnormal
     plane_index: np.ndarray  # the row whose plane explains the point best, its own if none does
@@ -58,273 +80,180 @@ class Judgement(NamedTuple):
     group_index: np.ndarray | None = None
 
 
-class JudgedCloud:
-    """A cloud whose points are scored by its surfaces and by how far they stand off from all else.
+class Raised(NamedTuple):
+    """The m places of which rays think worse than coordinates."""
 
-    `strictness` and `noise_scale` are the detector's. `origins`, float64 (n, d), tells where the
-    sensor stood when it measured each point of the model's index, and `intensity` (n,) has the
-    `ranks_of_intensity` of these. It is `telling` from 0, where isolated points are as bright as
-    all others, to 1, where they are the darkest. An origin that is `doubted` is not used if
-    surfaces would go by it, but that parts of a cloud leave this to the whole; `ray_doubt` says in
-    words that they would, else it is "". `raised` (m, 3) has what is known of the places of which
-    rays think worse than coordinates, `raised_rows`: both scores, and measurements.
-    """
+    rows: np.ndarray  # (m,), in the index
+    scores: np.ndarray  # (m, 3): with rays, without them, and measurements
 
-    def __init__(
-        self, model, *, strictness, noise_scale, n_jobs, origins=None, intensity=None, doubted=False
-    ):
-        self.model = model
-        self.own_planes_only = strictness is None or model.index.n_neighbors is None
-        if not self.own_planes_only:
-            self.level = LEVELS[strictness]
-            if len(model.index.points) <= model.index.n_neighbors:
-                # The cloud is one neighborhood, and half of few points say too little about noise.
-                self.level = self.level._replace(off_surfaces=False)
-        self.noise_scale = noise_scale
-        self.n_jobs = n_jobs
-        self.origins = origins
-        self.intensity, self.telling, self.doubted = intensity, 0.0, doubted
-        self.rays, self.ray_doubt, self.raised = None, "", np.empty((0, 3))
-        self.raised_rows = np.empty(0, np.intp)
 
-    def fit(self, X):
-        """The `Judgement` of the points X (n, d), those that the model has indexed."""
-        if self.own_planes_only:
-            with progress_part(0.0, 1.0, "planes"):
-                scores = self.paper_scores(*self.model.evaluate_fitted(X, self.n_jobs))
-            return Judgement(scores, np.arange(len(X)), scores <= ExplainLimits().explained)
-        index = self.model.index
-        counts = np.broadcast_to(np.int32(1), len(X))  # which takes no memory
-        if index.n_distinct < len(X):  # measurements at each point
-            counts = np.maximum(np.bincount(index.places, minlength=len(index.points)), 1)
-        owners = self.judge(counts, len(X))
-        first = index.places
-        isolation, separation, group_index = self._company(first)
-        return Judgement(
-            scores=self.point_scores[first],
-            plane_index=index.rows[owners[first]],
-            on_surface=self.explained[first],
-            isolation=isolation,
-            separation=separation,
-            group_index=group_index,
+NOTHING_SENSED = Sensed()
+NONE_RAISED = Raised(np.empty(0, np.intp), np.empty((0, 3)))
+
+
+def judge(model, X, settings, sensed=NOTHING_SENSED):
+    """The judged cloud, and the `Judgement` of its points X (n, d), which the model has indexed."""
+    index = model.index
+    if settings.strictness is None or index.n_neighbors is None:
+        cloud = OwnPlanesCloud(model, settings.noise_scale, settings.n_jobs)
+        with progress_part(0.0, 1.0, "planes"):
+            scores = cloud.paper_scores(*model.evaluate_fitted(X, settings.n_jobs))
+        return cloud, Judgement(scores, np.arange(len(X)), scores <= ExplainLimits().explained)
+    counts = np.broadcast_to(np.int32(1), len(X))  # which takes no memory
+    if index.n_distinct < len(X):  # measurements at each point
+        counts = np.maximum(np.bincount(index.places, minlength=len(index.points)), 1)
+    return _judge_cloud(model, counts, len(X), settings, sensed)
+
+
+def _judge_cloud(model, counts, n_points, settings, sensed):
+    """The same by surfaces and company; `counts` (n,) are the measurements at each point of the
+    index, `n_points` all of them."""
+    index, level, n_jobs = model.index, LEVELS[settings.strictness], settings.n_jobs
+    if len(index.points) <= index.n_neighbors:
+        # The cloud is one neighborhood, and half of few points say too little about noise.
+        level = level._replace(off_surfaces=False)
+    # Step 1: planes on which neighbors agree, and how near measurements are to each other.
+    with progress_part(0.0, FITTING, "planes"):
+        with progress_part(0.0, 0.8):
+            model.agree(n_jobs)
+        with progress_part(0.8, 1.0):
+            planes, spacing, other_spacing = _measure_planes(model, counts, n_jobs)
+    model.offers = None  # nobody asks any more
+    with progress_part(FITTING, 1.0, "outliers"):
+        # Step 2: surfaces, and which points they explain.
+        with progress_part(0.0, 0.4):
+            explaining = _find_explaining(model, planes, counts, settings, sensed)
+        del planes
+        # Step 3: the company of all other points.
+        distances, explained = explaining.distances, explaining.explained
+        least = least_thing(index.n_neighbors, n_of_whole(n_points))
+        unexplained = Unexplained.of(index, counts, explained, spacing, other_spacing)
+        del spacing, other_spacing
+        with progress_part(0.4, 1.0):
+            off_surface = judge_off_surface(unexplained, least, n_jobs)
+    # Step 4: how dark they are, and what rays say, change how far they stand off.
+    rows, darkness, factor = off_surface.rows, None, 1.0
+    if sensed.intensity is not None:
+        darkness = Darkness.of(sensed.intensity, rows, off_surface.isolation)
+        factor = darkness.factor(rows)
+    verdict = Verdict.of(level, off_surface, explaining)
+    from_surfaces, points = distances[rows], unexplained.points
+    isolation, separation = off_surface.isolation * factor, off_surface.separation
+    scores = verdict.scores(from_surfaces, points, isolation, separation)
+    rays, beside_rays, raised = explaining.rays, None, NONE_RAISED
+    if rays is not None:
+        by_rays = rays.judge(off_surface, explained, explaining.measuring, factor)
+        sheets = by_rays[-1].of_sheets  # which are surfaces to coordinates
+        without = np.where(sheets, 0.0, from_surfaces)
+        without = verdict.scores(without, points, isolation, separation)
+        isolation, separation, beside_rays = by_rays
+        scores = verdict.scores(from_surfaces, points, isolation, separation)
+        both = np.column_stack([scores, without, unexplained.counts])
+        raised = Raised(rows[scores > without], both[scores > without])
+    distances[rows] = scores
+    cloud = JudgedCloud(
+        measuring=explaining.measuring,
+        explaining=explaining.on_surface,
+        explained=explained,
+        off_surface=off_surface._replace(isolation=isolation, separation=separation),
+        counts=counts,
+        darkness=darkness,
+        verdict=verdict,
+        point_scores=distances,
+        rays=rays,
+        ray_doubt=explaining.ray_doubt,
+        beside_rays=beside_rays,
+        raised=raised,
+        n_jobs=n_jobs,
+    )
+    return cloud, cloud.judgement(explaining.owners)
+
+
+def _measure_planes(model, counts, n_jobs):
+    """Planes of the index's points, and their mean distances to the nearest measurements, and to
+    those at other places."""
+    index, (n, d) = model.index, model.index.points.shape
+    spacing = np.empty(n)
+    other_spacing = np.empty(n) if counts.strides[0] else spacing  # there are copies
+    # The share of members that are kept counts where all points share one plane.
+    unused = (*UNUSED, "kept") if n > index.n_neighbors else UNUSED
+    planes, n_near = Planes.empty(n, d).without(*unused), OffSurfaceLimits().n_near
+
+    def measure(rows):
+        around, points = index.query_own(rows), index.points[rows]
+        planes.put(rows, model.own_planes(rows, around))
+        near = around.indices[:, : n_near + 1]
+        gaps, measured = distances_between(index.points[near], points), counts[near]
+        measured[:, 0] -= 1  # itself
+        spacing[rows] = mean_distance(gaps, measured, n_near)
+        measured[:, 0] = 0
+        other_spacing[rows] = mean_distance(gaps, measured, n_near)
+
+    each_slice(n, model.chunk(), measure, n_jobs)
+    return planes, spacing, other_spacing
+
+
+class Explaining(NamedTuple):
+    """Which planes explain the n points of an index; arrays are of shape (n,)."""
+
+    measuring: MeasuringPlanes
+    on_surface: np.ndarray  # bool: whose planes are of surfaces, and explain others
+    owners: np.ndarray  # int32: rows whose planes explain the points, their own if none does
+    distances: np.ndarray  # from these, in standard deviations; inf if none reaches
+    rays: RayEvidence | None  # None if no position is used
+    ray_doubt: str  # what speaks against the position, in words
+
+    @property
+    def explained(self):
+        """Which points a surface explains, or else their own plane: bool (n,)."""
+        return self.distances <= ExplainLimits().explained
+
+
+def _find_explaining(model, planes, counts, settings, sensed):
+    """What explains the points of a model's index, as `Explaining`."""
+    index = model.index
+    measuring = MeasuringPlanes.of(model, planes, settings.noise_scale, settings.n_jobs)
+    distances = measuring.from_own()
+    usable = free = are_usable(planes, distances)
+    least = least_surface(index.n_neighbors, n_of_whole(len(usable)))
+    rays, ray_doubt = None, ""
+    with progress_part(0.0, 0.6):
+        # Step 1: planes that contain the rays to their points are of no surface, unless there
+        # would be so many of them that the position is wrong.
+        if sensed.origins is not None:
+            rays, free = RayEvidence.of(sensed.origins, measuring, planes, usable, least)
+        on_surface = find_surfaces(index, planes, free, least)
+        if rays is not None:
+            ray_doubt = rays.doubt(on_surface, counts)
+            if ray_doubt and sensed.doubted and whole_cloud() is None:
+                rays, on_surface = None, find_surfaces(index, planes, usable, least)
+            warn_of_doubt(ray_doubt, not sensed.doubted)
+    # Step 2: points on no surface are explained by one that is near.
+    owners = np.arange(len(usable), dtype=np.int32)
+    others = owners[~on_surface]
+    with progress_part(0.6, 1.0):
+        near, distances[others] = measuring.nearest(
+            index.points[others], lambda rows: index.query_own(others[rows]), on_surface
         )
+    owners[others] = np.where(near < 0, others, near)
+    return Explaining(measuring, on_surface, owners, distances, rays, ray_doubt)
 
-    def _company(self, places):
-        """Isolation, separation and group of the points at these places."""
-        off, at = self.off_surface, np.full(len(self.explained), -1)  # where the others' value is
-        at[off.rest.rows] = np.arange(len(off.rest.rows))
-        at = at[places]
-        group, rest = np.append(off.groups, -1)[at], at >= 0
-        _, first, own = np.unique(group[rest], return_index=True, return_inverse=True)
-        group[rest] = np.argsort(np.argsort(first))[own]
-        return np.append(off.isolation, 0.0)[at], np.append(off.separation, 0.0)[at], group
 
-    def judge(self, counts, n_points):
-        """Find `point_scores`, those of all points of the index; returns the rows that explain.
+class Verdict(NamedTuple):
+    """How distances from surfaces and company join to one score."""
 
-        `counts` (n,) are the measurements at each of these points, `n_points` all of them.
-        """
-        self.counts, index = counts, self.model.index
-        with progress_part(0.0, FITTING, "planes"):
-            with progress_part(0.0, 0.8):
-                self.model.agree(self.n_jobs)
-            with progress_part(0.8, 1.0):
-                planes, *spacings = self._measure_planes()
-        self.model.offers = None  # nobody asks any more
-        with progress_part(FITTING, 1.0, "outliers"):
-            with progress_part(0.0, 0.4):
-                owners, distances = self._find_surfaces(planes)
-            least = least_thing(index.n_neighbors, n_of_whole(n_points))
-            rest = Rest.of(index, counts, self.explained, *spacings)
-            self.reference = rest.reference if rest.has_surface else None
-            del planes, spacings
-            with progress_part(0.4, 1.0):
-                self.off_surface = off_surface = judge_off_surface(rest, least, self.n_jobs)
-        rest, points = off_surface.rest.rows, off_surface.rest.points
-        if self.intensity is not None:
-            whole = whole_cloud()
-            # Those whose isolation no surface would explain.
-            self.isolated = rest[off_surface.isolation > ExplainLimits().explained]
-            ranks = self.intensity[self.isolated]
-            self.telling = telling_of([ranks]) if whole is None else whole.telling
-        doubt = self.darkness(rest)
-        apart = off_surface.isolation * doubt, off_surface.separation
-        if self.rays is None:
-            distances[rest] = self.joined(distances[rest], points, *apart)
-        else:
-            known = off_surface.rest.among_all, self.explained, self.to_planes, index
-            by_rays = self.rays.judge(off_surface, *known, doubt)
-            given = apart, by_rays, self.rays.rest.of_sheets, points, off_surface.rest.counts
-            distances[rest], self.raised, worse = self.by_rays(distances[rest], *given)
-            self.raised_rows = rest[worse]
-            apart = by_rays
-        off_surface.isolation, off_surface.separation = apart
-        self.point_scores = distances
-        return owners
+    level: Level
+    reference: NearestPoints | None  # search of the points on surfaces, None if there are none
+    reference_scale: np.ndarray  # of the planes that explain these; none if they are not asked
 
-    def score(self, queries):
-        """Scores of queries (m, d), each as if it alone were added to the cloud.
+    @classmethod
+    def of(cls, level, off_surface, explaining):
+        unexplained = off_surface.unexplained
+        reference = unexplained.reference if unexplained.has_surface else None
+        owners = explaining.owners[explaining.explained & level.off_surfaces]
+        return cls(level, reference, explaining.measuring.planes.scale[owners])
 
-        A query that is a point of the cloud has the score of that point.
-        """
-        if self.own_planes_only:
-            return self.paper_scores(*self.model.evaluate(queries, self.n_jobs))
-        index, precision = self.model.index, np.finfo(queries.dtype).eps
-        queries = np.ascontiguousarray(queries, dtype=np.float64)
-        scores = np.empty(len(queries))
-
-        def task(rows):
-            part = queries[rows]
-            around = index.query(part)
-            first = around.indices[:, 0]
-            scores[rows] = self.point_scores[first]
-            new = np.flatnonzero((part != index.points[first]).any(axis=1))
-            if len(new):
-                scores[rows[new]] = self._score_new(part[new], around.take(new), precision)
-
-        each_chunk(queries, self.model.chunk(), task, self.n_jobs)
-        return scores
-
-    def _score_new(self, queries, around, precision):
-        _, distances = self.to_planes(queries, around.take, self.explaining, precision)
-        n_near = OffSurfaceLimits().n_near
-        near = around.indices[:, :n_near]
-        gaps = distances_between(self.model.index.points[near], queries)
-        spacing = mean_distance(gaps, self.counts[near], n_near)
-        isolation, separation = np.zeros((2, len(queries)))
-        joined = np.zeros(len(queries), bool)
-        rest = np.flatnonzero(distances > ExplainLimits().explained)
-        if len(rest):
-            isolation[rest], separation[rest], joined[rest] = self.off_surface.measure(
-                queries[rest], spacing[rest]
-            )
-        doubt = self.darkness(around.indices[:, 0])
-        if self.rays is None:
-            return self.joined(distances, queries, isolation * doubt, separation)
-        apart, planes = (isolation, separation, joined), (self.explained, self.to_planes)
-        by_rays = self.rays.judge_new(queries, around, apart, spacing, *planes, doubt)
-        return self.joined(distances, queries, *by_rays)
-
-    def darkness(self, rows):
-        """The factor on the isolation of these points by their intensity: as far as this tells,
-        from 0 of the brightest of all to 1.4 of the darkest, 1 in the middle."""
-        if self.intensity is None:
-            return 1.0
-        return np.sqrt(2 * (1 - self.intensity[rows])) ** self.telling
-
-    def paper_scores(self, planes, distances):
-        """Scores by the own plane, from the robust distances of a model."""
-        if self.noise_scale is not None:
-            distances = ratio(distances * planes.scale, self.noise_scale)
-        return np.minimum(distances, np.finfo(float).max)
-
-    def _measure_planes(self):
-        """Planes of the index's points, and both of their spacings."""
-        index, (n, d) = self.model.index, self.model.index.points.shape
-        spacing = np.empty(n)
-        other_spacing = np.empty(n) if self.counts.strides[0] else spacing  # there are copies
-        # The share of members that are kept counts where all points share one plane.
-        unused = (*UNUSED, "kept") if n > index.n_neighbors else UNUSED
-        planes = Planes.empty(n, d).without(*unused)
-
-        def task(rows):
-            around = index.query_own(rows)
-            planes.put(rows, self.model.own_planes(rows, around))
-            spacing[rows], other_spacing[rows] = self._spacings(index.points[rows], around.indices)
-
-        each_slice(n, self.model.chunk(), task, self.n_jobs)
-        return planes, spacing, other_spacing
-
-    def _spacings(self, queries, near):
-        """Mean distances of points to the nearest measurements, and to those at other places."""
-        n_near = OffSurfaceLimits().n_near
-        near = near[:, : n_near + 1]
-        distances = distances_between(self.model.index.points[near], queries)
-        counts = self.counts[near]
-        counts[:, 0] -= 1  # itself
-        spacing = mean_distance(distances, counts, n_near)
-        counts[:, 0] = 0
-        return spacing, mean_distance(distances, counts, n_near)
-
-    def _find_surfaces(self, planes):
-        """What explains points: its rows, and how far from it they are."""
-        index = self.model.index
-        points, n, chunk = index.points, len(index.points), self.model.chunk()
-        self.planes = self.measured(planes).without("kept")
-        distances = np.empty(n)
-
-        def measure(rows):
-            floor = self._floor(points[rows], 0.0)
-            distances[rows] = own_distances(points[rows], self.planes.take(rows), floor)
-
-        run([(rows,) for rows in slices(n, chunk)], measure, self.n_jobs)
-        least = least_surface(index.n_neighbors, n_of_whole(n))
-        usable = are_usable(planes, distances)
-        free = usable
-        if self.origins is not None:
-            given = self.origins, self.planes, usable, self.n_jobs
-            self.rays, free, ends = RayEvidence.of(index, *given)
-        with progress_part(0.0, 0.6):
-            self.explaining = find_surfaces(index, planes, free, least)
-        if self.rays is not None:
-            least_sheet = least * RayLimits().sheet
-            self.rays.on_sheet = find_surfaces(index, planes, ends, least_sheet)
-            self.ray_doubt = self.rays.doubt(self.explaining, self.counts)
-            if self.ray_doubt and self.doubted and whole_cloud() is None:
-                self.rays = None
-                self.explaining = find_surfaces(index, planes, usable, least)
-            warn_of_doubt(self.ray_doubt, not self.doubted)
-        with progress_part(0.6, 1.0):
-            owners = self._explain_others(distances)
-        self.explained = distances <= ExplainLimits().explained
-        if self.level.off_surfaces:
-            self.explained_scale = self.planes.scale[owners[self.explained]]
-        return owners, distances
-
-    def _explain_others(self, distances):
-        """The rows whose planes explain points, and, filled in, the distances of those that are on
-        no surface from these planes."""
-        index, owners = self.model.index, np.arange(len(distances), dtype=np.int32)
-        others = owners[~self.explaining]
-        found, distances[others] = self.to_planes(
-            index.points[others], lambda rows: index.query_own(others[rows]), self.explaining
-        )
-        owners[others] = np.where(found < 0, others, found)
-        return owners
-
-    def to_planes(self, queries, neighbors_of, wanted, precision=0.0):
-        """The nearest of the wanted planes among each query's neighbors: its row, and the distance.
-
-        The row is -1 where none reaches the query, and the distance inf; it is in standard
-        deviations. ``neighbors_of(rows)`` gives the `Neighborhoods` of a slice of queries.
-        """
-        m, floor = len(queries), self._floor(queries, precision)
-        owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
-
-        def task(rows):
-            owners[rows], distances[rows] = explain(
-                queries[rows], neighbors_of(rows), self.planes, wanted, floor[rows]
-            )
-
-        each_slice(m, self.model.chunk(), task, self.n_jobs)
-        return owners, distances
-
-    def measured(self, planes):
-        """The planes with the noise by which distances are measured."""
-        if self.noise_scale is not None:
-            return planes._replace(scale=np.full(len(planes.scale), self.noise_scale))
-        n, d = self.model.index.points.shape
-        if n > self.model.index.n_neighbors:
-            return planes
-        # All points share one plane. In larger clouds each has several, and the nearest counts,
-        # which makes up for a scale of few points being too small.
-        inflation = small_sample_inflation(d, np.rint(planes.kept * n), n)
-        return planes._replace(scale=planes.scale * inflation)
-
-    def _floor(self, queries, precision):
-        return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
-
-    def joined(self, distances, points, isolation, separation):
+    def scores(self, distances, points, isolation, separation):
         """One score: a point is as wrong as the best of its excuses leaves it.
 
         Distances are from surfaces, inf of the lost, which none reaches. At the strictest level
@@ -339,18 +268,119 @@ class JudgedCloud:
         lost = np.flatnonzero(np.isinf(distances))
         if len(lost):
             gaps, near = self.reference.query(points[lost], 1)
-            beside = ratio(gaps[:, 0], self.explained_scale[near[:, 0]])
+            beside = ratio(gaps[:, 0], self.reference_scale[near[:, 0]])
             scores[lost] = np.maximum(beside, apart[lost])
         return scores
 
-    def by_rays(self, distances, apart, by_rays, of_sheets, points, counts):
-        """Scores of points off the surfaces by their isolation and separation as rays have it, and
-        the `raised`, and which these are; `apart` are both without rays."""
-        without = np.where(of_sheets, 0.0, distances)  # to coordinates, sheets are surfaces
-        without = self.joined(without, points, *apart)
-        scores = self.joined(distances, points, *by_rays)
-        worse = scores > without
-        return scores, np.column_stack([scores, without, counts])[worse], worse
+
+class OwnPlanesCloud(NamedTuple):
+    """A cloud whose points are scored by their own planes alone; no rays are asked."""
+
+    model: LocalPlaneModel
+    noise_scale: float | None
+    n_jobs: int | None
+    rays: None = None
+    ray_doubt: str = ""
+    raised: Raised = NONE_RAISED
+
+    def score(self, queries):
+        """Scores of queries (m, d)."""
+        return self.paper_scores(*self.model.evaluate(queries, self.n_jobs))
+
+    def paper_scores(self, planes, distances):
+        """Scores from the robust distances of a model."""
+        if self.noise_scale is not None:
+            distances = ratio(distances * planes.scale, self.noise_scale)
+        return np.minimum(distances, np.finfo(float).max)
+
+
+class JudgedCloud(NamedTuple):
+    """A cloud whose points are scored by its surfaces and by how far they stand off from all else.
+
+    Arrays (n,) are of the points of its index.
+    """
+
+    measuring: MeasuringPlanes
+    explaining: np.ndarray  # bool (n,): whose planes are of surfaces, and explain others
+    explained: np.ndarray  # bool (n,): whom one of these explains
+    off_surface: OffSurface  # the others, as rays and intensity have it
+    counts: np.ndarray  # (n,), measurements at each
+    darkness: Darkness | None
+    verdict: Verdict
+    point_scores: np.ndarray  # (n,)
+    rays: RayEvidence | None
+    ray_doubt: str
+    beside_rays: BesideRays | None
+    raised: Raised
+    n_jobs: int | None
+
+    @property
+    def index(self):
+        """The `NeighborIndex` of the points."""
+        return self.measuring.model.index
+
+    def judgement(self, owners):
+        """The `Judgement` of all points of the cloud; rows (n,) of the index explain its points."""
+        off, places = self.off_surface, self.index.places
+        at = np.full(len(self.explained), -1)  # where its values are; the last stands for surfaces
+        at[off.rows] = np.arange(len(off.rows))
+        at = at[places]
+        group, is_off = np.append(off.groups, -1)[at], at >= 0
+        # Groups are numbered in the order of their first points.
+        _, first, numbers = np.unique(group[is_off], return_index=True, return_inverse=True)
+        group[is_off] = np.argsort(np.argsort(first))[numbers]
+        return Judgement(
+            scores=self.point_scores[places],
+            plane_index=self.index.rows[owners[places]],
+            on_surface=self.explained[places],
+            isolation=np.append(off.isolation, 0.0)[at],
+            separation=np.append(off.separation, 0.0)[at],
+            group_index=group,
+        )
+
+    def score(self, queries):
+        """Scores of queries (m, d), each as if it alone were added to the cloud.
+
+        A query that is a point of the cloud has the score of that point.
+        """
+        index, precision = self.index, np.finfo(queries.dtype).eps
+        queries = np.ascontiguousarray(queries, dtype=np.float64)
+        scores = np.empty(len(queries))
+
+        def task(rows):
+            part = queries[rows]
+            around = index.query(part)
+            first = around.indices[:, 0]
+            scores[rows] = self.point_scores[first]
+            new = np.flatnonzero((part != index.points[first]).any(axis=1))
+            if len(new):
+                scores[rows[new]] = self._score_new(part[new], around.take(new), precision)
+
+        each_chunk(queries, self.measuring.model.chunk(), task, self.n_jobs)
+        return scores
+
+    def _score_new(self, queries, around, precision):
+        """Scores of queries that are no points of the cloud."""
+        measuring, n_near = self.measuring, OffSurfaceLimits().n_near
+        _, distances = measuring.nearest(queries, around.take, self.explaining, precision)
+        near = around.indices[:, :n_near]
+        gaps = distances_between(self.index.points[near], queries)
+        spacing = mean_distance(gaps, self.counts[near], n_near)
+        company = NewCompany.none(spacing)
+        off = np.flatnonzero(distances > ExplainLimits().explained)
+        if len(off):
+            for values, measured in zip(
+                company, self.off_surface.measure(queries[off], spacing[off]), strict=True
+            ):
+                values[off] = measured
+        darkness = 1.0 if self.darkness is None else self.darkness.factor(around.indices[:, 0])
+        if self.rays is None:
+            isolation, separation = company.isolation * darkness, company.separation
+        else:
+            isolation, separation = self.rays.judge_new(
+                queries, around, company, self.beside_rays, darkness, self.explained, measuring
+            )
+        return self.verdict.scores(distances, queries, isolation, separation)
 
 
 def n_of_whole(n_points):
@@ -360,44 +390,12 @@ def n_of_whole(n_points):
 
 
 def n_by_rays(raised, cutoff):
-    """Measurements beyond the cutoff by rays alone, of places that `JudgedCloud` has `raised`."""
+    """Measurements beyond the cutoff by rays alone, from the scores (m, 3) of `Raised` places."""
     with_rays, without, counts = raised.T
     return int(counts[(with_rays > cutoff) & (without <= cutoff)].sum())
-
-
-def ranks_of_intensity(intensity, index, n):
-    """The share of the points of an index that returned less than each, and half of the equal.
-
-    None if `intensity` (n,) is None or the same everywhere. Copies have the largest of theirs: as
-    ranks it needs no scale, and it doubts least, since one bright return tells a solid place. Of a
-    part of a cloud, `intensity` has the ranks in the whole.
-    """
-    if intensity is None:
-        return None
-    if np.shape(intensity) != (n,):
-        shape = np.shape(intensity)
-        raise ValueError(f"intensity must have the shape ({n},) of the points; got {shape}.")
-    given = check_array(intensity, dtype=np.float64, ensure_2d=False, input_name="intensity")
-    largest = given[index.rows]
-    np.maximum.at(largest, index.places, given)
-    if whole_cloud() is not None:
-        return largest
-    values, place, counts = np.unique(largest, return_inverse=True, return_counts=True)
-    return middle_ranks(counts)[place] if len(values) > 1 else None
 
 
 def warn_of_doubt(doubt, used):
     """Warn of what speaks against the position of the sensor, which is used or not."""
     if doubt:
         warn(f"{doubt}. {USED if used else NOT_USED}")
-
-
-def telling_of(parts):
-    """How far intensity tells, by the ranks of isolated points, in any parts and order."""
-    n = sum(map(len, parts))
-    return max(0.0, 1 - 2 * fsum(chain.from_iterable(parts)) / n) if n else 0.0
-
-
-def middle_ranks(counts):
-    """The share of all values that are less than each, and half of the equal ones."""
-    return (np.cumsum(counts) - counts / 2) / counts.sum()

@@ -1,16 +1,12 @@
-"""Points that no surface explains: how far each, or its group, stands off from all that is real."""
+"""Points that no surface explains, and what is asked around them."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.outliers._small_groups import SmallGroups, gaps_to
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
-from sklearn_mcmd.planes._around import known_at, ratio
-from sklearn_mcmd.planes._explaining import connected
+from sklearn_mcmd.planes._around import ratio, values_at
 from sklearn_mcmd.planes._nearest import NearestPoints
-from sklearn_mcmd.runtime._progress import progress_part
 
 
 class OffSurfaceLimits(NamedTuple):
@@ -32,51 +28,14 @@ class OffSurfaceLimits(NamedTuple):
     crowded: int = 5
 
 
-@dataclass
-class OffSurface:
-    """The m points that no surface explains, as `MCMDOutlierDetector` judges their company.
-
-    Scanners measure the skins of things, and where their lines are far apart, a thing lies in
-    pieces, which are flat; of a wire or a pole there is no more than a row of points. Ghosts fill
-    space.
-    """
-
-    rest: "Rest"
-    usual: np.ndarray  # (m,), the usual spacing around each point
-    real: list  # searches of the points that are real
-    groups: np.ndarray  # (m,), from 0 on; pieces of one thing are one group
-    straight: np.ndarray  # bool (m,), in a small group that is straight
-    isolation: np.ndarray  # (m,), as the separation: see `measure`
-    separation: np.ndarray
-
-    def measure(self, queries, spacing):
-        """How far m new points stand off, each as if it were alone added to the cloud.
-
-        `spacing` (m,) is the mean distance of each to its nearest measurements. Isolation is the
-        spacing among off-surface points and among all points, over the usual one; what has others
-        near has about 1. Separation is the gap between the query, with the small group that it
-        belongs to, and what is real, over their size; 0 for what belongs to a thing. The third says
-        whether a query belongs to a group of the cloud, whose separation it has.
-        """
-        rest, limits = self.rest, self.rest.limits
-        usual, _ = rest.usual_around(queries, None)
-        distances, near = rest.others.query(queries, limits.n_near, None)
-        among_rest = rest.spacing(queries, distances, near, itself=False)
-        steps = _steps(usual, self.usual, distances[:, :1], near[:, :1])[:, 0]
-        separation = ratio(gaps_to(queries, self.real, None), usual)
-        joined = steps <= limits.reach
-        separation[joined] = self.separation[near[joined, 0]]
-        return rest.isolated(among_rest, spacing, usual), separation, joined
-
-
-class Rest(NamedTuple):
+class Unexplained(NamedTuple):
     """The m points that no surface explains, and what is asked around them."""
 
     box: tuple  # low and high corner of the cloud
     reference: NearestPoints  # of points on surfaces, of all points if there are none
     reference_spacing: np.ndarray  # theirs
     has_surface: bool  # whether any point is on a surface
-    others: NearestPoints  # of the points themselves
+    search: NearestPoints  # of the points themselves
     rows: np.ndarray  # (m,), in the cloud
     points: np.ndarray
     counts: np.ndarray  # (m,), measurements at each
@@ -97,7 +56,7 @@ class Rest(NamedTuple):
             reference=NearestPoints(index.points, explained if any_explained else ~explained),
             reference_spacing=other_spacing,
             has_surface=bool(any_explained),
-            others=NearestPoints(index.points, ~explained),
+            search=NearestPoints(index.points, ~explained),
             rows=rows,
             points=index.points[rows],
             counts=counts[rows],
@@ -128,20 +87,21 @@ class Rest(NamedTuple):
         points, m = self.points, len(self.points)
         n_links = max(SurfaceLimits().n_links, self.limits.n_near)
         rows_of = np.arange(m, dtype=np.int32)  # as `connected` takes them
-        among_rest, linked = np.empty(m), np.empty((m, n_links), np.int32)
+        among_unexplained, linked = np.empty(m), np.empty((m, n_links), np.int32)
 
         def measure(rows, distances, near):
-            among_rest[rows] = self.spacing(points[rows], distances, near, itself=True)
-            steps = _steps(usual[rows], usual, distances[:, 1:], near[:, 1:])
-            own = rows_of[rows][:, None]
-            linked[rows] = np.where(steps <= self.limits.reach, near[:, 1:], own)
+            among_unexplained[rows] = self.spacing(points[rows], distances, near, itself=True)
+            steps = steps_between(usual[rows], usual, distances[:, 1:], near[:, 1:])
+            # A link to itself is none.
+            linked[rows] = np.where(steps <= self.limits.reach, near[:, 1:], rows_of[rows, None])
 
-        self.others.visit(points, n_links + 1, measure, n_jobs)
-        return among_rest, linked
+        self.search.visit(points, n_links + 1, measure, n_jobs)
+        return among_unexplained, linked
 
     def spacing(self, queries, distances, near, itself):
         """Mean distance of queries to off-surface points, `itself` among these or not."""
-        counts = known_at(self.counts, near, self.limits.n_near)  # of a missing one: all
+        # A missing neighbor counts as many as are asked for: nothing beyond it is.
+        counts = values_at(self.counts, near, self.limits.n_near)
         counts[:, 0] -= itself
         # Those that are missing are as far away as the cloud with the query in it is large.
         extent = np.maximum(queries, self.box[1]) - np.minimum(queries, self.box[0])
@@ -149,10 +109,10 @@ class Rest(NamedTuple):
         distances = np.where(np.isinf(distances), extent, distances)
         return mean_distance(distances, counts, self.limits.n_near)
 
-    def isolated(self, among_rest, among_all, usual):
+    def isolated(self, among_unexplained, among_all, usual):
         """Most weight is on off-surface points: what lies near surfaces may be alone off them."""
         weight = self.limits.rest_weight
-        return ratio(among_rest**weight * among_all ** (1 - weight), usual)
+        return ratio(among_unexplained**weight * among_all ** (1 - weight), usual)
 
 
 def least_thing(n_neighbors, n_points):
@@ -161,32 +121,9 @@ def least_thing(n_neighbors, n_points):
     return min(OffSurfaceLimits().thing * n_neighbors, share)
 
 
-def judge_off_surface(rest, least, n_jobs):
-    """The `OffSurface` of the `Rest`, where a thing has `least` measurements."""
-    with progress_part(0.0, 0.2):
-        usual, gaps = rest.usual_around(rest.points, n_jobs)
-    with progress_part(0.2, 0.7):
-        among_rest, linked = rest.neighbors(usual, n_jobs)
-    isolation = rest.isolated(among_rest, rest.among_all, usual)
-    groups = connected(linked)[0]
-    del linked
-    small = SmallGroups(rest, usual, gaps, groups, least, n_jobs)
-    with progress_part(0.7, 1.0):
-        real, groups, separation, straight = small.judge(isolation)
-    return OffSurface(
-        rest=rest,
-        usual=usual,
-        real=real,
-        groups=groups,
-        straight=straight,
-        isolation=isolation,
-        separation=separation,
-    )
-
-
-def _steps(usual, usual_of_rest, distances, near):
+def steps_between(usual, usual_of_all, distances, near):
     """Distances (m, w) to neighbors in usual spacings, the smaller of both points'."""
-    return ratio(distances, np.minimum(usual[:, None], known_at(usual_of_rest, near, np.inf)))
+    return ratio(distances, np.minimum(usual[:, None], values_at(usual_of_all, near, np.inf)))
 
 
 def mean_distance(distances, counts, n_near):

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits
-from sklearn_mcmd.planes._around import are_flat, known_at, ratio
+from sklearn_mcmd.outliers._surfaces import SurfaceLimits, find_surfaces
+from sklearn_mcmd.planes._around import are_flat, ratio, values_at
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.runtime._chunks import each_slice
@@ -14,54 +14,56 @@ from sklearn_mcmd.sensors._rays import Emptiness, RayLimits, Rays, one_far_posit
 TINY = 1e-100  # so that logarithms are finite
 
 
-class RestByRays(NamedTuple):
-    """What rays say of the m points that no surface explains."""
+class BesideRays(NamedTuple):
+    """What is beside the rays to m points that no surface explains."""
 
-    others: NearestPoints  # search of these points
+    search: NearestPoints  # of these points
     empty: Emptiness  # by the beams next to each
     apart: np.ndarray  # (m,), how far each is from others, as much in steps as in usual spacings
     of_sheets: np.ndarray  # bool (m,), explained by a sheet of rays
     by_sheet: np.ndarray  # bool (m,), isolated by a sheet of rays
 
 
-class RayEvidence:
-    """The `Rays` to the n points of a cloud, and the planes that contain them.
+class RayEvidence(NamedTuple):
+    """The `Rays` to the n points of a cloud, and the planes that contain them."""
 
-    Where `approximate`, as by `one_far_position`, no plane does.
-    `scatter` (n,) is as by `Rays.scatter`. Points `on_sheet`, bool (n,), have planes that contain
-    the rays to them and do not go on, which are part of no surface. `judge` finds the `rest`.
-    """
-
+    rays: Rays
+    approximate: bool  # as by `one_far_position`: then no plane contains rays
+    scatter: np.ndarray  # (n,), as by `Rays.scatter`
+    # bool (n,), whose planes contain the rays to them and do not go on: of no surface, but of
+    # sheets of rays.
     on_sheet: np.ndarray
-
-    def __init__(self, rays, approximate, scatter, n_jobs):
-        self.rays, self.approximate, self.scatter, self.n_jobs = rays, approximate, scatter, n_jobs
+    n_jobs: int | None
 
     @classmethod
-    def of(cls, index, origins, planes, usable, n_jobs):
-        """Of an index, whose points were measured from `origins` (n, d), and have `planes`, which
-        are `usable`, bool (n,). Also which of them are free to be of surfaces, and which may be of
-        sheets."""
-        points, limits = index.points, SurfaceLimits()
-        rays, n = Rays.of(points, origins, RayLimits(), n_jobs), len(points)
-        self = cls(rays, one_far_position(points, origins), np.empty(n), n_jobs)
-        left, alone = np.empty(n), np.empty(n)
-        (grazed, faces), (free, ends) = np.empty((2, n), bool), np.empty((2, n), bool)
+    def of(cls, origins, measuring, planes, usable, least):
+        """Of points that were measured from `origins` (n, d), and have `MeasuringPlanes`; also
+        which of these are free to be of surfaces, bool (n,).
+
+        `planes` have their own noise, `usable`, bool (n,), are those that may be of a surface or a
+        sheet, and `least` points a surface has at least.
+        """
+        index, n_jobs, limits = measuring.model.index, measuring.n_jobs, SurfaceLimits()
+        points, n = index.points, len(index.points)
+        rays = Rays.of(points, origins, RayLimits(), n_jobs)
+        approximate = one_far_position(points, origins)
+        left, alone, scatter = np.empty((3, n))
+        grazed, faces, free, ends = np.empty((4, n), bool)
         going_on = np.zeros(n, np.int8)
 
         def look(rows):
-            left[rows], alone[rows] = rays.look(rows, planes.take(rows))
+            left[rows], alone[rows] = rays.look(rows, measuring.planes.take(rows))
 
         def face(rows):
             """Which flat planes contain the rays to their points, and which face the sensor."""
-            self.scatter[rows] = scatter = rays.scatter(index, rows, left, alone)
-            contain = (scatter > ExplainLimits().explained) & (not self.approximate)
-            flat = are_flat(planes.take(rows), limits.flat)
+            scatter[rows] = rays.scatter(index, rows, left, alone)
+            contain = (scatter[rows] > ExplainLimits().explained) & (not approximate)
+            flat = are_flat(measuring.planes.take(rows), limits.flat)
             grazed[rows], faces[rows] = flat & contain, flat & ~contain
 
         def go_on(part):
             rows = part.start + np.flatnonzero(grazed[part])
-            going_on[rows] = rays.going_on(rows, planes, faces, limits.angle)
+            going_on[rows] = rays.going_on(rows, measuring.planes, faces, limits.angle)
 
         def end(part):
             """Which planes may be of sheets: grazed, they end beside surfaces that face elsewhere.
@@ -75,71 +77,71 @@ class RayEvidence:
 
         for work in (look, face, go_on, end):
             each_slice(n, index.chunk, work, n_jobs)
-        return self, free, ends
+        on_sheet = find_surfaces(index, planes, ends, least * RayLimits().sheet)
+        return cls(rays, approximate, scatter, on_sheet, n_jobs), free
 
     def doubt(self, on_surface, counts):
         """As `doubt_of`, by surfaces, bool (n,), and `counts` (n,) of measurements."""
         return doubt_of(counts.sum(where=self.on_sheet), counts.sum(where=on_surface))
 
-    def judge(self, off_surface, spacing, explained, to_planes, index, doubt=1.0):
-        """Isolation and separation of all m points that no surface explains.
+    def judge(self, off_surface, explained, measuring, darkness):
+        """Isolation and separation of all m points that no surface explains, and the `BesideRays`.
 
-        `spacing` (m,) is the mean distance of each to its nearest measurements, `explained` is bool
-        (n,), and `to_planes` as `JudgedCloud.to_planes`. `doubt`, a number or (m,), is a factor on
-        how isolated points are, which does not touch sheets of rays.
+        `explained` is bool (n,), `measuring` are the `MeasuringPlanes`. `darkness`, a number or
+        (m,), is a factor on how isolated points are, which does not touch sheets of rays.
         """
-        rest, isolation = off_surface.rest, off_surface.isolation
-        rows, points, step = rest.rows, rest.points, self.rays.steps(rest.rows)
-        empty = self.rays.next_to(rows, explained)
-        apart, by_beams = in_steps(isolation, spacing, step), np.empty(len(rows))
+        unexplained, isolation = off_surface.unexplained, off_surface.isolation
+        rows, points, index = unexplained.rows, unexplained.points, measuring.model.index
+        step, empty = self.rays.steps(rows), self.rays.next_to(rows, explained)
+        apart = in_steps(isolation, unexplained.among_all, step)
+        by_beams, search = np.empty(len(rows)), unexplained.search
 
-        def ask(some, _, near):
-            around = _around(empty.take(some), apart[some], empty, apart, near[:, 1:])
-            by_beams[some] = self._isolation(isolation[some], step[some], *around)
+        def ask(part, _, near):
+            share, around_apart = _with_neighbors(
+                empty.take(part), apart[part], empty, apart, near[:, 1:]
+            )
+            by_beams[part] = self._by_beams(isolation[part], step[part], share, around_apart)
 
-        rest.others.visit(points, SurfaceLimits().n_links + 1, ask, self.n_jobs)
-        rest.others.release()
+        search.visit(points, SurfaceLimits().n_links + 1, ask, self.n_jobs)
+        search.release()
         separation = self._separation(off_surface, explained, step)
-        on_sheet = self.on_sheets(points, lambda some: index.query_own(rows[some]), to_planes)
+        sheet = self.scatter_of_sheets(points, lambda part: index.query_own(rows[part]), measuring)
         self.rays.release()
-        isolation = doubt * by_beams
-        self.rest = RestByRays(
-            others=rest.others,
-            empty=empty,
-            apart=apart,
-            of_sheets=on_sheet > 0,
-            by_sheet=on_sheet > isolation,
-        )
-        return np.maximum(isolation, on_sheet), separation
+        isolation = darkness * by_beams
+        beside = BesideRays(search, empty, apart, of_sheets=sheet > 0, by_sheet=sheet > isolation)
+        return np.maximum(isolation, sheet), separation, beside
 
     def _separation(self, off_surface, explained, step):
         """The separation of points off the surfaces, by the beams around their groups; `step` (m,)
         is theirs."""
-        rest, separation = off_surface.rest, off_surface.separation.copy()
+        separation = off_surface.separation.copy()
         stand_off = np.flatnonzero(separation > 0)
-        rows, groups = rest.rows[stand_off], off_surface.groups[stand_off]
+        rows, groups = off_surface.rows[stand_off], off_surface.groups[stand_off]
         group = np.zeros(len(explained), np.int32)  # from 1 on, 0 of points in none
         group[rows] = groups + 1
         around = self.rays.around(rows, group, explained)
-        together = around.pooled(groups, rest.points[stand_off]).together()
+        together = around.pooled(groups, off_surface.unexplained.points[stand_off]).together()
         separation[stand_off] = separation_of(separation[stand_off], together, step[stand_off])
         return separation
 
-    def judge_new(self, queries, around, apart, spacing, explained, to_planes, doubt=1.0):
-        """The same of new points (m, d) and their neighborhoods, each for itself; `apart` is as
-        `OffSurface.measure` returns. Rays have judged the groups of the cloud."""
-        isolation, separation, joined = apart
-        witnesses, strange = self.rays.new_witnesses(queries, around.indices[:, 0])
-        empty, beside = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
-        apart = in_steps(isolation, spacing, witnesses.step)
-        near = self.rest.others.query(queries, SurfaceLimits().n_links, self.n_jobs)[1]
-        with_others = _around(empty, apart, self.rest.empty, self.rest.apart, near)
-        isolation = doubt * self._isolation(isolation, witnesses.step, *with_others)
-        alone = separation_of(separation, beside.together(), witnesses.step)
-        on_sheet = self.on_sheets(queries, around.take, to_planes)
-        return np.maximum(isolation, on_sheet), np.where(joined, separation, alone)
+    def judge_new(self, queries, around, company, beside, darkness, explained, measuring):
+        """The same of new points (m, d) and their neighborhoods, each for itself.
 
-    def _isolation(self, isolation, step, share, apart):
+        `company` is the `NewCompany` by coordinates, and `beside` what `judge` returned: rays have
+        judged the groups of the cloud.
+        """
+        witnesses, strange = self.rays.new_witnesses(queries, around.indices[:, 0])
+        empty, of_group = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
+        apart = in_steps(company.isolation, company.spacing, witnesses.step)
+        near = beside.search.query(queries, SurfaceLimits().n_links, self.n_jobs)[1]
+        share, around_apart = _with_neighbors(empty, apart, beside.empty, beside.apart, near)
+        by_beams = self._by_beams(company.isolation, witnesses.step, share, around_apart)
+        alone = separation_of(company.separation, of_group.together(), witnesses.step)
+        sheet = self.scatter_of_sheets(queries, around.take, measuring)
+        isolation = np.maximum(darkness * by_beams, sheet)
+        return isolation, np.where(company.joined, company.separation, alone)
+
+    def _by_beams(self, isolation, step, share, apart):
         """Isolation of points by the share of beams that pass, and by how far apart they are.
         Points where the sensor is have no ray, and what coordinates say; an approximate position
         excuses points, and condemns none."""
@@ -148,9 +150,9 @@ class RayEvidence:
             by_beams = np.minimum(by_beams, isolation)
         return np.where(step > 0, by_beams, isolation)
 
-    def on_sheets(self, queries, neighbors_of, to_planes):
+    def scatter_of_sheets(self, queries, neighbors_of, measuring):
         """How much ranges scatter on the sheet of rays that explains a point; 0 if none does."""
-        owners, off = to_planes(queries, neighbors_of, self.on_sheet)
+        owners, off = measuring.nearest(queries, neighbors_of, self.on_sheet)
         return np.where(off <= ExplainLimits().explained, self.scatter[owners], 0.0)
 
 
@@ -166,12 +168,13 @@ def doubt_of(n_on_sheets, n_on_surfaces):
     )
 
 
-def _around(empty, apart, all_empty, all_apart, near):
+def _with_neighbors(empty, apart, all_empty, all_apart, near):
     """What beams say of each place and of the off-surface points around it, rows of `near`, and how
     far apart all of these are: errors in quantity are near each other, and each of them is in empty
     space. `all_empty` and `all_apart` are of all off-surface points."""
     around = empty.with_nearest(all_empty, near)
-    logs = np.log(known_at(all_apart, near, 1.0)).sum(axis=1) + np.log(apart)
+    # The geometric mean of the point itself and of those that are near, whose number varies.
+    logs = np.log(values_at(all_apart, near, 1.0)).sum(axis=1) + np.log(apart)
     around_apart = np.exp(logs / (1 + np.count_nonzero(near < len(all_apart), axis=1)))
     return np.minimum(empty.alone(), around.alone()), np.sqrt(apart * around_apart)
 

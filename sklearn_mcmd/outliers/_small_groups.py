@@ -1,5 +1,7 @@
 """Groups of too few points for a thing: rows among them, pieces of one, and how far they are."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -7,197 +9,224 @@ from scipy.sparse.csgraph import connected_components
 from sklearn_mcmd.outliers._groups import (
     Shapes,
     are_straight,
+    gaps_between_groups,
     gaps_of_groups,
+    numbered,
     separation_of_groups,
 )
+from sklearn_mcmd.outliers._off_surface import Unexplained
 from sklearn_mcmd.planes._around import ratio
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._nearest import NearestPoints
 
 
-class SmallGroups:
-    """The points of all groups off the surfaces that have fewer than `least` measurements.
+class GroupCompany(NamedTuple):
+    """What company m points off the surfaces have as groups."""
 
-    `rest` is the `Rest`, of whose m points `usual` (m,) are the usual spacings, `gaps` (m,) the
-    distances from surfaces, and `groups` (m,) their groups, from 0 on.
+    real: list[NearestPoints]  # searches of all that is real: surfaces and things
+    groups: np.ndarray  # int32 (m,), from 0 on; pieces of one thing are one group
+    separation: np.ndarray  # (m,), how far the group stands off, in sizes of its own; 0 of things
+    straight: np.ndarray  # bool (m,), in a small group that is straight
+    isolation: np.ndarray  # (m,): what is in a row keeps company with it, however far apart it is
+
+
+def company_of_groups(unexplained, usual, gaps, groups, isolation, least, n_jobs):
+    """The `GroupCompany` of `Unexplained` points, where a thing has `least` measurements.
+
+    `usual` (m,) are the usual spacings, `gaps` (m,) the distances from surfaces, `groups` (m,) what
+    hangs together, from 0 on, and `isolation` (m,) that of single points.
+    """
+    # Step 1: of small groups, what lies in a row is a group, and pieces of one thing are one.
+    small = SmallGroups.of(unexplained, gaps, groups, least, n_jobs)
+    of_small, in_row = small.divided_by_rows(numbered(groups[small.rows]))
+    of_small = small.joined_pieces(of_small)
+    unexplained.search.release()
+    # Numbers of large groups come first, then those of small ones.
+    are_large = np.bincount(groups, unexplained.counts) >= least
+    groups = np.cumsum(are_large, dtype=np.int32)[groups] - 1
+    groups[small.rows] = np.count_nonzero(are_large) + of_small
+    # Step 2: groups that are still small stand off by their gap to all that is real.
+    are_small = small.are_small(of_small)
+    real, rows = small.real_beside_surfaces(are_small), small.rows[are_small]
+    separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
+    separation[rows], straight[rows] = separation_of_groups(
+        unexplained.points[rows], groups[rows], usual[rows], small.gaps_to_real(are_small, real)
+    )
+    in_row, isolation = small.rows[in_row | straight[small.rows]], isolation.copy()
+    isolation[in_row] = np.minimum(isolation[in_row], separation[in_row])
+    if unexplained.has_surface:
+        # Step 3: so do large groups that hang far from all else.
+        is_real = np.ones(len(groups), bool)
+        is_real[rows] = False
+        _separate_large(unexplained, usual, gaps, groups, is_real, least, separation, n_jobs)
+        real = [unexplained.reference, *real]
+    for search in real:
+        search.release()
+    return GroupCompany(real, groups, separation, straight, isolation)
+
+
+class SmallGroups(NamedTuple):
+    """The s points of all groups off the surfaces that have fewer than `least` measurements.
+
+    Methods take the groups of these points, numbers from 0 on, int32 (s,).
     """
 
-    def __init__(self, rest, usual, gaps, groups, least, n_jobs):
-        self.rest, self.least, self.n_jobs = rest, least, n_jobs
-        counts = np.bincount(groups, rest.counts)
-        are_large = counts >= least
-        rows = np.flatnonzero(~are_large[groups])
-        self.rows = rows.astype(np.int32)
-        self.points, self.counts = rest.points[rows], rest.counts[rows]
-        self.usual, self.gaps, self.groups = usual, gaps, _numbered(groups[rows])
-        self.most = counts[are_large].max(initial=0)  # measurements of the largest
-        # Of all points the groups when `judge` has found those of small ones; large ones are first.
-        self.all_groups = np.cumsum(are_large, dtype=np.int32)[groups] - 1
-        self.n_large = np.count_nonzero(are_large)
+    unexplained: Unexplained  # all points off the surfaces
+    rows: np.ndarray  # int32 (s,), of the points among these
+    points: np.ndarray  # (s, d)
+    counts: np.ndarray  # (s,), measurements at each
+    gaps: np.ndarray  # (s,), distances from surfaces
+    least: float
+    largest_thing: float  # measurements of the largest of the other groups, 0 if there is none
+    n_jobs: int | None
 
-    def judge(self, isolation):
-        """Find which groups are rows, pieces of one thing, or a thing; how far others stand off.
+    @classmethod
+    def of(cls, unexplained, gaps, groups, least, n_jobs):
+        """From the `groups` (m,) of all points off the surfaces, and their `gaps` (m,)."""
+        counts = np.bincount(groups, unexplained.counts)
+        rows = np.flatnonzero((counts < least)[groups]).astype(np.int32)
+        return cls(
+            unexplained=unexplained,
+            rows=rows,
+            points=unexplained.points[rows],
+            counts=unexplained.counts[rows],
+            gaps=gaps[rows],
+            least=least,
+            largest_thing=counts[counts >= least].max(initial=0),
+            n_jobs=n_jobs,
+        )
 
-        What is in a row keeps company with it, however far apart its points are: its `isolation`
-        (m,) changes. Returns searches of all that is real, the groups (m,) from 0 on, their
-        separation (m,), and which points are in small groups that are straight, bool (m,).
-        """
-        in_row = np.zeros(len(self.rows), bool)
-        if len(self.rows):
-            in_row = self._part_rows()
-            self._join_pieces()
-        self.rest.others.release()
-        groups = self.all_groups
-        groups[self.rows] = self.n_large + self.groups
-        separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
-        small = self._are_small()
-        real, some = self._real(small), self.rows[small]
-        found = self._separation(some, groups[some], self._gaps(small, real))
-        separation[some], straight[some] = found
-        in_row = self.rows[in_row | straight[self.rows]]
-        isolation[in_row] = np.minimum(isolation[in_row], separation[in_row])
-        if self.rest.has_surface:
-            self._separate_large(groups, some, separation)
-        real = [self.rest.reference] * self.rest.has_surface + real
-        for search in real:
-            search.release()
-        return real, groups, separation, straight
-
-    def _are_small(self):
-        """Which points are in groups too small for a thing, bool."""
-        sizes = np.bincount(self.groups, self.counts)
+    def are_small(self, groups):
+        """Which points are in groups too small for a thing, bool (s,)."""
+        sizes = np.bincount(groups, self.counts)
         small = sizes < self.least
-        if not self.rest.has_surface:
-            small &= sizes < max(sizes.max(initial=0), self.most)
-        return small[self.groups]
+        if not self.unexplained.has_surface:  # something is real: the largest group of all
+            small &= sizes < max(sizes.max(initial=0), self.largest_thing)
+        return small[groups]
 
-    def _real(self, small):
-        """Searches of what is real beside surfaces: the points of groups that are not small."""
-        things = self.rest.others.without(self.rows[small])
+    def real_beside_surfaces(self, are_small):
+        """Searches of the points off the surfaces that are in no small group."""
+        things = self.unexplained.search.without(self.rows[are_small])
         return [things] * bool(things.n)
 
-    def _gaps(self, some, real):
-        """Distances of some of the points from what is real."""
-        gaps = gaps_to(self.points[some], real, self.n_jobs)
-        return np.minimum(gaps, self.gaps[self.rows[some]]) if self.rest.has_surface else gaps
+    def gaps_to_real(self, chosen, real):
+        """Distances of chosen points from what is real, on surfaces and beside them."""
+        gaps = gaps_to(self.points[chosen], real, self.n_jobs)
+        return np.minimum(gaps, self.gaps[chosen]) if self.unexplained.has_surface else gaps
 
-    def _places(self, near):
-        """Places of rows of the rest among these points; their number of all others."""
+    def places(self, near):
+        """Places among these points of rows of all that are off the surfaces; s of the others."""
         places = np.searchsorted(self.rows, near).astype(np.int32)
         np.minimum(places, len(self.rows) - 1, out=places)
         places[self.rows[places] != near] = len(self.rows)
         return places
 
-    def _part_rows(self):
-        """Let points of small groups that lie in a row be a group of their own: straight with their
-        nearest others, and among the nearest of each other. Returns which points are, bool."""
-        m, n_near = len(self.rows), self.rest.limits.n_near
-        in_row, asked, links = np.zeros(m, bool), np.flatnonzero(self._are_small()), []
-        if self.rest.others.n <= n_near or len(asked) == 0:
-            return in_row
+    def divided_by_rows(self, groups):
+        """The groups once points that lie in a row are a group of their own; and which these are.
 
-        def link(some, distances, near):
-            around = self.rest.points[near]
+        They are straight with their nearest others, and among the nearest of each other.
+        """
+        s, n_near = len(self.rows), self.unexplained.limits.n_near
+        in_row, asked, links = np.zeros(s, bool), np.flatnonzero(self.are_small(groups)), []
+        if self.unexplained.search.n <= n_near or len(asked) == 0:
+            return groups, in_row
+
+        def link(part, distances, near):
+            around = self.unexplained.points[near]
             away = around - around.mean(axis=1, keepdims=True)
             covariance = np.einsum("mki,mkj->mij", away, away) / (n_near + 1)
             deviations = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))
             straight = are_straight(deviations, np.full(len(near), n_near + 1))
-            own = np.repeat(asked[some][straight], n_near)
-            other = self._places(near[straight, 1:].ravel())
-            links.append(np.stack([own, other])[:, other < m])
+            from_point = np.repeat(asked[part][straight], n_near)
+            to_neighbor = self.places(near[straight, 1:].ravel())
+            links.append(np.stack([from_point, to_neighbor])[:, to_neighbor < s])
 
-        self.rest.others.visit(self.points[asked], n_near + 1, link, self.n_jobs)
-        one, other = np.hstack(links)
-        graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(m, m)).tocsr()
+        self.unexplained.search.visit(self.points[asked], n_near + 1, link, self.n_jobs)
+        first, second = np.hstack(links)
+        graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(s, s)).tocsr()
+        # A product with the transpose leaves links that go both ways.
         part = connected_components(graph * graph.T, directed=False)[1]
         rows = np.flatnonzero(np.bincount(part)[part] > 1)
         rows = rows[np.lexsort(self.points[rows].T[::-1])]
-        part = _numbered(part[rows])
+        part = numbered(part[rows])
         straight = Shapes.of(self.points[rows], part).straight[part]
         in_row[rows] = straight
-        self.groups[rows[straight]] = m + part[straight]
-        self.groups = _numbered(self.groups)
-        return in_row
+        groups = groups.copy()
+        groups[rows[straight]] = s + part[straight]
+        return numbered(groups), in_row
 
-    def _join_pieces(self):
-        """Let groups that are pieces of one thing be one."""
-        small = self._are_small()
-        real, rows = self._real(small), np.flatnonzero(small)
-        group = _numbered(self.groups[rows])
-        gaps = gaps_of_groups(group, self._gaps(rows, real))
+    def joined_pieces(self, groups):
+        """The groups once those that are pieces of one thing are one."""
+        # Step 1: pieces are flat groups, with their gaps to what is real.
+        are_small = self.are_small(groups)
+        real, rows = self.real_beside_surfaces(are_small), np.flatnonzero(are_small)
+        piece = numbered(groups[rows])
+        gaps = gaps_of_groups(piece, self.gaps_to_real(rows, real))
         for search in real:
             search.release()
         order = np.lexsort(self.points[rows].T[::-1])
-        shapes = Shapes.of(self.points[rows[order]], group[order])
-        rows, group = rows[shapes.flat[group]], group[shapes.flat[group]]
+        shapes = Shapes.of(self.points[rows[order]], piece[order])
+        rows, piece = rows[shapes.flat[piece]], piece[shapes.flat[piece]]
         if len(rows) == 0:
-            return
-        # Pieces of a thing are no farther apart than a few of their lengths.
-        m, pairs = len(self.rows), []
-        reach, piece = np.full(m + 1, -np.inf), np.full(m + 1, -1, np.int32)  # the last: all others
-        reach[rows], piece[rows] = ExplainLimits().explained * shapes.length[group], group
+            return groups
+        # Step 2: link those that are no farther apart than a few of their lengths. What is no
+        # piece reaches nowhere; the last place stands for all points that are not in small groups.
+        s, pairs = len(self.rows), []
+        reach, piece_of = np.full(s + 1, -np.inf), np.full(s + 1, -1, np.int32)
+        reach[rows], piece_of[rows] = ExplainLimits().explained * shapes.length[piece], piece
 
-        def link(some, distances, near):
-            own, near = rows[some], self._places(near)
-            close = distances <= reach[near] + reach[own, None]
-            i, j = np.nonzero(close & (piece[near] != piece[own, None]))
-            distances, one, other = distances[i, j], own[i], near[i, j]
+        def link(part, distances, near):
+            asked, near = rows[part], self.places(near)
+            close = distances <= reach[near] + reach[asked, None]
+            i, j = np.nonzero(close & (piece_of[near] != piece_of[asked, None]))
+            distances, first, second = distances[i, j], asked[i], near[i, j]
             del near, close, i, j
-            a, b = piece[one], piece[other]
+            a, b = piece_of[first], piece_of[second]
             # One of both, at least, is as near to the other as to anything real; or both have one
             # plane.
             linked = distances <= np.maximum(gaps[a], gaps[b])
-            linked |= shapes.are_coplanar(a, b, self.points[one], self.points[other])
-            both = np.stack([self.groups[one], self.groups[other]])
+            linked |= shapes.are_coplanar(a, b, self.points[first], self.points[second])
+            both = np.stack([groups[first], groups[second]])
             pairs.append(np.unique(both[:, linked], axis=1))
 
-        # A small group has fewer points, so one of another is among them.
-        self.rest.others.visit(self.points[rows], int(np.ceil(self.least)), link, self.n_jobs)
-        one, other = np.hstack(pairs)
-        shape = (self.groups.max() + 1,) * 2
-        graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=shape)
-        self.groups = connected_components(graph, directed=False)[1][self.groups]
-
-    def _separation(self, rows, groups, gaps):
-        """Of points of the rest the separation of their groups, none of whose points is left out,
-        and whether these are straight."""
-        group, points = _numbered(groups), self.rest.points[rows]
-        separation, straight = separation_of_groups(points, group, self.usual[rows], gaps)
-        return separation[group], straight[group]
-
-    def _separate_large(self, groups, small, separation):
-        """Fill the separation of large groups that stand off from all else, `small` points apart:
-        over how many times as large they are as the least thing. What is large by copies alone is
-        real."""
-        counts, sizes = np.bincount(groups, self.rest.counts), np.bincount(groups)
-        weight, large = self.least / counts, sizes >= self.least
-        # One point of each group, and the least size that it may have, tell which may stand off.
-        one = np.empty(len(sizes), np.intp)
-        one[groups] = np.arange(len(groups))
-        gaps = self.gaps[one[large]]
-        size = np.bincount(groups, self.usual)[large] / sizes[large]
-        stands_off = ExplainLimits().explained
-        large[large] = ratio(gaps, size) * weight[large] > (1 - 1e-9) * stands_off
-        rows = np.flatnonzero(large[groups])
-        groups, gaps = groups[rows], self.gaps[rows]
-        apart = self._separation(rows, groups, gaps)[0] * weight[groups] > stands_off
-        rows, groups, gaps = rows[apart], groups[apart], gaps[apart]
-        code = _numbered(groups) + 1  # 0 of all others that are real
-        # The codes of two groups differ in one bit at least, so some search is of the other.
-        for bit in range(int(code.max(initial=0)).bit_length()):
-            one = code >> bit & 1 == 1
-            others = self.rest.others.without(np.concatenate([small, rows[one]]))
-            searches = others, NearestPoints(self.rest.points[rows[one]])
-            for asked, search in zip((one, ~one), searches, strict=True):
-                if search.n and asked.any():
-                    near = search.query(self.rest.points[rows[asked]], 1, self.n_jobs)[0][:, 0]
-                    gaps[asked] = np.minimum(gaps[asked], near)
-        separation[rows] = self._separation(rows, groups, gaps)[0] * weight[groups]
+        # A small group has fewer than `least` points, so one of another is among as many.
+        n_asked = int(np.ceil(self.least))
+        self.unexplained.search.visit(self.points[rows], n_asked, link, self.n_jobs)
+        first, second = np.hstack(pairs)
+        shape = (groups.max() + 1,) * 2
+        graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=shape)
+        return connected_components(graph, directed=False)[1][groups]
 
 
-def _numbered(groups):
-    """Groups as numbers from 0 on: int32."""
-    return np.unique(groups, return_inverse=True)[1].astype(np.int32)
+def _separate_large(unexplained, usual, gaps, groups, is_real, least, separation, n_jobs):
+    """Fill the separation of large groups that stand off from all that `is_real`, bool (m,).
+
+    A group of n times as many measurements as the least thing must stand off n times as far. What
+    is large by copies alone is real.
+    """
+    weight, sizes = least / np.bincount(groups, unexplained.counts), np.bincount(groups)
+    # Step 1: one point of each group, and the least size that it may have, tell which may stand
+    # off. The sums of sizes come in another order than below, and differ by rounding.
+    a_point = np.empty(len(sizes), np.intp)
+    a_point[groups] = np.arange(len(groups))
+    size = ratio(np.bincount(groups, usual), sizes)
+    stands_off = ExplainLimits().explained
+    far = ratio(gaps[a_point], size) * weight > (1 - 1e-9) * stands_off
+    rows = np.flatnonzero(((sizes >= least) & far)[groups])
+    # Step 2: all points of these groups tell.
+    points, of_row, spacing = unexplained.points[rows], groups[rows], usual[rows]
+    apart = separation_of_groups(points, of_row, spacing, gaps[rows])[0] * weight[of_row]
+    rows = rows[apart > stands_off]
+    # Step 3: others that hang there, too, are real to them.
+    code = np.zeros(len(groups), np.int32)
+    code[rows] = 1 + numbered(groups[rows])
+    gaps = gaps.copy()
+    gaps[is_real] = np.minimum(
+        gaps[is_real], gaps_between_groups(unexplained.points[is_real], code[is_real], n_jobs)
+    )
+    points, of_row, spacing = unexplained.points[rows], groups[rows], usual[rows]
+    apart = separation_of_groups(points, of_row, spacing, gaps[rows])[0]
+    separation[rows] = apart * weight[of_row]
 
 
 def gaps_to(queries, real, n_jobs):

@@ -5,7 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._around import are_flat
-from sklearn_mcmd.planes._explaining import ExplainLimits, LinkLimits, connected_planes
+from sklearn_mcmd.planes._explaining import ExplainLimits, LinkLimits, connected_planes, explain
+from sklearn_mcmd.planes._local_planes import LocalPlaneModel
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.planes._rules import small_sample_inflation
+from sklearn_mcmd.runtime._chunks import each_slice, run, slices
 
 
 class SurfaceLimits(NamedTuple):
@@ -19,6 +23,63 @@ class SurfaceLimits(NamedTuple):
     # A surface has as many points as a neighborhood: fewer cannot fill that of a plane of their
     # own. In a small cloud surfaces and things have this share of it.
     least_share: float = 1 / 5
+
+
+class MeasuringPlanes(NamedTuple):
+    """The planes of the n points of a model's index, from which distances are measured."""
+
+    model: LocalPlaneModel
+    planes: Planes  # their scale is the noise by which distances are measured
+    n_jobs: int | None
+
+    @classmethod
+    def of(cls, model, planes, noise_scale, n_jobs):
+        """By a stated noise, in units of the points, or with None by that of each plane."""
+        (n, d), k = model.index.points.shape, model.index.n_neighbors
+        if noise_scale is not None:
+            planes = planes._replace(scale=np.full(n, noise_scale))
+        elif n <= k:
+            # All points share one plane. In larger clouds each has several, and the nearest
+            # counts, which makes up for a scale of few points being too small.
+            inflation = small_sample_inflation(d, np.rint(planes.kept * n), n)
+            planes = planes._replace(scale=planes.scale * inflation)
+        return cls(model, planes.without("kept"), n_jobs)
+
+    def rounding(self, queries, precision=0.0):
+        """What rounding of the coordinates adds to the noise at each query: (m,)."""
+        return max(self.model.rounding, 8 * precision) * np.abs(queries).max(axis=1)
+
+    def from_own(self):
+        """Distances (n,) of the points from their own planes, in standard deviations."""
+        points = self.model.index.points
+        distances = np.empty(len(points))
+
+        def measure(rows):
+            planes, queries = self.planes.take(rows), points[rows]
+            heights = np.einsum("md,md->m", queries - planes.centroids, planes.normals)
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                noise = np.hypot(planes.scale, self.rounding(queries))
+                distances[rows] = np.nan_to_num(np.abs(heights) / noise, nan=0.0)
+
+        run([(rows,) for rows in slices(len(points), self.model.chunk())], measure, self.n_jobs)
+        return distances
+
+    def nearest(self, queries, neighbors_of, usable, precision=0.0):
+        """The nearest of the usable planes among each query's neighbors: its row, and the distance.
+
+        The row is -1 where none reaches the query, and the distance inf; it is in standard
+        deviations. ``neighbors_of(rows)`` gives the `Neighborhoods` of a slice of queries.
+        """
+        m, floor = len(queries), self.rounding(queries, precision)
+        owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
+
+        def measure(rows):
+            owners[rows], distances[rows] = explain(
+                queries[rows], neighbors_of(rows), self.planes, usable, floor[rows]
+            )
+
+        each_slice(m, self.model.chunk(), measure, self.n_jobs)
+        return owners, distances
 
 
 def find_surfaces(index, planes, usable, least):
@@ -49,10 +110,3 @@ def are_usable(planes, distances):
     """Which points may be part of a surface, bool (n,): their planes are flat and explain the point
     itself. `distances` (n,) are those from their own planes, in standard deviations."""
     return are_flat(planes, SurfaceLimits().flat) & (distances <= ExplainLimits().explained)
-
-
-def own_distances(queries, planes, floor):
-    """Distances of queries (m, d) from the plane of the same row, in standard deviations."""
-    heights = np.einsum("md,md->m", queries - planes.centroids, planes.normals)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return np.nan_to_num(np.abs(heights) / np.hypot(planes.scale, floor), nan=0.0)

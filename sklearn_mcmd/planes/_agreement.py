@@ -44,14 +44,14 @@ class Offers(NamedTuple):
 def agreed_offers(model, n_jobs, keep=None):
     """The `Offers` of all points of a model's index before they ask for the last time.
 
-    ``keep(rows, *found)``, if it is given, gets what `whole_planes` of the model finds of slices.
+    ``keep``, if it is given, gets the rows of a slice and the fields of its `WholePlanes`.
     """
     index, n = model.index, len(model.index.points)
     planes, asks = Planes.empty(*index.points.shape).without(*UNUSED), np.empty(n, dtype=bool)
 
     def offer(rows):
-        given = index.points[rows], index.query_own(rows)
-        first, asks[rows] = model.first_planes(*given, keep and partial(keep, rows))
+        points, around = index.points[rows], index.query_own(rows)
+        first, asks[rows] = model.first_planes(points, around, keep and partial(keep, rows))
         planes.put(rows, first)
 
     each_slice(n, model.chunk(), offer, n_jobs)
@@ -68,8 +68,9 @@ def _asked(model, offers, n_jobs):
         asking = np.flatnonzero(offers.asks[part])
         if len(asking):
             rows, around = part.start + asking, index.query_own(part).take(asking)
-            found = model.robust_planes(index.points[rows], around, model.rounding, offers.planes)
-            planes.put(rows, found[0])
+            points = index.points[rows]
+            robust = model.robust_planes(points, around, model.rounding, offers.planes)
+            planes.put(rows, robust.planes)
 
     each_slice(len(offers.asks), model.chunk(), ask, n_jobs)
     return planes

@@ -45,12 +45,13 @@ def _at_ranks(parts, ranks):
         new = np.unique(_bins(values), return_counts=True)
         keys, places = np.unique(np.concatenate([keys, new[0]]), return_inverse=True)
         counts = np.bincount(places, np.concatenate([counts, new[1]])).astype(np.int64)
+    # Second pass: only the bins of the wanted ranks are sorted.
     of = np.searchsorted(np.cumsum(counts), ranks, side="right")
     chosen = np.zeros(len(keys), bool)
     chosen[of] = True
     left_out = np.cumsum(np.where(chosen, 0, counts))
-    found = np.concatenate([v[chosen[np.searchsorted(keys, _bins(v))]] for v in parts()])
-    return np.sort(found)[ranks - left_out[of]]
+    in_bins = np.concatenate([v[chosen[np.searchsorted(keys, _bins(v))]] for v in parts()])
+    return np.sort(in_bins)[ranks - left_out[of]]
 
 
 def _bins(values):
@@ -74,13 +75,13 @@ def ratio(numerator, denominator):
     return np.nan_to_num(quotient, nan=0.0, posinf=LARGEST, neginf=-LARGEST)
 
 
-def known_at(values, rows, missing):
+def values_at(values, rows, missing):
     """The values of these rows, and another of rows that are missing: the number of all."""
     if not len(values):
         return np.full(rows.shape, missing)
-    found = values[np.minimum(rows, len(values) - 1)]
-    found[rows == len(values)] = missing
-    return found
+    at_rows = values[np.minimum(rows, len(values) - 1)]
+    at_rows[rows == len(values)] = missing
+    return at_rows
 
 
 def most_noise_around(noise, around, sizes, quiet, bend=0.0):
@@ -93,6 +94,7 @@ def most_noise_around(noise, around, sizes, quiet, bend=0.0):
     half of them have planes of their own face; among many outliers fewer have planes without any.
     """
     usual = np.hypot(quantile_around(noise, around, quiet), bend)
+    # A standard deviation of n members has a relative standard error of 1 / sqrt(2 n).
     return (1 + NoiseLimits().n_errors / np.sqrt(2 * sizes)) * usual
 
 

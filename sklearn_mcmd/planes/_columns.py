@@ -28,8 +28,15 @@ class Columns(NamedTuple):
     def of(cls, fitted, X):
         """Those that a `RobustNormalEstimator` fitted to X has found, in the dtype of X, without
         the copies that `transform` makes."""
-        names = "normals_", "surface_variation_", "eigenvalues_", "plane_offset_", "plane_scale_"
-        return cls(X, *(getattr(fitted, name).astype(X.dtype, copy=False) for name in names))
+        columns = cls(
+            coordinates=X,
+            normals=fitted.normals_,
+            surface_variation=fitted.surface_variation_,
+            eigenvalues=fitted.eigenvalues_,
+            offset=fitted.plane_offset_,
+            scale=fitted.plane_scale_,
+        )
+        return cls._make(values.astype(X.dtype, copy=False) for values in columns)
 
     def planes(self, rows, n_jobs=None):
         """The planes of some of the points, float64; what columns lack is no number or left out."""
@@ -38,13 +45,13 @@ class Columns(NamedTuple):
         planes.kept[:], planes.radius[:], planes.spacing[:] = 1.0, np.nan, np.nan
 
         def task(part):
-            some = rows[part]
-            normals = self.normals[some].astype(np.float64)
+            chosen = rows[part]
+            normals = self.normals[chosen].astype(np.float64)
             # A file may have rounded them.
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
             planes.normals[part] = normals
-            planes.centroids[part] = self.coordinates[some] + self.offset[some, None] * normals
-            planes.scale[part] = self.scale[some]
+            planes.centroids[part] = self.coordinates[chosen] + self.offset[chosen, None] * normals
+            planes.scale[part] = self.scale[chosen]
 
         run([(part,) for part in slices(len(rows), CHUNK)], task, n_jobs)
         return planes
@@ -108,8 +115,8 @@ def _cut(X, d, n_jobs):
         if wrong:
             return
         coordinates[part] = X[part, :d]
-        own = np.maximum(X[part, 2 * d + 1 : 3 * d + 1], 0, out=eigenvalues[part])
-        if not _are_planes(normals[part], variation[part], own):
+        values = np.maximum(X[part, 2 * d + 1 : 3 * d + 1], 0, out=eigenvalues[part])
+        if not _are_planes(normals[part], variation[part], values):
             wrong.append(part)
 
     run([(part,) for part in slices(len(X), CHUNK)], task, n_jobs)

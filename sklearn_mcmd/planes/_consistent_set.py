@@ -10,7 +10,6 @@ import numpy as np
 from sklearn.utils import check_random_state
 
 from sklearn_mcmd.planes._principal_planes import fit_planes
-from sklearn_mcmd.runtime._compiling import compiled_function
 
 # Distances to a trial plane that differ by less than this share of the neighborhood's median
 # radius are tied (the nearer neighbor goes first), so that rounding does not decide.
@@ -21,8 +20,6 @@ EIGENVALUE_STEP = 1e-14
 # A subset spans no plane when its second-least singular value is below this share of the
 # largest: rounding would decide how such a plane lies.
 RANK_TOLERANCE = 1e-6
-SURE_RANK = 1e-5  # the same share of pivots, which are near singular values, for bounds
-RIDGE = 2.0**-43  # share of the trace that makes any covariance matrix regular, beyond rounding
 MOST_TRIALS = 2**62  # what a 64-bit integer holds, and no more are ever made
 CHUNK_ENTRIES = 2_000_000  # of the largest temporary array of maximum_consistent_sets
 
@@ -45,6 +42,7 @@ def n_trials_needed(max_outlier_rate, success_probability, n_features):
     epsilon; `success_probability`, in (0, 1), is P_r; and `n_features`, the points in a minimal
     subset, is h_0. The number is at least 1 and at most 2**62.
     """
+    # 1 - (1 - clean)^n reaches P_r: Eq. 13 solved for n.
     clean = (1.0 - max_outlier_rate) ** n_features
     if clean >= 1.0:
         return 1
@@ -107,7 +105,7 @@ def localize(neighborhoods, sizes=None):
     return local, extent * radius
 
 
-def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None, bounded=False):
+def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
     """Find the maximum consistent set of each neighborhood (Algorithm 1).
 
     Each random minimal subset gives a plane, and the h points nearest to it are a candidate. The
@@ -119,91 +117,34 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None, bounde
     Returns the sets, bool (B, k); the least eigenvalue (B,) of each set's covariance (divisor h),
     in squared units of the points; and whether no trial found a set that spans a plane, bool (B,),
     since points are collinear or coincident. The set is then the first h members. Ties are as
-    `DISTANCE_STEP` and `EIGENVALUE_STEP` say. If trials are `bounded`, compiled code tells first
-    which few may be the best.
+    `DISTANCE_STEP` and `EIGENVALUE_STEP` say.
     """
-    n_sets, k, _ = neighborhoods.shape
+    n_sets, k, d = neighborhoods.shape
     sizes = np.full(n_sets, k) if sizes is None else np.asarray(sizes)
     n_support = np.broadcast_to(n_support, n_sets)
     local, radius = localize(neighborhoods, sizes)
-    support, least = np.empty((n_sets, k), dtype=bool), np.empty(n_sets)
-    degenerate, rest = np.zeros(n_sets, dtype=bool), np.ones(n_sets, dtype=bool)
-    if bounded:
-        rest = _find_by_bounds(local, trials, n_support, sizes, support, least)
-    if rest.any():
-        sets = _find_sets(local[rest], trials, n_support[rest], sizes[rest])
-        support[rest], least[rest], degenerate[rest] = sets
-    return support, least * radius**2, degenerate
-
-
-def _find_sets(local, trials, n_support, sizes):
-    """The same of neighborhoods whose median radius is one."""
-    n_sets, k, d = local.shape
     eigenvalues, offsets = np.empty((2, n_sets, len(trials)))
     normals = np.empty((n_sets, len(trials), d))
+    # Steps 1 to 3 for all trials, in blocks that bound the memory.
     step = max(1, CHUNK_ENTRIES // (n_sets * k))
     for start in range(0, len(trials), step):
         block = slice(start, start + step)
-        normals[:, block], offsets[:, block], degenerate = _trial_planes(
-            local, trials[block], sizes
+        normals[:, block], offsets[:, block], no_plane = _trial_planes(local, trials[block], sizes)
+        support = _nearest_members(
+            local, normals[:, block], offsets[:, block], n_support=n_support, sizes=sizes
         )
-        planes = normals[:, block], offsets[:, block]
-        support = _nearest_members(local, *planes, n_support, sizes)
         least = _least_eigenvalues(local, support, n_support)
-        eigenvalues[:, block] = np.where(degenerate, np.inf, least)
-
-    support, least = _best_trials(local, normals, offsets, eigenvalues, n_support, sizes)
+        eigenvalues[:, block] = np.where(no_plane, np.inf, least)
+    # Step 4: the first trial among the best, so that rounding does not decide.
+    best = eigenvalues.min(axis=1, keepdims=True) + EIGENVALUE_STEP
+    winner = np.arange(n_sets), np.argmax(eigenvalues <= best, axis=1)
+    support = _nearest_members(
+        local, normals[winner][:, None], offsets[winner][:, None], n_support=n_support, sizes=sizes
+    )[:, 0]
+    least = eigenvalues[winner]
     degenerate = np.isinf(least)
     support[degenerate] = (np.arange(k) < n_support[:, None])[degenerate]
-    return support, least, degenerate
-
-
-def _best_trials(local, normals, offsets, eigenvalues, n_support, sizes):
-    """The sets, bool (B, k), of the trials with the least eigenvalues, and these (B,)."""
-    # The first trial among the best, so that rounding does not decide.
-    best = eigenvalues.min(axis=1, keepdims=True) + EIGENVALUE_STEP
-    winner = np.arange(len(local)), np.argmax(eigenvalues <= best, axis=1)
-    planes = normals[winner][:, None], offsets[winner][:, None]
-    return _nearest_members(local, *planes, n_support, sizes)[:, 0], eigenvalues[winner]
-
-
-def _find_by_bounds(local, trials, n_support, sizes, support, least):
-    """Fill the sets and their least eigenvalues; returns where this needs the plain way, bool (B,).
-
-    A trial whose bound is above the least eigenvalue of the most promising one is not the best.
-    """
-    (n_sets, k, d), sets = local.shape, np.arange(len(local))
-    bounds, offsets = np.empty((2, n_sets, len(trials)))
-    normals, eigenvalues = np.empty((n_sets, len(trials), d)), np.full(bounds.shape, np.inf)
-    keys = np.zeros(k)
-    bound_trials = compiled_function("planes._trial_bounds_numba", "bound_trials")
-    bound_trials(
-        np.ascontiguousarray(np.swapaxes(local, 1, 2)),
-        np.asarray(sizes, np.int64),
-        np.ascontiguousarray(n_support, np.int64),
-        trials,
-        (DISTANCE_STEP, SURE_RANK, RIDGE),
-        (np.empty((d, d)), np.empty(d, np.int64)),
-        (keys, keys.view(np.int64), np.empty(k), np.empty(d)),
-        normals,
-        offsets,
-        bounds,
-    )
-    is_unsure = np.isnan(bounds).any(axis=1)
-    bounds[is_unsure] = np.inf
-
-    def decide(sets, chosen):
-        planes = normals[sets, chosen][:, None], offsets[sets, chosen][:, None]
-        members = _nearest_members(local[sets], *planes, n_support[sets], sizes[sets])
-        eigenvalues[sets, chosen] = _least_eigenvalues(local[sets], members, n_support[sets])[:, 0]
-
-    promising = bounds.argmin(axis=1)
-    decide(sets, promising)
-    may_be_best = bounds <= eigenvalues[sets, promising][:, None] + EIGENVALUE_STEP
-    may_be_best[sets, promising] = False
-    decide(*np.nonzero(may_be_best))
-    support[:], least[:] = _best_trials(local, normals, offsets, eigenvalues, n_support, sizes)
-    return is_unsure | np.isinf(least)
+    return support, least * radius**2, degenerate
 
 
 def _trial_planes(local, trials, sizes):
@@ -223,9 +164,9 @@ def _trial_planes(local, trials, sizes):
     # Where all points together span no plane, no subset does.
     members = np.arange(k) < sizes[:, None]
     hopeless = np.zeros(n_sets, dtype=bool)
-    some = np.unique(rows)
-    _, spread, _ = fit_planes(local[some], members[some])
-    hopeless[some] = _spans_no_plane(spread)
+    sets = np.unique(rows)
+    _, spread, _ = fit_planes(local[sets], members[sets])
+    hopeless[sets] = _spans_no_plane(spread)
     inside = ~hopeless[rows]
     rows, trial = rows[inside], trial[inside]
     n_used = d
@@ -290,6 +231,7 @@ def _least_eigenvalues(local, support, n_support):
     d = local.shape[-1]
     upper = np.triu_indices(d)
     products = local[..., upper[0]] * local[..., upper[1]]
+    # Means and second moments of all subsets in one product of matrices.
     moments = support.astype(float) @ np.concatenate([local, products], axis=-1)
     moments /= n_support[:, None, None]
     mean, second = moments[..., :d], moments[..., d:]

@@ -116,6 +116,7 @@ def consistent_set(size, trials, arrays):
         for j in range(size):
             local32[j, axis] = np.float32(local[axis, j])
             farthest = max(farthest, abs(local[axis, j]))
+    # Steps 1 and 2: a plane through each minimal subset.
     first_plane = _trial_planes(local, size, trials, lanes, rotated, member)
     if first_plane < 0:
         return _first_members(size, n_support, member), NO_FIT
@@ -124,6 +125,7 @@ def consistent_set(size, trials, arrays):
         if s >= n_trials or lanes[3, s] == np.inf:
             for axis in range(4):
                 lanes[axis, s] = lanes[axis, first_plane]
+    # Steps 2 and 3 in float32: what the least eigenvalue of each trial is not below.
     bound = lanes32[20]
     if farthest <= FAR and size <= MOST_ROWS:
         rounding, upright = ROUNDING * farthest, F2 if trials.d == 2 else F0
@@ -131,6 +133,7 @@ def consistent_set(size, trials, arrays):
     else:
         bound[:] = F0
 
+    # Step 4 in float64: from the least bound on, until all others are above the best.
     best, fit, selected, fitted = np.inf, NO_FIT, np.int64(-1), np.int64(-1)
     for s in range(n_trials):
         least[s] = np.inf
@@ -149,6 +152,7 @@ def consistent_set(size, trials, arrays):
             best, fitted, fit = least[t], t, its_fit
     if best == np.inf:
         return _first_members(size, n_support, member), NO_FIT
+    # Of trials that are equal but for rounding the first is taken.
     first = 0
     while least[first] > best + trials.eigenvalue_step:
         first += 1
@@ -183,20 +187,20 @@ def _trial_planes(local, size, trials, lanes, rotated, member):
             for axis in range(3):
                 lanes[4 + 3 * corner + axis, t] = local[axis, place]
             p += 1
-        if trials.d == 2:
+        if trials.d == 2:  # a third corner above the first makes the plane upright
             length = abs(lanes[7, t] - lanes[4, t]) + abs(lanes[8, t] - lanes[5, t])
             lanes[10, t], lanes[11, t], lanes[12, t] = lanes[4, t], lanes[5, t], length
     _corner_planes(lanes, n_trials, trials.rank_tolerance)
     first_plane, n_failures = -1, 0
     for t in range(n_trials):
-        found = lanes[3, t] < np.inf
-        if not found:
+        has_plane = lanes[3, t] < np.inf
+        if not has_plane:
             # Three failures are enough: a neighborhood without a plane is not read 69 times.
-            found = n_failures < 3 and _complete_trial(
+            has_plane = n_failures < 3 and _complete_trial(
                 local, size, trials, t, lanes, rotated, member
             )
-            n_failures += not found
-        if found and first_plane < 0:
+            n_failures += not has_plane
+        if has_plane and first_plane < 0:
             first_plane = t
     return first_plane
 
@@ -210,6 +214,8 @@ def _corner_planes(lanes, n_trials, rank_tolerance):
         vx, vy, vz = lanes[10, t] - ax, lanes[11, t] - ay, lanes[12, t] - az
         wx, wy, wz = vx - ux, vy - uy, vz - uz
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        # The squared singular values of three points have the sum `spread` and the product
+        # `area2 / 3`: see `planes_through`.
         area2 = nx * nx + ny * ny + nz * nz
         spread = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz
         spread = (spread + wx * wx + wy * wy + wz * wz) / 3.0
@@ -234,7 +240,7 @@ def _complete_trial(local, size, trials, t, lanes, rotated, member):
         n_members += 1
         if n_members < wanted:
             continue
-        wanted = min(wanted + max(1, wanted // 2), size)
+        wanted = min(wanted + max(1, wanted // 2), size)  # half as many again each time
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = principal_axes(covariance, trials.d)
         if values[1] > trials.rank_tolerance**2 * values[trials.d - 1]:
@@ -320,7 +326,7 @@ def _lower_bounds(moments, n_support, upright, bound):
         mx, my, mz = sx[t] * scale, sy[t] * scale, sz[t] * scale
         cxx, cxy, cxz = sxx[t] * scale - mx * mx, sxy[t] * scale - mx * my, sxz[t] * scale - mx * mz
         cyy, cyz, czz = syy[t] * scale - my * my, syz[t] * scale - my * mz, szz[t] * scale - mz * mz
-        czz += upright * (cxx + cyy)
+        czz += upright * (cxx + cyy)  # in 2D the third axis is to have the largest variance
         trace = cxx + cyy + czz
         minors = cxx * cyy - cxy * cxy + cxx * czz - cxz * cxz + cyy * czz - cyz * cyz
         determinant = cxx * (cyy * czz - cyz * cyz)
@@ -356,6 +362,7 @@ def _select_members(local, size, trials, lanes, t, keys, key_numbers, member):
         inside = keys[j] < limit
         member[j] = 1.0 if inside else 0.0
         left -= inside
+    # Those at the limit are tied, and fill up from the first on.
     for j in range(size):
         if left == 0:
             break

@@ -30,18 +30,19 @@ RIDGE = 1e-12  # share of the weights, added to equations that may determine not
 
 
 @kernel(fastmath=False)
-def fit_quadric(local, size, d, axes, extent, weight, rest, equations):
+def fit_quadric(local, size, d, axes, extent, weight, deviations, equations):
     """Fill the distances of centered members, in extents, from the quadric over the plane of the
     axes that fits them best, by its slopes at their places."""
     lower, right, solution = equations
-    quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, rest, weight)
+    quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, deviations, weight)
     ridge = RIDGE * lower[0, 0]
     for i in range(TERMS):
         lower[i, i] += ridge
     solution[:] = 0.0  # of what nothing determines
+    # No pivot is too small here: the ridge keeps all of them.
     decompose(lower, right, solution, 0.0, 0.0)
     back_substitute(lower, solution)
-    deviate(local, size, axes, extent, solution, rest)
+    deviate(local, size, axes, extent, solution, deviations)
     x, y, z = local[0], local[1], local[2]
     _, (bx, by, bz), (cx, cy, cz) = axes
     su, sv = solution[1], solution[2]
@@ -49,8 +50,9 @@ def fit_quadric(local, size, d, axes, extent, weight, rest, equations):
     for j in range(size):
         u = bx * x[j] + by * y[j] + bz * z[j]
         v = cx * x[j] + cy * y[j] + cz * z[j]
+        # The slopes at (u, v); a height over a slope is longer than the distance from it.
         first, second = su + 2.0 * uu * u + uv * v, sv + uv * u + 2.0 * vv * v
-        rest[j] /= np.sqrt(1.0 + first * first + second * second)
+        deviations[j] /= np.sqrt(1.0 + first * first + second * second)
 
 
 @kernel(fastmath=False)
@@ -76,25 +78,26 @@ def fit_sides(local, size, d, axes, extent, weight, second, shares, heights):
 
 
 @kernel(fastmath=False)
-def fit_crease(known, sides, shares, heights, rest):
+def fit_crease(members, sides, shares, heights, deviations):
     """Least sum of squares about two planes that meet in a line, which tells the sides; inf if
     there are no two.
 
     The first row of `sides` has the members of one side at first, the others what the line tells:
-    the last time, and the best time, of which `rest` has the heights. Most members tell whether the
-    crease is a ridge or a valley. Of `heights` (2, size) are the planes as fitted last.
+    the last time, and the best time, of which `deviations` has the heights. Most members tell
+    whether the crease is a ridge or a valley. Of `heights` (2, size) are the planes as fitted last.
     """
-    _, size, _, _, _, weight = known
+    _, size, _, _, _, weight = members
     first, told, best = sides
     least, sign = np.inf, 0.0
     for turn in range(ROUNDS + 1):
         second = told if turn else first
-        if not fit_sides(*known, second, shares, heights):
+        if not fit_sides(*members, second, shares, heights):
             break
         if turn == 0:
             below = 0
             for j in range(size):
                 below += first[j] == (heights[1, j] < heights[0, j])
+            # On a ridge each side lies below the plane of the other.
             sign = 1.0 if 2 * below > size else -1.0
         left, same = 0.0, turn > 0
         for j in range(size):
@@ -107,7 +110,7 @@ def fit_crease(known, sides, shares, heights, rest):
             least = left
             for j in range(size):
                 best[j] = told[j]
-                rest[j] = heights[1, j] if told[j] else heights[0, j]
+                deviations[j] = heights[1, j] if told[j] else heights[0, j]
         if same:
             break
     return least
@@ -120,15 +123,17 @@ def half_bic(mean_square, size, n_numbers):
 
 
 @kernel
-def design_effect(rest, weights, cells):
+def design_effect(deviations, weights, cells):
     """By what factor the sums of cells vary more than those of independent deviations do."""
+    # The sum of a cell has the variance of its deviations together, if these are independent: then
+    # squares of sums and sums of squares are alike.
     squares = total = sums = 0.0
-    for i in range(len(rest)):
+    for i in range(len(deviations)):
         if i > 0 and cells[i] != cells[i - 1]:
             sums += total * total
             total = 0.0
-        total += rest[i] * np.sqrt(weights[i])
-        squares += weights[i] * rest[i] * rest[i]
+        total += deviations[i] * np.sqrt(weights[i])
+        squares += weights[i] * deviations[i] * deviations[i]
     sums += total * total
     return max(sums / squares, 1.0) if squares > 0.0 else 1.0
 
@@ -146,10 +151,12 @@ def center(local, size, d, mean):
 
 
 @kernel
-def mean_axes(one, other):
+def mean_axes(first, second):
     """The mean of two normals of either sign, and two directions across it."""
-    sign = 1.0 if one[0] * other[0] + one[1] * other[1] + one[2] * other[2] >= 0.0 else -1.0
-    x, y, z = one[0] + sign * other[0], one[1] + sign * other[1], one[2] + sign * other[2]
+    sign = (
+        1.0 if first[0] * second[0] + first[1] * second[1] + first[2] * second[2] >= 0.0 else -1.0
+    )
+    x, y, z = first[0] + sign * second[0], first[1] + sign * second[1], first[2] + sign * second[2]
     scale = 1.0 / np.sqrt(x * x + y * y + z * z)
     up = (scale * x, scale * y, scale * z)
     u, v = across(up)
@@ -174,7 +181,7 @@ def across(axis):
 @kernel(cache=True)
 def find_folded(points, around, planes, faces, limits, room, folded):
     """Fill `folded` as `are_folded` returns it."""
-    local, heights, weight, shares, rest, work, keys, sides, equations = room
+    local, heights, weight, shares, deviations, work, keys, sides, equations = room
     second = sides[0]
     d = points.shape[1]
     for i in range(len(folded)):
@@ -183,26 +190,29 @@ def find_folded(points, around, planes, faces, limits, room, folded):
         face, level = vector(faces.normals[i]), 0.0
         for axis in range(d):
             level += face[axis] * (faces.centroids[i, axis] - planes.centroids[i, axis])
-        height_over(local, size, face, level, rest)
+        height_over(local, size, face, level, deviations)
         n_second = 0
         for j in range(size):
-            second[j] = abs(rest[j]) > limits.off * faces.scale[i]
+            second[j] = abs(deviations[j]) > limits.off * faces.scale[i]
             weight[j] = 1.0 if second[j] else 0.0
             n_second += second[j]
         folded[i] = False
-        if n_second <= d:
+        if n_second <= d:  # no second plane
             continue
+        # Step 1: the quadric and both planes are fitted in the mean of their axes, which favors
+        # neither, by what lies off the robust plane first.
         _, covariance = weighted_covariance(local, size, weight)
         weight[:size] = 1.0
         axes = mean_axes(face, principal_axes(covariance, d)[1][0])
         extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
-        known = local, size, d, axes, extent, weight
-        left = fit_crease(known, sides, shares, heights, rest)
+        members = local, size, d, axes, extent, weight
+        left = fit_crease(members, sides, shares, heights, deviations)
         if left < np.inf:
+            # Step 2: of both, the squares of the best members tell.
             for j in range(size):  # three faces may meet
-                rest[j] = min(abs(heights[0, j]), abs(heights[1, j]))
+                deviations[j] = min(abs(heights[0, j]), abs(heights[1, j]))
             n_best = int(limits.best * size)
-            by_planes = least_squares(rest, size, n_best, work, keys)
-            fit_quadric(*known, rest, equations)
-            by_quadric = least_squares(rest, size, n_best, work, keys)
+            by_planes = least_squares(deviations, size, n_best, work, keys)
+            fit_quadric(*members, deviations, equations)
+            by_quadric = least_squares(deviations, size, n_best, work, keys)
             folded[i] = by_quadric > limits.evidence * by_planes

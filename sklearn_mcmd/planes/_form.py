@@ -104,8 +104,8 @@ def cells_of(places, residuals, weights=None, halvings=None, larger=None):
 
 def _halves(places, rows):
     """Rows below and from the median of their longer side on; ties stay together."""
-    own = places[rows]
-    along = own[:, np.ptp(own, axis=0).argmax()]
+    of_cell = places[rows]
+    along = of_cell[:, np.ptp(of_cell, axis=0).argmax()]
     below = along < np.partition(along, len(along) // 2)[len(along) // 2]
     return [rows[below], rows[~below]] if below.any() else [rows]
 
@@ -113,6 +113,7 @@ def _halves(places, rows):
 def form_of(places, residuals, weights=None, rises=None):
     """The `PlaneForm` of residuals from a least-squares plane, at places (n, k) in it, as lengths
     along its axes, with positive weights; `rises` (k,) tell how steeply the axes rise in space."""
+    # Step 1: what means of cells leave of the plane that fits them best, by their weights.
     cells = cells_of(places, residuals, weights)
     between, dof = _unevenness(cells.weights, cells.places / _unit(places), cells.residuals)
     noise_dof = len(places) - len(cells.weights)
@@ -123,9 +124,11 @@ def form_of(places, residuals, weights=None, rises=None):
     if dof:
         heights, _, explained, n_bows, _ = bow_of(places, residuals, weights)
         bow = float(np.ptp(heights))
+    # Step 2: that against the noise inside of cells (lack of fit).
     within = squares - cells.weights @ cells.residuals**2
     noise = float(np.sqrt(max(within, 0.0) / max(noise_dof, 1)))
     statistic, pvalue = _ratio(between, dof, within, noise_dof, squares)
+    # Step 3: what makes errors of the plane largest, if it is more than noise.
     alike: list[tuple[float, int]] = []
     if pvalue < FormLimits().chance:
         alike.append((float(np.sqrt(explained / max(n_bows, 1))), n_bows))
@@ -213,6 +216,8 @@ def bow_of(places, residuals, weights=None, at=None):
     planes = np.linalg.lstsq(total[: k + 1, : k + 1], total[: k + 1, k + 1 :])[0]
     left = total[k + 1 :, k + 1 :] - total[k + 1 :, : k + 1] @ planes
     values, vectors = eigh(left[:-1, :-1])
+    # Bows that are independent of each other, each scaled to squares of one: the square of its
+    # product with the residuals is what it explains.
     kept = values > RANK_TOLERANCE * max(values[-1], 1.0)
     vectors = vectors[:, kept] / np.sqrt(values[kept])
     shares = vectors.T @ left[:-1, -1]

@@ -106,10 +106,10 @@ class IndexedCloud:
             distances, near = query_tree(self.tree, queries, k)
             return distances, near.astype(np.int32)
         asking = SelfSearch(queries)  # together they are searched faster
-        found = asking.query(slice(None), k, among=self.search)
-        near, distances = np.empty_like(found), np.empty(found.shape)
-        near[asking.order] = found
-        distances[asking.order] = asking.distances(slice(None), found, self.search)
+        in_order = asking.query(slice(None), k, among=self.search)
+        near, distances = np.empty_like(in_order), np.empty(in_order.shape)
+        near[asking.order] = in_order
+        distances[asking.order] = asking.distances(slice(None), in_order, self.search)
         return distances, near
 
     def search_own(self, rows, k):

@@ -44,6 +44,37 @@ class RuleFit(NamedTuple):
         return robust_distances(local, self.centers, self.whitening)
 
 
+class RobustPlanes(NamedTuple):
+    """Planes at m queries whose outliers are left out, and how far the queries are from them."""
+
+    planes: Planes  # without extents and errors of normals
+    directions: np.ndarray  # (m, d), the axes of the largest eigenvalues
+    distances: np.ndarray  # (m,), robust
+
+    @classmethod
+    def empty(cls, m, d):
+        """A record to be filled."""
+        planes = Planes.empty(m, d).without("spacing", "radius")
+        return cls(planes, np.empty((m, d)), np.empty(m))
+
+    def put_rule(self, points, fit, sizes):
+        """Fill the planes of the members (m, k, d) that a rule keeps, as `RuleFit`."""
+        planes = self.planes
+        planes.scale[:] = fit.scale
+        planes.centroids[:], planes.eigenvalues[:], axes = fit_planes(points, fit.support)
+        planes.normals[:], self.directions[:] = axes[..., 0], axes[..., -1]
+        planes.kept[:] = fit.support.sum(axis=1) / sizes
+
+
+class WholePlanes(NamedTuple):
+    """Planes of all members of m neighborhoods, and what they leave, as of `QuadricFit`."""
+
+    planes: Planes
+    deviation: np.ndarray
+    left: np.ndarray
+    ordinary: np.ndarray
+
+
 class PlaneSettings(NamedTuple):
     """How the plane of a neighborhood is found."""
 
@@ -72,6 +103,7 @@ class LocalPlaneModel:
         n, d = index.points.shape
         # Decided by the fitted cloud, so that predicting one row is the same arithmetic.
         self.compiled = index.n_neighbors is not None and d <= 3 and n >= COMPILE_FROM
+        # With one neighborhood of all points, its plane and what the rule says of it.
         self.whole = self._fit_whole() if index.n_neighbors is None else None
         self.offers = None  # `Offers` of the index's points, once neighbors agree
 
@@ -81,14 +113,14 @@ class LocalPlaneModel:
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes, distance = Planes.empty(*queries.shape), np.empty(len(queries))
         if self.whole is not None:
-            self._evaluate_whole(queries, planes, distance, *self.whole)
-            return planes, distance
+            rule_fit, plane = self.whole
+            return self._evaluate_whole(queries, rule_fit, plane)
 
         def task(rows):
             part = queries[rows]
             around = self.index.query(part)
-            found, distance[rows] = self.evaluate_neighborhoods(part, around, precision)
-            planes.put(rows, found)
+            new, distance[rows] = self.evaluate_neighborhoods(part, around, precision)
+            planes.put(rows, new)
 
         each_chunk(queries, self.chunk(), task, n_jobs)
         return planes, distance
@@ -103,10 +135,10 @@ class LocalPlaneModel:
 
         def task(rows):
             around = index.query_own(rows, keep=False)
-            found = self.evaluate_neighborhoods(index.points[rows], around)
+            new, new_distance = self.evaluate_neighborhoods(index.points[rows], around)
             rows = rows if copies else index.rows[rows]
-            planes.put(rows, found[0])
-            distance[rows] = found[1]
+            planes.put(rows, new)
+            distance[rows] = new_distance
 
         each_slice(n, self.chunk(), task, n_jobs)
         if copies:
@@ -139,19 +171,20 @@ class LocalPlaneModel:
     def first_planes(self, queries, neighborhoods, keep=None):
         """Planes before anyone is asked, and which are not those of all members: bool (m,).
 
-        ``keep(*found)`` gets what `whole_planes` finds, if neighbors agree.
+        ``keep`` gets the fields of the `WholePlanes`, if neighbors agree.
         """
         if not self.settings.agrees:
             planes, _ = self.evaluate_neighborhoods(queries, neighborhoods)
             return planes, np.ones(len(queries), dtype=bool)
-        planes, *_, ordinary = found = self.whole_planes(queries, neighborhoods)
+        whole = self.whole_planes(queries, neighborhoods)
         if keep is not None:
-            keep(*found)
-        rest = np.flatnonzero(~ordinary)
-        if len(rest):
-            near = neighborhoods.take(rest)
-            planes.put(rest, self.robust_planes(queries[rest], near, self.rounding)[0])
-        return planes, ~ordinary
+            keep(whole.planes, whole.deviation, whole.left, whole.ordinary)
+        asking = np.flatnonzero(~whole.ordinary)
+        if len(asking):
+            near = neighborhoods.take(asking)
+            robust = self.robust_planes(queries[asking], near, self.rounding)
+            whole.planes.put(asking, robust.planes)
+        return whole.planes, ~whole.ordinary
 
     def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0, measured=True):
         """The same of given neighborhoods, rows of the index's points.
@@ -161,45 +194,48 @@ class LocalPlaneModel:
         """
         rounding = max(self.rounding, _rounding(precision))
         offers = None if self.offers is None else self.offers.planes
-        planes, distance, directions = self.robust_planes(queries, neighborhoods, rounding, offers)
-        self._measure_flat(queries, neighborhoods, rounding, planes, distance)
+        robust = self.robust_planes(queries, neighborhoods, rounding, offers)
+        self._measure_degenerate(queries, neighborhoods, rounding, robust)
+        self._finish(robust, neighborhoods.sizes)
+        planes = robust.planes
         if measured:
             spacing, radius = extents(self.index.points, queries, neighborhoods)
             planes = planes._replace(spacing=spacing, radius=radius)
-        self._finish(planes, directions, neighborhoods.sizes)
-        return planes, distance
+        return planes, robust.distances
 
     def whole_planes(self, queries, neighborhoods):
-        """Planes of all members of neighborhoods, in 2D or 3D, and what `whole_planes` returns."""
+        """The `WholePlanes` of neighborhoods, in 2D or 3D."""
         members, planes = self.index.points, Planes.empty(*queries.shape)
         directions = np.empty_like(planes.normals)
-        found = whole_planes(members, neighborhoods, planes, directions)
+        deviation, left, ordinary = whole_planes(members, neighborhoods, planes, directions)
         flat_normals(planes.normals, planes.eigenvalues, directions)
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes.spacing[:], planes.radius[:] = extents(members, queries, neighborhoods)
-        deviation, left, ordinary = found
         least = self.least_scales(planes.centroids)
         ordinary |= (deviation <= least) & np.isfinite(left)  # rounding is no noise to test
         planes.scale[:] = np.maximum(np.where(np.isfinite(deviation), deviation, 0.0), least)
         planes.kept[:] = 1.0
         errors = normal_errors(planes.scale, planes.eigenvalues, neighborhoods.sizes)
         planes.normal_error[:] = errors
-        return planes, *found
+        return WholePlanes(planes, deviation, left, ordinary)
 
     def robust_planes(self, queries, neighborhoods, rounding, offers=None):
-        """Planes of neighborhoods without extents and errors, distances and directions.
-
-        The planes are the best of offers, or else of trials.
-        """
-        planes = Planes.empty(*queries.shape).without("spacing", "radius")
-        directions, distance = np.empty_like(planes.normals), np.empty(len(queries))
-        out = planes, directions, distance
+        """The `RobustPlanes` of neighborhoods: the best of offers, or else of trials."""
+        robust, members = RobustPlanes.empty(*queries.shape), self.index.points
+        method, rule = self.settings.method, self._rule(rounding)
         if offers is not None:
-            self._ask(queries, neighborhoods, rounding, offers, *out)
+            ask = compiled_function("planes._local_planes_numba", "ask_neighbors")
+            ask(members, neighborhoods, queries, offers, method, rule, robust)
+        elif self.ready():
+            fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods")
+            trials = self._trials(neighborhoods.indices.shape[1])
+            fit(members, neighborhoods, queries, trials, method, rule, robust)
         else:
-            fit = self._fit_compiled if self.ready() else self._fit_numpy
-            fit(queries, neighborhoods, rounding, *out)
-        return planes, distance, directions
+            points = members[neighborhoods.indices]
+            rule_fit = self.fit_rule(points, neighborhoods.sizes, rounding)
+            robust.distances[:] = rule_fit.score(queries[:, None])[:, 0]
+            robust.put_rule(points, rule_fit, neighborhoods.sizes)
+        return robust
 
     def least_scales(self, points):
         """As `least_scales` of points, by the rounding of the fitted ones."""
@@ -214,9 +250,10 @@ class LocalPlaneModel:
         comparator, method = self.settings.comparator, self.settings.method
         return self.compiled and comparator is None and METHODS[method].compiled
 
-    def _finish(self, planes, directions, sizes):
-        """What follows from the fitted planes, row by row."""
-        flat_normals(planes.normals, planes.eigenvalues, directions)
+    def _finish(self, robust, sizes):
+        """Fill what follows from the fitted planes, row by row: errors of their normals."""
+        planes = robust.planes
+        flat_normals(planes.normals, planes.eigenvalues, robust.directions)
         d, n_kept = planes.normals.shape[1], np.rint(planes.kept * sizes)
         inflation = 1.0
         if self.settings.comparator is None:
@@ -225,60 +262,50 @@ class LocalPlaneModel:
         errors = normal_errors(planes.scale, planes.eigenvalues, n_kept, inflation)
         planes.normal_error[:] = errors
 
-    def _fit_compiled(self, queries, neighborhoods, rounding, planes, directions, distance):
-        sizes, d = np.arange(neighborhoods.indices.shape[1] + 1), queries.shape[1]
-        n_support = n_support_points(self.settings.support_fraction, sizes, d)
-        trials = Trials(positions=self.trials, n_support=n_support, d=d)
-        fit = compiled_function("planes._local_planes_numba", "fit_neighborhoods")
-        rule, out = self._rule(rounding), (planes, directions, distance)
-        fit(self.index.points, neighborhoods, queries, trials, self.settings.method, rule, out)
-
-    def _ask(self, queries, neighborhoods, rounding, offers, *out):
-        ask = compiled_function("planes._local_planes_numba", "ask_neighbors")
-        method, rule = self.settings.method, self._rule(rounding)
-        ask(self.index.points, neighborhoods, queries, offers, method, rule, out)
+    def _trials(self, k):
+        """The table of trials, for neighborhoods of up to k members."""
+        d = self.index.points.shape[1]
+        n_support = n_support_points(self.settings.support_fraction, np.arange(k + 1), d)
+        return Trials(positions=self.trials, n_support=n_support, d=d)
 
     def _rule(self, rounding):
-        own = self.settings
+        settings = self.settings
         return RuleArguments.of(
             d=self.index.points.shape[1],
-            cutoff=own.cutoff,
-            reweight=own.reweight,
+            cutoff=settings.cutoff,
+            reweight=settings.reweight,
             rounding=rounding,
             least_scale=self.least_scale,
-            outliers=1.0 - own.support_fraction,
-            least_face=AgreementLimits().face if own.small_faces else np.inf,
+            outliers=1.0 - settings.support_fraction,
+            least_face=AgreementLimits().face if settings.small_faces else np.inf,
         )
 
-    def _fit_numpy(self, queries, neighborhoods, rounding, planes, directions, distance):
-        points = self.index.points[neighborhoods.indices]
-        found = self.fit_rule(points, neighborhoods.sizes, rounding)
-        distance[:] = found.score(queries[:, None])[:, 0]
-        _fill(planes, directions, points, found, neighborhoods.sizes)
-
-    def _measure_flat(self, queries, neighborhoods, rounding, planes, distance):
-        """Distances where no consistent set spans a plane: where the scale is negative.
+    def _measure_degenerate(self, queries, neighborhoods, rounding, robust):
+        """Fill distances where no consistent set spans a plane: where the scale is negative.
 
         Members of a line or a location are at distance zero from it; a query away from it has
         nothing that explains it. Where the neighborhood as a whole spans a plane, that is it.
         """
-        flat = np.flatnonzero(planes.scale < 0)
-        if flat.size == 0:
-            return
-        around = neighborhoods.take(flat)
-        points = self.index.points[around.indices]
-        found = self._flat_distances(queries[flat], points, around.valid, rounding)
-        distance[flat], planes.scale[flat] = found
+        rows = np.flatnonzero(robust.planes.scale < 0)
+        if rows.size:
+            around = neighborhoods.take(rows)
+            points = self.index.points[around.indices]
+            robust.distances[rows], robust.planes.scale[rows] = self._degenerate_distances(
+                queries[rows], points, around.valid, rounding
+            )
 
-    def _flat_distances(self, queries, points, members, rounding):
+    def _degenerate_distances(self, queries, points, members, rounding):
         """Distances and scales of queries (m, d) to what neighborhoods (m or 1, k, d) span."""
         centers, eigenvalues, axes = fit_planes(points, members)
         largest = np.sqrt(eigenvalues[:, -1:])
         floor = rounding * (np.abs(points[:, 0]).max(axis=1, keepdims=True) + largest)
         floor = np.maximum(floor, self.least_scale)
+        # Along an axis that the members do not span, their deviation is what `fit_planes` leaves by
+        # rounding, ten times: the root of its tolerance is a share of the longest axis.
         null = eigenvalues <= RANK_TOLERANCE * eigenvalues[:, -1:]
         thin = np.maximum(floor, 10 * np.sqrt(RANK_TOLERANCE) * largest)
         thin = np.maximum(thin, np.finfo(float).tiny)  # of copies of the origin
+        # Where they span all axes, only the distance along the normal counts.
         deviations = np.where(null, thin, np.inf)
         spread = ~null.any(axis=1)
         deviations[spread, :1] = np.maximum(np.sqrt(eigenvalues[spread, :1]), floor[spread])
@@ -287,23 +314,28 @@ class LocalPlaneModel:
             return np.sqrt(np.square(projections).sum(axis=1)), deviations[:, 0]
 
     def _fit_whole(self):
+        """The `RuleFit` and the plane of the one neighborhood of all points."""
         points, sizes = self.index.points[None], np.array([len(self.index.points)])
-        found, plane = self.fit_rule(points, sizes, self.rounding), Planes.empty(1, points.shape[2])
-        directions = np.empty_like(plane.normals)
-        _fill(plane, directions, points, found, sizes)
-        self._finish(plane, directions, sizes)
-        return found, plane
+        rule_fit = self.fit_rule(points, sizes, self.rounding)
+        robust = RobustPlanes.empty(1, points.shape[2])
+        robust.put_rule(points, rule_fit, sizes)
+        self._finish(robust, sizes)
+        return rule_fit, robust.planes
 
-    def _evaluate_whole(self, queries, planes, distance, found, plane):
+    def _evaluate_whole(self, queries, rule_fit, plane):
+        """The one plane for each query, and their distances."""
+        planes = Planes.empty(*queries.shape)
         planes.put(slice(None), plane)
-        distance[:] = found.score(queries[None])[0]
+        distances = rule_fit.score(queries[None])[0]
         gaps = np.linalg.norm(self.index.points - plane.centroids, axis=1)
         planes.radius[:], planes.spacing[:] = gaps.max(), gaps.mean()
         if plane.scale[0] < 0:
             points = self.index.points[None]
             members = np.ones(points.shape[:2], dtype=bool)
-            flat = self._flat_distances(queries, points, members, self.rounding)
-            distance[:], planes.scale[:] = flat
+            distances, planes.scale[:] = self._degenerate_distances(
+                queries, points, members, self.rounding
+            )
+        return planes, distances
 
     def fit_rule(self, neighborhoods, sizes, rounding):
         """What the method finds in neighborhoods (B, k, d)."""
@@ -324,13 +356,7 @@ class LocalPlaneModel:
         support, flat = None, np.zeros(len(local), dtype=bool)
         if rule.needs_consistent_set:
             n_support = n_support_points(self.settings.support_fraction, sizes, d)
-            support, _, flat = maximum_consistent_sets(
-                neighborhoods,
-                self.trials,
-                n_support,
-                sizes,
-                bounded=d > 3 and len(self.index.points) >= COMPILE_FROM,
-            )
+            support, _, flat = maximum_consistent_sets(neighborhoods, self.trials, n_support, sizes)
         centers, whitening = rule.apply(local, valid, support, self.settings.reweight, floor)
         scale = 1.0 / np.linalg.norm(whitening[..., 0], axis=1)
         if rule.needs_consistent_set:
@@ -345,14 +371,6 @@ class LocalPlaneModel:
             scale=radius * scale,
             support=valid,
         )
-
-
-def _fill(planes, directions, points, found, sizes):
-    """Fill the planes of the members that a rule keeps, except for extents and errors."""
-    planes.scale[:] = found.scale
-    planes.centroids[:], planes.eigenvalues[:], axes = fit_planes(points, found.support)
-    planes.normals[:], directions[:] = axes[..., 0], axes[..., -1]
-    planes.kept[:] = found.support.sum(axis=1) / sizes
 
 
 def _rounding(precision):

@@ -32,11 +32,11 @@ FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 def fit_neighborhoods(points, around, queries, trials, method, rule, out):
     """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
 
-    What is filled, `out`, are planes, except for extents and errors, directions (m, 3), the axes of
-    the largest eigenvalues, and robust distances (m,) of the queries.
+    What is filled, `out`, are `RobustPlanes`.
     """
     arrays = WorkArrays.of(len(trials.positions), around.indices.shape[1])
-    _fit_neighborhoods(points, around, queries, trials, rule, *FORMS[method], arrays, *out)
+    robust, within = FORMS[method]
+    _fit_neighborhoods(points, around, queries, trials, rule, robust, within, arrays, out)
 
 
 def ask_neighbors(points, around, queries, offers, method, rule, out):
@@ -45,23 +45,13 @@ def ask_neighbors(points, around, queries, offers, method, rule, out):
     Else as `fit_neighborhoods`.
     """
     arrays = WorkArrays.of(1, around.indices.shape[1])
-    _ask_neighbors(points, around, queries, offers, rule, FORMS[method][1], arrays, *out)
+    _, within = FORMS[method]
+    _ask_neighbors(points, around, queries, offers, rule, within, arrays, out)
 
 
 @kernel(cache=True)
-def _fit_neighborhoods(
-    points,
-    around,
-    queries,
-    trials,
-    rule,
-    robust,
-    within,
-    arrays,
-    planes,
-    directions,
-    distance,
-):
+def _fit_neighborhoods(points, around, queries, trials, rule, robust, within, arrays, out):
+    planes, _, distance = out
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
         radius, floor = _localize(points, row, size, queries[i], rule, arrays, BY_MEDIAN)
@@ -76,13 +66,12 @@ def _fit_neighborhoods(
         else:
             distance[i], scale, _, _ = _judge(size, fit, 0.0, rule, within, floor, arrays)
         planes.scale[i] = scale * radius
-        _store(points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, planes, directions, i)
+        _store(points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, out, i)
 
 
 @kernel(cache=True)
-def _ask_neighbors(
-    points, around, queries, offers, rule, within, arrays, planes, directions, distance
-):
+def _ask_neighbors(points, around, queries, offers, rule, within, arrays, out):
+    planes, _, distance = out
     values = planes.eigenvalues
     for i in range(len(queries)):
         size, row = around.sizes[i], around.indices[i]
@@ -92,14 +81,12 @@ def _ask_neighbors(
         if not flat:
             distance[i], scale, fitted, fit = _judge(size, fit, first, rule, within, floor, arrays)
             planes.scale[i] = scale * radius
-            _store(points[row[0]], radius, size, rule, arrays, fitted, fit, planes, directions, i)
+            _store(points[row[0]], radius, size, rule, arrays, fitted, fit, out, i)
             flat = values[i, 1] <= rule.rank_tolerance * values[i, rule.d - 1]
         if flat:
             distance[i], planes.scale[i] = 0.0, -1.0  # the caller decides
             arrays.member[:] = 1.0
-            _store(
-                points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, planes, directions, i
-            )
+            _store(points[row[0]], radius, size, rule, arrays, UNFITTED, NO_FIT, out, i)
 
 
 @kernel
@@ -110,7 +97,8 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
     outliers as may be would reach alone. Returns the plane and the scale that a refit begins
     with: the robust one, or the usual one of the planes offered; negative if no plane is offered.
     """
-    local, distances, own, n_offers = arrays.local, arrays.numbers, vector(points[row[0]]), NONE
+    # Step 1: the usual scale of the planes offered.
+    local, distances, origin, n_offers = arrays.local, arrays.numbers, vector(points[row[0]]), NONE
     for j in range(size):
         if offers.scale[row[j]] >= 0.0:  # else there is no plane
             distances[n_offers] = offers.scale[row[j]]
@@ -119,6 +107,8 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
         return NO_FIT, -1.0
     arrays.keys[0] = kth_smallest(arrays.bits, n_offers, (n_offers + 1) // 2)
     usual = arrays.key_numbers[0] / radius
+    # Step 2: the plane of the least robust scale. A plane whose squares at the best scale so far
+    # sum up to more is no better, and most are left at that sum.
     wanted = max(rule.outliers * size, 1.0)
     most, reached, fit = np.inf, wanted, NO_FIT
     for j in range(size):
@@ -126,15 +116,17 @@ def _best_offer(points, row, size, radius, floor, offers, rule, arrays):
         if offers.scale[neighbor] < 0.0:
             continue
         axes, centroid = vector(offers.normals[neighbor]), vector(offers.centroids[neighbor])
-        height = axes[0] * (own[0] - centroid[0]) + axes[1] * (own[1] - centroid[1])
-        height = (height + axes[2] * (own[2] - centroid[2])) / radius
+        height = axes[0] * (origin[0] - centroid[0]) + axes[1] * (origin[1] - centroid[1])
+        height = (height + axes[2] * (origin[2] - centroid[2])) / radius
         # Of planes that are equal but for rounding, the nearest point's is taken.
         if _limited(local, size, axes, height, 1.0 / most) < reached * (1.0 - TIED):
             mean = -height * axes[0], -height * axes[1], -height * axes[2]
             fit = mean, ZEROS, (axes, ZEROS, ZEROS)
             _signed_distances(local, size, mean, axes, distances)
             most, reached = _robust_square(distances, size, wanted, most, floor * floor)
-    scale = (1.0 + 5.0 / max(size - rule.d, 1)) * np.sqrt(most)  # the least of many is too small
+    # Step 3: the least of many scales is too small, by the factor of least median of squares. Where
+    # the usual one is smaller, it tells what is near, if that may be a face.
+    scale = (1.0 + 5.0 / max(size - rule.d, 1)) * np.sqrt(most)
     if usual < scale:
         near = rule.reweight_cutoff * usual
         _, off = _sums_within(distances, size, near * near)
@@ -168,6 +160,7 @@ def _robust_square(distances, size, wanted, most, least):
         reached = inside / most + off
         if reached >= wanted * (1.0 - TIED) or most <= least:
             break
+        # The scale at which what is inside makes up for the others, each of which counts one.
         most = max(inside / (wanted - off), least)
     return most, reached
 
@@ -197,8 +190,9 @@ def _judge(size, fit, first, rule, within, floor, arrays):
 
 
 @kernel
-def _store(origin, radius, size, rule, arrays, fitted, fit, planes, directions, i):
+def _store(origin, radius, size, rule, arrays, fitted, fit, out, i):
     """Fill the plane of the members that are kept: `fit`, if it is `fitted` to them."""
+    planes, directions, _ = out
     member, n_kept = arrays.member, 0.0
     for j in range(size):
         n_kept += member[j]
@@ -223,7 +217,7 @@ def _localize(points, row, size, query, rule, arrays, by_median):
     """
     local, work, keys = arrays.local, arrays.numbers, arrays.keys
     extent = magnitude = 0.0
-    radius, first, own = 1.0, vector(points[row[0]]), vector(query)
+    radius, first, at_query = 1.0, vector(points[row[0]]), vector(query)
     for j in range(size):
         point = vector(points[row[j]])
         for axis in range(3):
@@ -232,7 +226,7 @@ def _localize(points, row, size, query, rule, arrays, by_median):
             extent = max(extent, abs(value))
     if extent > 0.0:
         radius = extent
-        if by_median:
+        if by_median:  # of distances over the extent: squares of 1e-200 would vanish
             for j in range(size):
                 norm = 0.0
                 for axis in range(3):
@@ -248,7 +242,7 @@ def _localize(points, row, size, query, rule, arrays, by_median):
             for j in range(size):
                 local[axis, j] /= radius
     for axis in range(3):
-        arrays.query[axis] = (own[axis] - first[axis]) / radius
+        arrays.query[axis] = (at_query[axis] - first[axis]) / radius
         magnitude = max(magnitude, abs(first[axis]))
     arrays.member[:] = 1.0
     return radius, max(rule.rounding * (magnitude / radius + 1.0), rule.least_scale / radius)
@@ -260,6 +254,7 @@ def _pca(size, rule, floor, arrays):
     mean, covariance = weighted_covariance(local, size, member)
     _, axes = principal_axes(covariance, rule.d)
     variance = variance_along(local, size, member, mean, axes[0])
+    # The plane has d numbers, so many degrees of freedom fewer are left.
     scale = max(np.sqrt(variance * size / max(size - rule.d, 1)), floor)
     return abs(_project(query, mean, axes[0])) / scale, scale
 
@@ -274,6 +269,7 @@ def _mcmd_z(size, fit, first, rule, floor, arrays):
     else:
         mean, values, axes = fit
         _signed_distances(local, size, mean, axes[0], work)
+        # Median and MAD of the distances (Eq. 17).
         center = _median(size, arrays)
         for j in range(size):
             work[j] = abs(work[j] - center)
@@ -300,18 +296,19 @@ def _mcmd_md(size, fit, first, rule, floor, arrays):
             n_used += member[j]
         variance = variance_along(local, size, member, mean, axes[0])
         scale = max(np.sqrt(variance * n_used / max(n_used - 1.0, 1.0)), floor)
+    # Eq. 18; eigenvalues have the divisor n, covariances n - 1.
     correction = n_used / max(n_used - 1.0, 1.0)
     middle = max(np.sqrt(values[1] * correction), floor)
     most = max(np.sqrt(values[2] * correction), floor)
     for j in range(size):
         work[j] = 0.0
-    own = 0.0
+    square = 0.0
     for axis, deviation in zip(axes, (scale, middle, most)):  # noqa: B905
         _add_squared(local, size, mean, axis, deviation, work)
-        own += (_project(query, mean, axis) / deviation) ** 2
+        square += (_project(query, mean, axis) / deviation) ** 2
     for j in range(size):
         member[j] = 1.0 if work[j] < rule.cutoff * rule.cutoff else 0.0
-    return np.sqrt(own), scale, UNFITTED, (mean, values, axes)
+    return np.sqrt(square), scale, UNFITTED, (mean, values, axes)
 
 
 @kernel(fastmath=FASTMATH)
@@ -333,6 +330,7 @@ def _reweighted_plane(size, fit, first, rule, floor, arrays):
     _signed_distances(local, size, mean, axes[0], work)
     for j in range(size):
         work[j] = abs(work[j])
+    # As of least median of squares (Rousseeuw and Leroy, 1987, chapter 5).
     factor = rule.mad_to_sd * (1.0 + 5.0 / max(size - rule.d, 1))
     scale = max(first if first > 0.0 else factor * _median(size, arrays), floor)
     n_kept = 0.0
@@ -350,6 +348,7 @@ def _reweighted_plane(size, fit, first, rule, floor, arrays):
         mean, covariance = weighted_covariance(local, size, member)
         values, axes = principal_axes(covariance, rule.d)
         variance = variance_along(local, size, member, mean, axes[0])
+        # What was cut off would have made the variance larger.
         variance *= n_kept / max(n_kept - rule.d, 1.0) / rule.truncated_variance
         scale = max(np.sqrt(variance), floor)
     return mean, values, axes, scale, n_kept

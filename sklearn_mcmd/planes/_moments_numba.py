@@ -138,7 +138,7 @@ def _complement(axis):
     """Two axes at right angles to a unit vector and to each other."""
     x, y, z = axis
     side = np.copysign(1.0, z)
-    share = -1.0 / (side + z)
+    share = -1.0 / (side + z)  # never of a small number, as `side` has the sign of z
     return (
         (1.0 + side * share * x * x, side * share * x * y, -side * x),
         (share * x * y, side + share * y * y, -y),
@@ -179,6 +179,7 @@ def _rotation(p, q, off):
     """Cosine, sine and change of the diagonal that make the entry `off` between p and q zero."""
     if off == 0.0:
         return 1.0, 0.0, 0.0
+    # The smaller root of t^2 + 2 theta t - 1, so that no axis turns by more than 45 degrees.
     theta = (q - p) / (2.0 * off)
     tangent = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
     if theta < 0.0:
@@ -204,9 +205,9 @@ def kth_smallest(keys, size, rank):
         turn += 1
         if low < 0 <= high:
             guess = np.int64(-1)  # the difference of the ends might not fit
-        elif turn % 3 == 0:
+        elif turn % 3 == 0:  # by halves, whatever the keys are
             guess = low + (high - low) // 2
-        else:
+        else:  # as if they were spread evenly
             share = (rank - n_below - 0.5) / (n_high - n_below)
             guess = low + np.int64(share * np.float64(high - low))
         guess = min(max(guess, low), high - 1)

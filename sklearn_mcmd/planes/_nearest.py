@@ -120,8 +120,8 @@ class NearestPoints:
         row = np.int32 if self.n < 2**31 else np.intp
         distances, indices = np.empty((len(queries), k)), np.empty((len(queries), k), row)
 
-        def keep(rows, found, near):
-            distances[rows], indices[rows] = found, near
+        def keep(rows, gaps, near):
+            distances[rows], indices[rows] = gaps, near
 
         self.visit(queries, k, keep, n_jobs)
         return distances, indices
@@ -159,18 +159,18 @@ def query_tree(tree, queries, k, width=0):
     cut = alike[:, k - 1 :].all(axis=1) & (k < width < tree.n)
     rows = np.flatnonzero(alike[:, :k].any(axis=1) & ~cut)
     for part in slices(len(rows), max(1, AT_ONCE // width)):
-        some = rows[part]
-        found, squares = tree.data[near[some]], np.zeros(())
+        tied = rows[part]
+        neighbors, squares = tree.data[near[tied]], np.zeros(())
         for axis in range(queries.shape[1]):
-            squares = squares + np.square(found[..., axis] - queries[some, axis, None])
-        order = np.lexsort((*np.moveaxis(found, -1, 0)[::-1], squares))
-        near[some] = np.take_along_axis(near[some], order, axis=1)
-        distances[some] = np.sqrt(np.take_along_axis(squares, order, axis=1))
+            squares = squares + np.square(neighbors[..., axis] - queries[tied, axis, None])
+        order = np.lexsort((*np.moveaxis(neighbors, -1, 0)[::-1], squares))
+        near[tied] = np.take_along_axis(near[tied], order, axis=1)
+        distances[tied] = np.sqrt(np.take_along_axis(squares, order, axis=1))
     missing = (0, 0), (0, max(k - width, 0))
     distances = np.pad(distances[:, :k], missing, constant_values=np.inf)
     near = np.pad(near[:, :k], missing, constant_values=tree.n)
     cut = np.flatnonzero(cut)
     for part in slices(len(cut), max(1, AT_ONCE // width)):
-        some = cut[part]
-        distances[some], near[some] = query_tree(tree, queries[some], k, 2 * width)
+        tied = cut[part]
+        distances[tied], near[tied] = query_tree(tree, queries[tied], k, 2 * width)
     return distances, near

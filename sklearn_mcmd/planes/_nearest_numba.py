@@ -24,14 +24,24 @@ class Near(NamedTuple):
     keys: np.ndarray  # squared distances with places in the last bits, of those near enough
     places: np.ndarray  # of those that are nearest, in order
     bins: np.ndarray  # counts
+    stack: np.ndarray  # nodes that wait
+    radii: np.ndarray  # of the points of a leaf: distances of their last neighbors, inf if unknown
+    failed: np.ndarray  # rows of those of them that no list of candidates answers
 
     @classmethod
-    def of(cls, capacity):
+    def of(cls, capacity, leaf):
         """Python makes the arrays, since Numba takes long to compile what makes them."""
         numbers = {name: np.empty(capacity) for name in ("x", "y", "z", "squares")}
         rows = {name: np.empty(capacity, np.int64) for name in ("rows", "keys", "places")}
-        bits, bins = numbers["squares"].view(np.int64), np.empty(N_BINS + 2, np.int64)
-        return cls(**numbers, **rows, bits=bits, bins=bins)
+        return cls(
+            **numbers,
+            **rows,
+            bits=numbers["squares"].view(np.int64),
+            bins=np.empty(N_BINS + 2, np.int64),
+            stack=np.empty(STACK, np.int64),
+            radii=np.empty(leaf),
+            failed=np.empty(leaf, np.int64),
+        )
 
 
 def build_tree(points, leaf):
@@ -58,9 +68,8 @@ def search_rows(asking, tree, begin, end, first_leaf, sizes, indices):
     `sizes` are the largest numbers of points in a leaf and of candidates.
     """
     size, capacity = sizes
-    near = Near.of(max(capacity, 2 * indices.shape[1] + 32 + size))
-    stack, failed = np.empty(STACK, np.int64), np.empty(size, np.int64)
-    _search(asking, tree, begin, end, first_leaf, near, stack, np.empty(size), failed, indices)
+    near = Near.of(max(capacity, 2 * indices.shape[1] + 32 + size), size)
+    _search(asking, tree, begin, end, first_leaf, near, indices)
 
 
 @kernel(cache=True)
@@ -95,9 +104,9 @@ def _build(points, leaf, order, first, last, left, boxes, leaves, stack):
 
 
 @kernel(cache=True)
-def _search(asking, tree, begin, end, first_leaf, near, stack, radii, failed, indices):
+def _search(asking, tree, begin, end, first_leaf, near, indices):
     """The loop of `search_rows`: k candidates within a guessed bound prove it wide enough."""
-    points, k = asking.points, indices.shape[1]
+    points, k, radii, failed = asking.points, indices.shape[1], near.radii, near.failed
     # The numbers of points in equal balls vary by the root of their mean.
     wider, much_wider = 1.0 + 2.5 / np.sqrt(k), 1.0 + 5.0 / np.sqrt(k)
     reach = guess = 0.0
@@ -107,7 +116,7 @@ def _search(asking, tree, begin, end, first_leaf, near, stack, radii, failed, in
         first, last = max(asking.first[leaf], begin), min(asking.last[leaf], end)
         if first >= end:
             break
-        n, n_failed, widest = _collect(tree, asking.boxes, leaf, reach, near, stack), 0, 0.0
+        n, n_failed, widest = _collect(tree, asking.boxes, leaf, reach, near), 0, 0.0
         for i in range(first, last):
             n_within = 0
             if n >= k:
@@ -141,7 +150,7 @@ def _search(asking, tree, begin, end, first_leaf, near, stack, radii, failed, in
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             # What rounding can't have made too small, nor underflow.
             bound = (bound * (1.0 + 1e-14)) ** 2 + 1e-300
-            square = _search_one(tree, x, y, z, k, bound, near, stack, indices[i - begin])
+            square = _search_one(tree, x, y, z, k, bound, near, indices[i - begin])
             radii[i - first] = np.sqrt(square)
             if widest == 0.0:
                 answered, radius = i, radii[i - first]
@@ -152,13 +161,13 @@ def _search(asking, tree, begin, end, first_leaf, near, stack, radii, failed, in
 
 
 @kernel
-def _search_one(tree, x, y, z, k, bound, near, stack, found):
+def _search_one(tree, x, y, z, k, bound, near, neighbors):
     """Neighbors of one location from the nearest boxes on; the square of the k-th distance.
 
     The square is at most `bound`. Of many candidates all but the k nearest go.
     """
     # With a plain 0, `_screen` and `_sort` are compiled twice.
-    points, n, n_waiting = tree.points, np.int64(0), 1
+    points, stack, n, n_waiting = tree.points, near.stack, np.int64(0), 1
     many = 2 * k + 32  # that are worth sorting; half or twice as many cost the same
     stack[0] = 0
     while True:
@@ -186,20 +195,20 @@ def _search_one(tree, x, y, z, k, bound, near, stack, found):
             for a in range(n):
                 widest = max(widest, near.squares[a])
             _screen(near, n, widest)
-            bound = _sort(points, near, n, widest, k, found)
+            bound = _sort(points, near, n, widest, k, neighbors)
             for a in range(k):
                 near.z[a] = near.squares[near.places[a]]
             for a in range(k):
-                near.squares[a], near.rows[a] = near.z[a], found[a]
+                near.squares[a], near.rows[a] = near.z[a], neighbors[a]
             n = k
         if n_waiting == 0:
             return bound
 
 
 @kernel
-def _collect(tree, around, leaf, reach, near, stack):
+def _collect(tree, around, leaf, reach, near):
     """How many points are within a squared reach of a leaf of queries; -1 if too many to hold."""
-    boxes, points = tree.boxes, tree.points
+    boxes, points, stack = tree.boxes, tree.points, near.stack
     low_x, low_y, low_z = around[leaf, 0], around[leaf, 1], around[leaf, 2]
     high_x, high_y, high_z = around[leaf, 3], around[leaf, 4], around[leaf, 5]
     n, n_waiting = 0, 1
@@ -262,8 +271,8 @@ def _screen(near, n, bound):
 
 
 @kernel
-def _sort(points, near, n, bound, k, found):
-    """Fill `found` with the k nearest of n rows; return the square of the k-th distance.
+def _sort(points, near, n, bound, k, neighbors):
+    """Fill `neighbors` with the k nearest of n rows; return the square of the k-th distance.
 
     By counting in bins of squared distance, of which a surface has about equal numbers in each;
     then by insertion, as far as the bin of the last that is wanted: of keys first, and of the
@@ -300,7 +309,7 @@ def _sort(points, near, n, bound, k, found):
             b -= 1
         places[b] = place
     for a in range(k):
-        found[a] = rows[places[a]]
+        neighbors[a] = rows[places[a]]
     return squares[places[k - 1]]
 
 
@@ -325,8 +334,8 @@ def _before(points, square, row, other_square, other_row):
 def _partition(points, axis, order, low, high, wanted):
     """Let the point at `wanted` be the one that sorting would put there, smaller ones before it."""
     while low < high:
-        one, middle, other = points[low, axis], points[(low + high) // 2, axis], points[high, axis]
-        pivot = max(min(one, other), min(max(one, other), middle))
+        first, middle, last = points[low, axis], points[(low + high) // 2, axis], points[high, axis]
+        pivot = max(min(first, last), min(max(first, last), middle))
         i, j = low, high
         while i <= j:
             while points[i, axis] < pivot:
@@ -356,6 +365,6 @@ def _square_to_box(boxes, node, x, y, z):
 
 
 @kernel
-def _distance(one, other):
-    dx, dy, dz = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+def _distance(first, second):
+    dx, dy, dz = first[0] - second[0], first[1] - second[1], first[2] - second[2]
     return np.sqrt(dx * dx + dy * dy + dz * dz)

@@ -33,27 +33,21 @@ class NeighborTable:
 
         What must be searched is kept for the next time with `keep`, or if rows are no slice.
         """
+        searched = isinstance(rows, slice) and not keep
         if isinstance(rows, slice):
-            first, last, _ = rows.indices(self.n)
-            found = np.empty((max(last - first, 0), k), np.int32)
-            end = -(-last // self.part_size) if len(found) else 0
-            for i in range(first // self.part_size, end):
-                begin = i * self.part_size
-                some = slice(max(first, begin), min(last, begin + self.part_size))
-                if keep or self.parts[i] is not None:
-                    near = self._take(i, np.arange(some.start, some.stop) - begin, k)
-                else:
-                    near = self.search(some, k)
-                found[some.start - first : some.stop - first] = near
-            return found
-        found = np.empty((len(rows), k), np.int32)
+            rows = np.arange(*rows.indices(self.n))
+        neighbors = np.empty((len(rows), k), np.int32)
         part_of = rows // self.part_size
         order = np.argsort(part_of, kind="stable")
         ends = np.cumsum(np.bincount(part_of))
         for i in np.unique(part_of):
             places = order[ends[i - 1] if i else 0 : ends[i]]
-            found[places] = self._take(i, rows[places] - i * self.part_size, k)
-        return found
+            part = rows[places]
+            if searched and self.parts[i] is None:
+                neighbors[places] = self.search(slice(part[0], part[-1] + 1), k)
+            else:
+                neighbors[places] = self._take(i, part - i * self.part_size, k)
+        return neighbors
 
     def _part(self, i):
         """A part, which is searched if this was not done before."""
@@ -93,11 +87,18 @@ class Packed(NamedTuple):
 
     def take(self, rows, k):
         """The first k neighbors of some of the rows; those that they have, if these are fewer."""
-        found = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)
+        neighbors = np.empty((len(rows), min(k, self.codes.shape[1])), np.int32)
         rows = np.array(rows, np.int64)  # of one kind, for which alone `unpack` is compiled
-        lists, bits = self[:-1], bits_of(self.codes.shape[1])
-        _compiled("unpack")(self.codes, bits, *lists, rows, found)
-        return found
+        _compiled("unpack")(
+            codes=self.codes,
+            bits=bits_of(self.codes.shape[1]),
+            groups=self.groups,
+            starts=self.starts,
+            far=self.far,
+            rows=rows,
+            neighbors=neighbors,
+        )
+        return neighbors
 
 
 def bits_of(k):

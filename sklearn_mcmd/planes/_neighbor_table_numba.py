@@ -13,11 +13,13 @@ def pack(near, bits, codes, groups, starts, far, slots, names):
     of two; `names` (3, any) are its groups, how often each occurs, and their places in the table.
     Returns how many neighbors are far.
     """
+    # Codes are a group in the higher bits, and the place in it in the lower ones.
     (m, k), size, block = near.shape, len(slots), 1 << bits
     n_far, last = 0, (1 << bits) - 1
     for b in range(len(groups)):
         starts[b], n = n_far, 0
         rows = range(b * block, min((b + 1) * block, m))
+        # Step 1: count the groups of this block's neighbors, in a hash table.
         for i in rows:
             for j in range(k):
                 name = np.int64(near[i, j]) >> bits
@@ -28,13 +30,15 @@ def pack(near, bits, codes, groups, starts, far, slots, names):
                     slots[slot], names[0, n], names[1, n], names[2, n] = n, name, 0, slot
                     n += 1
                 names[1, slots[slot]] += 1
-        for place in range(min(last, n)):  # the groups that occur most often
+        # Step 2: those that occur most often are listed. Their count becomes minus their place.
+        for place in range(min(last, n)):
             best = 0
             for i in range(1, n):
                 if names[1, i] > names[1, best]:
                     best = i
             groups[b, place] = names[0, best]
             names[1, best] = min(names[1, best], -1 - place)
+        # Step 3: codes of all neighbors; what is in no listed group is far.
         for i in rows:
             for j in range(k):
                 name = np.int64(near[i, j]) >> bits
@@ -52,16 +56,16 @@ def pack(near, bits, codes, groups, starts, far, slots, names):
 
 
 @kernel(cache=True)
-def unpack(codes, bits, groups, starts, far, rows, found):
+def unpack(codes, bits, groups, starts, far, rows, neighbors):
     """Fill the first neighbors of rows, which is fastest if these ascend."""
-    (m, k), width, last = found.shape, codes.shape[1], (1 << bits) - 1
-    f, known = 0, -1  # where the far ones start, of which row
+    (m, k), width, last = neighbors.shape, codes.shape[1], (1 << bits) - 1
+    f, counted = 0, -1  # where the far ones start, of which row
     for i in range(m):
-        row, block = found[i], rows[i] >> bits
+        row, block = neighbors[i], rows[i] >> bits
         near, names = codes[rows[i]], groups[block]
-        if known >> bits != block or known > rows[i]:
-            f, known = starts[block], block << bits
-        for before in range(known, rows[i]):
+        if counted >> bits != block or counted > rows[i]:
+            f, counted = starts[block], block << bits
+        for before in range(counted, rows[i]):
             for j in range(width):
                 f += codes[before, j] >> bits == last
         for j in range(k):
@@ -73,4 +77,4 @@ def unpack(codes, bits, groups, starts, far, rows, found):
                 f += 1
         for j in range(k, width):
             f += near[j] >> bits == last
-        known = rows[i] + 1
+        counted = rows[i] + 1

@@ -46,17 +46,18 @@ def spanning_forest(normals, points, first, second):
     by_place = np.lexsort(points.T).astype(np.int32)
     place = np.empty(n, np.int64)
     place[by_place] = np.arange(n)
-    one, other = place[first], place[second]
-    pairs = np.minimum(one, other) * n + np.maximum(one, other)
-    del one, other
+    place_1, place_2 = place[first], place[second]
+    # One number for each pair, the same in both directions; each pair once.
+    pairs = np.minimum(place_1, place_2) * n + np.maximum(place_1, place_2)
+    del place_1, place_2
     pairs.sort()
     pairs = pairs[np.r_[True, pairs[1:] != pairs[:-1]]]
     first, second = (by_place[rows] for rows in np.divmod(pairs, n))
     del pairs
     cost = np.empty(len(first))
     for start in range(0, len(first), EDGES_AT_ONCE):
-        some = slice(start, start + EDGES_AT_ONCE)
-        cost[some] = -np.abs(np.einsum("ij,ij->i", normals[first[some]], normals[second[some]]))
+        part = slice(start, start + EDGES_AT_ONCE)
+        cost[part] = -np.abs(np.einsum("ij,ij->i", normals[first[part]], normals[second[part]]))
     rank = np.empty(len(cost))
     # Stable: of equal costs coordinates decide. SciPy takes a zero as no edge at all.
     rank[np.argsort(cost, kind="stable")] = np.arange(1.0, len(cost) + 1)
@@ -83,6 +84,7 @@ def signs_along(normals, points, first, second):
     _, parent = breadth_first_order(joined, n, directed=False)
     parent = parent[:n]
 
+    # A step toward the root flips the sign where the normals at its ends are opposed.
     sign = np.ones(n + 1)
     below = np.flatnonzero(parent != n)
     product = np.einsum("ij,ij->i", normals[below], normals[parent[below]])

@@ -87,12 +87,12 @@ def normal_errors(scale, eigenvalues, n_points, inflation=1.0):
     freedom = n_points - d
     in_plane, least = eigenvalues[:, 1:], eigenvalues[:, :1]
     gap = in_plane - least
-    known = (freedom > 0) & (gap[:, 0] > RANK_TOLERANCE * eigenvalues[:, -1])
-    gap[~known] = np.inf
+    has_plane = (freedom > 0) & (gap[:, 0] > RANK_TOLERANCE * eigenvalues[:, -1])
+    gap[~has_plane] = np.inf
     variance = reduce(np.add, tilt_variances(in_plane, gap, (scale**2)[:, None]).T)
     variance /= np.maximum(n_points, 1)
     errors = inflation * student_factors(freedom, d) * np.degrees(np.sqrt(variance))
-    return np.where(known, np.minimum(errors, 90.0), 90.0)
+    return np.where(has_plane, np.minimum(errors, 90.0), 90.0)
 
 
 def tilt_variances(in_plane, gap, variance):
@@ -136,11 +136,13 @@ def flat_normals(normals, eigenvalues, directions):
     are the axes of the largest.
     """
     d = normals.shape[1]
+    # All variance is along one axis, or there is none.
     flat = np.flatnonzero(eigenvalues[:, d - 2] <= RANK_TOLERANCE * eigenvalues[:, -1])
     for axis in reversed(range(d)):
         if flat.size == 0:
             break
         line = np.where(eigenvalues[flat, -1:] > 0, directions[flat], 0.0)
+        # The axis, less its part along the line.
         candidate = -line[:, axis, None] * line
         candidate[:, axis] += 1.0
         length = np.linalg.norm(candidate, axis=1)

@@ -91,6 +91,15 @@ class NormalSample(NamedTuple):
         )
 
 
+class QuadricFit(NamedTuple):
+    """What planes of all members, and quadrics over them, leave of m neighborhoods."""
+
+    # Standard deviations (m,), in units of the points:
+    deviation: np.ndarray  # of the members from the plane, inf if they are too few
+    left: np.ndarray  # from the quadric, inf if they do not determine it
+    ordinary: np.ndarray  # bool (m,): whether they deviate from the plane by noise alone
+
+
 def n_terms(d):
     """Number of terms of a quadric over a plane."""
     return 1 + (d - 1) + d * (d - 1) // 2
@@ -112,6 +121,7 @@ def noise_quantiles(share, sizes, d):
 def tangents_of(normals):
     """Unit vectors at right angles to each normal and to each other: (m, d - 1, d)."""
     d = normals.shape[1]
+    # The reflection that turns the last axis into the normal turns the others into tangents.
     last = normals[:, -1]
     mirror = normals.copy()
     mirror[:, -1] += np.copysign(1.0, last)
@@ -124,7 +134,7 @@ def tangents_of(normals):
 def is_smooth(left, scale):
     """Whether neighborhoods keep all members, given the scale of their robust planes: bool (B,).
 
-    `left` is that of `whole_planes`.
+    `left` is that of `QuadricFit`.
     """
     return (left <= SmoothnessLimits().curved * scale) & np.isfinite(left) & (scale > 0)
 
@@ -135,17 +145,15 @@ def whole_planes(points, around, planes, directions):
     Centroids, eigenvalues and normals of `planes` are filled, and `directions` (m, d) with the axes
     of the largest eigenvalues. The points (n, d) are in 2D or 3D.
 
-    Returns the standard deviations (m,) of the members from the plane, inf if they are too few, and
-    from the quadric, inf if they do not determine it; and whether the members deviate from the
-    plane by noise alone, bool (m,).
+    Returns the `QuadricFit`.
     """
     m, k = around.indices.shape
     limits, (arrays, equations) = NormalSample.of(k, points.shape[1]), work_arrays(4, k)
     room = arrays[:3], arrays[3], np.ones(k), *equations
-    found = np.empty(m), np.empty(m), np.empty(m, dtype=bool)
+    out = QuadricFit(np.empty(m), np.empty(m), np.empty(m, dtype=bool))
     fit = compiled_function("planes._quadrics_numba", "fit_whole_planes")
-    fit(points, around, limits, room, planes, directions, *found)
-    return found
+    fit(points, around, limits, room, planes, directions, out)
+    return out
 
 
 def are_folded(points, around, planes, faces):
@@ -174,12 +182,13 @@ def quadric_normals(points, queries, around, planes, left):
     the planes, but no farther off the mean, in the plane, than the farthest member.
     """
     m, d = queries.shape
-    normals, centroids, tilt = out = np.empty((m, d)), np.empty((m, d)), np.empty(m)
+    normals, centroids, tilt = np.empty((m, d)), np.empty((m, d)), np.empty(m)
     arrays, equations = work_arrays(4, around.indices.shape[1])
     room = arrays[:3], arrays[3], *equations, *np.empty((2, n_terms(3)))
     find = compiled_function("planes._quadrics_numba", "find_quadric_normals")
     tangents, pivot = tangents_of(planes.normals), QuadricLimits().pivot
-    find(points, queries, around, planes, tangents, pivot, room, *out)
+    out = normals, centroids, tilt
+    find(points, queries, around, planes, tangents, pivot, room, out)
     freedom = around.sizes - n_terms(d)
     with np.errstate(invalid="ignore"):
         errors = np.degrees(tilt * left) * student_factors(freedom, d)

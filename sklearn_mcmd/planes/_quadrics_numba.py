@@ -92,7 +92,10 @@ def quadric_moments(local, size, d, mean, axes, extent, moments, right, heights,
 
 @kernel
 def decompose(moments, right, forward, total, least_pivot):
-    """Squares left, and whether the members determine the quadric; overwrites the moments."""
+    """Squares left, and whether the members determine the quadric; overwrites the moments.
+
+    They become Cholesky's factor L, and ``forward`` solves L x = right.
+    """
     for i in range(TERMS):
         diagonal = moments[i, i]
         for j in range(i):
@@ -100,6 +103,7 @@ def decompose(moments, right, forward, total, least_pivot):
             for m in range(j):
                 dot -= moments[i, m] * moments[j, m]
             moments[i, j] = dot / moments[j, j]
+        # What the terms before leave of this one: a small share of it is rounding.
         pivot, value = diagonal, right[i]
         for m in range(i):
             pivot -= moments[i, m] * moments[i, m]
@@ -146,8 +150,9 @@ def frame(normal, tangents):
 
 
 @kernel(cache=True)
-def fit_whole_planes(points, around, limits, room, planes, directions, deviation, left, ordinary):
-    """Fill the results of `whole_planes`."""
+def fit_whole_planes(points, around, limits, room, planes, directions, out):
+    """Fill `out`, a `QuadricFit`, and the planes and directions of `whole_planes`."""
+    deviation, left, ordinary = out
     indices, sizes, d = around.indices, around.sizes, points.shape[1]
     terms = d * (d + 1) // 2
     local, height, weight, moments, right, forward = room
@@ -166,6 +171,7 @@ def fit_whole_planes(points, around, limits, room, planes, directions, deviation
         ordinary[i] = False
         if size < 2 * terms or extent == 0.0:
             continue
+        # Divisors are degrees of freedom: members less the numbers that were fitted.
         total = quadric_moments(local, size, d, mean, axes, extent, moments, right, height)
         squares, determined = decompose(moments, right, forward, total, limits.pivot)
         plane = np.sqrt(total / (size - d))
@@ -176,6 +182,7 @@ def fit_whole_planes(points, around, limits, room, planes, directions, deviation
         left[i] = quadric * extent
         if plane <= limits.most_ratio[size] * quadric:
             deviations = np.sqrt(total / size)
+            # Three tests of normality: the farthest, skewness, and Geary's ratio.
             farthest, first, third = _tails(height, size)
             geary = first / size / deviations
             ordinary[i] = (
@@ -198,17 +205,16 @@ def _tails(height, size):
 
 
 @kernel(cache=True)
-def find_quadric_normals(
-    points, queries, around, planes, tangents, pivot, room, normals, centroids, tilt
-):
+def find_quadric_normals(points, queries, around, planes, tangents, pivot, room, out):
     """Fill normals and centroids of `quadric_normals`, and the errors for a noise of one."""
+    normals, centroids, tilt = out
     local, heights, lower, right, solution, first, second = room
     d = points.shape[1]
     for i in range(len(queries)):
         size = around.sizes[i]
         localize(points, around.indices[i], size, planes.centroids[i], local)
         axes = frame(planes.normals[i], tangents[i])
-        normal, tangent, other = axes
+        normal, u_axis, v_axis = axes
         extent = np.sqrt(max(planes.eigenvalues[i, d - 1], TINY))
         quadric_moments(local, size, d, ORIGIN, axes, extent, lower, right, heights)
         _, determined = decompose(lower, right, solution, 0.0, pivot)
@@ -219,26 +225,30 @@ def find_quadric_normals(
             continue
         back_substitute(lower, solution)
 
+        # Step 1: where the query is in the plane, no farther off the mean than any member.
         u = v = 0.0
         for axis in range(d):
             gap = (queries[i, axis] - planes.centroids[i, axis]) / extent
-            u += tangent[axis] * gap
-            v += other[axis] * gap
-        farthest = _farthest(local, size, tangent, other) / (extent * extent)
+            u += u_axis[axis] * gap
+            v += v_axis[axis] * gap
+        farthest = _farthest(local, size, u_axis, v_axis) / (extent * extent)
         length = u * u + v * v
         if length > farthest:
             share = np.sqrt(farthest / length)
             u, v = share * u, share * v
+        # Step 2: the quadric's height and slopes there are those of its tangent plane.
         one, su, sv = solution[0], solution[1], solution[2]
         uu, uv, vv = solution[3], solution[4], solution[5]
         height = one + su * u + sv * v + uu * u * u + uv * u * v + vv * v * v
         su, sv = su + 2.0 * uu * u + uv * v, sv + uv * u + 2.0 * vv * v
         steep = 1.0 + su * su + sv * sv
         for axis in range(d):
-            slope = su * tangent[axis] + sv * other[axis]
+            slope = su * u_axis[axis] + sv * v_axis[axis]
             normals[i, axis] = (normal[axis] - slope) / np.sqrt(steep)
-            flat = u * tangent[axis] + v * other[axis]
+            flat = u * u_axis[axis] + v * v_axis[axis]
             centroids[i, axis] += extent * (flat + height * normal[axis])
+        # Step 3: the error of the slopes, from the cofactors of the solution. A slope changes the
+        # normal by its part across the normal, over the normal's length.
         _gradient(lower, u, v, first, second)
         if d == 2:
             second[:] = 0.0
@@ -259,11 +269,11 @@ def height_over(local, size, normal, level, heights):
 
 
 @kernel(fastmath=FASTMATH)
-def _farthest(local, size, tangent, other):
+def _farthest(local, size, u_axis, v_axis):
     """Largest squared distance of a member from the mean, in the plane."""
     x, y, z = local[0], local[1], local[2]
-    ax, ay, az = tangent
-    bx, by, bz = other
+    ax, ay, az = u_axis
+    bx, by, bz = v_axis
     farthest = 0.0
     for j in range(size):
         u = ax * x[j] + ay * y[j] + az * z[j]
@@ -275,6 +285,7 @@ def _farthest(local, size, tangent, other):
 @kernel
 def _gradient(lower, u, v, first, second):
     """The inverse of L times the derivatives of the terms by u and by v."""
+    # Of 1, u, v, uu, uv and vv.
     first[0] = second[0] = 0.0
     first[1], first[2], first[3], first[4], first[5] = 1.0, 0.0, 2.0 * u, v, 0.0
     second[1], second[2], second[3], second[4], second[5] = 0.0, 1.0, 0.0, u, 2.0 * v
@@ -299,7 +310,7 @@ def least_squares(heights, size, n_best, work, keys):
         if keys[j] < most:
             n_less += 1
             total += work[j]
-    keys[0] = most
+    keys[0] = most  # whose number is then the first of `work`; equal ones fill up
     return total + (n_best - n_less) * work[0]
 
 

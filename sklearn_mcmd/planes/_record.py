@@ -54,6 +54,6 @@ class Planes(NamedTuple):
 
     def put(self, rows, part):
         """Overwrite what is known of some of the queries."""
-        for values, some in zip(self, part, strict=True):
-            if len(values) and len(some):
-                values[rows] = some
+        for values, new in zip(self, part, strict=True):
+            if len(values) and len(new):
+                values[rows] = new

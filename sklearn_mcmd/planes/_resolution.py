@@ -101,6 +101,7 @@ def step_of_levels(levels):
     steps, flat, limits, n_nodes, n_points = [], [], RoundingLimits(), 1, 0
     for values, counts in levels:
         n_points = int(counts.sum())
+        # Values that occur rarely were not rounded, and gaps of rounding errors are none.
         gaps = np.diff(values[counts >= limits.rare * _typical(counts)])
         rounding = 8 * np.finfo(values.dtype).eps * max(abs(values[0]), abs(values[-1]))
         gaps = gaps[gaps > rounding]
@@ -163,6 +164,7 @@ def _lattice_step(gaps, rounding):
     # Of continuous coordinates few gaps are this short, and one in 25 is a whole number of steps.
     if near.size < max(limits.fewest_gaps, 0.5 * gaps.size):
         return 0.0
+    # The step was guessed from short gaps; those of one step tell it better.
     whole = _whole(near, rounding / step)
     if whole.mean() < limits.on_lattice:
         return 0.0

@@ -64,11 +64,11 @@ class RuleArguments(NamedTuple):
     rank_tolerance: float = RANK_TOLERANCE
 
     @classmethod
-    def of(cls, **own):
+    def of(cls, **settings):
         """The first seven, with the limits as they are now."""
         limits = ReweightLimits()
         return cls(
-            **own,
+            **settings,
             mad_to_sd=MAD_TO_SD,
             reweight_cutoff=limits.cutoff,
             reweight_steps=limits.steps,
@@ -134,7 +134,7 @@ def pca(local, valid, support, reweight, floor):
     centers, _, axes = fit_planes(local, valid)
     size = valid.sum(axis=1)
     variance = _variance_along(orthogonal_distances(local, centers, axes[..., 0]), valid)
-    variance *= size / np.maximum(size - local.shape[-1], 1)
+    variance *= size / np.maximum(size - local.shape[-1], 1)  # a plane takes d degrees of freedom
     scale = np.maximum(np.sqrt(variance), floor)
     return centers, axes[..., :1] / scale[:, None, None]
 
@@ -147,6 +147,8 @@ def cut_inflation(cutoff):
     plane before. The plane before is assumed to have converged at a cutoff of 2.5. For this
     cutoff the result is one over the root of the cut normal's variance, 1.05.
     """
+    # The variance of the sum of both errors: of the points within this cutoff, and what is
+    # inherited of the plane before, which shares the points within both cutoffs.
     share, variance = truncated_normal(cutoff)
     before, variance_before = truncated_normal(ReweightLimits().cutoff)
     common = min(share * variance, before * variance_before)
@@ -213,6 +215,7 @@ def _inflation_z(cutoff, d, n_inliers, n_members):
 
 def _inflation_md(cutoff, d, n_inliers, n_members):
     """Approximation: the in-plane part of each squared distance is set to its mean, d - 1."""
+    # What then is left of the cutoff for the distance along the normal.
     along = sqrt(max(min(cutoff, WIDEST) ** 2 - (d - 1), 1.0))
     return _inflation_z(along, d, n_inliers, n_members)
 
@@ -233,11 +236,11 @@ def comparator_of(method, method_params=None):
     if method not in COMPARATORS:
         raise ValueError(f"method={method!r} is none of {', '.join(sorted(COMPARATORS))}.")
     kind, params = COMPARATORS[method], dict(method_params or {})
-    known = sorted(field.name for field in fields(kind))
-    unknown = sorted(str(name) for name in params if name not in known)
+    names = sorted(field.name for field in fields(kind))
+    unknown = sorted(str(name) for name in params if name not in names)
     if unknown:
         raise ValueError(
             f"method_params has {', '.join(map(repr, unknown))}, unknown to method {method!r}; "
-            f"it knows {', '.join(known)}."
+            f"it knows {', '.join(names)}."
         )
     return kind(**params)

@@ -12,7 +12,7 @@ class Whole(NamedTuple):
     dtype: str = "float64"  # of the coordinates: float32 if it rounded them
     step: float = 0.0  # to which they were rounded, 0 where there is none
     seen: bool = False  # whether the sensor is known to have been at the origin
-    telling: float = 0.0  # how far intensity tells, as of `JudgedCloud`
+    telling: float = 0.0  # how far intensity tells, as of `Darkness`
 
 
 _whole: ContextVar[Whole | None] = ContextVar("whole", default=None)

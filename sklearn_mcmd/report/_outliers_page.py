@@ -108,8 +108,9 @@ def _notes(detector, n, n_all):
 def plane_scales(detector):
     """Standard deviations of the planes of a fitted detector; None where each point is judged by
     its own plane alone."""
-    cloud = judged_cloud(detector)
-    return None if cloud.own_planes_only else cloud.planes.scale
+    if detector.isolation_ is None:
+        return None
+    return judged_cloud(detector).measuring.planes.scale
 
 
 def kinds_of_outliers(detector):
@@ -118,10 +119,10 @@ def kinds_of_outliers(detector):
     if detector.isolation_ is None:
         return np.where(is_outlier, np.int8(2), np.int8(-1))
     cloud = judged_cloud(detector)
-    straight = np.zeros(len(cloud.model.index.points), dtype=bool)
-    straight[cloud.off_surface.rest.rows] = cloud.off_surface.straight
+    straight = np.zeros(len(cloud.index.points), dtype=bool)
+    straight[cloud.off_surface.rows] = cloud.off_surface.straight
     # A point in a row is as isolated as the row is separated, at most.
-    by_row = straight[cloud.model.index.places] & (detector.isolation_ == detector.separation_)
+    by_row = straight[cloud.index.places] & (detector.isolation_ == detector.separation_)
     apart = (detector.isolation_ > cutoff) & ~by_row, detector.separation_ > cutoff
     return np.select([~is_outlier, *apart], [np.int8(-1), np.int8(0), np.int8(1)], np.int8(2))
 
@@ -130,7 +131,7 @@ def reasons_of(detector, rows):
     """Why each of these rows is an outlier, in words with numbers: a list of str."""
     cloud, kinds = judged_cloud(detector), kinds_of_outliers(detector)
     groups = detector.group_index_
-    at = np.searchsorted(cloud.off_surface.rest.rows, cloud.model.index.places)
+    at = np.searchsorted(cloud.off_surface.rows, cloud.index.places)
     sizes, far = np.bincount(groups + 1), detector.separation_ > -detector.offset_
     reasons = []
     for row in rows:
@@ -149,7 +150,7 @@ def reasons_of(detector, rows):
         words = f"{who}, {float(f'{away:.2g}'):,g} {unit}"
         if kind == 2 and groups[row] >= 0:
             words = "off every surface"
-        elif kind == 0 and cloud.rays is not None and cloud.rays.rest.by_sheet[at[row]]:
+        elif kind == 0 and cloud.rays is not None and cloud.beside_rays.by_sheet[at[row]]:
             words = "on a sheet of rays"
         reasons.append(words)
     return reasons

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.planes._around import known_at, ratio
+from sklearn_mcmd.planes._around import ratio, values_at
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.runtime._chunks import each_slice
@@ -59,13 +59,16 @@ class Emptiness(NamedTuple):
     @classmethod
     def of(cls, witnesses, on_surface):
         """From `Witnesses`, and which points of the cloud a surface explains."""
-        rows, asked, farther, _ = witnesses
-        passing, ending = asked * np.maximum(farther, 0.0), asked * np.maximum(-farther, 0.0)
-        met = on_surface[rows]
-        hidden = np.where(met, ending, 0.0)
-        near = np.where(met, 0.0, asked * (1 - np.abs(farther)))
-        sums = passing, ending, hidden, near, asked
-        return cls(*(part.sum(axis=1) for part in sums))
+        farther, asked, met = witnesses.farther, witnesses.asked, on_surface[witnesses.rows]
+        ending = asked * np.maximum(-farther, 0.0)
+        near = asked * (1 - np.abs(farther))
+        return cls(
+            passing=(asked * np.maximum(farther, 0.0)).sum(axis=1),
+            ending=ending.sum(axis=1),
+            hidden=np.where(met, ending, 0.0).sum(axis=1),
+            near=np.where(met, 0.0, near).sum(axis=1),
+            asked=asked.sum(axis=1),
+        )
 
     def alone(self):
         """Evidence from 0 to 1 that a place is empty: the share of beams that pass.
@@ -82,12 +85,9 @@ class Emptiness(NamedTuple):
 
     def with_nearest(self, others, near):
         """The beams of each place (m,) and of the nearest places to it, rows (m, k) of others."""
-        return Emptiness(
-            *(
-                own + known_at(part, near, 0.0).sum(axis=1)
-                for own, part in zip(self, others, strict=True)
-            )
-        )
+        both = zip(self, others, strict=True)
+        sums = (alone + values_at(part, near, 0.0).sum(axis=1) for alone, part in both)
+        return Emptiness(*sums)
 
     def pooled(self, groups, points):
         """The beams of all points of a group, for each of these; `groups` counts from 0 on.
@@ -136,6 +136,7 @@ class Rays:
             ranges[rows], directions[rows] = polar(points[rows], origins[rows])
 
         each_slice(n, CHUNK, look, n_jobs)
+        # Of several echoes of a beam the farthest comes first, and so stands for it.
         seen = ranges > 0
         unit = None if (origins == origins[0]).all() else np.median(ranges[seen])
         order = np.argsort(-ranges, kind="stable").astype(np.int32)
@@ -185,8 +186,8 @@ class Rays:
         """The `Emptiness` of the places of some of the points."""
 
         def witnesses(part):
-            own = rows[part]
-            return self._witnesses(self._beams(own), self.ranges[own], self.steps(own))
+            points = rows[part]
+            return self._witnesses(self._beams(points), self.ranges[points], self.steps(points))
 
         return self._sums(len(rows), witnesses, on_surface)
 
@@ -198,13 +199,14 @@ class Rays:
         n_searched = min(int(self.limits.searched * k), len(self.cloud.points) - 1)
 
         def witnesses(part):
-            own = rows[part]
-            queries = self.cloud.points[self.beam_of[own]]
-            angles, beams = (found[:, 1:] for found in self.cloud.nearest(queries, n_searched + 1))
-            strange = group[self.met[beams]] != group[own][:, None]
+            points = rows[part]
+            queries = self.cloud.points[self.beam_of[points]]
+            angles, beams = self.cloud.nearest(queries, n_searched + 1)
+            angles, beams = angles[:, 1:], beams[:, 1:]  # the first is the point's own
+            strange = group[self.met[beams]] != group[points][:, None]
             strange &= np.cumsum(strange, axis=1) <= k
-            found = self._witnesses(beams, ranges[part], self.steps(own), angles)
-            return found._replace(asked=strange)
+            told = self._witnesses(beams, ranges[part], self.steps(points), angles)
+            return told._replace(asked=strange)
 
         return self._sums(len(rows), witnesses, on_surface).take(np.argsort(order))
 
@@ -226,8 +228,9 @@ class Rays:
         ranges, directions = polar(queries, origins)
         ranks = np.arange(1, self._n_next() + 1)
         angles, near = self.cloud.tree.query(beams_of(directions, origins, self.unit), k=ranks)
-        given = near, ranges, self._steps(angles.mean(axis=1), ranges)
-        return self._witnesses(*given), self._witnesses(*given, angles)
+        steps = self._steps(angles.mean(axis=1), ranges)
+        alone = self._witnesses(near, ranges, steps)
+        return alone, self._witnesses(near, ranges, steps, angles)
 
     def _steps(self, mean_angles, ranges):
         return np.minimum(mean_angles, self.limits.usual * self.usual_angle) * ranges
@@ -255,6 +258,7 @@ class Rays:
         away = distances_between(self.points[ends], self.points[rows])
         heights = self.points[ends] - planes.centroids[:, None]
         heights = np.einsum("mkd,md->mk", heights, planes.normals)
+        # Only beams that end on the plane tell how ranges change with its tilt.
         met = np.abs(heights) <= explained * planes.scale[:, None]
         directions = self.cloud.points
         tilt = directions[beams] - directions[self.beam_of[rows]][:, None]
@@ -267,6 +271,8 @@ class Rays:
         """How much ranges scatter around a slice of the points: the median of what `look` found of
         those nearby, less where most have a beam's point at hand."""
         near = index.query_own(rows, min(self.limits.n_beams + 1, index.n_neighbors)).indices
+        # Scaled so that a surface's points, at `alone` steps at most, scatter by no more than what
+        # a plane explains.
         apart = np.median(alone[near], axis=1) * (ExplainLimits().explained / self.limits.alone)
         return np.minimum(np.median(left[near], axis=1), apart)
 
@@ -318,7 +324,7 @@ def distances_between(points, queries):
 
 def _left_by_line(x, y, taken):
     """Standard deviation of y (m, k) about a line through x, with a further point at (0, 0)."""
-    n = 1 + np.count_nonzero(taken, axis=1)
+    n = 1 + np.count_nonzero(taken, axis=1)  # zeros add nothing to sums, as the further point does
     x, y = np.where(taken, x, 0.0), np.where(taken, y, 0.0)
     mean_x, mean_y = x.sum(axis=1) / n, y.sum(axis=1) / n
     xx = np.einsum("mk,mk->m", x, x) / n - mean_x**2

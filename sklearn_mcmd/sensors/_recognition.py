@@ -43,9 +43,11 @@ def view_from_origin(parts):
     ``parts()`` gives the points, as an iterable of arrays (m, 3) of float64. The answer does not
     depend on the order of points, or on how they are divided.
     """
+    # Step 1: from the origin steps are even.
     (here,) = _views(parts, np.zeros((1, 3)))
     if here is None or not here.is_even():
         return ""
+    # Step 2: from no place beside it they are more even.
     least = (1 - 2 * ViewLimits().aside) * here.uneven_beside_others()
     aside = ViewLimits().aside * here.usual_range * np.vstack([np.eye(3), -np.eye(3)])
     if any(view is None or view.uneven_beside_others() < least for view in _views(parts, aside)):
@@ -81,6 +83,7 @@ class _View:
     def __init__(self, points, asked):
         ranges, self.directions = _polar(points)
         self.points, self.asked, self.usual_range = points, asked, np.median(ranges)
+        # The gap to the next direction that is no second echo of the same beam.
         tree = cKDTree(self.directions)
         distances, rows = tree.query(self.directions, k=_n_around() + 1)
         one_beam = ViewLimits().aside * np.median(distances[:, 1])
@@ -142,6 +145,7 @@ def _n_around():
 
 def _views(parts, positions):
     """The same points as seen from each of some positions: `_View`, None if all are far away."""
+    # A spiral of golden angles at even heights spreads them evenly over the sphere.
     turns = np.arange(N_WINDOWS) * np.pi * (3 - np.sqrt(5))
     height = (2 * np.arange(N_WINDOWS) + 1) / N_WINDOWS - 1
     flat = np.sqrt(1 - height**2)

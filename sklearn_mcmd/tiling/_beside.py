@@ -25,7 +25,7 @@ from sklearn_mcmd.io._trajectory import (
     trajectory_of,
     warn_if_far,
 )
-from sklearn_mcmd.outliers._model import middle_ranks
+from sklearn_mcmd.outliers._intensity import middle_ranks
 from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.sensors._recognition import view_from_origin
 from sklearn_mcmd.tiling._catalog import parts_of

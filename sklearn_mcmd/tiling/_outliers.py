@@ -18,8 +18,9 @@ from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, check_rate, roughness_of
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, share_to_flag
+from sklearn_mcmd.outliers._intensity import telling_of
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
-from sklearn_mcmd.outliers._model import n_by_rays, telling_of, warn_of_doubt
+from sklearn_mcmd.outliers._model import n_by_rays, warn_of_doubt
 from sklearn_mcmd.outliers._ray_evidence import doubt_of
 from sklearn_mcmd.planes._around import quantile_of
 from sklearn_mcmd.report._volumes import losses_of
@@ -233,8 +234,9 @@ def _judged(values):
 def keep_light(job, cell, part, fitted, cloud):
     """As `Job.keep`: the ranks of the own points that are isolated."""
     judged = judged_cloud(fitted)
-    rows = judged.isolated[part.own[cloud.rows[judged.isolated]]]
-    return {"isolated": judged.intensity[rows]}
+    isolated = judged.darkness.isolated
+    isolated = isolated[part.own[cloud.rows[isolated]]]
+    return {"isolated": judged.darkness.ranks[isolated]}
 
 
 def keep_scores(job, cell, part, fitted, cloud):
@@ -244,6 +246,6 @@ def keep_scores(job, cell, part, fitted, cloud):
     if judged.rays is not None:
         kinds = judged.rays.on_sheet, judged.explaining
         found["sheets"] = [int(judged.counts[own & kind].sum()) for kind in kinds]
-    found["raised"] = judged.raised[own[judged.raised_rows]]
+    found["raised"] = judged.raised.scores[own[judged.raised.rows]]
     found["roughness"] = roughness_of(fitted._model)
     return found

@@ -42,31 +42,13 @@ def normals(method, n_neighbors=40, **parameters):
 
 @pytest.mark.parametrize("n_neighbors", [40, None])
 @pytest.mark.parametrize("method", ["msac", "ransac", "robpca"])
-def test_outliers_in_front_of_a_wall_are_found(method, n_neighbors):
-    labels = detector(method, n_neighbors).fit_predict(wall())
-    assert (labels[:15] == -1).all()
-    assert (labels[15:] == 1).mean() > 0.9
-
-
-@pytest.mark.parametrize("n_neighbors", [40, None])
-@pytest.mark.parametrize("method", ["msac", "ransac", "robpca"])
 def test_normals_are_those_of_the_wall(method, n_neighbors):
     X = wall()
-    found = normals(method, n_neighbors).fit(X).normals_[15:]
+    robust = normals(method, n_neighbors).fit(X).normals_[15:]
     pca = normals("pca", n_neighbors).fit(X).normals_[15:]
-    tilt, pull = (np.degrees(np.arccos(np.abs(part[:, 1]))) for part in (found, pca))
+    tilt, pull = (np.degrees(np.arccos(np.abs(part[:, 1]))) for part in (robust, pca))
     assert tilt.mean() < 0.5
     assert tilt.mean() < 0.5 * pull.mean()
-
-
-@pytest.mark.parametrize("n_neighbors", [40, None])
-@pytest.mark.parametrize("method", METHODS)
-def test_a_fitted_point_is_judged_as_a_new_one_at_its_place(method, n_neighbors):
-    X = wall(SIZES.get(method, 300))
-    model = detector(method, n_neighbors)
-    labels = model.fit_predict(X)
-    assert_array_equal(labels, model.predict(X))
-    assert_allclose(model.score_samples(X[7:9]), model.score_samples(X)[7:9], rtol=1e-9)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -74,18 +56,8 @@ def test_a_whole_cloud_is_judged_as_the_array_form_does(method):
     X = wall(80, 8)
     order = np.argsort(np.linalg.norm(X - X.mean(axis=0), axis=1), kind="stable")
     model = detector(method, None).fit(X)
-    found = COMPARATORS[method](**QUICK.get(method, {})).fit(X[order][None], random_state=0)
-    assert_allclose(-model.score_samples(X)[order], found.scores[0], rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.parametrize("n_neighbors", [40, None])
-@pytest.mark.parametrize("method", METHODS)
-def test_neither_the_order_of_rows_nor_threads_matter(method, n_neighbors):
-    X = wall(SIZES.get(method, 300))
-    order = np.random.default_rng(1).permutation(len(X))
-    here = detector(method, n_neighbors).fit(X).score_samples(X)
-    there = detector(method, n_neighbors, n_jobs=2).fit(X[order]).score_samples(X)
-    assert_allclose(here, there, rtol=1e-8, atol=1e-10)
+    fit = COMPARATORS[method](**QUICK.get(method, {})).fit(X[order][None], random_state=0)
+    assert_allclose(-model.score_samples(X)[order], fit.scores[0], rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -118,12 +90,12 @@ def test_neighborhoods_of_different_sizes_are_judged_one_by_one(method):
 def test_the_scale_is_the_deviation_of_the_plane_s_members(method):
     points = np.random.default_rng(0).normal(size=(4, 50, 3)) * [1, 1, 0.05]
     share = {"contamination": 0.1} if method in NEED_SHARE else {}
-    found = COMPARATORS[method](**share).fit(points, random_state=0)
+    fit = COMPARATORS[method](**share).fit(points, random_state=0)
     for b in range(4):
-        members = points[b, found.support[b]]
+        members = points[b, fit.support[b]]
         assert len(members) == (45 if share else 50)
-        distances = (members - members.mean(axis=0)) @ found.normals[b]
-        assert_allclose(found.scale[b] ** 2, (distances**2).sum() / (len(members) - 3))
+        distances = (members - members.mean(axis=0)) @ fit.normals[b]
+        assert_allclose(fit.scale[b] ** 2, (distances**2).sum() / (len(members) - 3))
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -47,19 +47,19 @@ def test_scores_are_those_of_one_trial_after_another(kind, noise_scale, d):
     points = noisy_planes(10, d=d)
     method = kind(noise_scale=noise_scale, n_refits=0, max_trials=200, stop_probability=0.99)
     seed = method.seed(0)
-    found = method.fit_sizes(points, np.full(10, 50), seed)
+    fit = method.fit_sizes(points, np.full(10, 50), seed)
     table = method.table(50, d, seed)
     for i in range(10):
         scores, scale = literally(points[i], table, method)
-        assert_allclose(found.scale[i], scale)
-        assert_allclose(found.scores[i], scores, rtol=1e-6, atol=1e-8)
+        assert_allclose(fit.scale[i], scale)
+        assert_allclose(fit.scores[i], scores, rtol=1e-6, atol=1e-8)
 
 
 def test_neighborhoods_without_a_plane_have_no_scale_and_no_outlier():
     line = np.linspace(0, 1, 20)[:, None] * [1.0, 2.0, 3.0]
-    found = Ransac().fit(np.stack([line, np.zeros((20, 3))]), random_state=0)
-    assert (found.scale < 0).all()
-    assert found.inliers.all()
+    fit = Ransac().fit(np.stack([line, np.zeros((20, 3))]), random_state=0)
+    assert (fit.scale < 0).all()
+    assert fit.inliers.all()
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy import stats
 
 from sklearn_mcmd.baselines import Robpca
@@ -34,10 +34,10 @@ def log_volumes(points, support):
 
 def test_the_subset_is_the_best_of_all_where_all_can_be_tried():
     points = np.random.default_rng(0).normal(size=(5, 11, 2)) ** 3
-    found = fit_mcd(points, starts(11, 2), 0.5, np.full(5, 1e-12))
+    mcd = fit_mcd(points, starts(11, 2), 0.5, np.full(5, 1e-12))
     h = mcd_support_size(0.5, 11, 2)
     assert h == 7
-    for p, best in zip(points, log_volumes(points, found.support), strict=True):
+    for p, best in zip(points, log_volumes(points, mcd.support), strict=True):
         volumes = [
             np.linalg.slogdet(np.cov(p[list(rows)].T, bias=True))[1]
             for rows in combinations(range(11), h)
@@ -49,11 +49,11 @@ def test_many_members_go_through_scikit_learns_nested_subsets():
     rng = np.random.default_rng(0)
     points = rng.normal(size=(1, 3000, 3)) * [1, 2, 0.1] + [5, 5, 5]
     points[:, :900] += [0, 0, 4]
-    found = Robpca(consistency="quantile").fit(points, random_state=0)
-    assert not found.inliers[0, :900].any()
-    assert 0.95 < found.inliers[0, 900:].mean() < 0.99
-    assert abs(found.scale[0] / 0.1 - 1) < 0.1
-    assert_allclose(found.cutoff, np.sqrt(stats.chi2.ppf(0.975, 3)))
+    fit = Robpca(consistency="quantile").fit(points, random_state=0)
+    assert not fit.inliers[0, :900].any()
+    assert 0.95 < fit.inliers[0, 900:].mean() < 0.99
+    assert abs(fit.scale[0] / 0.1 - 1) < 0.1
+    assert_allclose(fit.cutoff, np.sqrt(stats.chi2.ppf(0.975, 3)))
 
 
 def test_the_univariate_mcd_is_the_run_of_least_variance():
@@ -72,22 +72,9 @@ def test_the_univariate_mcd_is_the_run_of_least_variance():
 def test_covariances_of_clean_samples_are_right_on_average(n):
     """With both factors; of 30 points the formula leaves a quarter too much."""
     points = np.random.default_rng(0).normal(size=(600, n, 3)) * [3, 2, 1]
-    found = fit_mcd(points, starts(n, 3, 60), 0.5, np.full(600, 1e-12))
-    variances = found.covariances.diagonal(axis1=1, axis2=2).mean(axis=0)
+    mcd = fit_mcd(points, starts(n, 3, 60), 0.5, np.full(600, 1e-12))
+    variances = mcd.covariances.diagonal(axis1=1, axis2=2).mean(axis=0)
     assert_allclose(variances, [9, 4, 1], rtol=0.15)
-
-
-@pytest.mark.parametrize(
-    "params",
-    [{}, {"n_components": 2}, {"projection": True}, {"orthogonal_scale": "mad", "n_components": 2}],
-)
-def test_planted_outliers_are_found(params):
-    points = plane_with_outliers()
-    found = Robpca(**params).fit(points, random_state=0)
-    assert not found.inliers[:, :15].any()
-    assert found.inliers[:, 15:].mean() > 0.9
-    tilt = np.degrees(np.arccos(np.abs(found.normals[:, 2])))
-    assert tilt.max() < 5
 
 
 @pytest.mark.parametrize("projection", [False, True])
@@ -95,40 +82,25 @@ def test_it_withstands_less_than_half_and_no_more(projection):
     """60 members: the subset of 32 (31 by projection pursuit) has no room for 29 outliers."""
     method = Robpca(projection=projection, n_components=2)
     for n_outliers, withstood in ((25, True), (35, False)):
-        found = method.fit(plane_with_outliers(20, n_outliers=n_outliers), random_state=0)
-        regular = found.inliers[:, n_outliers:].mean() > found.inliers[:, :n_outliers].mean()
+        fit = method.fit(plane_with_outliers(20, n_outliers=n_outliers), random_state=0)
+        regular = fit.inliers[:, n_outliers:].mean() > fit.inliers[:, :n_outliers].mean()
         assert regular == withstood
-
-
-@pytest.mark.parametrize("projection", [False, True])
-def test_it_moves_and_turns_with_the_points_and_the_mcd_shears(projection):
-    points = plane_with_outliers(10)
-    rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    shear = np.array([[1.0, 0.3, 0.0], [0.0, 2.0, 0.1], [0.0, 0.0, 3.0]])
-    clouds = points, 4 * points @ rotation.T + [10.0, -20.0, 30.0], points @ shear
-    method = Robpca(projection=projection)
-    here, turned, sheared = (method.fit(p, random_state=0) for p in clouds)
-    assert_allclose(here.scores, turned.scores, rtol=1e-5)
-    assert_array_equal(here.inliers, turned.inliers)
-    assert_allclose(4 * here.scale, turned.scale, rtol=1e-5)
-    difference = np.abs(here.scores - sheared.scores).max()
-    assert difference > 1e-2 if projection else difference < 1e-4
 
 
 def test_few_members_for_their_dimensions_begin_with_projection_pursuit():
     rng = np.random.default_rng(0)
     points = rng.normal(size=(10, 24, 6)) * [1, 1, 1, 1, 1, 0.05]
     points[:, :6, -1] += 10
-    found = Robpca().fit(points, random_state=0)
-    assert not found.inliers[:, :6].any()
-    tilt = np.degrees(np.arccos(np.abs(found.normals[:, -1])))
+    fit = Robpca().fit(points, random_state=0)
+    assert not fit.inliers[:, :6].any()
+    tilt = np.degrees(np.arccos(np.abs(fit.normals[:, -1])))
     assert np.median(tilt) < 5
 
 
 def test_outlyingness_is_the_largest_over_directions():
     points = np.random.default_rng(0).normal(size=(2, 20, 3))
     pairs = starts(20, 1, 30)
-    found = stahel_donoho(points, pairs, 12, np.full(2, 1e-12))
+    outlyingness = stahel_donoho(points, pairs, 12, np.full(2, 1e-12))
     for b in range(2):
         worst = np.zeros(20)
         for i, j in pairs:
@@ -136,7 +108,7 @@ def test_outlyingness_is_the_largest_over_directions():
             projections = points[b] @ direction / np.linalg.norm(direction)
             location, scale = univariate_mcd(projections, 12)
             worst = np.maximum(worst, np.abs(projections - location) / scale)
-        assert_allclose(found[b], worst, rtol=1e-8)
+        assert_allclose(outlyingness[b], worst, rtol=1e-8)
 
 
 def test_both_cutoffs_keep_their_shares_of_regular_members():
@@ -151,10 +123,10 @@ def test_perfect_planes_are_no_trouble():
     points = plane_with_outliers(4)
     points[:, 15:, 2] = 0
     for projection in (False, True):
-        found = Robpca(projection=projection).fit(points, random_state=0)
-        assert np.isfinite(found.scores).all()
-        assert not found.inliers[:, :15].any()
-        assert_allclose(np.abs(found.normals[:, 2]), 1, atol=1e-6)
+        fit = Robpca(projection=projection).fit(points, random_state=0)
+        assert np.isfinite(fit.scores).all()
+        assert not fit.inliers[:, :15].any()
+        assert_allclose(np.abs(fit.normals[:, 2]), 1, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -58,10 +58,10 @@ def test_weights_minimize_the_regularized_loss():
 
 def test_width_and_regularization_are_those_of_the_best_score():
     points = np.random.default_rng(0).normal(size=(3, 40, 2))
-    found = Ulsif().fit(points, random_state=0)
-    ((_, model),) = found.models
+    fit = Ulsif().fit(points, random_state=0)
+    ((_, model),) = fit.models
     shuffled = Ulsif().table(40, 2, Ulsif().seed(0))[-1]
-    basis, test = model.basis, (points - found.origin[:, None])[:, shuffled]
+    basis, test = model.basis, (points - fit.origin[:, None])[:, shuffled]
     # All training points are in the basis.
     gaps = np.linalg.norm(basis - np.median(basis, axis=1, keepdims=True), axis=2)
     best, kept = np.full(3, np.inf), [None] * 3
@@ -81,12 +81,12 @@ def test_width_and_regularization_are_those_of_the_best_score():
 
 
 def test_most_outliers_are_found_by_the_central_part():
-    found = []
+    shares = []
     for run in range(20):
         X, y = make_contaminated_plane(100, outlier_share=0.2, random_state=run)
         fit = Ulsif(contamination=0.23).fit(X[None], random_state=run)
-        found.append(np.mean(~fit.inliers[0, y == -1]))
-    assert np.mean(found) > 0.9
+        shares.append(np.mean(~fit.inliers[0, y == -1]))
+    assert np.mean(shares) > 0.9
 
 
 def test_scores_do_not_depend_on_the_unit():

@@ -27,9 +27,10 @@ TABLE_6 = [
 def outcomes_by_sets(y_true, y_pred, share):
     """The docstring's rules, surface by surface, with sets of points."""
     surfaces = {s: {i for i, t in enumerate(y_true) if t == s} for s in set(y_true) - {-1}}
-    known = set().union(*surfaces.values())
+    labelled = set().union(*surfaces.values())
     segments = {
-        s: {i for i, p in enumerate(y_pred) if p == s} & known for s in sorted(set(y_pred) - {-1})
+        s: {i for i, p in enumerate(y_pred) if p == s} & labelled
+        for s in sorted(set(y_pred) - {-1})
     }
     segments = {s: points for s, points in segments.items() if points}
 
@@ -45,8 +46,8 @@ def outcomes_by_sets(y_true, y_pred, share):
             continue
         main = max(segments.values(), key=lambda s: (len(points & s), fit(points, s)))
         swallowed = any(
-            len(other & main) >= share * len(other)
-            for key, other in surfaces.items()
+            len(another & main) >= share * len(another)
+            for key, another in surfaces.items()
             if key != name
         )
         if swallowed or len(points & main) < share * len(main):
@@ -75,8 +76,8 @@ def test_outcomes_are_those_of_the_rules_taken_literally(pairs, share):
         return
     scores = quiet_scores(y_true, y_pred, min_overlap=share)
     outcomes, ious = outcomes_by_sets(y_true, y_pred, share)
-    found = dict(zip(scores.surfaces.tolist(), scores.surface_outcomes.tolist(), strict=True))
-    assert found == outcomes
+    outcome_of = dict(zip(scores.surfaces.tolist(), scores.surface_outcomes.tolist(), strict=True))
+    assert outcome_of == outcomes
     assert_allclose(scores.surface_iou, [ious[s] for s in scores.surfaces.tolist()], rtol=1e-12)
     assert_allclose(scores.mean_iou, np.mean(list(ious.values())), rtol=1e-12)
 

@@ -75,20 +75,9 @@ def trials_made(monkeypatch):
 @pytest.mark.parametrize("k", [50, None])
 def test_simulated_planes_have_each_minimal_subset_once_and_few_of_many(k, n, d, most, trials_made):
     X = plane(n, 0.1, seed=0)[:, -d:]
-    own = detector(0.05, n_neighbors=k, max_outlier_rate=0.9).fit(X).n_trials_
-    assert trials_made[0] == own > 900
+    n_trials = detector(0.05, n_neighbors=k, max_outlier_rate=0.9).fit(X).n_trials_
+    assert trials_made[0] == n_trials > 900
     assert set(trials_made[1:]) == {most}
-
-
-@pytest.mark.parametrize("form", [{}, OWN, {**OWN, "reweight": False}, {"n_neighbors": None}])
-def test_more_trials_would_hardly_change_the_cutoff(form, trials_made, monkeypatch):
-    """By less than its own error: of 1,000 points 50 are flagged, 14 % more or less, beyond 2.5."""
-    X = plane(30, 0.1, seed=0)
-    few = detector(0.05, max_outlier_rate=0.9, **form).fit(X)
-    monkeypatch.setattr(_calibration, "MOST_TRIALS", 1_500)
-    many = detector(0.05, max_outlier_rate=0.9, **form).fit(X)
-    assert trials_made[-1] == 1_500
-    assert_allclose(few.offset_, many.offset_, rtol=0.03)
 
 
 @pytest.mark.parametrize("n", [20, 200])
@@ -100,14 +89,6 @@ def test_one_plane_of_few_points_is_flagged_at_the_stated_rate(n):
     one_plane = MCMDOutlierDetector(None, random_state=0)
     scores = np.concatenate([-one_plane.fit(X).score_samples(X) for X in clouds])
     assert_allclose(np.mean(scores > cutoff), rate, rtol=tolerance(rate, n * n_planes, 1000))
-
-
-def test_few_points_ask_for_a_larger_cutoff_than_the_normal_law():
-    few = detector(0.01, n_neighbors=None).fit(plane(15, 0.1, seed=0))
-    many = detector(0.01, n_neighbors=None).fit(plane(3000, 0.1, seed=0))
-    # Of a normal variable 1 % is beyond 2.576; the scale of 3,000 points is known to 1.3 %.
-    assert_allclose(-many.offset_, 2.576, rtol=0.05)
-    assert few.offset_ < 1.2 * many.offset_
 
 
 def test_the_cutoff_does_not_depend_on_units():
@@ -123,10 +104,10 @@ def test_a_rate_that_cannot_be_simulated_is_refused():
         detector(1e-6, n_neighbors=20).fit(plane(100, 0.1, seed=0))
 
 
-@pytest.mark.parametrize("known", [False, True])
-def test_the_rate_holds_for_whole_clean_scans(known):
+@pytest.mark.parametrize("is_seen", [False, True])
+def test_the_rate_holds_for_whole_clean_scans(is_seen):
     """Also for kerbs, reveals, poles and a post, whether or not the sensor's position is known."""
     street = make_street(20_000, outlier_share=0, sampling="scan_lines", random_state=0)
-    origin = street.sensor_origins[0] if known else None
+    origin = street.sensor_origins[0] if is_seen else None
     fitted = detector(0.01, n_neighbors=50, sensor_origin=origin).fit(street.data)
     assert 0.008 < (fitted.scores_ < fitted.offset_).mean() < 0.013

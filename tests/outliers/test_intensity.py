@@ -64,11 +64,11 @@ def test_errors_name_the_parameter(intensity, message):
         ({"n_neighbors": None}, "n_neighbors"),
     ],
 )
-@pytest.mark.parametrize("given", [{"intensity": LIGHT}, {"sensor_origin": [0, 0, 9]}])
-def test_one_plane_has_no_use_for_it(parameters, lacks, given):
-    (name,) = given
+@pytest.mark.parametrize("told", [{"intensity": LIGHT}, {"sensor_origin": [0, 0, 9]}])
+def test_one_plane_has_no_use_for_it(parameters, lacks, told):
+    (name,) = told
     with pytest.raises(ValueError, match=rf"^{name} has .* give {lacks}, or leave {name} out\.$"):
-        detector().set_params(**parameters).fit(X, **given)
+        detector().set_params(**parameters).fit(X, **told)
 
 
 def test_doubts_grow_in_the_dark_and_surfaces_stay():
@@ -77,16 +77,16 @@ def test_doubts_grow_in_the_dark_and_surfaces_stay():
     wall = rng.uniform(0, 4, (3000, 3)) * [1, 0, 1] + rng.normal(0, 0.003, (3000, 3))
     cloud = np.vstack([wall, rng.uniform([0, -2, 0], [4, -0.5, 4], (200, 3))])
     light = np.r_[rng.uniform(5, 20, 3000), np.zeros(150), np.full(50, 30.0)]
-    plain, known = detector().fit(cloud), detector().fit(cloud, intensity=light)
-    rest = ~plain.on_surface_
-    assert_array_equal(known.scores_[~rest], plain.scores_[~rest])
+    plain, lit = detector().fit(cloud), detector().fit(cloud, intensity=light)
+    off_surface = ~plain.on_surface_
+    assert_array_equal(lit.scores_[~off_surface], plain.scores_[~off_surface])
     brighter = 1 - (rankdata(light) - 0.5) / len(light)
     telling = 2 * brighter[plain.isolation_ > 3].mean() - 1
     assert 0.3 < telling < 0.6
-    assert_allclose(known.isolation_, plain.isolation_ * (2 * brighter) ** (telling / 2))
-    assert (known.isolation_[3000:3150] > plain.isolation_[3000:3150]).all()
-    assert (known.isolation_[3150:] < 0.6 * plain.isolation_[3150:]).all()
-    assert_array_equal(known.separation_, plain.separation_)
+    assert_allclose(lit.isolation_, plain.isolation_ * (2 * brighter) ** (telling / 2))
+    assert (lit.isolation_[3000:3150] > plain.isolation_[3000:3150]).all()
+    assert (lit.isolation_[3150:] < 0.6 * plain.isolation_[3150:]).all()
+    assert_array_equal(lit.separation_, plain.separation_)
 
 
 @pytest.mark.parametrize(("flakes", "factor"), [(0.0, 1.4), (12.0, 1.0), (30.0, 1.0)])
@@ -106,7 +106,7 @@ def test_bright_mixed_pixels_stay_on_their_sheets():
     light = np.r_[np.linspace(8, 9, 60), np.linspace(0, 1, len(cloud) - 60)]
     plain = MCMDOutlierDetector(**FORM).fit(cloud, sensor_origin=sensor)
     lit = MCMDOutlierDetector(**FORM).fit(cloud, sensor_origin=sensor, intensity=light)
-    sheets = plain._cloud.off_surface.rest.rows[plain._cloud.rays.rest.by_sheet]
+    sheets = plain._cloud.off_surface.rows[plain._cloud.beside_rays.by_sheet]
     assert len(sheets) > 30
     assert_array_equal(lit._cloud.point_scores[sheets], plain._cloud.point_scores[sheets])
 

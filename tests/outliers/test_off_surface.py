@@ -9,7 +9,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._off_surface import Rest, judge_off_surface
+from sklearn_mcmd.outliers._company import judge_off_surface
+from sklearn_mcmd.outliers._off_surface import Unexplained
 from sklearn_mcmd.outliers._small_groups import gaps_to
 from sklearn_mcmd.planes._nearest import NearestPoints
 
@@ -37,17 +38,17 @@ def company(points, n_explained, least=100, counts=None, n_jobs=None):
     counts = np.ones(len(points), dtype=int) if counts is None else counts
     explained = np.arange(len(points)) < n_explained
     spacings = (spacing_of(points, counts, others_only=only) for only in (False, True))
-    rest = Rest.of(index_of(points), counts, explained, *spacings)
-    found = judge_off_surface(rest, least, n_jobs)
-    assert_array_equal(found.rest.rows, np.flatnonzero(~explained))
+    unexplained = Unexplained.of(index_of(points), counts, explained, *spacings)
+    judged = judge_off_surface(unexplained, least, n_jobs)
+    assert_array_equal(judged.rows, np.flatnonzero(~explained))
     isolation, separation = np.zeros(len(points)), np.zeros(len(points))
-    isolation[~explained], separation[~explained] = found.isolation, found.separation
+    isolation[~explained], separation[~explained] = judged.isolation, judged.separation
     return SimpleNamespace(
         isolation=isolation,
         separation=separation,
-        measure=found.measure,
-        usual=found.usual,
-        groups=found.groups,
+        measure=judged.measure,
+        usual=judged.usual,
+        groups=judged.groups,
     )
 
 
@@ -64,8 +65,8 @@ def test_n_times_as_many_points_as_a_thing_must_stand_off_n_times_as_far():
     line = [[10, 10, 170 + 0.5 * i] for i in range(30)]
     size = 170 / (0.5 * LENGTH * np.std(range(30)))
     for least, weight in ((31, 1), (30, 1), (15, 1 / 2), (9, 3 / 10)):
-        found = company(with_rest(*line), 400, least=least)
-        assert_allclose(found.separation[400:], size * weight)
+        judged = company(with_rest(*line), 400, least=least)
+        assert_allclose(judged.separation[400:], size * weight)
     assert size * 7 / 30 < 3
     assert_array_equal(company(with_rest(*line), 400, least=7).separation[400:], 0)
 
@@ -76,14 +77,14 @@ def test_large_groups_stand_off_from_each_other():
     centers = np.array([[10, 10, 200], [10, 70, 200], [90, 10, 200], [10, 10, 250]])
     groups = clump + centers[:, None]
     X = with_rest(*groups)
-    found = company(X, 400, least=30)
+    judged = company(X, 400, least=30)
     for i, group in enumerate(groups):
         rows = slice(30 * i, 30 * (i + 1))
         others = np.vstack([X[:400], *np.delete(groups, i, axis=0)])
         gap = np.linalg.norm(group[:, None] - others, axis=2).min()
         spread = np.sqrt(np.linalg.eigvalsh(np.cov(group.T, bias=True))[-1])
-        size = max(spread, found.usual[rows].mean())
-        assert_allclose(found.separation[400:][rows], gap / size)
+        size = max(spread, judged.usual[rows].mean())
+        assert_allclose(judged.separation[400:][rows], gap / size)
 
 
 def line_at(x, y, z, n=12):
@@ -97,59 +98,59 @@ def test_flat_groups_nearer_to_each_other_than_to_anything_real_are_one(n, gap, 
     """Beside each other, one 30 above the surface, the other beyond its border."""
     X = with_rest(line_at(5, 5, 30), line_at(5 - gap, 5, 30, n)[::-1])
     X[412:, 0] -= X[412:, 0].max() - (5 - gap)
-    found = company(X, 400)
-    assert (found.isolation[400:] < 3).all()
+    judged = company(X, 400)
+    assert (judged.isolation[400:] < 3).all()
     to_real = np.linalg.norm(X[412:, None] - X[:400], axis=2).min()
     one_thing |= gap <= to_real
     group = X[400:] if one_thing else X[400:412]
     size = LENGTH * np.sqrt(np.linalg.eigvalsh(np.cov(group.T, bias=True))[-1])
-    assert_allclose(found.separation[400:412], 30 / size)
+    assert_allclose(judged.separation[400:412], 30 / size)
 
 
 def test_pieces_are_one_thing_even_if_each_has_nearly_the_least_size_of_a_thing():
-    found = company(with_rest(line_at(5, 5, 30), line_at(5, 13, 30)), 400, least=12.5)
-    assert_array_equal(found.groups, 0)
+    judged = company(with_rest(line_at(5, 5, 30), line_at(5, 13, 30)), 400, least=12.5)
+    assert_array_equal(judged.groups, 0)
 
 
 @pytest.mark.parametrize("n", [3, 4])
 def test_what_a_plane_needs_is_no_piece(n):
     X = with_rest(line_at(5, 5, 30, n), line_at(5, 9, 30), line_at(5, 13, 30))
-    found = company(X, 400, counts=np.repeat([1, 9, 1], [400, n, 24]))
-    assert (found.separation[400] == found.separation[-1]) == (n > 3)
+    judged = company(X, 400, counts=np.repeat([1, 9, 1], [400, n, 24]))
+    assert (judged.separation[400] == judged.separation[-1]) == (n > 3)
 
 
 def test_clumps_that_fill_space_are_no_pieces():
     clump = np.random.default_rng(0).normal(size=(30, 3))
     for squeezed, one_thing in ((1, False), (0.01, True)):
         part = clump * [1, 1, squeezed] + [10, 10, 30]
-        found = company(with_rest(part, part + np.array([0, 0, 8])), 400)
-        assert (found.separation[400] == found.separation[-1]) == one_thing
+        judged = company(with_rest(part, part + np.array([0, 0, 8])), 400)
+        assert (judged.separation[400] == judged.separation[-1]) == one_thing
 
 
 def test_pieces_are_no_farther_apart_than_three_times_both_their_lengths():
     """What is far off has nothing real beside it, and other errors about as far away."""
     length = LENGTH * 0.5 * np.std(range(12))
     for gap, one_thing in ((5.9 * length, True), (6.1 * length, False)):
-        found = company(with_rest(line_at(5, 5, 200), line_at(5, 5 + gap, 200)), 400)
-        assert (found.groups[0] == found.groups[-1]) == one_thing
+        judged = company(with_rest(line_at(5, 5, 200), line_at(5, 5 + gap, 200)), 400)
+        assert (judged.groups[0] == judged.groups[-1]) == one_thing
 
 
 @pytest.mark.parametrize(("tilt", "one_thing"), [(0.0, True), (0.1, False)])
 def test_pieces_in_one_plane_are_one_thing_whatever_is_nearer(tilt, one_thing):
     """As those of a wall that a depth camera measured in steps."""
     patch = lattice(4) * 0.7
-    other = patch + np.outer(patch[:, 0], [0, 0, tilt]) + np.array([8, 0, 0])
-    found = company(with_rest(patch + np.array([4, 4, 4]), other + np.array([4, 4, 4])), 400)
-    assert (found.groups[0] == found.groups[-1]) == one_thing
+    beside = patch + np.outer(patch[:, 0], [0, 0, tilt]) + np.array([8, 0, 0])
+    judged = company(with_rest(patch + np.array([4, 4, 4]), beside + np.array([4, 4, 4])), 400)
+    assert (judged.groups[0] == judged.groups[-1]) == one_thing
 
 
 def test_points_in_a_row_keep_company_with_it_however_far_apart_they_are():
     rng = np.random.default_rng(0)
     row = [[1, 9, 20]] + np.outer(np.arange(12), [2, 0.5, 0.3]) * 2 + rng.normal(0, 0.1, (12, 3))
-    found = company(with_rest(row), 400)
-    assert_array_equal(found.groups, 0)
-    assert (found.isolation[400:] < 1).all()
-    assert_allclose(found.isolation[400:], found.separation[400:])
+    judged = company(with_rest(row), 400)
+    assert_array_equal(judged.groups, 0)
+    assert (judged.isolation[400:] < 1).all()
+    assert_allclose(judged.isolation[400:], judged.separation[400:])
     bent = row * [1, 1, 0] + np.outer(np.square(np.arange(12) - 5.5), [0, 0.7, 0.5])
     bent = company(with_rest(bent + np.array([0, 0, 20])), 400)
     assert len(np.unique(bent.groups)) == 12
@@ -158,11 +159,11 @@ def test_points_in_a_row_keep_company_with_it_however_far_apart_they_are():
 
 def test_two_clumps_are_no_row():
     clump = np.random.default_rng(0).normal(size=(5, 3))
-    found = company(with_rest(clump + np.array([10, 10, 40]), clump + np.array([10, 50, 40])), 400)
-    assert found.groups[0] != found.groups[-1]
+    judged = company(with_rest(clump + np.array([10, 10, 40]), clump + np.array([10, 50, 40])), 400)
+    assert judged.groups[0] != judged.groups[-1]
     size = np.sqrt(np.linalg.eigvalsh(np.cov(clump.T, bias=True))[-1])
     gap = clump[:, 2].min() + 40
-    assert_allclose(found.separation[400:405], gap / max(size, found.usual[:5].mean()), rtol=0.05)
+    assert_allclose(judged.separation[400:405], gap / max(size, judged.usual[:5].mean()), rtol=0.05)
 
 
 def test_copies_count_as_measurements():
@@ -170,10 +171,10 @@ def test_copies_count_as_measurements():
     X = with_rest([10, 10, 5], [10, 11, 5])
     counts = np.ones(402, dtype=int)
     counts[400] = 9
-    found = company(X, 400, least=10, counts=counts)
-    assert found.isolation[400] == 0
-    assert found.isolation[401] > 0
-    assert_array_equal(found.separation[400:], 0)
+    judged = company(X, 400, least=10, counts=counts)
+    assert judged.isolation[400] == 0
+    assert judged.isolation[401] > 0
+    assert_array_equal(judged.separation[400:], 0)
     assert company(X, 400, least=11, counts=counts).separation[400] > 0
     counts[:400] = 9
     assert_allclose(company(X, 400, least=10, counts=counts).usual, 1)
@@ -182,17 +183,20 @@ def test_copies_count_as_measurements():
 def test_groups_are_those_of_near_points_walked_by_brute_force():
     rng = np.random.default_rng(0)
     centers = rng.uniform([0, 0, 10], [100, 100, 110], (30, 3))
-    rest = np.vstack([rng.normal(center, 1, (m, 3)) for m, center in enumerate(centers, 2)])
-    found = company(with_rest(rest), 400, least=10)
-    gaps = np.linalg.norm(rest[:, None] - rest, axis=2)
+    clumps = np.vstack([rng.normal(center, 1, (m, 3)) for m, center in enumerate(centers, 2)])
+    judged = company(with_rest(clumps), 400, least=10)
+    gaps = np.linalg.norm(clumps[:, None] - clumps, axis=2)
     nearest = np.argsort(np.argsort(gaps, axis=1), axis=1) <= 16
-    reach = 2.5 * np.minimum(found.usual[:, None], found.usual)
+    reach = 2.5 * np.minimum(judged.usual[:, None], judged.usual)
     _, groups = connected_components(csr_array(nearest & (gaps <= reach)), directed=False)
-    pairs = np.unique(np.stack([groups, found.groups]), axis=1)
+    pairs = np.unique(np.stack([groups, judged.groups]), axis=1)
     assert len(pairs[0]) == groups.max() + 1 > 20  # no group is divided
-    flat = np.bincount(pairs[1])[pairs[1]] > 1  # pieces are joined, where a plane needs fewer
-    assert (np.bincount(groups)[pairs[0][flat]] > 3).all()
-    assert flat.mean() < 0.5
+
+
+def test_without_a_surface_the_largest_group_is_real():
+    clump = np.random.default_rng(0).normal(size=(30, 3))
+    judged = company(np.vstack([clump, [[50.0, 0, 0]]]), 0, least=100)
+    assert (judged.separation > 0).tolist() == [False] * 30 + [True]
 
 
 # New points
@@ -201,15 +205,15 @@ def test_groups_are_those_of_near_points_walked_by_brute_force():
 def test_a_new_point_is_measured_as_if_it_alone_were_added():
     """Where it changes nothing else: no surface, no size of a group and no usual spacing."""
     rng = np.random.default_rng(0)
-    rest = rng.uniform([0, 0, 3], [20, 20, 9], (60, 3))
-    fitted = company(with_rest(rest), 400, least=70)
+    flakes = rng.uniform([0, 0, 3], [20, 20, 9], (60, 3))
+    fitted = company(with_rest(flakes), 400, least=70)
     queries = rng.uniform([-30, -30, 5], [50, 50, 60], (20, 3))
     for query in queries:
-        added = company(with_rest(rest, query), 400, least=70)
-        spacing = spacing_of(with_rest(rest, query), np.ones(461, dtype=int))[-1:]
-        isolation, separation, _ = fitted.measure(query[None], spacing)
+        added = company(with_rest(flakes, query), 400, least=70)
+        spacing = spacing_of(with_rest(flakes, query), np.ones(461, dtype=int))[-1:]
+        _, isolation, separation, _ = fitted.measure(query[None], spacing)
         assert_allclose(isolation, added.isolation[-1:], rtol=1e-12)
-        gap = np.linalg.norm(rest - query, axis=1).min()
+        gap = np.linalg.norm(flakes - query, axis=1).min()
         if gap > 2.5 * added.usual.max():  # a group of its own
             assert_allclose(separation, added.separation[-1:], rtol=1e-12)
 
@@ -225,7 +229,7 @@ def test_gaps_are_to_the_nearer_of_all_that_is_real(order):
 def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
     fitted = company(with_rest(), 400)
     assert_array_equal(fitted.isolation, 0)
-    isolation, separation, _ = fitted.measure(np.array([[10, 10, 5.0]]), np.array([6.0]))
+    _, isolation, separation, _ = fitted.measure(np.array([[10, 10, 5.0]]), np.array([6.0]))
     extent = np.linalg.norm([19, 19, 5])
     assert_allclose(isolation, np.cbrt(extent**2 * 6) / LATTICE)
     assert_allclose(separation, 5 / LATTICE)
@@ -234,9 +238,9 @@ def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
 def test_a_point_away_from_a_cloud_of_one_place_stands_off_without_bounds():
     X = np.zeros((4, 3))
     counts, explained = np.ones(4, dtype=int), np.ones(4, dtype=bool)
-    rest = Rest.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4))
-    fitted = judge_off_surface(rest, 2, None)
-    isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
+    unexplained = Unexplained.of(index_of(X), counts, explained, np.zeros(4), np.zeros(4))
+    fitted = judge_off_surface(unexplained, 2, None)
+    _, isolation, separation, _ = fitted.measure(np.array([[5.0, 0, 0]]), np.array([5.0]))
     assert isolation >= 1e300
     assert separation >= 1e300
 

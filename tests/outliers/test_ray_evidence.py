@@ -1,7 +1,5 @@
 """What rays tell equals what the literal oracle says, on small clouds."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -10,7 +8,6 @@ from reference import judged
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
 from sklearn_mcmd.planes._consistent_set import draw_trials
-from sklearn_mcmd.sensors._rays import RayLimits
 
 FORM = {"n_neighbors": 30, "max_outlier_rate": 0.2, "random_state": 0}
 
@@ -80,13 +77,13 @@ def grazed_ground(rng):
 )
 def test_what_rays_tell_equals_the_literal_oracle(cloud):
     X, sensor = cloud(np.random.default_rng(0))
-    found = MCMDOutlierDetector(**FORM).fit(X, sensor_origin=sensor)
-    trials = draw_trials(found.n_trials_, 30, random_state=0)
+    fitted = MCMDOutlierDetector(**FORM).fit(X, sensor_origin=sensor)
+    trials = draw_trials(fitted.n_trials_, 30, random_state=0)
     scores, on_surface, company = judged(X, 30, trials, 15, sensor=sensor)
-    assert_array_equal(found.on_surface_, on_surface)
-    assert_allclose(found.isolation_, company[0], rtol=1e-9)
-    assert_allclose(found.separation_, company[1], rtol=1e-9)
-    assert_allclose(-found.scores_, scores["groups"], rtol=1e-9)
+    assert_array_equal(fitted.on_surface_, on_surface)
+    assert_allclose(fitted.isolation_, company[0], rtol=1e-9)
+    assert_allclose(fitted.separation_, company[1], rtol=1e-9)
+    assert_allclose(-fitted.scores_, scores["groups"], rtol=1e-9)
 
 
 @pytest.mark.parametrize(("n_sheets", "doubted"), [(10, False), (11, True)])
@@ -94,9 +91,8 @@ def test_a_position_is_doubted_if_more_than_a_tenth_of_all_that_is_flat_is_sheet
     n_sheets, doubted
 ):
     """Measurements count, not places: one place of a sheet has all but one of them."""
-    evidence = RayEvidence.__new__(RayEvidence)
-    evidence.rays = SimpleNamespace(limits=RayLimits())
-    evidence.on_sheet = np.repeat([True, False], [2, 50])
+    on_sheet = np.repeat([True, False], [2, 50])
+    evidence = RayEvidence(None, approximate=False, scatter=None, on_sheet=on_sheet, n_jobs=None)
     counts = np.array([n_sheets - 1, 1, *np.repeat(90 / 45, 45), *np.repeat(9, 5)])
     surfaces = np.repeat([False, True, False], [2, 45, 5])
     words = evidence.doubt(surfaces, counts)
@@ -115,7 +111,7 @@ def test_a_new_point_has_about_the_score_that_it_would_have_in_the_cloud(cloud, 
     """In free space, before a wall, on a sheet and behind all. By coordinates it has half to
     4 times the score, and next to none on the sheet; with it in the cloud planes vary a little."""
     X, sensor = cloud(np.random.default_rng(0))
-    found = MCMDOutlierDetector(**FORM).fit(X, sensor_origin=sensor).score_samples(new)
-    for point, score in zip(new, found, strict=True):
+    scores = MCMDOutlierDetector(**FORM).fit(X, sensor_origin=sensor).score_samples(new)
+    for point, score in zip(new, scores, strict=True):
         more = MCMDOutlierDetector(**FORM).fit(np.vstack([X, point]), sensor_origin=sensor)
         assert_allclose(score, more.scores_[-1], rtol=0.22)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from benchmarks.simulators import make_mobile_scan
 from outliers.test_ray_evidence import FORM, sheet_at_an_edge
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
@@ -50,33 +49,16 @@ def detector(**parameters):
     return MCMDOutlierDetector(random_state=0, **parameters)
 
 
-def test_flakes_are_found_and_rings_are_kept(snowed):
-    X, snow = snowed
-    flagged = detector(sensor_origin="origin").fit_predict(X) == -1
-    assert flagged[snow].mean() > 0.95
-    assert flagged[~snow].mean() < 0.002
-
-
 @pytest.fixture(scope="module")
 def street():
     errors = {"outlier_share": 0.1, "outlier_kinds": ["mixed_pixel"]}
     return make_street(12_000, sampling="scan_lines", tree=True, random_state=0, **errors)
 
 
-def test_sheets_of_mixed_pixels_are_found_and_the_rest_of_the_street_stays(street):
-    mixed = street.target == -1
-    known = detector(sensor_origin=street.sensor_origins[0]).fit_predict(street.data) == -1
-    unknown = detector().fit_predict(street.data) == -1
-    assert known[mixed].mean() > 0.7 > 0.5 > unknown[mixed].mean()
-    assert known[~mixed].mean() < 0.008
-    foliage = street.surface == street.surface_names.index("foliage")
-    assert known[foliage].mean() < 0.04  # leaves next to the sheets; .015 at 100,000 points
-
-
 def test_sheets_are_told_as_the_reason(street):
-    found = detector(sensor_origin=street.sensor_origins[0]).fit(street.data)
-    mixed = np.flatnonzero((street.target == -1) & (found.scores_ < -3))[::10]
-    assert np.mean([reason == "on a sheet of rays" for reason in reasons_of(found, mixed)]) > 0.9
+    fitted = detector(sensor_origin=street.sensor_origins[0]).fit(street.data)
+    mixed = np.flatnonzero((street.target == -1) & (fitted.scores_ < -3))[::10]
+    assert np.mean([reason == "on a sheet of rays" for reason in reasons_of(fitted, mixed)]) > 0.9
     turn = np.vstack([room(), [[3.0, 1.0, 0.5]]])
     (reason,) = reasons_of(detector(sensor_origin="origin").fit(turn), [len(turn) - 1])
     assert reason.startswith("single point")
@@ -100,52 +82,21 @@ def test_a_position_on_the_ground_is_doubted_and_that_of_the_scanner_is_not(stre
     assert_array_equal(right.sensor_origin_, street.sensor_origins[0])
 
 
-def test_a_sensor_that_moves_along_the_ground_is_doubted():
-    drive = make_mobile_scan(8_000, outlier_share=0.2, random_state=1)
-    right = detector(sensor_origin="auto").fit(drive.data, sensor_origin=drive.sensor_origins)
-    assert right.n_by_rays_ > 0
-    with pytest.warns(UserWarning, match="It is not used"):
-        wrong = detector(sensor_origin="auto").fit(
-            drive.data, sensor_origin=drive.sensor_origins * [1, 1, 0]
-        )
-    assert_array_equal(wrong.scores_, detector().fit(drive.data).scores_)
-
-
-def test_outliers_by_rays_alone_are_those_that_coordinates_keep(street):
-    """Without rays, what is usual around is that of the sheets, too; so both numbers are near."""
-    told = detector(sensor_origin=street.sensor_origins[0]).fit(street.data)
-    plain = detector().fit(street.data)
-    alone = np.count_nonzero((told.scores_ < -3) & (plain.scores_ >= -3))
-    assert abs(told.n_by_rays_ - alone) < 0.1 * alone
-    assert (plain.n_by_rays_, detector(strictness=None).fit(street.data).n_by_rays_) == (0, 0)
-    gross = detector(sensor_origin=street.sensor_origins[0], cutoff=6.0).fit(street.data)
-    assert 0 < gross.n_by_rays_ < told.n_by_rays_
-
-
 @pytest.mark.parametrize("cutoff", [0.5, 3.0])
 def test_points_on_sheets_are_outliers_by_rays_alone_at_any_cutoff(cutoff):
     X, sensor = sheet_at_an_edge(np.random.default_rng(0))
-    found = MCMDOutlierDetector(**FORM, cutoff=cutoff).fit(X, sensor_origin=sensor)
-    assert found.n_by_rays_ == reasons_of(found, np.arange(60)).count("on a sheet of rays") > 40
+    fitted = MCMDOutlierDetector(**FORM, cutoff=cutoff).fit(X, sensor_origin=sensor)
+    assert fitted.n_by_rays_ == reasons_of(fitted, np.arange(60)).count("on a sheet of rays") > 40
+    assert MCMDOutlierDetector(**FORM, cutoff=cutoff).fit(X).n_by_rays_ == 0
 
 
 def test_one_position_for_each_point_says_the_same_as_one_for_all(snowed):
     X = snowed[0][::4]  # its rows are in no order
     expected = detector(sensor_origin="origin").fit(X).scores_
     assert_array_equal(detector(sensor_origin=[0.0, 0.0, 0.0]).fit(X).scores_, expected)
-    for given in ("origin", np.zeros(3), np.zeros_like(X)):
-        found = detector(sensor_origin=[7.0, 7.0, 7.0]).fit(X, sensor_origin=given).scores_
-        assert_array_equal(found, expected)
-
-
-def test_two_positions_are_told_apart(snowed):
-    """Two turns on both sides of a wall between: the rays of one say nothing of the other's."""
-    X, snow = snowed
-    both = np.vstack([X, X + np.array([40.0, 0, 0])])
-    origins = np.repeat([[0.0, 0, 0], [40, 0, 0]], len(X), axis=0)
-    flagged = detector().fit(both, sensor_origin=origins).scores_ < -3
-    assert flagged[np.tile(snow, 2)].mean() > 0.95
-    assert flagged[~np.tile(snow, 2)].mean() < 0.004
+    for origin in ("origin", np.zeros(3), np.zeros_like(X)):
+        scores = detector(sensor_origin=[7.0, 7.0, 7.0]).fit(X, sensor_origin=origin).scores_
+        assert_array_equal(scores, expected)
 
 
 def test_neither_the_order_of_rows_nor_threads_matter(snowed):
@@ -156,25 +107,16 @@ def test_neither_the_order_of_rows_nor_threads_matter(snowed):
     assert_array_equal(detector(sensor_origin="origin").fit(X[order]).scores_, scores[order])
     origins = np.random.default_rng(3).normal(0, 0.1, X.shape)
     scores = detector().fit(X, sensor_origin=origins).scores_
-    found = detector().fit(X[order], sensor_origin=origins[order]).scores_
-    assert_array_equal(found, scores[order])
-
-
-def test_moving_turning_and_scaling_cloud_and_sensor_changes_nothing(snowed):
-    X, _ = snowed
-    before = detector(sensor_origin="origin").fit(X).scores_ < -3
-    rotation, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
-    moved = 3.28 * (X @ rotation.T) + [300, -500, 40]
-    after = detector(sensor_origin=[300, -500, 40]).fit(moved).scores_ < -3
-    assert np.count_nonzero(before != after) <= 2
+    shuffled = detector().fit(X[order], sensor_origin=origins[order]).scores_
+    assert_array_equal(shuffled, scores[order])
 
 
 def test_points_of_the_cloud_keep_their_scores_and_new_flakes_are_found(snowed):
     X, _ = snowed
-    for given in ("origin", np.zeros_like(X)):
-        fitted = detector().fit(X, sensor_origin=given)
+    for origin in ("origin", np.zeros_like(X)):
+        fitted = detector().fit(X, sensor_origin=origin)
         assert_array_equal(fitted.score_samples(X), fitted.scores_)
-        assert_array_equal(detector().fit_predict(X, sensor_origin=given), fitted.predict(X))
+        assert_array_equal(detector().fit_predict(X, sensor_origin=origin), fitted.predict(X))
         rng = np.random.default_rng(5)
         assert (fitted.predict(flakes(200, rng)) == -1).mean() > 0.9
         assert (fitted.predict(room(rng=rng)[::7]) == -1).mean() < 0.01

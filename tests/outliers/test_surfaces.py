@@ -35,8 +35,8 @@ def face(n, rng, side=1.0):
     return index.points, neighbors, planes_at(index.points, [0, 0, 1], radius)
 
 
-def surfaces(points, neighbors, planes, least=K, own=OWN):
-    usable, index = are_usable(planes, own), GivenNeighbors(points, neighbors)
+def surfaces(points, neighbors, planes, least=K, from_own=OWN):
+    usable, index = are_usable(planes, from_own), GivenNeighbors(points, neighbors)
     return find_surfaces(index, planes, usable, least)
 
 
@@ -56,8 +56,8 @@ def test_a_point_off_its_own_plane_is_of_no_surface(rng):
     points, neighbors, planes = face(500, rng)
     distances = np.zeros(500)
     distances[:3] = 2.9, 3.1, np.inf
-    found = surfaces(points, neighbors, planes, own=distances)
-    assert_array_equal(found[:3], [True, False, False])
+    on_surface = surfaces(points, neighbors, planes, from_own=distances)
+    assert_array_equal(on_surface[:3], [True, False, False])
 
 
 @pytest.mark.parametrize(("angle", "linked"), [(24, True), (26, False)])

@@ -50,25 +50,6 @@ def test_the_batched_form_equals_the_literal_reference(kind):
         assert_allclose(least[i], value, rtol=1e-6, atol=1e-14 * radius[0] ** 2)
 
 
-@pytest.mark.parametrize("d", [4, 6, 9])
-@pytest.mark.parametrize("kind", ["even", "rounded", "with copies", "plane"])
-def test_bounds_leave_out_only_trials_that_are_not_the_best(d, kind):
-    rng = np.random.default_rng(d)
-    points = rng.normal(size=(12, 40, d))
-    points[..., -1] *= 0.0 if kind == "plane" else 0.05
-    if kind == "rounded":
-        points = points.round(1)
-    if kind == "with copies":
-        points[::2, 10:16] = points[::2, :1]
-    sizes, trials = rng.integers(25, 41, 12), draw_trials(60, 40, random_state=0)
-    n_support = n_support_points(0.5, sizes, d)
-    plain = maximum_consistent_sets(points, trials, n_support, sizes)
-    by_bounds = maximum_consistent_sets(points, trials, n_support, sizes, bounded=True)
-    assert_array_equal(by_bounds[0], plain[0])
-    assert_allclose(by_bounds[1], plain[1], rtol=1e-9, atol=1e-28)
-    assert_array_equal(by_bounds[2], plain[2])
-
-
 def test_members_beyond_the_size_do_not_matter():
     points = neighborhoods("noisy plane", 20, 40, seed=4)
     sizes = np.full(20, 25)

@@ -59,10 +59,10 @@ def literally(queries, candidates, planes, usable, least, likely):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("d", [2, 3])
 def test_the_owner_is_the_one_that_a_literal_loop_finds(d, kind, likely):
-    found = explain(*scene(kind, d), likely)
+    explained = explain(*scene(kind, d), likely)
     owners, distances = literally(*scene(kind, d), likely)
-    assert_array_equal(found[0], owners)
-    assert_allclose(found[1], distances, rtol=1e-9, atol=1e-12)
+    assert_array_equal(explained[0], owners)
+    assert_allclose(explained[1], distances, rtol=1e-9, atol=1e-12)
     assert (owners == -1).all() if kind == "far away" else (owners >= 0).sum() > 20
 
 
@@ -149,10 +149,10 @@ def test_parts_of_planes_are_those_of_their_links_in_any_chunks_and_threads(name
         assert_array_equal(links_of(cloud, LIMITS[name], chunk), links)
     labels, sizes = connected(links)
     index, k = GivenNeighbors(points, neighbors, chunk), neighbors.indices.shape[1]
-    found = connected_planes(index, k, planes, LIMITS[name], usable)
+    joined = connected_planes(index, k, planes, LIMITS[name], usable)
     assert 3 < len(sizes) < len(points)
-    assert_array_equal(found[0], labels)
-    assert_array_equal(found[1], sizes)
+    assert_array_equal(joined[0], labels)
+    assert_array_equal(joined[1], sizes)
 
 
 def test_those_equally_near_as_the_last_are_near():

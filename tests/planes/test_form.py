@@ -37,17 +37,17 @@ def test_f_and_bows_are_those_of_nested_regressions(weighted):
         return values - design @ np.linalg.lstsq(root[:, None] * design, root * values)[0]
 
     v, of_quadric = left(plane, z, p), left(quadric, z, p)
-    found = form_of(places, v, p if weighted else None)
-    assert found.alike_deviation == pytest.approx(np.sqrt((p @ v**2 - p @ of_quadric**2) / 3))
-    assert found.alike_dof == 3
-    assert found.bow == pytest.approx(np.ptp(v - of_quadric))
+    form = form_of(places, v, p if weighted else None)
+    assert form.alike_deviation == pytest.approx(np.sqrt((p @ v**2 - p @ of_quadric**2) / 3))
+    assert form.alike_dof == 3
+    assert form.bow == pytest.approx(np.ptp(v - of_quadric))
     # The means of cells, on the plane that fits them best, against the noise inside of cells.
     sums = cells.T @ p
     means, centers = (cells.T @ (p * v)) / sums, (cells.T @ (p[:, None] * plane)) / sums[:, None]
     between, within = sums @ left(centers, means, sums) ** 2, p @ left(cells, v, p) ** 2
-    assert found.statistic == pytest.approx(between / 13 / (within / 74))
-    assert found.pvalue == pytest.approx(stats.f.sf(found.statistic, 13, 74))
-    assert found.noise == pytest.approx(np.sqrt(within / 74))
+    assert form.statistic == pytest.approx(between / 13 / (within / 74))
+    assert form.pvalue == pytest.approx(stats.f.sf(form.statistic, 13, 74))
+    assert form.noise == pytest.approx(np.sqrt(within / 74))
 
 
 @pytest.mark.parametrize("weighted", [False, True])
@@ -63,8 +63,8 @@ def test_strips_are_regressions_on_their_means(weighted):
     sums = np.bincount(strip, p)
     means, centers = (np.bincount(strip, p * of) / sums for of in (v, places[:, 1]))
     _, residues, *_ = np.polyfit(centers, means, 1, w=np.sqrt(sums), full=True)
-    found = form_of(places, v, p if weighted else None)
-    assert (found.alike_deviation, found.alike_dof) == (
+    form = form_of(places, v, p if weighted else None)
+    assert (form.alike_deviation, form.alike_dof) == (
         pytest.approx(np.sqrt(residues[0] / (k - 2))),
         k - 2,
     )

@@ -1,7 +1,6 @@
 """The index of a cloud, and who shares it."""
 
 import copy
-import gc
 import pickle
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 from sklearn.base import clone
 
-from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
+from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
@@ -76,20 +75,6 @@ def test_a_fit_does_not_depend_on_an_earlier_one_of_another_size():
     assert_array_equal(last.normals_, first.normals_)
 
 
-def test_results_are_those_of_a_stage_alone():
-    X = STREET
-    alone = RobustNormalEstimator(random_state=0).fit(X).normals_.copy()
-    gc.collect()
-    larger = MCMDOutlierDetector(70, random_state=0).fit(X)
-    shared = RobustNormalEstimator(random_state=0).fit(X)
-    assert shared._model.index.cloud is larger._model.index.cloud
-    assert_array_equal(shared.normals_, alone)
-    growing = RegionGrowing(normals="precomputed").fit(shared.transform(X))
-    del larger, shared
-    gc.collect()
-    assert_array_equal(growing.labels_, RegionGrowing(random_state=0).fit_predict(X))
-
-
 def test_other_points_or_another_order_are_another_cloud():
     X = STREET.copy()
     first = NeighborIndex(X, 20)
@@ -105,9 +90,9 @@ def test_pickles_and_copies_are_without_the_table():
     X = STREET
     fitted = RobustNormalEstimator(random_state=0).fit(X)
     assert fitted._model.index.cloud.table is not None
-    for other in (pickle.loads(pickle.dumps(fitted)), copy.deepcopy(fitted)):
-        assert other._model.index.cloud.table is None
-        assert_array_equal(other.transform(X[:50] + 0.001), fitted.transform(X[:50] + 0.001))
+    for copied in (pickle.loads(pickle.dumps(fitted)), copy.deepcopy(fitted)):
+        assert copied._model.index.cloud.table is None
+        assert_array_equal(copied.transform(X[:50] + 0.001), fitted.transform(X[:50] + 0.001))
     again = clone(fitted).fit(X)
     assert again._model.index.cloud is fitted._model.index.cloud
     assert_array_equal(again.normals_, fitted.normals_)
@@ -118,10 +103,10 @@ def test_queries_have_the_neighbors_of_the_points_that_they_are(digits):
     rng = np.random.default_rng(digits)
     X = np.round(rng.uniform(0, 2, (3_000, 3)), digits)  # a lattice has many ties
     cloud = IndexedCloud(X)
-    own = cloud.search_own(slice(None), 12)
+    expected = cloud.search_own(slice(None), 12)
     for m in (0, 1, 2, 700, len(cloud.points)):
         distances, near = cloud.nearest(cloud.points[:m], 12)
-        assert_array_equal(near, own[:m])
+        assert_array_equal(near, expected[:m])
         gaps = np.linalg.norm(cloud.points[near] - cloud.points[:m, None], axis=2)
         assert_allclose(distances, gaps, rtol=1e-14, atol=0)
     copies = np.repeat(rng.uniform(0, 2, (5, 3)), 300, axis=0)

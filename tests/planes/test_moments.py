@@ -12,11 +12,11 @@ from sklearn_mcmd.runtime._kernels import kernel
 def decompose(matrices, values, axes):
     for i in range(len(matrices)):
         m = matrices[i]
-        found = eigh_3d((m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]))
+        eigen = eigh_3d((m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]))
         for row in range(3):
-            values[i, row] = found[0][row]
+            values[i, row] = eigen[0][row]
             for axis in range(3):
-                axes[i, row, axis] = found[1][row][axis]
+                axes[i, row, axis] = eigen[1][row][axis]
 
 
 @pytest.mark.parametrize(

@@ -75,10 +75,10 @@ def test_parts_are_those_of_the_whole():
 def test_the_index_answers_for_its_own_points_as_for_others(n, radius):
     X = cloud("street", n, np.random.default_rng(6))
     index = NeighborIndex(X, 20, radius)
-    own, any_points = index.query_own(slice(100, 400)), index.query(index.points[100:400])
-    assert_array_equal(own.sizes, any_points.sizes)
-    valid = own.valid
-    assert_array_equal(own.indices[valid], any_points.indices[valid])
+    of_points, any_points = index.query_own(slice(100, 400)), index.query(index.points[100:400])
+    assert_array_equal(of_points.sizes, any_points.sizes)
+    valid = of_points.valid
+    assert_array_equal(of_points.indices[valid], any_points.indices[valid])
     assert_array_equal(
         index.query_own(slice(0, 9), k=5).indices, index.query_own(slice(0, 9)).indices[:, :5]
     )
@@ -119,9 +119,12 @@ def test_queries_may_be_copies_of_each_other_and_of_points(n_copies):
 def test_some_of_the_points_answer_as_if_they_were_all(n, m):
     rng = np.random.default_rng(4)
     points, queries = rng.normal(size=(n, 3)), rng.normal(size=(m, 3))
-    some, before = rng.random(n) < 0.7, points.copy()
-    nearest, expected = NearestPoints(points, some), NearestPoints(points[some]).query(queries, 5)
-    assert_array_equal(nearest.points, points[some])
+    chosen, before = rng.random(n) < 0.7, points.copy()
+    nearest, expected = (
+        NearestPoints(points, chosen),
+        NearestPoints(points[chosen]).query(queries, 5),
+    )
+    assert_array_equal(nearest.points, points[chosen])
     assert_array_equal(nearest.query(queries, 5), expected)
     nearest.release()
     assert_array_equal(nearest.query(queries, 5), expected)

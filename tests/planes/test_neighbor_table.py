@@ -28,9 +28,9 @@ def test_what_comes_out_is_what_went_in(k, spread):
     n = len(indices)
     assert_array_equal(table.query(slice(5, 99), k, keep=False), indices[5:99])
     assert table.parts == [None] * len(table.parts)
-    found = table.query(slice(None), k)
-    assert found.dtype == np.int32
-    assert_array_equal(found, indices)
+    near = table.query(slice(None), k)
+    assert near.dtype == np.int32
+    assert_array_equal(near, indices)
     rows = np.random.default_rng(1).integers(0, n, 500)
     for fewer in {1, (k + 1) // 2, k}:
         assert_array_equal(table.query(rows, fewer), indices[rows, :fewer])
@@ -53,10 +53,10 @@ def test_parts_hold_as_many_as_their_rows_ask_for():
     sizes = np.full(3000, 20)
     sizes[-1] = 300
     table = NeighborTable(lambda rows, k: indices[rows, :k].copy(), 3000, 300, sizes)
-    found = table.query(slice(None), 30)
-    assert_array_equal(found[:, :20], indices[:, :20])
-    assert_array_equal(found[-1], indices[-1, :30])
-    assert_array_equal(found[0, 20:], found[0, 0])  # what no row of the part asks for
+    near = table.query(slice(None), 30)
+    assert_array_equal(near[:, :20], indices[:, :20])
+    assert_array_equal(near[-1], indices[-1, :30])
+    assert_array_equal(near[0, 20:], near[0, 0])  # what no row of the part asks for
     assert_array_equal(table.query(np.array([2999, 0]), 300)[0], indices[-1])
 
 

@@ -100,22 +100,11 @@ def test_the_normal_of_a_line_is_across_it_and_nearest_to_the_last_axis(d):
 
 
 def test_nothing_is_known_of_a_normal_that_nothing_determines():
-    line = np.linspace(0, 1, 60)[:, None] * [1.0, 2.0, 0.5]
-    assert_allclose(RobustNormalEstimator(20, random_state=0).fit(line).normal_error_, 90)
-    copies = np.ones((60, 3))
-    assert_allclose(RobustNormalEstimator(20, random_state=0).fit(copies).normal_error_, 90)
     # Three points fit their plane whatever the noise.
     assert normal_errors(np.array([0.1]), np.array([[0, 1.0, 1.0]]), np.array([3]))[0] == 90
     # A ball has no plane.
     ball = np.random.default_rng(0).normal(size=(100, 3))
     assert RobustNormalEstimator(None, method="pca").fit(ball).normal_error_[0] > 20
-
-
-def test_the_error_of_a_perfect_plane_is_that_of_rounding():
-    floor = np.random.default_rng(0).uniform(0, 1, (2000, 3)) * [1, 1, 0]
-    errors = RobustNormalEstimator(random_state=0).fit(floor).normal_error_
-    assert (errors > 0).all()
-    assert (errors < 1e-10).all()
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -124,8 +113,8 @@ def test_errors_do_not_depend_on_the_unit_however_small_or_large(unit):
     rng = np.random.default_rng(0)
     X = rng.uniform(0, 1, (400, 3)) * [1, 1, 0] + rng.normal(0, 0.01, (400, 3))
     expected = RobustNormalEstimator(30, random_state=0).fit(X).normal_error_
-    found = RobustNormalEstimator(30, random_state=0).fit(unit * X).normal_error_
-    assert_allclose(found, expected, rtol=1e-9)
+    errors = RobustNormalEstimator(30, random_state=0).fit(unit * X).normal_error_
+    assert_allclose(errors, expected, rtol=1e-9)
 
 
 def test_a_cut_far_out_costs_nothing_and_one_at_2_5_five_percent():

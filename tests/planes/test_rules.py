@@ -44,10 +44,10 @@ def test_every_rule_is_its_literal_form(method, n, d):
     X, (planes, distances) = fitted(method, n, d)
     trials = draw_trials(N_TRIALS, K, 0)
     for row in np.linspace(0, n - 1, 12).astype(int):
-        own, normal, values = reference.saliency(
+        distance, normal, values = reference.saliency(
             X, X[row], K, trials, K // 2, method, METHODS[method].default_cutoff(d)
         )
-        assert_allclose(distances[row], own, rtol=1e-6)
+        assert_allclose(distances[row], distance, rtol=1e-6)
         assert_allclose(abs(planes.normals[row] @ normal), 1, rtol=1e-9)
         assert_allclose(planes.eigenvalues[row], values, rtol=1e-6, atol=1e-12)
 
@@ -57,8 +57,8 @@ def tripled(request, monkeypatch):
     """A rule without a compiled form, with a third of the scale of the one that it is made of."""
     base = "mcmd_z" if request.param else "pca"
 
-    def apply(*known):
-        centers, whitening = METHODS[base].apply(*known)
+    def apply(*neighborhoods):
+        centers, whitening = METHODS[base].apply(*neighborhoods)
         return centers, 3 * whitening
 
     rule = METHODS[base]._replace(apply=apply, compiled=False)
