@@ -149,18 +149,11 @@ def seen(options):
 
 
 def below_ground(options):
-    """Scans from the air with echoes of roofs and trees far below ground; True for these.
+    """Real scans from the air with echoes of roofs and trees far below ground; True for these.
 
     Points, then whether they are ground. What stands within 3 m of a point in plan is seen a
     second time, mirrored by the ground and 10 m lower, as by beams that were reflected on the way.
     """
-    from simulators import make_airborne_scan
-
-    for seed in range(options.seeds):
-        scan = make_airborne_scan(options.size, outlier_share=0, random_state=seed)
-        land = ("meadow", "ditch_near", "ditch_far", "slope", "grass")
-        ground = np.isin(scan.surface, [scan.surface_names.index(name) for name in land])
-        yield "airborne", *_seen_twice(scan.data, ground, seed)
     for name in ("ahn3_amsterdam_2397", "ign_village"):
         path = Path(options.data) / name / "cloud.npz"
         if path.is_file():
