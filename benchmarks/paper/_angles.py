@@ -45,17 +45,8 @@ def table1(runs=1000, *, seed=0):
         "± is the Monte-Carlo error of our numbers, by the bootstrap; minimum and maximum have "
         "none. The paper's error is as large. 'Mean off by' is the difference of the means over "
         "its standard error.",
-        "PCA's printed minimum, 3.807, is 7.7 standard deviations below its mean. Probably a "
-        "digit of 23.807 was lost. No reading gives 3.807.",
-        "uLSIF and qSp give scores and no labels. The paper does not say how many points it "
-        "flags, nor on which points uLSIF is trained. None of the readings tried gives uLSIF's "
-        "row.",
-        "Three readings of MCMD_Z (signed distances, absolute distances, no center) differ by less "
-        "than .06 degrees, so we do not know which one the paper used.",
-        "With the right noise RANSAC has angles as small as the best.",
         *(f"{method.name}: {method.reading}" for method in methods),
     ]
-
     title = f"Table 1: bias angles (degrees) of 50 points, 10 of them outliers, {runs} runs"
     return Report("table1", title, tables, notes, angles)
 

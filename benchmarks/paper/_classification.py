@@ -67,18 +67,10 @@ def table4(runs=1000, *, seed=0):
     notes = [
         "± is the Monte-Carlo error of our numbers. The paper's error is as large, and it prints "
         "TPR to FNR to a tenth.",
-        "RANSAC and MSAC are run with sigma = .01, the variance of the noise in place of its "
-        "standard deviation. That alone gives the paper's 33 %. 'RANSAC sigma=.1' has the right "
-        "sigma.",
         "uLSIF and qSp flag fixed numbers of points, which follow from the printed rates: 7, 23, "
-        "46 and 8, 30, 40 of 100. The paper does not say on which points uLSIF was trained. Here "
-        "these are the regular points, which does not reproduce its row. qSp's sample size is not "
-        "stated either. Here it is 5, which does not reproduce its row.",
-        "At 40 % the paper's rows of RPCA and MCMD_MD are equal in all five numbers: one is "
-        "probably a copy.",
+        "46 and 8, 30, 40 of 100.",
         *(f"{method.name}: {method.reading}" for method in methods),
     ]
-
     title = f"Table 4: classification of 100 points, {runs} runs for each percentage"
     return Report("table4", title, tables, notes, results)
 

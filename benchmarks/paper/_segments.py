@@ -112,7 +112,14 @@ def table6(runs=2, *, seed=0, n_points=None, slow_points=SLOW_POINTS):
             "" if slow else "; RPCA and uLSIF are in the next table"
         )
         tables.append(Table(caption, ("method", "", "runs", *COLUMNS), lines, n_labels=2))
-    notes = _notes()
+    notes = [
+        "The scenes are simulated counterparts of scans that are not public, with as many "
+        "surfaces. TS is the number of segments that hold points of a surface; a surface is "
+        "properly segmented by the rule of segmentation_scores, 80 % overlap.",
+        f"RPCA and uLSIF are run on one scene of at most {SLOW_POINTS:,} points; compare them with "
+        "the rows of the same scene.",
+        *(f"{method.name}: {method.reading}." for method in SCENE_METHODS.values()),
+    ]
     title = f"Table 6: segments by normals of each method, {runs} scenes of each kind"
     return Report("table6", title, tables, notes, results)
 
@@ -126,20 +133,3 @@ def _table_6_rows(scene, name, found, printed):
         return paired_rows(name, ours)
     counts, ratios = map(str, paper[:4]), map("{:.2f}".format, paper[4:])
     return paired_rows(name, ours, ("", *counts, "", *ratios, "", ""))
-
-
-def _notes():
-    return [
-        "The paper's scenes are real scans that are not public. Ours are simulated counterparts "
-        "with as many surfaces, so numbers agree only roughly.",
-        "The paper does not explain TS; ours is the number of segments that hold points of a "
-        "surface. The paper does not say when a surface is properly segmented (its authors judged "
-        "by eye); ours is the rule of segmentation_scores, 80 % overlap.",
-        "Regions grow by the paper's three criteria alone; their automatic thresholds are in a "
-        "reference that was not at hand. 'default' and 'PCA, default growth' also have this "
-        "package's further steps (RegionGrowing's refine).",
-        "RPCA and uLSIF take milliseconds for each point. They are run on one scene of at most "
-        f"{SLOW_POINTS:,} points, whose points are farther apart and whose neighborhoods are "
-        "wider. Compare them with the rows of the same scene.",
-        *(f"{method.name}: {method.reading}." for method in SCENE_METHODS.values()),
-    ]
