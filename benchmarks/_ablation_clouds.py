@@ -42,9 +42,9 @@ def labelled(options):
         with np.load(path) as arrays:
             X, surface = arrays["xyz"].astype(np.float64), arrays[field].astype(int)
         rows = np.sort(np.random.default_rng(0).permutation(len(X))[:20_000])
-        known = {"patch": surface >= 0, "plane": surface > 0, "label": surface == 1}[field]
+        has_surface = {"patch": surface >= 0, "plane": surface > 0, "label": surface == 1}[field]
         name = home.removeprefix("cad_")
-        yield f"{name}/{path.stem}", X[rows], np.where(known, surface, -1)[rows]
+        yield f"{name}/{path.stem}", X[rows], np.where(has_surface, surface, -1)[rows]
 
 
 def machined_parts(options):

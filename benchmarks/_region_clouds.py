@@ -44,7 +44,7 @@ def simulated():
 
     from sklearn_mcmd.datasets import make_crown_roof, make_street
 
-    found = {
+    by_name = {
         f"simulated roofs/{kind} {n}": partial(simulated_roof, kind, n)
         for kind in ROOFS[:3]
         for n in (1000, 5000)
@@ -56,7 +56,7 @@ def simulated():
         "furniture": (make_traffic_furniture, 40_000, 0.005),
         "bus stop": (make_bus_stop, 33_719, 0.005),
     }
-    return found | {name: partial(scene, *how) for name, how in scenes.items()}
+    return by_name | {name: partial(scene, *how) for name, how in scenes.items()}
 
 
 def simulated_roof(kind, n):
@@ -74,21 +74,21 @@ def scene(make, n, noise):
 
 def real(data):
     """Those of the folder, of the cubes each fifth point."""
-    found = {}
+    by_name = {}
     for path in sorted(data.glob("roof_planes/*.npz")):
-        found[path.stem.replace("roof_", "airborne roof ")] = partial(labeled, path, "plane", 1)
+        by_name[path.stem.replace("roof_", "airborne roof ")] = partial(labeled, path, "plane", 1)
     for name in ("sparse", "dense"):
-        found |= buildings(name, data / f"roofs_{name}" / "roofs.npz")
+        by_name |= buildings(name, data / f"roofs_{name}" / "roofs.npz")
     for path in sorted(data.glob("kinect_tables/*.npz")):
-        found[path.stem.replace("scene_", "table ")] = partial(labeled, path, "label", 1)
+        by_name[path.stem.replace("scene_", "table ")] = partial(labeled, path, "label", 1)
     for name in ("angle_block", "featuretype", "plate_holes"):
-        found[name.replace("_", " ")] = partial(labeled, data / f"cad_{name}/cloud.npz", "patch")
+        by_name[name.replace("_", " ")] = partial(labeled, data / f"cad_{name}/cloud.npz", "patch")
     cube = data / "cad_cube_pointfilter/cloud.npz"
-    found["cube"] = partial(labeled, cube, "patch", step=5)
+    by_name["cube"] = partial(labeled, cube, "patch", step=5)
     noise = {"points": "xyz_noisy", "noise": 0.005}  # as its publisher tells
-    found["noisy cube"] = partial(labeled, cube, "patch", step=5, **noise)
-    found["mobile street"] = partial(street, data / "mobile_street_labelled" / "cloud.npz")
-    return {name: load for name, load in found.items() if load.args[0].is_file()}
+    by_name["noisy cube"] = partial(labeled, cube, "patch", step=5, **noise)
+    by_name["mobile street"] = partial(street, data / "mobile_street_labelled" / "cloud.npz")
+    return {name: load for name, load in by_name.items() if load.args[0].is_file()}
 
 
 def buildings(name, path):
@@ -97,12 +97,12 @@ def buildings(name, path):
         return {}
     with np.load(path) as arrays:
         building, plane = arrays["building"], arrays["plane"]
-    found = {}
+    by_name = {}
     for number in np.unique(building):
         planes = np.unique(plane[(building == number) & (plane >= 0)])
         row = f"{name} roofs{', one plane' * (len(planes) == 1)}/{number}"
-        found[row] = partial(one_building, path, number)
-    return found
+        by_name[row] = partial(one_building, path, number)
+    return by_name
 
 
 def one_building(path, number):
@@ -151,17 +151,17 @@ def scores(cloud, labels):
 
 def street_scores(classes, labels):
     """Shares of the road in its largest region, of the facade in five; points of the main class."""
-    found = labels >= 0
+    inside = labels >= 0
     road, facade = (
-        np.sort(np.bincount(labels[found & (classes == one)])) for one in (ROAD, FACADE)
+        np.sort(np.bincount(labels[inside & (classes == one)])) for one in (ROAD, FACADE)
     )
-    known = found & (classes >= UNDETERMINED)
+    judged = inside & (classes >= UNDETERMINED)
     table = np.zeros((labels.max() + 1, classes.max() + 1), dtype=int)
-    np.add.at(table, (labels[known], classes[known]), 1)
+    np.add.at(table, (labels[judged], classes[judged]), 1)
     return {
         "road": float(road[-1:].sum() / (classes == ROAD).sum()),
         "facade": float(facade[-5:].sum() / (classes == FACADE).sum()),
-        "of_class": float(table.max(axis=1).sum() / max(known.sum(), 1)),
+        "of_class": float(table.max(axis=1).sum() / max(judged.sum(), 1)),
     }
 
 
@@ -169,11 +169,11 @@ def agreement(surface, labels):
     """Adjusted Rand index of the known points; of a table the IoU of its largest region."""
     from sklearn.metrics import adjusted_rand_score
 
-    known = surface >= 0
-    if len(np.unique(surface[known])) > 1:
-        return adjusted_rand_score(surface[known], labels[known])
-    inside = labels[known & (labels >= 0)]
+    known_points = surface >= 0
+    if len(np.unique(surface[known_points])) > 1:
+        return adjusted_rand_score(surface[known_points], labels[known_points])
+    inside = labels[known_points & (labels >= 0)]
     if not len(inside):
         return 0.0
     largest = labels == np.bincount(inside).argmax()
-    return (largest & known).sum() / (largest | known).sum()
+    return (largest & known_points).sum() / (largest | known_points).sum()

@@ -114,8 +114,8 @@ def measure(method, cloud, most=None):
     distance = max(3 * float(np.median(cloud.noise)), spacing / 2)
     least = LEAST if len(X) >= SMALL else LEAST_OF_SMALL
     labels = METHODS[method].run(Case(X, spacing, distance, least, clock))
-    found = labels >= 0
-    labels[found] = np.unique(labels[found], return_inverse=True)[1]
+    inside = labels >= 0
+    labels[inside] = np.unique(labels[inside], return_inverse=True)[1]
     return labels, clock.seconds
 
 

@@ -117,9 +117,9 @@ def faces_of(X):
     cleaner, normals = steps_of(SharpFeatureDetector(random_state=0))
     kept = cleaner.fit_predict(X) == 1
     columns = normals.fit_transform(X[kept])
-    found = np.full((len(X), columns.shape[1]), np.nan)
-    found[:, :3], found[kept] = X, columns
-    return found
+    with_columns = np.full((len(X), columns.shape[1]), np.nan)
+    with_columns[:, :3], with_columns[kept] = X, columns
+    return with_columns
 
 
 def edge_scores_of(columns):
@@ -137,10 +137,10 @@ def edge_scores_of(columns):
 
 def edge_figures(truth, result):
     """F1 of the band of two spacings, and average precision of the score."""
-    (distance, spacing), (scores, found) = truth, result
+    (distance, spacing), (scores, flagged) = truth, result
     regular = np.isfinite(distance)
-    edge, found = distance[regular] <= 2 * spacing, found[regular]
-    f1 = 200 * np.count_nonzero(found & edge) / (found.sum() + edge.sum())
+    edge, flagged = distance[regular] <= 2 * spacing, flagged[regular]
+    f1 = 200 * np.count_nonzero(flagged & edge) / (flagged.sum() + edge.sum())
     return {"F1": f1, "AP": 100 * average_precision_score(edge, -scores[regular])}
 
 
@@ -156,8 +156,8 @@ def judged(X):
 
 def seen_scores(outlier, result):
     flagged = result[1]
-    found = 100 * flagged[outlier].mean() if outlier.any() else np.nan
-    return {"kept": 100 * (~flagged[~outlier]).mean(), "TPR": found}
+    share = 100 * flagged[outlier].mean() if outlier.any() else np.nan
+    return {"kept": 100 * (~flagged[~outlier]).mean(), "TPR": share}
 
 
 def outlier_scores(outlier, result):
@@ -343,12 +343,12 @@ def clouds_of(part, options):
 
 def evaluate(part, scenes, clouds):
     """Means over the seeds, (measure, scene) -> number; and counts of real clouds."""
-    found = {}
+    by_scene = {}
     for name, prepared, truth in scenes:
         for measure, value in part.measure(truth, part.run(prepared)).items():
-            found.setdefault((measure, name), []).append(value)
+            by_scene.setdefault((measure, name), []).append(value)
     counts = [part.count(part.run(prepared)) for _, prepared in clouds]
-    return {key: float(np.mean(values)) for key, values in found.items()}, counts
+    return {key: float(np.mean(values)) for key, values in by_scene.items()}, counts
 
 
 def main(arguments=None):

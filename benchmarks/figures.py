@@ -92,10 +92,10 @@ def measurements(path, root):
 def commits_since(commit, folders, root):
     """The number of commits that changed the folders after that one; None if it is unknown."""
     try:
-        found = git(root, "rev-list", "--count", "--no-merges", f"{commit}..HEAD", "--", *folders)
+        count = git(root, "rev-list", "--count", "--no-merges", f"{commit}..HEAD", "--", *folders)
     except subprocess.CalledProcessError:
         return None
-    return int(found)
+    return int(count)
 
 
 def git(root, *arguments):

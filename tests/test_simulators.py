@@ -45,7 +45,8 @@ def test_a_turn_has_points_where_beams_first_meet_the_yard_and_outliers_before()
     distances = [part.distance(points + up) for part in YARD]
     assert np.min(distances, axis=0).max() < 1e-6
     solid = [part for part in YARD if not isinstance(part, Foliage)]
-    ends = up + (1 - 1e-7) * points
+    echoes = np.where(regular[:, None], scan.true_points, scan.data)
+    ends = up + (1 - 1e-7) * echoes[echoes.any(axis=1)]
     assert all(np.isinf(part.hit(np.tile(up, (len(ends), 1)), ends)).all() for part in solid)
     elevations = np.degrees(np.arcsin(points[:, 2] / np.linalg.norm(points, axis=1)))
     rings = (elevations + 30.67) / (10.67 + 30.67) * 31

@@ -35,9 +35,9 @@ def table1(runs=1000, *, seed=0):
         clouds = contaminated_planes(runs, N_POINTS, 20, stream(seed, law), outliers=law)
         rows = []
         for method in methods:
-            found = bias_angles(method, clouds, stream(seed, law, method.name), steps)
-            angles[law, method.name] = found
-            rows += _table_1_rows(method, law, found)
+            of_method = bias_angles(method, clouds, stream(seed, law, method.name), steps)
+            angles[law, method.name] = of_method
+            rows += _table_1_rows(method, law, of_method)
         header = ("method", "", "runs", *STATISTICS, "mean off by")
         caption = f"{law} outliers, bias angle in degrees"
         tables.append(Table(caption, header, rows, n_labels=2))

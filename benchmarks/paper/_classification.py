@@ -59,9 +59,9 @@ def table4(runs=1000, *, seed=0):
         rows = []
         for method in methods:
             state = stream(seed, "table4", percentage, method.name)
-            found = rates(counts_of(method, clouds, state, steps), clouds.n_outliers)
-            results[percentage, method.name] = found
-            rows += _table_4_rows(method, percentage, found)
+            shares = rates(counts_of(method, clouds, state, steps), clouds.n_outliers)
+            results[percentage, method.name] = shares
+            rows += _table_4_rows(method, percentage, shares)
         header = ("method", "", "runs", *RATES)
         tables.append(Table(f"{percentage} % of outliers, rates in %", header, rows, n_labels=2))
     notes = [
@@ -75,10 +75,10 @@ def table4(runs=1000, *, seed=0):
     return Report("table4", title, tables, notes, results)
 
 
-def _table_4_rows(method, percentage, found):
-    count = len(found)
-    mean = found.mean(axis=0)
-    error = found.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(5, np.nan)
+def _table_4_rows(method, percentage, shares):
+    count = len(shares)
+    mean = shares.mean(axis=0)
+    error = shares.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(5, np.nan)
     ours = (str(count), *map("{:.2f}".format, mean))
     printed, paper = _printed(method.name, percentage), None
     if not np.isnan(printed[0]):

@@ -6,15 +6,15 @@ They are shown beside the reproduced numbers, with their misprints.
 
 def rows_of(text, n_keys=1):
     """The numbers of each line, by the words before them."""
-    found = {}
+    by_words = {}
     for line in text.strip().splitlines():
         *keys, last = line.split()[:n_keys]
-        row = found
+        row = by_words
         for key in keys:
             row = row.setdefault(key, {})
         numbers = (float(word) if "." in word else int(word) for word in line.split()[n_keys:])
         row[int(last) if last.isdigit() else last] = tuple(numbers)
-    return found
+    return by_words
 
 
 OUTLIERS = ("clustered", "uniform")

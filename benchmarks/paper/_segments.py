@@ -100,13 +100,13 @@ def table6(runs=2, *, seed=0, n_points=None, slow_points=SLOW_POINTS):
             for name, row in rows.items():
                 if run < runs_of(row[0], runs):
                     labels = quietly(segment, row, cloud.data, about.max_angle, seed)
-                    found = results.setdefault((scene, n, name), [])
-                    found.append(score(cloud.surface, labels))
+                    scores = results.setdefault((scene, n, name), [])
+                    scores.append(score(cloud.surface, labels))
                     steps.advance(1)
         lines = []
         for name in rows:
-            found = results[scene, n, name] = np.array(results[scene, n, name])
-            lines += _table_6_rows(scene, name, found, printed=n == about.n_points or slow)
+            scores = results[scene, n, name] = np.array(results[scene, n, name])
+            lines += _table_6_rows(scene, name, scores, printed=n == about.n_points or slow)
         n_surfaces = len(np.unique(cloud.surface))
         caption = f"{scene}, {n:,} points, {n_surfaces} surfaces, {about.max_angle:g} degrees" + (
             "" if slow else "; RPCA and uLSIF are in the next table"
@@ -124,10 +124,10 @@ def table6(runs=2, *, seed=0, n_points=None, slow_points=SLOW_POINTS):
     return Report("table6", title, tables, notes, results)
 
 
-def _table_6_rows(scene, name, found, printed):
+def _table_6_rows(scene, name, scores, printed):
     digits = (1, 1, 1, 1, 1, 1, 1, 1, 3, 2)
-    cells = [summary(found[:, i], d) for i, d in enumerate(digits)]
-    ours = (str(len(found)), *cells)
+    cells = [summary(scores[:, i], d) for i, d in enumerate(digits)]
+    ours = (str(len(scores)), *cells)
     paper = SEGMENTATION[scene].get(name)
     if paper is None or not printed:
         return paired_rows(name, ours)

@@ -10,7 +10,7 @@ from sklearn_mcmd.datasets._beams import MIXED
 from sklearn_mcmd.datasets._scan import scan_lines
 from sklearn_mcmd.datasets._scene import Scene
 from sklearn_mcmd.datasets._street import _street
-from sklearn_mcmd.datasets._surfaces import Patch, Soft
+from sklearn_mcmd.datasets._surfaces import Cylinder, Patch, Soft, first_hits
 
 WIDTH = 0.008
 
@@ -112,3 +112,10 @@ def test_scanned_points_lie_on_vertical_lines_of_equal_azimuth_at_equal_steps():
         assert len(levels) < 1500  # of 20 000 points
         assert_allclose(steps / step, np.round(steps / step), atol=1e-4)
     assert elevation.min() >= -np.radians(60)
+
+
+def test_what_is_beside_the_axis_of_a_beam_is_met_by_its_other_rays():
+    knob = Cylinder("knob", (10, 0.04, -0.01), (0, 0, 0.02), 0.01)
+    ends = np.array([[20.0, 0, 0], [20, 0.08, 0]])  # the axis first
+    _, met = first_hits([knob], np.zeros(3), ends, np.random.default_rng(0), bundle=2, apart=0.1)
+    assert_array_equal(met, [-1, 0])
