@@ -10,7 +10,6 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
     python benchmarks/ablation.py edges --seeds 3 --data ../shared/data
     python benchmarks/ablation.py detector --data ../shared/data
     python benchmarks/ablation.py rays --seeds 1 --data ../shared/data
-    python benchmarks/ablation.py ground --data ../shared/data
 
 The detector is measured by what it keeps of real points, what it finds of outliers (TPR), the
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
@@ -30,7 +29,6 @@ from pathlib import Path
 import numpy as np
 from _ablation_changes import FACTORS, Limit, Step
 from _ablation_clouds import (
-    below_ground,
     contaminated,
     edge_distances,
     labelled,
@@ -45,7 +43,6 @@ from _ablation_clouds import (
 )
 from sklearn.metrics import average_precision_score
 
-from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.segmentation._estimator import GrowthSteps
 
 
@@ -167,20 +164,6 @@ def outlier_scores(outlier, result):
         "AP": 100 * average_precision_score(outlier, scores),
         "right": 100 * (flagged == outlier).mean(),
     }
-
-
-def low_points(X):
-    """Points of groups far below ground, as ``mcmd denoise --low-groups`` finds them."""
-    from sklearn_mcmd.io._ground import Ground
-    from sklearn_mcmd.outliers._groups import depths_of_groups
-
-    ground = X[:, 3] == 1
-    depths = depths_of_groups(X[:, :3], Ground(X[ground, :3]), ~ground)
-    return depths > ExplainLimits().explained
-
-
-def low_scores(echo, low):
-    return {"kept": 100 * (~low[~echo]).mean(), "found": 100 * low[echo].mean()}
 
 
 PARTS = {
@@ -310,16 +293,6 @@ PARTS = {
         prepare=lambda X: X,
         run=judged,
         measure=seen_scores,
-    ),
-    "ground": Part(
-        tried=(
-            Limit("io._ground", "GroundLimits", "n_nearest"),
-            Limit("outliers._surfaces", "SurfaceLimits", "n_links"),
-        ),
-        scenes=below_ground,
-        prepare=lambda X: X,
-        run=low_points,
-        measure=low_scores,
     ),
 }
 
