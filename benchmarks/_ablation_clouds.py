@@ -42,9 +42,9 @@ def labelled(options):
         with np.load(path) as arrays:
             X, surface = arrays["xyz"].astype(np.float64), arrays[field].astype(int)
         rows = np.sort(np.random.default_rng(0).permutation(len(X))[:20_000])
-        known = {"patch": surface >= 0, "plane": surface > 0, "label": surface == 1}[field]
+        has_surface = {"patch": surface >= 0, "plane": surface > 0, "label": surface == 1}[field]
         name = home.removeprefix("cad_")
-        yield f"{name}/{path.stem}", X[rows], np.where(known, surface, -1)[rows]
+        yield f"{name}/{path.stem}", X[rows], np.where(has_surface, surface, -1)[rows]
 
 
 def machined_parts(options):
@@ -146,37 +146,3 @@ def seen(options):
         for cloud in load_clouds(options.data, [name]):
             outlier = np.zeros(len(cloud.points), bool) if cloud.noise is None else cloud.noise
             yield cloud.name, np.hstack([cloud.points, 0 * cloud.points]), outlier
-
-
-def below_ground(options):
-    """Scans from the air with echoes of roofs and trees far below ground; True for these.
-
-    Points, then whether they are ground. What stands within 3 m of a point in plan is seen a
-    second time, mirrored by the ground and 10 m lower, as by beams that were reflected on the way.
-    """
-    from simulators import make_airborne_scan
-
-    for seed in range(options.seeds):
-        scan = make_airborne_scan(options.size, outlier_share=0, random_state=seed)
-        land = ("meadow", "ditch_near", "ditch_far", "slope", "grass")
-        ground = np.isin(scan.surface, [scan.surface_names.index(name) for name in land])
-        yield "airborne", *_seen_twice(scan.data, ground, seed)
-    for name in ("ahn3_amsterdam_2397", "ign_village"):
-        path = Path(options.data) / name / "cloud.npz"
-        if path.is_file():
-            with np.load(path) as arrays:
-                X, ground = arrays["xyz"][:, :3].astype(np.float64), arrays["classification"] == 2
-            yield name, *_seen_twice(X, ground, 0)
-
-
-def _seen_twice(X, ground, seed, n=10):
-    from sklearn_mcmd.io._ground import heights_over_ground
-
-    rng, heights = np.random.default_rng(seed), heights_over_ground(X, ground)
-    parts = [np.column_stack([X, ground])]
-    for center in X[rng.choice(np.flatnonzero(heights > 3), n)]:
-        near = (np.linalg.norm(X[:, :2] - center[:2], axis=1) < 3) & (heights > 3)
-        lower = X[near] - np.outer(2 * heights[near] + 10, [0, 0, 1])
-        parts.append(np.column_stack([lower, np.zeros(len(lower))]))
-    points = np.vstack(parts)
-    return points, np.arange(len(points)) >= len(X)

@@ -43,9 +43,9 @@ def panel(clouds, seed):
 
 def judged(cloud, classes, outlier):
     outlier = np.zeros(len(classes), bool) if outlier is None else outlier
-    for told, known in forms(cloud):
+    for told, of_sensor in forms(cloud):
         detector = MCMDOutlierDetector(random_state=0, n_jobs=2)
-        flagged = detector.fit_predict(cloud.points, **known) == -1
+        flagged = detector.fit_predict(cloud.points, **of_sensor) == -1
         for side, of_side in (("lost", ~outlier), ("found", outlier)):
             names = np.unique(classes[of_side]).tolist()
             for name in names if len(names) == 1 else [*names, "all"]:

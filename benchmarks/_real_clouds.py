@@ -203,13 +203,13 @@ def draw_groups(in_box, spacing, count, rng):
 
 def drawn(draw, accept, count):
     """As many random points as asked for that are accepted."""
-    found = draw(count)
-    wrong = np.flatnonzero(~accept(found))
+    places = draw(count)
+    wrong = np.flatnonzero(~accept(places))
     for _ in range(MAX_ROUNDS):
         if not len(wrong):
-            return found
-        found[wrong] = draw(len(wrong))
-        wrong = wrong[~accept(found[wrong])]
+            return places
+        places[wrong] = draw(len(wrong))
+        wrong = wrong[~accept(places[wrong])]
     raise ValueError(f"{len(wrong)} of {count} outliers find no room in the cloud")
 
 
@@ -226,12 +226,12 @@ def evaluate(labels, outlyingness, kind, classes=None):
     "TPR" and "average precision" follow.
     """
     real, flagged = np.asarray(kind) == "real", np.asarray(labels) == -1
-    found = {("flagged", "all"): flagged[real].mean()}
+    percent = {("flagged", "all"): flagged[real].mean()}
     if classes is not None:
         for name in np.unique(classes[real]):
-            found["flagged", str(name)] = flagged[real & (classes == name)].mean()
+            percent["flagged", str(name)] = flagged[real & (classes == name)].mean()
     if not real.all():
-        found["TPR", "all"] = flagged[~real].mean()
+        percent["TPR", "all"] = flagged[~real].mean()
         order = rankdata(outlyingness, method="dense")
-        found["average precision", "all"] = average_precision_score(~real, order)
-    return {key: 100 * float(value) for key, value in found.items()}
+        percent["average precision", "all"] = average_precision_score(~real, order)
+    return {key: 100 * float(value) for key, value in percent.items()}

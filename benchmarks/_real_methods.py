@@ -17,8 +17,8 @@ def detector(**parameters):
     """A setting of the detector as a method."""
 
     def method(points, share):
-        own = MCMDOutlierDetector(random_state=0, n_jobs=N_JOBS, **parameters).fit(points)
-        return np.where(own.scores_ < own.offset_, -1, 1), -own.scores_
+        fitted = MCMDOutlierDetector(random_state=0, n_jobs=N_JOBS, **parameters).fit(points)
+        return np.where(fitted.scores_ < fitted.offset_, -1, 1), -fitted.scores_
 
     return method
 

@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 OURS = "sklearn_mcmd"
 LEAST = 50  # points of a plane: of PCL's tutorial and of CGAL's example
 SMALL, LEAST_OF_SMALL = 2000, 20  # in smaller clouds: of 10, 20 and 50 best for most peers
-MOST_PLANES = 200
 
 
 class Clock:
@@ -64,16 +63,12 @@ def ours(case):
         return RegionGrowing(random_state=0).fit_predict(case.X)
 
 
-def open3d_cloud(X):
+def open3d_patches(case):
+    """A point is of the box that it lies in; of several, of the one whose plane is nearest."""
     import open3d
 
     open3d.utility.random.seed(0)
-    return open3d, open3d.geometry.PointCloud(open3d.utility.Vector3dVector(X))
-
-
-def open3d_patches(case):
-    """A point is of the box that it lies in; of several, of the one whose plane is nearest."""
-    open3d, cloud = open3d_cloud(case.X)
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(case.X))
     neighbors = open3d.geometry.KDTreeSearchParamKNN(30)
     with case.clock:
         cloud.estimate_normals(neighbors)
@@ -84,23 +79,6 @@ def open3d_patches(case):
         distances = np.abs((case.X[inside] - box.center) @ box.R[:, 2])
         nearer = distances < nearest[inside]
         labels[inside[nearer]], nearest[inside[nearer]] = i, distances[nearer]
-    return labels
-
-
-def open3d_planes(case):
-    """One plane after another is taken out, until one has too few points."""
-    _, cloud = open3d_cloud(case.X)
-    labels, rows = np.full(len(case.X), -1), np.arange(len(case.X))
-    for i in range(MOST_PLANES):
-        if len(rows) < case.least:
-            break
-        with case.clock:
-            _, inside = cloud.segment_plane(case.distance, 3, 1000)
-            rest = cloud.select_by_index(inside, invert=True)
-        if len(inside) < case.least:
-            break
-        labels[rows[inside]] = i
-        rows, cloud = np.delete(rows, inside), rest
     return labels
 
 
@@ -139,53 +117,31 @@ def cgal_labels(labels, order):
     return unordered
 
 
-def cgal_growing(case):
-    """With four times the distance: of once, twice and four times, it was best on most clouds."""
-    from CGAL.CGAL_Shape_detection import region_growing
+def cgal_ransac(case):
+    from CGAL.CGAL_Shape_detection import efficient_RANSAC
 
     points, order = cgal_points(case)
-    labels = points.add_int_map("region")
+    labels = points.add_int_map("shape")
+    settings = (case.least, case.distance, 2 * case.spacing)
     with case.clock:
-        cosine = float(np.cos(np.radians(20)))
-        region_growing(points, labels, case.least, 4 * case.distance, -1.0, cosine, 12)
+        efficient_RANSAC(points, labels, *settings, 0.9, 0.05)
     return cgal_labels(labels, order)
 
 
-def cgal_ransac(*, told):
-    """Told no distance, its defaults are 1 % of the points and of the box's diagonal."""
-
-    def run(case):
-        from CGAL.CGAL_Shape_detection import efficient_RANSAC
-
-        points, order = cgal_points(case)
-        labels = points.add_int_map("shape")
-        percent = 0.01 * float(np.linalg.norm(np.ptp(case.X, axis=0)))
-        settings = (len(case.X) // 100, percent, percent)
-        if told:
-            settings = (case.least, case.distance, 2 * case.spacing)
-        with case.clock:
-            efficient_RANSAC(points, labels, *settings, 0.9, 0.05)
-        return cgal_labels(labels, order)
-
-    return run
-
-
+# Of those without a function results are stored: commits 97bb9769 and 0bdc31fa have the programs.
 METHODS = {
     OURS: Method(ours, OURS, "told nothing"),
     "Open3D patches": Method(
         open3d_patches, "open3d", "``detect_planar_patches``, defaults; normals of 30 neighbors"
     ),
     "Open3D RANSAC, d": Method(
-        open3d_planes, "open3d", "``segment_plane``, 1,000 trials, plane after plane; d"
+        None, "open3d", "``segment_plane``, 1,000 trials, plane after plane; d"
     ),
     "CGAL growing, 20": Method(
-        cgal_growing, "CGAL", "``region_growing``, 12 neighbors, 4 d, 20 degrees, its example's"
+        None, "CGAL", "``region_growing``, 12 neighbors, 4 d, 20 degrees, its example's"
     ),
-    "CGAL RANSAC": Method(cgal_ransac(told=False), "CGAL", "``Efficient_RANSAC``, defaults"),
-    "CGAL RANSAC, d": Method(
-        cgal_ransac(told=True), "CGAL", "the same, d, ``cluster_epsilon`` of 2 spacings"
-    ),
-    # Their results are stored: commit 0bdc31fa has the program.
+    "CGAL RANSAC": Method(None, "CGAL", "``Efficient_RANSAC``, defaults"),
+    "CGAL RANSAC, d": Method(cgal_ransac, "CGAL", "the same, d, ``cluster_epsilon`` of 2 spacings"),
     "PCL growing, 3": Method(
         None, "PCL", "``RegionGrowing``, 3 degrees, curvature 1, as in its tutorial"
     ),

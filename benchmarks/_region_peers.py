@@ -13,7 +13,6 @@ import signal
 import statistics
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +29,6 @@ from _region_methods import (
 )
 from _tables import print_table, write_csv
 
-PURE = 0.97  # purity of a method's regions that count as pure
 N_WARM = 2000  # points on which a process compiles and loads what it needs, before the clock
 
 MEASURES = {
@@ -99,7 +97,7 @@ def child(method, data, limit, *clouds):
     processor = os.getpid() % len(os.sched_getaffinity(0))
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[processor : processor + 1])
     load = loaders(data)
-    measure(method, load["crown roof 3,000"]()._replace(surface=None), N_WARM)
+    measure(method, load["crown roof 3,000"](), N_WARM)
     for name in clouds:
         cloud = load[name]()
         signal.setitimer(signal.ITIMER_REAL, float(limit))  # its signal ends the process
@@ -116,8 +114,8 @@ def measure(method, cloud, most=None):
     distance = max(3 * float(np.median(cloud.noise)), spacing / 2)
     least = LEAST if len(X) >= SMALL else LEAST_OF_SMALL
     labels = METHODS[method].run(Case(X, spacing, distance, least, clock))
-    found = labels >= 0
-    labels[found] = np.unique(labels[found], return_inverse=True)[1]
+    inside = labels >= 0
+    labels[inside] = np.unique(labels[inside], return_inverse=True)[1]
     return labels, clock.seconds
 
 
@@ -134,9 +132,8 @@ def tables(stored):
     for method in METHODS:
         for name, figures in stored.get(method, {}).get("clouds", {}).items():
             rows.setdefault(name.partition("/")[0], {}).setdefault(method, []).append(figures)
-    labeled = [row for row, by in rows.items() if not has(by, "purity")]
-    planes = [row for row in labeled if not has(rows[row], "road")]  # classes are no planes
-    unlabeled = [row for row in rows if row not in labeled]
+    streets = [row for row, by in rows.items() if has(by, "road")]  # classes are no planes
+    planes = [row for row in rows if row not in streets]
 
     def table(names, cell):
         return [["cloud", "points", *METHODS]] + [
@@ -144,31 +141,22 @@ def tables(stored):
             for name in names
         ]
 
-    def of_methods(head, columns):
-        """`columns` are pairs of cell and what yields the figures of a method."""
-        return [["method", *head]] + [
-            [method, *(cell(parts(method)) for cell, parts in columns)] for method in METHODS
-        ]
-
-    def covers():
-        columns = [(cell, rows[name].get) for cell in (cover, pure_regions) for name in unlabeled]
-        return of_methods([*unlabeled, *(f"{name}, pure" for name in unlabeled)], columns)
-
-    def measured(names, measures):
+    def means(names, measures):
         cells = [mean_of("score"), *map(percent_of, measures)]
-        columns = [(cell, partial(each_row, rows, names, measures)) for cell in cells]
-        return of_methods(["ARI", *measures.values()], columns)
+        figures = {method: each_row(rows, names, measures, method) for method in METHODS}
+        return [["method", "ARI", *measures.values()]] + [
+            [method, *(cell(parts) for cell in cells)] for method, parts in figures.items()
+        ]
 
     packages = {name: stored.get(name, {}).get("package", "not installed") for name in METHODS}
     return {
         "methods": [["method", "setting", "package"]]
         + [[name, method.setting, packages[name]] for name, method in METHODS.items()],
-        "scores": table(labeled, mean_of("score")),
+        "scores": table(rows, mean_of("score")),
         "f1": table(planes, percent_of("f1")),
         "iou": table(planes, mean_of("iou")),
-        "planes": measured(planes, MEASURES),
-        "street": measured([row for row in labeled if row not in planes], STREET),
-        "purity": covers(),
+        "planes": means(planes, MEASURES),
+        "street": means(streets, STREET),
         "seconds": table(rows, seconds),
     }
 
@@ -212,26 +200,6 @@ def percent_of(key):
 
 def seconds(parts):
     return why_none(parts) or f"{statistics.mean(part['seconds'] for part in parts):.2g}"
-
-
-def cover(parts):
-    """Purity in percent, at once and twice the distance, and the regions for 80 % of the points."""
-    if absent := why_none(parts):
-        return absent
-    figures = parts[0]
-    if figures["purity"] is None:
-        return "no region"
-    shares = [f"{100 * figures[name]:.0f}" for name in ("purity", "purity_of_twice")]
-    return f"{' to '.join(dict.fromkeys(shares))} %; {figures['for_80'] or 'never'}"
-
-
-def pure_regions(parts):
-    """The regions for 80 % of the points, of methods whose regions are pure."""
-    if absent := why_none(parts):
-        return absent
-    if (parts[0]["purity"] or 0) < PURE:
-        return "not pure"
-    return str(parts[0]["for_80"] or "never")
 
 
 def why_none(parts):

@@ -23,13 +23,13 @@ def plane_scores(surface, labels):
     of_surface = of_surface[of_surface > 0]
     union = of_surface[:, None] + of_segment - shared
     overlap = shared / union
-    found, part = overlap > FOUND, overlap >= PART
-    matched = found.sum()
+    fits, part = overlap > FOUND, overlap >= PART
+    matched = fits.sum()
     parts, wholes = part.sum(axis=0), part.sum(axis=1)
-    alone = part & (parts == 1) & (wholes == 1)[:, None] & ~found  # too little of each other
+    alone = part & (parts == 1) & (wholes == 1)[:, None] & ~fits  # too little of each other
     most = shared.max(axis=0, initial=0)
     right = most[2 * most >= of_segment].sum()
-    every = 2 * shared[found] / (union + shared)[found]
+    every = 2 * shared[fits] / (union + shared)[fits]
     figures = {
         "precision": share(matched, len(of_segment)),
         "recall": share(matched, len(of_surface)),
@@ -48,13 +48,13 @@ def plane_scores(surface, labels):
 
 def shared_points(surface, labels):
     """Points (surfaces, segments) that both have, of the segments that count."""
-    inside, known = labels >= 0, surface >= 0
+    inside, labeled = labels >= 0, surface >= 0
     everything = np.bincount(labels[inside])
-    told = np.bincount(labels[inside & known], minlength=len(everything))
-    counts = (told > 0) & (2 * told >= everything)
-    rows = np.unique(surface[known], return_inverse=True)[1]
+    of_known = np.bincount(labels[inside & labeled], minlength=len(everything))
+    counts = (of_known > 0) & (2 * of_known >= everything)
+    rows = np.unique(surface[labeled], return_inverse=True)[1]
     table = np.zeros((rows.max() + 1, len(everything)), dtype=int)
-    np.add.at(table, (rows[inside[known]], labels[known & inside]), 1)
+    np.add.at(table, (rows[inside[labeled]], labels[labeled & inside]), 1)
     return table[:, counts]
 
 

@@ -10,7 +10,6 @@ cloud with a truth, or loses (-), and the number of regions in real clouds.
     python benchmarks/ablation.py edges --seeds 3 --data ../shared/data
     python benchmarks/ablation.py detector --data ../shared/data
     python benchmarks/ablation.py rays --seeds 1 --data ../shared/data
-    python benchmarks/ablation.py ground --data ../shared/data
 
 The detector is measured by what it keeps of real points, what it finds of outliers (TPR), the
 average precision of its score (AP) and the share of right labels, on streets and on real clouds
@@ -30,7 +29,6 @@ from pathlib import Path
 import numpy as np
 from _ablation_changes import FACTORS, Limit, Step
 from _ablation_clouds import (
-    below_ground,
     contaminated,
     edge_distances,
     labelled,
@@ -45,7 +43,6 @@ from _ablation_clouds import (
 )
 from sklearn.metrics import average_precision_score
 
-from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.segmentation._estimator import GrowthSteps
 
 
@@ -117,9 +114,9 @@ def faces_of(X):
     cleaner, normals = steps_of(SharpFeatureDetector(random_state=0))
     kept = cleaner.fit_predict(X) == 1
     columns = normals.fit_transform(X[kept])
-    found = np.full((len(X), columns.shape[1]), np.nan)
-    found[:, :3], found[kept] = X, columns
-    return found
+    with_columns = np.full((len(X), columns.shape[1]), np.nan)
+    with_columns[:, :3], with_columns[kept] = X, columns
+    return with_columns
 
 
 def edge_scores_of(columns):
@@ -137,10 +134,10 @@ def edge_scores_of(columns):
 
 def edge_figures(truth, result):
     """F1 of the band of two spacings, and average precision of the score."""
-    (distance, spacing), (scores, found) = truth, result
+    (distance, spacing), (scores, flagged) = truth, result
     regular = np.isfinite(distance)
-    edge, found = distance[regular] <= 2 * spacing, found[regular]
-    f1 = 200 * np.count_nonzero(found & edge) / (found.sum() + edge.sum())
+    edge, flagged = distance[regular] <= 2 * spacing, flagged[regular]
+    f1 = 200 * np.count_nonzero(flagged & edge) / (flagged.sum() + edge.sum())
     return {"F1": f1, "AP": 100 * average_precision_score(edge, -scores[regular])}
 
 
@@ -156,8 +153,8 @@ def judged(X):
 
 def seen_scores(outlier, result):
     flagged = result[1]
-    found = 100 * flagged[outlier].mean() if outlier.any() else np.nan
-    return {"kept": 100 * (~flagged[~outlier]).mean(), "TPR": found}
+    share = 100 * flagged[outlier].mean() if outlier.any() else np.nan
+    return {"kept": 100 * (~flagged[~outlier]).mean(), "TPR": share}
 
 
 def outlier_scores(outlier, result):
@@ -167,20 +164,6 @@ def outlier_scores(outlier, result):
         "AP": 100 * average_precision_score(outlier, scores),
         "right": 100 * (flagged == outlier).mean(),
     }
-
-
-def low_points(X):
-    """Points of groups far below ground, as ``mcmd denoise --low-groups`` finds them."""
-    from sklearn_mcmd.io._ground import Ground
-    from sklearn_mcmd.outliers._groups import depths_of_groups
-
-    ground = X[:, 3] == 1
-    depths = depths_of_groups(X[:, :3], Ground(X[ground, :3]), ~ground)
-    return depths > ExplainLimits().explained
-
-
-def low_scores(echo, low):
-    return {"kept": 100 * (~low[~echo]).mean(), "found": 100 * low[echo].mean()}
 
 
 PARTS = {
@@ -311,16 +294,6 @@ PARTS = {
         run=judged,
         measure=seen_scores,
     ),
-    "ground": Part(
-        tried=(
-            Limit("io._ground", "GroundLimits", "n_nearest"),
-            Limit("outliers._surfaces", "SurfaceLimits", "n_links"),
-        ),
-        scenes=below_ground,
-        prepare=lambda X: X,
-        run=low_points,
-        measure=low_scores,
-    ),
 }
 
 
@@ -343,12 +316,12 @@ def clouds_of(part, options):
 
 def evaluate(part, scenes, clouds):
     """Means over the seeds, (measure, scene) -> number; and counts of real clouds."""
-    found = {}
+    by_scene = {}
     for name, prepared, truth in scenes:
         for measure, value in part.measure(truth, part.run(prepared)).items():
-            found.setdefault((measure, name), []).append(value)
+            by_scene.setdefault((measure, name), []).append(value)
     counts = [part.count(part.run(prepared)) for _, prepared in clouds]
-    return {key: float(np.mean(values)) for key, values in found.items()}, counts
+    return {key: float(np.mean(values)) for key, values in by_scene.items()}, counts
 
 
 def main(arguments=None):

@@ -146,16 +146,16 @@ def from_lines(X, lines):
     return nearest
 
 
-def found_and_beside(distance, spacing, found):
+def found_and_beside(distance, spacing, flagged):
     """Precision, recall and F1 of the known points, and the share of others that is labelled."""
-    known = ~np.isnan(distance)
-    edge, found = distance[known] <= BAND * spacing, found[known]
-    hits = np.count_nonzero(edge & found)
-    beside = 100 * np.mean(found[~edge])
+    judged = ~np.isnan(distance)
+    edge, flagged = distance[judged] <= BAND * spacing, flagged[judged]
+    hits = np.count_nonzero(edge & flagged)
+    beside = 100 * np.mean(flagged[~edge])
     if not edge.any():
         return [np.nan, np.nan, np.nan, beside]
-    precision, recall = hits / max(found.sum(), 1), hits / edge.sum()
-    return [100 * precision, 100 * recall, 200 * hits / (found.sum() + edge.sum()), beside]
+    precision, recall = hits / max(flagged.sum(), 1), hits / edge.sum()
+    return [100 * precision, 100 * recall, 200 * hits / (flagged.sum() + edge.sum()), beside]
 
 
 def main(arguments=None):
@@ -179,8 +179,8 @@ def main(arguments=None):
         scores = []
         for X, distance, spacing in load():
             detector = SharpFeatureDetector(n_neighbors=40, random_state=0).fit(X)
-            found = detector.scores_ < detector.offset_
-            scores.append(found_and_beside(distance, spacing, found))
+            flagged = detector.scores_ < detector.offset_
+            scores.append(found_and_beside(distance, spacing, flagged))
         if scores:
             mean = np.mean(scores, axis=0)
             error = np.std(scores, axis=0, ddof=1) / np.sqrt(len(scores))

@@ -80,16 +80,16 @@ def compare(options):
     """Print a table for each scene and size of neighborhoods."""
     for scene in options.scenes(options):
         for k in options.n_neighbors:
-            found = {
+            by_form = {
                 name: fitted(scene.data, **{"n_neighbors": k} | form).normals_
                 for name, form in FORMS.items()
             }
             if scene.faces is not None:
-                found["true planes"] = nearest_true_planes(scene, k)
+                by_form["true planes"] = nearest_true_planes(scene, k)
             parts = [scene.regular & scene.near, scene.regular & ~scene.near]
             parts = [part for part in parts if part.any()]
             rows = []
-            for name, normals in found.items():
+            for name, normals in by_form.items():
                 angle, row = bias_angle(normals, scene.normals), [name]
                 for a in (angle[part] for part in parts):
                     row += [a.mean(), np.median(a), np.quantile(a, 0.95), 100 * np.mean(a < 10)]
@@ -102,11 +102,11 @@ def compare(options):
 def nearest_true_planes(scene, n_neighbors):
     """Normals of the true planes around that are nearest to each point."""
     rows = np.flatnonzero(scene.regular)
-    _, found = cKDTree(scene.data[rows]).query(scene.data, n_neighbors)
-    found = rows[found]
-    gaps = scene.data[:, None] - scene.faces[found]
-    heights = np.abs(np.einsum("nkd,nkd->nk", gaps, scene.normals[found]))
-    return scene.normals[found[np.arange(len(found)), heights.argmin(axis=1)]]
+    _, nearest = cKDTree(scene.data[rows]).query(scene.data, n_neighbors)
+    nearest = rows[nearest]
+    gaps = scene.data[:, None] - scene.faces[nearest]
+    heights = np.abs(np.einsum("nkd,nkd->nk", gaps, scene.normals[nearest]))
+    return scene.normals[nearest[np.arange(len(nearest)), heights.argmin(axis=1)]]
 
 
 def halves(options):

@@ -71,9 +71,9 @@ def figures(street, scores, outlier):
     near = street.edge_distance < street.spacing
     rates = [outlier[truth].mean(), (~outlier[~truth]).mean(), (~outlier[near]).mean()]
     kinds = [street.outlier_kind == kind for kind in range(1, len(street.outlier_kind_names))]
-    found = [outlier[kind].mean() if kind.any() else np.nan for kind in kinds]
+    of_kinds = [outlier[kind].mean() if kind.any() else np.nan for kind in kinds]
     accuracy = (outlier == truth).mean()
-    return 100 * np.array([roc_auc_score(truth, scores), *rates, accuracy, *found])
+    return 100 * np.array([roc_auc_score(truth, scores), *rates, accuracy, *of_kinds])
 
 
 def main(arguments=None):

@@ -120,9 +120,9 @@ def measure_apart(folder, condition, options):
     """Figures of one run of a job in a fresh process, or ``{"left_out": reason}``."""
     names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     environment = {**os.environ, **dict.fromkeys(names, str(options.threads))}
-    told = {name: condition[name] for name in ("job", "order", "threads")}
-    told |= {"path": f"{folder}/street.npz", "k": options.n_neighbors, "limit": options.limit}
-    command = [sys.executable, __file__, "--child", json.dumps(told)]
+    asked = {name: condition[name] for name in ("job", "order", "threads")}
+    asked |= {"path": f"{folder}/street.npz", "k": options.n_neighbors, "limit": options.limit}
+    command = [sys.executable, __file__, "--child", json.dumps(asked)]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode == -signal.SIGALRM:
         return {"left_out": f"over {options.limit:g} s"}
@@ -157,8 +157,8 @@ def measure(job, order, threads, path, k, limit):
     if job.startswith("normals"):
         figures["quality"] = normals_quality(np.asarray(answer, np.float64), street, spacing)
     elif job.startswith("outliers"):
-        found, kept = (answer[~regular] == -1).mean(), (answer[regular] == 1).mean()
-        figures["quality"] = {"found": float(found), "kept": float(kept)}
+        share_found, kept = (answer[~regular] == -1).mean(), (answer[regular] == 1).mean()
+        figures["quality"] = {"found": float(share_found), "kept": float(kept)}
     return figures
 
 
@@ -187,7 +187,7 @@ def status(key):
 def header(options):
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    packages = [f"{name} {found}" for name in (*PACKAGES, *PEERS) if (found := version_of(name))]
+    packages = [f"{name} {number}" for name in (*PACKAGES, *PEERS) if (number := version_of(name))]
     about = {
         "processor": names[0] if names else platform.machine(),
         "processors": str(os.cpu_count()),
@@ -216,26 +216,26 @@ def tables(stored):
     for run in stored["runs"]:
         by_condition[run["order"], run["job"], run["size"]].append(run)
     sizes = sorted({run["size"] for run in stored["runs"]})
-    found = {"machine": [["measured", "with"], *map(list, stored["header"]["about"].items())]}
-    found["costs"] = costs(by_condition, sizes, stored["header"]["n_neighbors"])
+    shown = {"machine": [["measured", "with"], *map(list, stored["header"]["about"].items())]}
+    shown["costs"] = costs(by_condition, sizes, stored["header"]["n_neighbors"])
     head = ["method", "within 10 deg. near edges", "elsewhere", "median near edges", "elsewhere"]
-    found["accuracy"] = [[*head, "all", "all, national grid", "us/point"]]
-    found["detection"] = [["method", "points", "outliers found", "regular points kept"]]
+    shown["accuracy"] = [[*head, "all", "all, national grid", "us/point"]]
+    shown["detection"] = [["method", "points", "outliers found", "regular points kept"]]
     for (order, job, size), of_job in by_condition.items():
         quality, name = of_job[0].get("quality"), job.partition(": ")[2]
         if order != ORDERS[0] or not quality:
             continue
         if job.startswith("outliers"):
             shares = [f"{100 * quality[part]:.1f} %" for part in ("found", "kept")]
-            found["detection"].append([name, f"{size:,}", *shares])
+            shown["detection"].append([name, f"{size:,}", *shares])
         elif size == sizes[-1]:
             shares = [f"{100 * quality[part]:.1f} %" for part in ("near_right", "far_right")]
             medians = [f"{quality[part]:.2f}" for part in ("near_median", "far_median", "median")]
             moved = by_condition.get(("national grid", job, size))
             grid = f"{moved[0]['quality']['median']:.2f}" if moved else "-"
             time = f"{1e6 / size * least(of_job, 'cpu'):.2f}"
-            found["accuracy"].append([name, *shares, *medians, grid, time])
-    return found
+            shown["accuracy"].append([name, *shares, *medians, grid, time])
+    return shown
 
 
 def costs(by_condition, sizes, k):
@@ -251,8 +251,8 @@ def costs(by_condition, sizes, k):
             ns = 1e9 * np.divide(seconds[job], [n * k for _, n in columns])
             memory = least(by_condition.get((ORDERS[0], job, sizes[-1]), ()), "peak_mb")
             rows.append([job, *(f"{value:,.0f}" for value in [*ns, memory])])
-    for name, (job, own) in RATIOS.items():
-        ratios = np.divide(seconds[job], seconds[OURS]) - own
+    for name, (job, taken_off) in RATIOS.items():
+        ratios = np.divide(seconds[job], seconds[OURS]) - taken_off
         rows.append([name, *(f"{value:.2f}" for value in ratios), "-"])
     return [[cell.replace("nan", "-") for cell in row] for row in rows]
 

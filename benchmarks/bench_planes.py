@@ -36,11 +36,11 @@ def real_planes(data, limit):
             continue
         growing = RegionGrowing(random_state=0, n_jobs=-1).fit(cloud.points)
         for region in np.flatnonzero(growing.regions_["kind"] == "plane"):
-            own = cloud.points[growing.labels_ == region]
-            local = own - own.mean(axis=0)
+            points = cloud.points[growing.labels_ == region]
+            local = points - points.mean(axis=0)
             length, width, thick = np.linalg.svd(local, compute_uv=False)
-            if len(own) >= LEAST and width > length / 50 and thick > 1e-6 * width:
-                yield own, local @ np.linalg.svd(local, full_matrices=False)[2][:2].T
+            if len(points) >= LEAST and width > length / 50 and thick > 1e-6 * width:
+                yield points, local @ np.linalg.svd(local, full_matrices=False)[2][:2].T
 
 
 def halves(rng, places):
@@ -54,19 +54,23 @@ def halves(rng, places):
 
 def agreement(rng, data, limit):
     """Shares of halves of real planes whose heights and tilts agree within 95 % regions."""
-    found, n_planes = {}, 0
-    for own, places in real_planes(data, limit):
+    agreements, n_planes = {}, 0
+    for points, places in real_planes(data, limit):
         n_planes += 1
         for name, first in halves(rng, places):
             if min(first.sum(), (~first).sum()) < LEAST / 4:
                 continue
-            pair = [fitted(own[part]) for part in (first, ~first)]
-            middle = np.mean([part.mean(axis=0) for part in (own[first], own[~first])], axis=0)
+            pair = [fitted(points[part]) for part in (first, ~first)]
+            middle = np.mean(
+                [part.mean(axis=0) for part in (points[first], points[~first])], axis=0
+            )
             kinds = [compare_planes(*pair, variance=kind, place=middle) for kind in VARIANCES]
             for what in ("offset", "tilt"):
                 agrees = [getattr(one, what).pvalue >= 0.05 for one in kinds]
-                found.setdefault(f"{name} of {{}} real planes agree, {what}", []).append(agrees)
-    for name, agrees in found.items():
+                agreements.setdefault(f"{name} of {{}} real planes agree, {what}", []).append(
+                    agrees
+                )
+    for name, agrees in agreements.items():
         yield name.format(n_planes), *map(rate, np.transpose(agrees))
 
 
@@ -75,8 +79,8 @@ def main(arguments=None):
     parser.add_argument("--limit", type=int, default=40_000, help="points of each real cloud")
     parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
     options = parser.parse_args(arguments)
-    found = agreement(np.random.default_rng([7, 50]), options.data, options.limit)
-    rows = [(name, *independent, *alike) for name, independent, alike in found]
+    agreements = agreement(np.random.default_rng([7, 50]), options.data, options.limit)
+    rows = [(name, *independent, *alike) for name, independent, alike in agreements]
     head = ["what", "independent", "±", "alike nearby", "±"]
     print_table("Shares, and their standard errors", head, rows, 3)
 

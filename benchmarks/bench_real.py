@@ -47,9 +47,9 @@ def measured(cloud, methods, seed):
                     title = cloud.name if part == "all" else f"{cloud.name}, {part}"
                     yield "flagged", title, name, (value,)
         if result := judgment(name, injected, (kind != "real").mean()):
-            found = evaluate(*result, kind)
-            yield "found", cloud.name, name, (found["TPR", "all"], found["flagged", "all"])
-            yield "precision", cloud.name, name, (found["average precision", "all"],)
+            percent = evaluate(*result, kind)
+            yield "found", cloud.name, name, (percent["TPR", "all"], percent["flagged", "all"])
+            yield "precision", cloud.name, name, (percent["average precision", "all"],)
 
 
 def tables(values, methods):

@@ -67,19 +67,19 @@ def seams_of(points, at_once):
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "cloud.las"
         write_points(source, PointCloud(points, {}))
-        found = {}
+        results = {}
         for verb in VERBS:
             whole, _ = results_of(source, verb, len(points))
-            found[verb] = whole, *results_of(source, verb, at_once)
+            results[verb] = whole, *results_of(source, verb, at_once)
         other, _ = results_of(source, "regions", len(points), seed=1)
-    (flags, cells_flags, proven), (normals, cells_normals, _) = found["flags"], found["normals"]
+    (flags, cells_flags, proven), (normals, cells_normals, _) = results["flags"], results["normals"]
     cosines = np.abs(np.einsum("nd,nd->n", normals, cells_normals))
     turned = points[cosines < np.cos(np.radians(1))]
-    regions, cells_regions, _ = found["regions"]
+    regions, cells_regions, _ = results["regions"]
     return (
         *(len(points), int(flags.sum()), int((flags != cells_flags).sum())),
         len(np.unique(turned, axis=0)),  # copies count once
-        int((found["edges"][0] != found["edges"][1]).sum()),
+        int((results["edges"][0] != results["edges"][1]).sum()),
         adjusted_rand_score(regions, cells_regions),
         adjusted_rand_score(regions, other),
         *largest_kept(regions, cells_regions),
@@ -108,10 +108,10 @@ def largest_kept(regions, others):
     labels, sizes = np.unique(regions[regions > 0], return_counts=True)
     shares, times = [], []
     for label in labels[np.argsort(-sizes)[:LARGEST]]:
-        own = others[regions == label]
-        held, counts = np.unique(own, return_counts=True)
-        shares.append(counts.max() / len(own))
-        times.append(np.count_nonzero(others == held[counts.argmax()]) / len(own))
+        there = others[regions == label]
+        held, counts = np.unique(there, return_counts=True)
+        shares.append(counts.max() / len(there))
+        times.append(np.count_nonzero(others == held[counts.argmax()]) / len(there))
     return min(shares, default=1.0), max(times, default=1.0)
 
 

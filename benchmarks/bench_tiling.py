@@ -93,8 +93,8 @@ def timed(command, temporary, n):
 
     def watch():
         while not done.wait(SAMPLED):
-            found = memory_of(process.pid), size_of(temporary)
-            peaks[:] = map(max, peaks, found)
+            now = memory_of(process.pid), size_of(temporary)
+            peaks[:] = map(max, peaks, now)
 
     thread = threading.Thread(target=watch)
     thread.start()

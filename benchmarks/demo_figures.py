@@ -43,9 +43,14 @@ def table(folder):
     rows = [["cleaned by", "found", "kept", "right", *kinds]]
     for name, file in CLEANED.items():
         kept = counts(folder / file, len(kinds))
-        found = before[1:] - kept[1:]
-        right = (found.sum() + kept[0]) / before.sum()
-        shares = [found.sum() / before[1:].sum(), kept[0] / before[0], right, *found / before[1:]]
+        removed = before[1:] - kept[1:]
+        right = (removed.sum() + kept[0]) / before.sum()
+        shares = [
+            removed.sum() / before[1:].sum(),
+            kept[0] / before[0],
+            right,
+            *removed / before[1:],
+        ]
         rows.append([name, *(f"{100 * share:.2f}" for share in shares)])
     return rows
 

@@ -20,13 +20,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 OUTLIERS, NORMALS = "planes outliers datasets", "planes normals datasets"
 STAGES = "planes outliers normals segmentation edges datasets"
+# Scripts that have answered, and the commit that holds them.
+RINGS, MUTANTS = "rings_figure.py at 97bb9769", "mutate.py at 97bb9769"
 # What is stored, the folders of sklearn_mcmd that it measures, and the scripts of benchmarks/ that
 # renew it. Last the commit after which all were renewed, of which some came out as before.
 RESULTS = (
     ("docs/benchmarks/peers.json", STAGES, "bench_peers.py"),
     ("docs/images/demo.png", f"{NORMALS} outliers", "mcmd demo, demo_figures.py"),
     ("docs/benchmarks/demo.csv", f"{NORMALS} outliers", "mcmd demo, demo_figures.py"),
-    ("docs/images/failure_*", STAGES, "docs/figures_failure.py, rings_figure.py", "900703c"),
+    ("docs/images/failure_*", STAGES, f"docs/figures_failure.py, {RINGS}", "900703c"),
     ("docs/images/guide/*", f"{STAGES} adjustment plotting view", "docs/figures.py", "900703c"),
     ("README.md", OUTLIERS, "bench_real.py, bench_outliers.py, readme_figures.py"),
     ("docs/benchmarks.rst", STAGES, "bench_peers.py"),
@@ -38,7 +40,7 @@ RESULTS = (
     ("docs/normals.rst", NORMALS, "bench_normals.py, bench_errors.py at f4a94cc"),
     ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py"),
     ("docs/planes.rst", "adjustment", "bench_planes.py, bench_reliability.py at c7f1ef3"),
-    ("docs/promises.rst", STAGES, "fuzz_files.py, kill_runs.py, mutate.py, golden_results.py"),
+    ("docs/promises.rst", STAGES, f"fuzz_files.py, kill_runs.py, golden_results.py, {MUTANTS}"),
     ("docs/reproduction.rst", f"{STAGES} baselines", "-m benchmarks.paper, also at 0bdc31fa"),
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),
     ("docs/sensor.rst", OUTLIERS, "bench_sensor.py at 0bdc31fa"),
@@ -90,10 +92,10 @@ def measurements(path, root):
 def commits_since(commit, folders, root):
     """The number of commits that changed the folders after that one; None if it is unknown."""
     try:
-        found = git(root, "rev-list", "--count", "--no-merges", f"{commit}..HEAD", "--", *folders)
+        count = git(root, "rev-list", "--count", "--no-merges", f"{commit}..HEAD", "--", *folders)
     except subprocess.CalledProcessError:
         return None
-    return int(found)
+    return int(count)
 
 
 def git(root, *arguments):

@@ -118,12 +118,12 @@ def main():
     parser.add_argument("--against", help="a file of results, in place of computing them")
     parser.add_argument("--most-differ", type=float, default=np.inf, help="a share, such as 0.01")
     options = parser.parse_args()
-    found = np.load(options.against) if options.against else dict(computed(options.data))
+    results_now = np.load(options.against) if options.against else dict(computed(options.data))
     if options.action == "keep":
-        np.savez_compressed(options.file, **found)
+        np.savez_compressed(options.file, **results_now)
         return
     before, n_equal, differing = np.load(options.file), 0, []
-    for name, array in found.items():
+    for name, array in results_now.items():
         old = before[name]
         same = np.mean((old == array) | (np.isnan(old) & np.isnan(array)))
         differing.append(1 - np.mean(np.isclose(old, array, rtol=1e-6, atol=1e-9, equal_nan=True)))
@@ -134,7 +134,7 @@ def main():
                 f"largest difference {np.nanmax(abs(old - array)):.3g}"
             )
     print(
-        f"{n_equal} of {len(found)} results equal to the last bit; within a millionth, "
+        f"{n_equal} of {len(results_now)} results equal to the last bit; within a millionth, "
         f"{1 - np.mean(differing):.3%} of the values, and {1 - max(differing):.3%} in the worst"
     )
     if max(differing) > options.most_differ:

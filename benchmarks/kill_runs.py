@@ -50,7 +50,7 @@ VERBS = {
 FOLDERS = {"denoise a folder": "denoise in out", "normals of a folder": "normals in out"}
 IN_PLACE = {"denoise in place": "denoise out out"}
 WRITING = {f"write {suffix}": f"out{suffix}" for suffix in supported_extensions(written=True)}
-KINDS = {**{verb: f"{verb} {rest}" for verb, rest in VERBS.items()}, **FOLDERS, **IN_PLACE}
+KINDS = {**{verb: f"{verb} {words}" for verb, words in VERBS.items()}, **FOLDERS, **IN_PLACE}
 KINDS |= WRITING
 
 
@@ -145,8 +145,10 @@ class Work:
 
     def outputs(self):
         """What has the name of an output, in a form that is equal for equal contents."""
-        found = sorted([*self.folder.glob("out.*"), *self.folder.glob("out/*")])
-        return {path.name: _told(path) for path in found if path.is_file() and path.name[0] != "."}
+        outputs = sorted([*self.folder.glob("out.*"), *self.folder.glob("out/*")])
+        return {
+            path.name: _told(path) for path in outputs if path.is_file() and path.name[0] != "."
+        }
 
     def end(self, after, number):
         """End a run; returns how long it took, its exit code, and all that is wrong then."""
@@ -233,10 +235,10 @@ def measure(kind, n, number, folder, n_points=N_KILLED, seed=0, disk=None):
     rng = np.random.default_rng(seed)
     work, late, n_ended, faults = Work(kind, folder / "work", n_points, disk), 0.0, 0, []
     for _ in range(n):
-        seconds, code, found = work.end(rng.uniform(0, work.seconds), number)
+        seconds, code, wrong = work.end(rng.uniform(0, work.seconds), number)
         if code != 0:
             n_ended, late = n_ended + 1, max(late, seconds)
-        faults += found
+        faults += wrong
     how = "power" if disk else number.name
     row = f"{how:8} {kind:20} {work.seconds:7.2f} s {n_ended:4} of {n:4} ended"
     print(f"{row}, the latest after {late:.2f} s; {len(faults)} faults", flush=True)
@@ -267,9 +269,9 @@ def main():
             disk = Disk(Path(folder), args.seed)
             try:
                 for kind in [kind for kind in kinds if kind in FOLDERS | IN_PLACE]:
-                    known = {"seed": args.seed, "disk": disk}
+                    options = {"seed": args.seed, "disk": disk}
                     n, place = args.power_failures, disk.place
-                    faults += measure(kind, n, signal.SIGKILL, place, **known)
+                    faults += measure(kind, n, signal.SIGKILL, place, **options)
             finally:
                 disk.close()
     return 1 if faults else 0

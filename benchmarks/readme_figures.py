@@ -42,11 +42,11 @@ def main(arguments=None):
         auc = roc_auc_score(good, detector.scores_)
         rows.append([name, *(100 * float(share) for share in (auc, *map(np.mean, shares)))])
     print_table("outliers", ["", "AUC", "found", "kept", "accuracy", *kinds], rows)
-    known = good & np.isfinite(street.normals).all(axis=1)
-    near, rows = known & (street.edge_distance < 0.08), []
+    with_normal = good & np.isfinite(street.normals).all(axis=1)
+    near, rows = with_normal & (street.edge_distance < 0.08), []
     for name, form in NORMALS.items():
         normals = RobustNormalEstimator(random_state=0, n_jobs=-1, **form).fit(X).normals_
-        every, close = (bias_angle(normals[r], street.normals[r]) for r in (known, near))
+        every, close = (bias_angle(normals[r], street.normals[r]) for r in (with_normal, near))
         right = 100 * float(np.mean(close <= 10))
         rows.append([name, np.median(every), np.percentile(every, 95), np.median(close), right])
     head = ["", "median", "95 % below", "median near edges", "within 10 degrees, %"]

@@ -149,6 +149,33 @@ def normals_principle():
     save(fig, "normals_principle.png")
 
 
+def normals_doubt():
+    """What doubt adds to errors of normals near a blunt crease, which noise alone does not tell."""
+    rng, spacing, slope = np.random.default_rng(0), 0.02, np.tan(np.radians(8))
+    x, y = rng.uniform(-1, 1, (2, 10_000))
+    points = np.column_stack([x, y, rng.normal(-slope * np.abs(x), 0.1 * spacing)])
+    truth = np.column_stack([np.sign(x) * slope, np.zeros_like(x), np.ones_like(x)])
+    estimator = RobustNormalEstimator(random_state=0).fit(points)
+    off = bias_angle(estimator.normals_, truth / np.linalg.norm(truth, axis=1, keepdims=True))
+    by_noise = estimator._surfaces.errors[estimator._model.index.places]
+    edges = np.arange(0, 13)
+    ring = np.digitize(np.abs(x) / spacing, edges) - 1
+    fig, ax = plt.subplots(figsize=(7.6, 3.6), layout="constrained")
+    for angles, color, label in (
+        (off, "0.25", "how far normals are off"),
+        (estimator.normal_error_, BLUE, "their error, with doubt"),
+        (by_noise, RED, "their error by noise alone"),
+    ):
+        ax.stairs(
+            [np.sqrt(np.mean(angles[ring == i] ** 2)) for i in edges[:-1]], edges, color=color
+        )
+        ax.plot([], [], color=color, label=label)
+    ax.set(xlabel="distance from a crease of 16 degrees, in spacings", ylabel="degrees (r.m.s.)")
+    ax.set(xlim=(0, 12), ylim=(0, None))
+    ax.legend(frameon=False)
+    save(fig, "normals_doubt.png")
+
+
 def normals_street():
     """The error of each normal on the street, least squares beside the default."""
     scan = street()
@@ -272,6 +299,7 @@ GUIDE_PICTURES = (
     outliers_principle,
     outliers_strictness,
     normals_principle,
+    normals_doubt,
     normals_street,
     edges_principle,
     segments_principle,

@@ -1,20 +1,8 @@
 """Clouds and scenes that several test modules build, with their truth."""
 
-from functools import cache
-
 import numpy as np
 
-from benchmarks import simulators
-from benchmarks.simulators import _airborne, _depth_frame, _lidar_turn, _mobile
 from sklearn_mcmd.planes._record import Neighborhoods, Planes
-
-# Makers of scanned scenes, and what makes the worlds that they scan.
-WORLDS = {
-    "make_mobile_scan": _mobile._world,
-    "make_airborne_scan": _airborne._world,
-    "make_lidar_turn": _lidar_turn._campus,
-    "make_depth_frame": _depth_frame._world,
-}
 
 # Folders of shared/data.
 REAL_CLOUDS = [
@@ -77,14 +65,6 @@ def torus(n, noise):
     N = np.column_stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)])
     X = 0.3 * N + np.column_stack([np.cos(u), np.sin(u), np.zeros(n)])
     return X + rng.normal(0, noise, (n, 3)), N
-
-
-@cache
-def scanned(name, n_samples=20_000, seed=0, **parameters):
-    """A scanned scene and its world; made once."""
-    scan = getattr(simulators, name)(n_samples, random_state=seed, **parameters)
-    drawn = np.random.RandomState(seed).randint(np.iinfo(np.int32).max)
-    return scan, WORLDS[name](np.random.default_rng(drawn).spawn(5)[0])
 
 
 def planes_around(kind, d, n=120, m=200, k=18):

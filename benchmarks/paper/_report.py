@@ -44,7 +44,8 @@ class Report:
     tables : list of Table
         The paper's and the reproduced numbers, side by side.
     notes : list of str
-        Numbers that cannot be reproduced, with the reason, and readings of the rows.
+        What the numbers are, and readings of the rows; docs/reproduction.rst says which cannot
+        be reproduced, and why.
     results : dict
         The reproduced numbers as arrays; the function `name` documents the keys.
     """

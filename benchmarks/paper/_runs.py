@@ -54,8 +54,8 @@ def flag_counts(method, clouds, random_state, steps, n_flagged=None):
     counts = []
     for chunk in _chunks(clouds[: affordable(method, len(clouds))]):
         _, inliers = method(chunk.points, chunk.regular, chunk.n_outliers, random_state, n_flagged)
-        found = (~inliers & ~chunk.regular).sum(axis=1)
-        counts.append(np.column_stack([found, (inliers & chunk.regular).sum(axis=1)]))
+        n_found = (~inliers & ~chunk.regular).sum(axis=1)
+        counts.append(np.column_stack([n_found, (inliers & chunk.regular).sum(axis=1)]))
         steps.advance(len(chunk))
     return np.concatenate(counts)
 

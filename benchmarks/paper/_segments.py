@@ -100,46 +100,36 @@ def table6(runs=2, *, seed=0, n_points=None, slow_points=SLOW_POINTS):
             for name, row in rows.items():
                 if run < runs_of(row[0], runs):
                     labels = quietly(segment, row, cloud.data, about.max_angle, seed)
-                    found = results.setdefault((scene, n, name), [])
-                    found.append(score(cloud.surface, labels))
+                    scores = results.setdefault((scene, n, name), [])
+                    scores.append(score(cloud.surface, labels))
                     steps.advance(1)
         lines = []
         for name in rows:
-            found = results[scene, n, name] = np.array(results[scene, n, name])
-            lines += _table_6_rows(scene, name, found, printed=n == about.n_points or slow)
+            scores = results[scene, n, name] = np.array(results[scene, n, name])
+            lines += _table_6_rows(scene, name, scores, printed=n == about.n_points or slow)
         n_surfaces = len(np.unique(cloud.surface))
         caption = f"{scene}, {n:,} points, {n_surfaces} surfaces, {about.max_angle:g} degrees" + (
             "" if slow else "; RPCA and uLSIF are in the next table"
         )
         tables.append(Table(caption, ("method", "", "runs", *COLUMNS), lines, n_labels=2))
-    notes = _notes()
+    notes = [
+        "The scenes are simulated counterparts of scans that are not public, with as many "
+        "surfaces. TS is the number of segments that hold points of a surface; a surface is "
+        "properly segmented by the rule of segmentation_scores, 80 % overlap.",
+        f"RPCA and uLSIF are run on one scene of at most {SLOW_POINTS:,} points; compare them with "
+        "the rows of the same scene.",
+        *(f"{method.name}: {method.reading}." for method in SCENE_METHODS.values()),
+    ]
     title = f"Table 6: segments by normals of each method, {runs} scenes of each kind"
     return Report("table6", title, tables, notes, results)
 
 
-def _table_6_rows(scene, name, found, printed):
+def _table_6_rows(scene, name, scores, printed):
     digits = (1, 1, 1, 1, 1, 1, 1, 1, 3, 2)
-    cells = [summary(found[:, i], d) for i, d in enumerate(digits)]
-    ours = (str(len(found)), *cells)
+    cells = [summary(scores[:, i], d) for i, d in enumerate(digits)]
+    ours = (str(len(scores)), *cells)
     paper = SEGMENTATION[scene].get(name)
     if paper is None or not printed:
         return paired_rows(name, ours)
     counts, ratios = map(str, paper[:4]), map("{:.2f}".format, paper[4:])
     return paired_rows(name, ours, ("", *counts, "", *ratios, "", ""))
-
-
-def _notes():
-    return [
-        "The paper's scenes are real scans that are not public. Ours are simulated counterparts "
-        "with as many surfaces, so numbers agree only roughly.",
-        "The paper does not explain TS; ours is the number of segments that hold points of a "
-        "surface. The paper does not say when a surface is properly segmented (its authors judged "
-        "by eye); ours is the rule of segmentation_scores, 80 % overlap.",
-        "Regions grow by the paper's three criteria alone; their automatic thresholds are in a "
-        "reference that was not at hand. 'default' and 'PCA, default growth' also have this "
-        "package's further steps (RegionGrowing's refine).",
-        "RPCA and uLSIF take milliseconds for each point. They are run on one scene of at most "
-        f"{SLOW_POINTS:,} points, whose points are farther apart and whose neighborhoods are "
-        "wider. Compare them with the rows of the same scene.",
-        *(f"{method.name}: {method.reading}." for method in SCENE_METHODS.values()),
-    ]

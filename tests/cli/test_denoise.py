@@ -5,8 +5,8 @@ import html
 import numpy as np
 import pytest
 
+from benchmarks.simulators import make_lidar_turn
 from commands import done, error_line, run
-from scenes import scanned
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.io import PointCloud, read_points, write_points
 from sklearn_mcmd.io._classes import noise_classes
@@ -100,7 +100,7 @@ def test_the_summary_states_points_share_removed_and_seconds(room, room_file, tm
 @pytest.fixture
 def turn(tmp_path):
     """A turn of a spinning sensor at the origin, in a file."""
-    xyz = scanned("make_lidar_turn", 4_000)[0].data
+    xyz = make_lidar_turn(4_000, random_state=0).data
     xyz = xyz[xyz.any(axis=1)]  # rays without a return are left out when they are read
     np.save(tmp_path / "turn.npy", xyz)
     return tmp_path / "turn.npy", xyz

@@ -1,6 +1,5 @@
 """The paper's printed numbers agree with each other where they can, and where not it is said."""
 
-import numpy as np
 import pytest
 
 from benchmarks.paper._classification import flagged_in_paper
@@ -8,12 +7,9 @@ from benchmarks.paper._printed import (
     ANGLES,
     CLASSIFICATION,
     OUTLIERS,
-    SECONDS,
     SHARES,
     STATISTICS,
-    TIMED_SHARES,
 )
-from sklearn_mcmd.planes._consistent_set import n_trials_needed
 
 ROWS = [(name, share) for name in CLASSIFICATION for share in SHARES]
 
@@ -45,11 +41,3 @@ def test_the_statistics_of_table_1_are_in_order(law):
         assert 0 <= values["min"] <= values["median"] <= values["max"] <= 90, name
         assert values["min"] <= values["mean"] <= values["max"], name
         assert values["QR"] < values["max"] - values["min"], name
-
-
-def test_the_times_of_mcmd_are_a_line_in_the_trials_for_the_true_share():
-    trials = [n_trials_needed(share / 100, 0.9999, 3) for share in TIMED_SHARES]
-    for name in ("MCMD_Z", "MCMD_MD"):
-        seconds = np.array(SECONDS[name])
-        line = np.polyval(np.polyfit(trials, seconds, 1), trials)
-        np.testing.assert_allclose(seconds, line, atol=5e-4)
