@@ -86,7 +86,7 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("plane", "--alpha", ["0", "1"]),
         ("plane", "--tolerance", ["0", "-1", "nan"]),
         ("plan", "--power", ["1"]),
-        ("info", "--columns", ["x=a,y=b,z", "a=x", "1,2,3"]),
+        ("info", "--columns", ["x=a,y=b,z", "a=x", "x=1,x=2,y=3"]),
     ],
 )
 def test_values_out_of_range_are_wrong_usage_before_a_file_is_read(verb, option, values, tmp_path):

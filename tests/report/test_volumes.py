@@ -1,6 +1,9 @@
 """Removed points that lie together are told, and single errors and small groups are not."""
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.report._volumes import lost_volumes, words_of
@@ -84,3 +87,17 @@ def test_small_tiles_of_real_surveys_are_told_where_a_tenth_together_is_lost(sha
     assert told[lost > 0.12].all()
     assert np.count_nonzero(told) >= 3
     assert not told[lost < 0.08].any()
+
+
+@pytest.mark.slow
+def test_simulated_errors_in_real_clouds_are_single(shared_data, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
+    from _real_clouds import inject, load_clouds
+
+    for cloud in load_clouds(shared_data, limit=60_000):
+        real = np.ones(len(cloud.points), bool) if cloud.noise is None else ~cloud.noise
+        xyz, _ = inject(cloud.points[real], np.random.default_rng(0))
+        found = MCMDOutlierDetector(random_state=0, n_jobs=2).fit_predict(xyz) < 0
+        volumes = lost_volumes(lambda: [(xyz, found)], len(xyz))  # noqa: B023
+        # In the turn of heavy snow hundreds of real points next to the sensor are lost.
+        assert bool(volumes) == ("half_turn" in cloud.name), cloud.name

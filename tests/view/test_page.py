@@ -37,7 +37,7 @@ def test_points_values_and_rows_are_those_of_the_cloud(cloud):
 def test_a_stray_point_leaves_coordinates_exact_and_what_the_picture_rounds_is_told():
     xyz = np.round(np.random.default_rng(0).uniform(size=(1000, 3)), 3)
     near = view(xyz)
-    xyz[0] = [1e6, 0, 0]
+    xyz[0] = [1e6, 0, 5e3]
     page = view(xyz)
     manifest, shown = shown_in(page, xyz)
     places = (shown.steps.astype(np.int64) - manifest["middle"]) * manifest["step"]
@@ -45,6 +45,7 @@ def test_a_stray_point_leaves_coordinates_exact_and_what_the_picture_rounds_is_t
     assert near.drawn_error < 1e-7
     assert rounded.max() <= page.drawn_error == manifest["drawn"] == 2.0**-5
     assert np.median(rounded) < 1e-7  # the others are drawn where they are
+    assert manifest["heights"][1] < 3_000  # steps of a millimeter: colors serve the others
 
 
 def test_nothing_is_loaded_from_outside(cloud):
