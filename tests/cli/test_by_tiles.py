@@ -120,8 +120,8 @@ def test_a_dry_run_shows_the_plan_reads_no_positions_and_writes_nothing(
 def test_a_dry_run_plans_as_the_run_does(verb, options, source, tmp_path, monkeypatch):
     plans = []
 
-    def planned(*args, **known):
-        plans.append(plan_run(*args, **known))
+    def planned(*args, **kwargs):
+        plans.append(plan_run(*args, **kwargs))
         return plans[-1]
 
     for module in (_memory, _run):

@@ -111,11 +111,11 @@ def test_attributes_and_the_first_color_can_be_chosen(cloud):
 
 def test_each_attribute_has_a_name_of_its_own(cloud):
     rng = np.random.default_rng(0)
-    own = PointCloud(cloud.xyz, {"height": rng.uniform(size=40)})
-    manifest, _ = read_page(view(own, color="height").html)
+    with_height = PointCloud(cloud.xyz, {"height": rng.uniform(size=40)})
+    manifest, _ = read_page(view(with_height, color="height").html)
     assert (manifest["start"], manifest["own_height"]) == ("height", "height (2)")
-    assert read_page(view(own, color="height (2)").html)[0]["start"] == "height (2)"
-    assert read_page(view(own).html)[0]["start"] == "height (2)"
+    assert read_page(view(with_height, color="height (2)").html)[0]["start"] == "height (2)"
+    assert read_page(view(with_height).html)[0]["start"] == "height (2)"
     bits = {name: np.arange(40, dtype=np.uint8) for name in ("red", "green", "blue")}
     clouds = (PointCloud(cloud.xyz, bits), PointCloud(cloud.xyz, {"color": rng.uniform(size=40)}))
     manifest, (first, second) = read_page(view(*clouds).html)
