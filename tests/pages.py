@@ -34,12 +34,12 @@ def read_cloud(told, manifest, blocks):
     parts = [read_chunk(chunk, blocks) for chunk in told["chunks"]]
     columns = [np.concatenate(values) for values in zip(*parts, strict=True)]
     cloud = Cloud(np.column_stack(columns[:3]), columns[3])
-    rest = iter(columns[4:])
+    columns_left = iter(columns[4:])
     for index in told["attributes"]:
         attribute = manifest["attributes"][index]
         n = {"rgb": 3, "normal": 2}.get(attribute["kind"], 1)
-        cloud.columns[attribute["name"]] = [next(rest) for _ in range(n)]
-    assert next(rest, None) is None
+        cloud.columns[attribute["name"]] = [next(columns_left) for _ in range(n)]
+    assert next(columns_left, None) is None
     assert len(cloud.rows) == told["n"]
     return cloud
 

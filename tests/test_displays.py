@@ -95,6 +95,8 @@ def test_residuals_of_a_plane_are_seen_along_its_normal(axis):
     detector = BaardaPlaneDetector(sigma0=0.01, surface="orthogonal").fit(xyz)
     display = PlaneResidualDisplay.from_estimator(detector, xyz)
     assert display.ax_.get_title() == "Residuals of 300 points, 12 outliers"
+    shades = display.ax_.collections[0].get_facecolors()
+    assert len(np.unique(shades, axis=0)) > 100  # outliers do not take the contrast
     across = display.ax_.collections[0].get_offsets()
     assert np.ptp(across, axis=0).min() > 9.8  # the whole face, not its edge
     up = 1 if axis == 2 else 2

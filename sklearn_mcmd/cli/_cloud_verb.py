@@ -218,7 +218,7 @@ class CloudVerb:
             seconds *= MORE / (plan.n_workers * plan.n_threads)
         title = f"{self.source} -> {self.target}"
         _messages.print_table(
-            title, **rows, time=f"about {timedelta(seconds=round(seconds))} hours"
+            title, **rows, time=f"about {timedelta(seconds=round(seconds))} (hours:minutes:seconds)"
         )
 
 

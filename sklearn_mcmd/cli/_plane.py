@@ -165,10 +165,12 @@ class Plane:
         begin = time.perf_counter()
         check_parameters(self.detector())
         with progress("plane", self.quiet):
-            catalog = None
+            catalog = outputs = None
             if _files.is_several(self.source):
+                from sklearn_mcmd.tiling._outputs import targets_of
+
                 catalog = _files.catalog_of(self.source, self.columns)
-            outputs = self._outputs(catalog)
+                outputs = None if self.target is None else targets_of(catalog, self.target)
             cloud = self._read(catalog)
             with _files.working(self.source, "plane"):
                 _files.warn_if_coarse(cloud)
@@ -176,7 +178,7 @@ class Plane:
             more = self._further(detector, cloud)
             more["n_worst"] = N_WORST if self.report else None
             figures = plane_figures(detector, cloud.xyz, self.unit, **more)
-            if outputs:
+            if self.target is not None:
                 from sklearn_mcmd.report._plane_page import plane_contents
 
                 self._write(catalog, outputs, cloud, detector)
@@ -230,14 +232,6 @@ class Plane:
             angle_error=self.angle_error,
             normal=[0, 0, 1] if self.surface == "vertical" else None,
         ).weights
-
-    def _outputs(self, catalog):
-        """Paths of the points, if any."""
-        if self.target is None or catalog is None:
-            return [] if self.target is None else [self.target]
-        from sklearn_mcmd.tiling._outputs import targets_of
-
-        return targets_of(catalog, self.target)
 
     def _read(self, catalog):
         """The points to test; of several files that are written one by one, coordinates alone."""

@@ -86,7 +86,7 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("plane", "--alpha", ["0", "1"]),
         ("plane", "--tolerance", ["0", "-1", "nan"]),
         ("plan", "--power", ["1"]),
-        ("info", "--columns", ["x=a,y=b,z", "a=x", "1,2,3"]),
+        ("info", "--columns", ["x=a,y=b,z", "a=x", "x=1,x=2,y=3"]),
     ],
 )
 def test_values_out_of_range_are_wrong_usage_before_a_file_is_read(verb, option, values, tmp_path):
@@ -103,10 +103,10 @@ RULERS = {"--cutoff": "2.8", "--false-positive-rate": "0.01", "--contamination":
 
 @pytest.mark.parametrize("left_out", ["--cutoff", ""])
 def test_cutoff_rate_and_contamination_exclude_each_other(left_out):
-    given = {name: value for name, value in RULERS.items() if name != left_out}
-    options = [f"{name}={value}" for name, value in given.items()]
+    asked = {name: value for name, value in RULERS.items() if name != left_out}
+    options = [f"{name}={value}" for name, value in asked.items()]
     error = usage_error(run("denoise", "in.las", "out.las", *options))
-    named = " and ".join(f"{name} {value}" for name, value in given.items())
+    named = " and ".join(f"{name} {value}" for name, value in asked.items())
     assert f"{named} exclude each other: leave all but one out." in error
 
 
@@ -157,10 +157,10 @@ def survey(path, names):
 
 @pytest.mark.parametrize("verb", ["denoise", "plane"])
 def test_coordinates_are_found_by_their_names_and_where_columns_says(verb, tmp_path):
-    known = survey(tmp_path / "known.csv", "point,northing,easting,elevation")
+    named = survey(tmp_path / "known.csv", "point,northing,easting,elevation")
     unknown = survey(tmp_path / "unknown.csv", "point,north of,east of,level")
     columns = ("--columns", "x=east of,y=north of,z=level")
-    for out, options in (("a.csv", (known,)), ("b.csv", (unknown, *columns))):
+    for out, options in (("a.csv", (named,)), ("b.csv", (unknown, *columns))):
         done(verb, *options[:1], tmp_path / out, *options[1:], "-q")
     first, second = (read_points(tmp_path / name) for name in ("a.csv", "b.csv"))
     assert (first.xyz == second.xyz).all()

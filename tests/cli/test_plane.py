@@ -73,9 +73,9 @@ def test_what_is_written_is_the_detectors_with_these_options(
 ):
     done("plane", wall_file, tmp_path / "out.npz", *options)
     out, xyz = read_points(tmp_path / "out.npz").attributes, read_points(wall_file).xyz
-    found = detector.fit(xyz).labels_ == -1
-    assert 0 < np.count_nonzero(found) < N
-    np.testing.assert_array_equal(out["outlier"].astype(bool), found)
+    is_outlier = detector.fit(xyz).labels_ == -1
+    assert 0 < np.count_nonzero(is_outlier) < N
+    np.testing.assert_array_equal(out["outlier"].astype(bool), is_outlier)
     np.testing.assert_array_equal(out["test_statistic"], detector.test_statistic_.astype("f4"))
     np.testing.assert_array_equal(out["residual"], detector.residuals(xyz).astype("f4"))
 

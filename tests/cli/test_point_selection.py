@@ -37,9 +37,9 @@ def marked(site, *options):
 
 def outliers_of(cloud, used):
     """The outliers among the points that are used."""
-    found = np.zeros(len(cloud), bool)
-    found[used] = MCMDOutlierDetector(random_state=0).fit_predict(cloud.xyz[used]) == -1
-    return found
+    is_outlier = np.zeros(len(cloud), bool)
+    is_outlier[used] = MCMDOutlierDetector(random_state=0).fit_predict(cloud.xyz[used]) == -1
+    return is_outlier
 
 
 @pytest.mark.parametrize(
@@ -54,13 +54,13 @@ def test_points_left_out_are_not_used_and_keep_their_class(options, left_out, si
     before, after, result = marked(site, *options)
     classes = before.attributes["classification"]
     used = (before.attributes["withheld"] == 0) & ~np.isin(classes, left_out)
-    found = outliers_of(before, used)
+    is_outlier = outliers_of(before, used)
     noise = np.isin(after.attributes["classification"], (7, 18))
-    np.testing.assert_array_equal(noise, found)
+    np.testing.assert_array_equal(noise, is_outlier)
     np.testing.assert_array_equal(after.attributes["classification"][~noise], classes[~noise])
     np.testing.assert_array_equal(np.isnan(after.attributes["outlier_score"]), ~used)
     assert f"judged   {used.sum():,} " in result.stdout
-    assert found.any() == (1 not in left_out)
+    assert is_outlier.any() == (1 not in left_out)
 
 
 @pytest.mark.parametrize(
@@ -75,11 +75,11 @@ def test_only_points_at_these_heights_are_judged_and_all_are_used(options, low, 
     used = before.attributes["withheld"] == 0
     # The ground lies at 0, with noise of 1 cm, and no height is nearer than 0.1 to a limit.
     judged = used & (before.xyz[:, 2] > low) & (before.xyz[:, 2] < high)
-    found = outliers_of(before, used) & judged
+    is_outlier = outliers_of(before, used) & judged
     noise = np.isin(after.attributes["classification"], (7, 18))
-    np.testing.assert_array_equal(noise, found)
+    np.testing.assert_array_equal(noise, is_outlier)
     np.testing.assert_array_equal(np.isnan(after.attributes["outlier_score"]), ~judged)
-    assert 0 < found.sum() < outliers_of(before, used).sum()
+    assert 0 < is_outlier.sum() < outliers_of(before, used).sum()
 
 
 def test_a_dense_cluster_below_ground_is_low_noise_if_asked_for(site):

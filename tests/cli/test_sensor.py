@@ -132,6 +132,6 @@ def test_a_file_that_may_be_recognized_is_planned_with_rays(tmp_path):
     X = np.random.default_rng(0).random((50, 3))
     write_points(tmp_path / "near.las", PointCloud(X))
     write_points(tmp_path / "far.las", PointCloud(X + 5e5))
-    for name, known in {"near.las": True, "far.las": False, ".": False}.items():
+    for name, may_be in {"near.las": True, "far.las": False, ".": False}.items():
         asked = Asked(tmp_path / name, None, None, recognize=True)
-        assert asked.may_be_known(Catalog(tmp_path / name)) == known
+        assert asked.may_be_known(Catalog(tmp_path / name)) == may_be

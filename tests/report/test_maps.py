@@ -27,11 +27,11 @@ def drawn(maps):
 
 
 def made(offset=0.0, n_far=0):
-    """Maps of a box, whose upper right corner was found."""
+    """Maps of a box, whose upper right corner was marked."""
     xyz = np.random.default_rng(0).uniform(0, 1, (3000, 3)) * [10, 5, 1]
-    found, near = (xyz[:, 0] > 8) & (xyz[:, 1] > 4), np.arange(len(xyz)) >= n_far
+    marked, near = (xyz[:, 0] > 8) & (xyz[:, 1] > 4), np.arange(len(xyz)) >= n_far
     xyz[~near] += 1e6
-    return marked_maps(xyz + offset, found, near, "outlier")
+    return marked_maps(xyz + offset, marked, near, "outlier")
 
 
 def orange(pixels):
@@ -59,8 +59,8 @@ def test_a_map_is_filled_far_from_the_origin_and_far_points_are_left_out():
 @pytest.mark.parametrize("xyz", [np.zeros((1, 3)), np.eye(3)[:2] * 1e9, np.ones((5, 3)) * 1e-9])
 def test_clouds_without_extent_are_drawn(xyz):
     n = len(xyz)
-    for found in (np.zeros(n, bool), np.ones(n, bool)):
-        assert len(list(drawn(marked_maps(xyz, found, np.ones(n, bool), "outlier")))) == 3
+    for marked in (np.zeros(n, bool), np.ones(n, bool)):
+        assert len(list(drawn(marked_maps(xyz, marked, np.ones(n, bool), "outlier")))) == 3
 
 
 XYZ = np.random.default_rng(0).uniform(0, 20, (5000, 3)) + np.array([1000, 2000, -5])
@@ -68,18 +68,18 @@ ALL = np.ones(len(XYZ), bool)
 
 
 def test_cells_count_the_points_in_them_and_the_fullest_come_first():
-    found = (XYZ[:, 0] > 1016) & (XYZ[:, 1] > 2016)
+    marked = (XYZ[:, 0] > 1016) & (XYZ[:, 1] > 2016)
     counts = []
-    (table,) = fullest_cells(XYZ, found, ALL, "outliers")
+    (table,) = fullest_cells(XYZ, marked, ALL, "outliers")
     for x, y, n, of_cell, of_all in table.rows:
         inside = np.ones(len(XYZ), bool)
         for words, values in ((x, XYZ[:, 0]), (y, XYZ[:, 1])):
             low, high = map(float, words.split(" to "))
             inside &= (values >= low) & (values < high)
         counts.append(int(n))
-        assert counts[-1] == (inside & found).sum() > 0
+        assert counts[-1] == (inside & marked).sum() > 0
         assert of_cell == f"{100 * counts[-1] / inside.sum():.1f} %"
-        assert of_all == f"{100 * counts[-1] / found.sum():.1f} %"
+        assert of_all == f"{100 * counts[-1] / marked.sum():.1f} %"
     assert len(counts) == 8
     assert (np.diff(counts) <= 0).all()
 

@@ -43,9 +43,9 @@ def test_outliers_of_tiles_are_those_of_memory(mode, tmp_path, monkeypatch):
     done("denoise", tmp_path / "in", tmp_path / "out", *options, b, *TILES)
     assert counts(a / "index.html")[0] == counts(b / "index.html")[0]
     clouds = [read_page((r / "view.html").read_text())[1][0] for r in (a, b)]
-    found = [np.sort(cloud.rows[cloud.columns["outlier"][0] == 1]) for cloud in clouds]
-    assert found[0].size > 0
-    assert (found[0] == found[1]).all()
+    outliers = [np.sort(cloud.rows[cloud.columns["outlier"][0] == 1]) for cloud in clouds]
+    assert outliers[0].size > 0
+    assert (outliers[0] == outliers[1]).all()
 
 
 def test_a_sample_is_every_so_many_th_point_across_files_and_parts(folder, monkeypatch):
@@ -67,10 +67,10 @@ def test_what_was_removed_is_found_from_both_files(folder, tmp_path, monkeypatch
         gone.append(removed)
         outputs.append(tmp_path / "out" / path.name)
         write_points(outputs[-1], cloud.subset(~removed))
-    _, found = removed_of(paths, outputs, 1)
-    assert (found == np.concatenate(gone)).all()
-    _, found = removed_of(paths, outputs, 3)
-    assert (found == np.concatenate(gone)[::3]).all()
+    _, removed = removed_of(paths, outputs, 1)
+    assert (removed == np.concatenate(gone)).all()
+    _, removed = removed_of(paths, outputs, 3)
+    assert (removed == np.concatenate(gone)[::3]).all()
 
 
 def test_outputs_of_other_points_are_not_compared(folder, tmp_path):

@@ -129,10 +129,10 @@ def test_a_package_that_cannot_be_written_keeps_its_code_elsewhere_or_compiles_e
 
 def test_the_folder_is_this_users_alone(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    own = _compiling._own_folder()
-    assert own == _compiling._own_folder()
+    folder = _compiling._own_folder()
+    assert folder == _compiling._own_folder()
     if hasattr(os, "getuid"):
-        os.chmod(own, 0o777)  # as another user might have made it
+        os.chmod(folder, 0o777)  # as another user might have made it
         other = _compiling._own_folder()
-        assert other != own
+        assert other != folder
         assert os.stat(other).st_mode & 0o077 == 0

@@ -16,9 +16,9 @@ numbers = arrays(np.float64, st.integers(1, 100), elements=st.floats(-1e12, 1e12
 def in_page(*clouds, **columns):
     """What a page says of attributes, their codes in the order of points, and what is constant."""
     clouds = [
-        PointCloud(np.arange(3.0 * len(first)).reshape(-1, 3), given)
-        for given in clouds or [columns]
-        for first in [next(iter(given.values()))]
+        PointCloud(np.arange(3.0 * len(first)).reshape(-1, 3), attributes)
+        for attributes in clouds or [columns]
+        for first in [next(iter(attributes.values()))]
     ]
     manifest, shown = read_page(view(*clouds).html)
     codes = [
@@ -110,18 +110,18 @@ def test_a_normal_is_within_0_06_degrees(vectors):
     assume(len(vectors))
     _, codes, _ = in_page(normals=vectors)
     for true, u, v in zip(vectors, *codes["normal"], strict=True):
-        found = normal_of(int(u), int(v))
-        sine = np.linalg.norm(np.cross(found, true / np.linalg.norm(true)))
+        normal = normal_of(int(u), int(v))
+        sine = np.linalg.norm(np.cross(normal, true / np.linalg.norm(true)))
         assert np.degrees(np.arcsin(min(sine, 1.0))) < 0.06
-        assert found @ true > 0
+        assert normal @ true > 0
 
 
 def test_axes_are_exact_and_missing_normals_have_no_code():
     missing = [[0, 0, 0], [np.nan, 1, 0], [0, np.inf, 0]]
     axes = np.vstack([np.eye(3), -np.eye(3)])
     u, v = in_page(normals=np.vstack([axes, missing]))[1]["normal"]
-    found = [normal_of(int(a), int(b)) for a, b in zip(u[:6], v[:6], strict=True)]
-    np.testing.assert_allclose(found, axes, atol=1e-12)
+    normal = [normal_of(int(a), int(b)) for a, b in zip(u[:6], v[:6], strict=True)]
+    np.testing.assert_allclose(normal, axes, atol=1e-12)
     assert u[6:].tolist() == v[6:].tolist() == [0, 0, 0]
 
 

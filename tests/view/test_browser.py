@@ -49,7 +49,7 @@ def test_a_click_tells_all_of_a_point_and_its_row(tab, scan):
     tab.rest()
     rng = np.random.default_rng(0)
     floor = np.flatnonzero(scan.attributes["region"] == 0)
-    found = 0
+    n_same = 0
     for row in rng.choice(floor, 8, replace=False):
         x, y = tab.place(row)
         if y > 600 or (x < 330 and y > 300):
@@ -66,8 +66,8 @@ def test_a_click_tells_all_of_a_point_and_its_row(tab, scan):
             scan.attributes["outlier_score"][picked], abs=0.002
         )
         assert card["normal"] == "0.0000 0.0000 1.0000"
-        found += picked == row
-    assert found >= 2  # elsewhere another point is as near to the pixel's middle
+        n_same += picked == row
+    assert n_same >= 2  # elsewhere another point is as near to the pixel's middle
 
 
 def test_distances_are_those_of_the_points(tab, scan):

@@ -37,7 +37,7 @@ def test_points_values_and_rows_are_those_of_the_cloud(cloud):
 def test_a_stray_point_leaves_coordinates_exact_and_what_the_picture_rounds_is_told():
     xyz = np.round(np.random.default_rng(0).uniform(size=(1000, 3)), 3)
     near = view(xyz)
-    xyz[0] = [1e6, 0, 0]
+    xyz[0] = [1e6, 0, 5e3]
     page = view(xyz)
     manifest, shown = shown_in(page, xyz)
     places = (shown.steps.astype(np.int64) - manifest["middle"]) * manifest["step"]
@@ -45,6 +45,7 @@ def test_a_stray_point_leaves_coordinates_exact_and_what_the_picture_rounds_is_t
     assert near.drawn_error < 1e-7
     assert rounded.max() <= page.drawn_error == manifest["drawn"] == 2.0**-5
     assert np.median(rounded) < 1e-7  # the others are drawn where they are
+    assert manifest["heights"][1] < 3_000  # steps of a millimeter: colors serve the others
 
 
 def test_nothing_is_loaded_from_outside(cloud):
@@ -110,11 +111,11 @@ def test_attributes_and_the_first_color_can_be_chosen(cloud):
 
 def test_each_attribute_has_a_name_of_its_own(cloud):
     rng = np.random.default_rng(0)
-    own = PointCloud(cloud.xyz, {"height": rng.uniform(size=40)})
-    manifest, _ = read_page(view(own, color="height").html)
+    with_height = PointCloud(cloud.xyz, {"height": rng.uniform(size=40)})
+    manifest, _ = read_page(view(with_height, color="height").html)
     assert (manifest["start"], manifest["own_height"]) == ("height", "height (2)")
-    assert read_page(view(own, color="height (2)").html)[0]["start"] == "height (2)"
-    assert read_page(view(own).html)[0]["start"] == "height (2)"
+    assert read_page(view(with_height, color="height (2)").html)[0]["start"] == "height (2)"
+    assert read_page(view(with_height).html)[0]["start"] == "height (2)"
     bits = {name: np.arange(40, dtype=np.uint8) for name in ("red", "green", "blue")}
     clouds = (PointCloud(cloud.xyz, bits), PointCloud(cloud.xyz, {"color": rng.uniform(size=40)}))
     manifest, (first, second) = read_page(view(*clouds).html)
