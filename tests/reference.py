@@ -44,7 +44,7 @@ def consistent_set(points, trials, h):
     k, d = points.shape
     distances = sorted(np.linalg.norm(points - points[0], axis=1))
     radius = distances[k // 2] or distances[-1] or 1.0
-    found = []
+    candidates = []
     for row in trials:
         row = [p for p in row if p < k]
         m = d
@@ -59,9 +59,9 @@ def consistent_set(points, trials, h):
         mean, eigenvalues, axes = plane(points[chosen])
         if eigenvalues[1] <= 1e-12 * eigenvalues[-1]:
             continue  # a line has no normal
-        found.append((np.mean(((points[chosen] - mean) @ axes[:, 0]) ** 2), sorted(chosen)))
-    best = min(least for least, _ in found)
-    return next((m, least) for least, m in found if least <= best + 1e-14 * radius**2)
+        candidates.append((np.mean(((points[chosen] - mean) @ axes[:, 0]) ** 2), sorted(chosen)))
+    best = min(least for least, _ in candidates)
+    return next((m, least) for least, m in candidates if least <= best + 1e-14 * radius**2)
 
 
 def mcmd_z(points, members, query):
@@ -79,8 +79,8 @@ def mcmd_md(points, members, query, cutoff):
     mean = points[members].mean(axis=0)
     inverse = np.linalg.inv(np.cov(points[members].T))
     rmd = [np.sqrt((p - mean) @ inverse @ (p - mean)) for p in points]
-    own = np.sqrt((query - mean) @ inverse @ (query - mean))
-    return np.array(rmd) < cutoff, own
+    distance = np.sqrt((query - mean) @ inverse @ (query - mean))
+    return np.array(rmd) < cutoff, distance
 
 
 def pca(points, query):
@@ -118,9 +118,9 @@ def saliency(X, query, k, trials, h, method, cutoff):
     """Algorithm 4 for one query: own distance, normal and eigenvalues after cleaning."""
     points = X[neighborhood(X, query, k)]
     members, _ = consistent_set(points, trials, h)
-    inliers, own = RULES[method](points, members, query, cutoff)
+    inliers, distance = RULES[method](points, members, query, cutoff)
     _, eigenvalues, axes = plane(points[inliers])
-    return own, axes[:, 0], eigenvalues
+    return distance, axes[:, 0], eigenvalues
 
 
 def reweighted_plane(points, trials, h):
@@ -154,13 +154,13 @@ def whole_plane(points):
     """The `plane` of all members; their variance about it and about a quadric over it; whether
     they deviate by noise alone, by four tests, of which each allows 1.5 standard errors."""
     k, d = points.shape
-    center, _, axes = found = plane(points)
+    center, _, axes = fitted = plane(points)
     z, *flat = ((points - center) @ axes).T
     products = [u * v for j, u in enumerate(flat) for v in flat[j:]]
     design = np.column_stack([np.ones(k), *flat, *products])
     terms = design.shape[1]
-    rest = z - design @ np.linalg.lstsq(design, z)[0]
-    by_plane, by_quadric = (z @ z) / (k - d), (rest @ rest) / (k - terms)
+    left = z - design @ np.linalg.lstsq(design, z)[0]
+    by_plane, by_quadric = (z @ z) / (k - d), (left @ left) / (k - terms)
     chance = ndtr(-1.5)
     gained = by_plane * (k - d) - by_quadric * (k - terms)
     noise = gained <= fdtri(terms - d, k - terms, 1 - chance) * (terms - d) * by_quadric
@@ -169,7 +169,7 @@ def whole_plane(points):
     noise &= abs(np.mean(z**3)) <= most_skew * z.std() ** 3
     geary = np.abs(z).mean() - np.sqrt(2 / np.pi) * z.std()
     noise &= abs(geary) <= 1.5 * np.sqrt((1 - 3 / np.pi) / k) * z.std()
-    return found, by_plane, by_quadric, noise
+    return fitted, by_plane, by_quadric, noise
 
 
 def robust_scale(distances):
@@ -290,104 +290,110 @@ def judged(X, k, trials, h, noise=None, sensor=None):
             if explains[j] and (reached or i == j) and off(i, j, sd[j]) < distance[i]:
                 distance[i], owner[i] = off(i, j, sd[j]), j
     explained = [i for i in range(n) if distance[i] <= 3]
-    rest = [i for i in range(n) if distance[i] > 3]
+    off_surface = [i for i in range(n) if distance[i] > 3]
 
     # Company: mean distances to 8 measurements, in spacings that are usual on surfaces around.
     def mean_of_8(i, among, copies, missing=()):
-        found = [0.0] * copies
+        distances = [0.0] * copies
         for j in sorted(among, key=lambda j: gaps[i, j]):
-            found += [gaps[i, j]] * (counts[j] if j != i else 0)
-        return np.mean([*found, *missing][:8])
+            distances += [gaps[i, j]] * (counts[j] if j != i else 0)
+        return np.mean([*distances, *missing][:8])
 
     extent = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
     to_others = [mean_of_8(i, near[i, :9], 0) for i in range(n)]
     reference = explained or range(n)
     usual, among_all, isolation, separation = {}, {}, np.zeros(n), np.zeros(n)
-    for i in rest:
+    for i in off_surface:
         around = sorted(reference, key=lambda j: gaps[i, j])[:128]
         usual[i] = sorted(to_others[j] for j in around)[
             int((0.75 if explained else 0.5) * len(around))
         ]
         among_all[i] = mean_of_8(i, near[i, :9], counts[i] - 1)
-        among_rest = mean_of_8(i, rest, counts[i] - 1, [extent] * 8)
-        isolation[i] = among_rest ** (2 / 3) * among_all[i] ** (1 / 3) / usual[i]
+        among_off_surface = mean_of_8(i, off_surface, counts[i] - 1, [extent] * 8)
+        isolation[i] = among_off_surface ** (2 / 3) * among_all[i] ** (1 / 3) / usual[i]
 
-    # Groups of the rest, and how far the small ones stand off from what is real.
+    # Groups off the surfaces, and how far the small ones stand off from what is real.
     links = []
-    for i in rest:
-        others = sorted((j for j in rest if j != i), key=lambda j: gaps[i, j])[:16]
+    for i in off_surface:
+        others = sorted((j for j in off_surface if j != i), key=lambda j: gaps[i, j])[:16]
         links += [(i, j) for j in others if gaps[i, j] <= 2.5 * min(usual[i], usual[j])]
     thing = min(2 * k, len(X) / 5)
 
     def small_groups(links):
         group = parts(n, links)
-        members = {group[i]: [j for j in rest if group[j] == group[i]] for i in rest}
-        measured = {label: counts[some].sum() for label, some in members.items()}
+        members = {group[i]: [j for j in off_surface if group[j] == group[i]] for i in off_surface}
+        measured = {label: counts[inside].sum() for label, inside in members.items()}
         most = np.inf if explained else max(measured.values(), default=0)
         return group, members, [g for g in members if measured[g] < min(thing, most)]
 
     # Points in a row are a group: straight with the 8 nearest, and among the nearest of each other.
     group, members, small = small_groups(links)
-    nine = {i: sorted(rest, key=lambda j: gaps[i, j])[:9] for i in rest if group[i] in small}
-    nine = {i: nine[i] for i in nine if len(rest) > 8 and straight(points[nine[i]], halves=False)}
+    nine = {
+        i: sorted(off_surface, key=lambda j: gaps[i, j])[:9]
+        for i in off_surface
+        if group[i] in small
+    }
+    nine = {
+        i: nine[i] for i in nine if len(off_surface) > 8 and straight(points[nine[i]], halves=False)
+    }
     part = parts(n, [(i, j) for i in nine for j in nine[i] if j in nine and i in nine[j]])
     rows = [[i for i in nine if part[i] == label] for label in {part[i] for i in nine}]
     rows = [row for row in rows if len(row) > 1 and straight(points[row])]
     in_row = {i for row in rows for i in row}
-    wholes = [[i for i in some if i not in in_row] for some in members.values()] + rows
-    links = [(i, j) for some in wholes for i, j in pairwise(some)]
+    wholes = [[i for i in inside if i not in in_row] for inside in members.values()] + rows
+    links = [(i, j) for inside in wholes for i, j in pairwise(inside)]
 
     # Flat groups are pieces of one if they are as near to each other as to anything real, or in one
     # plane, and no more than three times as far apart as they are long.
     group, members, small = small_groups(links)
-    real = explained + [i for i in rest if group[i] not in small]
+    real = explained + [i for i in off_surface if group[i] not in small]
     flat = {}
     for label in small:
-        some = members[label]
-        center, values, axes = plane(points[some])
-        if thin(values, len(some), 0, X.shape[1]):
-            spare = len(some) - X.shape[1]
-            error = np.sqrt(len(some) / spare) * (1 + 1 / np.sqrt(2 * spare))
+        inside = members[label]
+        center, values, axes = plane(points[inside])
+        if thin(values, len(inside), 0, X.shape[1]):
+            spare = len(inside) - X.shape[1]
+            error = np.sqrt(len(inside) / spare) * (1 + 1 / np.sqrt(2 * spare))
             level = center, axes[:, 0], np.sqrt(max(values[0], 0)) * error + 1e-12
-            has_plane = not straight(points[some], halves=False)
-            length, to_real = np.sqrt(12 * values[-1]), gaps[np.ix_(some, real)].min()
-            flat |= dict.fromkeys(some, (length, to_real, has_plane, *level))
+            has_plane = not straight(points[inside], halves=False)
+            length, to_real = np.sqrt(12 * values[-1]), gaps[np.ix_(inside, real)].min()
+            flat |= dict.fromkeys(inside, (length, to_real, has_plane, *level))
 
     def explains(i, j):
         _, _, has_plane, center, normal, thick = flat[i]
         return has_plane and abs((points[j] - center) @ normal) <= 3 * thick
 
     for i in flat:
-        for j in sorted(rest, key=lambda j: gaps[i, j])[: int(np.ceil(thing))]:
+        for j in sorted(off_surface, key=lambda j: gaps[i, j])[: int(np.ceil(thing))]:
             if j in flat and gaps[i, j] <= 3 * (flat[i][0] + flat[j][0]):
                 near_enough = gaps[i, j] <= max(flat[i][1], flat[j][1])
                 alike = abs(flat[i][4] @ flat[j][4]) >= cos_25
                 if near_enough or (alike and explains(i, j) and explains(j, i)):
                     links.append((i, j))
     group, members, small = small_groups(links)
-    real = explained + [i for i in rest if group[i] not in small]
-    for label, some in members.items():
-        own_size = np.mean([usual[i] for i in some])
-        if len(some) > 1:
-            length = np.sqrt(12) if straight(points[some]) else 1
-            own_size = max(own_size, length * np.sqrt(plane(points[some])[1][-1]))
+    real = explained + [i for i in off_surface if group[i] not in small]
+    for label, inside in members.items():
+        size = np.mean([usual[i] for i in inside])
+        if len(inside) > 1:
+            length = np.sqrt(12) if straight(points[inside]) else 1
+            size = max(size, length * np.sqrt(plane(points[inside])[1][-1]))
         if label in small:
-            separation[some] = gaps[np.ix_(some, real)].min() / own_size
-            in_row |= set(some) if len(some) > 1 and straight(points[some]) else set()
-        elif explained and len(some) >= thing:  # n times as many must stand off n times as far
-            own_size *= counts[some].sum() / thing
-            if gaps[np.ix_(some, explained)].min() / own_size > 3:
-                strange = [i for i in real if i not in some]
-                separation[some] = gaps[np.ix_(some, strange)].min() / own_size
+            separation[inside] = gaps[np.ix_(inside, real)].min() / size
+            in_row |= set(inside) if len(inside) > 1 and straight(points[inside]) else set()
+        elif explained and len(inside) >= thing:  # n times as many must stand off n times as far
+            size *= counts[inside].sum() / thing
+            if gaps[np.ix_(inside, explained)].min() / size > 3:
+                strange = [i for i in real if i not in inside]
+                separation[inside] = gaps[np.ix_(inside, strange)].min() / size
 
     for i in in_row:  # it keeps company with its row
         isolation[i] = min(isolation[i], separation[i])
 
     # Where beams went.
     if sensor is not None:
-        isolation = rays.isolation(rest, isolation, among_all, gaps, explained)
+        isolation = rays.isolation(off_surface, isolation, among_all, gaps, explained)
         separation = rays.separation(members.values(), separation, explained)
-    for i in rest:
+    for i in off_surface:
         reach = [j for j in near[i] if np.linalg.norm(points[i] - planes[j][0]) <= radius[j]]
         sheets = [j for j in reach if sheet[j] and off(i, j, sd[j]) <= 3]
         if sheets:
@@ -405,7 +411,7 @@ def judged(X, k, trials, h, noise=None, sensor=None):
                 j = min(explained, key=lambda j: gaps[i, j])
                 score[i] = max(gaps[i, j] / sd[owner[j]], apart[i])
         scores[strictness] = np.array(score)[place]
-    group = np.where(np.isin(range(n), rest), group, -1)
+    group = np.where(np.isin(range(n), off_surface), group, -1)
     return scores, np.isin(place, explained), (isolation[place], separation[place], group[place])
 
 

@@ -60,7 +60,7 @@ class LiteralRays:
                     explains = abs((self.points[i] - planes[j][0]) @ planes[j][1]) <= 3 * sd[j]
                     alike = abs(planes[i][1] @ planes[j][1]) >= np.cos(np.radians(25))
                     goes_on[i] += explains if alike else -1
-        return flat & (scatter > 3) & [goes_on[some].sum() <= 0 for some in near]
+        return flat & (scatter > 3) & [goes_on[beside].sum() <= 0 for beside in near]
 
     def far_away(self):
         """Whether one position is farther from the cloud than that is large."""
@@ -82,10 +82,10 @@ class LiteralRays:
             near += (1 - abs(farther)) * (j not in explained)
         return np.array([passing, ending, hidden, near, len(beams)])
 
-    def isolation(self, rest, isolation, among_all, gaps, explained):
-        """Of the points `rest` by beams next to each, and those next to 16 points around."""
+    def isolation(self, off_surface, isolation, among_all, gaps, explained):
+        """Of the points `off_surface` by beams next to each, and those next to 16 points around."""
         told, apart = {}, {}
-        for i in rest:
+        for i in off_surface:
             beams = self.others[i][:8]
             told[i] = self.told(i, beams, [False] * len(beams), explained)
             in_steps = among_all[i] / self.step[i] if self.step[i] else isolation[i]
@@ -95,25 +95,25 @@ class LiteralRays:
             passing, _, _, near, _ = told
             return passing / (passing + near) if passing + near > 0 else 1
 
-        found = np.zeros(len(isolation))
-        for i in rest:
-            around = sorted(rest, key=lambda j: gaps[i, j])[:17]  # itself, too
+        by_beams = np.zeros(len(isolation))
+        for i in off_surface:
+            around = sorted(off_surface, key=lambda j: gaps[i, j])[:17]  # itself, too
             together = np.exp(np.mean([np.log(apart[j]) for j in around]))
             share = min(empty(told[i]), empty(sum(told[j] for j in around)))
-            found[i] = share * np.sqrt(apart[i] * together) if self.step[i] else isolation[i]
-        return np.minimum(found, isolation) if self.far_away() else found
+            by_beams[i] = share * np.sqrt(apart[i] * together) if self.step[i] else isolation[i]
+        return np.minimum(by_beams, isolation) if self.far_away() else by_beams
 
     def separation(self, groups, separation, explained):
         """Of the points of groups, by the beams around the whole of each."""
-        found = separation.copy()
-        for some in groups:
+        by_beams = separation.copy()
+        for inside in groups:
             told = np.zeros(5)
-            for i in some:
-                strange = [j for j in self.others[i][:64] if j not in some][:8]
+            for i in inside:
+                strange = [j for j in self.others[i][:64] if j not in inside][:8]
                 silent = [self.angle[i, j] > 2 * self.usual_angle for j in strange]
                 told += self.told(i, strange, silent, explained)
             passing, ending, hidden, _, asked = told
             shares = (passing - ending) / (asked or 1), 2 * hidden / (asked or 1) - 1
-            for i in some:
-                found[i] *= min(max(*shares, 0), 1) if self.step[i] else 1
-        return found
+            for i in inside:
+                by_beams[i] *= min(max(*shares, 0), 1) if self.step[i] else 1
+        return by_beams
