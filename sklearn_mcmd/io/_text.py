@@ -27,6 +27,7 @@ from sklearn_mcmd.io._point_cloud import (
 from sklearn_mcmd.io._unnamed import check_first_columns, naming_columns
 
 NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # dtypes written
+LAYOUT: dict[str, Any] = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
 COMMENTS = ("#", "//")  # begin a line that is no row
 ROWS_A_TIME = 100_000  # that are read and written at once
 LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
@@ -112,16 +113,20 @@ def _opened(path):
 
 def _large_integers(path, table, j, values):
     """A column read again: exact if 64 bits hold it, else a warning names what is rounded."""
+    for dtype in (np.int64, np.uint64):
+        with _opened(path) as file, suppress(ValueError, Warning), warnings.catch_warnings():
+            warnings.simplefilter("error")  # of integers read as float64
+            lines, options = islice(file, table.head.number - 1, None), LAYOUT | {"usecols": j}
+            exact = np.loadtxt(lines, dtype, ndmin=1, delimiter=table.delimiter, **options)
+            if np.array_equal(exact.astype(float), values):
+                return exact
     with _opened(path) as file:
         rows = (table.row(line) for line in islice(file, table.head.number - 1, None))
-        cells = [row[j] for row in rows if len(row) == len(table.names) and any(row)]
-    for dtype in (np.int64, np.uint64):
-        with suppress(ValueError, OverflowError):
-            return np.array([int(cell) for cell in cells], dtype)
-    if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
-        warn_caller(
-            f"{path}: integers of {table.names[j]} are rounded to 53 bits: 64 do not hold all"
-        )
+        cells = (row[j] for row in rows if len(row) == len(table.names))
+        if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
+            warn_caller(
+                f"{path}: integers of {table.names[j]} are rounded to 53 bits: 64 do not hold all"
+            )
     return values
 
 
@@ -304,12 +309,11 @@ class _Table:
         """The table of lines that NumPy can read, else None."""
         converters = dict.fromkeys(self.gaps, _filled)
         converters |= dict.fromkeys(self.words, lambda cell: np.nan)
-        options: dict[str, Any] = {"comments": None, "encoding": "utf-8", "quotechar": '"'}
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of a part without rows
-                options |= {"delimiter": self.delimiter, "converters": converters}
-                table = np.loadtxt(lines, ndmin=2, **options)
+                options = {"converters": converters, "comments": None, **LAYOUT}
+                table = np.loadtxt(lines, delimiter=self.delimiter, ndmin=2, **options)
         except ValueError:
             return None
         return table if table.shape[1] == len(self.names) else None

@@ -1,5 +1,6 @@
 """Positions of a sensor at the times of points, whatever second times are counted from."""
 
+import re
 import warnings
 
 import numpy as np
@@ -27,13 +28,12 @@ def points_at(times, name="gps_time"):
     "head", ["time,x,y,z", "X;Y;Z;GPS_TIME", "gps_time x y z heading", "time,gps_time,x,y,z"]
 )
 def test_columns_of_a_trajectory_are_found_by_their_names(head, tmp_path):
-    sign = "," if "," in head else ";" if ";" in head else " "
-    names = head.lower().split(sign)
+    names = re.split("[,; ]", head.lower())
     values = dict(zip("xyz", PATH.T, strict=True)) | {"gps_time": SECONDS, "heading": SECONDS}
     values["time"] = SECONDS + (7 if "gps_time" in names else 0)
     rows = np.column_stack([values[name] for name in names])[::-1]  # backwards
-    lines = [head, *(sign.join(map(repr, row)) for row in rows.tolist())]
-    (tmp_path / "path.csv").write_text("\n".join(lines))
+    sign = head.lower()[len(names[0])]
+    np.savetxt(tmp_path / "path.csv", rows, "%.17g", sign, header=head, comments="")
     trajectory = read_trajectory(tmp_path / "path.csv")
     assert_array_equal(trajectory.times, SECONDS)
     assert_array_equal(trajectory.positions, PATH)
