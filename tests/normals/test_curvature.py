@@ -255,6 +255,7 @@ def test_one_neighborhood_has_one_quadric(orientation):
     assert_allclose(found.min_curvature, np.tile(least, 4), rtol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:the n_neighbors=20 nearest")  # two lines are rows
 def test_what_nothing_determines_is_zero_with_the_largest_error():
     rng = np.random.default_rng(0)
     line = np.column_stack([rng.uniform(0, 1, 60), np.zeros((60, 2))])

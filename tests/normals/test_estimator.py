@@ -48,6 +48,7 @@ def test_pca_is_principal_components_of_each_neighborhood(street):
     assert_array_equal(estimator.removed_fraction_, 0)
 
 
+@pytest.mark.filterwarnings("ignore:the n_neighbors=50 nearest")  # steps make rows
 def test_float32_at_national_grid_coordinates_warns(street):
     moved = (street.data + GRID).astype(np.float32)
     with pytest.warns(UserWarning, match="float32. rounds coordinates as large as 5,4"):

@@ -1,0 +1,72 @@
+"""Neighborhoods that are one row of a scan: normals that noise decides, and their errors."""
+
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+
+from sklearn_mcmd._errors import warn
+from sklearn_mcmd.planes._agreement import AgreementLimits
+from sklearn_mcmd.planes._neighborhoods import Neighborhoods
+from sklearn_mcmd.planes._principal_planes import are_rows
+from sklearn_mcmd.planes._quadrics import whole_planes
+from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._progress import progress_part
+
+
+class RowDoubtLimits(NamedTuple):
+    """When neighborhoods of one row count, and what shows that they are of a surface."""
+
+    wider: int = 4  # times as many neighbors, of which a row of a surface is none
+    share: float = 0.02  # of the points; thin strips and poles are fewer
+    sample: int = 1_000  # points that tell the share
+
+
+def doubted(planes, points, index, n_jobs):
+    """The planes of points (n, 3) with errors that hold how far normals may be off because
+    neighborhoods are rows: by the angle to the plane of four times as many neighbors, or by all if
+    these are a row as well."""
+    errors = planes.normal_error.copy()
+    asked = np.flatnonzero(are_rows(planes.eigenvalues))
+    k = min(RowDoubtLimits().wider * index.n_neighbors, len(index.points))
+
+    def task(part):
+        rows = asked[part]
+        normals, rowlike = _whole_normals(index, points[rows], k)
+        cosine = np.abs(np.einsum("ij,ij->i", normals, planes.normals[rows]))
+        angles = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+        errors[rows] = np.maximum(errors[rows], np.where(rowlike, 90.0, angles))
+
+    with progress_part(1.0, 1.0):
+        each_slice(len(asked), index.chunk, task, n_jobs)
+    return planes._replace(normal_error=errors)
+
+
+def warn_of_rows(index):
+    """Warn if the neighborhoods of many points are one row of a surface each."""
+    limits, n, k = RowDoubtLimits(), len(index.points), index.n_neighbors
+    sample = index.points[:: -(-n // limits.sample)]
+    is_row = _whole_normals(index, sample, k)[1]
+    # A row of a pole or a wire stays one.
+    is_row &= ~_whole_normals(index, sample, min(limits.wider * k, n))[1]
+    if np.mean(is_row) < limits.share:
+        return
+    share, sample, size = np.mean(is_row), sample[is_row], k
+    while 2 * size < n and np.mean(_whole_normals(index, sample, 2 * size)[1]) > limits.share:
+        size *= 2
+    # So many that a row has less than a face's share of them, as of `ScaleFinder`.
+    needed = round(2 / (pi * AgreementLimits().face ** 2) * size)
+    warn(
+        f"the $n_neighbors={k} nearest of {100 * share:.0f} % of the points lie in one "
+        "row of the scan, which any normal across it fits; normal_error_ says where. Take "
+        f"$n_neighbors='auto', or {needed}."
+    )
+
+
+def _whole_normals(index, points, k):
+    """Normals (m, d) of the planes of the k nearest of places, and whether these are rows."""
+    planes = Planes.empty(*points.shape)
+    around = Neighborhoods(index.cloud.nearest(points, k)[1], np.full(len(points), k))
+    whole_planes(index.points, around, planes, np.empty(points.shape))
+    return planes.normals, are_rows(planes.eigenvalues)
