@@ -76,7 +76,8 @@ def meet_faces(points, queries, around, planes, owners, faces, limits, work, dis
                 local, near, faces.owners, queries[i], planes, mean, differs, most, surface, height
             )
             to_query = _heights(local, queries[i], mean, planes, joined, height)
-            # Of the four forms of `_join` the last two turn the plane over, odd ones are valleys.
+            # Of the four forms of `_join` the last two turn the plane over, and odd ones take the
+            # lesser of both heights.
             side, up = 1.0 if form < 2 else -1.0, 1.0 if form % 2 == 0 else -1.0
             for j in range(k):
                 height[j] *= side

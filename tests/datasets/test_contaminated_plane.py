@@ -43,12 +43,6 @@ def test_the_number_of_outliers_is_the_nearest_to_the_share(n_samples, percent):
     assert (np.diff(y) <= 0).all()  # outliers come last
 
 
-def test_a_larger_share_replaces_points_and_leaves_the_others():
-    few = make_contaminated_plane(100, outlier_share=0.1, random_state=6)[0]
-    many = make_contaminated_plane(100, outlier_share=0.4, random_state=6)[0]
-    assert_array_equal(few[:60], many[:60])
-
-
 def test_the_normal_is_the_axis_of_least_variance():
     cloud = make_contaminated_plane(regular_variances=(1, 0.1, 2), return_X_y=False)
     assert_array_equal(cloud.normal, [0, 1, 0])

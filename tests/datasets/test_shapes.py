@@ -35,15 +35,6 @@ def test_the_edge_distance_of_the_box_is_that_of_its_three_edges():
     assert_allclose(box.edge_distance, far[:, 1], atol=1e-12)
 
 
-def test_the_ridges_of_the_crown_roof_bend_as_the_documentation_says():
-    parts = crown_roof_scene().parts
-    west, east = parts[0], parts[1]
-    for y, expected in ((1e-6, 60), (1 - 1e-6, 32)):
-        ridge = np.array([[1.0, y, 0.6 + 0.3 * y]])
-        cosine = np.sum(west.normals(ridge) * east.normals(ridge))
-        assert np.degrees(np.arccos(cosine)) == pytest.approx(expected, abs=0.5)
-
-
 def test_the_edge_distance_of_the_roof_is_that_to_its_four_ridges():
     roof = make_crown_roof(2000, random_state=0)
     t = np.linspace(0, 1, 4001)[:, None]

@@ -80,12 +80,3 @@ def test_distances_and_evidence_are_those_of_the_oracle(name):
     assert np.isfinite(evidence).mean() > 0.05
     assert_allclose(evidence, oracle.evidence, rtol=1e-5, atol=1e-5)
     assert_allclose(distances, oracle.scores, rtol=1e-5)
-
-
-def test_noise_does_not_hide_a_blunt_fold():
-    points, _ = fold(3_000, 40, 0)
-    spacing = np.sqrt(4 / 3_000)
-    found = fitted(points, 0.25 * spacing, 40)[2] < 2
-    edge = np.abs(points[:, 0]) < spacing
-    assert found[edge].mean() > 0.85
-    assert found[np.abs(points[:, 0]) > 4 * spacing].mean() < 0.01

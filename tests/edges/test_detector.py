@@ -65,24 +65,6 @@ def test_edges_are_found_among_outliers():
     assert f1_score(edge, labels == -1) > 0.88
 
 
-def test_scores_are_the_distance_to_the_edge_in_spacings(box, fitted):
-    scores = fitted.score_samples(box.data)
-    near = (box.edge_distance < 1.5 * box.spacing) & (scores < 10)
-    error = scores[near] - box.edge_distance[near] / box.spacing
-    # The spacing is a local estimate, of 8 neighbors.
-    assert np.median(np.abs(error)) < 0.15
-    assert near.sum() > 200
-
-
-@pytest.mark.parametrize("angle", [30, 60, 90, 120, 150])
-def test_ridges_of_any_angle_are_found_and_nothing_else(angle):
-    points, distance = ridge(angle)
-    scores = fast().fit(points).score_samples(points)
-    spacing = np.sqrt(1 / np.cos(np.radians(angle / 2)) / len(points))
-    assert (scores[distance < spacing] < 2).mean() > 0.9
-    assert (scores[distance > 4 * spacing] < 2).mean() < 0.01
-
-
 def test_folds_of_less_than_the_least_angle_are_no_edges():
     points, _ = ridge(30)
     assert (fast(min_angle=45).fit_predict(points) == 1).all()
@@ -98,11 +80,6 @@ def test_a_cylinder_or_sphere_has_no_edges(radius):
     for surface in (cylinder, sphere):
         points = surface + rng.normal(0, 0.002, surface.shape)
         assert (fast().fit_predict(points) == -1).mean() < 0.02
-
-
-def test_points_off_the_faces_are_no_edges(box, fitted):
-    above = box.data[box.edge_distance < 0.5 * box.spacing] + 0.2
-    assert (fitted.predict(above) == 1).all()
 
 
 def test_foliage_has_hardly_any_edges():
@@ -158,17 +135,6 @@ def test_the_robust_threshold_is_the_median_plus_three_deviations(box):
     assert_allclose(-detector.score_samples(box.data), values)
 
 
-def test_outliers_hide_edges_from_the_mean_and_not_from_two_stages():
-    cloud = make_box(outlier_share=1 / 6, random_state=0)
-    edge = cloud.edge_distance < cloud.spacing
-    plain = {"threshold": "mean", "normal_estimator": RobustNormalEstimator(30, method="pca")}
-    literal = fast(n_neighbors=30, criterion="eigenvalue", **plain)
-    staged = SharpFeatureDetector(30, criterion="eigenvalue", random_state=0)
-    found = [(d.fit_predict(cloud.data)[edge] == -1).mean() for d in (literal, staged)]
-    assert found[0] < 0.3
-    assert found[1] > 0.9
-
-
 @pytest.mark.parametrize(
     ("criterion", "strictness", "size"), [("crease", "groups", 30), ("eigenvalue", "surfaces", 50)]
 )
@@ -189,16 +155,6 @@ def test_removed_fraction_is_that_of_the_normal_estimator(box):
 
 
 # --- Stages and pipelines ---------------------------------------------------------------------
-
-
-def test_the_given_detector_cleans_the_cloud():
-    cloud = make_box(1200, outlier_share=0.1, random_state=0)
-    cleaner = MCMDOutlierDetector(30, random_state=3)
-    detector = SharpFeatureDetector(outlier_detector=cleaner, random_state=0).fit(cloud.data)
-    kept = cleaner.fit_predict(cloud.data) == 1
-    assert_array_equal(detector.inlier_mask_, kept)
-    alone = fast().fit(cloud.data[kept])
-    assert_allclose(detector.score_samples(cloud.data), alone.score_samples(cloud.data))
 
 
 def test_labels_are_the_same_if_the_default_normal_estimator_is_passed_or_stands_before():

@@ -33,16 +33,6 @@ def sizes_of(X, n_jobs=None):
     return finder.sizes()[finder.index.places]
 
 
-@pytest.mark.parametrize("noise", [0.2, 0.4, 0.8])
-def test_noise_tilts_normals_by_what_is_allowed(noise):
-    """Of least squares of the found sizes, with a fifth for the noise of the noise's estimate."""
-    X = sheet(5000, noise)
-    estimator = RobustNormalEstimator("auto", method="pca").fit(X)
-    inside = (np.abs(X[:, :2] - np.sqrt(5000) / 2) < np.sqrt(5000) / 2 - 8).all(axis=1)
-    tilt = bias_angle(estimator.normals_[inside], np.array([0.0, 0.0, 1.0]))
-    assert np.sqrt(np.mean(tilt**2)) == pytest.approx(TILT, rel=0.2)
-
-
 def planes_by_numpy(X, k):
     """Errors and normals of planes of the k nearest, with the noise that a quadric leaves."""
     errors, normals = np.empty(len(X)), np.empty_like(X)

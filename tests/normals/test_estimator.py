@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial import cKDTree
 from sklearn import config_context
 from sklearn.pipeline import make_pipeline
 
@@ -65,19 +64,6 @@ def test_transform_of_the_training_cloud_is_fit_transform(street):
     assert_array_equal(columns[:, 7:10], estimator.eigenvalues_)
     assert_array_equal(columns[:, 10], estimator.plane_offset_)
     assert_array_equal(columns[:, 11], estimator.plane_scale_)
-
-
-@pytest.mark.parametrize("orientation", [None, [0.0, 0.0, -1.0]])
-def test_offset_and_scale_are_those_of_the_plane_through_the_neighbors(street, orientation):
-    X = street.data
-    estimator = RobustNormalEstimator(20, method="pca", orientation=orientation).fit(X)
-    _, near = cKDTree(X).query(X, k=20)
-    means = X[near].mean(axis=1)
-    offset = np.einsum("nd,nd->n", means - X, estimator.normals_)
-    assert_allclose(estimator.plane_offset_, offset, atol=1e-12)
-    heights = np.einsum("nkd,nd->nk", X[near] - means[:, None], estimator.normals_)
-    # Some form of a standard deviation: 20 points less the three of a plane.
-    assert_allclose(estimator.plane_scale_, np.sqrt(np.square(heights).sum(axis=1) / 17), rtol=0.1)
 
 
 def test_a_radius_takes_the_points_within_it(street):

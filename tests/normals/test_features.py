@@ -50,40 +50,11 @@ def test_features_are_those_of_principal_components_taken_literally(n):
             assert_allclose(columns[name][i], value, rtol=1e-6, atol=1e-9, err_msg=name)
 
 
-def test_features_agree_with_pgeof(street):
-    pgeof = pytest.importorskip("pgeof")
-    X = 1000.0 * street.data  # millimeters, so that their constants of 1e-3 do not matter
-    ids = pgeof.EFeatureID
-    # The neighborhoods must be the same ones: k nearest, all within a radius beyond the cloud.
-    theirs = pgeof.compute_features_selected(
-        X, 1e6, 20, [ids.Verticality, ids.Eigentropy, ids.Volume, ids.Linearity, ids.Planarity]
-    )
-    estimator = RobustNormalEstimator(
-        20, method="pca", features=["verticality", "eigenentropy", "omnivariance"]
-    ).fit(X)
-    ours, total = estimator.features_, estimator.eigenvalues_.sum(axis=1)
-    assert_allclose(ours[:, 0], theirs[:, 0], atol=1e-6)
-    # They add 1e-3 in the logarithm, which takes 1e-3 from each of three terms.
-    assert_allclose(ours[:, 1], theirs[:, 1] + 0.003, atol=2e-3)
-    assert_allclose(np.sqrt(ours[:, 2] * total), theirs[:, 2], rtol=1e-3)  # roots there
-    roots = np.sqrt(estimator.eigenvalues_)
-    assert_allclose((roots[:, 2] - roots[:, 1]) / roots[:, 2], theirs[:, 3], atol=1e-4)
-    assert_allclose((roots[:, 1] - roots[:, 0]) / roots[:, 2], theirs[:, 4], atol=1e-4)
-
-
 @pytest.mark.parametrize("d", [2, 3, 5])
 def test_coincident_points_have_finite_features(d):
     columns = columns_of(np.ones((60, d)), "all", n_neighbors=20, max_outlier_rate=0.1)
     for name, values in columns.items():
         assert_array_equal(values, 90 if name == "normal_error" else 0, err_msg=name)
-
-
-def test_a_cloud_in_other_units_differs_in_roughness_alone(street):
-    ours = columns_of(street.data, NAMES)
-    theirs = columns_of(1000 * street.data, NAMES)
-    assert_allclose(theirs.pop("roughness"), 1000 * ours.pop("roughness"), rtol=1e-6, atol=1e-9)
-    for name, values in ours.items():
-        assert_allclose(theirs[name], values, rtol=1e-6, atol=1e-12, err_msg=name)
 
 
 def test_columns_come_in_the_order_asked_for(street):

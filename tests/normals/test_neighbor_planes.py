@@ -135,38 +135,6 @@ def test_the_errors_are_those_of_a_literal_loop(d, kind):
     assert_allclose(found, errors_literally(*given(kind, d)), rtol=1e-7)
 
 
-def two_walls(rng, n=4_000):
-    """A corner of 90 degrees, with noise of a fifth of the spacing, and the true normals."""
-    along, across = rng.random((2, n)) * [[8], [1]]
-    first = np.arange(n) < n // 2
-    noise = 0.2 * np.sqrt(16 / n) * rng.normal(size=n)
-    X = np.where(first, [across, along, noise], [noise, along, across]).T
-    return X, np.where(first[:, None], [0, 0, 1.0], [1.0, 0, 0]), across
-
-
-def test_doubt_is_next_to_edges_and_not_on_planes():
-    """Away from the edge no plane is in doubt: the median error is that of the noise, which covers
-    95 % within 2 points; next to it errors are larger."""
-    X, truth, away = two_walls(np.random.default_rng(0))
-    found = RobustNormalEstimator(random_state=0).fit(X)
-    inner = (away > 0.4) & (away < 0.9) & (X[:, 1] > 0.5) & (X[:, 1] < 7.5)
-    covered = bias_angle(found.normals_, truth) <= 1.73 * found.normal_error_
-    assert 0.92 < covered[inner].mean() < 0.99
-    edge = away < 0.1
-    assert np.mean(found.normal_error_[edge]) > 2 * np.mean(found.normal_error_[inner])
-    assert covered[edge].mean() > 0.85
-
-
-def test_a_cylinder_without_noise_has_no_doubt():
-    """Its normals turn by 30 degrees within a neighborhood, as the quadric says."""
-    rng = np.random.default_rng(0)
-    turn, along = rng.uniform(0, 2 * np.pi, 6_000), rng.uniform(0, 6, 6_000)
-    X = np.column_stack([np.cos(turn), np.sin(turn), along])
-    X[:, :2] *= 1 + 0.002 * rng.normal(size=(6_000, 1))
-    found = RobustNormalEstimator(random_state=0).fit(X)
-    assert np.median(found.normal_error_) < 1.0
-
-
 def bent(rng, angle, radius, noise, n=6_000, half=15.0):
     """Two faces that turn by an angle along an arc of a radius, one point on each unit of area:
     points, true normals, and distances from the arc, NaN near the borders."""

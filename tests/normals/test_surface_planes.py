@@ -53,26 +53,6 @@ def test_plane_index_says_whose_plane_it_is():
     )
 
 
-METHODS = [  # of each kind of compiled loop
-    *({}, {"neighbor_planes": False}, {"method": "mcmd_md"}, {"reweight": False}),
-    *({"max_outlier_rate": 0.3}, {"method": "pca"}, {"method": "ransac"}),
-]
-
-
-@pytest.mark.parametrize("parameters", METHODS, ids=str)
-def test_threads_give_the_same_to_the_last_bit_every_time(monkeypatch, parameters):
-    # A compiled loop must not depend on where its arrays lie.
-    monkeypatch.setattr("sklearn_mcmd.planes._neighbor_table.AT_ONCE", 97)
-    X = np.vstack([corner(400)[0], 0.2 * torus(400, 0.003)[0] + 2])
-    X = np.vstack([X, np.random.default_rng(0).uniform(0, 1, (60, 3))])
-    features = ["mean_curvature", "roughness", "normal_error"]
-    estimator = RobustNormalEstimator(20, features=features, random_state=0, **parameters)
-    expected = estimator.fit_transform(X)
-    estimator.set_params(n_jobs=8)
-    for _ in range(2 if parameters else 6):
-        assert_array_equal(estimator.fit_transform(X), expected)
-
-
 def neighborhoods_of_three_kinds(n, k, d):
     """Curved, creased and flat ones, turned; and the scale that a robust plane would have."""
     rng = np.random.default_rng(0)
@@ -188,14 +168,6 @@ def test_from_four_dimensions_on_each_point_has_its_own_refitted_plane():
         members = neighborhood(X, X[i], 30)
         normal = reweighted_plane(X[members], trials, 15)[1]
         assert_allclose(abs(normal @ estimator.normals_[i]), 1.0, rtol=1e-9)
-
-
-def test_nothing_is_borrowed_on_a_plane_but_by_chance():
-    rng = np.random.default_rng(0)
-    X = np.column_stack([rng.uniform(0, 1, (3000, 2)), rng.normal(0, 0.002, 3000)])
-    for k, most in ((12, 0.05), (20, 0.05), (50, 0.01)):
-        estimator = RobustNormalEstimator(k, random_state=0).fit(X)
-        assert (estimator.plane_index_ != np.arange(3000)).mean() < most
 
 
 @pytest.mark.parametrize(("k", "least"), [(20, 0.90), (30, 0.90), (50, 0.92)])

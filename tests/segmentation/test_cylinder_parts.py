@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
-from scipy.spatial.transform import Rotation
 from sklearn.metrics import adjusted_rand_score
 
-from benchmarks.simulators import make_bus_stop
 from growth import grown_without
 from sklearn_mcmd import RobustNormalEstimator
 
@@ -104,29 +101,3 @@ def test_a_volume_is_no_cylinder():
     own, found = np.mean([trunk_below_a_crown(seed) for seed in range(30)], axis=0)
     assert own > 0.45
     assert found > 0.9
-
-
-def test_cylinders_join_regions_and_take_in_points_without_one():
-    X, on_post = floor_and_post()
-    apart = grown(X, "assign_unlabeled", "join_curved")
-    joined = grown(X, "assign_unlabeled")
-    assert (joined[apart >= 0] >= 0).all()
-    assert 0 < np.sum((joined >= 0) & (apart < 0) & on_post) == np.sum((joined >= 0) & (apart < 0))
-    assert joined.max() < apart.max()
-
-
-def test_regions_do_not_depend_on_pose_unit_order_or_threads():
-    scene = make_bus_stop(12_000, random_state=0)
-    X = columns(scene.data)
-    labels = grown(X)
-    rng = np.random.default_rng(0)
-    order = rng.permutation(len(X))
-    assert_array_equal(grown(X[order]), labels[order])
-    assert_array_equal(grown(X, n_jobs=2), labels)
-    turn, scale = Rotation.random(random_state=0), 40.0
-    moved = X.copy()
-    moved[:, :3] = scale * turn.apply(X[:, :3]) + [50.0, -20.0, 10.0]
-    moved[:, 3:6] = turn.apply(X[:, 3:6])
-    moved[:, 7:10] *= scale**2
-    moved[:, 10:] *= scale
-    assert_array_equal(grown(moved), labels)

@@ -112,15 +112,6 @@ def test_three_places_measured_twice_are_one_region():
     assert growing.labels_.tolist() == [0] * 6
 
 
-def test_copies_of_a_point_share_its_label_and_count(street):
-    _, columns = street
-    alone = RegionGrowing(normals="precomputed").fit(columns)
-    twice = RegionGrowing(normals="precomputed", min_region_size=20).fit(np.repeat(columns, 2, 0))
-    assert_array_equal(twice.labels_, np.repeat(alone.labels_, 2))
-    assert_array_equal(twice.region_sizes_, 2 * alone.region_sizes_)
-    assert_allclose(twice.region_centroids_, alone.region_centroids_, atol=1e-12)
-
-
 # ---- Parameters ------------------------------------------------------------------------------
 
 
@@ -158,14 +149,6 @@ def test_region_planes_are_those_of_singular_value_decomposition(street):
         assert growing.region_normals_[region, 2] >= 0  # they point up
         error = values[2] / np.sqrt(len(points))
         assert_allclose(growing.region_errors_[region], error, rtol=1e-6)
-
-
-def test_a_cloud_without_regions_has_none():
-    X = np.random.default_rng(0).normal(size=(40, 3))
-    growing = RegionGrowing(min_region_size=100, random_state=0).fit(X)
-    assert growing.n_regions_ == 0
-    assert (growing.labels_ == -1).all()
-    assert growing.region_normals_.shape == (0, 3)
 
 
 # ---- scikit-learn ----------------------------------------------------------------------------
@@ -216,14 +199,6 @@ def test_columns_that_are_not_the_transformers_are_refused(street):
 def test_parameters_out_of_range_are_refused_by_name(params, message):
     with pytest.raises(ValueError, match=message):
         RegionGrowing(**params).fit(np.eye(5))
-
-
-def test_missing_values_of_columns_are_refused(street):
-    _, columns = street
-    holes = columns.copy()
-    holes[3, 4] = np.nan
-    with pytest.raises(ValueError, match="NaN"):
-        RegionGrowing(normals="precomputed").fit(holes)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])

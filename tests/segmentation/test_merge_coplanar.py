@@ -84,14 +84,6 @@ def test_pairs_in_a_plane_are_found_wherever_regions_are_and_however_long(seed, 
     assert sorted(map(tuple, pairs.tolist())) == sorted(expected)
 
 
-def test_curved_regions_are_not_joined():
-    rng = np.random.default_rng(0)
-    angle = rng.uniform(0, np.pi, 8000)
-    angle = angle[np.abs(angle - np.pi / 2) > 0.15]  # two quarters of a vault, a slit between
-    vault = np.column_stack([np.cos(angle), rng.uniform(0, 2, len(angle)), np.sin(angle)])
-    assert RegionGrowing(random_state=0).fit(vault).n_regions_ == 2
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_parts_of_a_plane_without_noise_are_joined_in_any_attitude(seed):
     # The least eigenvalue of a region is rounded by a share of its largest one, far above

@@ -186,15 +186,6 @@ def test_faces_that_are_bent_themselves_part_where_the_noise_hides_the_creases()
     assert adjusted_rand_score(scene.surface, labels) > 0.95
 
 
-def test_results_depend_on_no_order_of_rows_place_or_unit():
-    X, _ = roof(1000, 25, 0.2)
-    labels = RegionGrowing(random_state=0).fit_predict(X)
-    order = np.random.default_rng(1).permutation(len(X))
-    assert labels.max() == 1
-    for moved in (X[order], X[order] + [4e5, 5e6, 300.0], 1e-3 * X[order]):
-        assert_array_equal(RegionGrowing(random_state=0).fit_predict(moved), labels[order])
-
-
 def test_rings_that_a_given_gap_joins_are_not_torn_without_a_vote():
     """Rings of a scanned tunnel are farther apart than the nearer half of the neighbors reaches."""
     rng = np.random.default_rng(0)

@@ -110,17 +110,6 @@ def test_a_ball_is_curved_and_no_cylinder():
     assert np.isnan(own["radius"])
 
 
-def test_the_table_depends_on_no_order_and_agrees_with_the_attributes():
-    X = np.vstack([slope(30, 90), slope(0, 0, seed=1) + np.array([0, 4, 0])])
-    X = np.vstack([X, X[:50]])  # copies count
-    order = np.random.default_rng(2).permutation(len(X))
-    one, other = (RegionGrowing(random_state=0).fit(points) for points in (X, X[order]))
-    for name in ("kind", "points", "area", "normal", "rms", "dip", "outline"):
-        assert_array_equal(one.regions_[name], other.regions_[name])
-    assert_array_equal(one.regions_["points"], np.bincount(one.labels_[one.labels_ >= 0]))
-    assert_array_equal(one.regions_["normal"], one.region_normals_)
-
-
 def test_there_is_a_table_without_regions_and_none_in_a_plane():
     rng = np.random.default_rng(0)
     few = RegionGrowing(min_region_size=1000, random_state=0).fit(rng.uniform(size=(200, 3)))
