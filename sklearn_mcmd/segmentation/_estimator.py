@@ -135,7 +135,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         `points`, `area` and `outline` (WKT) of the convex hull in the plane of best fit,
         `centroid`, `normal`, `dip` (0 is level) and `dip_direction` (clockwise from y, the way
         down) in degrees, `rms` about the plane or cylinder, standard errors of the plane's height
-        at the centroid (`height_error`) and of its normal (`normal_error`, degrees), and of
+        at the centroid (`height_error`) and, in degrees, of its normal (`normal_error`), dip
+        (`dip_error`) and direction of dip (`dip_direction_error`), and of
         cylinders `axis_point`, `axis` and `radius`, else not a number. A plane's distances are
         its noise or what a flat region shows; a cylinder leaves the neighborhoods' noise, and 1.5
         times less than a plane.

@@ -12,11 +12,13 @@ from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, flat_noise
 from sklearn_mcmd.segmentation._region_sums import Groups, median_by_region, region_sizes
 
 N_PLANE = 3  # parameters of a plane
-NAMES = "kind points area centroid normal dip dip_direction rms height_error normal_error"
+NAMES = "kind points area centroid normal dip dip_direction rms"
+ERRORS = ("height_error", "normal_error", "dip_error", "dip_direction_error")
 TYPES = {"kind": "U8", "points": np.int64, "outline": object}  # of columns; others are numbers
 TYPES |= dict.fromkeys(("centroid", "normal", "axis_point", "axis"), "3f8")
 FIELDS = [
-    (name, TYPES.get(name, "f8")) for name in f"{NAMES} axis_point axis radius outline".split()
+    (name, TYPES.get(name, "f8"))
+    for name in [*NAMES.split(), *ERRORS, "axis_point", "axis", "radius", "outline"]
 ]
 
 
@@ -68,12 +70,27 @@ def flat_table(region_planes, distinct):
     # The plane has taken three of the degrees of freedom.
     noise = np.sqrt(values[:, 0] * distinct / np.maximum(distinct - N_PLANE, 1))
     table["height_error"] = noise / np.sqrt(np.maximum(distinct, 1))
-    # Along the narrower axis; 90 where that is none.
-    gap = values[:, 1] - values[:, 0]
-    determined = gap > RANK_TOLERANCE * values[:, 2]
-    gap[~determined] = np.inf
-    tilt = np.sqrt(tilt_variances(values[:, 1], gap, table["height_error"] ** 2))
-    table["normal_error"] = np.where(determined, np.degrees(np.minimum(tilt, np.pi / 2)), 90.0)
+    # Toward the narrower axis and the longer one; 90 degrees where points are on a line.
+    gaps = values[:, 1:] - values[:, :1]
+    determined = gaps[:, 0] > RANK_TOLERANCE * values[:, 2]
+    gaps[~determined] = np.inf
+    variances = tilt_variances(values[:, 1:], gaps, table["height_error"][:, None] ** 2)
+    variances[~determined] = np.inf
+    # The normal goes along `fall` where the dip grows, and along `level` where its direction turns.
+    sine = np.linalg.norm(normals[:, :2], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = normals[:, :2].T / sine
+    fall = np.column_stack([x * normals[:, 2], y * normals[:, 2], -sine])
+    level = np.column_stack([y, -x, np.zeros(len(sine))])
+    errors = {"normal_error": np.sqrt(variances[:, 0])}
+    for name, direction in ("dip_error", fall), ("dip_direction_error", level):
+        shares = np.einsum("nij,ni->nj", axes[:, :, 1:], direction) ** 2
+        errors[name] = np.sqrt(np.einsum("nj,nj->n", shares, variances))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors["dip_direction_error"] /= sine
+    errors["dip_error"] = np.where(sine > 0, errors["dip_error"], errors["normal_error"])
+    for name, error in errors.items():
+        table[name] = _at_most(np.degrees(error), name)
     for name in ("axis_point", "axis", "radius"):
         table[name] = np.nan
     return table, noise
@@ -97,8 +114,14 @@ def enlarge_errors(row, local, axes, noise, each=1.0):
         # Errors of which 1.96 hold 95 %, though few bows or strips tell them.
         student = student_factors(np.array([form.alike_dof]), 2)[0]
         effect = student * np.sqrt(each) * form.alike_deviation / noise
-        row["height_error"] *= effect
-        row["normal_error"] = min(effect * row["normal_error"], 90.0)
+        for name in ERRORS:
+            row[name] = _at_most(effect * row[name], name)
+
+
+def _at_most(errors, name):
+    """No error of an angle is more than where nothing is known, as of nan."""
+    most = {"height_error": np.inf, "dip_direction_error": 180.0}.get(name, 90.0)
+    return np.nan_to_num(np.minimum(errors, most), nan=most, posinf=most)
 
 
 def frame_of(normal):

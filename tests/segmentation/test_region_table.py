@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from sklearn_mcmd import RegionGrowing
+from sklearn_mcmd import BaardaPlaneDetector, RegionGrowing
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.segmentation._merge_coplanar import RegionPlanes
 from sklearn_mcmd.segmentation._region_sums import Moments
@@ -51,6 +51,20 @@ def test_planes_have_their_dip_direction_and_errors(dip, direction):
     assert_allclose(own["rms"], NOISE, rtol=0.05)
     assert_allclose([own["height_error"], own["normal_error"]], [height, turn], rtol=0.05)
     assert np.isnan([own["radius"], *own["axis"], *own["axis_point"]]).all()
+
+
+def test_errors_of_dips_are_those_of_an_adjusted_plane():
+    own, X = only_region(slope(30, 75))
+    told = BaardaPlaneDetector(sigma0=NOISE, surface="orthogonal").fit(X).precision()
+    ratios = np.array([told.tilt_error, told.azimuth_error]) / told.ellipse[0]
+    errors = [own["dip_error"], own["dip_direction_error"]]
+    assert_allclose(np.array(errors) / own["normal_error"], ratios, rtol=0.01)
+
+
+def test_a_level_region_has_any_direction():
+    own, _ = only_region(slope(0, 0) * [1, 1, 0])
+    assert (own["dip"], own["dip_direction_error"]) == (0, 180)
+    assert own["dip_error"] == own["normal_error"]
 
 
 def test_copies_tell_nothing_and_alike_heights_little_about_the_plane():
