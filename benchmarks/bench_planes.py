@@ -1,19 +1,25 @@
 """Do errors of planes hold? Halves of real planes shall agree within their 95 % regions.
 
     python benchmarks/bench_planes.py --data ../shared/data
+    python benchmarks/bench_planes.py --simulated 200 --output docs/benchmarks
+
+The second asks simulated planes whether bands, levels and verdicts hold.
 
 Halves are random, left and right, lower and upper, or the squares of a checkerboard.
 """
 
 import argparse
+from pathlib import Path
 
 import numpy as np
+from _plane_verdicts import TABLES
 from _real_clouds import load_clouds
-from _tables import print_table
+from _tables import print_table, texts, write_csv
 
 from sklearn_mcmd import BaardaPlaneDetector, RegionGrowing
 from sklearn_mcmd.adjustment import compare_planes
 
+HEAD = ["what", "share", "±"]
 VARIANCES = ("independent", "posterior")
 LEAST = 200  # points of a real plane
 SIMULATED = ("cad_", "dipole", "pcpnet")  # beginnings of names of clouds without real noise
@@ -78,7 +84,15 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--limit", type=int, default=40_000, help="points of each real cloud")
     parser.add_argument("--data", default="../shared/data", help="folder of real clouds")
+    parser.add_argument("--simulated", type=int, metavar="N", help="so many planes a row instead")
+    parser.add_argument("--output", help="folder for the table of simulated planes")
     options = parser.parse_args(arguments)
+    if options.simulated:
+        rows = [row for table in TABLES for row in table(7, options.simulated)]
+        print_table("Simulated planes: shares, and their standard errors", HEAD, rows, 3)
+        if options.output:
+            write_csv(Path(options.output) / "planes_simulated.csv", texts([HEAD, *rows], 3))
+        return
     agreements = agreement(np.random.default_rng([7, 50]), options.data, options.limit)
     rows = [(name, *independent, *alike) for name, independent, alike in agreements]
     head = ["what", "independent", "±", "alike nearby", "±"]

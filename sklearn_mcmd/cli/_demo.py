@@ -52,7 +52,7 @@ def demo(
         ignore_interrupts()
         for way, cloud in after.items():
             print_table(f"Outliers {way}, against the truth", **outlier_rates(before, cloud))
-        median, high = np.quantile(normal_errors(with_normals), [0.5, 0.95])
+        median, high = np.nanquantile(normal_errors(with_normals), [0.5, 0.95])
         print_table(
             "Normals of what is left with --sensor: angle to the truth",
             degrees=f"median {median:.2f}, 95 % below {high:.1f}",
@@ -81,24 +81,21 @@ def write_street(path):
 
 def outlier_rates(before, after):
     """Accuracy of the removal, in words; both clouds hold the truth."""
-    n_outliers, n_missed = (int(one.attributes["true_outlier"].sum()) for one in (before, after))
-    n_regular, n_kept = len(before) - n_outliers, len(after) - n_missed
-    n_found = n_outliers - n_missed
+    counts = (np.bincount(one.attributes["true_outlier"], minlength=2) for one in (before, after))
+    (n_regular, n_outliers), (n_kept, n_missed) = counts
     rates = {
-        "outliers found": n_found / n_outliers,
+        "outliers found": 1 - n_missed / n_outliers,
         "regular points kept": n_kept / n_regular,
-        "accuracy": (n_found + n_kept) / len(before),
+        "accuracy": (n_kept + n_outliers - n_missed) / len(before),
     }
     return {name: f"{100 * rate:.1f} %" for name, rate in rates.items()}
 
 
 def normal_errors(cloud):
-    """Angles to the true normals in degrees, of points that have one."""
+    """Angles to the true normals in degrees; NaN of points that have none."""
     from sklearn_mcmd.metrics import bias_angle
 
-    true_normals = _stack(cloud, "true_normal_")
-    has_normal = np.isfinite(true_normals).all(axis=1)
-    return bias_angle(_stack(cloud, "normal_")[has_normal], true_normals[has_normal])
+    return bias_angle(_stack(cloud, "normal_"), _stack(cloud, "true_normal_"))
 
 
 def draw(before, after, with_normals, path):
