@@ -122,22 +122,22 @@ def sides(seed, repetitions):
 
 
 def rows(seed, repetitions):
-    """Ground in rows so many steps apart, with 50 neighbors: do errors cover, is it warned of?"""
+    """Ground in rows so many usual spacings apart, with 50 neighbors: do errors cover?"""
     for steps in (4, 5, 6):
-        covered, warned, n = [], [], 2_500 // steps**2 * steps**2
+        covered, warned, n_rows, each = [], [], 50 // steps, 50 * steps
         for i in range(min(repetitions, 5)):
-            rng, each = np.random.default_rng([seed, i]), 50 * steps
-            x = np.tile(np.arange(each) / np.sqrt(steps), n // each)
-            y = np.repeat(np.arange(n // each) * np.sqrt(steps), each)
-            X = np.column_stack([x + rng.uniform(-0.1, 0.1, len(x)), y, rng.normal(0, 0.1, len(x))])
+            rng = np.random.default_rng([seed, i])
+            x = np.tile(np.arange(each) / steps, n_rows) + rng.uniform(-0.05, 0.05, n_rows * each)
+            y = np.repeat(np.arange(n_rows) * float(steps), each)
+            X = np.column_stack([x, y, rng.normal(0, 0.1, len(x))])
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 estimator = RobustNormalEstimator(random_state=0).fit(X)
             off = np.degrees(np.arccos(np.minimum(np.abs(estimator.normals_[:, 2]), 1)))
             covered.append(np.mean(off <= 1.73 * estimator.normal_error_))
             warned.append(any("row of the scan" in str(one.message) for one in caught))
-        yield f"errors of normals cover, rows {steps} steps apart", *share(covered)
-        yield f"warned of, rows {steps} steps apart", *share(warned)
+        yield f"errors of normals cover, rows {steps} spacings apart", *share(covered)
+        yield f"warned of, rows {steps} spacings apart", *share(warned)
 
 
 def weights(seed, repetitions):
@@ -150,10 +150,8 @@ def weights(seed, repetitions):
         told = scan_weights(X, STATION, normal=[0, 1, 0], **instrument)
         X[:, 1] += rng.normal(0, told.deviations)
         flagged.append([(judged(X, p).labels_ == -1).any() for p in (None, told.weights)])
-    for name, values in zip(
-        ("no weights", "weights of the scan"), zip(*flagged, strict=True), strict=True
-    ):
-        yield f"a clean wall seen from aside has a flag, {name}", *share(values)
+    for name, values in zip(("no", "those of the scan"), np.transpose(flagged), strict=True):
+        yield f"a clean wall seen from aside has a flag, weights: {name}", *share(values)
 
 
 TABLES = (bands, floors, zones, sides, rows, weights)

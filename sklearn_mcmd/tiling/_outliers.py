@@ -159,8 +159,12 @@ class TiledOutliers(TiledVerb):
             rough = [report["roughness"] for report in run.reports(self.task)]
             order, counts = np.argsort(rough), run.cells.counts
             middle = np.searchsorted(np.cumsum(counts[order]), counts.sum() / 2)
-            known = fitted._model, fitted._settings(), self.detector.false_positive_rate
-            self.cutoff = calibrated_cutoff(*known, roughness=rough[order[middle]])
+            self.cutoff = calibrated_cutoff(
+                fitted._model,
+                fitted._settings(),
+                rate=self.detector.false_positive_rate,
+                roughness=rough[order[middle]],
+            )
         elif share is not None:
             negative = quantile_of(lambda: (-scores[:, 0] for scores in run.found("scores")), share)
             self.cutoff = -float(negative)

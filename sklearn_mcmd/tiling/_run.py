@@ -181,14 +181,16 @@ def _put_in_cells(verb, catalog, folder, restart, memory, n_jobs, tile_size):
     """Read all points once, unless an earlier run has, if that was the same; returns the `Plan`."""
     inodes = [path.stat().st_ino for path in catalog.paths]  # of replaced files of equal stamps
     folder.begin(key_of(verb, catalog.paths, catalog.stamps, inodes, tile_size), restart)
-    asked, known = (catalog.n_points, memory), folder.constants
-    costs, k = (*verb.sensor.costs, verb.n_neighbors), verb.n_neighbors
-    if known is not None:
-        return plan_run(*asked, n_jobs, known["tile_size"], known["point"], *costs)
-    check_memory(*asked, least_bytes_of_point(k), *costs)  # before it takes long
+    whole, does = verb.sensor.costs
+    demand = {"n_points": catalog.n_points, "memory": memory, "whole": whole, "does": does}
+    demand["n_neighbors"] = k = verb.n_neighbors
+    if (kept := folder.constants) is not None:
+        divided = {name: kept[name] for name in ("tile_size", "point")}
+        return plan_run(**demand, n_jobs=n_jobs, **divided)
+    check_memory(**demand, point=least_bytes_of_point(k))  # before it takes long
     sample = Sample(verb, catalog)
     point = sample.bytes_of_point()
-    plan = plan_run(*asked, n_jobs, tile_size, point, *costs)
+    plan = plan_run(**demand, n_jobs=n_jobs, tile_size=tile_size, point=point)
     free, needed = shutil.disk_usage(folder.path).free, DISK_POINT * catalog.n_points
     if free < needed:
         raise PointFileError(

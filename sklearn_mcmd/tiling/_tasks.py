@@ -101,12 +101,12 @@ def compute_cells(task, cells, todo, n_workers):
     )
     # Where fewer tiles than processes are left, they have the threads of idle ones.
     spare = n_workers if gives_threads() else 1
-    given = (max(1, spare // n_left) for n_left in range(len(todo), 0, -1))
-    tasks = zip(todo, given, strict=True)
+    n_times = (max(1, spare // n_left) for n_left in range(len(todo), 0, -1))
+    tasks = zip(todo, n_times, strict=True)
     with warnings.catch_warnings():
         # A process that holds much more than at first is replaced, and joblib warns of a leak.
         warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-        for cell, error in work(delayed(_attempt)(task, *known) for known in tasks):
+        for cell, error in work(delayed(_attempt)(task, cell, times) for cell, times in tasks):
             n_done += int(cells.counts[cell])
             if error is not None:
                 n_failed, kind = n_failed + 1, ValueError if error[1] else kind
