@@ -14,7 +14,8 @@ ROUNDING = 8 * np.finfo(float).eps  # of such a coordinate
 class PlanePrecision:
     """Covariance and standard errors of a plane, as of ``detector.precision()``.
 
-    They are propagated to first order from one scale (JCGM 100, 5.1.2). Angles are in degrees,
+    They are propagated to first order from one scale, as of uncorrelated observations (JCGM 100,
+    5.1.2); what these have in common is in the scale. Angles are in degrees,
     lengths in units of X. There are k = rank - 1 tilts, two in space.
 
     Attributes

@@ -31,6 +31,9 @@ class FormLimits(NamedTuple):
 class PlaneForm(NamedTuple):
     """What the points of a plane have in common beside it, as of ``detector.form_``.
 
+    The test of the means is that of lack of fit (N. R. Draper, H. Smith, "Applied regression
+    analysis", 1998, 2.1); errors by bows and strips are ours.
+
     Parameters
     ----------
     n_cells : int
