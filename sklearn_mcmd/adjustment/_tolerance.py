@@ -103,6 +103,7 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
     noise, noise_dof = scale, dof
     if np.isfinite(form.pvalue):
         noise, noise_dof = max(form.noise, fitted.rounding), form.noise_dof
+    # Single points, each by the level of one of n.
     residuals, spread = plane.evaluate(X)
     residuals /= length
     weights = np.ones(len(X)) if fitted.weights is None else fitted.weights
