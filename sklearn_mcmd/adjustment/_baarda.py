@@ -208,6 +208,7 @@ class BaardaPlaneDetector(PlaneDetector):
 
     def _fit(self, training):
         """Adjust the plane and remove what its tests reject."""
+        # Step 1: the plane of all points, or a robust one.
         X, weights, used, _ = training
         initial = adjust_plane(X, weights, surface=self.surface)
         check_rank(initial, X.shape[1])
@@ -227,6 +228,7 @@ class BaardaPlaneDetector(PlaneDetector):
         is_robust = start is not None or self.test_ != self.test
         if start is None:
             start, sigma = self._first_plane(training, initial)
+        # Step 2: rounds of removal, from the points that a robust plane leaves.
         noise = self._noise(sigma if self.sigma0 == "auto" else float(self.sigma0), start, training)
         support = self._left_by_start(training, start, sigma) if is_robust else used
         left_out = used & ~support
@@ -235,6 +237,7 @@ class BaardaPlaneDetector(PlaneDetector):
         )
         snooped = self._eliminate(training, noise[0], first)
         self._set_plane(training, snooped.plane, initial, noise, snooped.support)
+        # Step 3: each point against the plane of the support (Table 1).
         self.support_, self.elimination_step_ = snooped.support, snooped.step
         self.n_iter_ = max(snooped.n_rounds, 1)
         self.critical_value_ = critical_value(self.test_, self._level_of_one(), self.dof_)

@@ -177,6 +177,7 @@ class FuzzyPlaneDetector(PlaneDetector):
 
     def _fit(self, training):
         """Adjust the plane once and divide its residuals."""
+        # Step 1: the plane, and sigma0 where it is estimated.
         X, weights, used, _ = training
         plane = adjust_plane(X, weights, surface=self.surface)
         check_rank(plane, X.shape[1])
@@ -193,6 +194,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.support_ = used
         self.critical_value_ = critical_value(self.test, self._level_of_one(), self.dof_)
 
+        # Step 2: statistics and memberships of residuals (Eqs 9-12).
         residuals, cofactors = plane.evaluate(X)
         self.redundancy_ = 1 - weighed(cofactors, weights)
         self.test_statistic_ = self._statistic(
@@ -203,6 +205,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         self.membership_residual_ = abnormal_residual_membership(**of_residuals)
         normal = normal_residual_membership(**of_residuals)
         abnormal = self.membership_residual_ >= 0.5
+        # Step 3: effects of errors (Eqs 13-18), the limit (Eqs 19, 20) and labels (Eq. 21).
         effect, self._effects = self._find_effects(training, cofactors, abnormal)
         complement = normal_error_complement(effect, normal)
         self.membership_ = 1 - complement

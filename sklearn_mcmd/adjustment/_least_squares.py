@@ -176,6 +176,7 @@ def adjust_plane(X, weights=None, *, surface="vertical"):
     The whitening is done twice, like a second Gram-Schmidt step. The first pass squares the
     condition number, and the second restores the accuracy lost by that.
     """
+    # Step 1: the plane by the scatter about the mean, and whitened axes (Eqs 2-4).
     used = np.arange(X.shape[0]) if weights is None else np.flatnonzero(weights)
     # Any point inside the cloud can be the first origin: take the mean of a thinned cloud.
     origin = X[used[:: len(used) // 1024 + 1]].mean(axis=0)
@@ -194,7 +195,7 @@ def adjust_plane(X, weights=None, *, surface="vertical"):
     solve = _solve_orthogonal if surface == "orthogonal" else _solve_vertical
     axes, direction = solve(scatter, rounding)
 
-    # Second pass, in coordinates that are already nearly white.
+    # Step 2: the same again, in coordinates that are already nearly white.
     basis = np.column_stack([axes, direction])
     total, first, second = _moments(X, center, basis, weights)
     mean = first / total
@@ -206,6 +207,7 @@ def adjust_plane(X, weights=None, *, surface="vertical"):
     direction = direction - axes @ slopes
     if surface == "orthogonal":
         direction = direction / np.linalg.norm(direction)
+    # v'Pv is what the slopes leave of the squares across (Eq. 9).
     n_observations = X.shape[0] if weights is None else np.count_nonzero(weights)
     return PlaneAdjustment(
         center=center,

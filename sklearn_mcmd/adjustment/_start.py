@@ -48,11 +48,13 @@ def robust_start(training, rank, surface, sigma0, random_state):
     Two well-known iterations start from the consistent set: concentration on the half of the points
     with the least residuals (least trimmed squares), then reweighting.
     """
+    # Step 1: the maximum consistent set (Algorithm 1).
     X, weights, used, _ = training
     limits, members = StartLimits(), np.zeros(len(X), dtype=bool)
     points = X[used] if surface == "orthogonal" else _stretched(X[used])
     members[used] = _robust_start_plane(points, random_state)
     size = np.count_nonzero(members)
+    # Step 2: concentration.
     root = np.sqrt(weighed(used, weights))
     for _ in range(MAX_ROUNDS):
         plane = adjust_plane(X, weighed(members, weights), surface=surface)
@@ -64,6 +66,7 @@ def robust_start(training, rank, surface, sigma0, random_state):
             break
         members = nearest
 
+    # Step 3: reweighting.
     made_of = members
     least = training.rounding.least_robust_deviation(plane.direction)
     sigma = sigma0 or max(robust_scale(residuals, weights, plane.rank), least)
@@ -77,6 +80,7 @@ def robust_start(training, rank, surface, sigma0, random_state):
         if sigma0 is None:
             least = training.rounding.least_robust_deviation(plane.direction)
             sigma = max(np.sqrt(plane.variance_factor) / limits.cut_deviation, least)
+    # Step 4: is the plane determined by more than one point beside a line?
     leverage = weighed(plane.evaluate(X)[1], weights)[made_of]
     # If there are only as many points as parameters, all have leverage 1, wherever they are.
     one_apart = len(leverage) > rank and leverage.max() > 1 - UNCONTROLLED

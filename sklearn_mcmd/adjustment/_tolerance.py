@@ -106,10 +106,14 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
         raise ParameterError(f"$tolerance={tolerance!r} is no width: give a finite number above 0.")
     fitted, form, half = detector._fitted, detector.form_, tolerance / 2
     plane, length = fitted.plane, np.linalg.norm(fitted.plane.direction)
-    known, within = detector.test_ == "w", max(form.noise, fitted.least_scale)
-    scale, dof = (detector.sigma0_, np.inf) if known else (fitted.scale, detector.dof_)
-    unit, noise_dof = (within, form.noise_dof) if np.isfinite(form.pvalue) else (scale, dof)
-    unit /= length
+    # The scale of a single point; and of cells the noise within them, if there are enough points.
+    scale, dof = fitted.scale, detector.dof_
+    if detector.test_ == "w":
+        scale, dof = detector.sigma0_, np.inf
+    noise, noise_dof = scale, dof
+    if np.isfinite(form.pvalue):
+        noise, noise_dof = max(form.noise, fitted.least_scale), form.noise_dof
+    # Single points, each by the level of one of n.
     residuals, spread = plane.evaluate(X)
     residuals /= length
     weights = np.ones(len(X)) if fitted.weights is None else fitted.weights
@@ -128,7 +132,7 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
         residuals[judged],
         weights[judged],
         half,
-        unit,
+        noise / length,
         lambda m: quantile(1 - local_level(detector.alpha, m), noise_dof),
     )
     if figures["verdict"] == "undecided" and minimum_zone(X[judged]) <= tolerance:

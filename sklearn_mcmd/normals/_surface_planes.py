@@ -124,11 +124,7 @@ class Surfaces(NamedTuple):
 
 
 class SurfacePlanes:
-    """Planes of the surfaces of a cloud's points.
-
-    The estimator is one that `mends_planes`. `fit` finds `members`, the `Surfaces` of all points of
-    the model's index.
-    """
+    """Finds planes of the surfaces of a cloud's points, by an estimator that `mends_planes`."""
 
     def __init__(self, estimator, model):
         self.model, self.tangents = model, estimator.tangents
@@ -140,8 +136,7 @@ class SurfacePlanes:
         index, (m, d) = self.model.index, self.model.index.points.shape
         planes = Planes.empty(m, d).without(UNUSED)
         members = Surfaces(planes, np.empty(m, np.int8), np.empty(m), np.empty(m))
-        self.members, chunk = members, self.model.chunk()
-        lenders, errors = np.full(m, -1, dtype=np.int32), np.empty(m)
+        chunk, lenders, errors = self.model.chunk(), np.full(m, -1, dtype=np.int32), np.empty(m)
 
         def keep_whole(rows, whole, deviation, left, ordinary):
             planes.put(rows, whole)
@@ -160,56 +155,64 @@ class SurfacePlanes:
         def finish(rows):
             last = planes.take(np.arange(rows.start, rows.stop))  # a copy
             forms, around = members.forms[rows], index.query_own(rows)
-            lenders[rows] = self._finish(index.points[rows], last, forms, around, planes)
+            lenders[rows] = self._finish(index.points[rows], last, forms, around, members)
             errors[rows] = last.normal_error
 
+        # Step 1: planes of all members, and robust ones where a quadric leaves more than these.
         with progress_part(0.0, 0.8, "normals"):
             with progress_part(0.0, 0.7):
                 self.model.agree(n_jobs, keep_whole)
             with progress_part(0.7, 1.0):
                 each_slice(m, chunk, find_rough, n_jobs)
+        # Step 2: forms by what is usual, and tangent planes; then lenders and errors, while no
+        # plane is lent yet.
         with progress_part(0.8, 1.0, "normals next to edges"):
             with progress_part(0.0, 0.5):
                 each_slice(m, chunk, bend, n_jobs)
             with progress_part(0.5, 1.0):
                 each_slice(m, chunk, finish, n_jobs)
+        # Step 3: lend planes.
         borrowing = np.flatnonzero(lenders >= 0)
         before, undoubted = planes.take(borrowing), planes.normal_error.copy()
         lend(planes, borrowing, planes, lenders[borrowing])
         planes.normal_error[:] = errors
         planes, lenders = _moved(planes, index.places), lenders[index.places]
-        self.members = members._replace(planes=Planes.empty(0, d))
         fitted = FittedSurfaces(
-            surfaces=self, planes=planes, borrowing=borrowing, before=before, errors=undoubted
+            surfaces=self,
+            members=members._replace(planes=Planes.empty(0, d)),
+            planes=planes,
+            borrowing=borrowing,
+            before=before,
+            errors=undoubted,
         )
         return planes, np.where(lenders >= 0, index.rows[lenders], np.arange(len(X))), fitted
 
-    def evaluate_neighborhoods(self, points, around, all_planes):
-        """Planes of queries (m, d) whose neighborhoods are given; `all_planes` are the members'."""
+    def evaluate_neighborhoods(self, points, around, members):
+        """Planes of queries (m, d) whose neighborhoods are given, by the members' `Surfaces`."""
         planes, deviation, left, ordinary = self.model.whole_planes(points, around)
         forms = np.where(ordinary, FLAT, BENT).astype(np.int8)
         self._find_rough(points, around, Surfaces(planes, forms, deviation, left))
-        self._bend(points, planes, forms, left, around, self.members.noise)
-        self._finish(points, planes, forms, around, all_planes)
+        self._bend(points, planes, forms, left, around, members.noise)
+        self._finish(points, planes, forms, around, members)
         return planes
 
-    def _finish(self, points, planes, forms, around, all_planes):
+    def _finish(self, points, planes, forms, around, members):
         """Lend planes where these are needed, and add to errors of normals the doubt which plane is
         right, in place. Returns the lenders (m,), -1 where a point keeps its plane."""
-        lenders, members = np.full(len(points), -1), all_planes._replace(scale=self.members.left)
+        lenders, noisy = np.full(len(points), -1), members.planes._replace(scale=members.left)
         if self.lends:
             rough = np.flatnonzero((forms == ROUGH) & (planes.scale > 0))
-            lenders[rough] = self._lenders(points, planes, rough, around.take(rough), members)
+            lenders[rough] = self._lenders(points, planes, rough, around.take(rough), noisy)
             borrowing = np.flatnonzero(lenders >= 0)
-            lend(planes, borrowing, all_planes, lenders[borrowing])
+            lend(planes, borrowing, members.planes, lenders[borrowing])
         # Of many planes of few members some have little noise by chance. Their errors grow by how
         # much noisier half of the planes around are.
-        noisier = ratio(quantile_around(members.scale, around, 0.5), planes.scale)
+        noisier = ratio(quantile_around(noisy.scale, around, 0.5), planes.scale)
         errors = np.where(planes.scale > 0, np.maximum(noisier, 1.0), 1.0) * planes.normal_error
         planes.normal_error[:] = np.minimum(errors, 90.0)
         queries = np.ascontiguousarray(points, dtype=np.float64)
         planes.normal_error[:] = doubted_errors(
-            self.model.index.points, queries, around, planes, members, forms != ROUGH
+            self.model.index.points, queries, around, planes, noisy, forms != ROUGH
         )
         return lenders
 
@@ -308,6 +311,7 @@ class FittedSurfaces(NamedTuple):
     """The planes of a fitted cloud, from which those of other points follow."""
 
     surfaces: SurfacePlanes
+    members: Surfaces  # of the index's points, but for their planes
     planes: Planes  # of the rows of X
     borrowing: np.ndarray  # those of the index's points that borrow a plane
     before: Planes  # that these had of their own
@@ -317,9 +321,10 @@ class FittedSurfaces(NamedTuple):
         """Planes of any queries (m, d)."""
         m, d = queries.shape
         model, planes = self.surfaces.model, Planes.empty(m, d)
-        members = self.planes.take(model.index.rows)
-        members.put(self.borrowing, self.before)
-        members = members._replace(normal_error=self.errors)
+        unlent = self.planes.take(model.index.rows)
+        unlent.put(self.borrowing, self.before)
+        unlent = unlent._replace(normal_error=self.errors)
+        members = self.members._replace(planes=unlent)
 
         def task(part):
             points = queries[part]

@@ -44,6 +44,7 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
     int32, neighbors that may be added from each point, or -1 in their places; and the distance of
     the farthest neighbor looked at.
     """
+    # Step 1: how far neighbors are, and how far from a plane they may lie (rule A of the paper).
     k, growth, n = n_linked(index, rules), GrowthLimits(), len(index.points)
     radius, limit = np.empty(n), np.full(n, float(rules.max_distance or 0.0))
 
@@ -54,6 +55,7 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
             limit[rows] = floor[rows] + _rule_a(index.points, planes.take(rows), around)
 
     each_slice(n, index.chunk, measure, n_jobs)
+    # Step 2: links, but none from planes that are noisier than is usual around.
     links = np.empty((n, k), np.int32)
     limits = LinkLimits(
         min_cosine=rules.min_cosine,

@@ -128,6 +128,8 @@ def pooled(moments, noise, part):
 def _pairs_in_a_plane(moments, noise, n_jobs=None):
     """Pairs (smaller, larger) of regions that may be joined, the nearest planes first, and the gap
     that each region allows."""
+    # Step 1: flat regions, which the noise explains. Regions that are not flat are in no pair; a
+    # cloud of noise has very many of them.
     sizes, centroids, covariances, eigenvalues, axes = RegionPlanes.of(moments)
     normals = axes[..., 0]
     # Points spread evenly over a length have its root 12th as standard deviation.
@@ -135,12 +137,12 @@ def _pairs_in_a_plane(moments, noise, n_jobs=None):
     rounding = ROUNDING * eigenvalues[:, -1]
     flat = eigenvalues[:, 0] <= (most_noise * noise.max(axis=1)) ** 2 + rounding
     flat &= sizes > centroids.shape[1]
-    # Regions that are not flat are in no pair; a cloud of noise has very many of them.
     flat = np.flatnonzero(flat)
     rank = np.argsort(np.argsort(sizes[flat], kind="stable"), kind="stable")
     centroids, covariances, normals = centroids[flat], covariances[flat], normals[flat]
     (scale, rms), rounding, reach = noise[flat].T, rounding[flat], length[flat]
-    # Regions of one length that are near each other are searched at once: few others are near.
+    # Step 2: pairs that are near each other. Regions of one length that are near each other are
+    # searched at once: few others are near.
     order, place = spatial_order(centroids), np.empty(len(flat), np.intp)
     place[order] = np.arange(len(flat))
     order = np.lexsort((place, np.frexp(reach)[1]))
@@ -168,6 +170,7 @@ def _pairs_in_a_plane(moments, noise, n_jobs=None):
         near &= square <= limit + np.maximum(rounding[r], rounding[s])
         return np.column_stack([flat[s], flat[r], square])[near]
 
+    # Step 3: the nearest planes first.
     candidates = answers_of(search, slices(len(flat), CHUNK), n_jobs)
     small, large, square = np.concatenate([np.empty((0, 3)), *candidates]).T
     order = np.lexsort((large, square, small))

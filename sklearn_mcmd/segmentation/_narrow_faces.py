@@ -63,6 +63,7 @@ class NarrowFaces:
         surface = np.append(sizes > self.k, False)  # the last is -1
         if len(labels) - sizes[surface[:-1]].sum() <= self.k or not surface.any():
             return labels
+        # Step 1: points that lie off the surfaces of all larger regions around them.
         planes, left_over = self.planes, np.flatnonzero(~surface[labels])
         usual = median_by_region(planes.scale, labels, len(sizes))
         outer = np.where(surface, np.append(np.maximum(usual, TINY), np.inf), np.inf)
@@ -70,6 +71,7 @@ class NarrowFaces:
         _, share, flattest = self._nearest(left_over, n_within_median(self.k) + 1, labels, outer)
         off = np.flatnonzero((share > cutoff) & np.isfinite(share))
         off = off[np.lexsort(self.index.points[left_over[off]].T)]  # as `by_place`
+        # Step 2: faces of these, by planes of their own.
         rows, face = self._faces(left_over[off], flattest[off])
         if len(rows) == 0:
             return labels
@@ -78,6 +80,7 @@ class NarrowFaces:
         self._refit(labels, rows)  # points of other faces were among those asked
         of_faces = median_by_region(planes.scale[rows], face, int(face.max()) + 1)
         usual = np.concatenate([outer[:-1], np.maximum(of_faces, TINY), [np.inf]])
+        # Step 3: points around go to the surface on which they lie best.
         fresh, members = rows, by_place(self.index.points, rows)
         while len(fresh):
             around = distinct_numbers(self.index.query_own(fresh, self.k).indices)
