@@ -9,9 +9,9 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._company import judge_off_surface
+from sklearn_mcmd.outliers._groups import gaps_to
 from sklearn_mcmd.outliers._off_surface import Unexplained
-from sklearn_mcmd.outliers._small_groups import gaps_to
+from sklearn_mcmd.outliers._small_groups import judge_off_surface
 from sklearn_mcmd.planes._nearest import NearestPoints
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
