@@ -145,11 +145,13 @@ def _judge_cloud(model, counts, n_points, settings, sensed):
     scores = verdict.scores(from_surfaces, points, isolation, separation)
     rays, beside_rays, raised = explaining.rays, None, NONE_RAISED
     if rays is not None:
-        by_rays = rays.judge(off_surface, explained, explaining.measuring, factor)
-        sheets = by_rays[-1].of_sheets  # which are surfaces to coordinates
-        without = np.where(sheets, 0.0, from_surfaces)
+        isolated_by_rays, separated_by_rays, beside_rays = rays.judge(
+            off_surface, explained, explaining.measuring, factor
+        )
+        # To coordinates, points on sheets are on surfaces.
+        without = np.where(beside_rays.of_sheets, 0.0, from_surfaces)
         without = verdict.scores(without, points, isolation, separation)
-        isolation, separation, beside_rays = by_rays
+        isolation, separation = isolated_by_rays, separated_by_rays
         scores = verdict.scores(from_surfaces, points, isolation, separation)
         both = np.column_stack([scores, without, unexplained.counts])
         raised = Raised(rows[scores > without], both[scores > without])
