@@ -157,15 +157,6 @@ def test_points_in_a_row_keep_company_with_it_however_far_apart_they_are():
     assert (bent.isolation[400:] > 3).all()
 
 
-def test_two_clumps_are_no_row():
-    clump = np.random.default_rng(0).normal(size=(5, 3))
-    judged = company(with_rest(clump + np.array([10, 10, 40]), clump + np.array([10, 50, 40])), 400)
-    assert judged.groups[0] != judged.groups[-1]
-    size = np.sqrt(np.linalg.eigvalsh(np.cov(clump.T, bias=True))[-1])
-    gap = clump[:, 2].min() + 40
-    assert_allclose(judged.separation[400:405], gap / max(size, judged.usual[:5].mean()), rtol=0.05)
-
-
 def test_copies_count_as_measurements():
     """Of its own company, and of the size of its group; not of what is usual."""
     X = with_rest([10, 10, 5], [10, 11, 5])
