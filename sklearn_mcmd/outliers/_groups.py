@@ -130,6 +130,14 @@ def gaps_of_groups(group, gaps):
     return least
 
 
+def gaps_to(queries, real, n_jobs):
+    """Distances of queries to the nearest point that is real, inf if there is none."""
+    gaps = np.full(len(queries), np.inf)
+    for search in real:
+        np.minimum(gaps, search.query(queries, 1, n_jobs)[0][:, 0], out=gaps)
+    return gaps
+
+
 def separation_of_groups(points, group, usual, gaps):
     """Gap of the group of each point (m,) over the size of the group, and whether it is straight.
 

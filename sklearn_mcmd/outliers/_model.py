@@ -5,15 +5,17 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd._errors import warn
-from sklearn_mcmd.outliers._company import NewCompany, OffSurface, judge_off_surface
 from sklearn_mcmd.outliers._intensity import Darkness
 from sklearn_mcmd.outliers._off_surface import (
+    NewCompany,
+    OffSurface,
     OffSurfaceLimits,
     Unexplained,
     least_thing,
     mean_distance,
 )
 from sklearn_mcmd.outliers._ray_evidence import BesideRays, RayEvidence
+from sklearn_mcmd.outliers._small_groups import judge_off_surface
 from sklearn_mcmd.outliers._surfaces import (
     MeasuringPlanes,
     are_usable,
@@ -97,7 +99,8 @@ def judge(model, X, settings, sensed=NOTHING_SENSED):
     if settings.strictness is None or index.n_neighbors is None:
         cloud = OwnPlanesCloud(model, settings.noise_scale, settings.n_jobs)
         with progress_part(0.0, 1.0, "planes"):
-            scores = cloud.paper_scores(*model.evaluate_fitted(X, settings.n_jobs))
+            planes, distances = model.evaluate_fitted(X, settings.n_jobs)
+            scores = cloud.paper_scores(planes, distances)
         return cloud, Judgement(scores, np.arange(len(X)), scores <= ExplainLimits().explained)
     counts = np.broadcast_to(np.int32(1), len(X))  # which takes no memory
     if index.n_distinct < len(X):  # measurements at each point
@@ -142,11 +145,13 @@ def _judge_cloud(model, counts, n_points, settings, sensed):
     scores = verdict.scores(from_surfaces, points, isolation, separation)
     rays, beside_rays, raised = explaining.rays, None, NONE_RAISED
     if rays is not None:
-        by_rays = rays.judge(off_surface, explained, explaining.measuring, factor)
-        sheets = by_rays[-1].of_sheets  # which are surfaces to coordinates
-        without = np.where(sheets, 0.0, from_surfaces)
+        isolated_by_rays, separated_by_rays, beside_rays = rays.judge(
+            off_surface, explained, explaining.measuring, factor
+        )
+        # To coordinates, points on sheets are on surfaces.
+        without = np.where(beside_rays.of_sheets, 0.0, from_surfaces)
         without = verdict.scores(without, points, isolation, separation)
-        isolation, separation, beside_rays = by_rays
+        isolation, separation = isolated_by_rays, separated_by_rays
         scores = verdict.scores(from_surfaces, points, isolation, separation)
         both = np.column_stack([scores, without, unexplained.counts])
         raised = Raised(rows[scores > without], both[scores > without])
@@ -285,7 +290,8 @@ class OwnPlanesCloud(NamedTuple):
 
     def score(self, queries):
         """Scores of queries (m, d)."""
-        return self.paper_scores(*self.model.evaluate(queries, self.n_jobs))
+        planes, distances = self.model.evaluate(queries, self.n_jobs)
+        return self.paper_scores(planes, distances)
 
     def paper_scores(self, planes, distances):
         """Scores from the robust distances of a model."""

@@ -1,9 +1,10 @@
-"""Points that no surface explains, and what is asked around them."""
+"""Points that no surface explains: what is asked around them, and how far they stand off."""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from sklearn_mcmd.outliers._groups import gaps_to
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio, values_at
 from sklearn_mcmd.planes._nearest import NearestPoints
@@ -113,6 +114,62 @@ class Unexplained(NamedTuple):
         """Most weight is on off-surface points: what lies near surfaces may be alone off them."""
         weight = self.limits.rest_weight
         return ratio(among_unexplained**weight * among_all ** (1 - weight), usual)
+
+
+class NewCompany(NamedTuple):
+    """How far new points (m, d) stand off from a judged cloud."""
+
+    spacing: np.ndarray  # (m,), as all, the mean distance to the nearest measurements
+    isolation: np.ndarray
+    separation: np.ndarray
+    joined: np.ndarray  # bool: whether a point belongs to a group of the cloud, as separate as that
+
+    @classmethod
+    def none(cls, spacing):
+        """Of points on surfaces."""
+        isolation, separation = np.zeros((2, len(spacing)))
+        return cls(spacing, isolation, separation, np.zeros(len(spacing), bool))
+
+
+class OffSurface(NamedTuple):
+    """The m points that no surface explains, as `MCMDOutlierDetector` judges their company.
+
+    Scanners measure the skins of things, and where their lines are far apart, a thing lies in
+    pieces, which are flat; of a wire or a pole there is no more than a row of points. Ghosts fill
+    space.
+    """
+
+    unexplained: Unexplained
+    usual: np.ndarray  # (m,), the usual spacing around each point
+    real: list[NearestPoints]  # searches of all that is real: surfaces and things
+    groups: np.ndarray  # int32 (m,), from 0 on; pieces of one thing are one group
+    straight: np.ndarray  # bool (m,), in a small group that is straight
+    isolation: np.ndarray  # (m,), as the separation: see `measure`
+    separation: np.ndarray
+
+    @property
+    def rows(self):
+        """Rows (m,) of the points in the cloud's index."""
+        return self.unexplained.rows
+
+    def measure(self, queries, spacing):
+        """The `NewCompany` of new points, each as if it were alone added to the cloud.
+
+        `spacing` (m,) is as there. Isolation is the spacing among off-surface points and among all
+        points, over the usual one; what has others near has about 1. Separation is the gap between
+        the query, with the small group that it belongs to, and what is real, over their size; 0 for
+        what belongs to a thing.
+        """
+        points, limits = self.unexplained, self.unexplained.limits
+        usual, _ = points.usual_around(queries, None)
+        distances, near = points.search.query(queries, limits.n_near, None)
+        among_unexplained = points.spacing(queries, distances, near, itself=False)
+        steps = steps_between(usual, self.usual, distances[:, :1], near[:, :1])[:, 0]
+        separation = ratio(gaps_to(queries, self.real, None), usual)
+        joined = steps <= limits.reach
+        separation[joined] = self.separation[near[joined, 0]]
+        isolation = points.isolated(among_unexplained, spacing, usual)
+        return NewCompany(spacing, isolation, separation, joined)
 
 
 def least_thing(n_neighbors, n_points):

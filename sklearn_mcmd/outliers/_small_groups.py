@@ -1,4 +1,5 @@
-"""Groups of too few points for a thing: rows among them, pieces of one, and how far they are."""
+"""The company of points off the surfaces: rows and pieces among small groups, and how far these
+stand off from all that is real."""
 
 from typing import NamedTuple
 
@@ -11,58 +12,64 @@ from sklearn_mcmd.outliers._groups import (
     are_straight,
     gaps_between_groups,
     gaps_of_groups,
+    gaps_to,
     numbered,
     separation_of_groups,
 )
-from sklearn_mcmd.outliers._off_surface import Unexplained
+from sklearn_mcmd.outliers._off_surface import OffSurface, Unexplained
 from sklearn_mcmd.planes._around import ratio
-from sklearn_mcmd.planes._explaining import ExplainLimits
-from sklearn_mcmd.planes._nearest import NearestPoints
+from sklearn_mcmd.planes._explaining import ExplainLimits, connected
+from sklearn_mcmd.runtime._progress import progress_part
 
 
-class GroupCompany(NamedTuple):
-    """What company m points off the surfaces have as groups."""
-
-    real: list[NearestPoints]  # searches of all that is real: surfaces and things
-    groups: np.ndarray  # int32 (m,), from 0 on; pieces of one thing are one group
-    separation: np.ndarray  # (m,), how far the group stands off, in sizes of its own; 0 of things
-    straight: np.ndarray  # bool (m,), in a small group that is straight
-    isolation: np.ndarray  # (m,): what is in a row keeps company with it, however far apart it is
-
-
-def company_of_groups(unexplained, usual, gaps, groups, isolation, least, n_jobs):
-    """The `GroupCompany` of `Unexplained` points, where a thing has `least` measurements.
-
-    `usual` (m,) are the usual spacings, `gaps` (m,) the distances from surfaces, `groups` (m,) what
-    hangs together, from 0 on, and `isolation` (m,) that of single points.
-    """
-    # Step 1: of small groups, what lies in a row is a group, and pieces of one thing are one.
-    small = SmallGroups.of(unexplained, gaps, groups, least, n_jobs)
-    of_small, in_row = small.divided_by_rows(numbered(groups[small.rows]))
-    of_small = small.joined_pieces(of_small)
-    unexplained.search.release()
-    # Numbers of large groups come first, then those of small ones.
-    are_large = np.bincount(groups, unexplained.counts) >= least
-    groups = np.cumsum(are_large, dtype=np.int32)[groups] - 1
-    groups[small.rows] = np.count_nonzero(are_large) + of_small
-    # Step 2: groups that are still small stand off by their gap to all that is real.
-    are_small = small.are_small(of_small)
-    real, rows = small.real_beside_surfaces(are_small), small.rows[are_small]
-    separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
-    separation[rows], straight[rows] = separation_of_groups(
-        unexplained.points[rows], groups[rows], usual[rows], small.gaps_to_real(are_small, real)
+def judge_off_surface(unexplained, least, n_jobs):
+    """The `OffSurface` of `Unexplained` points, where a thing has `least` measurements."""
+    # Step 1: how far each is from others, and what hangs together.
+    with progress_part(0.0, 0.2):
+        usual, gaps = unexplained.usual_around(unexplained.points, n_jobs)
+    with progress_part(0.2, 0.7):
+        among_unexplained, linked = unexplained.neighbors(usual, n_jobs)
+    isolation = unexplained.isolated(among_unexplained, unexplained.among_all, usual)
+    groups = connected(linked)[0]
+    del linked
+    with progress_part(0.7, 1.0):
+        # Step 2: of small groups, what lies in a row is a group, and pieces of one thing are one.
+        small = SmallGroups.of(unexplained, gaps, groups, least, n_jobs)
+        of_small, in_row = small.divided_by_rows(numbered(groups[small.rows]))
+        of_small = small.joined_pieces(of_small)
+        unexplained.search.release()
+        # Numbers of large groups come first, then those of small ones.
+        are_large = np.bincount(groups, unexplained.counts) >= least
+        groups = np.cumsum(are_large, dtype=np.int32)[groups] - 1
+        groups[small.rows] = np.count_nonzero(are_large) + of_small
+        # Step 3: groups that are still small stand off by their gap to all that is real.
+        are_small = small.are_small(of_small)
+        real, rows = small.real_beside_surfaces(are_small), small.rows[are_small]
+        gaps_to_real = small.gaps_to_real(are_small, real)
+        separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
+        separation[rows], straight[rows] = separation_of_groups(
+            unexplained.points[rows], groups[rows], usual[rows], gaps_to_real
+        )
+        # What is in a row keeps company with it, however far apart it is.
+        in_row = small.rows[in_row | straight[small.rows]]
+        isolation[in_row] = np.minimum(isolation[in_row], separation[in_row])
+        if unexplained.has_surface:
+            # Step 4: large groups that hang far from all else stand off, too.
+            is_real = np.ones(len(groups), bool)
+            is_real[rows] = False
+            _separate_large(unexplained, usual, gaps, groups, is_real, least, separation, n_jobs)
+            real = [unexplained.reference, *real]
+        for search in real:
+            search.release()
+    return OffSurface(
+        unexplained=unexplained,
+        usual=usual,
+        real=real,
+        groups=groups,
+        straight=straight,
+        isolation=isolation,
+        separation=separation,
     )
-    in_row, isolation = small.rows[in_row | straight[small.rows]], isolation.copy()
-    isolation[in_row] = np.minimum(isolation[in_row], separation[in_row])
-    if unexplained.has_surface:
-        # Step 3: so do large groups that hang far from all else.
-        is_real = np.ones(len(groups), bool)
-        is_real[rows] = False
-        _separate_large(unexplained, usual, gaps, groups, is_real, least, separation, n_jobs)
-        real = [unexplained.reference, *real]
-    for search in real:
-        search.release()
-    return GroupCompany(real, groups, separation, straight, isolation)
 
 
 class SmallGroups(NamedTuple):
@@ -227,11 +234,3 @@ def _separate_large(unexplained, usual, gaps, groups, is_real, least, separation
     points, of_row, spacing = unexplained.points[rows], groups[rows], usual[rows]
     apart = separation_of_groups(points, of_row, spacing, gaps[rows])[0]
     separation[rows] = apart * weight[of_row]
-
-
-def gaps_to(queries, real, n_jobs):
-    """Distances of queries to the nearest point that is real, inf if there is none."""
-    gaps = np.full(len(queries), np.inf)
-    for search in real:
-        np.minimum(gaps, search.query(queries, 1, n_jobs)[0][:, 0], out=gaps)
-    return gaps

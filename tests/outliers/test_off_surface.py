@@ -9,9 +9,9 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._company import judge_off_surface
+from sklearn_mcmd.outliers._groups import gaps_to
 from sklearn_mcmd.outliers._off_surface import Unexplained
-from sklearn_mcmd.outliers._small_groups import gaps_to
+from sklearn_mcmd.outliers._small_groups import judge_off_surface
 from sklearn_mcmd.planes._nearest import NearestPoints
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
@@ -155,15 +155,6 @@ def test_points_in_a_row_keep_company_with_it_however_far_apart_they_are():
     bent = company(with_rest(bent + np.array([0, 0, 20])), 400)
     assert len(np.unique(bent.groups)) == 12
     assert (bent.isolation[400:] > 3).all()
-
-
-def test_two_clumps_are_no_row():
-    clump = np.random.default_rng(0).normal(size=(5, 3))
-    judged = company(with_rest(clump + np.array([10, 10, 40]), clump + np.array([10, 50, 40])), 400)
-    assert judged.groups[0] != judged.groups[-1]
-    size = np.sqrt(np.linalg.eigvalsh(np.cov(clump.T, bias=True))[-1])
-    gap = clump[:, 2].min() + 40
-    assert_allclose(judged.separation[400:405], gap / max(size, judged.usual[:5].mean()), rtol=0.05)
 
 
 def test_copies_count_as_measurements():

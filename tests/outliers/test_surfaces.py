@@ -2,18 +2,13 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 from reference import GivenNeighbors
-from sklearn_mcmd.outliers._surfaces import (
-    are_usable,
-    find_surfaces,
-)
+from sklearn_mcmd.outliers._surfaces import are_usable, find_surfaces
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._record import Planes
 
 K, SCALE = 20, 0.01
-OWN = np.zeros(500)  # distances from their own planes
 
 
 def planes_at(points, normals, radius, scale=SCALE, kept=1.0):
@@ -35,8 +30,9 @@ def face(n, rng, side=1.0):
     return index.points, neighbors, planes_at(index.points, [0, 0, 1], radius)
 
 
-def surfaces(points, neighbors, planes, least=K, from_own=OWN):
-    usable, index = are_usable(planes, from_own), GivenNeighbors(points, neighbors)
+def surfaces(points, neighbors, planes, least=K):
+    usable = are_usable(planes, np.zeros(500))  # distances from their own planes
+    index = GivenNeighbors(points, neighbors)
     return find_surfaces(index, planes, usable, least)
 
 
@@ -50,14 +46,6 @@ def test_rough_planes_and_those_without_noise_are_of_no_surface(rng, scale, good
     points, neighbors, planes = face(500, rng)
     changed = planes._replace(scale=np.full(500, scale), radius=np.ones(500))
     assert (surfaces(points, neighbors, changed) == good).all()
-
-
-def test_a_point_off_its_own_plane_is_of_no_surface(rng):
-    points, neighbors, planes = face(500, rng)
-    distances = np.zeros(500)
-    distances[:3] = 2.9, 3.1, np.inf
-    on_surface = surfaces(points, neighbors, planes, from_own=distances)
-    assert_array_equal(on_surface[:3], [True, False, False])
 
 
 @pytest.mark.parametrize(("angle", "linked"), [(24, True), (26, False)])
