@@ -99,7 +99,8 @@ def test_arrays_whose_axes_are_not_clear_are_refused(tmp_path, shape):
 def test_an_array_with_a_row_of_each_coordinate_is_refused(tmp_path, n_rows):
     np.save(tmp_path / "a.npy", np.ones((n_rows, 6000)))
     np.savez(tmp_path / "a.npz", np.ones((n_rows, 6000)))
-    for name in ("a.npy", "a.npz"):
+    np.savez(tmp_path / "b.npz", xyz=np.ones((n_rows, 6000)))
+    for name in ("a.npy", "a.npz", "b.npz"):
         with pytest.raises(PointFileError, match=f"{n_rows} points of 6,000 columns: transpose it"):
             read_points(tmp_path / name)
 

@@ -130,6 +130,7 @@ def test_attributes_that_have_no_place_are_warned_of(tmp_path, extension, messag
     [
         (".pts", BYTES.astype(np.uint16) * 250, "only; rounded: red, green, blue"),
         (".pts", BYTES / 255, "not written: red, green, blue"),
+        (".pts", BYTES + 1, "not written: red, green, blue"),
         (".xyzrgb", BYTES - 1, "not written: red, green, blue"),
     ],
 )

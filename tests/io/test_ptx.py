@@ -134,6 +134,10 @@ BAD = {  # what a file has, and what the error says
     "a gap": ([*SCAN[:5], "1 2 3\n", *SCAN[6:]], "line 15: '1 2 3' is no point"),
     "three columns": ([SCAN[0], *["1 2 3\n"] * 12], "line 22: a point of 3 numbers; points have 4"),
     "more than bytes": ([header((10**9, 10**9)), *LINES], "1,000,000,000,000,000,000 points need"),
+    "no matrix": (
+        [header((4, 3), matrix=np.full((4, 4), np.nan)), *LINES],
+        "line 7: needs the row",
+    ),
 }
 MATRICES = {"a scale": SCALED, "a mirror": MIRROR, "zeros": SCALED * 0, "a perspective": SHIFTED}
 BAD |= {
