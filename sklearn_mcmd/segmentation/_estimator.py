@@ -55,6 +55,7 @@ class Segments(NamedTuple):
     labels: np.ndarray  # (n,) of its points, from 0 for the largest region on; -1 for none
     planes: Planes  # of these points; `scale` and `radius` are those that growth uses
     copies: np.ndarray | None  # (n,), points at each place; None for one
+    step: float  # to which the coordinates were rounded, 0 where there is none
 
 
 class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
@@ -269,7 +270,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
             If X has NaN, infinite or too few values, or ``normals="precomputed"`` and X are not
             the columns of a :class:`RobustNormalEstimator`.
         """
-        index, labels, planes, copies = self._segment(X)
+        index, labels, planes, copies, step = self._segment(X)
         points, places, n_regions = index.points, index.places, n_regions_of(labels)
         weights = copies if len(points) < len(places) else None
         region_planes = RegionPlanes.of(region_moments(points, labels, n_regions, weights))
@@ -280,7 +281,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         self.region_errors_ = np.sqrt(region_planes.eigenvalues[:, 0])
         self.regions_ = None
         if points.shape[1] == 3:
-            self.regions_ = region_table(points, labels, planes, region_planes)
+            self.regions_ = region_table(points, labels, planes, region_planes, step)
         self.labels_ = labels[places].astype(np.int64)
         return self
 
@@ -290,7 +291,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         xyz = columns.coordinates
         index = NeighborIndex(xyz.astype(np.float64, copy=False), self.n_neighbors)
         points, rows = index.points, index.rows
-        floor = least_scales(points, np.finfo(xyz.dtype).eps, coordinate_step(xyz))
+        step = coordinate_step(xyz)
+        floor = least_scales(points, np.finfo(xyz.dtype).eps, step)
         planes = columns.planes(rows, self.n_jobs).without("kept", "spacing")
         planes.scale[:] = np.maximum(planes.scale, floor)
         rules = self._rules()
@@ -306,7 +308,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         labels = renumbered(labels, copies, self.min_region_size)
         with progress_part(0.55, 1.0):
             labels = self._refined(labels, index, planes, floor, copies)
-        return Segments(index, labels, planes, copies)
+        return Segments(index, labels, planes, copies, step)
 
     def _refined(self, labels, index, planes, floor, copies):
         """The regions from those that have grown; the largest is 0, -1 is none.

@@ -6,12 +6,14 @@ from scipy.spatial import ConvexHull, QhullError
 from sklearn_mcmd.planes._form import form_of
 from sklearn_mcmd.planes._orientation import point_up
 from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE, student_factors, tilt_variances
+from sklearn_mcmd.planes._resolution import rounding_in_common
 from sklearn_mcmd.segmentation._cylinder_parts import N_PARAMETERS, CylinderLimits, fit_cylinder
 from sklearn_mcmd.segmentation._graph import by_place
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, flat_noise
 from sklearn_mcmd.segmentation._region_sums import Groups, median_by_region, region_sizes
 
 N_PLANE = 3  # parameters of a plane
+ROOT_12 = np.sqrt(12.0)  # a step over it is the standard deviation of what rounding adds
 NAMES = "kind points area centroid normal dip dip_direction rms"
 ERRORS = ("height_error", "normal_error", "dip_error", "dip_direction_error")
 TYPES = {"kind": "U8", "points": np.int64, "outline": object}  # of columns; others are numbers
@@ -22,12 +24,12 @@ FIELDS = [
 ]
 
 
-def region_table(points, labels, around, region_planes):
+def region_table(points, labels, around, region_planes, step=0.0):
     """The `regions_` of a `RegionGrowing` in 3D, by the planes `around` points and the
-    `RegionPlanes`."""
+    `RegionPlanes`; coordinates were rounded to a step."""
     n, values = len(region_planes.sizes), region_planes.eigenvalues
     distinct = region_sizes(labels, n)  # copies tell nothing more
-    table, noise = flat_table(region_planes, distinct)
+    table, noise = flat_table(region_planes, distinct, step)
     if n == 0:
         return table
     most_noise, least_size = JoinLimits().most_noise, CylinderLimits().least_size
@@ -44,7 +46,7 @@ def region_table(points, labels, around, region_planes):
         local -= row["centroid"]
         places = local @ frame_of(row["normal"]).T
         row["area"], row["outline"] = outline_of(places, row["centroid"], row["normal"])
-        enlarge_errors(row, local, region_planes.axes[region], noise[region])
+        enlarge_errors(row, local, region_planes.axes[region], noise[region], step=step)
         del local, places  # of the largest region these take the most memory
         if len(group) >= least_size and not thin[region]:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
@@ -58,9 +60,9 @@ def region_table(points, labels, around, region_planes):
     return table
 
 
-def flat_table(region_planes, distinct):
+def flat_table(region_planes, distinct, step):
     """The table of regions that are taken for planes, without area and outline, and their noise, by
-    `RegionPlanes`, and the `distinct` points of each."""
+    `RegionPlanes`, and the `distinct` points of each, whose coordinates were rounded to a step."""
     sizes, centroids, _, values, axes = region_planes
     table = np.zeros(len(sizes), FIELDS)
     table["points"], table["centroid"], table["rms"] = sizes, centroids, np.sqrt(values[:, 0])
@@ -69,7 +71,7 @@ def flat_table(region_planes, distinct):
     table["dip_direction"] = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
     # The plane has taken three of the degrees of freedom.
     noise = np.sqrt(values[:, 0] * distinct / np.maximum(distinct - N_PLANE, 1))
-    table["height_error"] = noise / np.sqrt(np.maximum(distinct, 1))
+    table["height_error"] = np.maximum(noise, step / ROOT_12) / np.sqrt(np.maximum(distinct, 1))
     # Toward the narrower axis and the longer one; 90 degrees where points are on a line.
     gaps = values[:, 1:] - values[:, :1]
     determined = gaps[:, 0] > RANK_TOLERANCE * values[:, 2]
@@ -105,14 +107,19 @@ def are_flat(region_planes, usual, reach):
     return flat | (flat_noise(region_planes.covariances, reach) > 0)
 
 
-def enlarge_errors(row, local, axes, noise, each=1.0):
+def enlarge_errors(row, local, axes, noise, each=1.0, step=0.0):
     """Enlarge the errors of a row by as much more as bows or strips are than even noise, where they
-    show that noise is alike nearby. Points are `local` to the centroid, of principal axes, the
-    normal first; each stands for so many, with this noise."""
+    show that noise is alike nearby, or a step rounds all points alike. Points are `local` to the
+    centroid, of principal axes, the normal first; each stands for so many, with this noise."""
     form = form_of(local @ axes[:, 1:], local @ row["normal"], rises=axes[2, 1:])
+    noise = max(noise, step / ROOT_12)
+    if step:
+        common = rounding_in_common(local.std(axis=0), row["normal"], step)
+        form = form.at_least(common * np.sqrt(len(local)))
     if noise > 0 and form.is_alike(noise / np.sqrt(each)):
         # Errors of which 1.96 hold 95 %, though few bows or strips tell them.
-        student = student_factors(np.array([form.alike_dof]), 2)[0]
+        known = np.isinf(form.alike_dof)
+        student = 1.0 if known else student_factors(np.array([form.alike_dof]), 2)[0]
         effect = student * np.sqrt(each) * form.alike_deviation / noise
         for name in ERRORS:
             row[name] = _at_most(effect * row[name], name)

@@ -115,7 +115,7 @@ def parts_of_regions(segments, own):
     points, planes = segments.neighbor_index.points[own], segments.planes.take(np.flatnonzero(own))
     copies = None if segments.copies is None else segments.copies[own]
     region_planes = RegionPlanes.of(region_moments(points, labels, n, copies))
-    table = region_table(points, labels, planes, region_planes)
+    table = region_table(points, labels, planes, region_planes, segments.step)
     parts = np.zeros(n_regions, SUMS + NUMBERS)
     for name, _ in NUMBERS:
         parts[name][regions] = table[name]
@@ -156,7 +156,8 @@ def joined_table(run, starts, numbers):
     moments, medians = pooled(own, medians, group)
     planes = RegionPlanes.of(moments)
     distinct = np.bincount(group, parts["distinct"], n)
-    table, noise = flat_table(planes, distinct)
+    step = run.constants["step"]
+    table, noise = flat_table(planes, distinct, step)
     flat = are_flat(planes, *medians.T)
     n_parts = np.bincount(group, minlength=n)
     rings, samples = (
@@ -170,7 +171,7 @@ def joined_table(run, starts, numbers):
         else:
             _tell_joined(row, part, flat[region])
             local, each = samples[region] - row["centroid"], distinct[region] / len(samples[region])
-            enlarge_errors(row, local, planes.axes[region], noise[region], each)
+            enlarge_errors(row, local, planes.axes[region], noise[region], each, step)
         local = (ring - row["centroid"]) @ frame_of(row["normal"]).T
         area, row["outline"] = outline_of(local, row["centroid"], row["normal"])
         row["area"] = part["area"] if n_parts[region] == 1 else area

@@ -61,6 +61,17 @@ def test_errors_of_dips_are_those_of_an_adjusted_plane():
     assert_allclose(np.array(errors) / own["normal_error"], ratios, rtol=0.01)
 
 
+def test_the_error_of_a_level_floor_holds_the_step_of_the_file():
+    held = []
+    for height in np.linspace(-0.005, 0.005, 12):
+        rng = np.random.default_rng(int(1e6 * (height + 1)))
+        X = np.column_stack([rng.uniform(0, 4, (2000, 2)), rng.normal(height, 0.002, 2000)])
+        row = RegionGrowing(random_state=0).fit(np.round(X, 2)).regions_[0]
+        held.append(abs(row["centroid"][2] - height) < 1.96 * row["height_error"])
+    assert np.mean(held) > 0.8
+    assert row["height_error"] < 0.01
+
+
 def test_a_level_region_has_any_direction():
     own, _ = only_region(slope(0, 0) * [1, 1, 0])
     assert (own["dip"], own["dip_direction_error"]) == (0, 180)
