@@ -9,6 +9,7 @@ from scipy.special import chdtrc, chdtri, chndtrinc, chndtrix, fdtri, ncfdtr, st
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, checked
 
+AS_KNOWN = 1e9  # degrees of freedom of a scale from which on F is chi-squared, to nine digits
 POWER = 0.8  # Baarda's; the usual one of reliability
 SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="left")]
 
@@ -51,7 +52,7 @@ def noncentrality(
             f"$power={power!r} is not above the level {level:.3g} of the test, which it has "
             "without any bias: ask for more power, such as 0.8."
         )
-    if np.isinf(dof_scale):
+    if dof_scale > AS_KNOWN:
         return float(chndtrinc(chdtri(dof, level), dof, 1 - power))
     # Two-sided t keeps levels that are too small for 1 - level.
     limit = stdtrit(dof_scale, level / 2) ** 2 if dof == 1 else fdtri(dof, dof_scale, 1 - level)

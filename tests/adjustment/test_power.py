@@ -6,6 +6,12 @@ from scipy import stats
 from sklearn_mcmd.adjustment import coupled_level, noncentrality
 
 
+@pytest.mark.parametrize("dof", [1e9, 1e20, 1e58])
+def test_a_scale_of_very_many_degrees_of_freedom_is_a_known_one(dof):
+    known = noncentrality(0.01, 0.8, 2)
+    assert noncentrality(0.01, 0.8, 2, dof_scale=dof) == pytest.approx(known, rel=1e-6)
+
+
 def test_baardas_own_noncentrality_is_17():
     assert noncentrality(0.001, 0.8) == pytest.approx(17.075, abs=5e-4)
 
