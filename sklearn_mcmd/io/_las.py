@@ -306,10 +306,6 @@ def _store_coordinates(las, xyz):
     """Store coordinates as integers; an axis without changes keeps its own."""
     header, records = las.header, las.points.array
     moved = ~(_coordinates(records, header) == xyz).all(axis=0)
-    if not moved.any():
-        return
-    if not np.isfinite(xyz).all():
-        raise PointFileError("LAS cannot hold coordinates that are not finite")
     scales, offsets = header.scales.copy(), header.offsets.copy()
     for i in np.flatnonzero(moved):
         steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])
