@@ -18,6 +18,14 @@ def test_points_that_e57_marks_invalid_are_dropped_and_counted(tmp_path):
     assert cloud.n_dropped == 1
 
 
+def test_fields_that_pye57_cannot_read_are_named(tmp_path):
+    scan = np.eye(3), {"intensity": np.ones(3, np.float32)}, {}
+    path = write_scans(tmp_path / "a.e57", scan)
+    with_xml(path, path, ("intensity", "timeStamp"))
+    with pytest.warns(UserWarning, match=r"a\.e57: pye57 cannot read fields timeStamp"):
+        assert len(read_points(path)) == 3
+
+
 EXACT, COLORS = np.arange(40), ("red", "green", "blue")
 MISSING = np.where(EXACT == 3, np.nan, EXACT)
 
