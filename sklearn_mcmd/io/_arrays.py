@@ -128,7 +128,7 @@ def _array_of(archive, member):
             f"{member.filename!r} is compressed as NumPy does not (ZIP method "
             f"{member.compress_type}), by which few bytes may hide gigabytes; use savez_compressed"
         )
-    if factor is None or member.filename.endswith("/"):
+    if factor is None:
         return None
     with archive.open(member) as file:
         if file.read(len(MAGIC)) != MAGIC:
@@ -164,8 +164,6 @@ def _n_looped(shape, dtype):
 
 def cloud_from_records(records, columns=None, **kwargs):
     """A cloud from a structured array; `columns` is as of `coordinate_columns`."""
-    if records.ndim != 1:
-        raise PointFileError(f"the structured array has shape {records.shape}; (n,) is needed")
     names = list(records.dtype.names)
     axes = [names[i] for i in coordinate_columns(names, columns)]
     xyz = np.column_stack([np.asarray(records[axis], dtype=np.float64) for axis in axes])

@@ -255,8 +255,7 @@ def write_e57(path, cloud):
         write_scan(file, data, name=None if keep else MERGED, translation=center)
         file.close()
     except Exception as err:
-        if hasattr(file, "image_file"):
-            del file.image_file  # else pye57 closes it again, and prints an error
+        del file.image_file  # else pye57 closes it again, and prints an error
         if re.search("error_?write_?failed", str(err), re.IGNORECASE):
             raise PointFileError("cannot be written: the disk may be full") from err
         raise

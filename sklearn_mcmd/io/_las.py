@@ -306,10 +306,6 @@ def _store_coordinates(las, xyz):
     """Store coordinates as integers; an axis without changes keeps its own."""
     header, records = las.header, las.points.array
     moved = ~(_coordinates(records, header) == xyz).all(axis=0)
-    if not moved.any():
-        return
-    if not np.isfinite(xyz).all():
-        raise PointFileError("LAS cannot hold coordinates that are not finite")
     scales, offsets = header.scales.copy(), header.offsets.copy()
     for i in np.flatnonzero(moved):
         steps = np.rint((xyz[:, i] - offsets[i]) / scales[i])
@@ -325,10 +321,8 @@ def _store_coordinates(las, xyz):
 
 
 def _new_header(laspy, cloud):
-    """A LAS 1.4 header, with colors if there are any, on a grid that fits the coordinates."""
-    header = laspy.LasHeader(
-        version="1.4", point_format=7 if set(COLORS) <= cloud.attributes.keys() else 6
-    )
+    """A LAS 1.4 header, without colors, on a grid that fits the coordinates."""
+    header = laspy.LasHeader(version="1.4", point_format=6)
     low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
     scale = scale_of(cloud.xyz)
     header.scales = np.full(3, scale)

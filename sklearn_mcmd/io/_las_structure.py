@@ -83,14 +83,9 @@ def check_grid(axis, scale, offset):
 
 def _fit(file, position, n_records, size):
     """Whether extended records, each with its own length, end within the file."""
-    if EVLR_HEADER * n_records > max(size - position, 0):
-        return False
     for _ in range(n_records):
+        if position + EVLR_HEADER > size:
+            return False
         file.seek(position)
-        head = file.read(EVLR_HEADER)
-        if len(head) < EVLR_HEADER:
-            return False
-        position += EVLR_HEADER + struct.unpack_from("<Q", head, 20)[0]
-        if position > size:
-            return False
-    return True
+        position += EVLR_HEADER + struct.unpack_from("<Q", file.read(EVLR_HEADER), 20)[0]
+    return not n_records or position <= size

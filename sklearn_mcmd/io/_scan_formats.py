@@ -211,7 +211,7 @@ def _spelled(columns, characters, format_name):
     names = {}
     for name in columns:
         bare = re.sub(f"[^{characters}]+", "_", without_accents(name))
-        names[name] = bare if bare == name or bare.strip("_") else "attribute"
+        names[name] = bare if bare.strip("_") else "attribute"
         while names[name] != name and names[name] in [*columns, *[*names.values()][:-1]]:
             names[name] += "_"
     if changed := ", ".join(f"{old!r} as {new}" for old, new in names.items() if old != new):

@@ -301,7 +301,7 @@ class _Table:
         for number, line in enumerate(lines, self.at):
             if self.comma is not None:
                 break
-            if "." in line or "," in line:
+            if "." in line:
                 self.find_decimals(self.row(line), line, number)
         return table
 

@@ -64,6 +64,7 @@ ROWS = "1 2 3\n4 5 6\n"
 POINTS = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n"
 BAD_TEXTS |= {  # PCD
     "commas.pcd": (POINTS + "1,5 2,5 3,5\n" * 2, "or damaged: no 2 points of 3 numbers"),
+    "rows.pcd": (POINTS + "1.000 2.000 3.000\n", "header promises 2 points, there are 1"),
     "one.pcd": ("VERSION 1.0\n" + POINTS + ROWS, "is PCD of version 1.0; .5, .6 and .7 are"),
     "type.pcd": (POINTS.replace("F F F", "F F Q") + ROWS, "broken PCD header: FIELDS x"),
     "size.pcd": (POINTS.replace("SIZE 4 4 4\n", "") + ROWS, "its header has no SIZE"),

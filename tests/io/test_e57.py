@@ -18,6 +18,14 @@ def test_points_that_e57_marks_invalid_are_dropped_and_counted(tmp_path):
     assert cloud.n_dropped == 1
 
 
+def test_fields_that_pye57_cannot_read_are_named(tmp_path):
+    scan = np.eye(3), {"intensity": np.ones(3, np.float32)}, {}
+    path = write_scans(tmp_path / "a.e57", scan)
+    with_xml(path, path, ("intensity", "timeStamp"))
+    with pytest.warns(UserWarning, match=r"a\.e57: pye57 cannot read fields timeStamp"):
+        assert len(read_points(path)) == 3
+
+
 EXACT, COLORS = np.arange(40), ("red", "green", "blue")
 MISSING = np.where(EXACT == 3, np.nan, EXACT)
 
@@ -29,6 +37,7 @@ MISSING = np.where(EXACT == 3, np.nan, EXACT)
         (dict.fromkeys(COLORS, np.uint16(EXACT)), None),
         (dict.fromkeys(COLORS, np.uint16(EXACT * 186)), "; rounded: red, green, blue"),
         (dict.fromkeys(COLORS, EXACT / 40), "; not written: red, green, blue"),
+        ({"red": np.uint8(EXACT)}, "; not written: red"),
         ({"intensity": EXACT / 4}, None),
         ({"intensity": np.uint32(EXACT + 2**24)}, "; rounded: intensity"),
         ({"intensity": np.float32(MISSING)}, "; not written: intensity"),
@@ -202,6 +211,17 @@ def test_a_pose_that_cannot_be_is_refused(plain, tmp_path, change):
         PointFileError, match=r"e57: scan 1: broken pose: rotation .*get the file anew"
     ):
         read_points(with_xml(plain, tmp_path / "a.e57", change))
+
+
+def test_spherical_coordinates_are_range_azimuth_and_elevation(plain, tmp_path):
+    names = zip("XYZ", ("Range", "Azimuth", "Elevation"), strict=True)
+    changes = [(f"cartesian{axis}", f"spherical{name}") for axis, name in names]
+    changes += [(r"(?s)<pose.*</pose>", "")]
+    cloud = read_points(with_xml(plain, tmp_path / "a.e57", *changes))
+    away, turn, up = (NUMBERS[:, None] + 0.5 * np.arange(3)).T
+    level = away * np.cos(up)
+    expected = [level * np.cos(turn), level * np.sin(turn), away * np.sin(up)]
+    assert_allclose(cloud.xyz, np.transpose(expected), atol=1e-9)
 
 
 def test_a_wrong_count_is_refused(plain, tmp_path):

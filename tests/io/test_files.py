@@ -93,6 +93,7 @@ ONES = np.ones(3)
     [
         (".las", {"a" * 33: ONES}, "longer than 32 bytes"),
         (".npz", {"file": ONES}, "'file' is reserved"),
+        (".npz", {"a": np.array([None] * 3)}, "that hold Python objects cannot be stored"),
         (".csv", {"a\nb": ONES}, r"'a\\nb' has several lines"),
         (".las", {"a": np.array(list("abc"))}, "'a' of dtype <U1 cannot be stored in LAS"),
         (".ply", {"a": np.full(3, 2**60 + 1)}, "'a' of dtype int64 cannot be stored in PLY"),

@@ -130,6 +130,7 @@ BAD = {  # what a file has, and what the error says
     "too many points": ([header((4, 2)), *LINES], "line 19: needs the number of columns, has"),
     "no counts": (LINES, "line 1: needs the number of columns, has"),
     "a broken count": ([header((4, "x")), *LINES], "line 2: needs the number of rows, has 'x'"),
+    "half a row": ([header((4, 2.5)), *LINES], "line 2: needs the number of rows, has '2.5'"),
     "no number": ([*SCAN[:5], "1 2 b 4\n", *SCAN[6:]], "line 15: '1 2 b 4' is no point; points"),
     "a gap": ([*SCAN[:5], "1 2 3\n", *SCAN[6:]], "line 15: '1 2 3' is no point"),
     "three columns": ([SCAN[0], *["1 2 3\n"] * 12], "line 22: a point of 3 numbers; points have 4"),

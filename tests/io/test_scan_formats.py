@@ -87,6 +87,7 @@ def test_packed_colors_of_pcd_become_red_green_blue_and_are_packed_again(tmp_pat
     assert_array_equal(cloud.attributes["red"], [255, 4])
     assert_array_equal(cloud.attributes["blue"], [3, 6])
     write_points(tmp_path / "b.pcd", cloud)
+    assert pypcd4.PointCloud.from_path(tmp_path / "b.pcd").fields[3:] == ("rgb",)
     back = read_points(tmp_path / "b.pcd")
     assert list(back.attributes) == ["red", "green", "blue"]
     assert_array_equal(back.attributes["green"], [2, 50])
