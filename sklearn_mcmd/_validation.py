@@ -19,7 +19,7 @@ USUAL = 50  # the usual number of neighbors
 # Surface variation of NEAR points: 0 on a plane, 0.19 in a volume. Below, columns are of surfaces.
 FLAT, NEAR, LOOKED_AT = 0.1, 20, 1000  # the last is a number of points
 # What the fit of a step within another fit need not say again.
-SAID = "X has .* columns, and each counts as a coordinate"
+SAID = "X has .* columns, and each counts as a coordinate|.* lie in one row of the scan"
 MOST_STEPS = 2**24  # steps, as of `check_work`, that take no noticeable time
 
 

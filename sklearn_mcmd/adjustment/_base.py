@@ -58,7 +58,7 @@ class FittedPlane(NamedTuple):
     scale: float  # standard deviation of unit weight by the plane's residuals
     rounding: float  # of a residual by float64, at most
     least_scale: float  # which the rounding of a file may enlarge
-    step: float  # of this rounding, 0 if there is none
+    step: float  # of a residual by this rounding, 0 if there is none
     is_rounding: bool  # whether sigma0 is no more than the rounding of float64
     weights: NDArray[np.float64] | None
     middle: NDArray[np.float64]  # of the extent of the points
@@ -281,9 +281,10 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         """sigma, or what rounding makes of a residual from this plane, if larger; and whether that
         is float64's."""
         least = training.rounding.least_deviation(plane.direction)
+        step = training.rounding.step_of(plane.direction)
         is_rounding = least <= training.rounding.error_of_float64(plane.direction)
         if sigma <= least and self.test == "w" and self.sigma0 != "auto":
-            rounding = f"coordinates in steps of {training.rounding.step:.2g} add"
+            rounding = f"coordinates in steps of {step:.2g} add"
             remedy = "give the noise of the points as $sigma0"
             if is_rounding:
                 rounding = "float64 may add"
@@ -307,28 +308,27 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
             noise = self._noise(np.sqrt(plane.variance_factor), plane, training)
         if self.toward is not None:
             plane = plane.toward(self._place_of_side())
-        elif self.surface == "orthogonal":
-            plane = pointed_up(plane, training.deviation_of(plane))
         self.sigma0_, is_rounding = noise
         (X, weights), axes = training[:2], plane.directions
         if not support.all():
             X, weights = X[support], weights if weights is None else weights[support]
         places, residuals = (X - plane.center) @ axes, (X - plane.center) @ plane.direction
         self.form_ = form_of(places, residuals, weights, rises=axes[-1])
-        if step := training.rounding.step:
-            observed = training.rounding.observed
-            deviations, direction = observed(X.std(axis=0)), observed(plane.direction)
-            common = rounding_in_common(deviations, direction, step)
+        if training.rounding.steps.any():
+            common = rounding_in_common(X.std(axis=0), plane.direction, training.rounding.steps)
             self.form_ = self.form_.at_least(common * np.sqrt(plane.sum_weights))
+        scale = training.deviation_of(plane)
+        if self.toward is None and self.surface == "orthogonal":
+            plane = pointed_up(plane, max(scale, self.form_.alike_deviation))
         middle = plane.center + axes @ (places.min(axis=0) + places.max(axis=0)) / 2
         if self.surface == "vertical":
             middle[-1] -= plane.evaluate(middle[None])[0][0]
         self._fitted = FittedPlane(
             plane=plane,
-            scale=training.deviation_of(plane),
+            scale=scale,
             rounding=training.rounding.error_of_float64(plane.direction),
             least_scale=training.rounding.least_deviation(plane.direction),
-            step=step,
+            step=training.rounding.step_of(plane.direction),
             is_rounding=is_rounding,
             weights=training.weights,
             middle=middle,

@@ -10,7 +10,7 @@ from scipy.linalg import lstsq, orth
 
 from sklearn_mcmd._choices import Surface
 from sklearn_mcmd.planes._principal_planes import tilt_variances
-from sklearn_mcmd.planes._resolution import RoundingLimits, coordinate_step
+from sklearn_mcmd.planes._resolution import RoundingLimits, axis_steps
 from sklearn_mcmd.runtime._chunks import slices
 
 CHUNK = 1 << 15  # rows that are processed together, whose copy stays in the processor's cache
@@ -23,8 +23,7 @@ class Rounding(NamedTuple):
     """What is rounded in the coordinates of points."""
 
     errors: NDArray[np.float64]  # of float64, the largest in each coordinate
-    step: float  # to which the file rounded them before, 0 if there is none
-    surface: Surface
+    steps: NDArray[np.float64]  # to which the file rounded each before, 0 if it did not
 
     def error_of_float64(self, direction):
         """The largest in a residual of this direction."""
@@ -32,13 +31,11 @@ class Rounding(NamedTuple):
 
     def least_deviation(self, direction, steps=12**-0.5):
         """Of a residual of this direction: that of values rounded to a step, if it is more."""
-        of_step = steps * self.step * float(np.linalg.norm(self.observed(direction)))
-        return max(self.error_of_float64(direction), of_step)
+        return max(self.error_of_float64(direction), steps * self.step_of(direction))
 
-    def observed(self, direction):
-        """The parts of a direction that have noise: the regressors of a vertical surface have
-        none."""
-        return direction[-1:] if self.surface == "vertical" else direction
+    def step_of(self, direction):
+        """That of a residual of this direction."""
+        return float(np.linalg.norm(self.steps * direction))
 
     def least_robust_deviation(self, direction):
         """Of which a point one step beside a plane is within 2.5: most points may lie on one
@@ -227,8 +224,10 @@ def weighed(values, weights):
 
 
 def rounding_of(X, surface):
-    """The `Rounding` of points."""
-    return Rounding(rounding_errors(X), coordinate_step(X), surface)
+    """The `Rounding` of points; regressors of a vertical surface are exact."""
+    steps = axis_steps(X)
+    steps[: -1 if surface == "vertical" else 0] = 0.0
+    return Rounding(rounding_errors(X), steps)
 
 
 def rounding_errors(X):

@@ -348,7 +348,9 @@ def _flatness_rows(flat, unit):
         return []
     cell, bump = (" x ".join(f"{side:.2g}" for side in one) for one in (flat.cell, flat.bump))
     outside = _share(flat.n_outside, flat.n_points, " points")
-    decide = f"; some {flat.n_deciding:,.2g} points would decide" if flat.n_deciding else ""
+    decide = ""
+    if flat.verdict == "undecided":
+        decide = "; form and tolerance differ by less than that"
     return _words(
         {
             "tolerance": f"{flat.tolerance:g}{unit} between two parallel planes",

@@ -92,7 +92,8 @@ def pointed_up(plane, scale):
     The last coordinate decides that is more than four of its standard errors, of this scale of
     unit weight: noise has no say.
     """
-    errors = np.linalg.norm(scale * parameter_derivatives(plane)[:-1], axis=1)
+    with np.errstate(over="ignore"):  # of points as thick as they are wide errors are infinite
+        errors = np.linalg.norm(scale * parameter_derivatives(plane)[:-1], axis=1)
     clear = np.abs(plane.normal) > CLEAR * errors + ROUNDING
     axis = np.flatnonzero(clear)[-1] if clear.any() else np.abs(plane.normal).argmax()
     return plane if plane.normal[axis] > 0 else plane.reversed()

@@ -1,6 +1,6 @@
 """Weights of the points of a scan from what its instrument promises, and whether that holds."""
 
-from numbers import Real
+from numbers import Integral, Real
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,8 @@ from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.adjustment._base import PlaneDetector, check_points, place_of
 from sklearn_mcmd.adjustment._robust import m_estimate
 
+COUNT = [Interval(Integral, 1, None, closed="left")]
+POSITIVE = [Interval(Real, 0, None, closed="neither")]
 NOT_NEGATIVE = [Interval(Real, 0, None, closed="left")]
 USUAL = 0.95  # share of the ratios of a class whose data hold that are within their interval
 
@@ -44,7 +46,7 @@ class VarianceComponent(NamedTuple):
     n_points : int
         Points of the class that pass.
     ratio : float
-        Of their deviation over that which `sigma0_` and the weights tell.
+        Of their deviation over that which `sigma0` and the weights tell.
     usual : tuple of float
         Where 95 % of such ratios are if the weights hold.
     """
@@ -62,8 +64,8 @@ def scan_weights(
     station: "ArrayLike",
     *,
     range_error: float,
+    angle_error: float,
     range_ppm: float = 0.0,
-    angle_error: float = 0.0,
     normal: "ArrayLike | None" = None,
 ) -> ScanWeights:
     """Standard deviations and weights of points from the errors of a range and two angles.
@@ -78,11 +80,11 @@ def scan_weights(
         Points of a plane.
     station : array-like of shape (3,)
         Where the scanner stood, in the coordinates of X.
-    range_error, range_ppm : float
-        Standard deviation of a range: a part in units of X, and one that grows with the range, in
-        millionths of it.
-    angle_error : float, default=0.0
-        Standard deviation of a direction across the ray, in degrees, as of both angles.
+    range_error, angle_error : float
+        Standard deviations of a range, in units of X, and of a direction across the ray, in
+        degrees, as of both angles.
+    range_ppm : float, default=0.0
+        Part of the standard deviation of a range that grows with it, in millionths.
     normal : array-like of shape (3,), default=None
         Along which residuals are; ``[0, 0, 1]`` for a vertical surface. None takes that of the
         plane of Huber's M-estimation.
@@ -100,7 +102,7 @@ def scan_weights(
     >>> wall = rng.uniform((0, 0, 0), (4, 0, 2.5), (2_000, 3))
     >>> ranges = np.linalg.norm(wall - station, axis=1)
     >>> wall[:, 1] += rng.normal(size=2_000) * ranges * 0.0007
-    >>> precision = scan_weights(wall, station, range_error=0, range_ppm=700, angle_error=0.04)
+    >>> precision = scan_weights(wall, station, range_error=0, angle_error=0.04, range_ppm=700)
     >>> detector = BaardaPlaneDetector(sigma0="auto", surface="orthogonal")
     >>> n_flagged = (detector.fit_predict(wall, weights=precision.weights) == -1).sum()
     >>> print(f"{n_flagged} of 2000, {precision.deviations.max() / precision.sigma0:.1f}")
@@ -118,7 +120,7 @@ def scan_weights(
     direction = place_of(normal, 3, "normal")
     if not (length := np.linalg.norm(direction)):
         raise ValueError("normal has no length: give a direction such as [0, 0, 1].")
-    along = (rays @ direction / (ranges * length)) ** 2
+    along = np.minimum((rays @ direction / (ranges * length)) ** 2, 1.0)
     of_range = range_error**2 + (1e-6 * range_ppm * ranges) ** 2
     of_angles = (np.radians(angle_error) * ranges) ** 2
     deviations = np.sqrt(along * of_range + (1 - along) * of_angles)
@@ -131,8 +133,14 @@ def scan_weights(
     return ScanWeights(deviations, (sigma0 / deviations) ** 2, sigma0)
 
 
+@checked(n_classes=COUNT, sigma0=[*POSITIVE, None])
 def variance_components(
-    detector: PlaneDetector, X: "ArrayLike", by: "ArrayLike", n_classes: int = 4
+    detector: PlaneDetector,
+    X: "ArrayLike",
+    by: "ArrayLike",
+    *,
+    sigma0: float | None = None,
+    n_classes: int = 4,
 ) -> list[VarianceComponent]:
     """Whether points have the deviations that their weights tell, class by class of a column.
 
@@ -148,7 +156,15 @@ def variance_components(
         The training points; others raise a ValueError.
     by : array-like of shape (n_samples,)
         By which points are put in classes of as many each, such as ranges or intensities.
+    sigma0 : float, default=None
+        What a point of weight 1 is said to have, such as ``scan_weights(...).sigma0``. None takes
+        ``detector.sigma0_``: an estimate tells then only how classes differ.
     n_classes : int, default=4
+
+    Raises
+    ------
+    ValueError
+        If X or `by` do not fit the detector, or `by` has values that are not finite.
 
     Examples
     --------
@@ -165,6 +181,8 @@ def variance_components(
     """
     points, column = check_points(detector, X), column_or_1d(by, dtype=np.float64)
     check_consistent_length(points, column)
+    check_array(column, ensure_2d=False, input_name="by")
+    unit = detector.sigma0_ if sigma0 is None else sigma0
     passes = (detector.labels_ == 1) & detector.support_
     weights = detector._fitted.weights
     squares = detector.residuals(points) ** 2 * (1.0 if weights is None else weights)
@@ -174,7 +192,7 @@ def variance_components(
         redundancy = detector.redundancy_[rows].sum()
         if redundancy <= 0:
             continue
-        ratio = np.sqrt(squares[rows].sum() / redundancy) / detector.sigma0_
+        ratio = np.sqrt(squares[rows].sum() / redundancy) / unit
         tails = (1 + USUAL) / 2, (1 - USUAL) / 2
         low, high = (float(np.sqrt(chdtri(redundancy, tail) / redundancy)) for tail in tails)
         values = column[rows]

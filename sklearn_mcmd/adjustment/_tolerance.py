@@ -17,6 +17,8 @@ from sklearn_mcmd.adjustment._tests import local_level
 from sklearn_mcmd.planes._form import FormLimits, bow_of, cells_of
 
 MEDIAN_POINTS = 8  # of the smallest cells, whose median single outliers do not move
+MOST_HALVINGS = 8  # more points then make cells more precise, and not smaller
+CLUSTER = 0.25  # share of a small cell outside for certain from which on it is no ghost's
 LEAST_HALVINGS = 2  # four cells, which show a bow along and across
 MEDIAN = np.sqrt(np.pi / 2)  # error of a median of normal noise over that of a mean
 LEFT_OVER = 0.05  # chance of what a bow leaves of medians, below which they have another form
@@ -53,8 +55,6 @@ class PlaneFlatness(NamedTuple):
         best; or if they hold all points. "exceeded" if none hold these medians even less their
         uncertainties, or if the bow explains them and is higher. Otherwise nothing is proven (ISO
         14253-1).
-    n_deciding : float
-        About how many points would decide, 0 if they do.
     """
 
     tolerance: float
@@ -71,7 +71,26 @@ class PlaneFlatness(NamedTuple):
     bump: tuple[float, ...]
     bump_height: float
     verdict: str
-    n_deciding: float
+
+
+class _Noise(NamedTuple):
+    """That of the points (n,) of a plane, across it."""
+
+    weights: np.ndarray
+    deviation: float  # of unit weight
+    of_points: np.ndarray  # the uncertainty of each point
+    half_step: float  # by which a file may round all points of a cell alike
+
+
+class _Zone(NamedTuple):
+    """The plane in the middle of the least zone: slopes, constant, and its half width."""
+
+    slopes: np.ndarray
+    constant: float
+    largest: float
+
+    def distances(self, places, heights):
+        return heights - places @ self.slopes - self.constant
 
 
 def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> PlaneFlatness:
@@ -126,17 +145,16 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
     passed = X[passes]
     zone = np.ptp(adjust_plane(passed, surface="orthogonal").evaluate(passed)[0])
 
-    judged = weights > 0
+    judged, step = weights > 0, fitted.step / length
     figures = _surface(
         (X[judged] - plane.center) @ plane.directions,
         residuals[judged],
-        weights[judged],
         half,
-        noise / length,
         lambda m: quantile(1 - local_level(detector.alpha, m), noise_dof),
+        _Noise(weights[judged], noise / length, uncertainty[judged], step / 2),
     )
-    if figures["verdict"] == "undecided" and minimum_zone(X[judged]) <= tolerance:
-        figures |= {"verdict": "kept", "n_deciding": 0.0}
+    if figures["verdict"] == "undecided" and minimum_zone(X[judged]) + step <= tolerance:
+        figures["verdict"] = "kept"
     return PlaneFlatness(
         tolerance=float(tolerance),
         n_points=len(X),
@@ -149,59 +167,63 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
     )
 
 
-def _surface(places, residuals, weights, half, noise, factor):
+def _surface(places, residuals, half, factor, noise):
     """The verdict of medians of ever smaller cells on a zone of twice this half, and its figures.
 
     The function `factor` tells the quantile of so many cells at once.
     """
-    last = max(int(np.log2(len(places) / MEDIAN_POINTS)), min(LEAST_HALVINGS, len(places) // 2))
+    n = len(places)
+    last = max(int(np.log2(n / MEDIAN_POINTS)), min(LEAST_HALVINGS, n // 2))
+    last = min(last, MOST_HALVINGS)
     first = min(FormLimits().halvings, last)
     scales = range(first, last + 1, 2)
-    cells = cells_of(places, residuals, weights, first)
+    cells = cells_of(places, residuals, noise.weights, first)
     figures: dict = {"n_cells": len(cells.weights), "cell": _sides(cells, places)}
-    kept, exceeded, widest, n_deciding = True, False, -np.inf, 0.0
+    kept, exceeded = True, False
     for scale in scales:
         if scale > first:
-            cells = cells_of(places, residuals, weights, 2, cells)
-        heights, errors = _medians(cells, residuals, weights, noise)
-        limits = errors * factor(len(heights) * len(scales))
+            cells = cells_of(places, residuals, noise.weights, 2, cells)
+        heights, errors = _medians(cells, residuals, noise)
+        limits = errors * factor(len(heights) * len(scales)) + noise.half_step
         zone = partial(_least_largest, cells.places, heights)
         # Most small cells are off by noise alone. The first show the form.
         is_noise = (np.abs(heights) <= limits) & (scale > first)
-        kept &= zone(np.where(is_noise, -limits, limits))[1] <= half
-        exceeded |= zone(-limits)[1] > half
-        least = zone(np.where(is_noise, -limits, 0.0))[1]
+        inside = zone(np.where(is_noise, -limits, limits))
+        kept &= inside.largest <= half
+        exceeded |= zone(-limits).largest > half
         if scale == first:
-            figures |= {"form": 2 * least, "form_uncertainty": 2 * float(limits.max())}
-        if least > widest and least != half:
-            widest = least
-            # Limits fall with the root of the number of points.
-            n_deciding = len(places) * float(limits.max() / (half - least)) ** 2
+            form, uncertainty = zone(np.zeros(len(limits))).largest, float(limits.max())
+            figures |= {"form": 2 * form, "form_uncertainty": 2 * uncertainty}
+    # Many points of a small cell outside for certain are a bump that is smaller than the cell.
+    outside = np.abs(inside.distances(places, residuals)) - noise.of_points > half
+    shares = np.bincount(cells.of_point, outside) / np.bincount(cells.of_point)
+    kept &= shares.max() < CLUSTER
     # Medians show little of a bow, which goes on to the rims. It is proven where nothing else is
     # left of them; at a step it would overshoot.
-    rank = places.shape[1] + 1
-    surface, cofactor, _, n_bows, left = bow_of(cells.places, heights, errors**-2, places)
-    if (dof := len(heights) - rank - n_bows) > 0:
-        bow, uncertainty = 2 * _least_largest(places, surface)[1], factor(1) * np.sqrt(cofactor)
+    unit = errors.max() or 1.0
+    precisions = (unit / np.where(errors > 0, errors, unit)) ** 2
+    surface, cofactor, _, n_bows, left = bow_of(cells.places, heights, precisions, places)
+    if (dof := len(heights) - places.shape[1] - 1 - n_bows) > 0:
+        bow = 2 * _least_largest(places, surface).largest
+        uncertainty = factor(1) * np.sqrt(cofactor) * errors.max() + 2 * noise.half_step
         kept &= bow + uncertainty <= 2 * half
-        exceeded |= bow - uncertainty > 2 * half and chdtrc(dof, left) > LEFT_OVER
+        exceeded |= bow - uncertainty > 2 * half and chdtrc(dof, left / unit**2) > LEFT_OVER
     else:
         kept = False
     figures["bump"] = _sides(cells, places, 2)  # so large it covers a cell, wherever it is
     least_height = max(2 * half, float(np.median(limits)))
     figures["bump_height"] = least_height + 2 * POWER_95 * float(np.median(errors))
-    figures["verdict"] = "exceeded" if exceeded else "kept" if kept else "undecided"
-    is_open = figures["verdict"] == "undecided"
-    return figures | {"n_deciding": max(n_deciding, len(places)) if is_open else 0.0}
+    return figures | {"verdict": "exceeded" if exceeded else "kept" if kept else "undecided"}
 
 
-def _medians(cells, residuals, weights, noise):
-    """Medians of cells, and their standard errors, of noise of unit weight."""
+def _medians(cells, residuals, noise):
+    """Medians of cells, and their standard errors."""
     counts = np.bincount(cells.of_point)
     order = np.argsort(cells.of_point, kind="stable")
     parts = np.split(residuals[order], np.cumsum(counts)[:-1])
     # The densities of noise / sqrt(p) at the median add up.
-    errors = MEDIAN * noise * np.sqrt(counts) / np.bincount(cells.of_point, np.sqrt(weights))
+    roots = np.bincount(cells.of_point, np.sqrt(noise.weights))
+    errors = MEDIAN * noise.deviation * np.sqrt(counts) / roots
     return np.array([np.median(part) for part in parts]), errors
 
 
@@ -221,13 +243,13 @@ def minimum_zone(X):
     X, normal = X - plane.center, plane.normal
     for _ in range(N_TURNS):
         basis = np.linalg.svd(normal[None])[2][1:]
-        normal = normal - _least_largest(X @ basis.T, X @ normal)[0] @ basis
+        normal = normal - _least_largest(X @ basis.T, X @ normal).slopes @ basis
         normal /= np.linalg.norm(normal)
     return float(np.ptp(X @ normal))
 
 
 def _least_largest(along, across, margins=0.0):
-    """Slopes of the plane of least largest ``|distance| + margin`` along an axis, and that.
+    """The `_Zone` of the plane of least largest ``|distance| + margin`` along an axis.
 
     A program begins with a few points, and takes those farthest outside of its zone until none is.
     """
@@ -244,7 +266,8 @@ def _least_largest(along, across, margins=0.0):
         lowest, highest = np.argsort(margins - residuals), np.argsort(margins + residuals)
         added = np.union1d(active, np.r_[lowest[-d - 2 :], highest[-d - 2 :]])
         if len(added) == len(active) or largest <= solution[-1] + LP_TOLERANCE:
-            return solution[:-2] / unit * height, float(largest * height)
+            slopes, constant = solution[:-2] / unit * height, float(solution[-2] * height)
+            return _Zone(slopes, constant, float(largest * height))
         active, one = added, -np.ones((len(added), 1))
         rows, sides, inset = design[active], heights[active], margins[active]
         both, goal = np.block([[rows, one], [-rows, one]]), np.append(np.zeros(d + 1), 1.0)

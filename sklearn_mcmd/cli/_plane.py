@@ -121,19 +121,19 @@ class Plane:
         metavar="WIDTH",
     )
     weights_from: tuple | None = _sensor.position_option(
-        "Where the scanner stood. Points then have weights by the errors of its ranges and angles, "
-        "which grow with the range and the angle of incidence; and the summary says by range "
-        "whether these hold.",
+        "Where the scanner stood, also for --against. Points then have weights by the errors of "
+        "its ranges and angles, which grow with the range and the angle of incidence; and the "
+        "summary says by range whether these hold.",
         name="--weights-from",
     )
     range_error: float | None = length(
         None, "With --weights-from: standard deviation of a range, such as 2mm."
     )
-    range_ppm: float = option(
-        0.0, "With --weights-from: what it grows by, in millionths of the range.", min=0.0
+    angle_error: float | None = option(
+        None, "With --weights-from: standard deviation of a direction, in degrees.", min=0.0
     )
-    angle_error: float = option(
-        0.0, "With --weights-from: standard deviation of a direction, in degrees.", min=0.0
+    range_ppm: float = option(
+        0.0, "With --weights-from: what that of a range grows by, in millionths of it.", min=0.0
     )
     unit: _options.Unit = ""
     random_state: _options.RandomState = 0
@@ -151,10 +151,16 @@ class Plane:
             raise typer.BadParameter(
                 "is of two clouds: name the other by --against.", param_hint="--registration"
             )
-        if (self.weights_from is None) != (self.range_error is None):
-            names = "--range-error", "--weights-from"
-            missing, given = names if self.range_error is None else names[::-1]
-            raise typer.BadParameter(f"is missing, which {given} needs.", param_hint=missing)
+        instrument = {
+            "--weights-from": self.weights_from,
+            "--range-error": self.range_error,
+            "--angle-error": self.angle_error,
+        }
+        if self.range_ppm or any(value is not None for value in instrument.values()):
+            missing = [name for name, value in instrument.items() if value is None]
+            if missing:
+                words = "is missing: weights of a scan take a position and both errors."
+                raise typer.BadParameter(words, param_hint=missing[0])
         if self.target is None and self.report is not None:
             raise typer.BadParameter("is missing, which --report needs.", param_hint="OUT")
 
@@ -198,7 +204,8 @@ class Plane:
     def tested(self, xyz):
         """The fitted detector."""
         with warnings.catch_warnings(record=True) as caught:
-            fitted = self.detector().fit(xyz, weights=self._weights(xyz))
+            told = self._scan_weights(xyz)
+            fitted = self.detector().fit(xyz, weights=told and told.weights)
         _check_width(fitted, xyz)  # what is refused needs no warning
         for one in caught:
             warnings.warn(one.message, stacklevel=2)
@@ -218,7 +225,7 @@ class Plane:
             )
         return fitted
 
-    def _weights(self, xyz):
+    def _scan_weights(self, xyz):
         """Those of the points by the errors of the instrument, None where they are not given."""
         if self.weights_from is None:
             return None
@@ -228,10 +235,10 @@ class Plane:
             xyz,
             self.weights_from,
             range_error=self.range_error,
-            range_ppm=self.range_ppm,
             angle_error=self.angle_error,
+            range_ppm=self.range_ppm,
             normal=[0, 0, 1] if self.surface == "vertical" else None,
-        ).weights
+        )
 
     def _read(self, catalog):
         """The points to test; of several files that are written one by one, coordinates alone."""
@@ -253,7 +260,8 @@ class Plane:
         further: dict = {}
         if self.weights_from is not None:
             ranges = np.linalg.norm(cloud.xyz - self.weights_from, axis=1)
-            further["by_range"] = variance_components(detector, cloud.xyz, ranges)
+            sigma0 = self._scan_weights(cloud.xyz).sigma0
+            further["by_range"] = variance_components(detector, cloud.xyz, ranges, sigma0=sigma0)
         if self.tolerance is not None:
             further["flatness"] = flatness(detector, cloud.xyz, self.tolerance)
         if self.against is not None:

@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 from sklearn_mcmd._choices import RuleMethod, choices_of
 from sklearn_mcmd._sklearn import Interval, StrOptions, check_feature_names_in, fit_context
 from sklearn_mcmd.baselines._methods import COMPARATORS  # registers them
-from sklearn_mcmd.normals._adaptive_k import SizeLimits, sized_index
+from sklearn_mcmd.normals._adaptive_k import sized_index
 from sklearn_mcmd.normals._curvature import curvatures_of_fitted, curvatures_of_new
 from sklearn_mcmd.normals._features import (
     FEATURES,
@@ -21,7 +21,7 @@ from sklearn_mcmd.normals._features import (
     feature_columns,
     needs_curvatures,
 )
-from sklearn_mcmd.normals._rows import doubted, warn_of_rows
+from sklearn_mcmd.normals._rows import doubted, may_be_rows, warn_of_rows
 from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.normals._surface_planes import SurfacePlanes, check_mending
 from sklearn_mcmd.planes._base import BaseLocalPlanes, mends_planes
@@ -360,7 +360,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                     planes, _ = self._model.evaluate_fitted(xyz, n_jobs=self.n_jobs)
                 self.plane_index_ = np.arange(len(xyz))
 
-        if self._may_see_rows():
+        if xyz.shape[1] == 3 and may_be_rows(self):
             planes = doubted(planes, xyz, self._model.index, self.n_jobs)
             warn_of_rows(self._model.index)
         self._fill(planes, xyz)
@@ -412,7 +412,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 planes = self._surfaces.evaluate(xyz, self.n_jobs)
             else:
                 planes, _ = self._model.evaluate(xyz, n_jobs=self.n_jobs)
-        if self._may_see_rows():
+        if xyz.shape[1] == 3 and may_be_rows(self):
             planes = doubted(planes, xyz, self._model.index, self.n_jobs)
         normals = point_up(planes.normals)
         self._sides.orient(self._model.index, normals, xyz, self.n_jobs)
@@ -448,13 +448,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         tags = super().__sklearn_tags__()
         tags.transformer_tags.preserves_dtype = ["float64", "float32"]
         return tags
-
-    def _may_see_rows(self):
-        """Whether a neighborhood may be one row of a scan: "auto" takes more, and of few points
-        many are rows by chance."""
-        if not isinstance(self.n_neighbors, Integral) or self.radius is not None:
-            return False
-        return self.n_features_in_ == 3 and int(self.n_neighbors) >= SizeLimits().least
 
     def _fill(self, planes, X):
         """Fill what is public of the fitted points X (n, d)."""

@@ -1,18 +1,22 @@
 """Neighborhoods that are one row of a scan: normals that noise decides, and their errors."""
 
 from math import pi
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd._errors import warn
+from sklearn_mcmd.normals._adaptive_k import SizeLimits
 from sklearn_mcmd.planes._agreement import AgreementLimits
 from sklearn_mcmd.planes._neighborhoods import Neighborhoods
 from sklearn_mcmd.planes._principal_planes import are_rows
 from sklearn_mcmd.planes._quadrics import whole_planes
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import each_slice
+from sklearn_mcmd.runtime._chunks import each_slice, slices
 from sklearn_mcmd.runtime._progress import progress_part
+
+AT_ONCE = 128  # points whose many neighbors are searched for at once
 
 
 class RowDoubtLimits(NamedTuple):
@@ -43,6 +47,14 @@ def doubted(planes, points, index, n_jobs):
     return planes._replace(normal_error=errors)
 
 
+def may_be_rows(estimator):
+    """Whether a neighborhood of an estimator in 3D may be one row of a scan: "auto" takes more, and
+    of few points many are rows by chance."""
+    k = estimator.n_neighbors
+    is_enough = isinstance(k, Integral) and int(k) >= SizeLimits().least
+    return is_enough and estimator.radius is None
+
+
 def warn_of_rows(index):
     """Warn if the neighborhoods of many points are one row of a surface each."""
     limits, n, k = RowDoubtLimits(), len(index.points), index.n_neighbors
@@ -66,7 +78,9 @@ def warn_of_rows(index):
 
 def _whole_normals(index, points, k):
     """Normals (m, d) of the planes of the k nearest of places, and whether these are rows."""
-    planes = Planes.empty(*points.shape)
-    around = Neighborhoods(index.cloud.nearest(points, k)[1], np.full(len(points), k))
-    whole_planes(index.points, around, planes, np.empty(points.shape))
+    planes, directions = Planes.empty(*points.shape), np.empty(points.shape)
+    for rows in slices(len(points), AT_ONCE):
+        nearest = index.cloud.nearest(points[rows], k)[1]
+        around = Neighborhoods(nearest, np.full(len(nearest), k))
+        whole_planes(index.points, around, planes.take(rows), directions[rows])
     return planes.normals, are_rows(planes.eigenvalues)

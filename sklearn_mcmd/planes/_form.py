@@ -193,7 +193,7 @@ def _alike_in_strips(places, residuals, weights, squares, rises):
     for line in lines:
         along = places @ line
         strip = np.empty(n, np.intp)
-        strip[np.argsort(along, kind="stable")] = np.arange(n) * n_strips // n
+        strip[np.lexsort((residuals, along))] = np.arange(n) * n_strips // n
         total = np.bincount(strip, weighted)
         centers, means = (
             np.bincount(strip, weighted * values) / total for values in (along, residuals)

@@ -24,6 +24,7 @@ class RoundingLimits(NamedTuple):
     rare: float = 0.1  # a value that occurs less often, of what is typical, was not rounded
     least_level: float = 0.02  # of an axis with few values, those of fewer points are not used
     raster: float = 0.5  # of the nodes of a lattice have points, beside an axis of one value
+    apart: float = 20.0  # times the least step: another axis with more is that of a raster
     # float32 is too coarse if it rounds by a larger share of a typical neighborhood's radius.
     coarse: float = 0.01
 
@@ -58,21 +59,63 @@ def least_scales(points, precision, step):
     return np.maximum(limits.errors * float(precision) * largest, limits.least_steps * step)
 
 
-def rounding_in_common(deviations, direction, step):
-    """Standard deviation of what rounding to a step does to all points of a plane alike, along a
-    direction (d,); the points have these standard deviations (d,) in each coordinate.
+def rounding_in_common(deviations, direction, steps):
+    """Standard deviation of what rounding to steps (d,) does to all points of a plane alike, along
+    a direction (d,); the points have these standard deviations (d,) in each coordinate.
 
     Points at one height are all rounded by the same, at most half a step, which no mean removes.
     Noise, or a slope, of s steps leaves ``exp(-2 pi^2 s^2)`` of it (B. Widrow, I. Kollar,
     "Quantization noise", 2008, 4.3); half a step of noise leaves a hundredth.
     """
-    variances = (deviations / step) ** 2
+    rounded = steps > 0
+    steps, deviations, direction = steps[rounded], deviations[rounded], direction[rounded]
+    variances = (deviations / steps) ** 2
     # Rounding itself is 1/12 of them (Sheppard's correction).
     alike = np.exp(-2 * np.pi**2 * (variances - 1 / 12)) / np.sqrt(12)
     # On two levels, all within p (1 - p): without noise the plane is at their middle, and the mean
     # of the points off by 1/2 - p, at most.
     alike = np.where(variances < 1 / 4, np.sqrt(np.maximum(1 / 4 - variances, 0.0) / 3), alike)
-    return float(np.linalg.norm(step * alike * direction))
+    return float(np.linalg.norm(steps * alike * direction))
+
+
+def axis_steps(X):
+    """To what each coordinate (d,) of the points of one plane was rounded, 0 where it was not.
+
+    An axis of few levels, as of a level floor, has the step between these. One of one level shares
+    that of the others, of which its value is a multiple. Places of a raster are exact: of two axes
+    on a lattice beside others that are not, of a lattice with points at half of its nodes, and
+    steps that are twenty times the least.
+    """
+    limits, steps, constant, n_nodes = RoundingLimits(), np.zeros(X.shape[1]), [], 1
+    for axis, (values, counts) in enumerate(levels_of(X)):
+        gaps, rounding = _used_gaps(values, counts)
+        n_nodes *= len(values)
+        if gaps.size >= limits.fewest_gaps:
+            steps[axis] = _lattice_step(gaps, rounding)
+            continue
+        used = values[counts >= limits.least_level * len(X)]
+        if len(used) > 1 and _typical(counts) > limits.fewest_gaps:
+            steps[axis] = np.diff(used).min()
+        elif len(used) == 1:
+            constant.append(axis)
+    n_lattices, n_axes = np.count_nonzero(steps), X.shape[1] - len(constant)
+    if 1 < n_lattices < n_axes or n_lattices == 0:
+        return np.zeros(X.shape[1])
+    least = steps[steps > 0].min()
+    steps[steps > limits.apart * least] = 0.0
+    if n_lattices == n_axes and len(X) <= limits.raster * n_nodes:
+        for axis in constant:
+            multiple = X[0, axis] / least
+            steps[axis] = least * (abs(multiple - np.rint(multiple)) <= limits.tolerance)
+    return steps
+
+
+def _used_gaps(values, counts):
+    """Gaps between the levels of an axis, and the rounding error of one."""
+    # Values that occur rarely were not rounded, and gaps of rounding errors are none.
+    gaps = np.diff(values[counts >= RoundingLimits().rare * _typical(counts)])
+    rounding = 8 * np.finfo(values.dtype).eps * max(abs(values[0]), abs(values[-1]))
+    return gaps[gaps > rounding], rounding
 
 
 def coordinate_step(X):
@@ -83,8 +126,7 @@ def coordinate_step(X):
     and all points on other levels would be outliers.
 
     It is the smallest step among the axes; zero unless every axis is on a lattice. A raster of
-    heights is no rounded cloud. A rounded cloud that was rotated is not found. An axis of one value
-    shares the step of the others, unless they are those of a raster. A few points that
+    heights is no rounded cloud. A rounded cloud that was rotated is not found. A few points that
     were not rounded do no harm. A part of a cloud has the step of the whole.
     """
     whole = whole_cloud()
@@ -98,17 +140,12 @@ def levels_of(X):
 
 def step_of_levels(levels):
     """The same from what `levels_of` gives."""
-    steps, flat, limits, n_nodes, n_points = [], [], RoundingLimits(), 1, 0
+    steps, flat, limits = [], [], RoundingLimits()
     for values, counts in levels:
-        n_points = int(counts.sum())
-        # Values that occur rarely were not rounded, and gaps of rounding errors are none.
-        gaps = np.diff(values[counts >= limits.rare * _typical(counts)])
-        rounding = 8 * np.finfo(values.dtype).eps * max(abs(values[0]), abs(values[-1]))
-        gaps = gaps[gaps > rounding]
+        gaps, rounding = _used_gaps(values, counts)
         if gaps.size < limits.fewest_gaps:
-            flat.append(np.diff(values[counts >= limits.least_level * n_points]))
+            flat.append(np.diff(values[counts >= limits.least_level * counts.sum()]))
             continue
-        n_nodes *= len(values)
         step = _lattice_step(gaps, rounding)
         if step == 0.0:
             return 0.0
@@ -117,9 +154,7 @@ def step_of_levels(levels):
         return 0.0
     step = min(steps)
     # An axis with few levels, as on a level floor, shares the step of the others or has none.
-    if not all(_whole(gaps / step).all() for gaps in flat):
-        return 0.0
-    if any(gaps.size == 0 for gaps in flat) and n_points > limits.raster * n_nodes:
+    if any(gaps.size == 0 or not _whole(gaps / step).all() for gaps in flat):
         return 0.0
     return step
 

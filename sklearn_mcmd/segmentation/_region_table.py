@@ -1,5 +1,7 @@
 """Regions as a table: kinds, planes, cylinders, outlines."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
@@ -46,7 +48,8 @@ def region_table(points, labels, around, region_planes, step=0.0):
         local -= row["centroid"]
         places = local @ frame_of(row["normal"]).T
         row["area"], row["outline"] = outline_of(places, row["centroid"], row["normal"])
-        enlarge_errors(row, local, region_planes.axes[region], noise[region], step=step)
+        rounded = Rounded(step, region_planes.covariances[region])
+        enlarge_errors(row, local, region_planes.axes[region], noise[region], rounded)
         del local, places  # of the largest region these take the most memory
         if len(group) >= least_size and not thin[region]:
             total, cylinder = fit_cylinder(points[group], around.normals[group])
@@ -107,15 +110,25 @@ def are_flat(region_planes, usual, reach):
     return flat | (flat_noise(region_planes.covariances, reach) > 0)
 
 
-def enlarge_errors(row, local, axes, noise, each=1.0, step=0.0):
+class Rounded(NamedTuple):
+    """To what the coordinates of a region were rounded, and their covariance, copies counted."""
+
+    step: float
+    covariance: np.ndarray
+
+    def in_common(self, normal):
+        deviations = np.sqrt(np.diag(self.covariance))
+        return rounding_in_common(deviations, normal, np.full(len(normal), self.step))
+
+
+def enlarge_errors(row, local, axes, noise, rounded, each=1.0):
     """Enlarge the errors of a row by as much more as bows or strips are than even noise, where they
     show that noise is alike nearby, or a step rounds all points alike. Points are `local` to the
     centroid, of principal axes, the normal first; each stands for so many, with this noise."""
     form = form_of(local @ axes[:, 1:], local @ row["normal"], rises=axes[2, 1:])
-    noise = max(noise, step / ROOT_12)
-    if step:
-        common = rounding_in_common(local.std(axis=0), row["normal"], step)
-        form = form.at_least(common * np.sqrt(len(local)))
+    noise = max(noise, rounded.step / ROOT_12)
+    if rounded.step:
+        form = form.at_least(rounded.in_common(row["normal"]) * np.sqrt(len(local)))
     if noise > 0 and form.is_alike(noise / np.sqrt(each)):
         # Errors of which 1.96 hold 95 %, though few bows or strips tell them.
         known = np.isinf(form.alike_dof)

@@ -3,7 +3,7 @@
 import warnings
 from abc import ABC, abstractmethod
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from numbers import Integral
 from pathlib import Path
 from typing import NamedTuple
@@ -75,6 +75,8 @@ class TiledVerb(ABC):
     names: Sequence[str] = ("results",)  # of arrays of cells, whose columns outputs are made of
     others: Sequence[Path] = ()  # files to write beside the outputs
     content: Sequence[str] = ()  # what distinguishes outputs of one estimator
+    # They warn of some of the points, behind a `NeighborIndex`, as a fit to all does.
+    warnings: Sequence[Callable] = ()
     center: Sequence[float] | None = None  # the one position, if all were measured from there
 
     def __init__(self, *steps, choice=None):

@@ -18,6 +18,7 @@ from sklearn_mcmd.segmentation._region_sums import (
 )
 from sklearn_mcmd.segmentation._region_table import (
     FIELDS,
+    Rounded,
     are_flat,
     enlarge_errors,
     flat_table,
@@ -171,7 +172,8 @@ def joined_table(run, starts, numbers):
         else:
             _tell_joined(row, part, flat[region])
             local, each = samples[region] - row["centroid"], distinct[region] / len(samples[region])
-            enlarge_errors(row, local, planes.axes[region], noise[region], each, step)
+            rounded = Rounded(step, planes.covariances[region])
+            enlarge_errors(row, local, planes.axes[region], noise[region], rounded, each)
         local = (ring - row["centroid"]) @ frame_of(row["normal"]).T
         area, row["outline"] = outline_of(local, row["centroid"], row["normal"])
         row["area"] = part["area"] if n_parts[region] == 1 else area

@@ -248,6 +248,8 @@ class Sample:
             warn_if_few(self._verb.estimator, index, n_points)
         if dtype == "float32" and (coarse := coarse_warning(index)):
             warn_caller(coarse)
+        for warn in self._verb.warnings:
+            warn(index)
 
 
 def _scatter(verb, catalog, folder, capacity):

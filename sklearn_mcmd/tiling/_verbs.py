@@ -8,7 +8,9 @@ from sklearn.base import clone
 from sklearn_mcmd.edges import SharpFeatureDetector
 from sklearn_mcmd.edges._detector import crease_width, least_of_edge, steps_of
 from sklearn_mcmd.io._point_cloud import with_results
+from sklearn_mcmd.normals import RobustNormalEstimator
 from sklearn_mcmd.normals._features import check_features, flip_columns, with_flipped
+from sklearn_mcmd.normals._rows import may_be_rows, warn_of_rows
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._detector import share_to_flag
 from sklearn_mcmd.planes._base import BaseLocalPlanes
@@ -38,6 +40,8 @@ class TiledNormals(TiledVerb):
     def __init__(self, estimator, sensor_origin):
         check_estimator(estimator, BaseLocalPlanes)
         super().__init__(estimator)
+        if isinstance(estimator, RobustNormalEstimator) and may_be_rows(estimator):
+            self.warnings = [warn_of_rows]
         self.sensor = sensor_path(estimator, sensor_origin)
         if self.sensor.moves and not has_orientation(estimator, "sensor"):
             raise ValueError('sensor_origin is given but orientation is not "sensor".')

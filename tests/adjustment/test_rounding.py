@@ -107,9 +107,34 @@ def test_a_floor_in_steps_loses_no_points_and_its_errors_hold_its_height(noise):
         detector, middle = judged(X), np.array([[2.0, 2.0, z]])
         lost.append(np.mean(detector.labels_ == -1))
         held.append(abs(detector.residuals(middle)[0]) < detector.band(middle)[0][0])
-        assert detector.sigma0_ >= STEP / np.sqrt(12)
+        assert detector.sigma0_ >= 0.9999 * STEP / np.sqrt(12)
     assert np.mean(lost) < 0.001  # .035 to .325 were lost
     assert np.mean(held) > 0.85  # two standard errors of 40 floors below .95
+
+
+@pytest.mark.parametrize("places", ["exact", "millimeters", "raster"])
+def test_heights_alone_may_be_rounded(places):
+    lost = []
+    for X, _ in floors(0.003, 10):
+        rng = np.random.default_rng(int(1e6 * X[0, 0]))
+        xy = rng.uniform(0, 4, (2000, 2))
+        if places == "millimeters":
+            xy = np.round(xy, 3)
+        elif places == "raster":
+            xy = 0.5 * np.column_stack([*np.divmod(np.arange(2000), 40)])
+        X[:, :2] = xy
+        for detector in (judged(X), BaardaPlaneDetector(sigma0="auto", robust_start=True).fit(X)):
+            assert detector.sigma0_ >= 0.9999 * STEP / np.sqrt(12)
+            lost.append(np.mean(detector.labels_ == -1))
+    assert np.mean(lost) < 0.001
+
+
+def test_places_of_rasters_are_not_rounded():
+    x, y = np.meshgrid(np.arange(60.0), np.arange(40.0))
+    rng, near = np.random.default_rng(0), np.abs(x - 1.5 * y) < 6  # a diagonal strip
+    for heights in (x[near] + rng.normal(0, 0.01, near.sum()), np.full(near.sum(), 12.3)):
+        X = np.column_stack([x[near], y[near], heights])
+        assert BaardaPlaneDetector(sigma0="auto", surface="orthogonal").fit(X).sigma0_ < 0.02
 
 
 def test_a_fuzzy_test_of_a_floor_in_steps_rejects_its_level():
@@ -133,7 +158,7 @@ def test_what_rounding_does_to_all_points_is_told_from_how_they_lie(noise):
     rng, gaps = np.random.default_rng(1), []
     for z in rng.uniform(-0.5, 0.5, 300):
         levels = np.round(rng.normal(z, noise, 5000))
-        told = rounding_in_common(levels.std(keepdims=True), np.ones(1), 1.0)
+        told = rounding_in_common(levels.std(keepdims=True), np.ones(1), np.ones(1))
         gaps.append([abs(levels.mean() - z), 1.96 * np.hypot(told, levels.std() / np.sqrt(5000))])
     error, limit = np.transpose(gaps)
     assert np.mean(error <= limit) > 0.93

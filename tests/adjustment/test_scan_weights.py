@@ -58,7 +58,9 @@ def test_variance_components_say_whether_weights_hold_by_range():
     ranges = np.linalg.norm(X - STATION, axis=1)
     told = scan_weights(X, STATION, **ERRORS)
     plain = variance_components(judged(X), X, ranges)
-    weighed = variance_components(judged(X, told.weights), X, ranges)
+    weighed = variance_components(judged(X, told.weights), X, ranges, sigma0=told.sigma0)
+    noisy = variance_components(judged(X, told.weights), X, ranges, sigma0=told.sigma0 / 20)
+    assert min(one.ratio for one in noisy) > 15
     assert sum(one.n_points for one in weighed) >= 7_990
     assert [one.low for one in weighed] == sorted(one.low for one in weighed)
     assert plain[-1].ratio > 1.15 > 0.9 > plain[0].ratio
@@ -70,16 +72,18 @@ def test_variance_components_say_whether_weights_hold_by_range():
 def test_what_cannot_be_is_refused():
     X = scanned(0, 20)
     with pytest.raises(ValueError, match="row 3"):
-        scan_weights(X, X[3], range_error=0.002)
+        scan_weights(X, X[3], **ERRORS)
     with pytest.raises(ValueError, match="without an error across the plane"):
-        scan_weights(X, STATION, range_error=0)
+        scan_weights(X, STATION, range_error=0, angle_error=0)
     with pytest.raises(ValueError, match="station=\\[1, 2\\] is no place: give 3"):
-        scan_weights(X, [1, 2], range_error=0.002)
+        scan_weights(X, [1, 2], **ERRORS)
     with pytest.raises(ValueError, match="normal has no length"):
-        scan_weights(X, STATION, range_error=0.002, normal=[0, 0, 0])
+        scan_weights(X, STATION, **ERRORS, normal=[0, 0, 0])
     with pytest.raises(ValueError, match="a scan has 3 coordinates"):
-        scan_weights(X[:, :2], STATION, range_error=0.002)
+        scan_weights(X[:, :2], STATION, **ERRORS)
     with pytest.raises(ValueError, match="'range_error' parameter"):
-        scan_weights(X, STATION, range_error=-1)
+        scan_weights(X, STATION, range_error=-1, angle_error=0.03)
     with pytest.raises(ValueError, match="inconsistent numbers of samples"):
         variance_components(judged(X), X, X[:5, 0])
+    with pytest.raises(ValueError, match="by contains NaN"):
+        variance_components(judged(X), X, np.full(20, np.nan))

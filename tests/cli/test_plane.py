@@ -234,10 +234,12 @@ def test_weights_from_a_station_are_those_of_the_instrument_and_told_by_range(tm
     options = ("plane", tmp_path / "a.npy", "--unit", "m", "--weights-from=-3,-2,1.2")
     told = done(*options, "--range-error", "2mm", "--angle-error", "0.03").stdout
     assert re.search(r"instrument +[34] of 4 ranges", told)
-    wrong = done(*options, "--range-error", "2mm").stdout
+    wrong = done(*options, "--range-error", "2mm", "--angle-error", "0.3").stdout
     assert re.search(r"instrument +[01] of 4 ranges", wrong)
     weights = scan_weights(xyz, station, range_error=0.002, angle_error=0.03).weights
     settings = {"sigma0": "auto", "surface": "orthogonal", "robust_start": True}
     fitted = BaardaPlaneDetector(**settings, random_state=0).fit(xyz, weights=weights)
     assert f"{fitted.sigma0_:.4g} m (estimated)" in told
-    assert "is missing, which --weights-from needs" in usage_error(run(*options))
+    assert "is missing: weights of a scan take a position and both" in usage_error(run(*options))
+    alone = run("plane", tmp_path / "a.npy", "--range-ppm", "10")
+    assert "weights of a scan take a position" in usage_error(alone)

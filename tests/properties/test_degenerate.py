@@ -97,7 +97,7 @@ SOME = {
 CLEAR = "lie on one line|lie at one place|distinct point|is for points in 2D and 3D"
 # May be infinite, or not a number where it is documented so.
 UNKNOWN = ("global_test_pvalue", "defuzzification", "critical_value_", "form_.statistic")
-UNKNOWN += ("form_.pvalue", "form_.bow")
+UNKNOWN += ("form_.pvalue", "form_.bow", "form_.alike_dof")
 
 
 def quiet_fit(estimator, X):
