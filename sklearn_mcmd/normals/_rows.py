@@ -48,11 +48,12 @@ def doubted(planes, points, index, n_jobs):
 
 
 def may_be_rows(estimator):
-    """Whether a neighborhood of an estimator in 3D may be one row of a scan: "auto" takes more, and
-    of few points many are rows by chance."""
-    k = estimator.n_neighbors
-    is_enough = isinstance(k, Integral) and int(k) >= SizeLimits().least
-    return is_enough and estimator.radius is None
+    """Whether a neighborhood of an estimator in 3D may be one row of a scan: "auto" takes more, of
+    few points many are rows by chance, and hundreds see several rows."""
+    k, limits = estimator.n_neighbors, SizeLimits()
+    if not isinstance(k, Integral) or estimator.radius is not None:
+        return False
+    return limits.least <= int(k) <= limits.most
 
 
 def warn_of_rows(index):
