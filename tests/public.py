@@ -26,7 +26,7 @@ NOISE = 0.004  # standard deviation of both clouds, in their unit
 LENGTH_PARAMETERS = {"sigma0", "noise_scale", "radius", "max_distance", "max_gap"}
 # What is a length, an area, a direction (of either sign) or a place. All else has no unit.
 LENGTHS = {"plane_offset_", "plane_scale_", "region_errors_", "sigma0_"}
-LENGTHS |= {"form_.noise", "form_.bow", "form_.alike_deviation"}
+LENGTHS |= {"form_.noise", "form_.bow"}
 AREAS = {"eigenvalues_", "variance_factor_", "variance_factor_initial_"}
 DIRECTIONS = {"normals_", "normal_", "region_normals_"}
 PLACES = {"region_centroids_"}
@@ -34,6 +34,8 @@ PLACES = {"region_centroids_"}
 ROW_NUMBERS = {"plane_index_"}
 # Numbers of groups in the order of rows, and what depends on axes or the origin.
 LEFT_OUT = {"group_index_", "coef_", "distance_", "intercept_", "features_", "regions_"}
+# Strips lie across the level line and the line of fall.
+LEFT_OUT |= {"form_.alike_deviation", "form_.alike_dof"}
 
 
 def public_names():

@@ -114,6 +114,7 @@ def test_intensity_is_evidence_as_in_memory(by_tiles, tmp_path):
     assert n_changed > 2 * n_differ
 
 
+@pytest.mark.filterwarnings("ignore:the n_neighbors=50 nearest")  # spinning turns have rows
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=kind_of)
 @pytest.mark.parametrize("name", CLOUDS)
