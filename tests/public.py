@@ -129,7 +129,8 @@ def results(estimator, X, new=None):
     if "form_" in found:  # a record of numbers of several kinds
         del found["form_"]
         form = estimator.form_._asdict().items()
-        found |= {f"form_.{name}": np.asarray(value) for name, value in form}
+        form = {f"form_.{name}": np.asarray(value) for name, value in form}
+        found |= {name: value for name, value in form.items() if name not in LEFT_OUT}
     if hasattr(estimator, "score_samples"):
         found["predicted"] = estimator.predict(X)
     if new is not None:

@@ -104,6 +104,16 @@ def test_flat_walls_lack_fit_at_the_level_and_bows_of_half_the_noise_do():
     assert np.mean([one.bow for one in bowed]) == pytest.approx(NOISE / 2, abs=NOISE / 8)
 
 
+def test_strips_do_not_depend_on_the_order_of_rows_where_places_tie():
+    rng = np.random.default_rng(4)
+    places = np.stack(np.meshgrid(np.arange(60.0), np.arange(20.0)), -1).reshape(-1, 2)
+    z = rng.normal(size=1200) + np.repeat(rng.normal(size=20), 60)
+    z -= z.mean()
+    told = {form_of(places[order], z[order])[-2:] for order in map(rng.permutation, [1200] * 5)}
+    first, *others = told
+    np.testing.assert_allclose(others, [first] * len(others), rtol=1e-9)
+
+
 @pytest.mark.parametrize("n", [4, 5, 6, 9])
 def test_few_points_have_no_lack_of_fit_and_independent_noise(n):
     detector = BaardaPlaneDetector(1e-9, sigma0="auto").fit(wall(n))
