@@ -127,14 +127,6 @@ def test_mixed_pixels_lie_behind_an_outline_and_before_a_background():
     assert np.isfinite(meeting).all()
 
 
-def test_ghosts_are_dense_balls_off_the_surfaces():
-    street = make_street(20_000, outlier_kinds=["ghost"], random_state=11)
-    points = of_kind(street, "ghost")
-    company = cKDTree(points).query_ball_point(points, 0.2, return_length=True)
-    assert company.min() >= 10
-    assert _street(tree=False).distance(points).min() > 0.15 - 1e-9
-
-
 def test_scanned_points_lie_on_vertical_lines_of_equal_azimuth_at_equal_steps():
     cloud = make_street(20_000, sampling="scan_lines", noise=0, outlier_share=0, random_state=0)
     x, y, z = (cloud.data - cloud.sensor_origins[0]).T

@@ -153,14 +153,6 @@ def test_normals_point_to_where_the_sensor_was_at_each_point(corridor):
     assert_array_equal(again.normals_, fitted.normals_[order])
 
 
-def test_copies_of_a_place_seen_from_two_sides_have_two_normals(corridor):
-    X, origins = corridor
-    other = origins * [1, 1, -1]
-    both = np.vstack([X, X]), np.vstack([origins, other])
-    fitted = RobustNormalEstimator(20, **MOVED).fit(both[0], sensor_origin=both[1])
-    assert (np.einsum("ij,ij->i", fitted.normals_, both[1] - both[0]) > 0).all()
-
-
 def test_one_neighborhood_looks_to_where_the_sensor_was(corridor):
     X, origins = corridor[0][:1200], corridor[1][:1200] * [1, 1, -1]
     origins[::2, 2] *= -1

@@ -66,27 +66,6 @@ def test_drains_saddles_and_waving_walls_stay_whole(noise):
         assert RegionGrowing(random_state=0).fit(X).region_sizes_[0] > 9500
 
 
-def terrain(n, seed=0):
-    """Hills of ever smaller waves, in a square of 1, which no few quadrics describe; and a wall."""
-    rng = np.random.default_rng(seed)
-    x, y = rng.uniform(0, 1, (2, n))
-    z = rng.normal(0, 0.2 / np.sqrt(n), n)
-    for k in range(1, 12):
-        turn, phase = rng.uniform(0, 2 * np.pi, 2)
-        along = x * np.cos(turn) + y * np.sin(turn)
-        z += 0.1 / (2 * np.pi * k) * np.cos(2 * np.pi * k * along + phase)
-    wall = np.column_stack([np.full(n // 4, 1.1), *rng.uniform(0, 0.5, (2, n // 4))])
-    return np.concatenate([np.column_stack([x, y, z]), wall])
-
-
-def test_another_random_state_finds_the_regions_of_terrain_again():
-    """Where it is divided is luck: by three seeds its largest region had 64, 63 and 83 %."""
-    X = terrain(4000)
-    first, *others = (RegionGrowing(random_state=seed).fit_predict(X) for seed in range(3))
-    assert min(adjusted_rand_score(first, labels) for labels in others) > 0.99
-    assert first.max() == 1
-
-
 def bent_faces(crease, bend, seed):
     """Two faces of 1 by 2 that meet in a crease and are bent along it."""
     rng = np.random.default_rng(seed)
@@ -280,10 +259,3 @@ def test_narrow_patches_join_no_groups_that_wide_ones_part():
     group, mixed = _settled(np.arange(4), borders, wide, region)
     assert group[0] != group[1]
     assert not mixed.any()
-
-
-def test_points_beside_a_crease_are_on_its_sides():
-    """Without strips a face's points are those of its cells, which lie across the ridge."""
-    X, side = roof(3000, 30, 0.1)
-    labels = RegionGrowing(random_state=0).fit_predict(X)
-    assert np.mean((labels == labels[side][0]) == side) > 0.99
