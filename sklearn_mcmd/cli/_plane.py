@@ -180,8 +180,9 @@ class Plane:
             cloud = self._read(catalog)
             with _files.working(self.source, "plane"):
                 _files.warn_if_coarse(cloud)
-                detector = self.tested(cloud.xyz)
-            more = self._further(detector, cloud)
+                scan = self._scan_weights(cloud.xyz)
+                detector = self.tested(cloud.xyz, scan)
+            more = self._further(detector, cloud, scan)
             more["n_worst"] = N_WORST if self.report else None
             figures = plane_figures(detector, cloud.xyz, self.unit, **more)
             if self.target is not None:
@@ -201,11 +202,10 @@ class Plane:
             return made(self, FuzzyPlaneDetector)
         return made(self, BaardaPlaneDetector, robust_start=self.robust_start is not False)
 
-    def tested(self, xyz):
-        """The fitted detector."""
+    def tested(self, xyz, scan=None):
+        """The fitted detector, of points that may have `ScanWeights`."""
         with warnings.catch_warnings(record=True) as caught:
-            told = self._scan_weights(xyz)
-            fitted = self.detector().fit(xyz, weights=told and told.weights)
+            fitted = self.detector().fit(xyz, weights=None if scan is None else scan.weights)
         _check_width(fitted, xyz)  # what is refused needs no warning
         for one in caught:
             warnings.warn(one.message, stacklevel=2)
@@ -226,7 +226,7 @@ class Plane:
         return fitted
 
     def _scan_weights(self, xyz):
-        """Those of the points by the errors of the instrument, None where they are not given."""
+        """`ScanWeights` by the errors of the instrument, None where these are not given."""
         if self.weights_from is None:
             return None
         from sklearn_mcmd.adjustment import scan_weights
@@ -253,21 +253,21 @@ class Plane:
         rehearse(self.target, blank.cloud, blank.noise)
         return cloud
 
-    def _further(self, detector, cloud):
+    def _further(self, detector, cloud, scan):
         """Results that are asked for: flatness, and the comparison with another file's plane."""
         from sklearn_mcmd.adjustment import compare_planes, flatness, variance_components
 
         further: dict = {}
-        if self.weights_from is not None:
+        if scan is not None:
             ranges = np.linalg.norm(cloud.xyz - self.weights_from, axis=1)
-            sigma0 = self._scan_weights(cloud.xyz).sigma0
-            further["by_range"] = variance_components(detector, cloud.xyz, ranges, sigma0=sigma0)
+            components = variance_components(detector, cloud.xyz, ranges, sigma0=scan.sigma0)
+            further["by_range"] = components
         if self.tolerance is not None:
             further["flatness"] = flatness(detector, cloud.xyz, self.tolerance)
         if self.against is not None:
             other = _files.read_all(self.against, self.columns)
             with _files.working(self.against, "the other plane"):
-                fitted = self.tested(other.xyz)
+                fitted = self.tested(other.xyz, self._scan_weights(other.xyz))
             error = self.registration or 0.0
             further["comparison"] = compare_planes(detector, fitted, registration_error=error)
         return further

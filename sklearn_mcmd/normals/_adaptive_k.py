@@ -95,12 +95,10 @@ class ScaleFinder:
     def _across_rows(self):
         """How many neighbors (n,) it takes for rows to be less than faces; 0 where none are.
 
-        In rows that are D apart, a point's n = 2 D / s nearest are of its own, s apart. Of k in a
-        disk its row has the share ``sqrt(2 n / (pi k))``.
+        In rows that are D apart, a point's n = 2 D / s nearest are of its own, s apart.
         """
         k, needed = self.limits.least // 2, np.zeros(self.n)
-        # A row's share of the k nearest is AgreementLimits().face, f, where k = (2 / (pi f^2)) n.
-        rows, times = needed == 0, 2 / (pi * AgreementLimits().face ** 2)
+        rows = needed == 0
 
         def task(part, around):
             planes, directions = Planes.empty(len(part), d), np.empty((len(part), d))
@@ -110,7 +108,7 @@ class ScaleFinder:
         d = self.index.points.shape[1]
         while rows.any() and k < self.limits.most:
             self._each(rows.copy(), k, task)
-            needed[rows] = times * k
+            needed[rows] = across_rows(k)
             k *= 2
         return needed
 
@@ -172,6 +170,12 @@ def sized_index(xyz, radius, n_jobs):
     index = NeighborIndex(xyz, SizeLimits().around)  # which the next one shares
     sizes = ScaleFinder(index, n_jobs).sizes()
     return NeighborIndex(xyz, int(sizes.max()), radius, sizes)
+
+
+def across_rows(n):
+    """So many neighbors that a row of the n nearest is a face's share f of them, at most: of k in a
+    disk it has the share ``sqrt(2 n / (pi k))``, which is f where ``k = 2 n / (pi f^2)``."""
+    return 2 / (pi * AgreementLimits().face ** 2) * n
 
 
 def wanted_by(quiet, k, d, limits):

@@ -1,14 +1,12 @@
 """Neighborhoods that are one row of a scan: normals that noise decides, and their errors."""
 
-from math import pi
 from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
 
 from sklearn_mcmd._errors import warn
-from sklearn_mcmd.normals._adaptive_k import SizeLimits
-from sklearn_mcmd.planes._agreement import AgreementLimits
+from sklearn_mcmd.normals._adaptive_k import SizeLimits, across_rows
 from sklearn_mcmd.planes._neighborhoods import Neighborhoods
 from sklearn_mcmd.planes._principal_planes import are_rows
 from sklearn_mcmd.planes._quadrics import whole_planes
@@ -68,12 +66,10 @@ def warn_of_rows(index):
     share, sample, size = np.mean(is_row), sample[is_row], k
     while 2 * size < n and np.mean(_whole_normals(index, sample, 2 * size)[1]) > limits.share:
         size *= 2
-    # So many that a row has less than a face's share of them, as of `ScaleFinder`.
-    needed = round(2 / (pi * AgreementLimits().face ** 2) * size)
     warn(
         f"the $n_neighbors={k} nearest of {100 * share:.0f} % of the points lie in one "
         "row of the scan, which any normal across it fits; normal_error_ says where. Take "
-        f"$n_neighbors='auto', or {needed}."
+        f"$n_neighbors='auto', or {across_rows(size):.0f}."
     )
 
 
