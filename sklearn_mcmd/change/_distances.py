@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtri
 
+from sklearn_mcmd.adjustment._precision import CLEAR, ROUNDING
 from sklearn_mcmd.planes._quadrics import tangents_of
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import ReweightLimits
@@ -117,6 +118,17 @@ def _lines(normals):
     level -= _dots(level, normals)[:, None] * normals
     level /= np.linalg.norm(level, axis=1, keepdims=True)
     return level, np.cross(normals, level)
+
+
+def on_known_sides(normals, errors):
+    """Unit normals on a side that noise does not decide, given their errors in degrees: up, as far
+    as their height is more than four of these; else to +y, or to +x if a wall goes along y."""
+    clear = np.abs(normals) > CLEAR * np.radians(errors)[:, None] + ROUNDING
+    # The last coordinate that is clear decides, without one the largest.
+    last = normals.shape[1] - 1 - clear[:, ::-1].argmax(axis=1)
+    axis = np.where(clear.any(axis=1), last, np.abs(normals).argmax(axis=1))
+    deciding = np.take_along_axis(normals, axis[:, None], axis=1)
+    return np.where(deciding < 0, -normals, normals)
 
 
 def _dots(a, b):

@@ -18,7 +18,7 @@ from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import check_extent, check_sizes, validate_points
 from sklearn_mcmd.change._bodies import Bodies, moved_bodies, moves_of
-from sklearn_mcmd.change._distances import Surfaces, alike_ratio
+from sklearn_mcmd.change._distances import Surfaces, alike_ratio, on_known_sides
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 
@@ -88,8 +88,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     Attributes
     ----------
     normals_ : ndarray of shape (n_samples, n_features)
-        Unit normals of the first cloud, the last coordinate positive: the directions in which
-        distances are positive.
+        Unit normals of the first cloud, along which distances are positive: up, where their height
+        is more than four of their errors; else to +y, or to +x if a wall goes along y.
 
     n_features_in_ : int
         Number of features seen during `fit`.
@@ -133,9 +133,9 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     >>> before, after = (xyz + rng.normal(0, 0.002, (3000, 3)) for xyz in (before, after))
     >>> after[after[:, 0] > 2, 2] += 0.004
     >>> changes = CloudChange(random_state=0).fit(before).compare(after)
-    >>> moved = before[:, 0] > 2
-    >>> print(f"{changes.significant[moved].mean():.2f} {changes.significant[~moved].mean():.2f}")
-    0.99 0.03
+    >>> moved, stayed = before[:, 0] > 2.2, before[:, 0] < 1.8
+    >>> print(f"{changes.significant[moved].mean():.2f} {changes.significant[stayed].mean():.2f}")
+    1.00 0.05
     >>> print(f"{1000 * np.median(changes.distance[moved]):.1f} mm")
     4.0 mm
     """
@@ -313,7 +313,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         ).fit(xyz)
         xyz = xyz.astype(np.float64, copy=False)
         k = min(self.n_neighbors, len(xyz))
-        return Surfaces(xyz, estimator.normals_, estimator.planes_, k, cKDTree(xyz))
+        normals = on_known_sides(estimator.normals_, estimator.normal_error_)
+        return Surfaces(xyz, normals, estimator.planes_, k, cKDTree(xyz))
 
     def _pvalues(self, distance, error):
         """Two-sided, after the correction."""
