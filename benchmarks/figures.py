@@ -32,6 +32,7 @@ RESULTS = (
     ("docs/images/guide/*", f"{STAGES} adjustment plotting view", "docs/figures.py", "900703c"),
     ("README.md", OUTLIERS, "bench_real.py, bench_outliers.py, readme_figures.py"),
     ("docs/benchmarks.rst", STAGES, "bench_peers.py"),
+    ("docs/benchmarks/change_*", f"{NORMALS} change", "bench_change.py --output docs/benchmarks"),
     ("docs/constants.rst", STAGES, "ablation.py"),
     ("docs/edges.rst", f"{NORMALS} outliers edges", "bench_edges.py, also at 0bdc31fa"),
     ("docs/benchmarks/edges_panel.csv", f"{NORMALS} outliers edges", "bench_edges.py --output"),

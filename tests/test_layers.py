@@ -31,11 +31,12 @@ ROOMS = {
     "normals": "planes baselines",
     "segmentation": "planes normals",  # estimates normals where none are given
     "edges": "planes normals outliers",  # likewise, of a cleaned cloud
+    "change": "planes normals outliers segmentation adjustment",
     "tiling": "planes normals outliers edges segmentation plotting io report sensors",
     "view": "io",
     "plotting": "io view",
     "report": "adjustment io outliers planes plotting view",
-    "cli": "adjustment datasets edges io metrics normals outliers planes plotting report "
+    "cli": "adjustment change datasets edges io metrics normals outliers planes plotting report "
     "segmentation sensors tiling view",
     "__main__": "cli",
 }

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtri
 
 from sklearn_mcmd.adjustment._precision import CLEAR, ROUNDING
+from sklearn_mcmd.planes._form import cells_of
 from sklearn_mcmd.planes._quadrics import tangents_of
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import ReweightLimits
@@ -91,7 +92,11 @@ def alike_ratio(places, normals, radius, distance, variance):
         one, other = first[paired], second[paired]
         difference = distance[one] - np.sign(cosine[paired]) * distance[other]
         squares = difference**2 / (variance[one] + variance[other])
-        ratios.append(_mean_square(squares, limits.quiet))
+        # The border of a movement is in some parts of the cloud, noise is in all.
+        halvings = max(0, int(np.log2(len(squares) / limits.least)))
+        parts = cells_of(places[one], squares, halvings=halvings).of_point
+        means = [_mean_square(squares[parts == i], limits.quiet) for i in np.unique(parts)]
+        ratios.append(float(np.median(means)))
     return max(ratios)
 
 
