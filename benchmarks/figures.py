@@ -30,7 +30,7 @@ RESULTS = (
     ("docs/benchmarks/demo.csv", f"{NORMALS} outliers", "mcmd demo, demo_figures.py"),
     ("docs/images/failure_*", STAGES, f"docs/figures_failure.py, {RINGS}", "900703c"),
     ("docs/images/guide/*", f"{STAGES} adjustment plotting view", "docs/figures.py", "900703c"),
-    ("README.md", OUTLIERS, "bench_real.py, bench_outliers.py, readme_figures.py"),
+    ("README.md", OUTLIERS, "bench_real.py, readme_figures.py"),
     ("docs/benchmarks.rst", STAGES, "bench_peers.py"),
     ("docs/constants.rst", STAGES, "ablation.py"),
     ("docs/edges.rst", f"{NORMALS} outliers edges", "bench_edges.py, also at 0bdc31fa"),
