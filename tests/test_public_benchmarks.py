@@ -41,21 +41,21 @@ def test_a_face_in_two_halves_is_over_segmented(score_roof):
     scores = score_roof(np.repeat([1, 2], [10, 10]), np.repeat([0, 1, 2], [10, 6, 4]))
     assert scores.pop("ARI") < 1
     # The half of six is matched: 6 of 10; the other finds none.
-    known = {"mean IoU": 0.8, "precision": 2 / 3, "recall": 1, "faces off by": 1}
-    assert scores == pytest.approx({**known, "over": 0.5, "under": 0})
+    expected = {"mean IoU": 0.8, "precision": 2 / 3, "recall": 1, "faces off by": 1}
+    assert scores == pytest.approx({**expected, "over": 0.5, "under": 0})
 
 
 def test_two_faces_in_one_segment_are_under_segmented(score_roof):
     scores = score_roof(np.repeat([1, 2], [10, 30]), np.zeros(40, int))
-    known = {"ARI": 0, "mean IoU": 0.75, "precision": 1, "recall": 0.5, "faces off by": 1}
-    assert scores == pytest.approx({**known, "over": 0, "under": 1})
+    expected = {"ARI": 0, "mean IoU": 0.75, "precision": 1, "recall": 0.5, "faces off by": 1}
+    assert scores == pytest.approx({**expected, "over": 0, "under": 1})
 
 
 def test_points_of_no_segment_are_a_label_more_for_ari_alone(score_roof):
     scores = score_roof(np.repeat([1, 2, -1], [10, 10, 5]), np.repeat([0, 1, -1, 3], [10, 8, 2, 5]))
     assert 0 < scores.pop("ARI") < 1
-    known = {"mean IoU": 0.9, "precision": 1, "recall": 1, "faces off by": 0}
-    assert scores == pytest.approx({**known, "over": 0, "under": 0})
+    expected = {"mean IoU": 0.9, "precision": 1, "recall": 1, "faces off by": 0}
+    assert scores == pytest.approx({**expected, "over": 0, "under": 0})
     nothing = score_roof(np.repeat([1, 2], 10), np.full(20, -1))
     assert (nothing["precision"], nothing["recall"], nothing["mean IoU"]) == (0, 0, 0)
 
@@ -74,8 +74,8 @@ def test_normals_that_are_off_by_known_angles_have_known_scores(load):
     scores = load("_public_measures").normal_scores(shape, normals)
     rmse = np.sqrt(np.mean([0, 36, 400, 1600, 8100]))
     area = 100 * np.mean([1, 24 / 30, 10 / 30, 0, 0])
-    known = {"RMSE": rmse, "within 5": 20, "within 10": 40, "area": area}
-    assert scores == pytest.approx(known, abs=1e-5)
+    expected = {"RMSE": rmse, "within 5": 20, "within 10": 40, "area": area}
+    assert scores == pytest.approx(expected, abs=1e-5)
 
 
 def test_flakes_are_counted_as_found_and_as_wrongly_flagged(load):
@@ -117,8 +117,8 @@ def test_shapes_are_those_of_each_list_with_their_judged_rows(load, tmp_path):
 
 def test_a_shape_alone_gets_the_noise_of_the_benchmark(load, tmp_path):
     X = np.random.default_rng(0).random((20_000, 3))
-    known = np.arange(len(X)) > 4
-    np.savez(tmp_path / "cube.npz", xyz=X, normals=np.tile([0, 0, 2.0], (len(X), 1)), known=known)
+    sure = np.arange(len(X)) > 4
+    np.savez(tmp_path / "cube.npz", xyz=X, normals=np.tile([0, 0, 2.0], (len(X), 1)), known=sure)
     shares = []
     for shape in load("_public_data").shapes(tmp_path):
         shares.append(100 * np.std(shape.X - X) / np.sqrt(3))  # the box is 1 by 1 by 1
