@@ -94,12 +94,12 @@ def table(benchmark, scores, seconds):
             continue
         means = np.array([[np.nanmean(scores[name][k, m]) for m in measures] for k in kinds])
         means = means.T if single else np.vstack([means, means.mean(axis=0)])
-        cells = [" / ".join(f"{x:.{benchmark.digits}f}" for x in cell) for cell in means]
+        cells = ["/".join(f"{x:.{benchmark.digits}f}" for x in cell) for cell in means]
         spent = f"{seconds[name]:.{int(seconds[name] < 10)}f}"
         rows.append([name, method.setting, *cells, spent])
     for name, cells in benchmark.printed.items():
         texts = [cell if isinstance(cell, str) else f"{cell:.3f}" for cell in cells]
-        rows.append([name, *texts, *["-"] * (len(rows[0]) - 1 - len(texts))])
+        rows.append([name, *texts, *[""] * (len(rows[0]) - 1 - len(texts))])
     return rows
 
 

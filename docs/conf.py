@@ -39,7 +39,7 @@ html_title = "sklearn_mcmd"
 html_theme_options = {
     "show_prev_next": False,
     "navigation_with_keys": False,
-    "secondary_sidebar_items": {"**": ["page-toc"], "index": []},
+    "secondary_sidebar_items": {"**": ["page-toc"], "index": [], "benchmarks": []},
     "logo": {"text": html_title},
 }
 html_logo = html_favicon = "_static/logo.svg"
