@@ -24,7 +24,28 @@ ROUNDING = 1e-12  # of angles, and of lengths over the extent
 
 
 class Bodies(NamedTuple):
-    """What `moved_bodies` returns: a row for each body, and the motion of those that stayed."""
+    """Flat surfaces of two clouds, a row for each, as of `moved_bodies`.
+
+    Attributes
+    ----------
+    before, after : ndarray of int of shape (n,)
+        Numbers of the regions of both clouds.
+    points : ndarray of int of shape (n,)
+        Points of the first cloud that both regions cover.
+    place, normal : ndarray of shape (n, 3)
+        Their mean, and the normal of the first plane.
+    offset, offset_error : ndarray of shape (n,)
+        How far the second plane is off along the normal, in units of X.
+    tilt, tilt_error : ndarray of shape (n,)
+        Angles between both planes, in degrees.
+    pvalue : ndarray of shape (n,)
+        Of the test against the motion of the others that stayed.
+    moved : ndarray of bool of shape (n,)
+        Whether that is below the level.
+    motion, motion_covariance : ndarray of shape (6,) and (6, 6)
+        Of those that stayed: three shifts, and three turns in radians about the mean of the first
+        cloud. What no body tells, as a shift along all walls, is 0 with a wide variance.
+    """
 
     before: NDArray[np.intp]
     after: NDArray[np.intp]
@@ -42,8 +63,8 @@ class Bodies(NamedTuple):
 
 
 def moved_bodies(
-    before: ArrayLike,
-    after: ArrayLike,
+    before: "ArrayLike",
+    after: "ArrayLike",
     *,
     alpha: float = 0.05,
     random_state: int | np.random.RandomState | None = None,
@@ -70,13 +91,7 @@ def moved_bodies(
     Returns
     -------
     bodies : Bodies
-        A named tuple of arrays, a row for each body: `before` and `after`, the numbers of its
-        regions; `points` of the first cloud that both cover; their `place` and the `normal` there;
-        `offset` along it and `tilt`, in units of X and degrees, with `offset_error` and
-        `tilt_error`; `pvalue` of the test against the motion of the others; `moved`. Then `motion`
-        (6,), of those that did not: three shifts, and three turns in radians about the mean of the
-        first cloud; and `motion_covariance`. What no body tells, as a shift along all walls, is 0
-        with a wide variance.
+        A named tuple of arrays.
 
     Raises
     ------

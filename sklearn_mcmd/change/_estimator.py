@@ -33,7 +33,29 @@ class ChangeLimits(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """What has moved, a row for each core point; see `CloudChange.compare`."""
+    """What has moved, a row for each core point, as of `CloudChange.compare`.
+
+    Attributes
+    ----------
+    distance : ndarray of shape (n_core,)
+        From the first surface to the second along the first one's normal, in units of X; not a
+        number where nothing can be compared.
+    distance_error : ndarray of shape (n_core,)
+        Its standard error.
+    level_of_detection : ndarray of shape (n_core,)
+        Beyond which one distance alone is significant.
+    pvalue : ndarray of shape (n_core,)
+        After the `correction`.
+    significant : ndarray of bool of shape (n_core,)
+        Whether that is below `alpha`.
+    reason : ndarray of uint8 of shape (n_core,)
+        0 compared; 1 nothing within reach; 2 no surface, as in leaves; 3 another surface, whose
+        normal is turned by more than 45 degrees.
+    alike : float
+        By how much noise that is alike nearby multiplies variances, 1 at least.
+    bodies : Bodies or None
+        With ``registration="auto"`` those of :func:`moved_bodies`.
+    """
 
     distance: NDArray[np.float64]
     distance_error: NDArray[np.float64]
@@ -135,7 +157,7 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     >>> changes = CloudChange(random_state=0).fit(before).compare(after)
     >>> moved, stayed = before[:, 0] > 2.2, before[:, 0] < 1.8
     >>> print(f"{changes.significant[moved].mean():.2f} {changes.significant[stayed].mean():.2f}")
-    1.00 0.05
+    1.00 0.04
     >>> print(f"{1000 * np.median(changes.distance[moved]):.1f} mm")
     4.0 mm
     """
@@ -209,14 +231,7 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         Returns
         -------
         changes : Changes
-            A named tuple of arrays (n_core,): `distance` in units of X, positive along `normals_`,
-            and not a number where nothing can be compared; `distance_error`, its standard error;
-            `level_of_detection`, beyond which one distance alone is significant; `pvalue`, after
-            the `correction`; `significant`; and `reason`, a row of `sklearn_mcmd.change.REASONS`: 0
-            "compared", 1 "nothing within reach", 2 "no surface", as in leaves, 3 "another surface",
-            whose normal is turned by more than 45 degrees. Then `alike`, by how much noise that is
-            alike nearby multiplies variances, and `bodies`, with ``registration="auto"`` those of
-            :func:`moved_bodies`, else None.
+            A named tuple of arrays.
 
         Raises
         ------

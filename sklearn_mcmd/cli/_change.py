@@ -101,11 +101,13 @@ class Change:
 
     def _rows(self, changes):
         """Rows of the summary, and of a report."""
+        from sklearn_mcmd.change._estimator import REASONS
+
         unit = f" {self.unit}" if self.unit else ""
         compared = changes.reason == 0
         n, n_compared = len(compared), np.count_nonzero(compared)
         rows = {"compared": _messages.number_and_share(n_compared, n)}
-        for number, words in enumerate(sklearn_mcmd.change.REASONS[1:], 1):
+        for number, words in enumerate(REASONS[1:], 1):
             if count := np.count_nonzero(changes.reason == number):
                 rows[words] = _messages.number_and_share(count, n)
         n_moved = np.count_nonzero(changes.significant)
