@@ -291,8 +291,9 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
                         of_members = split_columns(members, self._n_dimensions)
                     planes = of_members.planes(index.rows).without("radius", "spacing")
                     del of_members, members  # index and planes have what is needed
+                    on_surface = getattr(detector, "on_surface_", kept)[kept][index.rows]
                     self._creases, distances = find_creases(
-                        index, planes, self.min_angle, self.n_jobs
+                        index, planes, self.min_angle, on_surface.astype(float), self.n_jobs
                     )
                 self.scores_[kept] = distances[index.places]
                 with progress_part(0.9, 1.0):

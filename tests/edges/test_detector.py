@@ -91,6 +91,15 @@ def test_foliage_has_hardly_any_edges():
     assert (labels[foliage] == -1).mean() < 0.06
 
 
+def test_leaves_of_a_real_street_are_no_edges_and_its_kerb_is_one(shared_data):
+    """.45 of the leaves without surfaces around. The kerb is what is found of the road."""
+    with np.load(shared_data / "mobile_street_labelled" / "cloud.npz") as arrays:
+        X, classes = arrays["xyz"], arrays["label"]
+    on_edge = SharpFeatureDetector(random_state=0).fit_predict(X) == -1
+    assert on_edge[classes == 1300].mean() < 0.09
+    assert on_edge[classes == 1203].mean() > 0.03
+
+
 # --- Invariance -------------------------------------------------------------------------------
 
 
