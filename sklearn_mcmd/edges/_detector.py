@@ -295,9 +295,11 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
                         of_members = split_columns(members, self._n_dimensions)
                     planes = of_members.planes(index.rows).without("radius", "spacing")
                     del of_members, members  # index and planes have what is needed
-                    on_surface = getattr(detector, "on_surface_", kept)[kept][index.rows]
+                    on_surface = getattr(detector, "on_surface_", kept)[kept]
+                    on_surface |= not on_surface.any()  # blobs are asked everywhere
+                    on_surface = on_surface[index.rows].astype(float)
                     self._creases, distances = find_creases(
-                        index, planes, self.min_angle, on_surface.astype(float), self.n_jobs
+                        index, planes, self.min_angle, on_surface, self.n_jobs
                     )
                 self.scores_[kept] = distances[index.places]
                 with progress_part(0.9, 1.0):
