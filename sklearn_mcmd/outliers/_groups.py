@@ -24,6 +24,9 @@ class ShapeLimits(NamedTuple):
     # A group is flat if its standard deviation along its longest axis is this many times the one
     # off its plane, and straight if it is this many times the one along the next axis.
     thin: float = 3.0
+    # Pieces of one thing are no farther apart than this many times both lengths together, nor are
+    # they in the geometric mean of that and of how far they are from what is real.
+    apart: float = 5.0
 
 
 class Shapes(NamedTuple):

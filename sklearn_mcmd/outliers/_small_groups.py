@@ -8,6 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.outliers._groups import (
+    ShapeLimits,
     Shapes,
     are_straight,
     gaps_between_groups,
@@ -176,23 +177,24 @@ class SmallGroups(NamedTuple):
         rows, piece = rows[shapes.flat[piece]], piece[shapes.flat[piece]]
         if len(rows) == 0:
             return groups
-        # Step 2: link those that are no farther apart than a few of their lengths. What is no
-        # piece reaches nowhere; the last place stands for all points that are not in small groups.
+        # Step 2: link those that are no farther apart than some of their lengths. What is no piece
+        # reaches nowhere; the last place stands for all points that are not in small groups.
         s, pairs = len(self.rows), []
         reach, piece_of = np.full(s + 1, -np.inf), np.full(s + 1, -1, np.int32)
-        reach[rows], piece_of[rows] = ExplainLimits().explained * shapes.length[piece], piece
+        reach[rows], piece_of[rows] = ShapeLimits().apart * shapes.length[piece], piece
 
         def link(part, distances, near):
             asked, near = rows[part], self.places(near)
-            close = distances <= reach[near] + reach[asked, None]
-            i, j = np.nonzero(close & (piece_of[near] != piece_of[asked, None]))
-            distances, first, second = distances[i, j], asked[i], near[i, j]
-            del near, close, i, j
+            reaches = reach[near] + reach[asked, None]
+            i, j = np.nonzero((distances <= reaches) & (piece_of[near] != piece_of[asked, None]))
+            distances, reaches, first, second = distances[i, j], reaches[i, j], asked[i], near[i, j]
             a, b = piece_of[first], piece_of[second]
+            farther = np.maximum(gaps[a], gaps[b])
             # One of both, at least, is as near to the other as to anything real; or both have one
-            # plane.
-            linked = distances <= np.maximum(gaps[a], gaps[b])
+            # plane. Far off nothing real is beside them, and what is far from it reaches less far.
+            linked = distances <= farther
             linked |= shapes.are_coplanar(a, b, self.points[first], self.points[second])
+            linked &= distances * farther <= reaches**2
             both = np.stack([groups[first], groups[second]])
             pairs.append(np.unique(both[:, linked], axis=1))
 

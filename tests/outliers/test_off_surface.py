@@ -127,11 +127,14 @@ def test_clumps_that_fill_space_are_no_pieces():
         assert (judged.separation[400] == judged.separation[-1]) == one_thing
 
 
-def test_pieces_are_no_farther_apart_than_three_times_both_their_lengths():
+@pytest.mark.parametrize("height", [100, 200])
+def test_pieces_are_as_near_as_their_lengths_and_how_far_they_hang_allow(height):
     """What is far off has nothing real beside it, and other errors about as far away."""
-    length = LENGTH * 0.5 * np.std(range(12))
-    for gap, one_thing in ((5.9 * length, True), (6.1 * length, False)):
-        judged = company(with_rest(line_at(5, 5, 200), line_at(5, 5 + gap, 200)), 400)
+    reach = 5 * 2 * LENGTH * 0.5 * np.std(range(12))
+    for share, one_thing in ((0.98, True), (1.02, False)):
+        gap = share * reach**2 / height
+        lines = line_at(5, 10 - gap / 2, height), line_at(5, 10 + gap / 2, height)
+        judged = company(with_rest(*lines), 400)
         assert (judged.groups[0] == judged.groups[-1]) == one_thing
 
 
