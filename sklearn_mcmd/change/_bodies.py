@@ -72,11 +72,10 @@ def moved_bodies(
 ) -> Bodies:
     """Pair the flat regions of two clouds, and test which of them moved against the others.
 
-    Regions are those of :class:`RegionGrowing`, paired where most of their points are nearest to
-    each other, and compared as by :func:`sklearn_mcmd.adjustment.compare_planes` on what both
-    cover. The six parameters of a motion that the pairs have in common are adjusted. As in data
-    snooping, the pair that fits least to the motion of the others goes, until all fit: a
-    congruency test.
+    Regions are those of :class:`~sklearn_mcmd.RegionGrowing`, paired where most of their points
+    are nearest to each other, and compared as by :func:`sklearn_mcmd.adjustment.compare_planes` on
+    what both cover. The largest set of pairs that agrees on one motion of six parameters stayed.
+    The others are tested against it: a congruency test.
 
     Parameters
     ----------
@@ -86,7 +85,7 @@ def moved_bodies(
         Chance that any body is told to have moved against the others, though none has.
     random_state : int, RandomState instance or None, default=None
     n_jobs : int, default=None
-        As of :class:`RegionGrowing`.
+        As of :class:`~sklearn_mcmd.RegionGrowing`.
 
     Returns
     -------

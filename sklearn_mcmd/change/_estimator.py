@@ -54,7 +54,7 @@ class Changes(NamedTuple):
     alike : float
         By how much noise that is alike nearby multiplies variances, 1 at least.
     bodies : Bodies or None
-        With ``registration="auto"`` those of :func:`moved_bodies`.
+        With ``registration="auto"`` those of :func:`~sklearn_mcmd.change.moved_bodies`.
     """
 
     distance: NDArray[np.float64]
@@ -86,7 +86,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         How well both clouds are registered: a standard error in units of X; or the covariance of
         three shifts, in units of X, and three turns, in radians, about the mean of the first
         cloud; or "auto", by the motion that most flat surfaces of both clouds have in common (see
-        :func:`moved_bodies`), as far as it is from none. None takes them for exact.
+        :func:`~sklearn_mcmd.change.moved_bodies`), as far as it is from none. None takes them for
+        exact.
 
     alpha : float in (0, 1), default=0.05
         Level of the tests.
@@ -121,7 +122,7 @@ class CloudChange(DocLinkMixin, BaseEstimator):
 
     See Also
     --------
-    moved_bodies : Which flat surfaces moved, each as a whole.
+    sklearn_mcmd.change.moved_bodies : Which flat surfaces moved, each as a whole.
     sklearn_mcmd.adjustment.compare_planes : Two planes, by their points.
 
     Notes
