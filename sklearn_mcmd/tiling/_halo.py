@@ -41,7 +41,7 @@ class Part(NamedTuple):
     homes: np.ndarray  # int (n,), the cell of each,
     at: np.ndarray  # and its number there
     # (n,): how far its neighbors may be, in places as of `Cells`, and all of them are in the part.
-    reach: np.ndarray | None = None
+    reach: np.ndarray = np.empty(0)
     ranges: np.ndarray | None = None  # (n,) from the center of the cells, if they have one
 
     @classmethod
@@ -93,13 +93,13 @@ def part_of_cell(cells, cell, n_neighbors, hops, width):
     """The `Part` of a cell, and the `IndexedCloud` of its points: as many rings of `n_neighbors` as
     there are hops, and all points nearer than the `width`. This is in units of how far the last of
     a point's neighbors usually is, in places as of `Cells`."""
-    own = cells.points(cell), np.asarray(cells.rows(cell))
-    n = len(own[0])
-    own = *own, np.ones(n, bool), np.full(n, cell, np.int32), np.arange(n)
+    own_xyz, rows = cells.points(cell), np.asarray(cells.rows(cell))
+    n = len(rows)
+    own: tuple = own_xyz, rows, np.ones(n, bool), np.full(n, cell, np.int32), np.arange(n)
     if len(cells) == 1:
-        return Part(*own, np.full(n, np.inf)), IndexedCloud.of(own[0])
+        return Part(*own)._replace(reach=np.full(n, np.inf)), IndexedCloud.of(own_xyz)
     limits, length = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
-    usual = usual_distance(cells, own[0], n_neighbors)
+    usual = usual_distance(cells, own_xyz, n_neighbors)
     margin = max(hops, width) * usual or length / 16 or 1.0  # 0 of copies
     while True:
         xyz, rows, *others = cells.within(cell, margin)
@@ -126,10 +126,9 @@ def usual_distance(cells, xyz, n_neighbors):
     """How far the last of the neighbors of a point is, in places as of `Cells`, among the points of
     a cell; of 95 % of points it is nearer."""
     some, k = xyz[:: -(-len(xyz) // HaloLimits().sample)], min(n_neighbors, len(xyz))
-    ends = xyz[
-        cKDTree(xyz, LEAF, compact_nodes=False, balanced_tree=False).query(some, [k])[1][:, 0]
-    ]
-    return float(np.quantile(np.linalg.norm(cells.places(ends) - cells.places(some), axis=1), 0.95))
+    tree = cKDTree(xyz, LEAF, compact_nodes=False, balanced_tree=False)
+    last, begin = (cells.places(points) for points in (xyz[tree.query(some, [k])[1][:, 0]], some))
+    return float(np.quantile(np.linalg.norm(last - begin, axis=1), 0.95))
 
 
 class Rings:

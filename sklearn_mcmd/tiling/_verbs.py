@@ -68,10 +68,9 @@ class TiledNormals(TiledVerb):
 
     def prepare(self, catalog):
         known = {"sensor_origin": "origin"} if self.sensor.moves else {}  # any position will do
-        self.names_written, self.names_found = (
-            normal_columns(warm_up(clone(one).set_params(**known)))[0]
-            for one in (self.estimator, self.fitted)
-        )
+        fits = dict.fromkeys((self.estimator, self.fitted))  # they may be one
+        names = [normal_columns(warm_up(clone(one).set_params(**known)))[0] for one in fits]
+        self.names_written, self.names_found = names[0], names[-1]
 
     def measure_fit(self, xyz):
         given = {"sensor_origin": xyz.max(axis=0) + 1.0} if self.sensor.moves else {}
