@@ -84,19 +84,26 @@ def open3d_patches(case):
 
 def cgal_points(case):
     """CGAL's points with normals, the flattest first, as its manual advises; and their rows."""
-    from CGAL.CGAL_Kernel import Point_3
-    from CGAL.CGAL_Point_set_3 import Point_set_3
     from CGAL.CGAL_Point_set_processing_3 import pca_estimate_normals
 
     with case.clock:
         order = np.argsort(plane_deviations(case.X, 12))
-    points = Point_set_3()
-    points.add_normal_map()
-    for point in case.X[order].tolist():
-        points.insert(Point_3(*point))
+    points = cgal_point_set(case.X[order])
     with case.clock:
         pca_estimate_normals(points, 24)
     return points, order
+
+
+def cgal_point_set(X):
+    """Points with room for normals."""
+    from CGAL.CGAL_Kernel import Point_3
+    from CGAL.CGAL_Point_set_3 import Point_set_3
+
+    points = Point_set_3()
+    points.add_normal_map()
+    for point in X.tolist():
+        points.insert(Point_3(*point))
+    return points
 
 
 def plane_deviations(X, k):

@@ -42,7 +42,6 @@ MEASURES = {
     "noise": "noise",
     "iou": "mean IoU",
     "dice": "Dice",
-    "points_f1": "F1 of points",
 }
 STREET = {
     "road": "road in its largest region",

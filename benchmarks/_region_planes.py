@@ -13,11 +13,7 @@ PART = 0.2  # at least that much of it makes a segment a part
 
 
 def plane_scores(surface, labels):
-    """Shares by name: found, wrong and fitting surfaces or segments; see the page of segments.
-
-    "points_f1" asks of points, not of surfaces: a point of a segment is right if the segment has
-    most of its points, and half of them at least, on the point's surface.
-    """
+    """Shares by name: found, wrong and fitting surfaces or segments; see the page of segments."""
     shared = shared_points(surface, labels)
     of_surface, of_segment = np.bincount(surface[surface >= 0]), shared.sum(axis=0)
     of_surface = of_surface[of_surface > 0]
@@ -27,8 +23,6 @@ def plane_scores(surface, labels):
     matched = fits.sum()
     parts, wholes = part.sum(axis=0), part.sum(axis=1)
     alone = part & (parts == 1) & (wholes == 1)[:, None] & ~fits  # too little of each other
-    most = shared.max(axis=0, initial=0)
-    right = most[2 * most >= of_segment].sum()
     every = 2 * shared[fits] / (union + shared)[fits]
     figures = {
         "precision": share(matched, len(of_segment)),
@@ -41,7 +35,6 @@ def plane_scores(surface, labels):
         "missed": share(((wholes == 0) | alone.any(axis=1)).sum(), len(of_surface)),
         "iou": overlap.max(axis=1, initial=0).mean(),
         "dice": share(every.sum(), matched),
-        "points_f1": share(2 * right, of_segment.sum() + of_surface.sum()),
     }
     return {name: round(float(value), 4) for name, value in figures.items()}
 

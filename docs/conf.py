@@ -23,6 +23,7 @@ release = version = sklearn_mcmd.__version__
 
 extensions = [
     "constants_table",
+    "live_page",
     "numpydoc",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
@@ -35,7 +36,13 @@ templates_path = ["_templates"]
 exclude_patterns = ["_build"]
 html_theme = "pydata_sphinx_theme"
 html_title = "sklearn_mcmd"
-html_theme_options = {"show_prev_next": False, "navigation_with_keys": False}
+html_theme_options = {
+    "show_prev_next": False,
+    "navigation_with_keys": False,
+    "secondary_sidebar_items": {"**": ["page-toc"], "index": [], "benchmarks": []},
+    "logo": {"text": html_title},
+}
+html_logo = html_favicon = "_static/logo.svg"
 html_static_path = ["_static"]
 html_css_files = ["gallery.css"]
 html_copy_source = False
@@ -65,6 +72,7 @@ intersphinx_timeout = 5
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "auto_examples",
+    "backreferences_dir": "generated/backreferences",  # the front page shows six by their paths
     "subsection_order": ExplicitOrder(
         [
             f"../examples/{group}"

@@ -1,7 +1,7 @@
-"""The pictures of the landing page, of the first scan and of the guides, from one command.
+"""The pictures of links, of the front page, of the first scan and of the guides, from one command.
 
 python docs/figures.py                 # all of them, in docs/images/guide
-python docs/figures.py landing doors   # these two
+python docs/figures.py preview doors   # these two
 
 Clouds are simulated with fixed seeds, and results are those of the estimators. The pictures of
 pages (``browser_pages``) need playwright and a browser: ``--browser /usr/bin/chromium``.
@@ -17,6 +17,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from figures_common import (
+    DPI,
     FOLDER,
     VIEW,
     creases,
@@ -41,7 +42,6 @@ from sklearn_mcmd.plotting import (
     plot_cloud,
     region_colors,
 )
-from sklearn_mcmd.plotting._still import draw_ball
 
 SOFTWARE_RENDERING = [
     *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"),
@@ -50,16 +50,15 @@ SOFTWARE_RENDERING = [
 DRAWN = "cloudPage.loaded && !cloudPage.renderer.moving && !cloudPage.renderer.scheduled"
 
 
-def landing():
-    fig, axes = plt.subplots(1, 2, figsize=(12, 4.6), layout="constrained")
+def preview():
+    """What links to the pages show, 1200 by 630: the street before and after."""
+    fig, axes = plt.subplots(1, 2, figsize=(1200 / DPI, 630 / DPI), layout="constrained")
     flagged = detector().scores_ < detector().offset_
     plot_cloud(street().data, outliers=flagged, ax=axes[0])
     plot_cloud(kept(), color=normal_colors(normals().normals_), ax=axes[1])
     axes[1].set(xlim=axes[0].get_xlim(), ylim=axes[0].get_ylim())
-    draw_ball(axes[1], VIEW)
-    for ax, text in zip(axes, ("before", "after"), strict=True):
-        ax.set_title(text, loc="left", fontsize=15, color="0.3")
-    save(fig, "landing.jpg")
+    fig.suptitle("sklearn_mcmd cleans a laser scan without a parameter", fontsize=24)
+    save(fig, "../../_static/preview.jpg")
 
 
 def doors():
@@ -135,7 +134,7 @@ def browser_pages(browser):
 
 
 PICTURES = {
-    function.__name__: function for function in (landing, doors, first_scan, *GUIDE_PICTURES)
+    function.__name__: function for function in (preview, doors, first_scan, *GUIDE_PICTURES)
 }
 
 

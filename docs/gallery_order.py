@@ -4,6 +4,7 @@ from sphinx_gallery.sorting import FileNameSortKey
 
 FIRST = (
     "plot_clean_street.py",
+    "plot_las_report.py",
     "plot_outlier_strictness.py",
     "plot_check_before.py",
     "plot_compare_detectors.py",
@@ -18,6 +19,7 @@ FIRST = (
     "plot_pipeline_blocks.py",
     "plot_own_method.py",
     "plot_grid_search.py",
+    "plot_dask_cluster.py",
 )
 
 

@@ -157,11 +157,6 @@ def planes_by_loops(surface, labels):
     segments = [set(np.flatnonzero(labels == i)) for i in range(labels.max() + 1)]
     segments = [s & known for s in segments if s & known and 2 * len(s & known) >= len(s)]
     surfaces = [s for s in surfaces if s]
-    right = sum(
-        max(len(a & b) for a in surfaces)
-        for b in segments
-        if 2 * max(len(a & b) for a in surfaces) >= len(b)
-    )
 
     def overlap(a, b):
         return len(a & b) / len(a | b)
@@ -190,7 +185,6 @@ def planes_by_loops(surface, labels):
         "missed": sum(lost(a, segments, surfaces) for a in surfaces) / n,
         "iou": np.mean([max(overlap(a, b) for b in segments) for a in surfaces]),
         "dice": np.mean([2 * len(a & b) / (len(a) + len(b)) for a, b in found]) if found else 0,
-        "points_f1": 2 * right / (len(known) + sum(map(len, segments))),
     }
 
 

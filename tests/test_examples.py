@@ -18,7 +18,9 @@ if not SCRIPTS:
 PRINTED = {
     "plot_adjustment_figures": "grid: data snooping                  finds  100 of 100 outliers",
     "plot_adjustment_table4": "largest ratio after / before in 300 clouds: 0.",
+    "plot_dask_cluster": "the output is that of one process: True",
     "plot_grid_search": "unseen street",
+    "plot_las_report": "intensities: [200 800] before, [200 800] after",
     "plot_one_plane": "finds 360 of 360, and 0 good points",
     "plot_pipeline_edges": "area under ROC",
     "plot_pipeline_search": "defaults, unseen",
@@ -47,7 +49,7 @@ def test_what_is_printed_is_asked_of_scripts_that_there_are():
 
 @pytest.mark.slow
 def test_it_answers_in_time(script, monkeypatch, capsys):
-    for library in ("pandas", "polars", "laspy"):
+    for library in ("pandas", "polars", "laspy", "distributed"):
         pytest.importorskip(library)
     plt = pytest.importorskip("matplotlib.pyplot")
     plt.switch_backend("agg")

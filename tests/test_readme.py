@@ -76,6 +76,12 @@ def test_shares_of_the_demo_are_those_of_its_stored_run(page, words, shares):
         assert float(number) == pytest.approx(float(share), abs=half + 0.005), page
 
 
+def test_a_reader_has_the_command_in_60_words_and_all_in_500():
+    shown = re.sub(r"<!--.*?-->", "", (ROOT / "README.md").read_text("utf-8"), flags=re.DOTALL)
+    assert len(shown.partition("python -m venv")[0].split()) <= 60
+    assert len(shown.partition("## More")[0].split()) <= 500
+
+
 def test_the_lines_of_python_print_what_stands_under_them(capsys):
     readme = (ROOT / "README.md").read_text()
     code, output = re.search(r"```python\n(.*?)```\n\n```\n(.*?)```", readme, re.DOTALL).groups()

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from scenes import REAL_CLOUDS
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
+from sklearn_mcmd.metrics import bias_angle
 
 # One of each kind: a city from the air, a part, a street, an indoor scan, a turn of a lidar.
 QUICK = {
@@ -46,6 +48,55 @@ def test_normals_of_machined_parts_beat_pca(shared_data, name, least):
         cosines = np.abs(np.einsum("ij,ij->i", normals, truth))
         shares[method] = np.mean(cosines > np.cos(np.radians(10)))
     assert shares["mcmd_z"] > least > shares["pca"]
+
+
+def test_halves_of_a_statue_share_their_bias_which_errors_tell(shared_data):
+    """Errors are 3.5 times what halves differ by, and yet too small for the exact normals."""
+    with np.load(shared_data / "pcpnet_bunny" / "cloud.npz") as arrays:
+        rows = np.random.default_rng(3).permutation(len(arrays["xyz"]))[:16_000]
+        X, truth = arrays["xyz"][rows].astype(float), arrays["normals"][rows[:8_000]]
+    here, there = (
+        RobustNormalEstimator(features=["normal_error"], random_state=0, n_jobs=2).fit(half)
+        for half in (X[:8_000], X[8_000:])
+    )
+    told, error = there.transform(X[:8_000]), here.normal_error_
+    apart = bias_angle(here.normals_, told[:, 3:6])
+    off = bias_angle(here.normals_, truth)
+    # A median angle is 1.18 standard deviations along each tangent, a median error 1.41.
+    assert 3 < 0.83 * np.median(np.hypot(error, told[:, -1])) / np.median(apart) < 4
+    assert 0.7 < 0.83 * np.median(error) / np.median(off) < 1
+    assert 0.65 < np.mean(off <= 1.73 * error) < 0.75
+
+
+@pytest.mark.slow
+def test_errors_inside_faces_of_roofs_hold_their_noise_and_not_their_form(shared_data):
+    """97 % of the normals of halves agree. Of those of whole faces 71 % are held: a neighborhood
+    sees neither how a face sags nor noise that is alike in all of it."""
+    with np.load(shared_data / "roofs_dense" / "roofs.npz") as arrays:
+        xyz, plane, building = (arrays[name] for name in ("xyz", "plane", "building"))
+    halves, faces = [], []
+    for one in np.unique(building):
+        X, face = xyz[building == one].astype(float), plane[building == one]
+        _, near = cKDTree(X).query(X, 50)
+        inside = (face > 0) & (face[near] == face[:, None]).all(axis=1)
+        inside &= np.bincount(face.clip(0))[face.clip(0)] >= 200
+        whole = RobustNormalEstimator(random_state=0, n_jobs=2).fit(X)
+        first = np.random.default_rng(0).random(len(X)) < 0.5
+        here, there = (
+            RobustNormalEstimator(features=["normal_error"], random_state=0, n_jobs=2).fit(half)
+            for half in (X[first], X[~first])
+        )
+        told = there.transform(X[first])
+        within = 1.73 * np.hypot(here.normal_error_, told[:, -1])
+        halves.append((bias_angle(here.normals_, told[:, 3:6]) <= within)[inside[first]])
+        for number in np.unique(face[inside]):
+            of_face = X[face == number] - X[face == number].mean(axis=0)
+            normal = np.linalg.svd(of_face, full_matrices=False)[2][2]
+            rows = np.flatnonzero(inside & (face == number))
+            off = bias_angle(whole.normals_[rows], np.broadcast_to(normal, (len(rows), 3)))
+            faces.append(off <= 1.73 * whole.normal_error_[rows])
+    assert np.concatenate(halves).mean() > 0.95
+    assert 0.67 < np.concatenate(faces).mean() < 0.75
 
 
 def seen_from(X, position):

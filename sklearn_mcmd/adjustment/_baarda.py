@@ -23,7 +23,7 @@ from sklearn_mcmd.adjustment._tests import (
 
 
 class BaardaPlaneDetector(PlaneDetector):
-    """Outliers of a plane by data snooping: test, remove the worst, adjust again.
+    """Points that are no part of a plane, found one by one by geodesy's tests (data snooping).
 
     The detector fits ``z = a x + b y + c`` by least squares (any number of regressors; the last
     column of X is the dependent one). It divides every residual by its own standard deviation.
@@ -33,14 +33,6 @@ class BaardaPlaneDetector(PlaneDetector):
 
     Parameters
     ----------
-    alpha : float in (0, 1), default=0.05
-        Level of the test of the whole cloud, or of each point with ``correction="none"``
-        or "b-method".
-    test : {"w", "tau", "t"}, default="w"
-        "w" compares with a known `sigma0` (Baarda); with ``sigma0="auto"`` it is replaced by tau.
-        "tau" compares with the scale estimated from all residuals (Pope), "t" with the scale
-        estimated without the tested point. The last two decide alike. Alone they fail where more
-        than some 5 % of the points are outliers, because outliers enlarge the scale.
     sigma0 : float > 0 or "auto", default=1.0
         Standard deviation of an observation of weight 1, in the units of the dependent
         column (along the normal, for an orthogonal surface). It is the noise that
@@ -48,6 +40,30 @@ class BaardaPlaneDetector(PlaneDetector):
         **Set it**. In a cloud in meters the default of 1 m finds no outlier among residuals of
         millimeters, which is warned of. "auto" estimates it from the points that pass, and tests by
         tau, because an estimate is not known; see Notes.
+    alpha : float in (0, 1), default=0.05
+        Level of the test of the whole cloud, or of each point with ``correction="none"``
+        or "b-method".
+    surface : {"vertical", "orthogonal"}, default="vertical"
+        "vertical" takes residuals along the last axis, "orthogonal" along the normal (total
+        least squares). Take "orthogonal" for walls: of a plane tilted by 80 degrees with equal
+        noise in all directions, "vertical" rejects half of the good points.
+    robust_start : bool, default=False
+        Whether round 1 starts from the plane of the most coplanar half of the points (the
+        maximum consistent set), improved by concentration and reweighting, in place of all
+        points. Points that stay outside of it are left out in round 1. Least squares follows
+        outliers gathered at one edge and fails there from a share of 20 to 30 %. With this start
+        a share of 45 % of outliers of 10 sigma is found, and of up to 40 % without knowing sigma
+        or with an orthogonal surface.
+    toward : array-like of shape (n_features,), default=None
+        A place to whose side the normal of an orthogonal surface points, such as where the scanner
+        stood. Without it, it points up; if its height is less than four of its standard errors,
+        as that of a wall, to +y, or to +x if the wall goes along y. The normal of a vertical
+        surface always points up.
+    test : {"w", "tau", "t"}, default="w"
+        "w" compares with a known `sigma0` (Baarda); with ``sigma0="auto"`` it is replaced by tau.
+        "tau" compares with the scale estimated from all residuals (Pope), "t" with the scale
+        estimated without the tested point. The last two decide alike. Alone they fail where more
+        than some 5 % of the points are outliers, because outliers enlarge the scale.
     correction : {"sidak", "bonferroni", "b-method", "none"}, default="sidak"
         Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself. With
         "b-method" the level of the global test follows from it (`global_test_level_`), for networks
@@ -56,22 +72,6 @@ class BaardaPlaneDetector(PlaneDetector):
         "single" removes the worst point of each round, "all" every rejected point. "all"
         reproduces the paper's tables. It removes many good points with the outliers; they come
         back in `labels_`.
-    surface : {"vertical", "orthogonal"}, default="vertical"
-        "vertical" takes residuals along the last axis, "orthogonal" along the normal (total
-        least squares). Take "orthogonal" for walls: of a plane tilted by 80 degrees with equal
-        noise in all directions, "vertical" rejects half of the good points.
-    toward : array-like of shape (n_features,), default=None
-        A place to whose side the normal of an orthogonal surface points, such as where the scanner
-        stood. Without it, it points up; if its height is less than four of its standard errors,
-        as that of a wall, to +y, or to +x if the wall goes along y. The normal of a vertical
-        surface always points up.
-    robust_start : bool, default=False
-        Whether round 1 starts from the plane of the most coplanar half of the points (the
-        maximum consistent set), improved by concentration and reweighting, in place of all
-        points. Points that stay outside of it are left out in round 1. Least squares follows
-        outliers gathered at one edge and fails there from a share of 20 to 30 %. With this start
-        a share of 45 % of outliers of 10 sigma is found, and of up to 40 % without knowing sigma
-        or with an orthogonal surface.
     random_state : int, RandomState instance or None, default=None
         Seed of the trials of the robust start. An int makes results repeatable.
 
@@ -128,7 +128,7 @@ class BaardaPlaneDetector(PlaneDetector):
     FuzzyPlaneDetector : One adjustment and a limit between the two groups, no iteration.
     sklearn_mcmd.adjustment.compare_planes : Has the plane moved since?
     sklearn_mcmd.adjustment.plan_plane : Which errors will be found, before the measurement.
-    sklearn.linear_model.RANSACRegressor : For shares of outliers beyond all tests.
+    sklearn.linear_model.RANSACRegressor : For more outliers, as Open3D's ``segment_plane``.
     sklearn.covariance.EllipticEnvelope : Outliers of a cloud without a dependent column.
 
     Notes

@@ -36,7 +36,7 @@ class Effects(NamedTuple):
 
 
 class FuzzyPlaneDetector(PlaneDetector):
-    """Outliers of a plane by fuzzy memberships of residuals and of errors (Eqs 9-21).
+    """Points that are no part of a plane, found at once by a limit of two groups (Eqs 9-21).
 
     The detector fits ``z = a x + b y + c`` once (any number of regressors; the last column of X
     is the dependent one). The test statistic of a residual makes it more or less *abnormal*. The
@@ -47,15 +47,19 @@ class FuzzyPlaneDetector(PlaneDetector):
 
     Parameters
     ----------
-    alpha : float in (0, 1), default=0.05
-        Level of the critical value ``N_{1 - alpha/2}``.
-    test : {"w", "tau", "t"}, default="w"
-        Statistic of the residuals; see `BaardaPlaneDetector`.
     sigma0 : float > 0 or "auto", default=1.0
         Standard deviation of an observation of weight 1, in the units of the dependent
         column, which `MCMDOutlierDetector` calls `noise_scale`. **Set it**, or take "auto", the
         deviation of the points that are no farther from a robust plane than noise is. w is then
         the one that is as rare as the t of this deviation.
+    alpha : float in (0, 1), default=0.05
+        Level of the critical value ``N_{1 - alpha/2}``.
+    surface : {"vertical", "orthogonal"}, default="vertical"
+        "vertical" takes residuals along the last axis, "orthogonal" along the normal (for walls).
+    toward : array-like of shape (n_features,), default=None
+        A place to whose side the normal points; see `BaardaPlaneDetector`.
+    test : {"w", "tau", "t"}, default="w"
+        Statistic of the residuals; see `BaardaPlaneDetector`.
     correction : {"none", "sidak", "bonferroni", "b-method"}, default="none"
         "none" is the paper: alpha is the level of the critical value, where a residual begins to be
         abnormal. Then about one of 300 good points is flagged, so half of the clean planes of 200
@@ -70,10 +74,6 @@ class FuzzyPlaneDetector(PlaneDetector):
         Weights of the limit. "ratio" is the paper's Eq. 20, ``1 / m_N - r~n``. "cut" is
         ``1 - r~n``. "ratio" has no bound: one huge outlier can take the limit for itself and mask
         the others. Take "cut" if sizes differ by more than a factor of 5.
-    surface : {"vertical", "orthogonal"}, default="vertical"
-        "vertical" takes residuals along the last axis, "orthogonal" along the normal (for walls).
-    toward : array-like of shape (n_features,), default=None
-        A place to whose side the normal points; see `BaardaPlaneDetector`.
 
     Attributes
     ----------
@@ -109,6 +109,7 @@ class FuzzyPlaneDetector(PlaneDetector):
     See Also
     --------
     BaardaPlaneDetector : Data snooping; at equal critical value it is the stronger test.
+    sklearn.linear_model.RANSACRegressor : For more outliers, as Open3D's ``segment_plane``.
 
     Notes
     -----

@@ -150,7 +150,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
     See Also
     --------
     MCMDOutlierDetector : What cleans the cloud.
-    RobustNormalEstimator : The planes.
+    RobustNormalEstimator : The planes. scikit-learn, Open3D and PDAL have no edges.
 
     Notes
     -----

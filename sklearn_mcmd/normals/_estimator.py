@@ -34,7 +34,7 @@ FINDING = 0.3  # share of the work that n_neighbors="auto" takes first
 
 
 class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
-    """Normals and curvature of a point cloud, robust to outliers and edges (Algorithm 4).
+    """Normals and curvature of a point cloud that neither outliers nor edges tilt (Algorithm 4).
 
     The estimator removes outliers from the neighborhood of each point, as
     :class:`MCMDOutlierDetector` does. It fits a plane to the rest by principal components. A few
@@ -49,58 +49,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         for the noise around it to tilt its normal by 2.5 degrees, unless the surface bends
         before, and for a row of a scan to be a third at most; see `n_neighbors_`. It is for 2D and
         3D. None means one neighborhood of all points.
-
-    method : {"mcmd_z", "mcmd_md", "pca", "ransac", "msac", "robpca", "ulsif", "qsp"}, \
-            default="mcmd_z"
-        How outliers of a neighborhood are found. "mcmd_z" takes robust z-scores (Algorithm 2),
-        "mcmd_md" robust Mahalanobis distances (Algorithm 3). "pca" removes none: it is the
-        common estimate, which is not robust. The others are the methods that the paper compares
-        with.
-
-    method_params : dict, default=None
-        Parameters of the last five methods, see :class:`~sklearn_mcmd.baselines.Ransac` and
-        the other classes there. "ulsif" and "qsp" need a ``"contamination"``. The parameters
-        from `support_fraction` to `reweight` belong to "mcmd_z" and "mcmd_md".
-
-    support_fraction : float in (0, 1], default=0.5
-        Share of a neighborhood that forms the consistent set. Where neighbors agree, all others
-        may be off the plane that is kept.
-
-    max_outlier_rate : float in [0, 1), default=0.5
-        The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
-        sets the number of trials that are drawn before neighbors are asked, not how many points
-        are removed. Too small a rate risks planes through outliers.
-
-    success_probability : float in (0, 1), default=0.9999
-        Probability that at least one minimal subset has no outlier (P_r). It sets the number of
-        trials, together with `max_outlier_rate`.
-
-    cutoff : float, default=None
-        Robust distance beyond which a neighbor is removed. None means 2.5 for "mcmd_z" and 3.06
-        in 3D for "mcmd_md", see :ref:`the defaults <cutoffs>`.
-
-    reweight : bool, default=True
-        Whether plane and scale are refitted twice before outliers are removed, and neighbors
-        :ref:`agree on planes <agreement>`. None is removed if a plane and noise, or one smooth
-        curved surface, explain all neighbors; the normal of the latter is that of the surface at
-        the point. From four dimensions on, and with ``n_neighbors=None``, no neighbor is asked, and
-        every point has its refitted plane. False is the paper's form.
-
-    neighbor_planes : bool, default=None
-        Whether a point next to an edge is given the plane of the neighbor that explains it and
-        the points nearest to it best. Most of its own neighborhood may lie on the other face, or
-        its own plane may run across both. Neighbors have agreed on planes before; there a point
-        refits the plane that it takes, here it does not. None means as `reweight` says, in 2D and
-        3D. It cannot be True without `reweight`, or for more than three features.
-
-    tangents : bool, default=True
-        Whether the normal is that of a quadric at the point where a surface bends. False leaves it
-        the plane of all members; edges are sought between such planes.
-
-    radius : float, default=None
-        Largest distance of a neighbor, in units of X. A neighborhood then has this radius and
-        `n_neighbors` points at most. A point with fewer than ``n_features + 1`` neighbors in it
-        uses its nearest ``n_features + 1``.
 
     orientation : {"sensor", "mst"} or array-like of shape (n_features,), default=None
         Which of the two normals is taken:
@@ -135,6 +83,58 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         - "shape_index", from -1 in a cup to 1 on a cap, 0 on a saddle and on a plane.
 
         "all" takes those that exist for ``n_features``.
+
+    radius : float, default=None
+        Largest distance of a neighbor, in units of X. A neighborhood then has this radius and
+        `n_neighbors` points at most. A point with fewer than ``n_features + 1`` neighbors in it
+        uses its nearest ``n_features + 1``.
+
+    max_outlier_rate : float in [0, 1), default=0.5
+        The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
+        sets the number of trials that are drawn before neighbors are asked, not how many points
+        are removed. Too small a rate risks planes through outliers.
+
+    success_probability : float in (0, 1), default=0.9999
+        Probability that at least one minimal subset has no outlier (P_r). It sets the number of
+        trials, together with `max_outlier_rate`.
+
+    support_fraction : float in (0, 1], default=0.5
+        Share of a neighborhood that forms the consistent set. Where neighbors agree, all others
+        may be off the plane that is kept.
+
+    cutoff : float, default=None
+        Robust distance beyond which a neighbor is removed. None means 2.5 for "mcmd_z" and 3.06
+        in 3D for "mcmd_md", see :ref:`the defaults <cutoffs>`.
+
+    method : {"mcmd_z", "mcmd_md", "pca", "ransac", "msac", "robpca", "ulsif", "qsp"}, \
+            default="mcmd_z"
+        How outliers of a neighborhood are found. "mcmd_z" takes robust z-scores (Algorithm 2),
+        "mcmd_md" robust Mahalanobis distances (Algorithm 3). "pca" removes none: it is the
+        common estimate, which is not robust. The others are the methods that the paper compares
+        with.
+
+    method_params : dict, default=None
+        Parameters of the last five methods, see :class:`~sklearn_mcmd.baselines.Ransac` and
+        the other classes there. "ulsif" and "qsp" need a ``"contamination"``. The parameters
+        above, from `max_outlier_rate` on, and `reweight` belong to "mcmd_z" and "mcmd_md".
+
+    reweight : bool, default=True
+        Whether plane and scale are refitted twice before outliers are removed, and neighbors
+        :ref:`agree on planes <agreement>`. None is removed if a plane and noise, or one smooth
+        curved surface, explain all neighbors; the normal of the latter is that of the surface at
+        the point. From four dimensions on, and with ``n_neighbors=None``, no neighbor is asked, and
+        every point has its refitted plane. False is the paper's form.
+
+    neighbor_planes : bool, default=None
+        Whether a point next to an edge is given the plane of the neighbor that explains it and
+        the points nearest to it best. Most of its own neighborhood may lie on the other face, or
+        its own plane may run across both. Neighbors have agreed on planes before; there a point
+        refits the plane that it takes, here it does not. None means as `reweight` says, in 2D and
+        3D. It cannot be True without `reweight`, or for more than three features.
+
+    tangents : bool, default=True
+        Whether the normal is that of a quadric at the point where a surface bends. False leaves it
+        the plane of all members; edges are sought between such planes.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use. It decides little where
@@ -198,7 +198,8 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     --------
     MCMDOutlierDetector : Outliers by the same planes.
     sklearn_mcmd.baselines.PlaneOutlierDetector : Outliers by the methods compared with.
-    sklearn.decomposition.PCA : Principal components of all points at once.
+    sklearn.decomposition.PCA : Of all points at once; of neighbors it is Open3D's
+        ``estimate_normals`` and PDAL's ``filters.normal``.
 
     Notes
     -----

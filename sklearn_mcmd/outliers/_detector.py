@@ -28,7 +28,7 @@ EXACTLY = "are outliers only because most of their neighbors lie exactly in one 
 
 
 class MCMDOutlierDetector(BasePlaneOutliers):
-    """Outliers by maximum consistency with minimum distance (MCMD).
+    """Outliers of a point cloud: points that lie on no surface and keep no company (MCMD).
 
     The detector finds the plane that most neighbors of a point agree on. It draws planes through
     random minimal subsets of the neighbors, and takes the ``h`` neighbors nearest to each. The
@@ -63,12 +63,6 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         the paper). Take None for data that are one plane. Fewer than 20 say little about the
         noise: at 10, ``strictness="surfaces"`` takes 1 to 4 % of a clean plane.
 
-    method : {"mcmd_z", "mcmd_md"}, default="mcmd_z"
-        How a plane leaves out its outliers. "mcmd_z" takes the robust z-score of the
-        orthogonal distance to the plane (Algorithm 2). "mcmd_md" takes the robust Mahalanobis
-        distance (Algorithm 3), which also leaves out points far from the center within the
-        plane. With ``strictness=None`` that is the verdict, too.
-
     strictness : {"isolated", "groups", "surfaces"} or None, default="groups"
         What is taken for an outlier:
 
@@ -82,11 +76,34 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Of the first three, each flags all that the one before flags. With ``n_neighbors=None``
         there is one plane, and no such question.
 
-    support_fraction : float in (0, 1], default=0.5
-        Share of a neighborhood that forms the consistent set, ``h = ceil(support_fraction *
-        k)``. A value below 0.5 withstands more than half of outliers if these are not
-        consistent with a plane themselves. Where neighbors agree, all others may be off the plane
-        that is kept.
+    cutoff : float, default=None
+        Score beyond which a point is an outlier. It changes no score. None means 3; with
+        ``strictness=None`` or ``n_neighbors=None`` 2.5 for "mcmd_z" and 3.06 in 3D for "mcmd_md",
+        see :ref:`the defaults <cutoffs>`. 10 asks for gross errors only: ten standard deviations
+        off the surfaces, and ten usual spacings from any company.
+
+    contamination : float in (0, 0.5] or "auto", default=None
+        Share of the fitted points to flag: those of the worst scores. At most one of `cutoff`,
+        `false_positive_rate` and `contamination` may be given. "auto", as other detectors have it,
+        is None: the cutoff tells.
+
+    false_positive_rate : float in (0, 0.5), default=None
+        Share of the points on surfaces that noise may flag, at least 1e-4 in 3D and 1e-3
+        otherwise. The cutoff is that of a simulated plane with the noise of X. Thin and sparse
+        things may lose more. See :ref:`false_positive_rate`.
+
+    sensor_origin : array-like of shape (n_features,), "origin", "auto" or None, default=None
+        Where the sensor stood, in units of X. "origin" is the origin of the coordinates, where
+        a turn of a spinning scanner or a depth image has it. "auto" takes the origin if the cloud
+        shows that it was taken from there, see :ref:`recognized`, and else None. `fit` takes a
+        position for each point; under "auto" that is not used where it would condemn surfaces, see
+        :ref:`stated`. With it rays tell, too, see :ref:`sensor`; None goes by coordinates alone.
+
+    noise_scale : float, default=None
+        The scanner's standard deviation, in units of X, by which distances to planes are then
+        measured. It is the same thing as `sigma0` of `BaardaPlaneDetector`, the geodesists' name
+        for it. None measures each plane by the noise of its own neighborhood. That also
+        holds where noise grows with the range, and on curved surfaces.
 
     max_outlier_rate : float in [0, 1), default=0.5
         The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
@@ -97,21 +114,17 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         Probability that at least one minimal subset has no outlier (P_r). It sets the number of
         trials, together with `max_outlier_rate`.
 
-    cutoff : float, default=None
-        Score beyond which a point is an outlier. It changes no score. None means 3; with
-        ``strictness=None`` or ``n_neighbors=None`` 2.5 for "mcmd_z" and 3.06 in 3D for "mcmd_md",
-        see :ref:`the defaults <cutoffs>`. 10 asks for gross errors only: ten standard deviations
-        off the surfaces, and ten usual spacings from any company.
+    support_fraction : float in (0, 1], default=0.5
+        Share of a neighborhood that forms the consistent set, ``h = ceil(support_fraction *
+        k)``. A value below 0.5 withstands more than half of outliers if these are not
+        consistent with a plane themselves. Where neighbors agree, all others may be off the plane
+        that is kept.
 
-    false_positive_rate : float in (0, 0.5), default=None
-        Share of the points on surfaces that noise may flag, at least 1e-4 in 3D and 1e-3
-        otherwise. The cutoff is that of a simulated plane with the noise of X. Thin and sparse
-        things may lose more. See :ref:`false_positive_rate`.
-
-    contamination : float in (0, 0.5] or "auto", default=None
-        Share of the fitted points to flag: those of the worst scores. At most one of `cutoff`,
-        `false_positive_rate` and `contamination` may be given. "auto", as other detectors have it,
-        is None: the cutoff tells.
+    method : {"mcmd_z", "mcmd_md"}, default="mcmd_z"
+        How a plane leaves out its outliers. "mcmd_z" takes the robust z-score of the
+        orthogonal distance to the plane (Algorithm 2). "mcmd_md" takes the robust Mahalanobis
+        distance (Algorithm 3), which also leaves out points far from the center within the
+        plane. With ``strictness=None`` that is the verdict, too.
 
     reweight : bool, default=True
         Whether plane and scale are refitted twice to the neighbors within 2.5 robust standard
@@ -119,19 +132,6 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         "mcmd_md" would lose, gives more accurate planes, and needs no knowledge of the share of
         outliers. With ``strictness=None``, with ``n_neighbors=None`` and beyond 3D no neighbor is
         asked. False is the paper's form.
-
-    noise_scale : float, default=None
-        The scanner's standard deviation, in units of X, by which distances to planes are then
-        measured. It is the same thing as `sigma0` of `BaardaPlaneDetector`, the geodesists' name
-        for it. None measures each plane by the noise of its own neighborhood. That also
-        holds where noise grows with the range, and on curved surfaces.
-
-    sensor_origin : array-like of shape (n_features,), "origin", "auto" or None, default=None
-        Where the sensor stood, in units of X. "origin" is the origin of the coordinates, where
-        a turn of a spinning scanner or a depth image has it. "auto" takes the origin if the cloud
-        shows that it was taken from there, see :ref:`recognized`, and else None. `fit` takes a
-        position for each point; under "auto" that is not used where it would condemn surfaces, see
-        :ref:`stated`. With it rays tell, too, see :ref:`sensor`; None goes by coordinates alone.
 
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use. It decides little where
@@ -193,8 +193,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     See Also
     --------
     RobustNormalEstimator : Normals and curvature from the same planes.
-    sklearn.neighbors.LocalOutlierFactor : Outliers by density, without planes.
-    sklearn.covariance.EllipticEnvelope : One robust ellipsoid for all data.
+    sklearn.neighbors.LocalOutlierFactor : By density, as PDAL's ``filters.lof``. Open3D's
+        ``remove_statistical_outlier`` and PDAL's ``filters.outlier`` go by mean distances.
 
     Notes
     -----

@@ -59,7 +59,7 @@ class Segments(NamedTuple):
 
 
 class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
-    """Surfaces of a point cloud, grown from the flattest points (section 5.2.3).
+    """Surfaces of a point cloud, one number each: road, kerb, walls, poles (section 5.2.3).
 
     A region starts at the point of least curvature. It takes in neighbors that lie in the plane
     of one of its points, are near to that point, and have a similar normal. The next region
@@ -155,7 +155,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     --------
     RobustNormalEstimator : The normals that regions grow by.
     sklearn_mcmd.metrics.segmentation_scores : Compares regions with the truth.
-    sklearn.cluster.DBSCAN : Grows clusters by distance alone.
+    sklearn.cluster.DBSCAN : By distance alone, as PDAL's ``filters.cluster``; Open3D's
+        ``detect_planar_patches`` finds flat patches.
 
     Notes
     -----

@@ -174,3 +174,20 @@ def test_the_bend_of_a_cylinder_is_hardly_in_doubt():
     off, error = bias_angle(found.normals_, truth)[away < -6], found.normal_error_[away < -6]
     assert np.mean(off <= 1.73 * error) > 0.93
     assert np.median(error) < 1.25 * np.quantile(off, 0.95) / 1.73
+
+
+@pytest.mark.parametrize(("noise", "least", "most"), [(0.05, 3.0, 4.5), (0.2, 1.2, 2.0)])
+def test_waves_with_little_noise_are_in_more_doubt_than_they_need(noise, least, most):
+    """Normals of a neighborhood's rim lean by what a quadric does not explain, as beside a crease.
+    The middle of a wave leans by a third of it."""
+    rng, width = np.random.default_rng(2), np.sqrt(8_000)
+    places = rng.uniform(0, width, (8_000, 2))
+    (sine, cosine), (sine_v, cosine_v) = ((np.sin(c / 6), np.cos(c / 6)) for c in places.T)
+    truth = np.column_stack([-cosine * cosine_v / 2, sine * sine_v / 2, np.ones(8_000)])
+    truth /= np.linalg.norm(truth, axis=1, keepdims=True)
+    X = np.column_stack([places, 3 * sine * cosine_v]) + noise * rng.normal(size=(8_000, 1)) * truth
+    found = RobustNormalEstimator(random_state=0).fit(X)
+    inner = ((places > 5) & (places < width - 5)).all(axis=1)
+    off, error = bias_angle(found.normals_, truth)[inner], found.normal_error_[inner]
+    assert np.mean(off <= 1.73 * error) > 0.94
+    assert least < 1.73 * np.median(error) / np.quantile(off, 0.95) < most

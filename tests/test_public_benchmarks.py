@@ -1,0 +1,190 @@
+"""Readers and measures of `benchmarks/bench_public.py`, on made data whose answer is known."""
+
+import csv
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+ROOT = Path(__file__).resolve().parents[1]
+if not (ROOT / "benchmarks").is_dir():
+    pytest.skip("a checkout is needed", allow_module_level=True)
+
+
+@pytest.fixture
+def load(monkeypatch):
+    """Imports a module of the folder."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    return importlib.import_module
+
+
+@pytest.fixture
+def score_roof(load):
+    def score(plane, labels):
+        plane, labels = np.asarray(plane), np.asarray(labels)
+        roof = load("_public_data").Roof("all", np.zeros((len(plane), 3)), plane)
+        return load("_public_measures").roof_scores(roof, labels)
+
+    return score
+
+
+def test_a_roof_that_is_right_by_other_numbers_is_right(score_roof):
+    best = {"ARI": 1, "mean IoU": 1, "precision": 1, "recall": 1}
+    plane = np.repeat([4, 1, 2], [5, 9, 6])
+    scores = score_roof(plane, np.repeat([0, 2, 1], [5, 9, 6]))
+    assert scores == pytest.approx({**best, "faces off by": 0, "over": 0, "under": 0})
+
+
+def test_a_face_in_two_halves_is_over_segmented(score_roof):
+    scores = score_roof(np.repeat([1, 2], [10, 10]), np.repeat([0, 1, 2], [10, 6, 4]))
+    assert scores.pop("ARI") < 1
+    # The half of six is matched: 6 of 10; the other finds none.
+    expected = {"mean IoU": 0.8, "precision": 2 / 3, "recall": 1, "faces off by": 1}
+    assert scores == pytest.approx({**expected, "over": 0.5, "under": 0})
+
+
+def test_two_faces_in_one_segment_are_under_segmented(score_roof):
+    scores = score_roof(np.repeat([1, 2], [10, 30]), np.zeros(40, int))
+    expected = {"ARI": 0, "mean IoU": 0.75, "precision": 1, "recall": 0.5, "faces off by": 1}
+    assert scores == pytest.approx({**expected, "over": 0, "under": 1})
+
+
+def test_points_of_no_segment_are_a_label_more_for_ari_alone(score_roof):
+    scores = score_roof(np.repeat([1, 2, -1], [10, 10, 5]), np.repeat([0, 1, -1, 3], [10, 8, 2, 5]))
+    assert 0 < scores.pop("ARI") < 1
+    expected = {"mean IoU": 0.9, "precision": 1, "recall": 1, "faces off by": 0}
+    assert scores == pytest.approx({**expected, "over": 0, "under": 0})
+    nothing = score_roof(np.repeat([1, 2], 10), np.full(20, -1))
+    assert (nothing["precision"], nothing["recall"], nothing["mean IoU"]) == (0, 0, 0)
+
+
+def test_a_roof_of_one_face_has_no_ari(score_roof):
+    assert np.isnan(score_roof([1, 1, 1, 1], [0, 0, 0, 1])["ARI"])
+
+
+def test_normals_that_are_off_by_known_angles_have_known_scores(load):
+    off = np.radians([0.0, 6, 20, 40])
+    normals = np.column_stack([np.sin(off), np.zeros(4), np.cos(off)])
+    normals[0] *= -1  # the side does not count
+    normals = np.vstack([normals, np.full((1, 3), np.nan), [[1, 0, 0]]])  # the last is not judged
+    truth = np.tile([0.0, 0, 1], (6, 1))
+    shape = load("_public_data").Shape("no noise", np.zeros((6, 3)), truth, np.arange(5))
+    scores = load("_public_measures").normal_scores(shape, normals)
+    rmse = np.sqrt(np.mean([0, 36, 400, 1600, 8100]))
+    area = 100 * np.mean([1, 24 / 30, 10 / 30, 0, 0])
+    expected = {"RMSE": rmse, "within 5": 20, "within 10": 40, "area": area}
+    assert scores == pytest.approx(expected, abs=1e-5)
+
+
+def test_flakes_are_counted_as_found_and_as_wrongly_flagged(load):
+    snow = np.repeat([True, False], [4, 16])
+    frame = load("_public_data").Frame("all", np.zeros((20, 3)), np.zeros(20), snow)
+    flagged = np.isin(np.arange(20), [0, 1, 2, 10])
+    scores = load("_public_measures").snow_scores(frame, flagged)
+    assert scores == pytest.approx({"precision": 75, "recall": 75, "F1": 75, "others lost": 6.25})
+    assert load("_public_measures").snow_scores(frame, snow & False)["F1"] == 0
+
+
+def test_roofs_are_read_from_arrays_and_from_texts_alike(load, tmp_path):
+    X = np.random.default_rng(0).random((30, 3)).round(6)
+    building, plane = np.repeat([3, 8], 15), np.tile([1, 2, -1], 10)
+    for name in ("arrays", "texts"):
+        (tmp_path / name).mkdir()
+    np.savez(tmp_path / "arrays" / "roofs.npz", xyz=X, building=building, plane=plane)
+    for i, number in enumerate((3, 8)):
+        table = np.column_stack([X, np.zeros(30), plane])[building == number]
+        np.savetxt(tmp_path / "texts" / f"scene_00{i}.txt", table, header="x y z pred gt")
+    read = load("_public_data").roofs
+    for one, other in zip(read(tmp_path / "arrays"), read(tmp_path / "texts"), strict=True):
+        assert_array_equal(one.X, other.X)
+        assert_array_equal(one.plane, other.plane)
+
+
+def test_shapes_are_those_of_each_list_with_their_judged_rows(load, tmp_path):
+    rng = np.random.default_rng(0)
+    for name, list_name in (("a", "testset_no_noise"), ("a_noisy", "testset_high_noise")):
+        (tmp_path / f"{list_name}.txt").write_text(f"{name}\n")
+        np.savetxt(tmp_path / f"{name}.xyz", rng.random((9, 3)))
+        np.savetxt(tmp_path / f"{name}.normals", 2 * np.eye(3)[np.arange(9) % 3])
+        np.savetxt(tmp_path / f"{name}.pidx", [7, 2], fmt="%d")
+    clean, noisy = load("_public_data").shapes(tmp_path)
+    assert (clean.kind, noisy.kind) == ("no noise", "1.2 %")
+    assert_array_equal(clean.rows, [7, 2])
+    assert_array_equal(clean.normals[:3], np.eye(3))
+
+
+def test_a_shape_alone_gets_the_noise_of_the_benchmark(load, tmp_path):
+    X = np.random.default_rng(0).random((20_000, 3))
+    sure = np.arange(len(X)) > 4
+    np.savez(tmp_path / "cube.npz", xyz=X, normals=np.tile([0, 0, 2.0], (len(X), 1)), known=sure)
+    shares = []
+    for shape in load("_public_data").shapes(tmp_path):
+        shares.append(100 * np.std(shape.X - X) / np.sqrt(3))  # the box is 1 by 1 by 1
+        assert len(np.unique(shape.rows)) == 5000
+        assert shape.rows.min() > 4
+    assert shares == pytest.approx([0, 0.12, 0.6, 1.2], rel=0.02)
+
+
+def test_frames_have_the_sensor_at_the_origin_and_flakes_by_the_low_bits(load, tmp_path):
+    points = np.random.default_rng(0).random((6, 4)).astype("<f4")
+    label = np.array([110, 111, 110, 40, 0, 110], dtype="<u4") + (7 << 16)
+    for folder in ("velodyne", "labels"):
+        (tmp_path / "sequences" / "11" / folder).mkdir(parents=True)
+    points.tofile(tmp_path / "sequences/11/velodyne/000001.bin")
+    label.tofile(tmp_path / "sequences/11/labels/000001.label")
+    (frame,) = load("_public_data").frames(tmp_path)
+    assert_array_equal(frame.X, points[:, :3])
+    assert_array_equal(frame.intensity, points[:, 3])
+    assert_array_equal(np.flatnonzero(frame.snow), [0, 2, 5])
+
+
+def roofs(folder):
+    """Two gables of 400 points."""
+    x, y = np.random.default_rng(0).uniform(-1, 1, (2, 800))
+    X, building = np.column_stack([x, y, -0.7 * np.abs(x)]), np.arange(800) % 2
+    np.savez(folder / "roofs.npz", xyz=X, building=building, plane=1 + (x > 0))
+
+
+def test_the_command_prints_ours_peers_what_is_left_out_and_what_is_printed(
+    load, tmp_path, monkeypatch, capsys
+):
+    roofs(tmp_path)
+    methods = load("_public_methods")
+    absent = methods.ROOFS["Open3D patches"]._replace(package="no_such_library")
+    monkeypatch.setitem(methods.ROOFS, "Open3D patches", absent)
+    load("bench_public").main(["roofs_ntnu", str(tmp_path), "--output", str(tmp_path)])
+    assert "Open3D patches: no_such_library is not installed" in capsys.readouterr().out
+    with open(tmp_path / "public_roofs_ntnu.csv", newline="") as file:
+        rows = {row["method"]: row for row in csv.DictReader(file)}
+    assert float(rows["sklearn_mcmd"]["ARI"]) > 0.95
+    assert rows["sklearn_mcmd"]["faces off by"] == "0.000"
+    assert rows["Open3D patches"]["ARI"] == "not installed"
+    assert rows["printed: network, trees"]["ARI"] == "0.875"
+
+
+def test_an_empty_folder_is_refused(load, tmp_path):
+    with pytest.raises(FileNotFoundError, match="holds none of the files"):
+        load("bench_public").main(["wads", str(tmp_path)])
+
+
+def test_snow_filters_keep_what_is_as_dense_as_beams_and_take_what_is_alone(load):
+    """A wall at 30 m with a beam each .2 degrees, and a flake at 5 m."""
+    methods, data = load("_public_methods"), load("_public_data")
+    angle = np.radians(np.arange(-10, 10, 0.2))
+    rays = np.stack(np.meshgrid(angle, angle), axis=-1).reshape(-1, 2)
+    wall = 30 * np.column_stack([np.ones(len(rays)), np.tan(rays)])
+    X, snow = np.vstack([wall, [[5, 0, 0]]]), np.arange(len(wall) + 1) == len(wall)
+    frame = data.Frame("all", X, np.where(snow, 0.0, 9.0), snow)
+    for name in ("DROR", "DSOR", "LIOR-like", "10 over range"):
+        assert_array_equal(methods.SNOW[name].run(frame), snow, err_msg=name)
+
+
+@pytest.mark.parametrize("name", ["roofs_ntnu", "pcpnet", "wads"])
+def test_the_stored_table_has_the_methods_and_the_printed_rows_of_the_command(name, load):
+    benchmark = load("bench_public").BENCHMARKS[name]
+    rows = [(method, how.setting) for method, how in benchmark.methods.items()]
+    rows += [(method, cells[0]) for method, cells in benchmark.printed.items()]
+    with open(ROOT / "docs" / "benchmarks" / f"public_{name}.csv", newline="") as file:
+        assert [(row["method"], row["told"]) for row in csv.DictReader(file)] == rows
