@@ -95,12 +95,24 @@ def rows(data):
         "dense roofs' wireframes": partial(wireframes, dense, True),
         "dense roofs without a crease": partial(wireframes, dense, False),
         "barrels": barrels,
+        "foliage": partial(leaves, data),
     }
 
 
 def of_files(paths, share, n_seeds=N_SEEDS):
     for seed, path in product(range(n_seeds), paths):
         yield of_file(path, share, seed)
+
+
+def leaves(data):
+    """A street's and a village's, of which none belongs to an edge; all else is unknown."""
+    classes = {"mobile_street_labelled": ("label", 1300)}
+    classes["village_hanging_things"] = ("classification", 5)
+    for name, (field, number) in classes.items():
+        if (data / name).is_dir():
+            with np.load(data / name / "cloud.npz") as arrays:
+                X, leaf = arrays["xyz"].astype(np.float64), arrays[field] == number
+            yield X, np.where(leaf, np.inf, np.nan), spacing_of(X)
 
 
 def street(share):

@@ -76,7 +76,15 @@ sphinx_gallery_conf = {
     "subsection_order": ExplicitOrder(
         [
             f"../examples/{group}"
-            for group in ("cleaning", "normals", "segments", "planes", "pipelines", "papers")
+            for group in (
+                "cleaning",
+                "normals",
+                "segments",
+                "planes",
+                "change",
+                "pipelines",
+                "papers",
+            )
         ]
     ),
     "within_subsection_order": "gallery_order.ByUse",

@@ -1,5 +1,8 @@
 """The pictures of the guides; `figures.py` makes them."""
 
+import runpy
+from pathlib import Path
+
 import matplotlib.pyplot as plt
 import numpy as np
 from figures_common import (
@@ -294,6 +297,11 @@ def planes_residuals():
     save(fig, "planes_residuals.jpg")
 
 
+def change():
+    script = Path(__file__).parents[1] / "examples" / "change" / "plot_two_scans.py"
+    save(runpy.run_path(str(script))["figure"], "change.png")
+
+
 GUIDE_PICTURES = (
     majority,
     outliers_principle,
@@ -306,4 +314,5 @@ GUIDE_PICTURES = (
     segments_street,
     planes_tilt,
     planes_residuals,
+    change,
 )

@@ -4,6 +4,7 @@ TYPE_CHECKING = False  # True for type checkers, like typing's, whose import tak
 if TYPE_CHECKING:
     from sklearn_mcmd.adjustment import BaardaPlaneDetector as BaardaPlaneDetector
     from sklearn_mcmd.adjustment import FuzzyPlaneDetector as FuzzyPlaneDetector
+    from sklearn_mcmd.change import CloudChange as CloudChange
     from sklearn_mcmd.edges import SharpFeatureDetector as SharpFeatureDetector
     from sklearn_mcmd.normals import RobustNormalEstimator as RobustNormalEstimator
     from sklearn_mcmd.outliers import MCMDOutlierDetector as MCMDOutlierDetector
@@ -16,6 +17,7 @@ __version__ = "0.1.0"
 _ROOMS = {
     "adjustment": ["BaardaPlaneDetector", "FuzzyPlaneDetector"],
     "baselines": [],
+    "change": ["CloudChange"],
     "datasets": [],
     "edges": ["SharpFeatureDetector"],
     "io": [],

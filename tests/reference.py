@@ -264,23 +264,30 @@ def judged(X, k, trials, h, noise=None, sensor=None):
     usable = np.array(usable)
     cos_25 = np.cos(np.radians(25))
 
-    def large_parts(usable, least):
+    def large_parts(usable, least, counting=None, degrees=25):
+        counting = np.ones(n, bool) if counting is None else counting
+        least_cosine = np.cos(np.radians(degrees))
+
         def explain_each_other(i, j):
             near_each_other = j in near[i, :16] and i in near[j, :16]
             both = off(i, j, scale[j]) <= 3 and off(j, i, scale[i]) <= 3
             cosine = abs(planes[i][1] @ planes[j][1])
-            return usable[i] and usable[j] and near_each_other and both and cosine >= cos_25
+            return usable[i] and usable[j] and near_each_other and both and cosine >= least_cosine
 
         part = parts(n, [(i, j) for i in range(n) for j in near[i] if explain_each_other(i, j)])
-        return [usable[i] and part.count(part[i]) >= least for i in range(n)]
+        counts = {one: sum(np.array(part)[counting] == one) for one in set(part)}
+        return np.array([usable[i] and counts[part[i]] >= least for i in range(n)])
 
     # Planes that contain the rays are no surfaces.
     scatter, sheet = np.zeros(n), np.zeros(n, bool)
     if sensor is not None:
         rays = LiteralRays(points, np.broadcast_to(sensor, X.shape)[first])
         scatter = rays.of_planes(planes, sd, near)
-        flat = [scale[i] <= 0.15 * radius[i] for i in range(n)]
-        sheet = rays.sheets(planes, sd, near, flat, scatter) & (not rays.far_away())
+        flat = np.array([scale[i] <= 0.15 * radius[i] for i in range(n)])
+        faces = flat & (scatter <= 3)
+        tells = large_parts(usable, min(k, n / 5), faces & (scatter <= 1), 12.5)
+        voters = faces & tells if tells.any() else faces
+        sheet = rays.sheets(planes, sd, near, flat & ~faces, voters) & (not rays.far_away())
     explains = large_parts(usable & ~sheet, min(k, n / 5))
     sheet = large_parts(usable & sheet, 0.5 * min(k, n / 5))
     distance, owner = np.full(n, np.inf), np.arange(n)
@@ -302,15 +309,16 @@ def judged(X, k, trials, h, noise=None, sensor=None):
     extent = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
     to_others = [mean_of_8(i, near[i, :9], 0) for i in range(n)]
     reference = explained or range(n)
-    usual, among_all, isolation, separation = {}, {}, np.zeros(n), np.zeros(n)
+    usual, among_all, among_off_surface = {}, {}, {}
+    isolation, separation = np.zeros(n), np.zeros(n)
     for i in off_surface:
         around = sorted(reference, key=lambda j: gaps[i, j])[:128]
         usual[i] = sorted(to_others[j] for j in around)[
             int((0.75 if explained else 0.5) * len(around))
         ]
         among_all[i] = mean_of_8(i, near[i, :9], counts[i] - 1)
-        among_off_surface = mean_of_8(i, off_surface, counts[i] - 1, [extent] * 8)
-        isolation[i] = among_off_surface ** (2 / 3) * among_all[i] ** (1 / 3) / usual[i]
+        among_off_surface[i] = mean_of_8(i, off_surface, counts[i] - 1, [extent] * 8)
+        isolation[i] = among_off_surface[i] ** (2 / 3) * among_all[i] ** (1 / 3) / usual[i]
 
     # Groups off the surfaces, and how far the small ones stand off from what is real.
     links = []
@@ -344,7 +352,7 @@ def judged(X, k, trials, h, noise=None, sensor=None):
     links = [(i, j) for inside in wholes for i, j in pairwise(inside)]
 
     # Flat groups are pieces of one if they are as near to each other as to anything real, or in one
-    # plane, and no more than three times as far apart as they are long.
+    # plane, and no more than five times as far apart as they are long, less where all is far off.
     group, members, small = small_groups(links)
     real = explained + [i for i in off_surface if group[i] not in small]
     flat = {}
@@ -365,20 +373,30 @@ def judged(X, k, trials, h, noise=None, sensor=None):
 
     for i in flat:
         for j in sorted(off_surface, key=lambda j: gaps[i, j])[: int(np.ceil(thing))]:
-            if j in flat and gaps[i, j] <= 3 * (flat[i][0] + flat[j][0]):
-                near_enough = gaps[i, j] <= max(flat[i][1], flat[j][1])
+            if j in flat:
+                reach, to_real = 5 * (flat[i][0] + flat[j][0]), max(flat[i][1], flat[j][1])
+                if gaps[i, j] > reach or gaps[i, j] * to_real > reach**2:
+                    continue
+                near_enough = gaps[i, j] <= to_real
                 alike = abs(flat[i][4] @ flat[j][4]) >= cos_25
                 if near_enough or (alike and explains(i, j) and explains(j, i)):
                     links.append((i, j))
     group, members, small = small_groups(links)
     real = explained + [i for i in off_surface if group[i] not in small]
+    things = [i for i in real if i not in explained]
     for label, inside in members.items():
         size = np.mean([usual[i] for i in inside])
         if len(inside) > 1:
             length = np.sqrt(12) if straight(points[inside]) else 1
             size = max(size, length * np.sqrt(plane(points[inside])[1][-1]))
         if label in small:
-            separation[inside] = gaps[np.ix_(inside, real)].min() / size
+            # From a thing by the spacing that it has there, if that is more.
+            apart = [gaps[i, j] / size for i in inside for j in explained]
+            for i in inside if things else ():
+                beside = sorted(things, key=lambda j: gaps[i, j])[:8]
+                sparse = np.median([among_off_surface[j] for j in beside])
+                apart.append(gaps[i, beside[0]] / max(size, sparse))
+            separation[inside] = min(apart)
             in_row |= set(inside) if len(inside) > 1 and straight(points[inside]) else set()
         elif explained and len(inside) >= thing:  # n times as many must stand off n times as far
             size *= counts[inside].sum() / thing

@@ -14,7 +14,7 @@ CLIP, HUBER, FITS = 3.0, 1.5, 3
 class LiteralCreases:
     """`scores` of all points, and the `evidence` for edges, nan where no second face is seen."""
 
-    def __init__(self, points, planes, k, min_angle):
+    def __init__(self, points, planes, k, min_angle, on_surface):
         n, self.d = points.shape
         self.points, self.k, self.angle = points, k, min_angle
         gaps = [np.linalg.norm(points - x, axis=1) for x in points]
@@ -45,7 +45,8 @@ class LiteralCreases:
                     for where, j in enumerate(self.near[i])
                 )[::2]
                 assert np.isfinite(cost)
-            self.asked.append(any(turns) and flat[j])
+            near_surfaces = np.mean(on_surface[self.near[i]]) >= 0.25
+            self.asked.append(any(turns) and flat[j] and near_surfaces)
             normal, level = planes.normals[j], planes.normals[j] @ planes.centroids[j]
             self.normal.append(normal)
             self.level.append(level)

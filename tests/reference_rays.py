@@ -51,16 +51,16 @@ class LiteralRays:
         ]
         return np.array(scatter)
 
-    def sheets(self, planes, sd, near, flat, scatter):
+    def sheets(self, planes, sd, near, grazed, voters):
         """Flat planes that contain the rays, but where more surfaces beside go on than turn."""
         goes_on = np.zeros(len(self.points))
-        for i in np.flatnonzero(flat & (scatter > 3)):
+        for i in np.flatnonzero(grazed):
             for j in self.others[i][:8]:
-                if flat[j] and scatter[j] <= 3:
+                if voters[j]:
                     explains = abs((self.points[i] - planes[j][0]) @ planes[j][1]) <= 3 * sd[j]
                     alike = abs(planes[i][1] @ planes[j][1]) >= np.cos(np.radians(25))
                     goes_on[i] += explains if alike else -1
-        return flat & (scatter > 3) & [goes_on[beside].sum() <= 0 for beside in near]
+        return grazed & [goes_on[beside].sum() <= 0 for beside in near]
 
     def far_away(self):
         """Whether one position is farther from the cloud than that is large."""

@@ -21,6 +21,7 @@ VERBS = {
     "normals": "Add normals, surface variation and eigenvalues, robust to outliers and edges.",
     "edges": "Mark edges and corners: points next to a line where two faces meet.",
     "segment": "Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.",
+    "change": "Say what has moved between two scans of one place, and how surely.",
     "plane": "Test one plane, such as a wall or a floor: mark its outliers and write a report.",
     "plan": "Say before a measurement which errors of a plane its tests will find.",
     "view": "Make one HTML page that shows point clouds in any browser, offline.",

@@ -13,6 +13,7 @@ from typer.core import TyperOption
 from sklearn_mcmd.cli._messages import clear_exits
 from sklearn_mcmd.io._formats import INDEX, TILED_NAMES
 
+FILES = "source", "other", "target"  # fields of files, which come first
 # What options take, in a word, so that their help is not narrow; flags take nothing.
 METAVARS = {bool: "", int: "NUMBER", float: "NUMBER", str: "WORD", Path: "FILE"}
 # Units of lengths, in meters.
@@ -172,7 +173,7 @@ def command_of(kind, *, without=(), more=""):
     """
     shared = {one.name for base in kind.__mro__[1:-1] for one in fields(base)}
     taken = [one for one in fields(kind) if one.name not in without]
-    taken.sort(key=lambda one: (one.name not in ("source", "target"), one.name in shared))
+    taken.sort(key=lambda one: (one.name not in FILES, one.name in shared))
     parameters = []
     for one in taken:
         hint: Any = one.type

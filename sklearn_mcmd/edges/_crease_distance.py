@@ -37,8 +37,7 @@ class FaceLimits(NamedTuple):
     n_spacing: int = 8  # neighbors that tell the spacing, or all if fewer
     least_noise: float = 0.05  # share of the spacing: a point is not known better
     # Most noise, as a share of its radius. It is more than that of surfaces in the search for
-    # outliers, 0.15: a face that passes for foliage costs edges, but little foliage is left in a
-    # cleaned cloud.
+    # outliers, 0.15: a face that passes for foliage costs edges, and `on_surfaces` tells foliage.
     flat: float = 0.2
 
 
@@ -46,6 +45,9 @@ class CreaseLimits(NamedTuple):
     """How creases are found."""
 
     far: float = 10.0  # largest distance of a point from a crease that counts, in spacings
+    # Least share of the neighbors that are on surfaces: among leaves planes meet by chance. Half
+    # costs small parts, whose own faces have too few points to be surfaces.
+    on_surfaces: float = 0.25
     evening_steps: int = 3  # passes in which the spacing becomes the mean of those around
     smooth_steps: int = 3  # fits of a smooth surface
     huber: float = 1.5  # standard deviations beyond which points count less in such a fit
@@ -78,17 +80,18 @@ class CreaseArrays(NamedTuple):
     equations: tuple  # of a quadric, as of `work_arrays`
 
 
-def find_creases(index, planes, min_angle, n_jobs=None):
+def find_creases(index, planes, min_angle, on_surface, n_jobs=None):
     """The `Creases` of the points of an index, and the points' distances.
 
     Of the planes centroids, normals and scale are known; scale is changed. Those of two faces meet
-    at `min_angle` degrees at least.
+    at `min_angle` degrees at least. `on_surface` (n,) is 1.0 of points on surfaces, else 0.0.
     """
     with progress_part(0.0, BEFORE):
         planes = _measured(index, planes, n_jobs)
     # A median of shares of the radius, so that it depends on no unit.
     usual = np.median(planes.scale / np.maximum(planes.radius, np.finfo(float).tiny))
-    meeting = MeetingPlanes(index, planes, usual, np.cos(np.radians(min_angle)), n_jobs)
+    cosine = np.cos(np.radians(min_angle))
+    meeting = MeetingPlanes(index, planes, on_surface, usual, cosine, n_jobs)
     with progress_part(BEFORE, 1.0):
         distances, faces, evidence = meeting.distances(index.points, index.query_own)
     return Creases(meeting, faces, evidence), distances
@@ -119,6 +122,7 @@ class MeetingPlanes:
 
     index: NeighborIndex
     planes: Planes
+    on_surface: np.ndarray  # float64 (n,), 1 or 0
     usual: float  # noise of half of the planes over their radius, at most
     cosine: float  # that of two faces that meet is smaller
     n_jobs: int | None
@@ -146,7 +150,7 @@ class MeetingPlanes:
 
     def _give_faces(self, queries, around_of):
         """The `Faces` of queries, whether planes around differ by the least angle where they are of
-        a face, bool (m,), and distances as if there were no crease.
+        a face and near surfaces, bool (m,), and distances as if there were no crease.
 
         Where the planes of neighbors differ, the one that explains the query best is given, and
         else that of the nearest neighbor.
@@ -171,7 +175,9 @@ class MeetingPlanes:
             height = np.abs(np.einsum("md,md->m", asked - owned.centroids, owned.normals))
             on_plane = height <= ExplainLimits().explained * owned.scale
             faces.owners[part], faces.on_face[part] = owners, flat & on_plane
-            doubtful[part] = flat & (turned > 0.0)
+            shares = np.empty(len(flat))
+            _compiled("average_around")(self.on_surface, near, shares)
+            doubtful[part] = flat & (shares >= CreaseLimits().on_surfaces) & (turned > 0.0)
             # Beyond all creases that are sought: nearer where more planes turn.
             turned[:] = CreaseLimits().far * (2.0 - turned)
 

@@ -24,6 +24,9 @@ class ShapeLimits(NamedTuple):
     # A group is flat if its standard deviation along its longest axis is this many times the one
     # off its plane, and straight if it is this many times the one along the next axis.
     thin: float = 3.0
+    # Pieces of one thing are no farther apart than this many times both lengths together, nor are
+    # they in the geometric mean of that and of how far they are from what is real.
+    apart: float = 5.0
 
 
 class Shapes(NamedTuple):
@@ -130,19 +133,26 @@ def gaps_of_groups(group, gaps):
     return least
 
 
-def gaps_to(queries, real, n_jobs):
-    """Distances of queries to the nearest point that is real, inf if there is none."""
-    gaps = np.full(len(queries), np.inf)
-    for search in real:
-        np.minimum(gaps, search.query(queries, 1, n_jobs)[0][:, 0], out=gaps)
-    return gaps
+class Things(NamedTuple):
+    """What is real beside the surfaces, and how sparse it is."""
+
+    search: NearestPoints  # of its n points
+    spacing: np.ndarray  # (n,), the mean distance to others off the surfaces
+
+    def beside(self, queries, n_near, n_jobs):
+        """Distances (m,) of queries from it, and the spacing that it has there, of so many."""
+        if not self.search.n:
+            return np.full(len(queries), np.inf), np.zeros(len(queries))
+        gaps, near = self.search.query(queries, min(n_near, self.search.n), n_jobs)
+        return gaps[:, 0], np.median(self.spacing[near], axis=1)
 
 
-def separation_of_groups(points, group, usual, gaps):
+def separation_of_groups(points, group, usual, gaps, beside_things=None):
     """Gap of the group of each point (m,) over the size of the group, and whether it is straight.
 
     `usual` (m,) are the usual spacings around the points, and `gaps` (m,) those to the nearest
-    that is real. All points of the groups are given, so a group may have any number.
+    that is real. From a thing, as `beside` tells, a group stands off by the spacing of that, if
+    this is larger than its size. All points of the groups are given: they may have any number.
     """
     group = numbered(group)
     # Sums are taken in the order of coordinates, so they do not depend on that of the points.
@@ -150,8 +160,12 @@ def separation_of_groups(points, group, usual, gaps):
     of_ordered = group[order]
     shapes = Shapes.of(points[order], of_ordered)
     spacing = np.bincount(of_ordered, usual[order]) / np.bincount(of_ordered)
-    separation = ratio(gaps_of_groups(group, gaps), np.maximum(spacing, shapes.size))
-    return separation[group], shapes.straight[group]
+    size = np.maximum(spacing, shapes.size)[group]
+    apart = ratio(gaps, size)
+    if beside_things is not None:
+        from_thing, spacing_there = beside_things
+        apart = np.minimum(apart, ratio(from_thing, np.maximum(size, spacing_there)))
+    return gaps_of_groups(group, apart)[group], shapes.straight[group]
 
 
 def gaps_between_groups(points, group, n_jobs):

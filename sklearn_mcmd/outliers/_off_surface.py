@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sklearn_mcmd.outliers._groups import gaps_to
+from sklearn_mcmd.outliers._groups import Things
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio, values_at
 from sklearn_mcmd.planes._nearest import NearestPoints
@@ -141,7 +141,7 @@ class OffSurface(NamedTuple):
 
     unexplained: Unexplained
     usual: np.ndarray  # (m,), the usual spacing around each point
-    real: list[NearestPoints]  # searches of all that is real: surfaces and things
+    things: Things  # what is real beside the surfaces
     groups: np.ndarray  # int32 (m,), from 0 on; pieces of one thing are one group
     straight: np.ndarray  # bool (m,), in a small group that is straight
     isolation: np.ndarray  # (m,), as the separation: see `measure`
@@ -161,11 +161,14 @@ class OffSurface(NamedTuple):
         what belongs to a thing.
         """
         points, limits = self.unexplained, self.unexplained.limits
-        usual, _ = points.usual_around(queries, None)
+        usual, from_surface = points.usual_around(queries, None)
         distances, near = points.search.query(queries, limits.n_near, None)
         among_unexplained = points.spacing(queries, distances, near, itself=False)
         steps = steps_between(usual, self.usual, distances[:, :1], near[:, :1])[:, 0]
-        separation = ratio(gaps_to(queries, self.real, None), usual)
+        from_thing, spacing_there = self.things.beside(queries, limits.n_near, None)
+        separation = ratio(from_thing, np.maximum(usual, spacing_there))
+        if points.has_surface:
+            separation = np.minimum(separation, ratio(from_surface, usual))
         joined = steps <= limits.reach
         separation[joined] = self.separation[near[joined, 0]]
         isolation = points.isolated(among_unexplained, spacing, usual)

@@ -75,7 +75,16 @@ class RayEvidence(NamedTuple):
                 of_sheet[rows] = going_on[near].sum(axis=1) <= 0
             free[part], ends[part] = usable[part] & ~of_sheet, usable[part] & of_sheet
 
-        for work in (look, face, go_on, end):
+        for work in (look, face):
+            each_slice(n, index.chunk, work, n_jobs)
+        if grazed.any():
+            # Planes of a short sheet seem to face, and would speak for each other. But nowhere does
+            # it hang together with what follows its tilt, unless over planes blended of both.
+            sheet_limits = RayLimits()
+            follows = faces & (scatter <= sheet_limits.follows)
+            telling = find_surfaces(index, planes, usable, least, follows, sheet_limits.bend)
+            faces &= telling | ~telling.any()
+        for work in (go_on, end):
             each_slice(n, index.chunk, work, n_jobs)
         on_sheet = find_surfaces(index, planes, ends, least * RayLimits().sheet)
         return cls(rays, approximate, scatter, on_sheet, n_jobs), free

@@ -8,11 +8,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.outliers._groups import (
+    ShapeLimits,
     Shapes,
+    Things,
     are_straight,
     gaps_between_groups,
     gaps_of_groups,
-    gaps_to,
     numbered,
     separation_of_groups,
 )
@@ -44,11 +45,11 @@ def judge_off_surface(unexplained, least, n_jobs):
         groups[small.rows] = np.count_nonzero(are_large) + of_small
         # Step 3: groups that are still small stand off by their gap to all that is real.
         are_small = small.are_small(of_small)
-        real, rows = small.real_beside_surfaces(are_small), small.rows[are_small]
-        gaps_to_real = small.gaps_to_real(are_small, real)
+        rows, things = small.rows[are_small], small.things(are_small, among_unexplained)
+        beside = things.beside(unexplained.points[rows], unexplained.limits.n_near, n_jobs)
         separation, straight = np.zeros(len(groups)), np.zeros(len(groups), bool)
         separation[rows], straight[rows] = separation_of_groups(
-            unexplained.points[rows], groups[rows], usual[rows], gaps_to_real
+            unexplained.points[rows], groups[rows], usual[rows], small.gaps[are_small], beside
         )
         # What is in a row keeps company with it, however far apart it is.
         in_row = small.rows[in_row | straight[small.rows]]
@@ -58,13 +59,12 @@ def judge_off_surface(unexplained, least, n_jobs):
             is_real = np.ones(len(groups), bool)
             is_real[rows] = False
             _separate_large(unexplained, usual, gaps, groups, is_real, least, separation, n_jobs)
-            real = [unexplained.reference, *real]
-        for search in real:
-            search.release()
+            unexplained.reference.release()
+        things.search.release()
     return OffSurface(
         unexplained=unexplained,
         usual=usual,
-        real=real,
+        things=things,
         groups=groups,
         straight=straight,
         isolation=isolation,
@@ -82,7 +82,7 @@ class SmallGroups(NamedTuple):
     rows: np.ndarray  # int32 (s,), of the points among these
     points: np.ndarray  # (s, d)
     counts: np.ndarray  # (s,), measurements at each
-    gaps: np.ndarray  # (s,), distances from surfaces
+    gaps: np.ndarray  # (s,), distances from surfaces, inf if there are none
     least: float
     largest_thing: float  # measurements of the largest of the other groups, 0 if there is none
     n_jobs: int | None
@@ -97,7 +97,7 @@ class SmallGroups(NamedTuple):
             rows=rows,
             points=unexplained.points[rows],
             counts=unexplained.counts[rows],
-            gaps=gaps[rows],
+            gaps=gaps[rows] if unexplained.has_surface else np.full(len(rows), np.inf),
             least=least,
             largest_thing=counts[counts >= least].max(initial=0),
             n_jobs=n_jobs,
@@ -111,15 +111,15 @@ class SmallGroups(NamedTuple):
             small &= sizes < max(sizes.max(initial=0), self.largest_thing)
         return small[groups]
 
-    def real_beside_surfaces(self, are_small):
-        """Searches of the points off the surfaces that are in no small group."""
-        things = self.unexplained.search.without(self.rows[are_small])
-        return [things] * bool(things.n)
+    def things(self, are_small, spacing):
+        """The points off the surfaces that are in no small group; `spacing` is of all (m,)."""
+        rows = self.rows[are_small]
+        return Things(self.unexplained.search.without(rows), np.delete(spacing, rows))
 
-    def gaps_to_real(self, chosen, real):
+    def gaps_to_real(self, chosen, things):
         """Distances of chosen points from what is real, on surfaces and beside them."""
-        gaps = gaps_to(self.points[chosen], real, self.n_jobs)
-        return np.minimum(gaps, self.gaps[chosen]) if self.unexplained.has_surface else gaps
+        gaps = things.beside(self.points[chosen], 1, self.n_jobs)[0]
+        return np.minimum(gaps, self.gaps[chosen])
 
     def places(self, near):
         """Places among these points of rows of all that are off the surfaces; s of the others."""
@@ -166,33 +166,33 @@ class SmallGroups(NamedTuple):
         """The groups once those that are pieces of one thing are one."""
         # Step 1: pieces are flat groups, with their gaps to what is real.
         are_small = self.are_small(groups)
-        real, rows = self.real_beside_surfaces(are_small), np.flatnonzero(are_small)
+        things, rows = self.things(are_small, self.unexplained.among_all), np.flatnonzero(are_small)
         piece = numbered(groups[rows])
-        gaps = gaps_of_groups(piece, self.gaps_to_real(rows, real))
-        for search in real:
-            search.release()
+        gaps = gaps_of_groups(piece, self.gaps_to_real(rows, things))
+        things.search.release()
         order = np.lexsort(self.points[rows].T[::-1])
         shapes = Shapes.of(self.points[rows[order]], piece[order])
         rows, piece = rows[shapes.flat[piece]], piece[shapes.flat[piece]]
         if len(rows) == 0:
             return groups
-        # Step 2: link those that are no farther apart than a few of their lengths. What is no
-        # piece reaches nowhere; the last place stands for all points that are not in small groups.
+        # Step 2: link those that are no farther apart than some of their lengths. What is no piece
+        # reaches nowhere; the last place stands for all points that are not in small groups.
         s, pairs = len(self.rows), []
         reach, piece_of = np.full(s + 1, -np.inf), np.full(s + 1, -1, np.int32)
-        reach[rows], piece_of[rows] = ExplainLimits().explained * shapes.length[piece], piece
+        reach[rows], piece_of[rows] = ShapeLimits().apart * shapes.length[piece], piece
 
         def link(part, distances, near):
             asked, near = rows[part], self.places(near)
-            close = distances <= reach[near] + reach[asked, None]
-            i, j = np.nonzero(close & (piece_of[near] != piece_of[asked, None]))
-            distances, first, second = distances[i, j], asked[i], near[i, j]
-            del near, close, i, j
+            reaches = reach[near] + reach[asked, None]
+            i, j = np.nonzero((distances <= reaches) & (piece_of[near] != piece_of[asked, None]))
+            distances, reaches, first, second = distances[i, j], reaches[i, j], asked[i], near[i, j]
             a, b = piece_of[first], piece_of[second]
+            farther = np.maximum(gaps[a], gaps[b])
             # One of both, at least, is as near to the other as to anything real; or both have one
-            # plane.
-            linked = distances <= np.maximum(gaps[a], gaps[b])
+            # plane. Far off nothing real is beside them, and what is far from it reaches less far.
+            linked = distances <= farther
             linked |= shapes.are_coplanar(a, b, self.points[first], self.points[second])
+            linked &= distances * farther <= reaches**2
             both = np.stack([groups[first], groups[second]])
             pairs.append(np.unique(both[:, linked], axis=1))
 

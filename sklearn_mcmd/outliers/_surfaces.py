@@ -82,15 +82,15 @@ class MeasuringPlanes(NamedTuple):
         return owners, distances
 
 
-def find_surfaces(index, planes, usable, least):
+def find_surfaces(index, planes, usable, least, counting=None, bend=1.0):
     """Which points form surfaces: bool (n,).
 
     Two points, which are `usable`, bool (n,), are linked if they are near each other, their planes
-    explain each other's point and their normals agree. A surface is a connected part of at least
-    `least` points.
+    explain each other's point and their normals agree, within `bend` of the usual angle. A surface
+    is a connected part of at least `least` points, or of so many that are `counting`, bool (n,).
     """
     links = LinkLimits(
-        min_cosine=float(np.cos(np.radians(SurfaceLimits().angle))),
+        min_cosine=float(np.cos(np.radians(bend * SurfaceLimits().angle))),
         explained=ExplainLimits().explained,
         max_gap=np.inf,
         mutual=True,
@@ -98,6 +98,8 @@ def find_surfaces(index, planes, usable, least):
     )
     k = min(SurfaceLimits().n_links, index.n_neighbors)
     labels, sizes = connected_planes(index, k, planes, links, usable)
+    if counting is not None:
+        sizes = np.bincount(labels, counting)
     return usable & (sizes >= least)[labels]
 
 

@@ -64,17 +64,6 @@ class Cells(NamedTuple):
         gaps = self.ends[cells] - np.cumsum(sizes) + sizes
         return self.rows[np.repeat(gaps, sizes) + np.arange(sizes.sum())], sizes
 
-    def blocks(self, rings):
-        """The block (m,) of each cell. Cells are gathered to blocks as points are to cells, of
-        those beside them, and so on."""
-        block, beside = np.arange(len(self.ends) - 1), self.beside
-        for _ in range(rings):
-            n = int(block.max()) + 1
-            starts, labels = np.searchsorted(beside[:, 0], np.arange(n + 1)), np.zeros(n, np.int32)
-            larger, _ = gathered(np.arange(n), starts, beside[:, 1].astype(np.int32), labels)
-            block, beside = larger[block], once(larger[beside])
-        return block
-
     def sums(self, points, noise, unit):
         """The `Sums` of the cells of points, whose noise, in units, is given."""
         m = len(self.ends) - 1

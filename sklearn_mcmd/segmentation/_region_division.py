@@ -30,14 +30,12 @@ WHOLE = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # places of a symmetric matrix's nine numbe
 
 
 class VoteLimits(NamedTuple):
-    """When borders vote, and whose cells are joined before."""
+    """When borders vote."""
 
     # Share of the largest angle by which a surface turns between neighbors. Planes that differ by
     # less are one surface: a road, and a roof that falls to its drains, stay whole. They may be a
     # step, as at a kerb.
     blunt: float = 0.2
-    # How often cells are gathered to blocks, within which they are joined before all are.
-    rings: int = 3
 
 
 def divide_at_creases(labels, index, planes, rules, n_jobs=None):
@@ -45,11 +43,11 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
 
     Each region is divided into cells of neighbors. Cells are joined to patches, the most alike
     first, while one plane explains two as well as two planes do, by the Bayesian information
-    criterion (BIC): first within blocks of cells, then all. Each border of two patches that are
-    wide (`_are_wide`) votes (`vote`), and patches become groups. What is narrow then goes to the
-    groups beside it (`_settled`). Where a border parts two groups, its points go to the side on
-    which its crease has them. Points of patches that are of both sides get label -1.
-    Last, groups that are no planes are joined again, unless their crease is steep (`join_blunt`).
+    criterion (BIC). Each border of two patches that are wide (`_are_wide`) votes (`vote`), and
+    patches become groups. What is narrow then goes to the groups beside it (`_settled`). Where a
+    border parts two groups, its points go to the side on which its crease has them. Points of
+    patches that are of both sides get label -1. Last, groups that are no planes are joined again,
+    unless their crease is steep (`join_blunt`).
     """
     points, size = index.points, n_linked(index, rules)
     usual = usual_noise(index, planes, rules, n_jobs)
@@ -58,16 +56,11 @@ def divide_at_creases(labels, index, planes, rules, n_jobs=None):
     rows = np.flatnonzero(labels >= 0)
     if len(rows) == 0 or not usual.min() * unit > 0:
         return labels
-    # Step 1: cells, joined to patches within blocks first, then all.
+    # Step 1: cells, joined to patches.
     noise = np.maximum(usual / unit, FitLimits().ridge)
     order = flattest_first(rows, points, planes.scale / unit, noise)
     cells = Cells.gathered(labels, order, index, size, n_jobs)
-    block = cells.blocks(VoteLimits().rings)
-    first, second = cells.beside.T
-    inside = cells.beside[block[first] == block[second]]
-    part, sums = joined(cells.sums(points, noise, unit), inside)
-    patch, sums = joined(sums, once(part[cells.beside]))
-    patch = patch[part]
+    patch, sums = joined(cells.sums(points, noise, unit), cells.beside)
     n_patches, firsts = len(sums.sizes), np.unique(patch, return_index=True)[1]
     regions = labels[cells.begins[firsts]]
     if n_patches == len(np.unique(regions)):

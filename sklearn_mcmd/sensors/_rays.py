@@ -30,6 +30,10 @@ class RayLimits(NamedTuple):
     # that many at most.
     usual: float = 2.0
     alone: float = 1.25  # most points of a surface have a beam's point within this many steps
+    # A surface tells what goes on if as many of its points as a least surface has scatter by no
+    # more steps.
+    follows: float = 1.0
+    bend: float = 0.5  # and if their normals agree within this share of the usual angle
     sheet: float = 0.5  # least size of a sheet of rays, of the least size of a surface
     mistaken: float = 0.1  # where sheets hold more of all that is flat, the sensor was elsewhere
 

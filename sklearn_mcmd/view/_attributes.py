@@ -32,6 +32,11 @@ NAMES = {
     "segment": {-1: "none"},
     "classification": dict(enumerate(CLASSES.split("; "))),
 }
+NAMES |= {
+    "significant": {0: "not significant", 1: "moved"},
+    "reason": {0: "compared", 1: "nothing within reach", 2: "no surface", 3: "another surface"},
+}
+SIGNED = {"distance", "residual"}  # numbers whose 0 is the middle of the colors
 OUTLIERS = {"outlier": {1}, "classification": {7, 18}}  # of attributes that the package writes
 
 
@@ -188,10 +193,14 @@ def _single(name, arrays):
         distinct = np.unique(finite)
         if len(distinct) <= (MANY if name.lower() in LABELS else FEW):
             return _classes(name, arrays, distinct)
+    is_signed = name.lower() in SIGNED and finite.size > 0
+    if is_signed:
+        finite = np.concatenate([-finite, finite])
     code = NumberCode.for_values(finite) if finite.size else NumberCode(0.0, 1.0)
     codes = [None if v is None else [code.encode(v.astype(np.float64))] for v in arrays]
     exact = whole and code.step == 1.0 and code.width is None
     info = {"name": name, "kind": "number", **code.info(exact)}
+    info |= {"signed": True} if is_signed else {}
     return ColumnSource(info | ({"whole": True} if whole else {}), codes)
 
 

@@ -30,8 +30,8 @@ SUFFIXES = (".html", ".htm")  # of a page's name
 # In the order in which they are joined; together they are the page's one script.
 SCRIPTS = ("decode", "colors", "scene", "camera", "renderer", "measure", "panel", "picture", "main")
 # What the page colors by at first: the first of these that the clouds have.
-FIRST_COLORS = ["region", "edge", "outlier", "outlier_score", "residual", "normal", "color"]
-FIRST_COLORS += ["classification", "surface_variation", "mean_curvature", "intensity"]
+FIRST_COLORS = ["region", "edge", "outlier", "outlier_score", "distance", "residual", "normal"]
+FIRST_COLORS += ["color", "classification", "surface_variation", "mean_curvature", "intensity"]
 
 
 @dataclass(eq=False, repr=False)

@@ -59,8 +59,15 @@ def fitted(points, noise, k):
     normals = RobustNormalEstimator(k, tangents=False, random_state=0)
     columns = split_columns(normals.fit_transform(points), points.shape[1])
     index = NeighborIndex(points, k)
-    creases, distances = find_creases(index, columns.planes(index.rows), 20.0)
+    on_surface = on_surface_of(points)
+    planes = columns.planes(index.rows)
+    creases, distances = find_creases(index, planes, 20.0, on_surface[index.rows])
     return columns, creases, distances[index.places]
+
+
+def on_surface_of(points):
+    """Three of ten, so that some points have few neighbors on surfaces."""
+    return (np.random.default_rng(8).random(len(points)) < 0.3).astype(float)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +81,8 @@ def test_distances_and_evidence_are_those_of_the_oracle(name):
     cloud, k = CLOUDS[name]
     columns, creases, distances = fitted(*cloud, k)
     points = columns.coordinates
-    oracle = LiteralCreases(points, columns.planes(np.arange(len(points))), k, 20.0)
+    planes = columns.planes(np.arange(len(points)))
+    oracle = LiteralCreases(points, planes, k, 20.0, on_surface_of(points))
     evidence = np.empty(len(points))
     evidence[creases.meeting.index.rows] = creases.evidence
     assert np.isfinite(evidence).mean() > 0.05

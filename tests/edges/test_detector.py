@@ -91,6 +91,24 @@ def test_foliage_has_hardly_any_edges():
     assert (labels[foliage] == -1).mean() < 0.06
 
 
+def test_leaves_of_a_real_street_are_no_edges_and_its_kerb_is_one(shared_data):
+    """.45 of the leaves without surfaces around. The kerb is what is found of the road."""
+    with np.load(shared_data / "mobile_street_labelled" / "cloud.npz") as arrays:
+        X, classes = arrays["xyz"], arrays["label"]
+    on_edge = SharpFeatureDetector(random_state=0).fit_predict(X) == -1
+    assert on_edge[classes == 1300].mean() < 0.09
+    assert on_edge[classes == 1203].mean() > 0.03
+
+
+def test_another_seed_changes_few_edges_of_a_town(shared_data):
+    """5.4 % of the 2,800 when measured, 9.8 with as many trials as normals have."""
+    with np.load(shared_data / "ahn3_amsterdam_2397" / "cloud.npz") as arrays:
+        X = arrays["xyz"]
+    X = X[np.argsort(X[:, 0])[:15_000]]
+    first, second = (SharpFeatureDetector(random_state=s).fit_predict(X) == -1 for s in (0, 1))
+    assert (first != second).sum() < 0.08 * (first | second).sum()
+
+
 # --- Invariance -------------------------------------------------------------------------------
 
 

@@ -29,7 +29,7 @@ def test_points_more_than_three_deviations_off_are_on_no_face(height):
     points = np.array([[x, y, 0.0] for x in range(6) for y in range(6)])
     points[14, 2] = 0.2 * height
     index = NeighborIndex(points, 9)
-    creases, _ = find_creases(index, planes_of([FLOOR] * 36, [0] * 36, 0.2), 20.0)
+    creases, _ = find_creases(index, planes_of([FLOOR] * 36, [0] * 36, 0.2), 20.0, np.ones(36))
     place = index.places[14]
     assert are_faces(creases.meeting.planes, creases.meeting.usual)[place]
     assert creases.faces.on_face[place] == (abs(height) < 3)
@@ -39,7 +39,7 @@ def test_the_usual_flatness_is_that_of_half_of_the_planes():
     points = np.array([[x, y, 0.0] for x in range(6) for y in range(6)])
     noise = np.random.default_rng(0).uniform(1, 5, 36)
     planes = planes_of([FLOOR] * 36, [0] * 36, noise)
-    meeting = find_creases(NeighborIndex(points, 9), planes, 20)[0].meeting
+    meeting = find_creases(NeighborIndex(points, 9), planes, 20, np.ones(36))[0].meeting
     assert meeting.usual == np.median(meeting.planes.scale / meeting.planes.radius)
     assert are_faces(meeting.planes, meeting.usual).mean() == 0.5
 

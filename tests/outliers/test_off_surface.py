@@ -9,10 +9,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd import MCMDOutlierDetector
-from sklearn_mcmd.outliers._groups import gaps_to
 from sklearn_mcmd.outliers._off_surface import Unexplained
 from sklearn_mcmd.outliers._small_groups import judge_off_surface
-from sklearn_mcmd.planes._nearest import NearestPoints
 
 # The mean distance to the 8 nearest on a square lattice of spacing 1.
 LATTICE = (4 + 4 * np.sqrt(2)) / 8
@@ -127,11 +125,14 @@ def test_clumps_that_fill_space_are_no_pieces():
         assert (judged.separation[400] == judged.separation[-1]) == one_thing
 
 
-def test_pieces_are_no_farther_apart_than_three_times_both_their_lengths():
+@pytest.mark.parametrize("height", [100, 200])
+def test_pieces_are_as_near_as_their_lengths_and_how_far_they_hang_allow(height):
     """What is far off has nothing real beside it, and other errors about as far away."""
-    length = LENGTH * 0.5 * np.std(range(12))
-    for gap, one_thing in ((5.9 * length, True), (6.1 * length, False)):
-        judged = company(with_rest(line_at(5, 5, 200), line_at(5, 5 + gap, 200)), 400)
+    reach = 5 * 2 * LENGTH * 0.5 * np.std(range(12))
+    for share, one_thing in ((0.98, True), (1.02, False)):
+        gap = share * reach**2 / height
+        lines = line_at(5, 10 - gap / 2, height), line_at(5, 10 + gap / 2, height)
+        judged = company(with_rest(*lines), 400)
         assert (judged.groups[0] == judged.groups[-1]) == one_thing
 
 
@@ -210,11 +211,20 @@ def test_a_new_point_is_measured_as_if_it_alone_were_added():
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_gaps_are_to_the_nearer_of_all_that_is_real(order):
-    queries = np.array([[1.0, 0, 0], [8, 0, 0]])
-    real = [NearestPoints(np.array([place])) for place in ([0.0, 0, 0], [10.0, 0, 0])][::order]
-    assert gaps_to(queries, real, None).tolist() == [1, 2]
-    assert gaps_to(queries, [], None).tolist() == [np.inf, np.inf]
+@pytest.mark.parametrize(("pitch", "stands_off"), [(1.0, True), (2.5, False)])
+def test_a_twig_stands_off_by_the_spacing_of_the_crown_it_hangs_in(order, pitch, stands_off):
+    """Of a sparse crown, that is more than the spacing of the surfaces around, or its own size."""
+    crown = [5, 5, 100] + pitch * np.stack(np.meshgrid(*[range(5)] * 3), -1).reshape(-1, 3)
+    twig = crown[:, 0].max() + 6, 5, 100
+    parts = [crown, twig + 0.5 * np.random.default_rng(0).random((6, 3))][::order]
+    judged = company(with_rest(*parts), 400, least=30)
+    of_twig = np.repeat([part is not crown for part in parts], [len(part) for part in parts])
+    assert len(np.unique(judged.groups)) == 2
+    assert ((judged.separation[400:][of_twig] > 3) == stands_off).all()
+    # A single new point beside the crown is judged alike.
+    _, _, separation, joined = judged.measure(crown[:1] - [6, 0, 0], np.array([5.0]))
+    assert not joined
+    assert (separation[0] > 3) == stands_off
 
 
 def test_a_new_point_is_measured_where_all_points_are_on_surfaces():

@@ -1,4 +1,4 @@
-"""Cells, blocks of cells and patches, against literal forms."""
+"""Cells and patches, against literal forms."""
 
 from itertools import permutations
 
@@ -57,12 +57,6 @@ def test_cells_know_their_points_and_what_is_beside_them():
         for pair in permutations([cells.of[i], cells.of[j]])
     }
     assert sorted(beside) == list(map(tuple, cells.beside.tolist()))
-    larger = cells.blocks(1)
-    for first in np.unique(larger, return_index=True)[1]:  # all that no block before has
-        own, other = cells.beside.T
-        later = other[(own == first) & (larger[other] >= larger[first])]
-        assert_array_equal(larger[later], larger[first])
-    assert 1 < len(np.unique(cells.blocks(2))) <= len(np.unique(larger)) < len(larger)
 
 
 def join_by_numpy(points, edges):

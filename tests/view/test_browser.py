@@ -144,3 +144,17 @@ def test_two_clouds_are_compared_at_the_divider_which_names_one_that_lacks_what_
     assert parts == ["before", "after"]
     assert tab.said == []
     tab.context.close()
+
+
+def test_a_distance_has_colors_whose_middle_is_zero(chromium, scan, tmp_path):
+    distance = np.linspace(-0.2, 1.0, N)
+    page = view(PointCloud(scan.xyz, {"distance": distance}), names=["moved"])
+    tab = Tab(chromium, page.save(tmp_path / "moved.html"))
+    assert tab.ask("cloudPage.scene.palette") == "blue-red"
+    low, high = tab.ask(
+        "cloudPage.scene.colorRange(cloudPage.scene.color)"
+        ".map((code) => decodeNumber(cloudPage.scene.color, code))"
+    )
+    assert low == pytest.approx(-high, abs=1e-4)
+    assert tab.said == []
+    tab.context.close()

@@ -21,7 +21,15 @@ class Scene {
     this.threshold = { attribute: null, code: LAST_CODE, mode: "off", chosen: false }; // chosen: the code is the user's
     this.box = { on: false, low: [0, 0, 0], high: [1, 1, 1] };
     this.color = this.attributes.find((a) => a.name === manifest.start) ?? this.attributes.at(-1);
-    this.palette = "viridis";
+    this.chosenPalette = null;
+  }
+
+  get palette() {
+    return this.chosenPalette ?? (this.color.signed ? "blue-red" : "viridis");
+  }
+
+  set palette(name) {
+    this.chosenPalette = name;
   }
 
   /** The name of a cloud, with a word if it lacks the attribute that colors. */
@@ -199,6 +207,11 @@ class Scene {
   colorRange(attribute) {
     if (attribute.range) return attribute.range;
     const low = quantileCode(attribute, 0.01);
+    if (attribute.signed) { // 0 is in the middle
+      const middle = (1 + LAST_CODE) / 2;
+      const half = Math.max(middle - low, quantileCode(attribute, 0.99) - middle, 1);
+      return [Math.floor(middle - half), Math.ceil(middle + half)];
+    }
     if (attribute.name === "outlier_score") return [low, Math.max(encodeNumber(attribute, CLEAR_ERROR), low + 1)];
     return [low, Math.max(quantileCode(attribute, 0.99), low + 1)];
   }

@@ -1,0 +1,92 @@
+"""mcmd change: its columns are those of CloudChange, and its words those of what happened."""
+
+import numpy as np
+import pytest
+
+from commands import done, error_line, run, usage_error
+from sklearn_mcmd import CloudChange
+from sklearn_mcmd.io import PointCloud, read_points, write_points
+
+N = 1_500
+
+
+@pytest.fixture(scope="module")
+def scans():
+    """A corner of three faces, of which one moved by 2 cm."""
+    rng = np.random.default_rng(0)
+
+    def corner(shift):
+        faces = [
+            rng.uniform(0.02, 1, (N // 3, 3)) * [axis != k for axis in range(3)] for k in range(3)
+        ]
+        faces[2][:, 2] += shift
+        return np.round(np.vstack(faces) + rng.normal(0, 0.002, (N, 3)), 6)
+
+    return corner(0.0), corner(0.02)
+
+
+@pytest.fixture
+def files(scans, tmp_path):
+    paths = tmp_path / "before.laz", tmp_path / "after.ply"
+    intensity = {"intensity": np.arange(N, dtype=np.uint16)}
+    write_points(paths[0], PointCloud(scans[0], intensity))
+    write_points(paths[1], PointCloud(scans[1]))
+    return paths
+
+
+@pytest.mark.parametrize(
+    ("options", "parameters"),
+    [
+        ([], {}),
+        (
+            ["--registration", "3mm", "--unit", "m", "--alpha", 0.01, "--correction", "none"],
+            {"registration": 0.003, "alpha": 0.01, "correction": "none"},
+        ),
+        (["--n-neighbors", 30, "--reach", 0.5], {"n_neighbors": 30, "reach": 0.5}),
+        (["--registration", "auto"], {"registration": "auto"}),
+    ],
+)
+def test_the_columns_are_those_of_the_estimator(files, tmp_path, options, parameters):
+    result = done("change", *files, tmp_path / "out.laz", *options)
+    written = read_points(tmp_path / "out.laz")
+    before, after = (read_points(path).xyz for path in files)
+    changes = CloudChange(random_state=0, **parameters).fit(before).compare(after)
+    np.testing.assert_array_equal(written.xyz, before)
+    np.testing.assert_array_equal(written.attributes["intensity"], np.arange(N))
+    for name in ("distance", "distance_error", "level_of_detection", "pvalue"):
+        expected = getattr(changes, name)
+        np.testing.assert_allclose(written.attributes[name], expected, rtol=1e-4, atol=1e-7)
+    np.testing.assert_array_equal(written.attributes["reason"], changes.reason)
+    assert f"{changes.significant.sum():,} (" in result.stdout
+    if changes.bodies is not None:
+        assert "3 in both" in result.stdout
+
+
+def test_a_report_has_maps_distances_and_bodies(files, tmp_path):
+    folder = tmp_path / "report"
+    done("change", *files, tmp_path / "out.ply", "--registration", "auto", "--report", folder)
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    for words in ("Distance, from above", "Flat surfaces of both scans", "significant"):
+        assert words in page
+
+
+def test_clouds_of_two_places_are_refused_and_nothing_is_written(files, tmp_path):
+    far = tmp_path / "far.ply"
+    write_points(far, PointCloud(read_points(files[1]).xyz + 1_000))
+    line = error_line(run("change", files[0], far, tmp_path / "out.ply"))
+    assert "nowhere within a --reach of" in line
+    assert not (tmp_path / "out.ply").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--registration", "good"], "good is not auto or a number above 0"),
+        (["--registration", "3mm"], "needs --unit"),
+        (["--alpha", 2], "--alpha"),
+        (["--reach", -1], "is not a number above 0"),
+        (["--correction", "holm"], "--correction"),
+    ],
+)
+def test_wrong_options_are_named(files, tmp_path, options, words):
+    assert words in usage_error(run("change", *files, tmp_path / "out.ply", *options))
