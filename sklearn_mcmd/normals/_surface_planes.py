@@ -29,7 +29,7 @@ from sklearn_mcmd.planes._quadrics import (
     work_arrays,
 )
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import each_chunk, each_slice
+from sklearn_mcmd.runtime._chunks import each_chunk
 from sklearn_mcmd.runtime._compiling import compiled_function
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -122,6 +122,12 @@ class Surfaces(NamedTuple):
             left=self.left[rows],
         )
 
+    def put(self, rows, part):
+        """Overwrite those of some of the points; of a slice these may be views of them."""
+        self.planes.put(rows, part.planes)
+        for values, new in zip(self[1:], part[1:], strict=True):
+            values[rows] = new
+
 
 class SurfacePlanes:
     """Finds planes of the surfaces of a cloud's points, by an estimator that `mends_planes`."""
@@ -144,16 +150,20 @@ class SurfacePlanes:
             members.noise[rows], members.left[rows] = deviation, left
 
         def find_rough(rows):
-            self._find_rough(index.points[rows], index.query_own(rows), members.take(rows))
+            surfaces = members.take(rows)
+            self._find_rough(index.points[rows], index.query_own(rows), surfaces)
+            members.put(rows, surfaces)
 
         def bend(rows):
-            bent, forms, _, left = members.take(rows)  # views, which are filled
+            surfaces = members.take(rows)
+            bent, forms, _, left = surfaces
             around = index.query_own(rows)
             self._bend(index.points[rows], bent, forms, left, around, members.noise)
             left[:] = np.where(forms == BENT, left, bent.scale)
+            members.put(rows, surfaces)
 
         def finish(rows):
-            last = planes.take(np.arange(rows.start, rows.stop))  # a copy
+            last = planes.take(rows if isinstance(rows, np.ndarray) else np.r_[rows])  # a copy
             forms, around = members.forms[rows], index.query_own(rows)
             lenders[rows] = self._finish(index.points[rows], last, forms, around, members)
             errors[rows] = last.normal_error
@@ -161,16 +171,16 @@ class SurfacePlanes:
         # Step 1: planes of all members, and robust ones where a quadric leaves more than these.
         with progress_part(0.0, 0.8, "normals"):
             with progress_part(0.0, 0.7):
-                self.model.agree(n_jobs, keep_whole)
+                self.model.agree(n_jobs, keep=keep_whole, hops=2)
             with progress_part(0.7, 1.0):
-                each_slice(m, chunk, find_rough, n_jobs)
+                index.each_asked(2, chunk, find_rough, n_jobs)
         # Step 2: forms by what is usual, and tangent planes; then lenders and errors, while no
         # plane is lent yet.
         with progress_part(0.8, 1.0, "normals next to edges"):
             with progress_part(0.0, 0.5):
-                each_slice(m, chunk, bend, n_jobs)
+                index.each_asked(1, chunk, bend, n_jobs)
             with progress_part(0.5, 1.0):
-                each_slice(m, chunk, finish, n_jobs)
+                index.each_asked(0, chunk, finish, n_jobs)
         # Step 3: lend planes.
         borrowing = np.flatnonzero(lenders >= 0)
         before, undoubted = planes.take(borrowing), planes.normal_error.copy()

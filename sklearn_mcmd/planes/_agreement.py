@@ -19,10 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import each_slice
 
 # Fields of planes that are not offered.
 UNUSED = "eigenvalues", "kept", "radius", "spacing", "normal_error"
+
+
+FAR = 100  # hops of neighbors, which no point is away
 
 
 class AgreementLimits(NamedTuple):
@@ -41,10 +43,11 @@ class Offers(NamedTuple):
     asks: np.ndarray  # bool (n,): whether a point asks others for planes
 
 
-def agreed_offers(model, n_jobs, keep=None):
+def agreed_offers(model, n_jobs, keep=None, hops=FAR):
     """The `Offers` of all points of a model's index before they ask for the last time.
 
-    ``keep``, if it is given, gets the rows of a slice and the fields of its `WholePlanes`.
+    Those that ask are at most so many `hops` away, as of `NeighborIndex.each_asked`. ``keep``, if
+    it is given, gets the rows of a slice and the fields of its `WholePlanes`.
     """
     index, n = model.index, len(model.index.points)
     planes, asks = Planes.empty(*index.points.shape).without(*UNUSED), np.empty(n, dtype=bool)
@@ -54,23 +57,25 @@ def agreed_offers(model, n_jobs, keep=None):
         first, asks[rows] = model.first_planes(points, around, keep and partial(keep, rows))
         planes.put(rows, first)
 
-    each_slice(n, model.chunk(), offer, n_jobs)
-    for _ in range(AgreementLimits().passes - 1):
-        planes = _asked(model, Offers(planes, asks), n_jobs)
+    n_passes = AgreementLimits().passes
+    index.each_asked(hops + n_passes, model.chunk(), offer, n_jobs)
+    for left in range(n_passes - 1, 0, -1):
+        planes = _asked(model, Offers(planes, asks), hops + left, n_jobs)
     return Offers(planes, asks)
 
 
-def _asked(model, offers, n_jobs):
+def _asked(model, offers, hops, n_jobs):
     """The planes that points have once they have asked, from what all offered before."""
     index, planes = model.index, Planes(*map(np.copy, offers.planes))
 
     def ask(part):
         asking = np.flatnonzero(offers.asks[part])
         if len(asking):
-            rows, around = part.start + asking, index.query_own(part).take(asking)
+            rows = np.arange(len(offers.asks))[part][asking]
+            around = index.query_own(part).take(asking)
             points = index.points[rows]
             robust = model.robust_planes(points, around, model.rounding, offers.planes)
             planes.put(rows, robust.planes)
 
-    each_slice(len(offers.asks), model.chunk(), ask, n_jobs)
+    index.each_asked(hops, model.chunk(), ask, n_jobs)
     return planes

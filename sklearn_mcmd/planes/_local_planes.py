@@ -145,13 +145,11 @@ class LocalPlaneModel:
             return planes.take(index.places), distance[index.places]
         return planes, distance
 
-    def agree(self, n_jobs=None, keep=None):
-        """Let the index's points find planes together, if this is how planes are found.
-
-        `keep` is as of `agreed_offers`.
-        """
+    def agree(self, n_jobs=None, **how):
+        """Let the index's points find planes together, if this is how planes are found, as
+        `agreed_offers` says."""
         if self.settings.agrees:
-            self.offers = agreed_offers(self, n_jobs, keep)
+            self.offers = agreed_offers(self, n_jobs, **how)
 
     def own_planes(self, rows, neighborhoods):
         """Planes of a slice of the index's points, ordinary ones without eigenvalues and errors."""

@@ -49,6 +49,17 @@ class NeighborTable:
                 neighbors[places] = self._take(i, part - i * self.part_size, k)
         return neighbors
 
+    def asking(self, marked):
+        """Which rows have a neighbor, or themselves, among those that are `marked`, bool (n,); of
+        rows that were not searched it is not known."""
+        asking, block = np.zeros(self.n, bool), 1 << bits_of(self.k)
+        groups = np.logical_or.reduceat(marked, np.arange(0, self.n, block))
+        for i, part in enumerate(self.parts):
+            if part is not None:
+                rows = part.near_groups(groups, marked)
+                asking[i * self.part_size + rows] = marked[part.take(rows, self.k)].any(axis=1)
+        return asking
+
     def _part(self, i):
         """A part, which is searched if this was not done before."""
         part = self.parts[i]
@@ -84,6 +95,13 @@ class Packed(NamedTuple):
         names = np.empty((3, block * k), np.int64)
         starts[-1] = n = _compiled("pack")(near, bits, codes, groups, starts, far, slots, names)
         return cls(groups, starts, far[:n].copy(), codes)
+
+    def near_groups(self, groups, marked):
+        """The rows of blocks with neighbors in some of all `groups`, or far ones that are `marked`,
+        both bool."""
+        n_far = np.append(0, np.cumsum(marked[self.far]))[self.starts]
+        asking = groups[self.groups].any(axis=1) | (n_far[1:] > n_far[:-1])
+        return np.flatnonzero(np.repeat(asking, self.groups.shape[1] + 1)[: len(self.codes)])
 
     def take(self, rows, k):
         """The first k neighbors of some of the rows; those that they have, if these are fewer."""

@@ -5,6 +5,8 @@ import numpy as np
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighbor_table import NeighborTable, part_size
 from sklearn_mcmd.planes._record import Neighborhoods
+from sklearn_mcmd.planes._whole import whole_cloud
+from sklearn_mcmd.runtime._chunks import each_slice
 
 
 class NeighborIndex:
@@ -54,6 +56,22 @@ class NeighborIndex:
     def chunk(self):
         """Rows that are best searched at once, in parts that begin at multiples of it."""
         return part_size(self.n_neighbors)
+
+    def each_asked(self, hops, size, work, n_jobs):
+        """Call ``work(rows)`` with rows of the `points`, near each other, so many at most: those
+        not farther `away` from those whose results are asked, as of `Whole`."""
+        whole = whole_cloud()
+        away = None if whole is None or whole.away is None else whole.away[self.rows]
+
+        def task(rows):
+            if away is not None:
+                asked = np.flatnonzero(away[rows] <= hops)
+                if len(asked) < rows.stop - rows.start:
+                    rows = rows.start + asked
+            if not isinstance(rows, np.ndarray) or len(rows):
+                work(rows)
+
+        each_slice(len(self.points), size, task, n_jobs)
 
     def query_own(self, rows, k=None, keep=True):
         """The neighborhoods of some of the `points`, each its own first member.

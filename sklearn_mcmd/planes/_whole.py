@@ -4,6 +4,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import NamedTuple
 
+import numpy as np
+
 
 class Whole(NamedTuple):
     """What is found once of a whole cloud, and holds for each part of it."""
@@ -13,6 +15,9 @@ class Whole(NamedTuple):
     step: float = 0.0  # to which they were rounded, 0 where there is none
     seen: bool = False  # whether the sensor is known to have been at the origin
     telling: float = 0.0  # how far intensity tells, as of `Darkness`
+    # int (n,), how many hops of neighbors each point of the part is from those whose results are
+    # asked; None if all are.
+    away: np.ndarray | None = None
 
 
 _whole: ContextVar[Whole | None] = ContextVar("whole", default=None)

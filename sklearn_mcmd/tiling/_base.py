@@ -16,16 +16,17 @@ from sklearn_mcmd.normals._sides import Sides
 from sklearn_mcmd.planes._base import BaseLocalPlanes
 from sklearn_mcmd.planes._whole import Whole
 from sklearn_mcmd.runtime._progress import progress_part
-from sklearn_mcmd.tiling._beside import SensorPath, with_beside
+from sklearn_mcmd.tiling._beside import SensorPath
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._files import CellResults
+from sklearn_mcmd.tiling._folder import CellResults
 from sklearn_mcmd.tiling._halo import HOPS, HOPS_OF_SIZES
 from sklearn_mcmd.tiling._memory import WARM_UP, Plan
 from sklearn_mcmd.tiling._tasks import Job, fit_cell, run_tasks
 
+AT_ONCE = 100_000  # points whose neighbors are asked for at once
 # Of a `Job` that asks for no fit.
-IDLE = {"estimator": None, "keep": None, "given": with_beside, "hops": 0, "width": 0.0}
+IDLE = {"estimator": None, "keep": None, "hops": 0, "width": 0.0}
 
 
 class TiledRun(NamedTuple):
@@ -49,7 +50,6 @@ class TiledRun(NamedTuple):
             found=self.results.folder,
             whole=Whole(self.cells.n_points, known["dtype"], known["step"], **told or {}),
             n_neighbors=known["n_neighbors"],
-            usual=known["usual"],
             n_threads=self.plan.n_threads,
             **IDLE | fields,
         )
@@ -210,3 +210,20 @@ def warm_up(estimator):
     with warnings.catch_warnings(), progress_part(0.0, 0.0):
         warnings.simplefilter("ignore")
         return clone(estimator).set_params(**fewer).fit(points)
+
+
+def in_halo(part, values, asked=True):
+    """What a cell says of the points of others, or of those `asked`: their cells, numbers there,
+    and a value of each."""
+    others = ~part.own & asked
+    return np.column_stack([part.homes[others], part.at[others], values[others]])
+
+
+def overlaps(run):
+    """Of each pair of cells, what the first says of points of the second: numbers of both cells,
+    rows in its halo, and of these numbers in the second and values."""
+    for cell, halo in enumerate(run.found("halo")):
+        halo = halo.astype(np.int64)
+        for home in np.unique(halo[:, 0]).tolist():
+            rows = np.flatnonzero(halo[:, 0] == home)
+            yield cell, home, rows, *halo[rows, 1:].T

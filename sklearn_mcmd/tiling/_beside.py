@@ -30,7 +30,7 @@ from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.sensors._recognition import view_from_origin
 from sklearn_mcmd.tiling._catalog import parts_of
 from sklearn_mcmd.tiling._cells import Levels
-from sklearn_mcmd.tiling._files import append, appended
+from sklearn_mcmd.tiling._folder import append, appended
 from sklearn_mcmd.tiling._memory import PART
 
 ORIGINS, LIGHT = "origins", "light"
@@ -198,14 +198,14 @@ class LightWriter:
             append(folder / LIGHT, ranks[np.minimum(places, len(ranks) - 1)])
 
 
-def with_beside(job, cell, part, moves=False, beams=False, shines=False):
-    """As `Job.given`: what is kept of a part's points, with the ends of beams that cross it."""
+def with_beside(job, cell, part):
+    """A part with the ends of beams that cross it, and what is kept of its points for a fit."""
     given = {}
-    if beams:
+    if job.beams:
         part = _with_beams(job, cell, part)
-    if moves:
+    if job.moves:
         given["sensor_origin"] = stored_origins(job.points)[part.rows]
-    if shines:
+    if job.shines:
         given["intensity"] = appended(job.points / LIGHT)[part.rows]
     return part, given
 

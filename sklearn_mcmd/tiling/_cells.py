@@ -12,7 +12,7 @@ import numpy as np
 
 from sklearn_mcmd.io._files import one_clear_line, replacing
 from sklearn_mcmd.planes._resolution import is_single, step_of_levels
-from sklearn_mcmd.tiling._files import HEADERS, append, appended
+from sklearn_mcmd.tiling._folder import HEADERS, append, appended
 
 BOXES = "cells.npz"
 # How cells are cut; only the time depends on it.
@@ -133,6 +133,15 @@ class Cells:
     def places(self, xyz):
         """Where points are for the boxes: the points, or their directions from the center."""
         return places_of(xyz, self.center)
+
+    def depth(self, cell, xyz):
+        """How far the places of points are within the box of a cell, negative beyond."""
+        places = self.places(xyz)
+        return np.minimum(places - self.low[cell], self.high[cell] - places).min(axis=1)
+
+    def ranges(self, xyz):
+        """How far points are from the center, if there is one."""
+        return None if self.center is None else np.linalg.norm(xyz - self.center, axis=1)
 
     def extent(self, cell):
         """The least and the most coordinates of a cell's places."""

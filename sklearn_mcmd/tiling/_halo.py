@@ -9,8 +9,9 @@ all others, what is seen counts; how many points are then not proven is told.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
+from sklearn_mcmd.planes._indexed_cloud import LEAF, IndexedCloud
 from sklearn_mcmd.planes._neighbor_table import part_size
 from sklearn_mcmd.runtime._chunks import each_slice
 
@@ -19,9 +20,6 @@ HOPS = 5  # of planes: neighbors agree on them in two, then noise, bends and edg
 HOPS_OF_SIZES = 17  # where noise decides how many neighbors each has
 HOPS_MORE = 1  # of outliers, regions and edges: planes explain points, are linked, and meet
 WIDTH = 5.0  # of outliers and regions: groups have gaps, and what regions of two cells share tells
-# Of so many places in succession, or of as many as make so many blocks, it is known in which others
-# they have neighbors: finer takes more memory, coarser more time.
-BLOCK, BLOCKS = 256, 4096
 
 
 class HaloLimits(NamedTuple):
@@ -30,6 +28,8 @@ class HaloLimits(NamedTuple):
     # The margin widens while more of the places that were asked may have neighbors beyond it.
     incomplete: float = 0.01
     most: float = 4.0  # points to search at most, as a multiple of the cell's own
+    trimmed: float = 0.9  # if more of the points searched are of rings, the others stay as well
+    sample: int = 1_000  # points of a cell that tell how far neighbors are
 
 
 class Part(NamedTuple):
@@ -41,22 +41,20 @@ class Part(NamedTuple):
     homes: np.ndarray  # int (n,), the cell of each,
     at: np.ndarray  # and its number there
     # (n,): how far its neighbors may be, in places as of `Cells`, and all of them are in the part.
-    reach: np.ndarray
+    reach: np.ndarray = np.empty(0)
     ranges: np.ndarray | None = None  # (n,) from the center of the cells, if they have one
 
     @classmethod
     def of(cls, *columns):
-        """Of columns in another order."""
-        order = np.argsort(columns[1], kind="stable")
-        return cls._make(None if values is None else values[order] for values in columns)
+        """Of columns in another order; of points that come twice, the first."""
+        order = np.unique(columns[1], return_index=True)[1]
+        return cls(*(values[order] for values in columns))
 
     def joined(self, xyz, rows, homes, at):
-        """The part with some of more points: those that it has not, neighbors of none of the
-        rings."""
-        new = ~np.isin(rows, self.rows)
-        n = np.count_nonzero(new)
-        more = xyz[new], rows[new], np.zeros(n, bool), homes[new], at[new], np.full(n, np.inf)
-        return Part.of(*map(np.concatenate, zip(self[:6], more, strict=True)), None)
+        """The part with some of more points, neighbors of none of the rings."""
+        n = len(rows)
+        more = xyz, rows, np.zeros(n, bool), homes, at, np.full(n, np.inf)
+        return Part.of(*map(np.concatenate, zip(self[:6], more, strict=True)))
 
     def taken(self, chosen):
         """Some of the points."""
@@ -64,90 +62,87 @@ class Part(NamedTuple):
 
     def proven(self, cloud, n_neighbors, hops, n_jobs):
         """Which of the own points have the results of the whole cloud: the neighbors of these are
-        in the part, and so are theirs, hop by hop. `cloud` is the `IndexedCloud` of the points.
+        in the part, and so are theirs, hop by hop. And how many hops away each of the points is.
+        `cloud` is their `IndexedCloud`.
         """
         n, k = len(cloud.points), min(n_neighbors, len(cloud.points))
         doubtful, reach = np.zeros(n, bool), self.reach[cloud.rows]
         ranges = None if self.ranges is None else self.ranges[cloud.rows]
-        size, block = part_size(k), max(BLOCK, -(-n // BLOCKS))
-        n_blocks = -(-n // block)
-        asks = np.zeros((n_blocks, n_blocks), bool)  # which blocks have neighbors in which
+        away = np.full(n, hops, np.int8)
+        away[cloud.places[self.own]] = 0
+        for hop in range(hops):
+            asked, near_them = np.flatnonzero(away == hop), np.zeros(n, bool)
 
-        def measure(rows):
-            near = cloud.neighbors(rows, k, k)
-            radius = np.linalg.norm(cloud.points[near[:, -1]] - cloud.points[rows], axis=1)
-            doubtful[rows] = seen_from(radius, ranges, rows) >= reach[rows]
-            asks[np.arange(rows.start, rows.stop)[:, None] // block, near // block] = True
+            def measure(some, asked=asked, near_them=near_them):
+                rows = asked[some]
+                near = cloud.neighbors(rows, k, k)
+                radius = np.linalg.norm(cloud.points[near[:, -1]] - cloud.points[rows], axis=1)
+                doubtful[rows] = seen_from(radius, ranges, rows) >= reach[rows]
+                near_them[near] = True
 
-        each_slice(n, size, measure, n_jobs)
-        new = doubtful
-        for _ in range(hops):
-            hit, before = np.zeros(n_blocks, bool), doubtful.copy()
-            hit[np.flatnonzero(new) // block] = True
-            asking = np.repeat(asks[:, hit].any(axis=1), block)[:n] & ~before
-            rows = np.flatnonzero(asking)
-
-            def spread(some, rows=rows, before=before):
-                near = cloud.neighbors(rows[some], k, k)
-                doubtful[rows[some]] = before[near].any(axis=1)
-
-            each_slice(len(rows), size, spread, n_jobs)
-            new = doubtful & ~before
-        return ~doubtful[cloud.places[self.own]]
+            each_slice(len(asked), part_size(k), measure, n_jobs)
+            away[near_them & (away > hop)] = hop + 1
+        new = doubtful.copy()
+        for _ in range(hops - 1):
+            new = cloud.table.asking(new) & ~doubtful
+            doubtful |= new
+        return ~doubtful[cloud.places[self.own]], away[cloud.places]
 
 
-def part_of_cell(cells, cell, n_neighbors, hops, width, usual):
-    """The `Part` of a cell: as many rings of `n_neighbors` as there are hops, and all points nearer
-    than the `width`. This is in units of the `usual`, which is about how far the last of a point's
-    neighbors is, in places as of `Cells`."""
-    own_xyz, own_rows = cells.points(cell), np.asarray(cells.rows(cell))
-    n_own = len(own_xyz)
-    own_homes, own_at = np.full(n_own, cell, np.int32), np.arange(n_own)
+def part_of_cell(cells, cell, n_neighbors, hops, width):
+    """The `Part` of a cell, and the `IndexedCloud` of its points: as many rings of `n_neighbors` as
+    there are hops, and all points nearer than the `width`. This is in units of how far the last of
+    a point's neighbors usually is, in places as of `Cells`."""
+    own_xyz, rows = cells.points(cell), np.asarray(cells.rows(cell))
+    n = len(rows)
+    own: tuple = own_xyz, rows, np.ones(n, bool), np.full(n, cell, np.int32), np.arange(n)
     if len(cells) == 1:
-        every = np.ones(n_own, bool)
-        return Part(own_xyz, own_rows, every, own_homes, own_at, np.full(n_own, np.inf))
+        return Part(*own)._replace(reach=np.full(n, np.inf)), IndexedCloud.of(own_xyz)
     limits, length = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
-    margin = 2 * max(hops, width) * usual or length / 16 or 1.0  # 0 of a sample of copies
+    usual = usual_distance(cells, own_xyz, n_neighbors)
+    margin = max(hops, width) * usual or length / 16 or 1.0  # 0 of copies
     while True:
-        halo = cells.within(cell, margin)
-        xyz = np.concatenate([own_xyz, halo[0]])
-        rings = Rings(cells, cell, xyz, n_own, margin)
-        has_all, has_few = len(xyz) == cells.n_points, len(rings.cloud.points) <= n_neighbors
-        if has_few and not has_all:  # distinct ones: copies have no plane
-            margin *= 2
-            continue
-        rings.grow(n_neighbors, hops)
-        rings.widen(width * usual)
-        is_wide = has_all or margin >= length or len(xyz) > limits.most * n_own
-        if is_wide or rings.incomplete <= limits.incomplete:
-            break
-        margin = min(2 * margin, length)
-    places = rings.cloud.places
-    ranges = None if rings.ranges is None else rings.ranges[places]
-    own: tuple = own_rows, own_homes, own_at
-    rows, homes, at = map(np.concatenate, zip(own, halo[1:], strict=True))
-    part = Part(xyz, rows, np.arange(len(xyz)) < n_own, homes, at, rings.reach[places], ranges)
-    part = part.taken(rings.inside[places])
-    return Part.of(*part)
+        xyz, rows, *others = cells.within(cell, margin)
+        halo = xyz, rows, np.zeros(len(xyz), bool), *others
+        part = Part.of(*map(np.concatenate, zip(own, halo, strict=True)))
+        cloud, has_all = IndexedCloud.of(part.xyz), len(part.rows) == cells.n_points
+        if len(cloud.points) > n_neighbors or has_all:  # distinct ones: copies have no plane
+            rings = Rings(cells, cell, part, cloud, margin)
+            rings.grow(n_neighbors, hops)
+            rings.widen(width * usual)
+            is_wide = has_all or margin >= length or len(part.rows) > limits.most * n
+            if is_wide or rings.incomplete <= limits.incomplete:
+                break
+        margin *= 2
+    if rings.inside.mean() > limits.trimmed:
+        reach = rings.border[cloud.places]
+        return part._replace(reach=reach, ranges=cells.ranges(part.xyz)), cloud
+    part = part._replace(reach=rings.reach[cloud.places], ranges=cells.ranges(part.xyz))
+    part = part.taken(rings.inside[cloud.places])
+    return part, IndexedCloud.of(part.xyz)
+
+
+def usual_distance(cells, xyz, n_neighbors):
+    """How far the last of the neighbors of a point is, in places as of `Cells`, among the points of
+    a cell; of 95 % of points it is nearer."""
+    some, k = xyz[:: -(-len(xyz) // HaloLimits().sample)], min(n_neighbors, len(xyz))
+    tree = cKDTree(xyz, LEAF, compact_nodes=False, balanced_tree=False)
+    last, begin = (cells.places(points) for points in (xyz[tree.query(some, [k])[1][:, 0]], some))
+    return float(np.quantile(np.linalg.norm(last - begin, axis=1), 0.95))
 
 
 class Rings:
-    """The rings of neighbors around the own points of a cell, the first n of `xyz`, which holds all
-    within a margin around its box."""
+    """The rings of neighbors around the own points of a cell, in a part that has all points within
+    a margin around its box."""
 
-    def __init__(self, cells, cell, xyz, n_own, margin):
-        self.cloud = cloud = IndexedCloud(xyz)
-        places = cells.places(cloud.points)
-        low, high = cells.low[cell], cells.high[cell]
-        self.inside = np.zeros(len(places), bool)  # of the own points and the rings
-        self.inside[cloud.places[:n_own]] = True
+    def __init__(self, cells, cell, part, cloud, margin):
+        self.cloud, self.inside = cloud, np.zeros(len(cloud.points), bool)
+        self.inside[cloud.places[part.own]] = True  # and so are the rings
         # How far each place is from the box, and from where the margin ends.
-        self.depth = np.minimum(places - low, high - places).min(axis=1)
-        self.border = np.minimum(places - low + margin, high + margin - places).min(axis=1)
-        self.ranges = None
-        if cells.center is not None:
-            self.ranges = np.linalg.norm(cloud.points - cells.center, axis=1)
-        self.reach, self.incomplete = self.depth.copy(), 0.0
+        self.depth = cells.depth(cell, cloud.points)
+        self.border = self.depth + margin
+        self.ranges, self.reach = cells.ranges(cloud.points), self.depth.copy()
+        self.incomplete = 0.0
 
     def grow(self, n_neighbors, hops):
         """Add ring by ring."""
@@ -156,8 +151,9 @@ class Rings:
         for _ in range(hops):
             if not len(ring):  # the points of no other cell are neighbors
                 break
-            distances, near = self.cloud.nearest(self.cloud.points[ring], k)
-            radius = seen_from(distances[:, -1], self.ranges, ring)
+            near = self.cloud.neighbors(ring, k, k)
+            ends = self.cloud.points[near[:, -1]] - self.cloud.points[ring]
+            radius = seen_from(np.linalg.norm(ends, axis=1), self.ranges, ring)
             self.reach[ring] = self.border[ring]
             known = radius < self.border[ring]  # of others, neighbors may be missing anyway
             n_asked += len(ring)

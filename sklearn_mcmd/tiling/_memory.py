@@ -20,7 +20,7 @@ PROCESS = 330e6  # bytes of a process with its compiled code
 PART = 250_000  # points read or written at once
 PART_POINT = 400  # bytes of a point while it is read or written
 IN_MEMORY = 1_100  # bytes of a point that is worked on without tiles, besides its record, at most
-MEASURED = 6_000, 24_000  # points of two fits, which tell what a point more takes
+MEASURED = 5_000, 15_000  # points of two fits, which tell what a point more takes
 # What NumPy takes is measured. Trees, work arrays of compiled code and what is freed late are more.
 UNSEEN = 1.4
 CELL_POINT = 200  # bytes of a point in a cell or its halo, besides the fit
@@ -101,7 +101,8 @@ def bytes_of_point(fit, xyz, n_neighbors=USUAL_NEIGHBORS):
     fewer = min(1.0, (2 * USUAL_NEIGHBORS / n_neighbors) ** 2)
     sizes = [min(max(int(fewer * n), n_neighbors * n // MEASURED[0]), len(xyz)) for n in MEASURED]
     peaks = []
-    fit(xyz[np.sort(order[: sizes[0]])])  # what is loaded at the first time is in no slope
+    few = order[: max(sizes[0] // 4, n_neighbors)]
+    fit(xyz[np.sort(few)])  # what is loaded at the first time is in no slope
     for n in sizes:
         points = xyz[np.sort(order[:n])]
         tracemalloc.start()

@@ -18,8 +18,7 @@ from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import report_share
 from sklearn_mcmd.tiling._catalog import check_unchanged, parts_of, stamp_of
-from sklearn_mcmd.tiling._files import TilingError
-from sklearn_mcmd.tiling._folder import key_of, read_json, write_json
+from sklearn_mcmd.tiling._folder import TilingError, key_of, read_json, write_json
 
 LAS_OR_LAZ = listed(TILED, "or")
 

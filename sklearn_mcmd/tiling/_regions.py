@@ -4,9 +4,14 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from sklearn_mcmd.io._region_files import SUFFIXES, write_regions
 from sklearn_mcmd.normals import RobustNormalEstimator
+from sklearn_mcmd.normals._sides import TreeLimits
+from sklearn_mcmd.planes._indexed_cloud import distinct_numbers
+from sklearn_mcmd.runtime._chunks import slices
 from sklearn_mcmd.segmentation._estimator import RegionGrowing, numbers_by_size
 from sklearn_mcmd.segmentation._merge_coplanar import JoinLimits, RegionPlanes, pooled
 from sklearn_mcmd.segmentation._region_sums import (
@@ -26,10 +31,20 @@ from sklearn_mcmd.segmentation._region_table import (
     outline_of,
     region_table,
 )
-from sklearn_mcmd.tiling._base import TiledVerb, hops_of, warm_up, without_sides
-from sklearn_mcmd.tiling._borders import in_halo, join_regions, touching_regions
+from sklearn_mcmd.tiling._base import (
+    AT_ONCE,
+    TiledVerb,
+    hops_of,
+    in_halo,
+    overlaps,
+    warm_up,
+    without_sides,
+)
 from sklearn_mcmd.tiling._halo import HOPS_MORE, WIDTH
 
+LEAST_SHARED = 10  # points that regions of two cells share at least, if they are one,
+LEAST_SHARE = 0.7  # and this share of the smaller one's points in the overlap
+LEAST_SEEN = 0.25  # share of a region that another cell sees, if it is to join what touches there
 LARGEST = 20  # regions whose points are counted in the report
 NUMBERS = [field for field in FIELDS if field[0] != "outline"]
 SAMPLE = 1_000  # points of a part, at most, that tell how the plane of a joined region bows
@@ -105,6 +120,66 @@ def keep_regions(job, cell, part, fitted, cloud, with_table):
     if with_table:
         found |= parts_of_regions(segments, part.own[segments.neighbor_index.rows])
     return found
+
+
+def join_regions(run, starts, sizes):
+    """The joined region of each region of each cell, from 0 on: those that are one share points.
+
+    ``starts[cell]`` is the number of its first region; `sizes` (n,) are the own points of all, and
+    a region without any joins none.
+    """
+    n, pairs_of, counts_of = len(sizes), [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for cell, home, _, at, labels in overlaps(run):
+        theirs = run.results.mapped(home, "results")[at, 0].astype(np.int64)
+        both = np.stack([starts[cell] + labels, starts[home] + theirs])
+        one, other = np.sort(both[:, (labels >= 0) & (theirs >= 0)], axis=0)
+        new, counts = np.unique(one * n + other, return_counts=True)
+        pairs_of.append(new)
+        counts_of.append(counts)
+    codes, of = np.unique(np.concatenate(pairs_of), return_inverse=True)
+    shared = np.bincount(of, np.concatenate(counts_of), len(codes))
+    pairs = np.stack(np.divmod(codes, max(n, 1)))
+    # In the overlap of the cells of a pair, the points of the smaller one.
+    cells = np.searchsorted(starts, pairs, side="right")
+    asked = (np.unique(key, return_inverse=True)[1] for key in pairs * len(starts) + cells[::-1])
+    least = np.minimum(*(np.bincount(of, shared)[of] for of in asked))
+    kept = (shared >= LEAST_SHARED) & (shared > LEAST_SHARE * least)
+    kept &= (sizes[pairs] > 0).all(axis=0)
+    pairs = pairs[:, kept & ~_are_hardly_seen(run, starts, pairs, cells, shared * kept)]
+    graph = coo_array((np.ones(pairs.shape[1], bool), pairs), shape=(n, n))
+    return connected_components(graph, directed=False)[1]
+
+
+def _are_hardly_seen(run, starts, pairs, cells, shared):
+    """Which pairs of regions, which share so many points, are not one. The cell of the one has
+    another that touches it and shares more with the other, whose cell sees little of the one."""
+    n, are = int(starts[-1]), np.zeros(len(shared), bool)
+    seen, beside = np.concatenate(list(run.found("seen"))), [np.empty((0, 2), np.int64)]
+    beside += [start + both for start, both in zip(starts, run.found("touching"), strict=False)]
+    touching = np.concatenate(beside) @ [n, 1]
+    for one, other in (0, 1), (1, 0):
+        order = np.lexsort((-shared, cells[one], pairs[other]))
+        name, group = pairs[one, order], pairs[other, order] * len(starts) + cells[one, order]
+        little = shared[order] < LEAST_SEEN * seen[name]
+        for lag in range(1, len(order)):
+            alike = group[lag:] == group[:-lag]  # the stronger ones before it
+            if not alike.any():
+                break
+            codes = np.sort(np.stack([name[lag:], name[:-lag]]), axis=0).T @ [n, 1]
+            are[order[lag:][little[lag:] & alike & np.isin(codes, touching)]] = True
+    return are
+
+
+def touching_regions(cloud, labels):
+    """Pairs (m, 2) of labels of neighbors, the smaller first; -1 is no label."""
+    of, codes = np.full(len(cloud.points), -1, np.int64), [np.empty(0, np.int64)]
+    of[cloud.places] = labels
+    k, n = min(TreeLimits().n_neighbors, len(of)), int(labels.max(initial=-1)) + 1
+    for rows in slices(len(of), AT_ONCE):
+        near = of[cloud.neighbors(rows, k, 0)]
+        less, more = np.minimum(near[:, :1], near), np.maximum(near[:, :1], near)
+        codes.append(distinct_numbers((less * n + more)[(less >= 0) & (less < more)]))
+    return np.stack(np.divmod(distinct_numbers(np.concatenate(codes)), max(n, 1)), axis=1)
 
 
 def parts_of_regions(segments, own):

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._validation import check_sizes, check_work
@@ -24,9 +23,8 @@ from sklearn_mcmd.runtime._interrupts import ignoring_interrupts
 from sklearn_mcmd.runtime._progress import progress_part, report_share
 from sklearn_mcmd.tiling._base import TiledRun
 from sklearn_mcmd.tiling._catalog import Catalog, check_unchanged, parts_of
-from sklearn_mcmd.tiling._cells import Cells, CellWriter, Rounding, places_of
-from sklearn_mcmd.tiling._files import CellResults, TilingError
-from sklearn_mcmd.tiling._folder import WorkFolder, key_of
+from sklearn_mcmd.tiling._cells import Cells, CellWriter, Rounding
+from sklearn_mcmd.tiling._folder import CellResults, TilingError, WorkFolder, key_of
 from sklearn_mcmd.tiling._memory import (
     MEASURED,
     bytes_of_point,
@@ -43,7 +41,6 @@ from sklearn_mcmd.tiling._tasks import fails_for_good
 SCATTERED = 0.07  # the share of the time after which all points are in cells, for the progress
 FOUND = 0.93  # the same of the results of all tiles
 DISK_POINT = 80  # bytes of temporary files for each point, about
-SAMPLE = 1_000  # points that tell how far neighbors are
 
 
 class RunReport(NamedTuple):
@@ -200,7 +197,7 @@ def _put_in_cells(verb, catalog, folder, restart, memory, n_jobs, tile_size):
     told = {"point": point, "tile_size": plan.tile_size, "n_neighbors": k}
     with progress_part(0.0, SCATTERED, "reading"):
         found = _scatter(verb, catalog, folder.cells, plan.tile_size)
-        folder.finish_cells({**told, "usual": sample.usual(), **found})
+        folder.finish_cells({**told, **found})
     sample.warn(found["dtype"], catalog.n_points)
     return plan
 
@@ -221,16 +218,6 @@ class Sample:
                 f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
             )
         self._distinct = np.unique(self.xyz, axis=0)
-
-    def usual(self):
-        """How far the last of the neighbors of a point is; of 95 % of points it is nearer."""
-        xyz = self._distinct
-        if len(xyz) < 2:
-            return 0.0
-        some, k = xyz[:: -(-len(xyz) // SAMPLE)], min(self._verb.n_neighbors, len(xyz))
-        near = cKDTree(xyz, balanced_tree=False).query(some, [k])[1][:, 0]
-        places, ends = (places_of(points, self._verb.center) for points in (some, xyz[near]))
-        return float(np.quantile(np.linalg.norm(ends - places, axis=1), 0.95))
 
     def bytes_of_point(self):
         """As of `plan_run`."""

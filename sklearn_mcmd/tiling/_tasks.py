@@ -15,8 +15,9 @@ from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._whole import Whole, part_of
 from sklearn_mcmd.runtime._progress import listen_to_progress, report_share
+from sklearn_mcmd.tiling._beside import with_beside
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._files import CellResults, TilingError
+from sklearn_mcmd.tiling._folder import CellResults, TilingError
 from sklearn_mcmd.tiling._halo import part_of_cell
 from sklearn_mcmd.tiling._memory import gives_threads
 
@@ -32,12 +33,15 @@ class Job:
     n_neighbors: int  # of which the rings of a halo are
     hops: int  # as many rings
     width: float  # as of `part_of_cell`
-    usual: float  # as of `part_of_cell`
     # keep(job, cell, part, fitted, cloud) returns what is kept of a fit to a `Part` of a cell,
     # whose points have this `IndexedCloud`.
     keep: Callable
-    # given(job, cell, part) returns a part, maybe with more points, and what `fit` takes beside it.
-    given: Callable
+    # What `fit` gets beside points: where the sensor was, and intensity; and whether with the ends
+    # of beams that cross a cell.
+    moves: bool = False
+    shines: bool = False
+    beams: bool = False
+    asks_own: bool = False  # whether a fit needs no results of the halo but to find the own ones
     n_threads: int = 1
 
     @cached_property
@@ -51,17 +55,20 @@ class Job:
 
 def fit_cell(cell, job):
     """Fit the estimator to a cell and its halo; returns what is kept of its own points."""
-    part = part_of_cell(job.cells, cell, job.n_neighbors, job.hops, job.width, job.usual)
-    part, given = job.given(job, cell, part)
-    xyz = part.xyz.astype(job.whole.dtype)
-    cloud = IndexedCloud.of(xyz.astype(np.float64, copy=False))  # which all stages share
-    proven = part.proven(cloud, job.n_neighbors, job.hops, job.n_threads)
+    part, cloud = part_of_cell(job.cells, cell, job.n_neighbors, job.hops, job.width)
+    part, given = with_beside(job, cell, part)
+    cloud = IndexedCloud.of(part.xyz)  # which all stages share; other points may have joined
+    whole, n_proven = job.whole, len(part.rows)
+    if len(job.cells) > 1:
+        proven, away = part.proven(cloud, job.n_neighbors, job.hops, job.n_threads)
+        whole = whole._replace(away=away if job.asks_own else None)
+        n_proven = int(np.count_nonzero(proven))
     params = job.estimator.get_params()
     threads = {name: job.n_threads for name in params if name.endswith("n_jobs")}
     estimator = clone(job.estimator).set_params(**threads)
-    with part_of(job.whole):
-        fitted = estimator.fit(xyz, **given)
-    return {"n_proven": int(np.count_nonzero(proven)), **job.keep(job, cell, part, fitted, cloud)}
+    with part_of(whole):
+        fitted = estimator.fit(part.xyz.astype(job.whole.dtype), **given)
+    return {"n_proven": n_proven, **job.keep(job, cell, part, fitted, cloud)}
 
 
 def run_tasks(name, work, job, n_workers):

@@ -27,8 +27,9 @@ def by_tiles(monkeypatch, tmp_path):
         return write(run, verb)
 
     def keep_proofs(part, *args):
-        proofs.append((part.rows[part.own], prove(part, *args)))
-        return proofs[-1][1]
+        proven, away = prove(part, *args)
+        proofs.append((part.rows[part.own], proven))
+        return proven, away
 
     monkeypatch.setattr(_run, "write_outputs", keep_results)
     monkeypatch.setattr(Part, "proven", keep_proofs)
@@ -37,7 +38,7 @@ def by_tiles(monkeypatch, tmp_path):
         proofs.clear()
         target = tmp_path / ("out" if isinstance(source, list) else "out.las")
         report = process_files(source, target, estimator, n_jobs=1, **options)
-        proven = np.zeros(report.n_points, bool)
+        proven = np.full(report.n_points, report.n_tiles == 1)
         for rows, are in proofs:
             proven[rows] = are
         values, verb = found.pop()

@@ -6,8 +6,10 @@ from numpy.testing import assert_array_equal
 from scipy.spatial import cKDTree
 
 from benchmarks.simulators import make_lidar_turn
+from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
+from sklearn_mcmd.planes._whole import Whole, part_of
 from sklearn_mcmd.tiling import _halo
 from sklearn_mcmd.tiling._cells import Cells, CellWriter, Levels
 from sklearn_mcmd.tiling._halo import part_of_cell
@@ -56,17 +58,18 @@ def rings_of(X, rows):
 @pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.parametrize("usual", [0.0, 0.01, 0.3])
 def test_rings_of_proven_points_are_complete_however_small_the_first_margin_is(
-    name, usual, tmp_path
+    name, usual, tmp_path, monkeypatch
 ):
     """Each proven point has its rings of the whole cloud in the part, with the same neighbors. A
     part also has all points nearer than its width."""
+    monkeypatch.setattr(_halo, "usual_distance", lambda *_: usual)
     X, n_proven = CLOUDS[name](), 0
     cells = cells_of(tmp_path, X, np.zeros(3) if name == "turn" else None)
     all_rows = np.concatenate([cells.rows(cell) for cell in range(len(cells))])
     assert_array_equal(np.sort(all_rows), np.arange(len(X)))
     assert np.sort(cells.counts)[-2] <= CAPACITY  # one place of 700 points is never divided
     for cell in range(len(cells)):
-        part = part_of_cell(cells, cell, K, HOPS, WIDTH, usual)
+        part, cloud = part_of_cell(cells, cell, K, HOPS, WIDTH)
         assert_array_equal(part.rows, np.sort(part.rows))
         assert_array_equal(part.xyz, X[part.rows])
         assert_array_equal(part.rows[part.own], cells.rows(cell))
@@ -76,10 +79,14 @@ def test_rings_of_proven_points_are_complete_however_small_the_first_margin_is(
         places, wide = cells.places(X), WIDTH * usual
         near = ((cells.low[cell] - wide < places) & (cells.high[cell] + wide > places)).all(axis=1)
         assert not set(np.flatnonzero(near)) - set(part.rows)
-        proven = part.proven(IndexedCloud(part.xyz), K, HOPS, 1)
+        assert_array_equal(cloud.points[cloud.places], part.xyz)
+        proven, away = part.proven(cloud, K, HOPS, 1)
         n_proven += np.count_nonzero(proven)
         needed, (distances, _), place = rings_of(X, part.rows[part.own][proven])
         assert not set(np.flatnonzero(needed)) - set(part.rows)
+        assert (away[np.isin(part.rows, np.flatnonzero(needed))] <= HOPS).all()
+        own_places = np.isin(place[part.rows], place[cells.rows(cell)])
+        assert_array_equal(away == 0, own_places)
         within = cKDTree(np.unique(part.xyz, axis=0)).query(part.xyz[part.own][proven], K)[0]
         assert_array_equal(within, distances[place[part.rows[part.own][proven]]])
     assert n_proven > 0.3 * len(X)
@@ -88,16 +95,16 @@ def test_rings_of_proven_points_are_complete_however_small_the_first_margin_is(
 def test_halos_of_wedges_are_narrow(tmp_path):
     X = turn()
     cells = cells_of(tmp_path, X, np.zeros(3))
-    parts = [part_of_cell(cells, cell, K, HOPS, 0.0, 0.02) for cell in range(len(cells))]
-    proven = [part.proven(IndexedCloud(part.xyz), K, HOPS, 1) for part in parts]
+    parts = [part_of_cell(cells, cell, K, HOPS, 0.0) for cell in range(len(cells))]
+    proven = [part.proven(cloud, K, HOPS, 1)[0] for part, cloud in parts]
     assert np.concatenate(proven).mean() > 0.7
-    assert np.mean([len(part.rows) / part.own.sum() for part in parts]) < 2
+    assert np.mean([len(part.rows) / part.own.sum() for part, _ in parts]) < 2
 
 
 def test_points_that_join_a_part_come_once_in_the_order_of_rows(tmp_path):
     X = CLOUDS["street"]()
     cells = cells_of(tmp_path, X)
-    part = part_of_cell(cells, 2, K, HOPS, 0.0, 0.01)
+    part, _ = part_of_cell(cells, 2, K, HOPS, 0.0)
     home, at = part.homes[~part.own][0], np.arange(100)  # a cell of which it has points
     more = cells.points(home)[at], np.asarray(cells.rows(home))[at], np.full(100, home), at
     joined = part.joined(*more)
@@ -107,6 +114,20 @@ def test_points_that_join_a_part_come_once_in_the_order_of_rows(tmp_path):
     assert_array_equal(joined.rows[joined.own], cells.rows(2))
 
 
+def test_normals_that_are_asked_alone_are_those_of_a_fit_to_all(tmp_path):
+    """Whatever stands in the rows that are not asked."""
+    X = CLOUDS["street"]()
+    part, cloud = part_of_cell(cells_of(tmp_path, X), 2, 12, 8, 0.0)
+    estimator, away = RobustNormalEstimator(12, random_state=0), part.proven(cloud, 12, 8, 1)[1]
+    assert np.count_nonzero(away > 5) > 100
+    with part_of(Whole(len(X))):
+        whole = estimator.fit(part.xyz).normals_
+    with part_of(Whole(len(X), away=away)):
+        alone = estimator.fit(part.xyz).normals_
+    assert_array_equal(alone[part.own], whole[part.own])
+    assert (alone[away > 5] != whole[away > 5]).any()
+
+
 def test_levels_of_parts_are_those_of_all_values_with_their_counts():
     levels, values = Levels(), np.random.default_rng(0).integers(0, 50, 1000) / 4
     for part in np.split(values, [300, 310, 600]):
@@ -114,12 +135,10 @@ def test_levels_of_parts_are_those_of_all_values_with_their_counts():
     assert_array_equal(levels.merged(), np.unique(values, return_counts=True))
 
 
-def test_a_proof_in_coarse_blocks_is_that_in_fine_ones(tmp_path, monkeypatch):
-    """As those of large cells are, whose fine ones would take the square of their number."""
-    cells = cells_of(tmp_path, CLOUDS["street"]())
-    part = part_of_cell(cells, 2, K, HOPS, 0.0, 0.01)
-    monkeypatch.setattr(_halo, "BLOCK", 4)
-    fine = part.proven(IndexedCloud(part.xyz), K, HOPS, 1)
-    monkeypatch.setattr(_halo, "BLOCKS", 3)
-    assert_array_equal(part.proven(IndexedCloud(part.xyz), K, HOPS, 1), fine)
-    assert 0 < np.count_nonzero(~fine) < len(fine)
+def test_what_asks_some_points_is_what_the_table_of_neighbors_says():
+    """Both near ones and those of far groups, which are listed."""
+    cloud, rng = IndexedCloud(CLOUDS["street"]()), np.random.default_rng(0)
+    near = cloud.neighbors(slice(None), 30, 30)
+    for share in (0.0, 0.001, 0.05, 1.0):
+        marked = rng.uniform(size=len(near)) < share
+        assert_array_equal(cloud.table.asking(marked), marked[near].any(axis=1))

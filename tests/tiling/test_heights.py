@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from commands import done
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.tiling import _heights, process_files
+from sklearn_mcmd.tiling import _outliers, process_files
 from tiled import OUTLIERS
 
 NEAR = {"above": -0.5, "below": 6.0}
@@ -58,7 +58,7 @@ def test_the_same_points_are_judged_and_the_same_groups_lie_below_the_ground(
     scene, heights, tmp_path, monkeypatch
 ):
     """The ground has small cells, too; other scores are those of tiles."""
-    monkeypatch.setattr(_heights, "CAPACITY", 300)
+    monkeypatch.setattr(_outliers, "CAPACITY", 300)
     a, c = tmp_path / "a.las", tmp_path / "c.las"
     write_points(a, cloud := scene())
     expected = in_memory(a, heights)

@@ -31,19 +31,19 @@ FAST = [
     (TREE, {}, "_verbs.sides_of_cells", 0, 4),
     (SHARE, HEIGHTS, "_outliers.judge_groups", 0, 0),
     (REGIONS, {"regions": "r.csv"}, "_regions.write_regions", 0, 4),
-    (EDGES, {}, "_files.CellResults.keep", 3, 3),
+    (EDGES, {}, "_folder.CellResults.keep", 3, 3),
 ]
 SLOW = [
     (ESTIMATOR, {}, "_run.WorkFolder.finish_cells", 0, 0),
     (ESTIMATOR, {}, "_base.Results.take", 0, 4),
-    (ESTIMATOR, {}, "_files.write_array", 1, 1),
-    (TREE, {}, "_files.CellResults.keep", 6, 4),
-    (SHARE, HEIGHTS, "_heights.Cells.points", 3, 0),
+    (ESTIMATOR, {}, "_folder.write_array", 1, 1),
+    (TREE, {}, "_folder.CellResults.keep", 6, 4),
+    (SHARE, HEIGHTS, "_outliers.Cells.points", 3, 0),
     (SHARE, LIGHT, "_outliers.keep_light", 2, 0),
     (SHARE, LIGHT, "_outliers.keep_scores", 2, 2),
     (SHARE, {}, "_outliers.quantile_of", 0, 4),
     (REGIONS, {}, "_regions.join_regions", 0, 4),
-    (REGIONS, {}, "_files.CellResults.keep", 6, 4),
+    (REGIONS, {}, "_folder.CellResults.keep", 6, 4),
 ]
 
 
