@@ -24,7 +24,7 @@ import numpy as np
 from _halls import hall, registered, walls_of
 from _plane_verdicts import smooth, strips
 from _real_clouds import load_clouds
-from _tables import print_table, write_csv
+from _tables import print_table, texts, write_csv
 
 from sklearn_mcmd import CloudChange
 from sklearn_mcmd.change import moved_bodies
@@ -105,7 +105,7 @@ def simulated(options):
     scenes["within 5 spacings of edges"] = (kerb, COMMON["white"])
     for name, (make, common) in scenes.items():
         registration = REGISTRATION if "given" in name else None
-        row = [f"unmoved points called moved: {name}"]
+        row = [f"called moved: {name}"]
         n_pairs = 10 * options.repetitions if registration else options.repetitions
         for method in methods().values():
             shares = []
@@ -126,7 +126,7 @@ def simulated(options):
             after = wall(rng, options.points, COMMON["white"], times * level)
             distance, levels = method(before, after)
             moved = before[:, 0] > SIZE[0] / 2 + 0.5
-            row += [called(distance[moved], levels[moved]), 0.0]
+            row += [called(distance[moved], levels[moved]), np.nan]
         rows.append(row)
     return [["", *(f"{name}{end}" for name in methods() for end in ("", " ±"))], *rows]
 
@@ -185,6 +185,7 @@ def main(arguments=None):
     head, *rows = globals()[options.kind](options)
     print_table(options.kind, head, rows, digits=3)
     if options.output:
+        rows = [[cell.replace("nan", "") for cell in row] for row in texts(rows, 3)]
         write_csv(options.output / f"change_{options.kind}.csv", [head, *rows])
 
 
