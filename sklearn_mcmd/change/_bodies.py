@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
-from scipy.special import chdtri, fdtrc
-from sklearn.utils import check_random_state
+from scipy.special import chdtrc, chdtri, fdtrc
+from sklearn.utils import check_array, check_random_state
 
 from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.adjustment import BaardaPlaneDetector
@@ -39,7 +39,8 @@ class Bodies(NamedTuple):
     tilt, tilt_error : ndarray of shape (n,)
         Angles between both planes, in degrees.
     pvalue : ndarray of shape (n,)
-        Of the test against the motion of the others that stayed.
+        Of the test against the motion of the others that stayed; not a number where these do not
+        control it.
     moved : ndarray of bool of shape (n,)
         Whether that is below the level.
     motion, motion_covariance : ndarray of shape (6,) and (6, 6)
@@ -116,24 +117,32 @@ def moved_bodies(
     >>> print(f"{1000 * bodies.motion[2]:.1f} mm up")
     2.0 mm up
     """
-    before, after = (np.asarray(xyz, dtype=np.float64) for xyz in (before, after))
-    pairs = list(_pairs(before, after, random_state, n_jobs))
+    first = check_array(before, dtype=np.float64, input_name="before")
+    second = check_array(after, dtype=np.float64, input_name="after")
+    if (first.shape[1], second.shape[1]) != (3, 3) or not 0 < alpha < 1:
+        raise ValueError(
+            f"Bodies are of two clouds of 3 columns, and alpha is between 0 and 1; got "
+            f"{first.shape[1]} and {second.shape[1]} columns, and {alpha!r}."
+        )
+    pairs = list(_pairs(first, second, random_state, n_jobs))
     if len(pairs) < TELLS:
         raise ParameterError(
             f"The clouds have {len(pairs)} flat surfaces of {LEAST_POINTS} points in common: three "
             "are needed to tell their motion. Give $registration as a number."
         )
-    center = before.mean(axis=0)
+    center = first.mean(axis=0)
     observed, normals, places = [], [], []
     for _, (rows, others) in pairs:
-        first, second = _plane_of(before[rows]), _plane_of(after[others])
-        places.append(before[rows].mean(axis=0))
-        normals.append(first.normal_)
-        observed.append(_observe(first, second, places[-1], center))
+        one, other = _plane_of(first[rows]), _plane_of(second[others])
+        places.append(first[rows].mean(axis=0))
+        normals.append(one.normal_)
+        observed.append(_observe(one, other, places[-1], center))
     values, covariances, moves, dofs = map(np.array, zip(*observed, strict=True))
     congruency = _Congruency(values, covariances, moves, dofs, np.array(places))
     level = local_level(alpha, len(pairs))
-    stays = congruency.stable(level, check_random_state(random_state))
+    rng = check_random_state(random_state)
+    congruency.widen(congruency.stable(level, rng))
+    stays = congruency.stable(level, rng)
     motion, covariance = congruency.adjust(stays)
     pvalue = congruency.pvalues(stays)
     return Bodies(
@@ -203,7 +212,7 @@ def _observe(first, second, at, center):
         derivatives = scale * parameter_derivatives(one._fitted.plane)
         derivatives[-1] -= at @ derivatives[:-1]  # the distance from the place
         roots.append(np.vstack([tangents @ derivatives[:-1], derivatives[-1:]]))
-        parts.append((np.square(roots[-1]).sum(), dof))
+        parts.append((np.square(roots[-1][-1]).sum(), dof))  # of the offset, whatever the unit
     covariance = sum(root @ root.T for root in roots)
     # A turn w moves the normal by w x n, along a tangent e by w . (n x e).
     turns = np.hstack([np.zeros((2, 3)), np.cross(normal, tangents)])
@@ -225,8 +234,10 @@ class _Congruency:
         self.moves, self.dofs, self.offsets = whitening @ moves, dofs, moves[:, 2]
         # Before anything is adjusted no parameter moves places by more than the largest offset,
         # give or take: what no body determines, as a shift along all walls, stays none.
-        most = max(np.abs(values[:, 2]).max(), least[2] ** 0.5)
-        self.prior = np.diag(np.square(self.offsets / most).mean(axis=0) + least[2])
+        errors = np.sqrt(covariances[:, 2, 2] + least[2])
+        self.most = max(np.abs(values[:, 2]).max(), 4 * errors.max())
+        arm = np.sqrt(np.square(places - places.mean(axis=0)).sum(axis=1).mean())
+        self.prior = np.diag(np.repeat([1.0, arm**2], 3)) / self.most**2
 
     def adjust(self, members):
         """The motion of members, and its covariance."""
@@ -235,14 +246,31 @@ class _Congruency:
         return covariance @ (moves.T @ self.values[members].ravel()), covariance
 
     def pvalues(self, members):
-        """p of all bodies against the motion of members; of a member, of the others."""
-        pvalues = np.empty(len(self.values))
+        """p of all bodies against the motion of members; of a member, of the others. Not a number
+        where these leave open by more than half of the largest offset how far it would move."""
+        pvalues = np.full(len(self.values), np.nan)
         for k, (value, moves) in enumerate(zip(self.values, self.moves, strict=True)):
             motion, covariance = self.adjust(members[members != k])
+            if self.offsets[k] @ covariance @ self.offsets[k] > (self.most / 2) ** 2:
+                continue
             gap, together = value - moves @ motion, np.eye(TELLS) + moves @ covariance @ moves.T
             squared = gap @ np.linalg.solve(together, gap)
-            pvalues[k] = fdtrc(TELLS, self.dofs[k], squared / TELLS)
+            known = np.isinf(self.dofs[k])
+            pvalues[k] = (
+                chdtrc(TELLS, squared) if known else fdtrc(TELLS, self.dofs[k], squared / TELLS)
+            )
         return pvalues
+
+    def widen(self, members):
+        """Widen all errors by what most bodies leave of the motion of members, if that is more:
+        noise that is alike over a whole wall shows in no wall, and between them."""
+        motion, _ = self.adjust(members)
+        squares = np.square(self.values - self.moves @ motion).sum(axis=1)
+        # Six parameters take a share of the squares; half of those of a chi-squared are below.
+        share = 1 - 6 / (TELLS * max(len(members), 3))
+        factor = np.median(squares) / (chdtri(TELLS, 0.5) * share)
+        if factor > 1:
+            self.values, self.moves = self.values / factor**0.5, self.moves / factor**0.5
 
     def stable(self, level, rng):
         """The bodies that stayed: the largest set that agrees with the motion of three of it, of
@@ -261,7 +289,7 @@ class _Congruency:
             if agreement > best:
                 stays, best = members, agreement
         for _ in range(n):
-            new = np.flatnonzero(self.pvalues(stays) >= level)
+            new = np.flatnonzero(~(self.pvalues(stays) < level))
             if np.array_equal(new, stays) or len(new) < 3:
                 break
             stays = new

@@ -7,12 +7,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtri
 
-from sklearn_mcmd.adjustment._precision import CLEAR, ROUNDING
 from sklearn_mcmd.planes._form import cells_of
 from sklearn_mcmd.planes._quadrics import tangents_of
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import ReweightLimits
 
+STEEP = np.sin(np.radians(10.0))  # of a normal, whose face is steeper than 80 degrees
 STEPS = 20  # in which a mean without outliers has long settled
 
 
@@ -36,11 +36,10 @@ class Surfaces(NamedTuple):
     normals: np.ndarray  # (n, d)
     planes: Planes
     n_neighbors: int
-    tree: cKDTree
 
     def nearest(self, places, reach, n_jobs):
         """The nearest points of places, at most `reach` away: rows, and whether there is one."""
-        gap, rows = self.tree.query(places, distance_upper_bound=reach, workers=n_jobs)
+        gap, rows = cKDTree(self.xyz).query(places, distance_upper_bound=reach, workers=n_jobs)
         is_near = np.isfinite(gap)
         return np.where(is_near, rows, 0), is_near
 
@@ -64,7 +63,8 @@ class Surfaces(NamedTuple):
 
 
 def alike_ratio(places, normals, radius, distance, variance):
-    """How many times larger than by independent noise the variances of distances are, 1 at least.
+    """How many times larger than by independent noise the variances of distances are, 1 at least;
+    not a number where too few places tell it.
 
     Noise that is alike nearby, as in rows of a scanner, does not average out in a neighborhood, and
     no residual of its plane tells it. Distances of two places that share no points do: they differ
@@ -75,10 +75,10 @@ def alike_ratio(places, normals, radius, distance, variance):
     """
     limits, rows = AlikeLimits(), np.flatnonzero(np.isfinite(distance))
     if len(rows) < limits.least:
-        return 1.0
+        return np.nan
     rows = rows[np.lexsort(places[rows].T)]  # whatever the order of rows
     first = rows[:: len(rows) // limits.pairs + 1]
-    tree, ratios = cKDTree(places[rows]), [1.0]
+    tree, ratios = cKDTree(places[rows]), []
     most = np.ptp(places[rows], axis=0).max() / limits.long / np.median(radius[first])
     steps = [apart for apart in (limits.near, limits.far) if apart <= most]
     for along, apart in itertools.product(_lines(normals[first]), steps):
@@ -97,7 +97,7 @@ def alike_ratio(places, normals, radius, distance, variance):
         parts = cells_of(places[one], squares, halvings=halvings).of_point
         means = [_mean_square(squares[parts == i], limits.quiet) for i in np.unique(parts)]
         ratios.append(float(np.median(means)))
-    return max(ratios)
+    return max([1.0, *ratios]) if ratios else np.nan
 
 
 def _mean_square(squares, quiet):
@@ -125,13 +125,12 @@ def _lines(normals):
     return level, np.cross(normals, level)
 
 
-def on_known_sides(normals, errors):
-    """Unit normals on a side that noise does not decide, given their errors in degrees: up, as far
-    as their height is more than four of these; else to +y, or to +x if a wall goes along y."""
-    clear = np.abs(normals) > CLEAR * np.radians(errors)[:, None] + ROUNDING
-    # The last coordinate that is clear decides, without one the largest.
-    last = normals.shape[1] - 1 - clear[:, ::-1].argmax(axis=1)
-    axis = np.where(clear.any(axis=1), last, np.abs(normals).argmax(axis=1))
+def on_known_sides(normals):
+    """Unit normals on a side that noise does not decide: up; of what is steeper than 80 degrees to
+    +y, or to +x if that goes within 10 degrees along y."""
+    clear = np.abs(normals) > STEEP
+    # The last coordinate that is clear decides: the largest is more than a half.
+    axis = normals.shape[1] - 1 - clear[:, ::-1].argmax(axis=1)
     deciding = np.take_along_axis(normals, axis[:, None], axis=1)
     return np.where(deciding < 0, -normals, normals)
 

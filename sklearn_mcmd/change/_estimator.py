@@ -21,7 +21,12 @@ from sklearn_mcmd.change._bodies import Bodies, moved_bodies, moves_of
 from sklearn_mcmd.change._distances import Surfaces, alike_ratio, on_known_sides
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
+from sklearn_mcmd.planes._explaining import ExplainLimits
 
+FEWEST = 15  # neighbors, of which a plane and its noise are told
+WIDEST = 4  # times as many neighbors of a denser second cloud, at most
+ALIKE = 0.1  # of the density, within which those of two clouds are equal
+SAMPLE = 1_000  # points that tell how wide neighborhoods are
 REASONS = ("compared", "nothing within reach", "no surface", "another surface")
 
 
@@ -52,7 +57,8 @@ class Changes(NamedTuple):
         0 compared; 1 nothing within reach; 2 no surface, as in leaves; 3 another surface, whose
         normal is turned by more than 45 degrees.
     alike : float
-        By how much noise that is alike nearby multiplies variances, 1 at least.
+        By how much noise that is alike nearby multiplies variances, 1 at least; not a number where
+        the first cloud is too small to tell.
     bodies : Bodies or None
         With ``registration="auto"`` those of :func:`~sklearn_mcmd.change.moved_bodies`.
     """
@@ -80,7 +86,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     Parameters
     ----------
     n_neighbors : int, default=50
-        Size of the neighborhoods of both clouds, as of :class:`RobustNormalEstimator`.
+        Size of the neighborhoods of the first cloud, as of :class:`RobustNormalEstimator`, 15 at
+        least. Those of the second have as many points as make them as wide.
 
     registration : float, array-like of shape (6, 6), "auto" or None, default=None
         How well both clouds are registered: a standard error in units of X; or the covariance of
@@ -111,8 +118,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     Attributes
     ----------
     normals_ : ndarray of shape (n_samples, n_features)
-        Unit normals of the first cloud, along which distances are positive: up, where their height
-        is more than four of their errors; else to +y, or to +x if a wall goes along y.
+        Unit normals of the first cloud, along which distances are positive: up; of what is steeper
+        than 80 degrees to +y, or to +x if that goes within 10 degrees along y.
 
     n_features_in_ : int
         Number of features seen during `fit`.
@@ -159,12 +166,12 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     >>> moved, stayed = before[:, 0] > 2.2, before[:, 0] < 1.8
     >>> print(f"{changes.significant[moved].mean():.2f} {changes.significant[stayed].mean():.2f}")
     1.00 0.04
-    >>> print(f"{1000 * np.median(changes.distance[moved]):.1f} mm")
+    >>> print(f"{1000 * np.nanmedian(changes.distance[moved]):.1f} mm")
     4.0 mm
     """
 
     _parameter_constraints: ClassVar[dict] = {
-        "n_neighbors": [Interval(Integral, 2, None, closed="left")],
+        "n_neighbors": [Interval(Integral, FEWEST, None, closed="left")],
         "registration": [
             Interval(Real, 0, None, closed="left"),
             "array-like",
@@ -214,8 +221,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         xyz = validate_points(self, X, ensure_min_features=2)
         check_sizes(len(xyz), xyz.shape[1], self.n_neighbors)
         check_extent(xyz)
-        self._covariance = self._check_registration(xyz.shape[1])
-        self._before = self._surfaces_of(xyz)
+        self._check_registration(xyz.shape[1])
+        self._before = self._surfaces_of(xyz, self.n_neighbors)
         self.normals_ = self._before.normals
         return self
 
@@ -245,56 +252,81 @@ class CloudChange(DocLinkMixin, BaseEstimator):
             If the clouds are equal, if one is far sparser, or if most points have nothing in reach.
         """
         check_is_fitted(self)
+        covariance = self._check_registration(self.n_features_in_)
         after = validate_points(self, X, reset=False)
         check_sizes(len(after), after.shape[1], self.n_neighbors)
         check_extent(after)
-        before = self._before
-        places = before.xyz
+        places = None
         if core is not None:
             places = check_array(core, dtype=np.float64, input_name="core")
-        n_jobs, reach = effective_n_jobs(self.n_jobs), self.reach
-        usual = float(np.median(before.planes.radius))
-        if reach is None:
-            reach = ChangeLimits().reach * usual
-        rows, is_near = before.nearest(places, reach, n_jobs)
-        _check_overlap(places, after, reach, n_jobs)
-        second = self._surfaces_of(after)
-        _warn_of_pair(before, second, usual)
-        others, are_near = second.nearest(places, reach, n_jobs)
-        normals = before.normals[rows]
-        reason = _reasons(before, rows, second, others, places, is_near & are_near)
-        if np.mean(reason == 1) > 0.5:
+            if places.shape[1] != self.n_features_in_:
+                raise ParameterError(
+                    f"$core has {places.shape[1]} columns, the clouds {self.n_features_in_}."
+                )
+        usual = float(np.median(self._before.planes.radius))
+        reach = ChangeLimits().reach * usual if self.reach is None else self.reach
+        n_jobs = effective_n_jobs(self.n_jobs)
+        _check_overlap(self._before.xyz, after, reach, n_jobs)
+        second = self._surfaces_of(after, _as_wide(after, usual, self.n_neighbors, n_jobs))
+        _warn_of_pair(self._before, second, usual)
+        whole = self._measure(self._before.xyz, second, reach, n_jobs)
+        # A point off its own surface is no place of it.
+        planes = self._before.planes
+        is_off = np.abs(whole.height) > ExplainLimits().explained * planes.scale
+        whole.reason[is_off & (whole.reason == 0) & (planes.scale > 0)] = 2
+        whole.distance[whole.reason > 0] = np.nan
+        alike = alike_ratio(
+            self._before.xyz, self.normals_, planes.radius, whole.distance, whole.variance
+        )
+        if places is None:
+            places, measured = self._before.xyz, whole
+        else:
+            measured = self._measure(places, second, reach, n_jobs)
+        if np.mean(measured.reason == 1) > 0.5:
             warn_caller(
-                f"{np.mean(reason == 1):.0%} of the core points have nothing of the second cloud "
-                f"within a reach of {reach:.3g}: do both cover one place, in one unit?"
+                f"{np.mean(measured.reason == 1):.0%} of the core points have nothing of both "
+                f"clouds within a reach of {reach:.3g}: do both cover one place, in one unit?"
             )
-        near, own = before.heights(rows, places, normals)
-        far, theirs = second.heights(others, places, normals)
-        distance = np.where(reason == 0, far - near, np.nan)
-        radius = before.planes.radius[rows]
-        alike = alike_ratio(places, normals, radius, distance, own + theirs)
-        bodies, covariance = None, self._covariance
+        bodies = None
         if isinstance(covariance, str):
             bodies = moved_bodies(
-                before.xyz,
+                self._before.xyz,
                 after,
                 alpha=self.alpha,
                 random_state=self.random_state,
                 n_jobs=self.n_jobs,
             )
             covariance = np.outer(bodies.motion, bodies.motion) + bodies.motion_covariance
-        variance = alike * (own + theirs) + self._registered(covariance, places, normals)
-        error = np.where(reason == 0, np.sqrt(variance), np.nan)
-        pvalue = self._pvalues(distance, error)
+        variance = measured.variance * (1.0 if np.isnan(alike) else alike)
+        variance += self._registered(covariance, places, measured.normals)
+        error = np.where(measured.reason == 0, np.sqrt(variance), np.nan)
+        pvalue = self._pvalues(measured.distance, error)
         return Changes(
-            distance=distance,
+            distance=measured.distance,
             distance_error=error,
             level_of_detection=-ndtri(self.alpha / 2) * error,
             pvalue=pvalue,
             significant=pvalue < self.alpha,
-            reason=reason,
+            reason=measured.reason,
             alike=alike,
             bodies=bodies,
+        )
+
+    def _measure(self, places, second, reach, n_jobs):
+        """The `_Measured` at places, by the planes of both clouds alone."""
+        before = self._before
+        rows, is_near = before.nearest(places, reach, n_jobs)
+        others, are_near = second.nearest(places, reach, n_jobs)
+        normals = before.normals[rows]
+        reason = _reasons(before, rows, second, others, places, is_near & are_near)
+        near, own = before.heights(rows, places, normals)
+        far, theirs = second.heights(others, places, normals)
+        return _Measured(
+            distance=np.where(reason == 0, far - near, np.nan),
+            variance=own + theirs,
+            height=near,
+            normals=normals,
+            reason=reason,
         )
 
     def _check_registration(self, d):
@@ -321,16 +353,18 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         moves = moves_of(places, normals, self._before.xyz.mean(axis=0))
         return np.einsum("ij,jk,ik->i", moves, covariance, moves)
 
-    def _surfaces_of(self, xyz):
+    def _surfaces_of(self, xyz, n_neighbors):
         """The `Surfaces` of a cloud. Its planes are those of all members where a surface bends:
-        they are known better than tangents, and bend alike in both clouds."""
+        they are known better than tangents, and bend alike in neighborhoods of one width."""
         estimator = _KeepingPlanes(
-            self.n_neighbors, tangents=False, random_state=self.random_state, n_jobs=self.n_jobs
+            n_neighbors, tangents=False, random_state=self.random_state, n_jobs=self.n_jobs
         ).fit(xyz)
-        xyz = xyz.astype(np.float64, copy=False)
-        k = min(self.n_neighbors, len(xyz))
-        normals = on_known_sides(estimator.normals_, estimator.normal_error_)
-        return Surfaces(xyz, normals, estimator.planes_, k, cKDTree(xyz))
+        return Surfaces(
+            xyz=xyz.astype(np.float64, copy=False),
+            normals=on_known_sides(estimator.normals_),
+            planes=estimator.planes_,
+            n_neighbors=min(n_neighbors, len(xyz)),
+        )
 
     def _pvalues(self, distance, error):
         """Two-sided, after the correction."""
@@ -356,6 +390,28 @@ class _KeepingPlanes(RobustNormalEstimator):
         self.planes_ = planes
 
 
+class _Measured(NamedTuple):
+    """What planes tell at places (m,)."""
+
+    distance: np.ndarray  # not a number where nothing is compared
+    variance: np.ndarray  # of the distance, by independent noise
+    height: np.ndarray  # of the first plane over the place
+    normals: np.ndarray  # (m, d), of the first cloud
+    reason: np.ndarray
+
+
+def _as_wide(xyz, radius, n_neighbors, n_jobs):
+    """As many neighbors as make the usual neighborhood of a cloud about as wide as this radius:
+    where a surface bends, planes of wider ones lie deeper."""
+    rows = np.lexsort(xyz.T)[:: len(xyz) // SAMPLE + 1]  # whatever the order of rows
+    k = min(n_neighbors, len(xyz))
+    far, _ = cKDTree(xyz).query(xyz[rows], [k], workers=n_jobs)
+    ratio = (radius / max(float(np.median(far)), np.finfo(float).tiny)) ** 2
+    if abs(ratio - 1) < ALIKE:
+        return n_neighbors
+    return int(np.clip(np.rint(n_neighbors * ratio), FEWEST, WIDEST * n_neighbors))
+
+
 def _reasons(before, rows, second, others, places, is_near):
     """Why places cannot be compared, as rows of `REASONS`."""
     limits, reason = ChangeLimits(), np.zeros(len(places), np.uint8)
@@ -376,14 +432,14 @@ def _is_rough(planes, rows):
     return ~((scale >= 0) & (scale <= SurfaceLimits().flat * planes.radius[rows]))
 
 
-def _check_overlap(places, after, reach, n_jobs):
+def _check_overlap(before, after, reach, n_jobs):
     """Raise if the second cloud is nowhere within reach."""
-    gap, _ = cKDTree(after).query(places, distance_upper_bound=reach, workers=n_jobs)
+    gap, _ = cKDTree(after).query(before, distance_upper_bound=reach, workers=n_jobs)
     if not np.isfinite(gap).any():
         extents = [
             f"from {np.array2string(xyz.min(axis=0), precision=6)} to "
             f"{np.array2string(xyz.max(axis=0), precision=6)}"
-            for xyz in (places, after)
+            for xyz in (before, after)
         ]
         raise ParameterError(
             f"The clouds lie nowhere within a $reach of {reach:.3g} of each other: the first goes "
@@ -393,7 +449,7 @@ def _check_overlap(places, after, reach, n_jobs):
 
 def _warn_of_pair(before, second, usual):
     """Warn of clouds that are equal, or of very different density."""
-    if before.xyz.shape == second.xyz.shape and (before.xyz == second.xyz).all():
+    if before.xyz.shape == second.xyz.shape and not cKDTree(second.xyz).query(before.xyz)[0].any():
         warn_caller("Both clouds are equal: copies of one file have no distance.")
     ratio = float(np.median(second.planes.radius)) / (usual or 1.0)
     if not 1 / 3 <= ratio <= 3:

@@ -1,5 +1,6 @@
 """``mcmd change``."""
 
+import os
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -25,8 +26,8 @@ MOST_NAMED = 5  # surfaces that the summary names
 @dataclass
 class Change:
     """BEFORE and AFTER are clouds of one place, in one coordinate system. OUT has the points of
-    BEFORE, each with the 'distance' to the surface of AFTER along its normal, positive upward, of
-    walls to +y, or to +x if they go along y; 'distance_error', its standard error;
+    BEFORE, each with the 'distance' to the surface of AFTER along its normal, positive upward, and
+    to +y or +x of what is steeper than 80 degrees; 'distance_error', its standard error;
     'level_of_detection', beyond which one distance alone is significant; 'pvalue'; 'significant';
     and 'reason', why there is no distance: 1 nothing within reach, 2 no surface, 3 another surface.
     mcmd view OUT shows the distance.
@@ -76,11 +77,15 @@ class Change:
         begin, estimator = time.perf_counter(), made(self, sklearn_mcmd.CloudChange)
         check_parameters(estimator)
         with progress("change", self.quiet):
+            if os.path.realpath(self.target) == os.path.realpath(self.other):
+                raise ValueError(f"{self.target}: is AFTER, whose points OUT does not have")
+            _files.check_results(self.target, "distances")
             rehearse(self.target, self._blank())
             before = _files.read_all(self.source, self.columns)
             after = _files.read_all(self.other, self.columns)
             with _files.working(self.source, "change"):
                 estimator.fit(in_own_precision(before.xyz))
+            with _files.working(self.other, "change"):
                 changes = estimator.compare(in_own_precision(after.xyz))
             cloud = with_results(before, columns_of(changes))
             _files.write(self.target, _files.Output(cloud))
@@ -117,6 +122,8 @@ class Change:
             rows["level of detection"] = f"{np.median(level):.3g}{unit} of one point alone, median"
             rows["distance"] = f"{np.median(distance):.3g}{unit}, median"
             rows["noise alike nearby"] = f"errors {np.sqrt(changes.alike):.3g} times as large"
+            if np.isnan(changes.alike):
+                rows["noise alike nearby"] = "not looked for: the first scan is too small"
         return rows | ({} if changes.bodies is None else _body_rows(changes.bodies, unit))
 
     def _contents(self, cloud, changes):
@@ -130,16 +137,22 @@ change = command_of(Change)
 
 def _body_rows(bodies, unit):
     """The motion that flat surfaces share, and those that moved against it."""
+    from sklearn_mcmd.report._change_page import place_digits
+
     shift, turn = (np.linalg.norm(bodies.motion[part]) for part in (slice(3), slice(3, 6)))
     moved = np.flatnonzero(bodies.moved)
+    n_open = np.count_nonzero(np.isnan(bodies.pvalue))
     rows = {
-        "flat surfaces": f"{len(bodies.moved)} in both, {len(moved)} moved against the others",
+        "flat surfaces": f"{len(bodies.moved)} in both, {len(moved)} moved against the others"
+        + (f", {n_open} controlled by no other" if n_open else ""),
         "common motion": f"{shift:.3g}{unit}, and {np.degrees(turn):.2g} degrees",
     }
-    for k in moved[np.argsort(bodies.pvalue[moved], kind="stable")][:MOST_NAMED]:
-        place = " ".join(f"{value:.4g}" for value in bodies.place[k])
+    digits = place_digits(bodies.place)
+    for number, k in enumerate(moved[np.argsort(bodies.pvalue[moved], kind="stable")], 1):
+        place = " ".join(f"{value:.{digits}f}" for value in bodies.place[k])
         words = f"{bodies.offset[k]:.3g} ± {bodies.offset_error[k]:.2g}{unit}"
-        rows[f"moved, at {place}"] = words
+        if number <= MOST_NAMED:
+            rows[f"moved {number}"] = f"{words}, at {place}"
     return rows
 
 

@@ -88,14 +88,19 @@ def read(source, target=None, results=None, *, columns=None):
     """
     if target is not None:
         rehearse(target, PointCloud(np.zeros((1, 3))))
-        if results and (one := format_of(target)).results not in (ALL, results):
-            raise ValueError(f"{target}: {one.name} has no place for {results}; use another format")
+        check_results(target, results)
     with progress_part(0.0, WORK_BEGINS, "reading"):
         cloud = read_points(source, columns=columns)
     if n_left := cloud.n_dropped - cloud.metadata.get(LEFT_OUT, 0):
         words = f"{counted(n_left, 'point')} without coordinates {agreed(n_left, 'are')} left out"
         warnings.warn(f"{source}: {words}", stacklevel=2)
     return cloud
+
+
+def check_results(target, results):
+    """Raise if the format of a target cannot hold results, if there are any."""
+    if results and (one := format_of(target)).results not in (ALL, results):
+        raise ValueError(f"{target}: {one.name} has no place for {results}; use another format")
 
 
 @contextmanager

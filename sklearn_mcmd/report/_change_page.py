@@ -82,16 +82,25 @@ def _histogram(distance, moved, unit):
 
 def _bodies(bodies, unit):
     """The flat surfaces of both clouds, those first that moved most surely."""
+    digits = place_digits(bodies.place)
     rows = [
         (
-            "moved" if bodies.moved[k] else "stayed",
+            "not controlled"
+            if np.isnan(bodies.pvalue[k])
+            else ("stayed", "moved")[int(bodies.moved[k])],
             f"{bodies.offset[k]:.3g} ± {bodies.offset_error[k]:.2g}",
             f"{bodies.tilt[k]:.3g} ± {bodies.tilt_error[k]:.2g}",
             f"{bodies.pvalue[k]:.2g}",
             f"{bodies.points[k]:,}",
-            " ".join(f"{value:.4g}" for value in bodies.place[k]),
+            " ".join(f"{value:.{digits}f}" for value in bodies.place[k]),
         )
         for k in np.argsort(bodies.pvalue, kind="stable")
     ]
     header = ("against the others", f"offset{unit}", "tilt, degrees", "p", "points", "place")
     return Table("Flat surfaces of both scans", rows, header, numbers=(1, 2, 3, 4))
+
+
+def place_digits(places):
+    """Decimals that show a thousandth of the extent of places, however far these are away."""
+    extent = float(np.ptp(places, axis=0).max()) or 1.0
+    return int(np.clip(3 - np.floor(np.log10(extent)), 0, 9))

@@ -193,7 +193,7 @@ def _single(name, arrays):
         distinct = np.unique(finite)
         if len(distinct) <= (MANY if name.lower() in LABELS else FEW):
             return _classes(name, arrays, distinct)
-    is_signed = name.lower() in SIGNED and finite.size > 0
+    is_signed = name.lower() in SIGNED and finite.size > 0 and finite.min() < 0 < finite.max()
     if is_signed:
         finite = np.concatenate([-finite, finite])
     code = NumberCode.for_values(finite) if finite.size else NumberCode(0.0, 1.0)

@@ -53,3 +53,44 @@ def test_clouds_without_flat_surfaces_are_refused():
     ball /= np.linalg.norm(ball, axis=2, keepdims=True)
     with pytest.raises(ValueError, match=r"have 0 flat surfaces .* three"):
         moved_bodies(*ball, random_state=0)
+
+
+def test_what_no_surface_tells_is_no_motion_and_surfaces_alone_in_their_direction_are_not_tested():
+    """Terraces tell how they are raised and tilted, and neither shift along them nor turn."""
+
+    def terraces(rng, up, n=600):
+        steps = [rng.uniform(0, 1, (n, 3)) * [4, 4, 0] + [4.5 * k, 0, k] for k in range(4)]
+        return (
+            np.vstack(steps) + rng.normal(0, 0.003, (4 * n, 3)) * [0, 0, 1] + np.array([0, 0, up])
+        )
+
+    rng = np.random.default_rng(2)
+    bodies = moved_bodies(terraces(rng, 0), terraces(rng, 0.002), random_state=0)
+    assert len(bodies.moved) == 4
+    assert not bodies.moved.any()
+    assert bodies.motion[2] == pytest.approx(0.002, abs=5e-4)
+    assert np.abs(bodies.motion[[0, 1, 3, 4, 5]]).max() < 5e-4
+    faces = [rng.uniform(0.02, 1, (2, 500, 3)) * (np.arange(3) != k) for k in range(3)]
+    corners = np.concatenate(faces, axis=1) + rng.normal(0, 0.002, (2, 1_500, 3))
+    assert np.isnan(moved_bodies(*corners, random_state=0).pvalue).all()
+
+
+def test_exact_faces_stay():
+    def box(rng):
+        faces = [rng.uniform(0.02, 0.98, (300, 3)) * [5, 4, 3] for _ in range(6)]
+        for k, face in enumerate(faces):
+            face[:, k % 3] = [0, 0, 0, 5, 4, 3][k]
+        return np.vstack(faces)
+
+    rng = np.random.default_rng(3)
+    bodies = moved_bodies(box(rng), box(rng), random_state=0)
+    assert not bodies.moved.any()
+    assert np.isfinite(bodies.pvalue).all()
+    assert np.abs(bodies.motion).max() < 1e-9
+
+
+@pytest.mark.parametrize("columns", [(2, 2), (3, 2)])
+def test_bodies_are_of_space(columns):
+    clouds = (np.zeros((40, d)) for d in columns)
+    with pytest.raises(ValueError, match="two clouds of 3 columns"):
+        moved_bodies(*clouds)

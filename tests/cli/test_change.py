@@ -70,6 +70,17 @@ def test_a_report_has_maps_distances_and_bodies(files, tmp_path):
         assert words in page
 
 
+@pytest.mark.parametrize("name", ["out.pts", "out.e57"])
+def test_a_format_without_place_for_distances_is_refused(files, tmp_path, name):
+    line = error_line(run("change", *files, tmp_path / name))
+    assert "has no place for distances" in line
+
+
+def test_the_second_scan_is_not_overwritten(files):
+    assert "is AFTER" in error_line(run("change", *files, files[1]))
+    assert len(read_points(files[1])) == N
+
+
 def test_clouds_of_two_places_are_refused_and_nothing_is_written(files, tmp_path):
     far = tmp_path / "far.ply"
     write_points(far, PointCloud(read_points(files[1]).xyz + 1_000))
