@@ -11,8 +11,7 @@ from sklearn_mcmd.io import PointFileError, read_points, read_trajectory
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.tiling import Catalog, TilingError
 from sklearn_mcmd.tiling._cells import Cells
-from sklearn_mcmd.tiling._folder import CellResults
-from sklearn_mcmd.tiling._folder import WorkFolder
+from sklearn_mcmd.tiling._folder import CellResults, WorkFolder
 from sklearn_mcmd.tiling._outputs import resume_moves
 
 STORED = "manifest.json moves.json cells.npz 0.a.npy 0.a.json"

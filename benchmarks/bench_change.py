@@ -59,6 +59,12 @@ def kerb(rng, n, common, moved=0.0):
     return xyz + rng.normal(0, NOISE, xyz.shape)
 
 
+def pipe(rng, n, common, moved=0.0):
+    """A pipe of 2 m that is 6 m long."""
+    turn, radius = rng.uniform(0, 2 * np.pi, n), 1 + rng.normal(0, NOISE, n)
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), rng.uniform(0, 6, n)])
+
+
 def ours(before, after, registration=None):
     """Distances and levels of detection of single points."""
     change = CloudChange(registration=registration, correction="none", random_state=0, n_jobs=-1)
@@ -103,15 +109,18 @@ def simulated(options):
     rows = []
     scenes = {name: (wall, common) for name, common in COMMON.items()}
     scenes["within 5 spacings of edges"] = (kerb, COMMON["white"])
+    scenes["a pipe, the second scan half as dense"] = (pipe, COMMON["white"])
     for name, (make, common) in scenes.items():
         registration = REGISTRATION if "given" in name else None
         row = [f"called moved: {name}"]
-        n_pairs = 10 * options.repetitions if registration else options.repetitions
+        n_pairs = 5 * options.repetitions if registration else options.repetitions
         for method in methods().values():
             shares = []
             for i in range(n_pairs):
-                rng, n = np.random.default_rng(i), options.points if not registration else 2_000
+                rng, n = np.random.default_rng(i), options.points
                 before, after = make(rng, n, COMMON["white"]), make(rng, n, common)
+                if make is pipe:
+                    after = after[: n // 2]
                 if name in COMMON and not registration:
                     before = make(rng, n, common)
                 shares.append(called(*method(before, after, registration)))

@@ -82,7 +82,7 @@ def street_xyz():
 
 @pytest.fixture(scope="module")
 def given_files(tmp_path_factory, street_xyz):
-    """The files that commands of the pages read: a street, a wall, and a drive of two files."""
+    """The files that commands of the pages read: a street, a wall, and two of a drive and scans."""
     folder, street = tmp_path_factory.mktemp("given"), PointCloud(np.round(street_xyz, 4))
     (folder / "drive").mkdir()
     for name in ("street", "yours", "scan", "drive"):
@@ -90,6 +90,7 @@ def given_files(tmp_path_factory, street_xyz):
     halves = [{"assets": {"data": {"href": f"drive/{i}.laz", "roles": ["data"]}}} for i in (0, 1)]
     for i in (0, 1):
         write_points(folder / "drive" / f"{i}.laz", street.subset(slice(i, None, 2)))
+        write_points(folder / ("spring.laz", "autumn.laz")[i], street.subset(slice(i, None, 2)))
     index = {"type": "FeatureCollection", "features": [{"type": "Feature"} | h for h in halves]}
     (folder / "drive.vpc").write_text(json.dumps(index))
     return folder
