@@ -260,8 +260,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         if core is not None:
             places = check_array(core, dtype=np.float64, input_name="core")
             if places.shape[1] != self.n_features_in_:
-                raise ParameterError(
-                    f"$core has {places.shape[1]} columns, the clouds {self.n_features_in_}."
+                raise ValueError(
+                    f"core has {places.shape[1]} columns, the clouds {self.n_features_in_}."
                 )
         usual = float(np.median(self._before.planes.radius))
         reach = ChangeLimits().reach * usual if self.reach is None else self.reach
