@@ -1,6 +1,7 @@
 """Flat surfaces of two clouds as bodies: how far each moved, beside the motion that most share."""
 
 import itertools
+import math
 import warnings
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from sklearn_mcmd.segmentation import RegionGrowing
 
 # Numbers of a body: two tilts and an offset. A pair of neighborhoods of cells tells its form.
 TELLS, LEAST_POINTS = 3, 32
+ROUNDS = 20  # in which the set of those that stay has long settled
 TRIALS = 300  # sets of three bodies that are asked, at most
 ROUNDING = 1e-12  # of angles, and of lengths over the extent
 
@@ -145,6 +147,8 @@ def moved_bodies(
     stays = congruency.stable(level, rng)
     motion, covariance = congruency.adjust(stays)
     pvalue = congruency.pvalues(stays)
+    errors = congruency.widening * np.sqrt(covariances[:, 2, 2])
+    tilts = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1])
     return Bodies(
         before=np.array([names[0] for names, _ in pairs]),
         after=np.array([names[1] for names, _ in pairs]),
@@ -152,9 +156,9 @@ def moved_bodies(
         place=np.array(places),
         normal=np.array(normals),
         offset=values[:, 2],
-        offset_error=np.sqrt(covariances[:, 2, 2]),
+        offset_error=errors,
         tilt=np.degrees(np.linalg.norm(values[:, :2], axis=1)),
-        tilt_error=np.degrees(np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1])),
+        tilt_error=np.degrees(congruency.widening * tilts),
         pvalue=pvalue,
         moved=pvalue < level,
         motion=motion,
@@ -269,18 +273,19 @@ class _Congruency:
         # Six parameters take a share of the squares; half of those of a chi-squared are below.
         share = 1 - 6 / (TELLS * max(len(members), 3))
         factor = np.median(squares) / (chdtri(TELLS, 0.5) * share)
-        if factor > 1:
-            self.values, self.moves = self.values / factor**0.5, self.moves / factor**0.5
+        self.widening = float(np.sqrt(max(factor, 1.0)))
+        self.values, self.moves = self.values / self.widening, self.moves / self.widening
 
     def stable(self, level, rng):
         """The bodies that stayed: the largest set that agrees with the motion of three of it, of
         equal ones that of the least motion. Each then answers to the others."""
         n, most = len(self.values), chdtri(TELLS, level)
-        triples = list(itertools.combinations(range(n), 3))
-        if len(triples) > TRIALS:
+        if math.comb(n, 3) > TRIALS:
             triples = [rng.choice(n, 3, replace=False) for _ in range(TRIALS)]
+        else:
+            triples = [np.array(three) for three in itertools.combinations(range(n), 3)]
         stays, best = np.arange(n), (0, 0.0)
-        for members in map(np.array, triples):
+        for members in triples:
             for _ in range(2):  # concentration steps
                 motion, _ = self.adjust(members)
                 squares = np.square(self.values - self.moves @ motion).sum(axis=1)
@@ -288,7 +293,7 @@ class _Congruency:
             agreement = len(members), -motion @ self.prior @ motion
             if agreement > best:
                 stays, best = members, agreement
-        for _ in range(n):
+        for _ in range(ROUNDS):
             new = np.flatnonzero(~(self.pvalues(stays) < level))
             if np.array_equal(new, stays) or len(new) < 3:
                 break
