@@ -266,7 +266,7 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         usual = float(np.median(self._before.planes.radius))
         reach = ChangeLimits().reach * usual if self.reach is None else self.reach
         n_jobs = effective_n_jobs(self.n_jobs)
-        _check_overlap(self._before.xyz, after, reach, n_jobs)
+        _check_overlap(self._before.xyz, after, reach)
         second = self._surfaces_of(after, _as_wide(after, usual, self.n_neighbors, n_jobs))
         _warn_of_pair(self._before, second, usual)
         whole = self._measure(self._before.xyz, second, reach, n_jobs)
@@ -315,7 +315,9 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     def _measure(self, places, second, reach, n_jobs):
         """The `_Measured` at places, by the planes of both clouds alone."""
         before = self._before
-        rows, is_near = before.nearest(places, reach, n_jobs)
+        rows, is_near = np.arange(len(places)), np.ones(len(places), bool)
+        if places is not before.xyz:
+            rows, is_near = before.nearest(places, reach, n_jobs)
         others, are_near = second.nearest(places, reach, n_jobs)
         normals = before.normals[rows]
         reason = _reasons(before, rows, second, others, places, is_near & are_near)
@@ -432,18 +434,18 @@ def _is_rough(planes, rows):
     return ~((scale >= 0) & (scale <= SurfaceLimits().flat * planes.radius[rows]))
 
 
-def _check_overlap(before, after, reach, n_jobs):
-    """Raise if the second cloud is nowhere within reach."""
-    gap, _ = cKDTree(after).query(before, distance_upper_bound=reach, workers=n_jobs)
-    if not np.isfinite(gap).any():
-        extents = [
-            f"from {np.array2string(xyz.min(axis=0), precision=6)} to "
-            f"{np.array2string(xyz.max(axis=0), precision=6)}"
-            for xyz in (before, after)
-        ]
+def _check_overlap(before, after, reach):
+    """Raise if the bounds of two clouds are farther apart than the reach."""
+    bounds = [(xyz.min(axis=0), xyz.max(axis=0)) for xyz in (before, after)]
+    (low, high), (other_low, other_high) = bounds
+    if np.maximum(low - other_high, other_low - high).max() > reach:
+        first, second = (
+            f"from {np.array2string(a, precision=6)} to {np.array2string(b, precision=6)}"
+            for a, b in bounds
+        )
         raise ParameterError(
             f"The clouds lie nowhere within a $reach of {reach:.3g} of each other: the first goes "
-            f"{extents[0]}, the second {extents[1]}. Are both in one coordinate system and unit?"
+            f"{first}, the second {second}. Are both in one coordinate system and unit?"
         )
 
 
