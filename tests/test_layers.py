@@ -32,7 +32,7 @@ ROOMS = {
     "segmentation": "planes normals",  # estimates normals where none are given
     "edges": "planes normals outliers",  # likewise, of a cleaned cloud
     "change": "planes normals outliers segmentation adjustment",
-    "tiling": "planes normals outliers edges segmentation plotting io report sensors",
+    "tiling": "change planes normals outliers edges segmentation plotting io report sensors",
     "view": "io",
     "plotting": "io view",
     "report": "adjustment io outliers planes plotting view",
@@ -43,10 +43,10 @@ ROOMS = {
 ROOMS = {room: set(below.split()) for room, below in ROOMS.items()}
 # Lines of each room, and of what stands beside the package.
 LINES = {
-    **{"adjustment": 4120, "baselines": 1447, "change": 901, "cli": 2735, "datasets": 1428},
+    **{"adjustment": 4120, "baselines": 1447, "change": 1080, "cli": 2735, "datasets": 1428},
     **{"edges": 1128, "io": 3965, "metrics": 324, "model_selection": 222, "normals": 1956},
     **{"outliers": 2187, "planes": 5547, "plotting": 789, "report": 1279, "runtime": 484},
-    **{"segmentation": 2333, "sensors": 520, "tiling": 3285, "view": 805},
+    **{"segmentation": 2333, "sensors": 520, "tiling": 3530, "view": 805},
     **{"benchmarks": 6446, "docs": 6013, "tests": 26262},
 }
 # Compiled functions are imported by strings.

@@ -64,6 +64,11 @@ class Bodies(NamedTuple):
     motion: NDArray[np.float64]
     motion_covariance: NDArray[np.float64]
 
+    @property
+    def registration(self):
+        """The motion taken for an error of that size: a covariance (6, 6)."""
+        return np.outer(self.motion, self.motion) + self.motion_covariance
+
 
 def moved_bodies(
     before: "ArrayLike",

@@ -7,7 +7,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtri
 
+from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._form import cells_of
+from sklearn_mcmd.planes._indexed_cloud import location_hashes
 from sklearn_mcmd.planes._quadrics import tangents_of
 from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.planes._rules import ReweightLimits
@@ -25,7 +27,7 @@ class AlikeLimits(NamedTuple):
     # Times as long as pairs are apart is the cloud, at least. If one half moves, a quarter of the
     # pairs, 1 / (5 - 1), lies across the border.
     long: float = 5.0
-    pairs: int = 4_000  # at most, in each direction
+    pairs: int = 4_000  # about, in each direction, of a whole cloud
     least: int = 50  # pairs that tell it
 
 
@@ -33,13 +35,29 @@ class Surfaces(NamedTuple):
     """The planes of a cloud's points."""
 
     xyz: np.ndarray  # float64 (n, d)
+    tree: cKDTree
     normals: np.ndarray  # (n, d)
     planes: Planes
     n_neighbors: int
 
+    @classmethod
+    def of(cls, xyz, tree, n_neighbors, random_state=None, n_jobs=None):
+        """Planes are those of all members where a surface bends: they are known better than
+        tangents, and bend alike in neighborhoods of one width."""
+        estimator = _KeepingPlanes(
+            n_neighbors, tangents=False, random_state=random_state, n_jobs=n_jobs
+        ).fit(xyz)
+        return cls(
+            xyz=xyz.astype(np.float64, copy=False),
+            tree=tree,
+            normals=on_known_sides(estimator.normals_),
+            planes=estimator.planes_,
+            n_neighbors=min(n_neighbors, len(xyz)),
+        )
+
     def nearest(self, places, reach, n_jobs):
         """The nearest points of places, at most `reach` away: rows, and whether there is one."""
-        gap, rows = cKDTree(self.xyz).query(places, distance_upper_bound=reach, workers=n_jobs)
+        gap, rows = self.tree.query(places, distance_upper_bound=reach, workers=n_jobs)
         is_near = np.isfinite(gap)
         return np.where(is_near, rows, 0), is_near
 
@@ -62,31 +80,49 @@ class Surfaces(NamedTuple):
             return height, (mean + tilt) / cosine**2
 
 
-def alike_ratio(places, normals, radius, distance, variance):
-    """How many times larger than by independent noise the variances of distances are, 1 at least;
-    not a number where too few places tell it.
+class _KeepingPlanes(RobustNormalEstimator):
+    """Normals, and the planes that they are of."""
+
+    def _fill(self, planes, X):
+        super()._fill(planes, X)
+        self.planes_ = planes
+
+
+def tree_of(xyz):
+    """A tree that is built fast; of scans it is as good as a balanced one."""
+    return cKDTree(xyz, compact_nodes=False, balanced_tree=False)
+
+
+def sampled(xyz, share):
+    """A share of the points (n, d), bool (n,): the same in whatever order, and of any part."""
+    return location_hashes(xyz) <= np.uint64(min(share, 1.0) * (2**64 - 2**11))
+
+
+def alike_pairs(before, distance, variance, chosen):
+    """How much the distances of places that share no points differ, over what independent noise
+    explains: of parts of the first cloud, float (m, 3): in which of the `_lines`, how many radii
+    apart, and the mean square.
 
     Noise that is alike nearby, as in rows of a scanner, does not average out in a neighborhood, and
     no residual of its plane tells it. Distances of two places that share no points do: they differ
     by the noise of both. What moves as a body is in both, and form is in both clouds. A scanner's
     rows and columns follow the level line or the line of fall of what they pass, so places are
-    paired along each, and the largest ratio counts. Pairs across the border of a movement differ by
-    more: as outliers of a plane they are left out, by the deviation of the others.
+    paired along each. Pairs across the border of a movement differ by more: as outliers of a plane
+    they are left out, by the deviation of the others. Some points are asked, bool (n,).
     """
-    limits, rows = AlikeLimits(), np.flatnonzero(np.isfinite(distance))
-    if len(rows) < limits.least:
-        return np.nan
-    rows = rows[np.lexsort(places[rows].T)]  # whatever the order of rows
-    first = rows[:: len(rows) // limits.pairs + 1]
-    tree, ratios = cKDTree(places[rows]), []
-    most = np.ptp(places[rows], axis=0).max() / limits.long / np.median(radius[first])
+    limits, told = AlikeLimits(), np.isfinite(distance)
+    radius, normals = before.planes.radius, before.normals
+    first, found = np.flatnonzero(told & chosen), [np.empty((0, 3))]
+    if len(first) < limits.least:
+        return found[0]
+    places = before.xyz[first]
+    most = np.ptp(before.xyz[told], axis=0).max() / limits.long / np.median(radius[first])
     steps = [apart for apart in (limits.near, limits.far) if apart <= most]
-    for along, apart in itertools.product(_lines(normals[first]), steps):
-        gap, at = tree.query(places[first] + apart * radius[first, None] * along)
-        second = rows[at]
+    for (line, along), apart in itertools.product(enumerate(_lines(normals[first])), steps):
+        gap, second = before.tree.query(places + apart * radius[first, None] * along)
         cosine = _dots(normals[first], normals[second])
         # Of one surface: within a radius of where it should be, and turned by 25 degrees at most.
-        paired = (gap < radius[first]) & (np.abs(cosine) > 0.9)
+        paired = told[second] & (gap < radius[first]) & (np.abs(cosine) > 0.9)
         if np.count_nonzero(paired) < limits.least:
             continue
         one, other = first[paired], second[paired]
@@ -94,10 +130,18 @@ def alike_ratio(places, normals, radius, distance, variance):
         squares = difference**2 / (variance[one] + variance[other])
         # The border of a movement is in some parts of the cloud, noise is in all.
         halvings = max(0, int(np.log2(len(squares) / limits.least)))
-        parts = cells_of(places[one], squares, halvings=halvings).of_point
+        parts = cells_of(places[paired], squares, halvings=halvings).of_point
         means = [_mean_square(squares[parts == i], limits.quiet) for i in np.unique(parts)]
-        ratios.append(float(np.median(means)))
-    return max([1.0, *ratios]) if ratios else np.nan
+        found.append(np.column_stack(np.broadcast_arrays(line, apart, means)))
+    return np.concatenate(found)
+
+
+def alike_of(pairs):
+    """How many times larger than by independent noise the variances of distances are, 1 at least,
+    by what `alike_pairs` found; not a number where too few places tell it."""
+    kinds = np.unique(pairs[:, :2], axis=0)
+    ratios = [np.median(pairs[(pairs[:, :2] == kind).all(axis=1), 2]) for kind in kinds]
+    return float(max([1.0, *ratios])) if ratios else np.nan
 
 
 def _mean_square(squares, quiet):

@@ -6,9 +6,6 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from joblib import effective_n_jobs
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
-from scipy.special import erfc, ndtri
-from scipy.stats import false_discovery_control
 from sklearn.base import BaseEstimator
 from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
@@ -16,25 +13,27 @@ from sklearn.utils.validation import check_is_fitted
 from sklearn_mcmd._choices import ChangeCorrection, choices_of
 from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
-from sklearn_mcmd._validation import check_extent, check_sizes, validate_points
-from sklearn_mcmd.change._bodies import Bodies, moved_bodies, moves_of
-from sklearn_mcmd.change._distances import Surfaces, alike_ratio, on_known_sides
-from sklearn_mcmd.normals._estimator import RobustNormalEstimator
-from sklearn_mcmd.outliers._surfaces import SurfaceLimits
-from sklearn_mcmd.planes._explaining import ExplainLimits
-
-FEWEST = 15  # neighbors, of which a plane and its noise are told
-WIDEST = 4  # times as many neighbors of a denser second cloud, at most
-ALIKE = 0.1  # of the density, within which those of two clouds are equal
-SAMPLE = 1_000  # points that tell how wide neighborhoods are
-REASONS = ("compared", "nothing within reach", "no surface", "another surface")
-
-
-class ChangeLimits(NamedTuple):
-    """What can be compared."""
-
-    reach: float = 10.0  # usual radii of a neighborhood, within which a surface is looked for
-    turned: float = 45.0  # degrees between normals of one surface, at most
+from sklearn_mcmd._validation import check_extent, check_sizes, is_auto, validate_points
+from sklearn_mcmd.change._bodies import Bodies, moved_bodies
+from sklearn_mcmd.change._comparison import (
+    FEWEST,
+    NOTHING,
+    SAMPLE,
+    Correction,
+    Scale,
+    Verdicts,
+    measure,
+    radii_in,
+)
+from sklearn_mcmd.change._distances import (
+    AlikeLimits,
+    Surfaces,
+    alike_of,
+    alike_pairs,
+    sampled,
+    tree_of,
+)
+from sklearn_mcmd.normals import RobustNormalEstimator
 
 
 class Changes(NamedTuple):
@@ -170,6 +169,7 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     4.0 mm
     """
 
+    _work: ClassVar = RobustNormalEstimator._work
     _parameter_constraints: ClassVar[dict] = {
         "n_neighbors": [Interval(Integral, FEWEST, None, closed="left")],
         "registration": [
@@ -221,8 +221,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         xyz = validate_points(self, X, ensure_min_features=2)
         check_sizes(len(xyz), xyz.shape[1], self.n_neighbors)
         check_extent(xyz)
-        self._check_registration(xyz.shape[1])
-        self._before = self._surfaces_of(xyz, self.n_neighbors)
+        registration_of(self.registration, xyz.shape[1])
+        self._before = self._surfaces_of(xyz, tree_of(xyz), self.n_neighbors)
         self.normals_ = self._before.normals
         return self
 
@@ -252,7 +252,7 @@ class CloudChange(DocLinkMixin, BaseEstimator):
             If the clouds are equal, if one is far sparser, or if most points have nothing in reach.
         """
         check_is_fitted(self)
-        covariance = self._check_registration(self.n_features_in_)
+        covariance = registration_of(self.registration, self.n_features_in_)
         after = validate_points(self, X, reset=False)
         check_sizes(len(after), after.shape[1], self.n_neighbors)
         check_extent(after)
@@ -263,200 +263,110 @@ class CloudChange(DocLinkMixin, BaseEstimator):
                 raise ValueError(
                     f"core has {places.shape[1]} columns, the clouds {self.n_features_in_}."
                 )
-        usual = float(np.median(self._before.planes.radius))
-        reach = ChangeLimits().reach * usual if self.reach is None else self.reach
-        n_jobs = effective_n_jobs(self.n_jobs)
-        _check_overlap(self._before.xyz, after, reach)
-        second = self._surfaces_of(after, _as_wide(after, usual, self.n_neighbors, n_jobs))
-        _warn_of_pair(self._before, second, usual)
-        whole = self._measure(self._before.xyz, second, reach, n_jobs)
-        # A point off its own surface is no place of it.
-        planes = self._before.planes
-        is_off = np.abs(whole.height) > ExplainLimits().explained * planes.scale
-        whole.reason[is_off & (whole.reason == 0) & (planes.scale > 0)] = 2
-        whole.distance[whole.reason > 0] = np.nan
-        alike = alike_ratio(
-            self._before.xyz, self.normals_, planes.radius, whole.distance, whole.variance
+        before, n_jobs, tree = self._before, effective_n_jobs(self.n_jobs), tree_of(after)
+        radii, others = (
+            radii_in(xyz, of, self.n_neighbors, SAMPLE / len(xyz), n_jobs)
+            for xyz, of in ((before.xyz, before.tree), (after, tree))
         )
+        scale = Scale.of(radii, others, self.n_neighbors, self.reach)
+        check_overlap(bounds_of(before.xyz), bounds_of(after), scale.reach)
+        warn_of_pair(scale, are_equal(before.xyz, after))
+        second = self._surfaces_of(after, tree, scale.n_neighbors)
+        measured = measure(before, second, scale, n_jobs)
+        chosen = sampled(before.xyz, AlikeLimits().pairs / len(before.xyz))
+        alike = alike_of(alike_pairs(before, measured.distance, measured.variance, chosen))
         if places is None:
-            places, measured = self._before.xyz, whole
+            places = before.xyz
         else:
-            measured = self._measure(places, second, reach, n_jobs)
-        if np.mean(measured.reason == 1) > 0.5:
-            warn_caller(
-                f"{np.mean(measured.reason == 1):.0%} of the core points have nothing of both "
-                f"clouds within a reach of {reach:.3g}: do both cover one place, in one unit?"
-            )
-        bodies = None
+            measured = measure(before, second, scale, n_jobs, places)
+        warn_of_nothing(np.mean(measured.reason == NOTHING), scale.reach)
+        bodies, center = None, before.xyz.mean(axis=0)
         if isinstance(covariance, str):
             bodies = moved_bodies(
-                self._before.xyz,
+                before.xyz,
                 after,
                 alpha=self.alpha,
                 random_state=self.random_state,
                 n_jobs=self.n_jobs,
             )
-            covariance = np.outer(bodies.motion, bodies.motion) + bodies.motion_covariance
-        variance = measured.variance * (1.0 if np.isnan(alike) else alike)
-        variance += self._registered(covariance, places, measured.normals)
-        error = np.where(measured.reason == 0, np.sqrt(variance), np.nan)
-        pvalue = self._pvalues(measured.distance, error)
-        return Changes(
-            distance=measured.distance,
-            distance_error=error,
-            level_of_detection=-ndtri(self.alpha / 2) * error,
-            pvalue=pvalue,
-            significant=pvalue < self.alpha,
-            reason=measured.reason,
-            alike=alike,
-            bodies=bodies,
+            covariance = bodies.registration
+        variance = measured.variance * np.nan_to_num(alike, nan=1.0)
+        variance += measured.registered(covariance, places, center)
+        verdicts = Verdicts.of(
+            measured.distance, variance, measured.reason, self.alpha, self._adjust
+        )
+        return Changes(**verdicts._asdict(), alike=alike, bodies=bodies)
+
+    def _adjust(self, pvalues):
+        """P-values after the correction, by all that are told."""
+        known = np.unique(pvalues[np.isfinite(pvalues)], return_counts=True)
+        return Correction.of(*known, self.correction).adjust(pvalues)
+
+    def _surfaces_of(self, xyz, tree, n_neighbors):
+        return Surfaces.of(xyz, tree, n_neighbors, self.random_state, self.n_jobs)
+
+
+def registration_of(given, d):
+    """The parameter as a variance, a covariance (6, 6) or "auto", for points in d dimensions."""
+    if is_auto(given):
+        if d == 3:
+            return given
+        raise ParameterError(f"$registration='auto' is for points in space; X has {d} columns.")
+    if given is None or isinstance(given, Real):
+        return (given or 0.0) ** 2
+    covariance = check_array(given, dtype=np.float64, input_name="registration")
+    is_one = covariance.shape == (6, 6) and np.allclose(covariance, covariance.T)
+    if d != 3 or not is_one or np.linalg.eigvalsh(covariance)[0] < -1e-9 * np.trace(covariance):
+        raise ParameterError(
+            "$registration must be a standard error, or in space a covariance of three shifts and "
+            "three turns, of shape (6, 6), symmetric and without negative variances."
+        )
+    return covariance
+
+
+def bounds_of(xyz):
+    return xyz.min(axis=0), xyz.max(axis=0)
+
+
+def are_equal(first, second):
+    """Whether two clouds have the same points, in whatever order."""
+    return (
+        first.shape == second.shape
+        and np.array_equal(bounds_of(first), bounds_of(second))
+        and np.array_equal(np.sort(first, axis=0), np.sort(second, axis=0))
+    )
+
+
+def warn_of_pair(scale, equal):
+    """Warn of clouds that are equal, or of very different density."""
+    if equal:
+        warn_caller("Both clouds are equal: copies of one file have no distance.")
+    if not 1 / 3 <= scale.width <= 3:
+        which, width = ("second", 1 / scale.width) if scale.width < 1 else ("first", scale.width)
+        warn_caller(
+            f"The {which} cloud is far sparser: its neighborhoods are {width:.1f} times as wide, "
+            "and what is smaller has no distance of its own."
         )
 
-    def _measure(self, places, second, reach, n_jobs):
-        """The `_Measured` at places, by the planes of both clouds alone."""
-        before = self._before
-        rows, is_near = np.arange(len(places)), np.ones(len(places), bool)
-        if places is not before.xyz:
-            rows, is_near = before.nearest(places, reach, n_jobs)
-        others, are_near = second.nearest(places, reach, n_jobs)
-        normals = before.normals[rows]
-        reason = _reasons(before, rows, second, others, places, is_near & are_near)
-        near, own = before.heights(rows, places, normals)
-        far, theirs = second.heights(others, places, normals)
-        return _Measured(
-            distance=np.where(reason == 0, far - near, np.nan),
-            variance=own + theirs,
-            height=near,
-            normals=normals,
-            reason=reason,
+
+def warn_of_nothing(share, reach):
+    """Warn if a share of the places has nothing within reach."""
+    if share > 0.5:
+        warn_caller(
+            f"{share:.0%} of the core points have nothing of both clouds within a reach of "
+            f"{reach:.3g}: do both cover one place, in one unit?"
         )
 
-    def _check_registration(self, d):
-        """The parameter as a number, a covariance (6, 6) or "auto"."""
-        if self.registration is None or isinstance(self.registration, str | Real):
-            if self.registration == "auto" and d != 3:
-                raise ParameterError(
-                    f"$registration='auto' is for points in space; X has {d} columns."
-                )
-            return self.registration or 0.0
-        covariance = check_array(self.registration, dtype=np.float64, input_name="registration")
-        is_one = covariance.shape == (6, 6) and np.allclose(covariance, covariance.T)
-        if d != 3 or not is_one or np.linalg.eigvalsh(covariance)[0] < -1e-9 * np.trace(covariance):
-            raise ParameterError(
-                "$registration must be a standard error, or in space a covariance of three shifts "
-                "and three turns, of shape (6, 6), symmetric and without negative variances."
-            )
-        return covariance
 
-    def _registered(self, covariance, places, normals):
-        """Variances of distances by the registration."""
-        if np.ndim(covariance) == 0:
-            return covariance**2
-        moves = moves_of(places, normals, self._before.xyz.mean(axis=0))
-        return np.einsum("ij,jk,ik->i", moves, covariance, moves)
-
-    def _surfaces_of(self, xyz, n_neighbors):
-        """The `Surfaces` of a cloud. Its planes are those of all members where a surface bends:
-        they are known better than tangents, and bend alike in neighborhoods of one width."""
-        estimator = _KeepingPlanes(
-            n_neighbors, tangents=False, random_state=self.random_state, n_jobs=self.n_jobs
-        ).fit(xyz)
-        return Surfaces(
-            xyz=xyz.astype(np.float64, copy=False),
-            normals=on_known_sides(estimator.normals_),
-            planes=estimator.planes_,
-            n_neighbors=min(n_neighbors, len(xyz)),
-        )
-
-    def _pvalues(self, distance, error):
-        """Two-sided, after the correction."""
-        pvalue, compared = np.full(len(distance), np.nan), np.isfinite(distance)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.abs(distance[compared]) / error[compared]
-        # Exact points have neither distance nor error.
-        alone = erfc(np.nan_to_num(ratio, nan=0.0, posinf=np.inf) / np.sqrt(2))
-        if self.correction == "fdr" and len(alone):
-            alone = false_discovery_control(alone)
-        elif self.correction == "sidak":
-            with np.errstate(divide="ignore"):
-                alone = -np.expm1(len(alone) * np.log1p(-alone))
-        pvalue[compared] = alone
-        return pvalue
-
-
-class _KeepingPlanes(RobustNormalEstimator):
-    """Normals, and the planes that they are of."""
-
-    def _fill(self, planes, X):
-        super()._fill(planes, X)
-        self.planes_ = planes
-
-
-class _Measured(NamedTuple):
-    """What planes tell at places (m,)."""
-
-    distance: np.ndarray  # not a number where nothing is compared
-    variance: np.ndarray  # of the distance, by independent noise
-    height: np.ndarray  # of the first plane over the place
-    normals: np.ndarray  # (m, d), of the first cloud
-    reason: np.ndarray
-
-
-def _as_wide(xyz, radius, n_neighbors, n_jobs):
-    """As many neighbors as make the usual neighborhood of a cloud about as wide as this radius:
-    where a surface bends, planes of wider ones lie deeper."""
-    rows = np.lexsort(xyz.T)[:: len(xyz) // SAMPLE + 1]  # whatever the order of rows
-    k = min(n_neighbors, len(xyz))
-    far, _ = cKDTree(xyz).query(xyz[rows], [k], workers=n_jobs)
-    ratio = (radius / max(float(np.median(far)), np.finfo(float).tiny)) ** 2
-    if abs(ratio - 1) < ALIKE:
-        return n_neighbors
-    return int(np.clip(np.rint(n_neighbors * ratio), FEWEST, WIDEST * n_neighbors))
-
-
-def _reasons(before, rows, second, others, places, is_near):
-    """Why places cannot be compared, as rows of `REASONS`."""
-    limits, reason = ChangeLimits(), np.zeros(len(places), np.uint8)
-    normals, radius = before.normals[rows], before.planes.radius[rows]
-    # The second cloud goes on beside a place, not above or below it: so beside what hid it.
-    aside = second.xyz[others] - places
-    aside -= np.einsum("ij,ij->i", aside, normals)[:, None] * normals
-    cosine = np.abs(np.einsum("ij,ij->i", normals, second.normals[others]))
-    reason[cosine < np.cos(np.radians(limits.turned))] = 3
-    reason[_is_rough(before.planes, rows) | _is_rough(second.planes, others)] = 2
-    reason[~is_near | (np.linalg.norm(aside, axis=1) > radius)] = 1
-    return reason
-
-
-def _is_rough(planes, rows):
-    """Whether neighborhoods are no surface, by the detector's limit."""
-    scale = planes.scale[rows]
-    return ~((scale >= 0) & (scale <= SurfaceLimits().flat * planes.radius[rows]))
-
-
-def _check_overlap(before, after, reach):
+def check_overlap(first, second, reach):
     """Raise if the bounds of two clouds are farther apart than the reach."""
-    bounds = [(xyz.min(axis=0), xyz.max(axis=0)) for xyz in (before, after)]
-    (low, high), (other_low, other_high) = bounds
+    (low, high), (other_low, other_high) = first, second
     if np.maximum(low - other_high, other_low - high).max() > reach:
-        first, second = (
-            f"from {np.array2string(a, precision=6)} to {np.array2string(b, precision=6)}"
-            for a, b in bounds
+        one, other = (
+            "from " + " to ".join(", ".join(f"{x:.10g}" for x in end) for end in bounds)
+            for bounds in (first, second)
         )
         raise ParameterError(
             f"The clouds lie nowhere within a $reach of {reach:.3g} of each other: the first goes "
-            f"{first}, the second {second}. Are both in one coordinate system and unit?"
-        )
-
-
-def _warn_of_pair(before, second, usual):
-    """Warn of clouds that are equal, or of very different density."""
-    if before.xyz.shape == second.xyz.shape and not cKDTree(second.xyz).query(before.xyz)[0].any():
-        warn_caller("Both clouds are equal: copies of one file have no distance.")
-    ratio = float(np.median(second.planes.radius)) / (usual or 1.0)
-    if not 1 / 3 <= ratio <= 3:
-        which = "second" if ratio > 1 else "first"
-        warn_caller(
-            f"The {which} cloud is far sparser: its neighborhoods are {max(ratio, 1 / ratio):.1f} "
-            "times as wide, and what is smaller has no distance of its own."
+            f"{one}, the second {other}. Are both in one coordinate system and unit?"
         )

@@ -1,9 +1,7 @@
 """``mcmd change``."""
 
 import os
-import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -13,18 +11,17 @@ import typer
 import sklearn_mcmd
 from sklearn_mcmd._choices import ChangeCorrection
 from sklearn_mcmd.cli import _files, _messages, _options
-from sklearn_mcmd.cli._files import ReportFolder, write_report_of
-from sklearn_mcmd.cli._messages import progress
+from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._options import command_of, length, made, option
+from sklearn_mcmd.io._formats import TILED
 from sklearn_mcmd.io._point_cloud import with_results
-from sklearn_mcmd.io._rehearsal import rehearse
 from sklearn_mcmd.planes._resolution import in_own_precision
 
 MOST_NAMED = 5  # surfaces that the summary names
 
 
-@dataclass
-class Change:
+@dataclass(kw_only=True)
+class Change(CloudVerb):
     """BEFORE and AFTER are clouds of one place, in one coordinate system. OUT has the points of
     BEFORE, each with the 'distance' to the surface of AFTER along its normal, positive upward, and
     to +y or +x of what is steeper than 80 degrees; 'distance_error', its standard error;
@@ -34,14 +31,12 @@ class Change:
     """
 
     source: Annotated[
-        Path,
-        typer.Argument(metavar="BEFORE", help="Point file of the first scan, or a folder of them."),
+        Path, typer.Argument(metavar="BEFORE", help=f"First scan. {_options.SOURCES}")
     ]
-    other: Annotated[
-        Path,
-        typer.Argument(metavar="AFTER", help="Point file of the second scan, or a folder of them."),
+    target: Annotated[
+        Path, typer.Argument(metavar="OUT", help="Point file to write, or a folder; may be BEFORE.")
     ]
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="Point file to write.")]
+    other: Annotated[Path, typer.Argument(metavar="AFTER", help="Second scan, likewise.")]
     registration: str | None = length(
         None,
         "Standard error of the registration of both scans, such as 3mm. auto: by the motion that "
@@ -63,76 +58,83 @@ class Change:
     )
     n_neighbors: _options.NNeighbors = 50
     unit: _options.Unit = ""
-    random_state: _options.RandomState = 0
-    n_jobs: _options.NJobs = -1
-    report: ReportFolder = None
-    columns: _options.Columns = None
-    allow_coarse: _options.AllowCoarse = False
-    help_all: _options.HelpAll = False
-    quiet: _options.Quiet = False
 
-    def run(self):
-        from sklearn_mcmd._sklearn import check_parameters
+    results = "distances"
 
-        begin, estimator = time.perf_counter(), made(self, sklearn_mcmd.CloudChange)
-        check_parameters(estimator)
-        with progress("change", self.quiet):
-            if os.path.realpath(self.target) == os.path.realpath(self.other):
-                raise ValueError(f"{self.target}: is AFTER, whose points OUT does not have")
-            _files.check_results(self.target, "distances")
-            rehearse(self.target, self._blank())
-            before = _files.read_all(self.source, self.columns)
-            after = _files.read_all(self.other, self.columns)
-            with _files.working(self.source, "change"):
-                estimator.fit(in_own_precision(before.xyz))
-            with _files.working(self.other, "change"):
-                changes = estimator.compare(in_own_precision(after.xyz))
-            cloud = with_results(before, columns_of(changes))
-            _files.write(self.target, _files.Output(cloud))
-            write_report_of(self, begin, partial(self._contents, before, changes))
-        if not self.quiet:
-            rows = {"points": f"{len(before):,} and {len(after):,}"}
-            title = f"{self.source}, {self.other} -> {self.target}"
-            _messages.print_table(title, begin, **rows, **self._rows(changes))
+    @property
+    def inputs(self):
+        return [self.source, self.other]
 
-    def _blank(self):
-        """One point with what is written, for a trial."""
-        from sklearn_mcmd.io import PointCloud
+    def estimator(self):
+        return made(self, sklearn_mcmd.CloudChange)
 
-        names = ("distance", "distance_error", "level_of_detection", "pvalue")
-        values = {name: np.zeros(1, np.float32) for name in names}
-        values |= {name: np.zeros(1, np.uint8) for name in ("significant", "reason")}
-        return PointCloud(np.zeros((1, 3)), values)
+    def check_options(self, catalog):
+        if os.path.realpath(self.target) == os.path.realpath(self.other):
+            raise ValueError(f"{self.target}: is AFTER, whose points OUT does not have")
+        if catalog is None and all(path.suffix.lower() in TILED for path in self.inputs):
+            from sklearn_mcmd.tiling import Catalog
 
-    def _rows(self, changes):
-        """Rows of the summary, and of a report."""
-        from sklearn_mcmd.change._estimator import REASONS
+            Catalog(self.inputs)  # refuses several coordinate systems
 
-        unit = f" {self.unit}" if self.unit else ""
-        compared = changes.reason == 0
-        n, n_compared = len(compared), np.count_nonzero(compared)
-        rows = {"compared": _messages.number_and_share(n_compared, n)}
-        for number, words in enumerate(REASONS[1:], 1):
-            if count := np.count_nonzero(changes.reason == number):
-                rows[words] = _messages.number_and_share(count, n)
-        n_moved = np.count_nonzero(changes.significant)
-        rows["significant"] = _messages.number_and_share(n_moved, max(n_compared, 1))
+    def tile_options(self):
+        return {"second": self.other}
+
+    def find(self, cloud, estimator):
+        from sklearn_mcmd.change._comparison import Summary
+
+        after = _files.read(self.other, columns=self.columns)
+        estimator.fit(in_own_precision(cloud.xyz))
+        with _files.working(self.other):
+            changes = estimator.compare(in_own_precision(after.xyz))
+        return {"changes": changes, "change": Summary.of(changes).stored()}
+
+    def written(self, cloud, outcome=None):
+        from sklearn_mcmd.change._comparison import Verdicts
+
+        n = len(Verdicts._fields)
+        changes = np.zeros((n, len(cloud))) if outcome is None else outcome.changes[:n]
+        return _files.Output(with_results(cloud, Verdicts(*changes).columns()))
+
+    def rows(self, outcome):
+        from sklearn_mcmd.change._comparison import REASONS, Summary
+
+        told, unit = Summary.read(outcome.change), f" {self.unit}" if self.unit else ""
+        n_compared, *others = told.reasons
+        rows = {"compared": _messages.number_and_share(n_compared, outcome.n_points)}
+        for words, count in zip(REASONS[1:], others, strict=True):
+            if count:
+                rows[words] = _messages.number_and_share(count, outcome.n_points)
+        rows["significant"] = _messages.number_and_share(told.n_significant, max(n_compared, 1))
         if n_compared:
-            level, distance = changes.level_of_detection[compared], changes.distance[compared]
-            rows["level of detection"] = f"{np.median(level):.3g}{unit} of one point alone, median"
-            rows["distance"] = f"{np.median(distance):.3g}{unit}, median"
-            rows["noise alike nearby"] = f"errors {np.sqrt(changes.alike):.3g} times as large"
-            if np.isnan(changes.alike):
+            level = f"{told.level_of_detection:.3g}{unit}"
+            rows["level of detection"] = f"{level} of one point alone, median"
+            rows["distance"] = f"{told.distance:.3g}{unit}, median"
+            rows["noise alike nearby"] = f"errors {np.sqrt(told.alike):.3g} times as large"
+            if np.isnan(told.alike):
                 rows["noise alike nearby"] = "not looked for: the first scan is too small"
-        return rows | ({} if changes.bodies is None else _body_rows(changes.bodies, unit))
+        bodies = {} if told.bodies is None else _body_rows(told.bodies, unit)
+        return tiles_row(outcome) | rows | bodies
 
-    def _contents(self, cloud, changes):
+    def contents(self, cloud, outcome):
+        from sklearn_mcmd.report._shown import Shown
+
+        written = self.written(cloud, outcome).cloud.attributes
+        names = ("distance", "significant", "reason")
+        columns = {name: written[name] for name in names}
+        return self._contents(Shown.of_memory(cloud, 0, None, **columns), outcome)
+
+    def tile_contents(self, catalog, run):
+        return self._contents(self.shown(catalog, run, ["distance", "significant", "reason"]), run)
+
+    def _contents(self, shown, outcome):
+        from sklearn_mcmd.change._comparison import Summary
         from sklearn_mcmd.report._change_page import change_contents
 
-        return change_contents(cloud, columns_of(changes), changes, self._rows(changes), self.unit)
+        told = Summary.read(outcome.change)
+        return change_contents(shown, told, self.rows(outcome), self.unit)
 
 
-change = command_of(Change)
+change = command_of(Change, more=BY_TILES)
 
 
 def _body_rows(bodies, unit):
@@ -154,13 +156,3 @@ def _body_rows(bodies, unit):
         if number <= MOST_NAMED:
             rows[f"moved {number}"] = f"{words}, at {place}"
     return rows
-
-
-def columns_of(changes):
-    """What is written of each point."""
-    names = ("distance", "distance_error", "level_of_detection", "pvalue")
-    columns = {name: getattr(changes, name).astype(np.float32) for name in names}
-    return columns | {
-        "significant": changes.significant.astype(np.uint8),
-        "reason": changes.reason,
-    }

@@ -85,6 +85,11 @@ class CloudVerb:
     help_all: _options.HelpAll = False
     quiet: _options.Quiet = False
 
+    @property
+    def inputs(self):
+        """The files that are divided into tiles together."""
+        return [self.source]
+
     results = ""  # what formats may have no place for
     writes_all = True  # whether no point is left out
 
@@ -147,34 +152,36 @@ class CloudVerb:
                 _files.write_report_of(self, begin, contents)
             if not self.quiet:
                 rows = {"points": f"{outcome.n_points:,}"} | self.rows(outcome)
-                title = f"{self.source} -> {self.target}"
+                title = f"{', '.join(map(str, self.inputs))} -> {self.target}"
                 _messages.print_table(title, begin, **rows)
 
     def _large_catalog(self):
-        """The catalog of what the verb reads, if it is to be divided into tiles, else None.
+        """The catalog of the source, if what the verb reads is to be divided into tiles, else None.
 
         Faults of a single file are left to the reading of it, unless a scheduler divides it.
         """
-        source = self.source
-        if not source.exists():
-            raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
-        if self.scheduler is not None or _files.is_several(source):
-            return _files.catalog_of(source, self.columns)
-        if source.suffix.lower() not in TILED:
-            if self.memory is not None:
-                warnings.warn(
-                    f"{source}: is read as a whole, whatever --memory is; only {TILED_NAMES} are "
-                    "divided into tiles",
-                    stacklevel=2,
-                )
-            return None
+        for source in self.inputs:
+            if not source.exists():
+                raise FileNotFoundError(ENOENT, "no such file or folder", str(source))
+        if self.scheduler is not None or any(map(_files.is_several, self.inputs)):
+            return _files.catalog_of(self.source, self.columns)
+        for source in self.inputs:
+            if source.suffix.lower() not in TILED:
+                if self.memory is not None:
+                    warnings.warn(
+                        f"{source}: is read as a whole, whatever --memory is; only {TILED_NAMES} "
+                        "are divided into tiles",
+                        stacklevel=2,
+                    )
+                return None
         from sklearn_mcmd.tiling._memory import bytes_in_memory, usual_memory
 
         try:
-            catalog = _files.catalog_of(source, self.columns)
+            catalogs = [_files.catalog_of(source, self.columns) for source in self.inputs]
         except PointFileError:
             return None
-        return catalog if bytes_in_memory(catalog) > (self.memory or usual_memory()) else None
+        needed = sum(map(bytes_in_memory, catalogs))
+        return catalogs[0] if needed > (self.memory or usual_memory()) else None
 
     def _print_plan(self, catalog, estimator):
         """Print tiles, memory and time; the time is measured with the first points."""
@@ -192,7 +199,9 @@ class CloudVerb:
             raise PointFileError(f"{self.source}: --dry-run is for {TILED_NAMES}")
         tiles, catalog = catalog is not None, catalog or _files.catalog_of(self.source)
         rows = {"points": f"{catalog.n_points:,}", "files": f"{len(catalog):,}"}
-        n_points, n_jobs = catalog.n_points, estimator.n_jobs
+        others = map(_files.catalog_of, self.inputs[1:])
+        n_points = catalog.n_points + sum(one.n_points for one in others)
+        n_jobs = estimator.n_jobs
         xyz = next(iter(read_parts(catalog.paths[0], SAMPLE))).xyz[:SAMPLE]
         alone = {name: 1 for name in estimator.get_params() if name.endswith("n_jobs")}
         warm_up(estimator.set_params(**alone, **self.dry_parameters(catalog)))

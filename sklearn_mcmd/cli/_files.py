@@ -110,7 +110,7 @@ def working(source, stage=None):
         try:
             yield
         except Exception as err:
-            if not str(err).startswith(str(source)):
+            if not hasattr(err, "__notes__") and not str(err).startswith(str(source)):
                 err.add_note(f"{source}: ")
             raise
 

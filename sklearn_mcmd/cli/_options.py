@@ -90,12 +90,8 @@ def _columns(text):
     return columns
 
 
-InFiles = Annotated[
-    Path,
-    typer.Argument(
-        metavar="IN", help=f"Point file to read, or a folder or {INDEX} index of {TILED_NAMES}."
-    ),
-]
+SOURCES = f"Point file to read, or a folder or {INDEX} index of {TILED_NAMES}."
+InFiles = Annotated[Path, typer.Argument(metavar="IN", help=SOURCES)]
 OutFiles = Annotated[
     Path, typer.Argument(metavar="OUT", help="Point file to write, or a folder; may be IN.")
 ]
@@ -173,7 +169,8 @@ def command_of(kind, *, without=(), more=""):
     """
     shared = {one.name for base in kind.__mro__[1:-1] for one in fields(base)}
     taken = [one for one in fields(kind) if one.name not in without]
-    taken.sort(key=lambda one: (one.name not in FILES, one.name in shared))
+    order = {name: number for number, name in enumerate(FILES)}
+    taken.sort(key=lambda one: (order.get(one.name, len(FILES)), one.name in shared))
     parameters = []
     for one in taken:
         hint: Any = one.type

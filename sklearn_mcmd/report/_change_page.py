@@ -9,32 +9,30 @@ from sklearn_mcmd.plotting._displays import add_color_bar
 from sklearn_mcmd.plotting._still import color_modules
 from sklearn_mcmd.report._contents import Contents, Map, Table, note_if, share
 from sklearn_mcmd.report._maps import MOST_DRAWN, VIEWS, fullest_cells
-from sklearn_mcmd.report._shown import Shown
 
 MANY = 0.5  # share of moved points, of clouds that are off as a whole
 STEPS = 20  # bars of the histogram, an even number so that 0 is a border
 
 
-def change_contents(cloud, columns, changes, rows, unit):
+def change_contents(shown, told, rows, unit):
     """The contents of a report of `mcmd change`, by the points of the first cloud."""
-    compared, moved = changes.reason == 0, changes.significant
-    n, n_all = int(np.count_nonzero(moved)), len(cloud)
+    distance, reason = (shown.cloud.attributes[name] for name in ("distance", "reason"))
+    compared, moved = reason == 0, shown.cloud.attributes["significant"] > 0
+    n, n_compared = told.n_significant, told.reasons[0]
     unit = f" {unit}" if unit else ""
-    shown = Shown.of_memory(cloud, 0, None, **columns)
-    n_compared = int(np.count_nonzero(compared))
     headline = f"{share(n, n_compared, 'have')} moved, of those that can be compared."
-    if n:
-        sizes = np.abs(changes.distance[moved])
+    if moved.any():
+        sizes = np.abs(distance[moved])
         headline += f" Half of these by {np.median(sizes):.3g}{unit} and more."
-    tables = [_histogram(changes.distance[compared], moved[compared], unit)] if n_compared else []
-    if changes.bodies is not None:
-        tables.insert(0, _bodies(changes.bodies, unit))
+    tables = [_histogram(distance[compared], moved[compared], unit)] if compared.any() else []
+    if told.bodies is not None:
+        tables.insert(0, _bodies(told.bodies, unit))
     return Contents(
         shown,
         headline=headline,
         results=list(rows.items()),
-        maps=_maps(cloud.xyz, changes.distance, compared & shown.near, unit),
-        tables=[*tables, *fullest_cells(cloud.xyz, moved, shown.near, "moved points")],
+        maps=_maps(shown.xyz, distance, compared & shown.near, unit),
+        tables=[*tables, *fullest_cells(shown.xyz, moved, shown.near, "moved points")],
         notes=note_if(
             n_compared > 0 and n > MANY * n_compared,
             "Most points moved.",
@@ -42,7 +40,8 @@ def change_contents(cloud, columns, changes, rows, unit):
             "Give --registration, or --registration auto.",
         ),
         checks="clouds that are off as a whole",
-        output=f"{n_all:,} points, with {', '.join(columns)}",
+        output=f"{shown.n_all:,} points{shown.files}, with distance, its error, level of "
+        "detection, pvalue, significant, reason",
     )
 
 

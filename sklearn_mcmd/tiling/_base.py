@@ -74,6 +74,9 @@ class TiledVerb(ABC):
     task = "fit"  # which has done a tile that an earlier run had finished
     names: Sequence[str] = ("results",)  # of arrays of cells, whose columns outputs are made of
     others: Sequence[Path] = ()  # files to write beside the outputs
+    also: Sequence[
+        Catalog
+    ] = ()  # whose points are in the same cells, with numbers behind the others
     content: Sequence[str] = ()  # what distinguishes outputs of one estimator
     # They warn of some of the points, behind a `NeighborIndex`, as a fit to all does.
     warnings: Sequence[Callable] = ()

@@ -231,7 +231,8 @@ def key_of(verb, paths, *known):
     from sklearn_mcmd import __version__
 
     name, params = type(verb.estimator).__name__, sorted(verb.estimator.get_params().items())
-    known = verb.content, verb.sensor.key, list(map(os.path.realpath, paths)), *known
+    files = [*paths, *(path for catalog in verb.also for path in catalog.paths)]
+    known = verb.content, verb.sensor.key, list(map(os.path.realpath, files)), *known
     return _digest(repr((__version__, name, params, *known)))
 
 

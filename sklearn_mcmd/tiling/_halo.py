@@ -93,18 +93,14 @@ def part_of_cell(cells, cell, n_neighbors, hops, width):
     """The `Part` of a cell, and the `IndexedCloud` of its points: as many rings of `n_neighbors` as
     there are hops, and all points nearer than the `width`. This is in units of how far the last of
     a point's neighbors usually is, in places as of `Cells`."""
-    own_xyz, rows = cells.points(cell), np.asarray(cells.rows(cell))
-    n = len(rows)
-    own: tuple = own_xyz, rows, np.ones(n, bool), np.full(n, cell, np.int32), np.arange(n)
+    own, n = part_within(cells, cell), int(cells.counts[cell])
     if len(cells) == 1:
-        return Part(*own)._replace(reach=np.full(n, np.inf)), IndexedCloud.of(own_xyz)
+        return own, IndexedCloud.of(own.xyz)
     limits, length = HaloLimits(), float(np.ptp(cells.extent(cell), axis=0).max())
-    usual = usual_distance(cells, own_xyz, n_neighbors)
+    usual = usual_distance(cells, own.xyz, n_neighbors)
     margin = max(hops, width) * usual or length / 16 or 1.0  # 0 of copies
     while True:
-        xyz, rows, *others = cells.within(cell, margin)
-        halo = xyz, rows, np.zeros(len(xyz), bool), *others
-        part = Part.of(*map(np.concatenate, zip(own, halo, strict=True)))
+        part = part_within(cells, cell, margin)
         cloud, has_all = IndexedCloud.of(part.xyz), len(part.rows) == cells.n_points
         if len(cloud.points) > n_neighbors or has_all:  # distinct ones: copies have no plane
             rings = Rings(cells, cell, part, cloud, margin)
@@ -120,6 +116,19 @@ def part_of_cell(cells, cell, n_neighbors, hops, width):
     part = part._replace(reach=rings.reach[cloud.places], ranges=cells.ranges(part.xyz))
     part = part.taken(rings.inside[cloud.places])
     return part, IndexedCloud.of(part.xyz)
+
+
+def part_within(cells, cell, margin=None):
+    """The `Part` of a cell and of all points within a margin around its box, if there is one."""
+    xyz, rows = cells.points(cell), np.asarray(cells.rows(cell))
+    n = len(rows)
+    own: tuple = xyz, rows, np.ones(n, bool), np.full(n, cell, np.int32), np.arange(n)
+    if margin is None or len(cells) == 1:
+        return Part(*own)._replace(reach=np.full(n, np.inf))
+    xyz, rows, *others = cells.within(cell, margin)
+    halo = xyz, rows, np.zeros(len(xyz), bool), *others
+    part = Part.of(*map(np.concatenate, zip(own, halo, strict=True)))
+    return part._replace(reach=cells.depth(cell, part.xyz) + margin)
 
 
 def usual_distance(cells, xyz, n_neighbors):

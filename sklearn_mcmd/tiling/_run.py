@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -81,6 +81,10 @@ class RunReport(NamedTuple):
     sensor : dict of str to str
         Of outliers: "sensor", where it was; "by rays", points that are outliers by rays alone; and
         "doubt", what speaks against the position. Empty if none was known.
+    change : dict
+        Of a second cloud: how many points are compared, or not for which reason, how many moved
+        significantly, medians, by how much noise that is alike nearby multiplies variances, and
+        `bodies`, as of :class:`~sklearn_mcmd.change.Changes`.
     """
 
     n_points: int
@@ -101,6 +105,7 @@ class RunReport(NamedTuple):
     together: str = ""
     n_upright: int = 0
     sensor: Mapping[str, str] = {}
+    change: Mapping[str, Any] = {}
 
 
 def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
@@ -110,18 +115,20 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
     targets = targets_of(catalog, Path(target), verb.others)
-    folder = WorkFolder(target, catalog.paths)
+    catalogs = [catalog, *verb.also]
+    folder = WorkFolder(target, [path for one in catalogs for path in one.paths])
     try:
         with _kept(folder):
             if not restart and (report := resume_moves(verb, catalog, targets, folder)):
                 return RunReport(**report)._replace(n_resumed=report["n_tiles"])
-            for path, stamp in zip(catalog.paths, catalog.stamps, strict=True):
-                check_unchanged(path, stamp)
+            for one in catalogs:
+                for path, stamp in zip(one.paths, one.stamps, strict=True):
+                    check_unchanged(path, stamp)
             verb.sensor.check(catalog.n_points)
             for step in verb.steps:
                 check_work(step, catalog.n_points)
             verb.prepare(catalog)
-            plan = _put_in_cells(verb, catalog, folder, restart, memory, n_jobs, tile_size)
+            plan = _put_in_cells(verb, catalogs, folder, restart, memory, n_jobs, tile_size)
             cells, results = Cells(folder.cells), CellResults(folder.results)
             places = (folder.outputs / f"{i}{one.suffix.lower()}" for i, one in enumerate(targets))
             outputs = list(zip(places, targets, strict=True))
@@ -174,21 +181,24 @@ def _kept(folder):
         folder.release()
 
 
-def _put_in_cells(verb, catalog, folder, restart, memory, n_jobs, tile_size):
+def _put_in_cells(verb, catalogs, folder, restart, memory, n_jobs, tile_size):
     """Read all points once, unless an earlier run has, if that was the same; returns the `Plan`."""
-    inodes = [path.stat().st_ino for path in catalog.paths]  # of replaced files of equal stamps
-    folder.begin(key_of(verb, catalog.paths, catalog.stamps, inodes, tile_size), restart)
+    paths = [path for one in catalogs for path in one.paths]
+    stamps = [stamp for one in catalogs for stamp in one.stamps]
+    inodes = [path.stat().st_ino for path in paths]  # of replaced files of equal stamps
+    folder.begin(key_of(verb, catalogs[0].paths, stamps, inodes, tile_size), restart)
+    n_points = sum(one.n_points for one in catalogs)
     whole, does = verb.sensor.costs
-    demand = {"n_points": catalog.n_points, "memory": memory, "whole": whole, "does": does}
+    demand = {"n_points": n_points, "memory": memory, "whole": whole, "does": does}
     demand["n_neighbors"] = k = verb.n_neighbors
     if (kept := folder.constants) is not None:
         divided = {name: kept[name] for name in ("tile_size", "point")}
         return plan_run(**demand, n_jobs=n_jobs, **divided)
     check_memory(**demand, point=least_bytes_of_point(k))  # before it takes long
-    sample = Sample(verb, catalog)
+    sample = Sample(verb, catalogs[0])
     point = sample.bytes_of_point()
     plan = plan_run(**demand, n_jobs=n_jobs, tile_size=tile_size, point=point)
-    free, needed = shutil.disk_usage(folder.path).free, DISK_POINT * catalog.n_points
+    free, needed = shutil.disk_usage(folder.path).free, DISK_POINT * n_points
     if free < needed:
         raise PointFileError(
             f"{folder.path.parent}: temporary files need about {needed / 1e9:.3g} GB, and "
@@ -196,9 +206,9 @@ def _put_in_cells(verb, catalog, folder, restart, memory, n_jobs, tile_size):
         )
     told = {"point": point, "tile_size": plan.tile_size, "n_neighbors": k}
     with progress_part(0.0, SCATTERED, "reading"):
-        found = _scatter(verb, catalog, folder.cells, plan.tile_size)
+        found = _scatter(verb, paths, n_points, folder.cells, plan.tile_size)
         folder.finish_cells({**told, **found})
-    sample.warn(found["dtype"], catalog.n_points)
+    sample.warn(found["dtype"], n_points)
     return plan
 
 
@@ -239,12 +249,12 @@ class Sample:
             warn(index)
 
 
-def _scatter(verb, catalog, folder, capacity):
+def _scatter(verb, paths, n_points, folder, capacity):
     """Put all points in cells; returns what is told of the whole cloud."""
-    dtype = np.min_scalar_type(catalog.n_points)
+    dtype = np.min_scalar_type(n_points)
     writer, rounding, row = CellWriter(folder, capacity, dtype, verb.center), Rounding(), 0
     beside = verb.beside(folder)
-    for path, cloud, chosen in ahead(parts_of(catalog.paths, verb.choice)):
+    for path, cloud, chosen in ahead(parts_of(paths, verb.choice)):
         xyz, rows = cloud.xyz[chosen], np.arange(row, row + len(cloud))[chosen]
         if len(xyz):
             writer.add(xyz, rows)
@@ -252,12 +262,12 @@ def _scatter(verb, catalog, folder, capacity):
         for other in beside:
             other.take(cloud, chosen, path)
         row += len(cloud)
-        report_share(row / catalog.n_points)
-    for path in catalog.paths:
+        report_share(row / n_points)
+    for path in paths:
         if warning := no_returns_of(path).warning(path):
             warn_caller(warning)
     check_sizes(writer.n_points, 3, None)
     writer.close()
     for other in beside:
-        other.close(folder, catalog.paths[0])
+        other.close(folder, paths[0])
     return rounding.found()

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
 from sklearn_mcmd import CloudChange
-from sklearn_mcmd.change._estimator import REASONS
+from sklearn_mcmd.change._comparison import REASONS
 
 NOISE = 0.003
 

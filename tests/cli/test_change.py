@@ -1,5 +1,6 @@
 """mcmd change: its columns are those of CloudChange, and its words those of what happened."""
 
+import laspy
 import numpy as np
 import pytest
 
@@ -101,3 +102,33 @@ def test_clouds_of_two_places_are_refused_and_nothing_is_written(files, tmp_path
 )
 def test_wrong_options_are_named(files, tmp_path, options, words):
     assert words in usage_error(run("change", *files, tmp_path / "out.ply", *options))
+
+
+def test_large_clouds_and_folders_are_compared_by_tiles(scans, tmp_path):
+    (tmp_path / "in").mkdir()
+    for i, part in enumerate(np.array_split(scans[0], 2)):
+        write_points(tmp_path / "in" / f"{i}.las", part)
+    write_points(tmp_path / "after.las", scans[1])
+    report = ["--report", tmp_path / "report", "--registration", "auto"]
+    result = done("change", tmp_path / "in", tmp_path / "after.las", tmp_path / "out", *report)
+    assert "halos               complete for 100.00 % of the points" in result.stdout
+    assert "3 in both" in result.stdout
+    page = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    assert "Distance, from above" in page
+    assert "in 2 files, with distance" in page
+    parts = [read_points(tmp_path / "out" / f"{i}.las").attributes["distance"] for i in range(2)]
+    expected = CloudChange(random_state=0).fit(scans[0]).compare(scans[1]).distance
+    np.testing.assert_allclose(np.concatenate(parts), expected, atol=1e-6)
+
+
+def test_scans_of_other_coordinate_systems_are_refused(scans, tmp_path):
+    paths = [tmp_path / name for name in ("before.las", "after.las")]
+    for path, name in zip(paths, ("here", "there"), strict=True):
+        write_points(path, scans[0])
+        cloud = laspy.read(path)
+        wkt = f'PROJCS["{name}",UNIT["metre",1]]'
+        cloud.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(wkt))
+        cloud.write(path)
+    for options in ([], ["--memory", "1MB"]):
+        line = error_line(run("change", *paths, tmp_path / "out.las", *options))
+        assert "its coordinate system" in line

@@ -1,0 +1,147 @@
+"""What has moved by cells, beside memory."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sklearn_mcmd import CloudChange, RobustNormalEstimator
+from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
+from sklearn_mcmd.tiling import process_files
+from tiled import but, goes_on, run_is_killed
+
+N = 9_000
+CHANGE = CloudChange(20, random_state=0)
+EXACT = ("distance", "reason")  # by planes alone; all others ask noise that is alike nearby
+
+
+def bay(rng, moved=0.0, n=N):
+    """A floor and two walls, of which one moved, in national coordinates."""
+    sides = [rng.uniform(0.02, 1, (n // 3, 3)) * [6, 4, 3] for _ in range(3)]
+    for axis, side in enumerate(sides):
+        side[:, axis] = moved * (axis == 0)
+    xyz = np.vstack(sides) + rng.normal(0, 0.002, (n, 3)) + [362_000, 5_157_000, 100]
+    return np.round(xyz, 4)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder, rng = tmp_path_factory.mktemp("scans"), np.random.default_rng(0)
+    for name, moved in (("before.laz", 0.0), ("after.las", 0.02)):
+        write_points(folder / name, bay(rng, moved))
+    return folder / "before.laz", folder / "after.las"
+
+
+def in_memory(files, estimator=CHANGE):
+    before, after = (read_points(path).xyz for path in files)
+    return estimator.fit(before).compare(after)
+
+
+@pytest.mark.parametrize("tile_size", [None, 2_500])
+def test_distances_of_cells_are_those_of_memory(files, tmp_path, tile_size):
+    report = process_files(
+        files[0], tmp_path / "out.las", CHANGE, second=files[1], tile_size=tile_size
+    )
+    written, expected = read_points(tmp_path / "out.las").attributes, in_memory(files)
+    assert (report.n_tiles == 1) == (tile_size is None)
+    assert report.n_proven > 0.98 * N
+    differ = np.abs(written["distance"] - expected.distance) > 1e-7
+    assert np.count_nonzero(differ | (written["reason"] != expected.reason)) <= N - report.n_proven
+    # Noise alike nearby is found among other pairs: one in cells, four thousand in memory.
+    near = 1e-6 if tile_size is None else 0.15
+    assert_allclose(report.change["alike"], expected.alike, rtol=near)
+    for name in ("distance_error", "level_of_detection"):
+        assert_allclose(written[name][~differ], getattr(expected, name)[~differ], rtol=near)
+    if tile_size is None:  # p-values are rounded up
+        told = expected.reason == 0
+        ratio = (written["pvalue"][told] + 1e-30) / (expected.pvalue[told] + 1e-30)
+        assert ratio.min() > 1 - 1e-4
+        assert ratio.max() < 1 + 2**-11 + 1e-4
+    same = written["significant"] == expected.significant
+    assert np.mean(same) > (0.999 if tile_size is None else 0.97)
+    assert report.change["n_significant"] == np.count_nonzero(written["significant"])
+    counts = np.bincount(written["reason"], minlength=4)
+    assert_array_equal(report.change["reasons"], counts)
+    median = np.nanmedian(written["distance"])
+    assert report.change["distance"] == pytest.approx(median, abs=1e-6)
+
+
+@pytest.mark.parametrize("correction", ["none", "sidak"])
+def test_other_corrections_are_those_of_memory(files, tmp_path, correction):
+    estimator = but(CHANGE, correction=correction)
+    process_files(files[0], tmp_path / "out.las", estimator, second=files[1])
+    written, expected = read_points(tmp_path / "out.las").attributes, in_memory(files, estimator)
+    told = expected.reason == 0
+    assert_allclose(written["pvalue"][told], expected.pvalue[told], rtol=2**-11 + 1e-4, atol=1e-30)
+
+
+def test_walls_that_moved_are_named_by_thinned_clouds(files, tmp_path):
+    estimator = but(CHANGE, registration="auto")
+    report = process_files(
+        files[0], tmp_path / "out.las", estimator, second=files[1], tile_size=2_500
+    )
+    expected = in_memory(files, estimator).bodies
+    assert_allclose(report.change["bodies"]["offset"], expected.offset, atol=1e-5)
+    assert_allclose(report.change["bodies"]["motion"], expected.motion, atol=1e-4)
+
+
+def test_a_run_that_was_killed_goes_on_with_the_same_bytes(files, tmp_path):
+    asked = {"second": str(files[1]), "tile_size": 2_500}
+    target = tmp_path / "out.las"
+    assert run_is_killed(files[0], target, "_change.measure", 1, CHANGE, **asked)
+    report = goes_on(files[0], target, CHANGE, **asked)
+    assert 0 < report.n_resumed < report.n_tiles
+    process_files(files[0], tmp_path / "two.las", CHANGE, n_jobs=2, **asked)
+    assert (tmp_path / "two.las").read_bytes() == target.read_bytes()
+
+
+def test_a_second_cloud_that_changed_is_read_anew(files, tmp_path):
+    after, target = tmp_path / "after.las", tmp_path / "out.las"
+    after.write_bytes(files[1].read_bytes())
+    asked = {"second": str(after), "tile_size": 2_500}
+    assert run_is_killed(files[0], target, "_change.measure", 1, CHANGE, **asked)
+    write_points(after, bay(np.random.default_rng(5)))
+    report = process_files(files[0], target, CHANGE, **asked)
+    assert report.n_resumed == 0
+    assert abs(report.change["distance"]) < 0.002
+
+
+def test_a_hole_of_the_second_cloud_has_no_distance_and_folders_are_one_cloud(files, tmp_path):
+    after = read_points(files[1]).xyz
+    hole = (after[:, 0] > 362_003) & (after[:, 2] < 100.5)
+    (tmp_path / "in").mkdir()
+    for i, part in enumerate(np.array_split(after[~hole], 2)):
+        write_points(tmp_path / "in" / f"{i}.laz", part)
+    out = tmp_path / "out.las"
+    process_files(files[0], out, CHANGE, second=tmp_path / "in", tile_size=2_000)
+    before, reason = read_points(out).xyz, read_points(out).attributes["reason"]
+    inside = (before[:, 0] > 362_003.6) & (before[:, 1] > 5_157_000.6) & (before[:, 2] < 100.2)
+    assert inside.any()
+    assert (reason[inside] == 1).all()
+
+
+def test_what_cannot_be_compared_is_refused(files, tmp_path):
+    out = tmp_path / "out.las"
+    with pytest.raises(ValueError, match="second=None: CloudChange compares"):
+        process_files(files[0], out, CHANGE)
+    with pytest.raises(ValueError, match=r"second=.* has no meaning for RobustNormalEstimator"):
+        process_files(files[0], out, RobustNormalEstimator(random_state=0), second=files[1])
+    write_points(tmp_path / "far.las", read_points(files[1]).xyz + 1_000)
+    with pytest.raises(
+        ValueError, match=r"nowhere within a reach .* the second from 363000\.\d+, 515"
+    ):
+        process_files(files[0], out, CHANGE, second=tmp_path / "far.las")
+    with pytest.raises(PointFileError, match=r"gone\.las"):
+        process_files(files[0], out, CHANGE, second=tmp_path / "gone.las")
+    assert not out.exists()
+    assert not list(tmp_path.glob("*.tiles"))
+
+
+def test_copies_and_sparse_clouds_are_warned_of(files, tmp_path):
+    write_points(tmp_path / "sparse.las", PointCloud(read_points(files[1]).xyz[::40]))
+    far, nothing = "second cloud is far sparser", "% of the core points have nothing"
+    with pytest.warns(UserWarning, match=far), pytest.warns(UserWarning, match=nothing):
+        process_files(files[0], tmp_path / "a.las", CHANGE, second=tmp_path / "sparse.las")
+    with pytest.warns(UserWarning, match="Both clouds are equal"):
+        process_files(
+            files[0], tmp_path / "a.las", CHANGE, second=files[0], tile_size=2_500, restart=True
+        )
