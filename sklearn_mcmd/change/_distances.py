@@ -29,6 +29,7 @@ class AlikeLimits(NamedTuple):
     long: float = 5.0
     pairs: int = 4_000  # about, in each direction, of a whole cloud
     least: int = 50  # pairs that tell it
+    alone: float = 5.0  # neighborhoods of a part of the cloud, at least
 
 
 class Surfaces(NamedTuple):
@@ -116,6 +117,7 @@ def alike_pairs(before, distance, variance, chosen):
     if len(first) < limits.least:
         return found[0]
     places = before.xyz[first]
+    neighborhoods = np.count_nonzero(told) / len(first) / before.n_neighbors  # of each of these
     most = np.ptp(before.xyz[told], axis=0).max() / limits.long / np.median(radius[first])
     steps = [apart for apart in (limits.near, limits.far) if apart <= most]
     for (line, along), apart in itertools.product(enumerate(_lines(normals[first])), steps):
@@ -129,9 +131,14 @@ def alike_pairs(before, distance, variance, chosen):
         difference = distance[one] - np.sign(cosine[paired]) * distance[other]
         squares = difference**2 / (variance[one] + variance[other])
         # The border of a movement is in some parts of the cloud, noise is in all.
-        halvings = max(0, int(np.log2(len(squares) / limits.least)))
+        n_alone = len(squares) * neighborhoods
+        n_parts = min(len(squares) / limits.least, n_alone / limits.alone)
+        halvings = max(0, int(np.log2(max(n_parts, 1.0))))
         parts = cells_of(places[paired], squares, halvings=halvings).of_point
         means = [_mean_square(squares[parts == i], limits.quiet) for i in np.unique(parts)]
+        # The median of means of n squares is below their mean, (1 - 2 / 9n)^3 of it, and of points
+        # in one neighborhood distances are one.
+        means = np.array(means) / (1 - 2 / 9 * len(means) / max(n_alone, len(means))) ** 3
         found.append(np.column_stack(np.broadcast_arrays(line, apart, means)))
     return np.concatenate(found)
 

@@ -130,8 +130,9 @@ class Change(CloudVerb):
         from sklearn_mcmd.change._comparison import Summary
         from sklearn_mcmd.report._change_page import change_contents
 
-        told = Summary.read(outcome.change)
-        return change_contents(shown, told, self.rows(outcome), self.unit)
+        told, rows = Summary.read(outcome.change), self.rows(outcome)
+        rows.pop("tiles", None)  # which reports tell of all verbs
+        return change_contents(shown, told, rows, self.unit)
 
 
 change = command_of(Change, more=BY_TILES)

@@ -36,6 +36,7 @@ from sklearn_mcmd.change._estimator import (
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._whole import part_of
+from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._base import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Levels
@@ -44,6 +45,7 @@ from sklearn_mcmd.tiling._halo import HOPS, part_within
 RINGS = 2.0 * HOPS  # usual radii within which rings of neighbors nearly always end
 LEVELS = 2.0**12  # of p-values between a number and its double, to which they are rounded up
 BODIES = 250_000  # points of each cloud, about, that tell which flat surfaces moved
+LOOKED = 0.05  # share of the time after which both clouds are known, for the progress
 MEDIANS = 1_000_000  # points, about, of which medians are told
 
 
@@ -78,7 +80,8 @@ class TiledChange(TiledVerb):
     def find(self, run):
         k, counts = self.estimator.n_neighbors, [run.catalog.n_points, self.also[0].n_points]
         is_auto = isinstance(self.registration, str)
-        run.do("look", partial(look, counts=counts, k=k, thins=is_auto))
+        with progress_part(0.0, LOOKED):
+            run.do("look", partial(look, counts=counts, k=k, thins=is_auto))
         facts = np.array(list(run.found("facts")))  # (n_cells, 2, 3, 3)
         low, high, total = facts[:, :, 0].min(0), facts[:, :, 1].max(0), facts[:, :, 2].sum(0)
         radii, others = (
@@ -91,10 +94,12 @@ class TiledChange(TiledVerb):
         if is_auto:
             thinned = [np.concatenate(list(run.found(name))) for name in ("thin", "thin_second")]
             known = {"random_state": self.estimator.random_state, "n_jobs": run.plan.n_threads}
-            self.bodies = moved_bodies(*thinned, alpha=self.estimator.alpha, **known)
+            with progress_part(LOOKED, LOOKED):
+                self.bodies = moved_bodies(*thinned, alpha=self.estimator.alpha, **known)
             covariance, center = self.bodies.registration, thinned[0].mean(axis=0)
         pair = Pair(counts, self.scale, covariance, center)
-        run.do(self.task, partial(compare_cell, pair=pair), estimator=self.estimator)
+        with progress_part(LOOKED, 1.0):
+            run.do(self.task, partial(compare_cell, pair=pair), estimator=self.estimator)
         self.alike = alike_of(np.concatenate(list(run.found("alike"))))
         self._correct(run, counts[0])
 
