@@ -36,6 +36,7 @@ from _halls import hall, registered, walls_of
 from _plane_verdicts import smooth, strips
 from _real_clouds import load_clouds
 from _tables import print_table, texts, write_csv
+from scipy.stats.qmc import MultivariateNormalQMC
 
 from sklearn_mcmd import CloudChange
 from sklearn_mcmd.change import moved_bodies
@@ -94,9 +95,9 @@ def slope(rng, n, common, moved=0.0):
     return xyz[kept] + rng.normal(0, NOISE, (n, 3))
 
 
-def turned(rng, xyz):
-    """A cloud whose registration is off by `MOTION`."""
-    shift, turn = rng.normal(0, REGISTRATION, 3), rng.normal(0, TURNS, 3)
+def turned(xyz, motion):
+    """A cloud whose registration is off by shifts, and turns about its mean."""
+    shift, turn = motion[:3], motion[3:]
     return xyz + shift + np.cross(turn, xyz - xyz.mean(axis=0))
 
 
@@ -184,16 +185,17 @@ def simulated(options):
     scenes["a slope from two places"] = (slope, slope, white, None)
     for name, (first, second, common, told) in scenes.items():
         row = [f"called moved: {name}"]
-        n_pairs = options.repetitions if told is None else 5 * options.repetitions
+        n_pairs = options.repetitions if told is None else 6 * options.repetitions
+        # Evenly drawn, as a movement of all points is but one draw of each cloud.
+        motions = MultivariateNormalQMC(np.zeros(6), np.asarray(MOTION), rng=0).random(n_pairs)
+        motions[:, 3:] *= np.ndim(told) > 0
         for method in methods().values():
             shares = []
             for i in range(n_pairs):
                 rng, n = np.random.default_rng(i), options.points
                 before, after = first(rng, n, common), second(rng, n, common)
-                if np.ndim(told):
-                    after = turned(rng, after)
-                elif told is not None:
-                    after[:, 1] += rng.normal(0, told)
+                if told is not None:
+                    after = turned(after, motions[i])
                 shares.append(called(*method(before, after, told)))
             row += [float(np.mean(shares)), float(np.std(shares) / np.sqrt(n_pairs))]
         rows.append(row)
