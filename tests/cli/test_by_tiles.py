@@ -43,8 +43,8 @@ def same_by_tiles(verb, source, *options):
     ("verb", "options"),
     [
         ("denoise", ("--mode", "mark")),
-        ("denoise", ("--contamination", 0.05, "--above", 0.2, "--only-class", "1,2")),
-        ("denoise", ("--intensity", "--low-groups", "--below", 4, "--ignore-class", 3)),
+        ("denoise", ("--contamination", 0.05, "--only-class", "1,2")),
+        ("denoise", ("--intensity", "--ignore-class", 3)),
         ("normals", ("--features", "roughness,mean_curvature", "--orientation", "mst")),
         ("segment", ("--no-colors", "--growth-neighbors", 20, "--max-angle", 8)),
         ("edges", ("--n-neighbors", 16, "--no-colors")),
