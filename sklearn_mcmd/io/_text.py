@@ -441,8 +441,6 @@ def _fitting(extension, columns):
     }
     names = next(names for names in COLUMNS[extension] if kept.keys() >= set(names))
     lost = [name for name in columns if name not in names]
-    if "outlier" in lost:
-        raise PointFileError(f"{format_name} has no place to mark outliers; write another format")
     holds = f"{format_name} holds x, y, z and {', '.join(COLUMNS[extension][0])}"
     warn_of_lost(holds, lost, COLORS if are_rounded and "red" in names else ())
     return {name: kept[name] / 255 if extension == ".xyzrgb" else kept[name] for name in names}

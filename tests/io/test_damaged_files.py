@@ -77,6 +77,7 @@ BAD_TEXTS |= {
     # decimal signs that change, and thousands as in German
     "german.csv": ("1,5;2;3\n312.403;2;3", f"line 2: .* {SIGN % 'comma'}"),
     "english.csv": ("1.5;2;3\n4;5;6\n312,403;2;3", f"line 3: .* {SIGN % 'point'}"),
+    "late.csv": ("1;2;3\n4.5;5;6\n7,5;8;9", f"line 3: .* {SIGN % 'point'}"),
     "both.csv": ("452,345.6;2;3\n4;5;6,5", "line 1: '452,345.6' is not a number"),
     "attribute.csv": ("1;2;3;0,5\n1.5;2;3;4", f"line 2: .* {SIGN % 'comma'}"),
     "blanks.csv": ("1,234 5,678 9,012\n1,234 5,678 9,013\n", "line 1 has decimal commas"),
