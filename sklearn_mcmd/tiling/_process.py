@@ -68,8 +68,6 @@ def process_files(
         A LAS or LAZ file for one file; a folder where `source` is several files, or a folder.
         Outputs have the names of their inputs, all attributes, and the order of the points. They
         may replace the inputs.
-        A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
-        point format, the finest scales and the attributes of all, in the order of the inputs.
     estimator : estimator
         What is done, with an int as `random_state` and no None as `n_neighbors`:
 

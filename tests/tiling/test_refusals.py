@@ -112,10 +112,10 @@ def test_what_cannot_work_is_refused_before_the_work(tmp_path, estimator, option
         ("a.las", "out.ply", r"\.las or \.laz only"),
         ("a.las", "out.copc.laz", "COPC can be read"),
         ("a.las", ".", "is a folder"),
-        (".", "out.TXT", r"become a folder, or one \.las or \.laz"),
+        (".", "out.LAS", r"become a folder, and \.LAS is no name for it"),
         ("a.las x/a.las", "other.ply", "several outputs need a folder"),
         ("a.las x/a.las", "out", "several files have this name"),
-        ("a.las x/a.las", "a.las", "is one of the inputs"),
+        ("a.las x/a.las", "a.las", "several outputs need a folder"),
     ],
 )
 def test_a_target_that_cannot_be_is_refused_before_the_work(tmp_path, names, target, message):
