@@ -51,8 +51,7 @@ def read_points(
     UserWarning
         If columns of words, or fields of other formats, are left out. If integers of text are
         rounded. If points are 0, 0, 0 where most coordinates are large, or many are: rays without a
-        return. If x and y seem to be degrees, unlike z. If LAS holds more or fewer records than its
-        header counts, or a rotation of E57 is not of length 1.
+        return. If x and y seem to be degrees, unlike z. If a rotation of E57 is not of length 1.
 
     See Also
     --------
@@ -67,7 +66,7 @@ def read_points(
     coordinates 0. In E57 they are where the scanner stood.
 
     *Text* is read :ref:`however it is laid out <text_files>`. Without names of columns, coordinates
-    are the first three. Integers are exact up to 64 bits. A count of points may stand above the
+    are the first three. Integers are exact up to 53 bits. A count of points may stand above the
     rows, as in PTS, which has ``intensity`` after x, y, z, or colors, or both. XYZN has normals,
     XYZRGB colors, which are from 0 to 1 unless one is larger.
 
@@ -157,11 +156,10 @@ def write_points(
     Warns
     -----
     UserWarning
-        If an attribute, or the grid of an organized cloud, cannot be kept, or not exactly. E57
-        holds finite intensity of single precision and colors of 8 bits only, PTS intensity and such
-        colors, XYZN normals, and XYZRGB colors. PLY and PCD spell names in ASCII without blanks. In
-        LAS, a value that does not fit the dimension of its name goes to an extra dimension
-        ``<name>_value``.
+        If an attribute cannot be kept, or not exactly. E57 holds finite intensity of single
+        precision and colors of 8 bits only, PTS intensity and such colors, XYZN normals, and XYZRGB
+        colors. PLY and PCD spell names in ASCII without blanks. In LAS, a value that does not fit
+        the dimension of its name goes to an extra dimension ``<name>_value``.
 
     See Also
     --------
@@ -182,8 +180,7 @@ def write_points(
     file are copied from LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Files are binary. Coordinates are float32 where that is exact, as viewers expect,
-    else float64. Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized
-    cloud keeps its grid; empty cells have NaN, and 0 where fields are integers.
+    else float64. Colors of LAS that were made of 8 bits have 8 bits again.
 
     *E57.* Coordinates are float64 about their median.
 

@@ -69,11 +69,8 @@ class RunReport(NamedTuple):
         Points of the largest regions.
     n_edges : int
         Points of edges.
-    n_judged : int
-        Points that were judged for outliers.
     n_used : int
-        Points that were judged or used to judge others: not withheld, and of
-        the classes asked for.
+        Points that were judged for outliers: not withheld, and of the classes asked for.
     together : str
         Where hundreds of outliers lie together, in words; "" if nowhere.
     n_upright : int
@@ -100,7 +97,6 @@ class RunReport(NamedTuple):
     n_inside: int = 0
     largest: Sequence[int] = ()
     n_edges: int = 0
-    n_judged: int = 0
     n_used: int = 0
     together: str = ""
     n_upright: int = 0

@@ -73,7 +73,6 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("denoise", "--max-outlier-rate", ["1", "-0.1", "nan", "half"]),
         ("denoise", "--strictness", ["none"]),
         ("denoise", "--contamination", ["0", "0.51", "nan", "5%"]),
-        ("denoise", "--above", ["nan", "high"]),
         ("denoise", "--ignore-class", ["a", "3,256"]),
         ("denoise", "--sensor", ["1,2", "1,2,x", "0,0,nan", "", "origin"]),
         ("denoise", "--n-jobs", ["0", "one"]),
@@ -111,7 +110,7 @@ def test_cutoff_rate_and_contamination_exclude_each_other(left_out):
 
 
 LENGTHS = {
-    "denoise": ("--noise-scale", "--above", "--below"),
+    "denoise": ("--noise-scale",),
     "normals": ("--radius",),
     "segment": ("--max-distance", "--max-gap"),
     "plane": ("--sigma0", "--tolerance"),
@@ -133,8 +132,6 @@ def test_a_length_may_have_a_unit_where_that_of_the_file_is_given(verb, option):
     for text, unit in (("40mm", ()), ("40mm", ("--unit", "chain")), ("40MM", ("--unit", "m"))):
         words = f"'{option}': {text} is no number. With a unit, it needs --unit, the unit of the"
         assert words in usage_error(run(verb, *files, option, text, *unit))
-    below = value(option, "-50cm", "--unit", "m") if option == "--below" else -0.5
-    assert below == -0.5
 
 
 def test_tiles_refuse_too_many_neighbors_before_any_work(tmp_path, small_machine):

@@ -8,8 +8,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from las_files import change, las_file, las_of, laspy
 from sklearn_mcmd.io import PointFileError, read_points, write_points
-from sklearn_mcmd.io._las import writing_parts
-from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.tiling import Catalog
 
@@ -32,20 +30,6 @@ def write(path, version="1.4", point_format=6, scales=0.001, extra=()):
 
 def first_part(path):
     return next(read_parts(path, 10))
-
-
-def in_parts(path, target):
-    """The same points, read and written piece by piece as one of several files."""
-    header = joined_header([path])
-    with writing_parts(target) as write_part:
-        for part in read_parts(path, 15):
-            write_part(joined_cloud(part, header))
-    return target
-
-
-def at_once(path, target):
-    write_points(target, read_points(path))
-    return target
 
 
 READERS = pytest.mark.parametrize("read", [read_points, Catalog, first_part])
@@ -76,14 +60,14 @@ def test_scales_and_offsets_that_can_be_are_read(tmp_path, scale, offset):
     assert_array_equal(xyz[:, 0], np.arange(-9, 9) * scale + offset)
 
 
-@pytest.mark.parametrize("way", [at_once, in_parts])
 @pytest.mark.parametrize("minor", [0, 1])
-def test_the_oldest_versions_become_las_1_2_with_the_same_points(tmp_path, way, minor):
+def test_the_oldest_versions_become_las_1_2_with_the_same_points(tmp_path, minor):
     path = write(tmp_path / "a.las", "1.2", 1)
     before = laspy.read(path).points.array
     change(path, 6, b"\1\1")  # in 1.2 a flag of the GPS times, before a byte without a meaning
     change(path, MINOR, bytes([minor]))
-    after = laspy.read(way(path, tmp_path / "b.laz"))
+    write_points(tmp_path / "b.laz", read_points(path))
+    after = laspy.read(tmp_path / "b.laz")
     assert str(after.header.version) == "1.2"
     assert after.header.global_encoding.value == 0
     assert after.points.array.tobytes() == before.tobytes()
@@ -111,42 +95,6 @@ def test_headers_that_are_not_known_or_promise_too_much_are_refused(
         path.write_bytes(path.read_bytes() + record + bytes(100))
     with pytest.raises(PointFileError, match=message):
         read(path)
-
-
-# ---- records behind the points -----------------------------------------------------------
-
-COUNTS = {"1.2": (107, "<I"), "1.3": (107, "<I"), "1.4": (247, "<Q")}
-
-
-def counting(path, version, n_counted, tail=b"", waveforms=False):
-    """A file whose header counts fewer points than there are, and bytes behind these."""
-    write(path, version, 6 if version == "1.4" else 1)
-    if waveforms:
-        change(path, 227, struct.pack("<Q", len(path.read_bytes())))
-    path.write_bytes(path.read_bytes() + tail)
-    position, code = COUNTS[version]
-    return change(path, position, struct.pack(code, n_counted))
-
-
-@READERS
-@pytest.mark.parametrize(
-    ("version", "waveforms"), [("1.2", False), ("1.3", True), ("1.4", False), ("1.4", True)]
-)
-def test_records_behind_those_that_the_header_counts_are_told(tmp_path, read, version, waveforms):
-    path = counting(tmp_path / "a.las", version, 30, bytes(range(90)) * waveforms, waveforms)
-    with pytest.warns(UserWarning, match="a.las: holds 20 records more than its header counts"):
-        read(path)
-
-
-@pytest.mark.parametrize("tail", [b"", b"signature", bytes(4096), "evlr"])
-def test_what_is_no_record_behind_the_points_has_no_warning(tmp_path, tail):
-    if tail == "evlr":
-        las = laspy.read(write(tmp_path / "a.las"))
-        las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR("us", 1, "", bytes(range(200)))])
-        las.write(tmp_path / "a.las")
-    else:
-        counting(tmp_path / "a.las", "1.2", N, tail)
-    assert len(read_points(tmp_path / "a.las")) == N
 
 
 # ---- other counts ------------------------------------------------------------------------
