@@ -13,9 +13,10 @@ AXES = {  # without accents; English, German, French, Spanish and Italian
     | {"hohe", "hoehe", "hauteur", "altitud", "altura", "elevacion", "cota"}
     | {"altitudine", "altezza", "elevazione", "quota"},
 }
-# Words that tell that a comment names columns.
-KNOWN = {"longitude", "lon", "latitude", "lat", "time", "range", "azimuth", "intensity"}
-KNOWN = KNOWN.union(*AXES.values())
+# Names of other columns, which tell that a comment names columns, too.
+OTHERS = {"longitude", "lon", "latitude", "lat", "time", "range", "azimuth", "intensity"}
+# Words of sentences, which name no columns.
+SPEECH = "and at by for from in is of on the to with und aus der die das von mit et de par por con"
 # Words beside the axis: "X[m]", "x_ft", "POINT_X", "utm_x", "X coordinate".
 BESIDE = {"m", "mm", "cm", "km", "ft", "feet", "usft", "meter", "meters", "metre", "metres"}
 BESIDE |= {"coord", "coordinate", "point", "pos", "position", "utm"}
@@ -56,14 +57,23 @@ def attribute_name(name):
 
 
 def are_names(fields, told=()):
-    """Whether a comment names columns: at least two of its fields are `told`, or have known words.
+    """Whether a comment names columns: at least two of its fields are known names, or `told`.
 
     A letter alone may be a word of a sentence: one does not count without another.
     """
-    known = [KNOWN.intersection([words := _plain(field), *words.split()]) for field in fields]
-    n_letters = sum(max(map(len, words), default=0) == 1 for words in known)
-    n_told = len(set(told).intersection(fields))
-    return sum(map(bool, known)) - (n_letters == 1) + n_told >= 2
+    plain = [_plain(field) for field in fields]
+    by_axis = [{plain[i] for i in _of_axis(plain, axis)} for axis in "xyz"]
+    n_letters = sum(max(map(len, names), default=0) == 1 for names in by_axis)
+    n_axes = sum(map(bool, by_axis)) - (n_letters == 1)
+    n_others = len(OTHERS.intersection(" ".join(plain).split()))
+    return n_axes + n_others + len(set(told).intersection(fields)) >= 2
+
+
+def no_sentence(words):
+    """Whether words may be names: each is there once and has a letter, none is of a sentence."""
+    name = r"(?!v?\d+[.]\d)\W*[^\W\d].*(?<![.:!?])$"  # and no version
+    plain = {w.lower() for w in words if re.match(name, w)}
+    return len(plain) == len(words) and plain.isdisjoint(SPEECH.split())
 
 
 def _of_axis(plain, axis):

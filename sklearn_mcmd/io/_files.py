@@ -51,7 +51,8 @@ def read_points(
     UserWarning
         If columns of words, or fields of other formats, are left out. If integers of text are
         rounded. If points are 0, 0, 0 where most coordinates are large, or many are: rays without a
-        return. If x and y seem to be degrees, unlike z. If a rotation of E57 is not of length 1.
+        return. If x and y seem to be degrees, unlike z. If LAS holds more or fewer records than its
+        header counts, or a rotation of E57 is not of length 1.
 
     See Also
     --------
@@ -66,7 +67,7 @@ def read_points(
     coordinates 0. In E57 they are where the scanner stood.
 
     *Text* is read :ref:`however it is laid out <text_files>`. Without names of columns, coordinates
-    are the first three. Integers are exact up to 53 bits. A count of points may stand above the
+    are the first three. Integers are exact up to 64 bits. A count of points may stand above the
     rows, as in PTS, which has ``intensity`` after x, y, z, or colors, or both. XYZN has normals,
     XYZRGB colors, which are from 0 to 1 unless one is larger.
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from sklearn_mcmd._errors import warn_caller
+from sklearn_mcmd._errors import counted, warn_caller
 from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import EVLR_HEADER, check_structure
-from sklearn_mcmd.io._laz import compressed_parts
+from sklearn_mcmd.io._laz import compressed_parts, n_compressed
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -165,18 +165,27 @@ def read_header(path):
 def header_of(path, file):
     """The header of a file that is open. Its bounds are in order, the file at any position."""
     laspy = import_laspy(path.name.lower().endswith(".laz"))
-    n_points = check_structure(file)
+    n_points, n_behind = check_structure(file)
     file.seek(0)
     header = laspy.LasHeader.read_from(file, read_evlrs=True)
     if n_points != header.point_count:
         header.point_count = n_points
         warn_caller(f"{path}: its header counts 0 points, but {n_points:,} where LAS 1.2 does")
+    if header.are_points_compressed and n_points:
+        header.point_count = n_compressed(file, header)
+        if header.point_count < n_points:
+            counted_more = f"of the {n_points:,} points that its header counts"
+            warn_caller(f"{path}: holds {header.point_count:,} {counted_more}")
     for record in header.vlrs.get("ExtraBytesVlr"):  # laspy forgets which value means no data
         no_data = {e.format_name(): e.no_data for e in record.extra_bytes_structs if e.data_type}
         header.point_format.dimensions = [
             dimension._replace(no_data=no_data.get(dimension.name))
             for dimension in header.point_format.dimensions
         ]
+    if n_behind:
+        warn_caller(
+            f"{path}: holds {counted(n_behind, 'record')} more than its header counts: not read"
+        )
     if header.version.minor < 2:
         header.global_encoding = type(header.global_encoding)()  # these bytes meant nothing then
     header.mins, header.maxs = np.sort([header.mins, header.maxs], axis=0)

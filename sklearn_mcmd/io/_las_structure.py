@@ -10,7 +10,7 @@ from sklearn_mcmd.io._point_cloud import PointFileError
 
 SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393  # bytes
 VLR_HEADER, EVLR_HEADER = 54, 60  # bytes of the head of a record, and of an extended one
-GRID_FIELD = 131  # place in a header
+GRID_FIELD, WAVEFORMS_FIELD = 131, 227  # places in a header
 
 
 class ScaleLimits(NamedTuple):
@@ -22,8 +22,8 @@ class ScaleLimits(NamedTuple):
 def check_structure(file):
     """Refuse impossible counts: laspy would loop over them for hours, or request their memory.
 
-    Return how many points the header counts. LAS 1.4 has two counts: of some writers, only that of
-    older versions is not 0.
+    Return how many points the header counts, and how many records are behind these if they are
+    uncompressed. LAS 1.4 has two counts: of some writers, only that of older versions is not 0.
     """
     size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
     file.seek(0)
@@ -42,6 +42,7 @@ def check_structure(file):
         raise PointFileError(f"{told}; write it as LAS 1.4 where it was made")
     format_id, record_length, n_points = struct.unpack_from("<BHI", start, 104)
     evlrs_at = n_evlrs = 0
+    waveforms_at = int.from_bytes(start[WAVEFORMS_FIELD:][:8] if minor >= 3 else b"", "little")
     if minor >= 4:
         if len(start) < LAS_14_HEADER:
             raise PointFileError(f"truncated: {size} bytes are fewer than a LAS 1.4 header")
@@ -59,7 +60,11 @@ def check_structure(file):
     grid = np.frombuffer(start, "<f8", 6, GRID_FIELD).reshape(2, 3)
     for axis, scale, offset in zip("xyz", *grid, strict=True):
         check_grid(axis, scale, offset)
-    return n_points
+    file.seek(min(end, size))
+    if is_compressed or not any(file.read(record_length)):  # no record, or padding
+        return n_points, 0
+    behind = [at for at in (evlrs_at * (n_evlrs > 0), waveforms_at, size) if at >= end]
+    return n_points, (min(behind) - end) // record_length
 
 
 def check_grid(axis, scale, offset):

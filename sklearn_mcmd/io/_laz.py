@@ -8,6 +8,7 @@ every error of Python's code into its own, even a KeyboardInterrupt, it gets byt
 import io
 import os
 import struct
+from contextlib import suppress
 
 import numpy as np
 
@@ -31,15 +32,8 @@ CHUNKS_A_TIME = 64  # enough for all processors, and few enough for Ctrl-C to en
 
 def compressed_parts(file, header, n_points):
     """The point records behind a header, as bytes, in parts of whole chunks; see `parts_of`."""
-    lazrs = import_extra("lazrs", "las", "LAZ")
-    records = header.vlrs.extract("LasZipVlr")
-    if not records:
-        raise PointFileError("damaged: the record that says how its points are compressed is gone")
-    record = records[0].record_data
-    if record[CHUNK_SIZE] == bytes(4):  # so LASzip 1.2 writes one chunk, and others what varies
-        record = record[: CHUNK_SIZE.start] + b"\xff" * 4 + record[CHUNK_SIZE.stop :]
-    layout = _Layout(lazrs, record, header.point_format)
-    chunks = _chunks(lazrs, file, header, record, layout)
+    lazrs, record, layout, chunks = _opened(file, header)
+    header.vlrs.extract("LasZipVlr")
     ends = np.cumsum([0, *(n for n, _ in chunks)])
     first = 0
     while first < len(chunks):
@@ -59,6 +53,40 @@ def compressed_parts(file, header, n_points):
                 raise PointFileError(f"{words} decompressed ({err})") from err
         yield points.reshape(-1)
         first = last
+
+
+def n_compressed(file, header):
+    """How many points are there, at most as many as the header counts.
+
+    Layers tell. Of others, the last chunk is tried if the points by return are not as many.
+    """
+    lazrs, record, layout, chunks = _opened(file, header)
+    (n_last, n_bytes), n_points = chunks[-1], sum(n for n, _ in chunks)
+    file.seek(sum(n for _, n in chunks[:-1]), os.SEEK_CUR)
+    if layout.compressor == LAYERED:
+        stored = file.read(layout.n_bytes + 4)[layout.n_bytes :]
+        return n_points - n_last + min(n_last, int.from_bytes(stored, "little"))
+    if n_points == sum(header.number_of_points_by_return):
+        return n_points
+    points = np.full((n_last, layout.n_bytes), 255, np.uint8)
+    with suppress(lazrs.LazrsError):  # the points before the end are then written all the same
+        lazrs.decompress_points_with_chunk_table(
+            file.read(n_bytes), record, points.reshape(-1), chunks[-1:]
+        )
+    return n_points - n_last + int(np.flatnonzero((points < 255).any(axis=1)).max(initial=-1)) + 1
+
+
+def _opened(file, header):
+    """lazrs, the record of the compression, its layout, and the chunks; the file is at these."""
+    lazrs = import_extra("lazrs", "las", "LAZ")
+    records = header.vlrs.get("LasZipVlr")
+    if not records:
+        raise PointFileError("damaged: the record that says how its points are compressed is gone")
+    record = records[0].record_data
+    if record[CHUNK_SIZE] == bytes(4):  # so LASzip 1.2 writes one chunk, and others what varies
+        record = record[: CHUNK_SIZE.start] + b"\xff" * 4 + record[CHUNK_SIZE.stop :]
+    layout = _Layout(lazrs, record, header.point_format)
+    return lazrs, record, layout, _chunks(lazrs, file, header, record, layout)
 
 
 class _Layout:
@@ -152,7 +180,7 @@ def _chunks(lazrs, file, header, record, layout):
         counts = (min(size, n_points - start) for start in starts)
         chunks = [(n, n_bytes) for n, (_, n_bytes) in zip(counts, entries, strict=False)]
     n_listed, n_bytes = map(sum, zip(*chunks, strict=True)) if chunks else (0, 0)
-    if n_listed != n_points or n_bytes > room:
+    if not 0 < n_listed <= n_points or n_bytes > room:
         raise PointFileError(f"damaged: its table has {n_listed} points, not {n_points}")
     file.seek(points_at + 8)
     return chunks

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from sklearn_mcmd._errors import counted, warn_caller
-from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns
+from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns, no_sentence
+from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
     PointCloud,
@@ -29,10 +30,12 @@ NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # 
 LAYOUT: dict[str, Any] = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
 COMMENTS = ("#", "//")  # begin a line that is no row
 ROWS_A_TIME = 100_000  # that are read and written at once
-MISSING = {"", "na", "n/a", "null", "none", "nan(ind)", "-nan(ind)"}  # no number, in lower case
-SWAPPED = str.maketrans(",.", ".,")  # decimal commas and points
+LIST = re.compile(r"(?<!\d),|,(?!\d)")  # commas that are no part of a number
+GROUPS = re.compile(r"[+-]?\d{1,3}(?: \d{3})*")  # thousands apart, as it may be
+WHOLE = r"[+-]?(?:0|[1-9]\d*)"
+TWICE = re.compile(rf"{WHOLE},0\d+(,{WHOLE},\d+){{2,}}\s*")  # only decimals begin with zeros
 COMMAS = "decimal commas: write points, and no commas between thousands"
-EXACT = 2**53  # integers below are exact in double precision; 64 bits hold larger ones
+IN_DOUBT = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # thousands, or three decimals
 LONGEST, MOST_HEADERS = 1_000_000, 10  # characters of a line, and lines before the first row
 COLUMNS = {  # what rows may have; the first that a cloud has is written
     ".pts": (("intensity", *COLORS), COLORS, ("intensity",), ()),
@@ -64,10 +67,9 @@ def read_text(path, columns=None):
         if name == f"column_{j + 1}" and np.isnan(values).all():
             continue  # of trailing delimiters
         if ((values == np.rint(values)) | np.isnan(values)).all():
-            sizes = np.abs(values)
-            if ((sizes >= EXACT) & (sizes <= 2**64)).any():
-                warn_caller(f"{path}: integers of {name} are rounded to 53 bits")
-            elif table.fields[j].lstrip("+-").isdigit() and (sizes < EXACT).all():
+            if (np.abs(values) >= 2**53).any():  # which double precision may round
+                values = _large_integers(path, table, j, values)
+            elif table.fields[j].lstrip("+-").isdigit() and not np.isnan(values).any():
                 values = values.astype(np.int64)  # class numbers and labels stay integers
         attributes[attribute_name(name)] = values
     if np.count_nonzero(counts := table.head.counts) > 1:
@@ -109,6 +111,25 @@ def _opened(path):
     return open(path, encoding=encoding, errors="surrogateescape")
 
 
+def _large_integers(path, table, j, values):
+    """A column read again: exact if 64 bits hold it, else a warning names what is rounded."""
+    for dtype in (np.int64, np.uint64):
+        with _opened(path) as file, suppress(ValueError, Warning), warnings.catch_warnings():
+            warnings.simplefilter("error")  # of integers read as float64
+            lines, options = islice(file, table.head.number - 1, None), LAYOUT | {"usecols": j}
+            exact = np.loadtxt(lines, dtype, ndmin=1, delimiter=table.delimiter, **options)
+            if np.array_equal(exact.astype(float), values):
+                return exact
+    with _opened(path) as file:
+        rows = (table.row(line) for line in islice(file, table.head.number - 1, None))
+        cells = (row[j] for row in rows if len(row) == len(table.names))
+        if any(int(c) != float(c) for c in cells if re.fullmatch(r"[+-]?\d{16,400}", c)):
+            warn_caller(
+                f"{path}: integers of {table.names[j]} are rounded to 53 bits: 64 do not hold all"
+            )
+    return values
+
+
 @dataclass
 class _Head:
     """What stands above the rows, and the first line of these."""
@@ -117,6 +138,7 @@ class _Head:
     names: list | None = None  # fields of the header that has these
     headers: list = field(default_factory=list)  # fields of each line that is no row
     comments: list = field(default_factory=list)  # fields of each comment that names columns
+    last: str = ""  # comment, which may name them, too
     counts: list = field(default_factory=list)  # of points of each scan, empty if not given
     counted_at: int = 0  # number of the last count's line
     delimiter: str | None = None  # None is whitespace
@@ -149,7 +171,7 @@ def _head(file, columns):
     by_number = len(chosen) == 3 and all(str(column).isdecimal() for column in chosen)
     head = _Head([int(column) - 1 for column in chosen] if by_number else [0, 1, 2])
     while True:
-        head.line = line = _decoded(file.readline(LONGEST))
+        head.line = line = named_nans(_decoded(file.readline(LONGEST)))
         head.number += 1
         if not line or len(head.headers) > MOST_HEADERS:
             first = head.headers[0] if head.headers else []
@@ -161,8 +183,11 @@ def _head(file, columns):
             raise PointFileError("is not a text file")
         text = line.strip()
         if text.startswith(COMMENTS):
-            names = _fields(text.lstrip("#/ "))
-            if are_names(names, () if by_number else chosen):
+            text = head.last = text.lstrip("#/ ")
+            names = _fields(text)
+            # Fields between commas, without blanks or numbers, are names even if none is known.
+            is_list = " " not in text and _delimiter(text) and not any(map(_is_value, names))
+            if is_list or are_names(names, () if by_number else chosen):
                 head.comments.append(names)
         elif text and head.is_row(columns):
             return head
@@ -171,11 +196,11 @@ def _head(file, columns):
 def _begin(file, columns, extension):
     """The table whose rows are to be read, the first of which its head has."""
     head = _head(file, columns)
-    fields = _row(head.line, head.delimiter, len(head.names or ()))
+    fields, is_guess = _row(head.line, head.delimiter, len(head.names or ())), False
     if len(fields) < 3:
         raise PointFileError(f"line {head.number} has {len(fields)} columns, x, y, z are 3")
     if head.names is None:
-        head.names = _names_above(head, fields, columns)
+        head.names, is_guess = _names_above(head, fields, columns)
     if head.names is None:
         # The format names what follows x, y and z.
         n = len(fields) - 3
@@ -193,20 +218,33 @@ def _begin(file, columns, extension):
             raise PointFileError(words + _more(fields, head.delimiter, len(names)))
     names = [name or f"column_{i}" for i, name in enumerate(names, start=1)]
     if head.names is not None or columns:
-        head.positions = coordinate_columns(names, columns)
-    return _Table(head, fields, names)
+        try:
+            head.positions = coordinate_columns(names, columns)
+        except PointFileError as err:
+            more = "; or x=1,y=2,z=3 if the comment above them names none" * is_guess
+            raise PointFileError(f"{err}{more}") from err.__cause__
+    table = _Table(head, fields, names)
+    table.find_decimals(fields, head.line, head.number)
+    return table
 
 
 def _names_above(head, fields, columns):
-    """Names of columns by a line above the first row: by the first that has x, y and z and as many
-    fields, else by one whose error will tell them; or None."""
+    """Names of columns by a line above the first row, if any, and whether that is a guess.
+
+    Lines with as many fields as the row come first, of these the first that has x, y and z. The
+    last comment is a guess: of as many words, that make no sentence.
+    """
     widths = {len(fields), len(fields) - (fields[-1] == "")}
     lines = [names for names in head.headers + head.comments if len(names) in widths]
     for names in lines:
         with suppress(PointFileError):
             coordinate_columns(names, columns)
-            return names
-    return next(iter(lines + head.headers), None)
+            return names, False
+    if lines or head.headers:
+        return (lines + head.headers)[0], False
+    words = _fields(head.last, head.delimiter)
+    is_guess = len(words) in widths - {3} and no_sentence(words)
+    return (words if is_guess else None), is_guess
 
 
 @dataclass
@@ -219,13 +257,13 @@ class _Table:
     parts: list = field(default_factory=list)
     words: dict = field(default_factory=dict)  # columns with words: line and text of the first
     gaps: set = field(default_factory=set)  # columns with gaps
+    comma: bool | None = None  # whether commas are decimal: None until a number tells
 
     def __post_init__(self):
         self.at = self.head.number  # of the next line
         self.delimiter, self.positions = self.head.delimiter, self.head.positions
-        # Whether commas are decimal: only beside semicolons and tabs, None until a number tells.
-        self.comma = None if self.delimiter in (";", "\t") else False
-        self.find_decimals(self.fields)
+        if self.delimiter == ",":
+            self.comma = False
 
     def read(self, lines):
         """Read all rows. Where the file tells how many, other scans may follow with their own."""
@@ -234,7 +272,7 @@ class _Table:
             if left:
                 self.parts.append(self._part(part))
                 left -= len(self.parts[-1])
-            elif any(fields := self.row(part[0])):
+            elif any(fields := self.row(plain_numbers(part[0], self.comma))):
                 if len(fields) > 1 or not fields[0].isdecimal():
                     raise PointFileError(f"{self._promise()}, line {self.at} is one more")
                 left, self.head.counted_at = int(fields[0]), self.at
@@ -248,22 +286,24 @@ class _Table:
         return f"line {self.head.counted_at} promises {counted(n_points, 'point')}"
 
     def _part(self, lines):
-        """A table of lines: as NumPy reads them, else with points, else cell by cell."""
+        """A table of lines: as NumPy reads them, else with other numbers, else cell by cell."""
+        if self.delimiter == "," and self.head.names is None:
+            for number, line in enumerate(lines, self.at):
+                if ",0" in line and TWICE.fullmatch(line):
+                    raise PointFileError(f"line {number} has {COMMAS}")
         if max(map(len, lines)) > LONGEST:
             raise PointFileError(f"a line has more than {LONGEST:,} characters: is no table")
         table = None if self.comma else self._parsed(lines)
         if table is None:
-            table = self._parsed([self._plain(line) for line in lines])
+            table = self._parsed([plain_numbers(line, self.comma) for line in lines])
         if table is None:
             return self._slow(lines)
-        if self.comma is None and any("." in line for line in lines):
-            self.comma = False
+        for number, line in enumerate(lines, self.at):
+            if self.comma is not None:
+                break
+            if "." in line:
+                self.find_decimals(self.row(line), line, number)
         return table
-
-    def _plain(self, line):
-        """A line without a comment after it, with decimal points."""
-        line = line.partition("#")[0]
-        return line.replace(".", "_").replace(",", ".") if self.comma else line  # NumPy reads no _
 
     def _parsed(self, lines):
         """The table of lines that NumPy can read, else None."""
@@ -293,7 +333,7 @@ class _Table:
                 told = f"; {self._promise()}" if self.head.counts else ""
                 words = f"line {at} has {len(fields)} columns, line {self.head.number} has {width}"
                 raise PointFileError(words + told + _more(fields, self.delimiter, width))
-            self.find_decimals(fields)
+            self.find_decimals(fields, line, at)
             rows.append(fields)
             numbers.append(at)
         table = np.full((len(rows), width), np.nan)
@@ -312,19 +352,13 @@ class _Table:
                     self.gaps.add(j)
         return table
 
-    def find_decimals(self, fields):
-        """Learn from the first number with a comma or point which of them is decimal.
-
-        Of one row coordinates tell before attributes.
-        """
+    def find_decimals(self, fields, line, number):
+        """Learn from the first number with a comma or point which of them is decimal."""
         if self.comma is None and len(fields) == len(self.names):
+            # Of one row coordinates tell before attributes.
             cells = [fields[j] for j in self.positions]
             cells += [cell for j, cell in enumerate(fields) if j not in self.positions]
-            for cell in (cell for cell in cells if {",", "."} & set(cell)):
-                is_point, is_comma = (number_of(cell, comma) is not None for comma in (False, True))
-                if is_point or is_comma:
-                    self.comma = is_comma
-                    return
+            self.comma = _decimal(cells, line, number, is_loose=self.delimiter is None)
 
     def _coordinate(self, cell, number):
         value, words = number_of(cell, self.comma), f"line {number}: {_decoded(cell)[:40]!r}"
@@ -347,15 +381,24 @@ class _Table:
         raise PointFileError(words)
 
 
-def number_of(cell, comma=False):
-    """The number of a cell, whose decimals may follow a comma, NaN where it is missing, and None of
-    words."""
-    if comma:
-        cell = cell.translate(SWAPPED)
-    try:
-        return float(cell) if "_" not in cell else None
-    except ValueError:
-        return np.nan if cell.lower() in MISSING else None
+def _decimal(cells, line, number, is_loose):
+    """Whether commas are decimal in some cells of a line, None if no number tells.
+
+    Quotes, and rows that are `is_loose`, between blanks, leave thousands open.
+    """
+    is_loose &= all("," not in cell or IN_DOUBT.fullmatch(cell) for cell in cells)
+    for cell in cells:
+        points, commas = number_of(cell), number_of(cell, comma=True)
+        if {",", "."} & set(cell) and {points, commas} != {None}:
+            is_quoted = f'"{cell}"' in line
+            if points is None and IN_DOUBT.fullmatch(cell) and (is_quoted or is_loose):
+                way = "without quotes" if is_quoted else "with a point"
+                raise PointFileError(
+                    f'line {number}: are there thousands or decimals behind the comma of "{cell}"? '
+                    f"Write it {way} if decimals, and without commas if thousands"
+                )
+            return points is None
+    return None
 
 
 def _more(fields, delimiter, width):
@@ -383,13 +426,18 @@ def _delimiter(line):
     if ";" in bare:
         return ";"
     cells = bare.split("\t")[:3]
-    if len(cells) == 3 and all(cell.strip() for cell in cells):
+    if len(cells) == 3 and all(cell.strip() and not LIST.search(cell) for cell in cells):
         return "\t"
-    return "," if "," in bare else None
+    if "," not in bare or LIST.search(bare) or all(map(GROUPS.fullmatch, bare.strip().split(","))):
+        return "," if "," in bare else None
+    # Each comma is within a number between blanks: a decimal one, or of thousands before a point.
+    words = [c for c in bare.split() if {number_of(c), number_of(c, comma=True)} == {None}]
+    return "," if any("," in word for word in words) or len(bare.split()) < 3 + len(words) else None
 
 
 def _row(line, delimiter, width):
     """The fields of a row without a comment after them, unless the sign # belongs to the row."""
+    line = named_nans(line)
     fields, whole = (_fields(text, delimiter) for text in (line.partition("#")[0], line))
     return whole if len(whole) == width else fields
 
@@ -441,6 +489,8 @@ def _fitting(extension, columns):
     }
     names = next(names for names in COLUMNS[extension] if kept.keys() >= set(names))
     lost = [name for name in columns if name not in names]
+    if "outlier" in lost:
+        raise PointFileError(f"{format_name} has no place to mark outliers; write another format")
     holds = f"{format_name} holds x, y, z and {', '.join(COLUMNS[extension][0])}"
     warn_of_lost(holds, lost, COLORS if are_rounded and "red" in names else ())
     return {name: kept[name] / 255 if extension == ".xyzrgb" else kept[name] for name in names}

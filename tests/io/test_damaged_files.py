@@ -41,6 +41,7 @@ BAD_TEXTS = {
     "underscore.csv": ("1,2,3\n4,5_0,6\n", "line 2: '5_0' is not a number"),
     "commas.xyz": ("112,345 213,456 100,123\n", "decimal commas"),  # or thousands apart
     "doubled.csv": ("x,y,z\n1,5,2,25,3,5\n", "header has 3 columns, line 2 has 6; .* decimal com"),
+    "unnamed.csv": ("7,216,8,32,9,5\n7,016,8,32,9,5\n", "line 2 has decimal commas: write points"),
     "count.xyz": ("3\n1 2 3\n4 5 6\n", "line 1 promises 3 points, found 2"),
     "thousands.csv": ('x,y,z\n1,2,"312,403"\n', "line 2 has decimal commas: .* between thousands"),
     "more.xyz": ("1\n1 2 3\n4 5 6\n", "line 1 promises 1 point, line 3 is one more"),
@@ -70,18 +71,21 @@ BAD_TEXTS |= {  # PCD
     "empty.pcd": (POINTS.replace("2", "0"), "holds no points"),
 }
 SIGN = "with a decimal %s, as those above"
+DOUBT = "line %d: are there thousands or decimals"
 BAD_TEXTS |= {
     # names in a comment that hold no coordinates
     "shot.csv": ("# SHOT TIME LONGITUDE LATITUDE HEIGHT\n9 8 1 2 3\n", "no x, y among .* SHOT"),
     "ost.csv": ("// time ost nord hoch\n9 1 2 3\n", "no z among the columns time, ost, nord, hoch"),
+    "id,.csv": ("#id,a,b,c\n9,1,2,3,\n", "no x, y, z among the columns id, a, b, c"),
+    "today.csv": ("# a,b,c,d\n# scanned,by,hand,today\n3,2,1,4\n", "among the columns a, b, c, d"),
     # decimal signs that change, and thousands as in German
     "german.csv": ("1,5;2;3\n312.403;2;3", f"line 2: .* {SIGN % 'comma'}"),
     "english.csv": ("1.5;2;3\n4;5;6\n312,403;2;3", f"line 3: .* {SIGN % 'point'}"),
-    "late.csv": ("1;2;3\n4.5;5;6\n7,5;8;9", f"line 3: .* {SIGN % 'point'}"),
-    "both.csv": ("452,345.6;2;3\n4;5;6,5", "line 1: '452,345.6' is not a number"),
+    "both.csv": ("452,345.6;2;3\n4;5;6,5", f"line 2: .* {SIGN % 'point'}"),
     "attribute.csv": ("1;2;3;0,5\n1.5;2;3;4", f"line 2: .* {SIGN % 'comma'}"),
-    "blanks.csv": ("1,234 5,678 9,012\n1,234 5,678 9,013\n", "line 1 has decimal commas"),
-    "late_comma.csv": ("1 2 3\n4,5 5 6", f"line 2: '4,5' is not .* {SIGN % 'point'}"),
+    "blanks.csv": ("1,234 5,678 9,012\n234 5,678 1,012\n1,234 500 9,013", DOUBT % 1),
+    "tab.csv": ("112,345  213,456\t100,123", DOUBT % 1),
+    "quotes.csv": ('345;567;12\n1;"-567,890";12', DOUBT % 2),
 }
 
 

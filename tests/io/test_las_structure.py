@@ -97,6 +97,42 @@ def test_headers_that_are_not_known_or_promise_too_much_are_refused(
         read(path)
 
 
+# ---- records behind the points -----------------------------------------------------------
+
+COUNTS = {"1.2": (107, "<I"), "1.3": (107, "<I"), "1.4": (247, "<Q")}
+
+
+def counting(path, version, n_counted, tail=b"", waveforms=False):
+    """A file whose header counts fewer points than there are, and bytes behind these."""
+    write(path, version, 6 if version == "1.4" else 1)
+    if waveforms:
+        change(path, 227, struct.pack("<Q", len(path.read_bytes())))
+    path.write_bytes(path.read_bytes() + tail)
+    position, code = COUNTS[version]
+    return change(path, position, struct.pack(code, n_counted))
+
+
+@READERS
+@pytest.mark.parametrize(
+    ("version", "waveforms"), [("1.2", False), ("1.3", True), ("1.4", False), ("1.4", True)]
+)
+def test_records_behind_those_that_the_header_counts_are_told(tmp_path, read, version, waveforms):
+    path = counting(tmp_path / "a.las", version, 30, bytes(range(90)) * waveforms, waveforms)
+    with pytest.warns(UserWarning, match="a.las: holds 20 records more than its header counts"):
+        read(path)
+
+
+@pytest.mark.parametrize("tail", [b"", b"signature", bytes(4096), "evlr"])
+def test_what_is_no_record_behind_the_points_has_no_warning(tmp_path, tail):
+    if tail == "evlr":
+        las = laspy.read(write(tmp_path / "a.las"))
+        las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR("us", 1, "", bytes(range(200)))])
+        las.write(tmp_path / "a.las")
+    else:
+        counting(tmp_path / "a.las", "1.2", N, tail)
+    assert len(read_points(tmp_path / "a.las")) == N
+
+
 # ---- other counts ------------------------------------------------------------------------
 
 

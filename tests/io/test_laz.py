@@ -14,6 +14,8 @@ from numpy.testing import assert_array_equal
 
 from las_files import las_of, laspy
 from sklearn_mcmd.io import PointFileError, read_points, write_points
+from sklearn_mcmd.io._las_parts import read_parts
+from sklearn_mcmd.tiling import Catalog
 
 lazrs = pytest.importorskip("lazrs")
 
@@ -128,7 +130,7 @@ def points_at(content):
 DAMAGES = [
     (table_at, 4, "<I", 0x7FFFFFFF, "not in 2147483647 chunks"),
     (table_at, 4, "<I", 0, "not in 0 chunks"),
-    (record_at, CHUNK_SIZE, "<I", 10, "its table has 60 points, not 3000"),
+    (record_at, CHUNK_SIZE, "<I", 10, "chunk 1 holds 500 points, not 10"),
     (record_at, CHUNK_SIZE, "<I", 0, "its chunk table cannot be read"),
     (record_at, CHUNK_SIZE, "<I", VARIABLE, "chunk"),
     (points_at, 0, "<q", 2**40, "truncated: its chunk table begins"),
@@ -143,6 +145,7 @@ DAMAGES = [
 ]
 
 
+@pytest.mark.filterwarnings("ignore:.*holds 60 of the 3,000 points")
 @pytest.mark.parametrize(("where", "offset", "form", "value", "message"), DAMAGES)
 def test_damage_is_named(tmp_path, where, offset, form, value, message):
     content = laz_of(made(6), chunk_size=500)
@@ -173,17 +176,36 @@ def test_thousands_of_chunks_of_a_point_are_refused_as_each_takes_a_millisecond(
     assert_read(tmp_path / "a.laz", few)
 
 
-@pytest.mark.parametrize("point_format", [0, 3, 6])
-@pytest.mark.parametrize("n_more", [1, 40_000])
-@pytest.mark.parametrize("chunks", CHUNKS)
-def test_more_points_than_there_are_are_refused(tmp_path, point_format, n_more, chunks):
+# ---- more points promised than there are -------------------------------------------------
+
+
+def promising(path, point_format, n_more, by_return, **chunks):
+    """A LAZ whose header counts more points than there are, in its versions' place."""
     las = las_of(point_format, n=N)
+    las.return_number = np.full(N, by_return)
     content = laz_of(las, **chunks)
     position, form = (247, "<Q") if content[25] >= 4 else (107, "<I")
     struct.pack_into(form, content, position, N + n_more)
-    (tmp_path / "a.laz").write_bytes(content)
-    with pytest.raises(PointFileError, match="damaged"):
-        read_points(tmp_path / "a.laz")
+    path.write_bytes(content)
+    return las
+
+
+@pytest.mark.parametrize("point_format", [0, 3, 4, 6])
+@pytest.mark.parametrize("n_more", [1, 40_000])
+@pytest.mark.parametrize("chunks", CHUNKS)
+def test_what_is_there_of_more_that_are_promised_is_read(tmp_path, point_format, n_more, chunks):
+    las = promising(tmp_path / "a.laz", point_format, n_more, 1, **chunks)
+    with pytest.warns(UserWarning, match=f"a.laz: holds 3,000 of the {N + n_more:,} points that"):
+        assert_read(tmp_path / "a.laz", las)
+
+
+def test_a_catalog_counts_what_is_there_and_parts_hold_as_many(tmp_path):
+    for point_format in (1, 6):
+        promising(tmp_path / "a.laz", point_format, 11, 0, chunk_size=1000)
+        with pytest.warns(UserWarning, match="a.laz: holds 3,000 of the 3,011 points"):
+            assert Catalog(tmp_path / "a.laz").counts == [3000]
+        with pytest.warns(UserWarning, match="a.laz: holds 3,000 of the 3,011 points"):
+            assert sum(map(len, read_parts(tmp_path / "a.laz", 500))) == 3000
 
 
 # ---- old versions of LASzip --------------------------------------------------------------

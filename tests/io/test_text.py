@@ -1,5 +1,7 @@
 """Text however it is laid out."""
 
+import warnings
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -62,9 +64,11 @@ TABLES = [
     ("x,y,z,a,b\n1,2,3,,7\n4,5,6,0.5,8", "1 2 3 nan 7, 4 5 6 0.5 8"),
     *[
         (f"1,2,3,0.5\n4,5,6,{cell}", "1 2 3 0.5, 4 5 6 nan")
-        for cell in ("", "null", "N/A", " None", "-nan(ind)")
+        for cell in ("", "null", "N/A", " None", "nan(snan)")
     ],
     ('"","x","y","z"\n"1",0.5,2,3\n"2",4,5,6\n', "0.5 2 3 1, 4 5 6 2"),
+    ("1,2,3,1.#INF # far\n1,2,3,-1.#INF00\n4,5,6,7\n", "1 2 3 inf, 1 2 3 -inf, 4 5 6 7"),
+    ('1.0D+00,2,3\n"5,411,234.500",2,3\n1.#QNAN,2,3\n-nan(ind),2,3\n', "1 2 3, 5411234.5 2 3"),
     (
         "x,y,z,a\n0,1,2,0\n1,2,3,1\n2,3,4,\n3,4,5,NA\n\n# e",
         "0 1 2 0, 1 2 3 1, 2 3 4 nan, 3 4 5 nan",
@@ -73,11 +77,21 @@ TABLES = [
     # Decimal commas between semicolons.
     (GERMAN + "1,5;2,5;3,5;1\n0,125;1,25e3;,5;0,25", "1.5 2.5 3.5 1, 0.125 1250 0.5 0.25"),
     ("1;2;3;4\n5;6;7;8\n312,403;1,1;2,2;3,3", "1 2 3 4, 5 6 7 8, 312.403 1.1 2.2 3.3"),
-    ('345,678;"567,890";12', "345.678 567.89 12"),
+    ("5.411.234,500;1,5;3;4\n5.411.234;1,5;3;4", "5411234.5 1.5 3 4, 5411234 1.5 3 4"),
+    # In quotes, where no spreadsheet leaves thousands so, or the first is beyond doubt.
+    ("345,678;567,890;12", "345.678 567.89 12"),
+    ('"452348,901";"567,890";12', "452348.901 567.89 12"),
+    ('"0,125";"567,890";12', "0.125 567.89 12"),
+    ('"5,411,234";"1.5";12', "5411234 1.5 12"),
+    # Decimal commas between blanks.
+    ("1 2 3\n4,5 5 6", "1 2 3, 4.5 5 6"),
+    ("-1,5e2 +2,5 0,5\n0 1 2", "-150 2.5 0.5, 0 1 2"),
+    ("1,234.5 2,345.5 3,456.7", "1234.5 2345.5 3456.7"),
     # Commas between columns.
     ("1, 2, 3\n4, 5, 6", "1 2 3, 4 5 6"),
     ("1 ,2 ,3", "1 2 3"),
     ("x,y,z,a,b,c\n7,016,8,32,9,5", "7 16 8 32 9 5"),
+    ("12,045,088,255,128,064", "12 45 88 255 128 64"),
     # Counts begin scans, which get a number.
     ("0\n1\n1 2 3\n\n0\n2\n1 2 3\n4 5 6 # last\n# end\n", "1 2 3 1, 1 2 3 3, 4 5 6 3"),
 ]
@@ -90,8 +104,25 @@ def test_numbers_of_many_programs_are_read(tmp_path, monkeypatch, text, table, s
     assert_array_equal(back, [list(map(float, row.split())) for row in table.split(",")])
 
 
-NUMBERS = {"-.5": -0.5, "1.": 1, "0.25e-02": 0.0025, "1E5": 1e5}
-WORDS = ["1.0D+00", "1_000.5", "wall", "1,5", "1,234,567.5", "1'234.5", "1.#IND"]
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize(
+    ("mark", "encoding"),
+    [*((mark, "utf-8") for mark in "'\u2019\xa0\u202f"), ("\u2019", "cp1252"), ("\xa0", "cp1252")],
+)
+def test_thousands_of_swiss_and_french_are_read(tmp_path, monkeypatch, mark, separator, encoding):
+    for decimal in ".,":
+        text = "E;N;H;i\n1^347^452.5;-567^890.1;412;1^000\n452^347;567^890.25;412.5;2"
+        text = text.replace(".", decimal).replace("^", mark).replace(";", separator)
+        table = same_by_parts(tmp_path, monkeypatch, text, encoding)[1]
+        assert_array_equal(
+            table, [[1347452.5, -567890.1, 412, 1000], [452347, 567890.25, 412.5, 2]]
+        )
+
+
+NUMBERS = {"1.0D+00": 1, "-1.5d2": -150, ".5D1": 5, "1.D0": 1, "0.25D-02": 0.0025, "1e5": 1e5}
+NUMBERS |= {"5,411,234.500": 5411234.5, "-1,234.": -1234, "5,411,234": 5411234}
+WORDS = ["12d34", "3D", "1_000.5", "wall", "1,5", "12,34,567", "1,23.5", "0,123.5", "1,234,56"]
+WORDS += ["45'23", "1'234'56", "0'123.5", "1'234\xa0567", "1234'567"]  # no thousands
 
 
 @pytest.mark.parametrize("decimal", [".", ","])
@@ -132,9 +163,10 @@ def test_text_may_be_in_latin_1(tmp_path, encoding):
 
 @pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-8"])
 def test_a_byte_order_mark_tells_the_encoding(tmp_path, encoding):
-    cloud = read(tmp_path, "\ufeffRechtswert;Hochwert;Höhe;Zeit\n1,5;2;3;4\n", encoding)
+    large = 2**60 + 1  # is read a second time
+    cloud = read(tmp_path, f"\ufeffRechtswert;Hochwert;Höhe;Zeit\n1,5;2;3;{large}\n", encoding)
     assert_array_equal(cloud.xyz, [[1.5, 2, 3]])
-    assert cloud.attributes["Zeit"].tolist() == [4]
+    assert cloud.attributes["Zeit"].tolist() == [large]
 
 
 def test_columns_say_where_the_coordinates_are(tmp_path):
@@ -154,11 +186,25 @@ def test_columns_say_where_the_coordinates_are(tmp_path):
         read(tmp_path, "a,b,c\n1,2,3\n", columns={"a": "x"})
 
 
-@pytest.mark.parametrize("first", [-(2**63), 2**64 - 1, 2**53])
-def test_integers_that_must_be_rounded_are_named(tmp_path, first):
+@pytest.mark.parametrize("first", [-(2**63), 2**64 - 2, 2**53])
+@pytest.mark.parametrize("beside", ["0.5", "", "wall"])
+def test_integers_beyond_double_precision_are_exact(tmp_path, first, beside):
+    rows = [f"1,2,3,{n},{beside}\n" for n in (first, first + 1)]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*columns with words")
+        cloud = read(tmp_path, "é\nx,y,z,t,b\n" + "\n".join(rows), "latin-1")
+    assert cloud.attributes["t"].tolist() == [first, first + 1]
+    write_points(tmp_path / "b.txt", cloud)
+    assert read_points(tmp_path / "b.txt").attributes["t"].tolist() == [first, first + 1]
+
+
+@pytest.mark.parametrize("other", ["", "1.0", str(2**64), "-1"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_integers_that_must_be_rounded_are_named(tmp_path, other, order):
+    cells = [str(2**64 - 1), other][::order]
     with pytest.warns(UserWarning, match="integers of t are rounded to 53 bits"):
-        cloud = read(tmp_path, f"x,y,z,t\n1,2,3,{first}\n1,2,3,4\n")
-    assert_array_equal(cloud.attributes["t"], [float(first), 4])
+        cloud = read(tmp_path, "x,y,z,t\n" + "".join(f"1,2,3,{cell}\n" for cell in cells))
+    assert cloud.attributes["t"].dtype == np.float64
 
 
 @pytest.mark.parametrize("extension", [".csv", ".txt", ".xyz"])
@@ -197,7 +243,7 @@ def test_other_comments_leave_the_first_three_columns_to_be_coordinates(tmp_path
         assert_array_equal(cloud.xyz, [[1, 2, 3], [1, 2, 3]])
 
 
-UNKNOWN = ["time a b height", "TIME lon lat"]
+UNKNOWN = ["id px py pz", "Länge Breite Höhe id", "TIME lon lat", "id,px,py,pz"]
 UNKNOWN += ["LONGITUDE_CENTROID LATITUDE_CENTROID ELEVATION_CENTROID", "lat_deg;lon_deg;h_m"]
 
 
