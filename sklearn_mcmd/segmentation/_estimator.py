@@ -38,7 +38,7 @@ from sklearn_mcmd.segmentation._region_table import region_table
 
 
 class GrowthSteps(NamedTuple):
-    """What refines the paper's growth; the ablation switches single steps off."""
+    """What refines the paper's growth; tests switch single steps off."""
 
     mutual: bool = True  # planes explain each other
     find_narrow_faces: bool = True
