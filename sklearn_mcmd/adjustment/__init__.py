@@ -3,7 +3,6 @@
 from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._comparison import Difference, PlaneComparison, compare_planes
 from sklearn_mcmd.adjustment._fuzzy import FuzzyPlaneDetector
-from sklearn_mcmd.adjustment._planning import PlanePlan, plan_plane
 from sklearn_mcmd.adjustment._power import coupled_level, noncentrality
 from sklearn_mcmd.adjustment._precision import PlanePrecision
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
@@ -25,7 +24,6 @@ __all__ = [
     "PlaneComparison",
     "PlaneFlatness",
     "PlaneForm",
-    "PlanePlan",
     "PlanePrecision",
     "PlaneReliability",
     "ScanWeights",
@@ -36,7 +34,6 @@ __all__ = [
     "flatness",
     "local_level",
     "noncentrality",
-    "plan_plane",
     "scan_weights",
     "text_report",
     "variance_components",

@@ -127,7 +127,6 @@ class BaardaPlaneDetector(PlaneDetector):
     --------
     FuzzyPlaneDetector : One adjustment and a limit between the two groups, no iteration.
     sklearn_mcmd.adjustment.compare_planes : Has the plane moved since?
-    sklearn_mcmd.adjustment.plan_plane : Which errors will be found, before the measurement.
     sklearn.linear_model.RANSACRegressor : For more outliers, as Open3D's ``segment_plane``.
     sklearn.covariance.EllipticEnvelope : Outliers of a cloud without a dependent column.
 

@@ -1,4 +1,4 @@
-"""``mcmd plane``, and ``mcmd plan``, which simulates its tests."""
+"""``mcmd plane``."""
 
 import time
 import warnings
@@ -343,42 +343,3 @@ def _write_each(catalog, outputs, results):
         for cloud, part in zip(clouds, parts, strict=True):
             one = part.output(joined_cloud(cloud, header))
             put(one.cloud, one.noise)
-
-
-@dataclass
-class Plan:
-    """Planes with outliers on one side are simulated, and tested as mcmd plane does with a given
-    sigma0. Rates come with their standard errors.
-    """
-
-    points: int = option(100, "Points on the plane.", min=5)
-    sigma0: float = length(1.0, "Standard deviation of a point.")
-    alpha: float = option(0.05, "Level of the test of all points.")
-    outlier_rate: float = option(0.0, "Share of outliers; there is at least one.")
-    power: float = option(0.8, "Share of the outliers that shall be found.")
-    robust_start: bool = option(
-        True, "Start from the plane of the most coplanar half of the points."
-    )
-    repetitions: int = option(10_000, "Simulated planes of each size of bias.", min=100)
-    unit: _options.Unit = ""
-    random_state: _options.RandomState = 0
-    help_all: _options.HelpAll = False
-
-    def run(self):
-        from sklearn_mcmd.adjustment import BaardaPlaneDetector, plan_plane
-        from sklearn_mcmd.adjustment._plane_figures import plan_rows
-
-        begin = time.perf_counter()
-        planned = plan_plane(
-            self.points,
-            made(self, BaardaPlaneDetector),
-            outlier_rate=self.outlier_rate,
-            power=self.power,
-            n_repetitions=self.repetitions,
-            random_state=self.random_state,
-        )
-        rows = plan_rows(planned, self.unit)
-        _messages.print_table(f"{self.points} points", begin, **rows)
-
-
-plan = command_of(Plan)
