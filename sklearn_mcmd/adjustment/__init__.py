@@ -3,7 +3,7 @@
 from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._comparison import Difference, PlaneComparison, compare_planes
 from sklearn_mcmd.adjustment._fuzzy import FuzzyPlaneDetector
-from sklearn_mcmd.adjustment._power import coupled_level, noncentrality
+from sklearn_mcmd.adjustment._power import noncentrality
 from sklearn_mcmd.adjustment._precision import PlanePrecision
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
 from sklearn_mcmd.adjustment._report import text_report
@@ -29,7 +29,6 @@ __all__ = [
     "ScanWeights",
     "VarianceComponent",
     "compare_planes",
-    "coupled_level",
     "critical_value",
     "flatness",
     "local_level",

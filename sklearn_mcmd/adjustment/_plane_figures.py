@@ -270,7 +270,7 @@ def _global_test(detector):
     if detector.sigma0 == "auto":
         return "none: sigma0 is estimated from these points, so it fits them at any noise"
     before, after = detector.global_test_pvalue_initial_, detector.global_test_pvalue_
-    level = detector.global_test_level_
+    level = detector.alpha
     verdict = f"; rejected at the level {level:.3g}" if after < level else ""
     return f"p = {before:.2g} with all points, {after:.2g} without outliers{verdict}"
 

@@ -77,8 +77,7 @@ class Plane:
     correction: Correction | None = option(
         None,
         "How the level of one point follows from alpha. sidak, bonferroni: so that alpha is the "
-        "level of all together, exactly or at most. none: it is alpha. b-method: so too, and the "
-        "level of the global test follows from it, for networks of tens of observations.",
+        "level of all together, exactly or at most. none: it is alpha.",
         show_default="sidak, for fuzzy none",
     )
     elimination: EliminationRule | None = option(
@@ -216,10 +215,10 @@ class Plane:
                 "Find the planes with 'mcmd segment' first, and test each",
                 stacklevel=2,
             )
-        if fitted.global_test_pvalue_ < fitted.global_test_level_:
+        if fitted.global_test_pvalue_ < fitted.alpha:
             warnings.warn(
                 f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}, level "
-                f"{fitted.global_test_level_:.2g}): its points scatter more than --sigma0 "
+                f"{fitted.alpha:.2g}): its points scatter more than --sigma0 "
                 f"{fitted.sigma0:g} says, or their surface is no plane",
                 stacklevel=2,
             )
