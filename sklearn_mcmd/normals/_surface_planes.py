@@ -17,7 +17,6 @@ import numpy as np
 
 from sklearn_mcmd.normals._adaptive_k import angles
 from sklearn_mcmd.planes._around import most_noise_around, quantile_around, ratio
-from sklearn_mcmd.planes._base import mends_planes
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._principal_planes import are_rows
 from sklearn_mcmd.planes._quadrics import (
@@ -134,7 +133,7 @@ class SurfacePlanes:
 
     def __init__(self, estimator, model):
         self.model, self.tangents = model, estimator.tangents
-        self.lends = estimator.neighbor_planes is not False
+        self.lends = estimator.neighbor_planes
 
     def fit(self, X, n_jobs):
         """Planes of the fitted points X (n, d), the rows of X (n,) whose planes they are, and the
@@ -355,15 +354,6 @@ def lend(planes, rows, members, lenders):
     extents = {name: getattr(borrowers, name) for name in ("kept", "radius", "spacing")}
     lent = lent._replace(**extents)
     planes.put(rows, lent._replace(normal_error=error))
-
-
-def check_mending(estimator):
-    """Raise if an estimator asks for planes of neighbors but does not mend planes."""
-    if estimator.neighbor_planes and not mends_planes(estimator):
-        raise ValueError(
-            "neighbor_planes=True needs robust planes of neighborhoods that are refitted: "
-            'reweight=True, a method "mcmd_z" or "mcmd_md", and a number of neighbors.'
-        )
 
 
 def _moved(planes, places):
