@@ -45,7 +45,11 @@ RESULTS = (
     ("docs/outliers.rst", OUTLIERS, "bench_real.py, bench_outliers.py at 0f835d4c"),
     ("docs/planes.rst", "adjustment", "bench_planes.py, bench_reliability.py at c7f1ef3"),
     ("docs/promises.rst", STAGES, f"fuzz_files.py, kill_runs.py, golden_results.py, {MUTANTS}"),
-    ("docs/reproduction.rst", f"{STAGES} baselines", "-m benchmarks.paper, also at 0bdc31fa"),
+    (
+        "docs/reproduction.rst",
+        f"{STAGES} baselines",
+        "-m benchmarks.paper, paper/_segments.py at 0f835d4c",
+    ),
     ("docs/segmentation.rst", f"{NORMALS} outliers segmentation", "bench_segmentation.py"),
     ("docs/sensor.rst", OUTLIERS, "bench_sensor.py at 0bdc31fa"),
     ("docs/benchmarks/seams.csv", f"{STAGES} tiling", "bench_seams.py --output docs/benchmarks"),

@@ -150,7 +150,7 @@ def test_the_same_seed_gives_the_same_figures_and_another_one_others():
         assert not np.array_equal(values, other[key])
 
 
-@pytest.mark.parametrize("name", sorted(set(EXPERIMENTS) - {"table6"}))  # it is in test_scenes
+@pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_reports_and_tells_its_progress(name):
     heard = []
     with listen_to_progress(lambda told: heard.append(told.share)):
