@@ -143,10 +143,10 @@ class SurfacePlanes:
         members = Surfaces(planes, np.empty(m, np.int8), np.empty(m), np.empty(m))
         chunk, lenders, errors = self.model.chunk(), np.full(m, -1, dtype=np.int32), np.empty(m)
 
-        def keep_whole(rows, whole, deviation, left, ordinary):
+        def keep_whole(rows, whole, fit):
             planes.put(rows, whole)
-            members.forms[rows] = np.where(ordinary, FLAT, BENT)
-            members.noise[rows], members.left[rows] = deviation, left
+            members.forms[rows] = np.where(fit.ordinary, FLAT, BENT)
+            members.noise[rows], members.left[rows] = fit.deviation, fit.left
 
         def find_rough(rows):
             surfaces = members.take(rows)
@@ -198,7 +198,7 @@ class SurfacePlanes:
 
     def evaluate_neighborhoods(self, points, around, members):
         """Planes of queries (m, d) whose neighborhoods are given, by the members' `Surfaces`."""
-        planes, deviation, left, ordinary = self.model.whole_planes(points, around)
+        planes, (deviation, left, ordinary) = self.model.whole_planes(points, around)
         forms = np.where(ordinary, FLAT, BENT).astype(np.int8)
         self._find_rough(points, around, Surfaces(planes, forms, deviation, left))
         self._bend(points, planes, forms, left, around, members.noise)
@@ -276,8 +276,8 @@ class SurfacePlanes:
         """Give rough neighborhoods whose quadrics leave no more than usual all members back."""
         if len(rows):
             near = around.take(rows)
-            whole, deviation, left, _ = self.model.whole_planes(points[rows], near)
-            smooth = ~_bends_too_much(deviation, left, whole)
+            whole, fit = self.model.whole_planes(points[rows], near)
+            smooth = ~_bends_too_much(fit.deviation, fit.left, whole)
             planes.put(rows[smooth], whole.take(smooth))
             forms[rows[smooth]] = BENT
 

@@ -10,7 +10,7 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.planes._consistent_set import draw_trials
 from sklearn_mcmd.planes._quadrics import is_smooth, whole_planes
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Neighborhoods
 
 
 def angles(X, normals, **parameters):
@@ -71,9 +71,8 @@ def whole(neighborhoods, sizes):
     """Planes of all members, and deviation, left and ordinary of `whole_planes`."""
     m, k, d = neighborhoods.shape
     around = Neighborhoods(np.arange(m * k, dtype=np.int32).reshape(m, k), sizes)
-    planes = Planes.empty(m, d)
-    points = neighborhoods.reshape(-1, d)
-    return planes, *whole_planes(points, around, planes, np.empty((m, d)))
+    planes, _, fit = whole_planes(neighborhoods.reshape(-1, d), around)
+    return planes, *fit
 
 
 @pytest.mark.parametrize("d", [2, 3])
