@@ -6,7 +6,6 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chdtri, chndtrinc, fdtri, ncfdtr, stdtrit
 
-from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, checked
 
 AS_KNOWN = 1e9  # degrees of freedom of a scale from which on F is chi-squared, to nine digits
@@ -48,8 +47,8 @@ def noncentrality(
     17.07 32.10
     """
     if power <= level:
-        raise ParameterError(
-            f"$power={power!r} is not above the level {level:.3g} of the test, which it has "
+        raise ValueError(
+            f"power={power!r} is not above the level {level:.3g} of the test, which it has "
             "without any bias: ask for more power, such as 0.8."
         )
     if dof_scale > AS_KNOWN:
