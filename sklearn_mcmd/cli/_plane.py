@@ -1,4 +1,4 @@
-"""``mcmd plane``, and ``mcmd plan``, which simulates its tests."""
+"""``mcmd plane``."""
 
 import time
 import warnings
@@ -72,8 +72,7 @@ class Plane:
     correction: Correction | None = option(
         None,
         "How the level of one point follows from alpha. sidak, bonferroni: so that alpha is the "
-        "level of all together, exactly or at most. none: it is alpha. b-method: so too, and the "
-        "level of the global test follows from it, for networks of tens of observations.",
+        "level of all together, exactly or at most. none: it is alpha.",
         show_default="sidak, for fuzzy none",
     )
     elimination: EliminationRule | None = option(
@@ -205,10 +204,10 @@ class Plane:
                 "Find the planes with 'mcmd segment' first, and test each",
                 stacklevel=2,
             )
-        if fitted.global_test_pvalue_ < fitted.global_test_level_:
+        if fitted.global_test_pvalue_ < fitted.alpha:
             warnings.warn(
                 f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}, level "
-                f"{fitted.global_test_level_:.2g}): its points scatter more than --sigma0 "
+                f"{fitted.alpha:.2g}): its points scatter more than --sigma0 "
                 f"{fitted.sigma0:g} says, or their surface is no plane",
                 stacklevel=2,
             )
@@ -296,42 +295,3 @@ def _results(cloud, detector=None):
         columns = {"test_statistic": detector.test_statistic_, "residual": residuals}
     columns = {name: values.astype(np.float32) for name, values in columns.items()}
     return _files.Output(with_results(cloud, columns), is_outlier)
-
-
-@dataclass
-class Plan:
-    """Planes with outliers on one side are simulated, and tested as mcmd plane does with a given
-    sigma0. Rates come with their standard errors.
-    """
-
-    points: int = option(100, "Points on the plane.", min=5)
-    sigma0: float = length(1.0, "Standard deviation of a point.")
-    alpha: float = option(0.05, "Level of the test of all points.")
-    outlier_rate: float = option(0.0, "Share of outliers; there is at least one.")
-    power: float = option(0.8, "Share of the outliers that shall be found.")
-    robust_start: bool = option(
-        True, "Start from the plane of the most coplanar half of the points."
-    )
-    repetitions: int = option(10_000, "Simulated planes of each size of bias.", min=100)
-    unit: _options.Unit = ""
-    random_state: _options.RandomState = 0
-    help_all: _options.HelpAll = False
-
-    def run(self):
-        from sklearn_mcmd.adjustment import BaardaPlaneDetector, plan_plane
-        from sklearn_mcmd.adjustment._plane_figures import plan_rows
-
-        begin = time.perf_counter()
-        planned = plan_plane(
-            self.points,
-            made(self, BaardaPlaneDetector),
-            outlier_rate=self.outlier_rate,
-            power=self.power,
-            n_repetitions=self.repetitions,
-            random_state=self.random_state,
-        )
-        rows = plan_rows(planned, self.unit)
-        _messages.print_table(f"{self.points} points", begin, **rows)
-
-
-plan = command_of(Plan)
