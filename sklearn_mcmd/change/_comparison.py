@@ -6,9 +6,10 @@ import numpy as np
 from scipy.special import erfc, ndtri
 
 from sklearn_mcmd.change._bodies import Bodies, moves_of
-from sklearn_mcmd.change._distances import sampled
+from sklearn_mcmd.change._distances import sampled, tree_of
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._indexed_cloud import distinct_rows
 
 FEWEST = 15  # neighbors, of which a plane and its noise are told
 WIDEST = 4  # times as many neighbors of a denser second cloud, at most
@@ -68,9 +69,11 @@ class Measured(NamedTuple):
 
 
 def radii_in(xyz, tree, n_neighbors, share, n_jobs):
-    """How wide neighborhoods are of a share of the points of a cloud."""
+    """How wide neighborhoods are of a share of the points of a cloud; copies are one point."""
     if not len(xyz):
         return np.empty(0)
+    if len(rows := distinct_rows(xyz)[0]) < len(xyz):
+        xyz, tree = xyz[rows], tree_of(xyz[rows])
     some = xyz[sampled(xyz, share)]
     return tree.query(some, [min(n_neighbors, len(xyz))], workers=n_jobs)[0][:, 0]
 

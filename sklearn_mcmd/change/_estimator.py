@@ -266,7 +266,7 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         before, n_jobs, tree = self._before, effective_n_jobs(self.n_jobs), tree_of(after)
         radii, others = (
             radii_in(xyz, of, self.n_neighbors, SAMPLE / len(xyz), n_jobs)
-            for xyz, of in ((before.xyz, before.tree), (after, tree))
+            for xyz, of in ((before.xyz, before.tree), (after.astype(float, copy=False), tree))
         )
         scale = Scale.of(radii, others, self.n_neighbors, self.reach)
         check_overlap(bounds_of(before.xyz), bounds_of(after), scale.reach)

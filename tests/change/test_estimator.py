@@ -198,6 +198,17 @@ def test_a_pipe_that_did_not_move_has_not_moved_whatever_the_density(n):
     assert changes.significant.mean() < 0.1
 
 
+def test_copies_are_one_point_and_single_precision_is_taken():
+    """Counted as neighbors, copies widened the second neighborhoods: .6 of a pipe had moved."""
+    rng = np.random.default_rng(16)
+    before, after = wall(rng, 2_000), wall(rng, 2_000)
+    expected = compared(before, after)
+    twice = compared(before, np.vstack([after, after]))
+    assert_allclose(twice.distance, expected.distance, rtol=1e-6, atol=1e-12)
+    single = compared(before.astype(np.float32), after[:1_999].astype(np.float32))
+    assert_allclose(single.distance, compared(before, after[:1_999]).distance, atol=1e-6)
+
+
 def test_noise_alike_nearby_is_that_of_the_cloud_and_not_of_core_points():
     rng = np.random.default_rng(14)
     before, after = wall(rng, common=waves), wall(rng, common=waves)
