@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._validation import check_sizes
 from sklearn_mcmd.change import CloudChange, moved_bodies
 from sklearn_mcmd.change._comparison import (
     FEWEST,
@@ -68,6 +69,8 @@ class TiledChange(TiledVerb):
 
     def prepare(self, catalog):
         Catalog([*catalog.paths, *self.also[0].paths])  # refuses several coordinate systems
+        for one in (catalog, *self.also):
+            check_sizes(one.n_points, 3, self.n_neighbors)
         self.registration = registration_of(self.estimator.registration, 3)
         warm_up(self.estimator)
 
