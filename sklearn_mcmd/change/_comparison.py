@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import erfc, ndtri
 
+from sklearn_mcmd._validation import SMALLEST
 from sklearn_mcmd.change._bodies import Bodies, moves_of
 from sklearn_mcmd.change._distances import sampled, tree_of
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
@@ -41,8 +42,8 @@ class Scale(NamedTuple):
         The second gets as many neighbors as make its usual neighborhood about as wide: where a
         surface bends, planes of wider ones lie deeper.
         """
-        usual, other = float(np.median(radii)), float(np.median(others))
-        ratio = (usual / max(other, np.finfo(float).tiny)) ** 2
+        usual, other = (max(float(np.median(some)), SMALLEST) for some in (radii, others))
+        ratio = (usual / other) ** 2
         n_second = n_neighbors
         if abs(ratio - 1) >= ALIKE:
             n_second = int(np.clip(np.rint(n_neighbors * ratio), FEWEST, WIDEST * n_neighbors))

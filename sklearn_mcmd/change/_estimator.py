@@ -344,7 +344,7 @@ def warn_of_pair(scale, equal):
     if not 1 / 3 <= scale.width <= 3:
         which, width = ("second", 1 / scale.width) if scale.width < 1 else ("first", scale.width)
         warn_caller(
-            f"The {which} cloud is far sparser: its neighborhoods are {width:.1f} times as wide, "
+            f"The {which} cloud is far sparser: its neighborhoods are {width:.2g} times as wide, "
             "and what is smaller has no distance of its own."
         )
 

@@ -43,7 +43,7 @@ from sklearn_mcmd.tiling._cells import Levels
 from sklearn_mcmd.tiling._halo import HOPS, part_within
 
 RINGS = 2.0 * HOPS  # usual radii within which rings of neighbors nearly always end
-LEVELS = 2.0**12  # of p-values between a number and its double, to which they are rounded up
+LEVELS = 2.0**12  # half between a number and its double, to which p-values are rounded up
 BODIES = 250_000  # points of each cloud, about, that tell which flat surfaces moved
 MEDIANS = 1_000_000  # points, about, of which medians are told
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
 from sklearn_mcmd import CloudChange
-from sklearn_mcmd.change._comparison import REASONS
+from sklearn_mcmd.change._comparison import REASONS, Scale
 
 NOISE = 0.003
 
@@ -247,6 +247,7 @@ def test_clouds_that_cannot_be_meant_are_refused_or_warned_of():
     assert (equal.distance[equal.reason == 0] == 0).all()
     with pytest.warns(UserWarning, match="second cloud is far sparser"):
         fitted.compare(after[::40])
+    assert Scale.of([0.0], [0.0], 50).width == 1  # each cloud is copies of one point
     with pytest.warns(UserWarning, match="% of the core points have nothing"):
         fitted.compare(after + np.array([7.5, 0, 0]))
 
