@@ -42,11 +42,11 @@ ROOMS = {
 ROOMS = {room: set(below.split()) for room, below in ROOMS.items()}
 # Lines of each room, and of what stands beside the package.
 LINES = {
-    **{"adjustment": 3788, "baselines": 1447, "change": 1082, "cli": 2605, "datasets": 1322},
+    **{"adjustment": 3788, "baselines": 1447, "change": 1088, "cli": 2605, "datasets": 1322},
     **{"edges": 1128, "io": 3673, "metrics": 324, "normals": 1945},
     **{"outliers": 2135, "planes": 5572, "plotting": 789, "report": 1224, "runtime": 460},
-    **{"segmentation": 2333, "sensors": 520, "tiling": 3354, "view": 790},
-    **{"benchmarks": 5574, "docs": 5913, "tests": 25545},
+    **{"segmentation": 2333, "sensors": 520, "tiling": 3366, "view": 790},
+    **{"benchmarks": 5574, "docs": 5869, "tests": 25580},
 }
 # Compiled functions are imported by strings.
 COMPILED = re.compile(r"\w+(\.\w+)*_numba")

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._validation import check_sizes
 from sklearn_mcmd.change import CloudChange, moved_bodies
 from sklearn_mcmd.change._comparison import (
     FEWEST,
@@ -43,7 +44,7 @@ from sklearn_mcmd.tiling._cells import Levels
 from sklearn_mcmd.tiling._halo import HOPS, part_within
 
 RINGS = 2.0 * HOPS  # usual radii within which rings of neighbors nearly always end
-LEVELS = 2.0**12  # of p-values between a number and its double, to which they are rounded up
+LEVELS = 2.0**12  # half between a number and its double, to which p-values are rounded up
 BODIES = 250_000  # points of each cloud, about, that tell which flat surfaces moved
 LOOKED = 0.05  # share of the time after which both clouds are known, for the progress
 MEDIANS = 1_000_000  # points, about, of which medians are told
@@ -70,6 +71,8 @@ class TiledChange(TiledVerb):
 
     def prepare(self, catalog):
         Catalog([*catalog.paths, *self.also[0].paths])  # refuses several coordinate systems
+        for one in (catalog, *self.also):
+            check_sizes(one.n_points, 3, self.n_neighbors)
         self.registration = registration_of(self.estimator.registration, 3)
         warm_up(self.estimator)
 

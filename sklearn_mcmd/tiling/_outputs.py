@@ -22,11 +22,15 @@ from sklearn_mcmd.tiling._folder import TilingError, key_of, read_json, write_js
 LAS_OR_LAZ = listed(TILED, "or")
 
 
-def targets_of(catalog, target, others=()):
-    """The output of each input; raises if these, or other files, cannot be written."""
+def targets_of(catalog, target, others=(), also=()):
+    """The output of each input; raises if these, or other files, cannot be written, or are of
+    catalogs that are read beside."""
     targets = _names_in(target, catalog) if catalog.is_many else [target]
     new = os.path.realpath(target) if catalog.is_many and not target.exists() else None
+    kept = {os.path.realpath(path) for one in also for path in one.paths}
     for path in [*targets, *others]:
+        if os.path.realpath(path) in kept:
+            raise PointFileError(f"{path}: is of the second cloud, whose points the output lacks")
         folder = target.parent if os.path.realpath(path.parent) == new else path.parent
         check_writable(path, folder)
         if not os.access(folder, os.W_OK):
@@ -90,7 +94,7 @@ def move_outputs(verb, run, folder, report):
     # Files without points, which no run can read again, come last.
     moves.sort(key=lambda move: -move[2][0])
     stored = {
-        "key": key_of(verb, [*catalog.paths, *(target for _, target in run.outputs)]),
+        "key": _key_of_moves(verb, catalog, [target for _, target in run.outputs]),
         "paths": list(map(os.path.realpath, catalog.paths)),
         "stamps": [list(stamp) for stamp in catalog.stamps],
         "moves": moves,
@@ -110,7 +114,7 @@ def resume_moves(verb, catalog, targets, folder):
                 "files as they are (restart)"
             )
         return None
-    if stored["key"] == key_of(verb, [*catalog.paths, *targets]) and _fits(stored):
+    if stored["key"] == _key_of_moves(verb, catalog, targets) and _fits(stored):
         _move(stored["moves"])
         return stored["report"]
     replaced = (move for move in stored["moves"] if move[1] in stored["paths"])
@@ -121,6 +125,11 @@ def resume_moves(verb, catalog, targets, folder):
         )
     folder.moves.unlink(missing_ok=True)
     return None
+
+
+def _key_of_moves(verb, catalog, targets):
+    """Inputs may be replaced, and what is read beside them is as it was."""
+    return key_of(verb, [*catalog.paths, *targets], [one.stamps for one in verb.also])
 
 
 def _fits(stored):

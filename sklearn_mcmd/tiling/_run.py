@@ -110,7 +110,7 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
     check_tile_size(tile_size)
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
-    targets = targets_of(catalog, Path(target), verb.others)
+    targets = targets_of(catalog, Path(target), verb.others, verb.also)
     catalogs = [catalog, *verb.also]
     folder = WorkFolder(target, [path for one in catalogs for path in one.paths])
     try:

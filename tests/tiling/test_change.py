@@ -94,11 +94,12 @@ def test_a_run_that_was_killed_goes_on_with_the_same_bytes(files, tmp_path):
     assert (tmp_path / "two.las").read_bytes() == target.read_bytes()
 
 
-def test_a_second_cloud_that_changed_is_read_anew(files, tmp_path):
+@pytest.mark.parametrize(("place", "n"), [("_change.measure", 1), ("_outputs._move", 0)])
+def test_a_second_cloud_that_changed_is_read_anew(files, tmp_path, place, n):
     after, target = tmp_path / "after.las", tmp_path / "out.las"
     after.write_bytes(files[1].read_bytes())
     asked = {"second": str(after), "tile_size": 2_500}
-    assert run_is_killed(files[0], target, "_change.measure", 1, CHANGE, **asked)
+    assert run_is_killed(files[0], target, place, n, CHANGE, **asked)
     write_points(after, bay(np.random.default_rng(5)))
     report = process_files(files[0], target, CHANGE, **asked)
     assert report.n_resumed == 0
@@ -132,8 +133,25 @@ def test_what_cannot_be_compared_is_refused(files, tmp_path):
         process_files(files[0], out, CHANGE, second=tmp_path / "far.las")
     with pytest.raises(PointFileError, match=r"gone\.las"):
         process_files(files[0], out, CHANGE, second=tmp_path / "gone.las")
+    write_points(tmp_path / "few.las", read_points(files[1]).xyz[:3])
+    with pytest.raises(ValueError, match=r"n_samples=3 is too few"):
+        process_files(files[0], out, CHANGE, second=tmp_path / "few.las")
     assert not out.exists()
     assert not list(tmp_path.glob("*.tiles"))
+
+
+def test_no_output_replaces_the_second_cloud(files, tmp_path):
+    (tmp_path / "in").mkdir()
+    for source, name in zip(files, ("in/a.las", "a.las"), strict=True):
+        write_points(tmp_path / name, read_points(source))
+    after, content = tmp_path / "a.las", (tmp_path / "a.las").read_bytes()
+    for source, target, second in (
+        (tmp_path / "in", tmp_path, after),  # whose outputs have the names of the inputs
+        (files[0], after, tmp_path),
+    ):
+        with pytest.raises(PointFileError, match=r"a\.las: is of the second cloud"):
+            process_files(source, target, CHANGE, second=second)
+    assert after.read_bytes() == content
 
 
 def test_copies_and_sparse_clouds_are_warned_of(files, tmp_path):
