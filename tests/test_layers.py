@@ -46,7 +46,7 @@ LINES = {
     **{"edges": 1128, "io": 3673, "metrics": 324, "normals": 1945},
     **{"outliers": 2135, "planes": 5572, "plotting": 789, "report": 1224, "runtime": 460},
     **{"segmentation": 2333, "sensors": 520, "tiling": 3366, "view": 790},
-    **{"benchmarks": 5574, "docs": 5869, "tests": 25580},
+    **{"benchmarks": 5547, "docs": 5869, "tests": 25588},
 }
 # Compiled functions are imported by strings.
 COMPILED = re.compile(r"\w+(\.\w+)*_numba")
