@@ -10,6 +10,7 @@ from sklearn_mcmd._validation import check_sizes
 from sklearn_mcmd.change import CloudChange, moved_bodies
 from sklearn_mcmd.change._comparison import (
     FEWEST,
+    NO_SURFACE,
     NOTHING,
     SAMPLE,
     Correction,
@@ -41,7 +42,7 @@ from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._base import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Levels
-from sklearn_mcmd.tiling._halo import HOPS, part_within
+from sklearn_mcmd.tiling._halo import HOPS, HaloLimits, part_within
 
 RINGS = 2.0 * HOPS  # usual radii within which rings of neighbors nearly always end
 LEVELS = 2.0**12  # half between a number and its double, to which p-values are rounded up
@@ -178,15 +179,18 @@ def compare_cell(cell, job, pair):
         part = part_within(cells, cell, margin)
         is_first = part.rows < n_first
         first, second = part.taken(is_first), part.taken(~is_first)
-        # A neighborhood of the first cloud is complete, and the second may have a hole.
+        # A neighborhood of the first cloud is complete, unless strays are far from all of it; the
+        # second may have a hole.
         has_most = len(first.rows) > job.estimator.n_neighbors or len(first.rows) == n_first
-        if has_most or not first.own.any():
+        is_wide = len(part.rows) > HaloLimits().most * np.count_nonzero(part.own)
+        if has_most or is_wide or not first.own.any():
             break
         margin = 2 * margin or float(np.ptp(part.xyz, axis=0).max()) or 1.0
     values = np.full((len(part.rows), 4), np.nan, np.float32)
-    found, n_proven = np.empty((0, 3)), int(np.count_nonzero(first.own))
-    values[is_first, 3] = NOTHING
-    if first.own.any() and len(second.rows) >= FEWEST:
+    found, n_own = np.empty((0, 3)), int(np.count_nonzero(first.own))
+    n_proven = n_own * has_most
+    values[is_first, 3] = NOTHING if len(second.rows) < FEWEST else NO_SURFACE
+    if n_own and min(len(first.rows), len(second.rows)) >= FEWEST:
         sizes = job.estimator.n_neighbors, scale.n_neighbors
         before, after = (
             surfaces_of(side, k, job) for side, k in zip((first, second), sizes, strict=True)
@@ -196,7 +200,7 @@ def compare_cell(cell, job, pair):
         columns = told.distance, told.variance, registered, told.reason
         values[is_first] = np.column_stack(columns)
         limits = AlikeLimits()
-        share = max(limits.pairs / n_first, 4 * limits.least / n_proven)
+        share = max(limits.pairs / n_first, 4 * limits.least / n_own)
         chosen = first.own & sampled(first.xyz, share)
         found = alike_pairs(before, told.distance, told.variance, chosen)
         if len(cells) > 1:

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd import CloudChange, RobustNormalEstimator
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.tiling import process_files
+from sklearn_mcmd.tiling import _change, process_files
+from sklearn_mcmd.tiling._halo import part_within
 from tiled import but, goes_on, run_is_killed
 
 N = 9_000
@@ -152,6 +153,28 @@ def test_no_output_replaces_the_second_cloud(files, tmp_path):
         with pytest.raises(PointFileError, match=r"a\.las: is of the second cloud"):
             process_files(source, target, CHANGE, second=second)
     assert after.read_bytes() == content
+
+
+@pytest.mark.filterwarnings("ignore:.* far sparser|.* of the core points")
+def test_a_stray_point_takes_no_large_part_of_the_second_cloud(tmp_path, monkeypatch):
+    rng, sizes = np.random.default_rng(0), []
+    before, after = (
+        rng.uniform(-half, half, (n, 3)) * [1, 1, 1e-3] for n, half in ((1_500, 1), (9_000, 40))
+    )
+    before[:2, :2] = [[-35, -35], [35, 35]]
+    for name, xyz in (("before.las", before), ("after.las", after)):
+        write_points(tmp_path / name, xyz)
+
+    def counted(*args):
+        sizes.append(len((part := part_within(*args)).rows))
+        return part
+
+    monkeypatch.setattr(_change, "part_within", counted)
+    asked = {"second": tmp_path / "after.las", "tile_size": 250}
+    report = process_files(tmp_path / "before.las", tmp_path / "out.las", CHANGE, **asked)
+    assert max(sizes) < 3_000
+    assert report.n_proven < 1_500
+    assert list(read_points(tmp_path / "out.las").attributes["reason"][:2]) == [2, 2]
 
 
 def test_copies_and_sparse_clouds_are_warned_of(files, tmp_path):
