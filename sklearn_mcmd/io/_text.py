@@ -313,18 +313,11 @@ class _Table:
         return table
 
     def find_decimals(self, fields):
-        """Learn from the first number with a comma or point which of them is decimal.
-
-        Of one row coordinates tell before attributes.
-        """
-        if self.comma is None and len(fields) == len(self.names):
-            cells = [fields[j] for j in self.positions]
-            cells += [cell for j, cell in enumerate(fields) if j not in self.positions]
-            for cell in (cell for cell in cells if {",", "."} & set(cell)):
-                is_point, is_comma = (number_of(cell, comma) is not None for comma in (False, True))
-                if is_point or is_comma:
-                    self.comma = is_comma
-                    return
+        """Learn from the first number with a comma or point which of them is decimal."""
+        for cell in (cell for cell in fields if self.comma is None and {",", "."} & set(cell)):
+            is_point, is_comma = (number_of(cell, comma) is not None for comma in (False, True))
+            if is_point or is_comma:
+                self.comma = is_comma
 
     def _coordinate(self, cell, number):
         value, words = number_of(cell, self.comma), f"line {number}: {_decoded(cell)[:40]!r}"

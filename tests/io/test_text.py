@@ -25,7 +25,7 @@ LAYOUTS = {
     "names of several words": "Point ID\tX\tY\tZ\tlabel\n\t1\t2\t3.5\t4\n\t5\t6\t7\t8\n",
     "the header of numpy.savetxt": "# easting northing height label\n1,2,3.5,4\n5,6,7,8\n",
     "a comment with a name for each column": "# x y z in UTM 33\n# label z y x\n4 3.5 2 1\n8 7 6 5",
-    "the first comment that holds coordinates": "# m,m,m,s\n# z,y,x,label\n# x,y,z,other\n"
+    "the first comment that holds coordinates": "# lon,lat,time,id\n# z,y,x,label\n# x,y,z,other\n"
     "3.5,2,1,4\n7,6,5,8",
 }
 
@@ -74,6 +74,7 @@ TABLES = [
     (GERMAN + "1,5;2,5;3,5;1\n0,125;1,25e3;,5;0,25", "1.5 2.5 3.5 1, 0.125 1250 0.5 0.25"),
     ("1;2;3;4\n5;6;7;8\n312,403;1,1;2,2;3,3", "1 2 3 4, 5 6 7 8, 312.403 1.1 2.2 3.3"),
     ('345,678;"567,890";12', "345.678 567.89 12"),
+    ("1\t\t2\t\t3\n4\t\t5\t\t6\n", "1 2 3, 4 5 6"),
     # Commas between columns.
     ("1, 2, 3\n4, 5, 6", "1 2 3, 4 5 6"),
     ("1 ,2 ,3", "1 2 3"),
