@@ -60,7 +60,7 @@ def are_names(fields, told=()):
 
     A letter alone may be a word of a sentence: one does not count without another.
     """
-    known = [KNOWN.intersection([words := _plain(field), *words.split()]) for field in fields]
+    known = [KNOWN.intersection([words, *words.split()]) for words in map(_plain, fields)]
     n_letters = sum(max(map(len, words), default=0) == 1 for words in known)
     n_told = len(set(told).intersection(fields))
     return sum(map(bool, known)) - (n_letters == 1) + n_told >= 2
