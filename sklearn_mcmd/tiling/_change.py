@@ -58,6 +58,7 @@ class Pair(NamedTuple):
     scale: Scale
     covariance: Any  # of the registration, as of `Measured.registered`
     center: np.ndarray
+    told: dict  # of the `Whole` of the second
 
 
 class TiledChange(TiledVerb):
@@ -101,7 +102,7 @@ class TiledChange(TiledVerb):
             with progress_part(LOOKED, LOOKED):
                 self.bodies = moved_bodies(*thinned, alpha=self.estimator.alpha, **known)
             covariance, center = self.bodies.registration, thinned[0].mean(axis=0)
-        pair = Pair(counts, self.scale, covariance, center)
+        pair = Pair(counts, self.scale, covariance, center, *run.constants["also"])
         with progress_part(LOOKED, 1.0):
             run.do(self.task, partial(compare_cell, pair=pair), estimator=self.estimator)
         self.alike = alike_of(np.concatenate(list(run.found("alike"))))
@@ -192,9 +193,8 @@ def compare_cell(cell, job, pair):
     values[is_first, 3] = NOTHING if len(second.rows) < FEWEST else NO_SURFACE
     if n_own and min(len(first.rows), len(second.rows)) >= FEWEST:
         sizes = job.estimator.n_neighbors, scale.n_neighbors
-        before, after = (
-            surfaces_of(side, k, job) for side, k in zip((first, second), sizes, strict=True)
-        )
+        before = surfaces_of(first, sizes[0], job, job.whole)
+        after = surfaces_of(second, sizes[1], job, job.whole._replace(**pair.told))
         told = measure(before, after, scale, job.n_threads)
         registered = told.registered(pair.covariance, first.xyz, pair.center)
         columns = told.distance, told.variance, registered, told.reason
@@ -208,10 +208,10 @@ def compare_cell(cell, job, pair):
     return {"results": values[part.own], "alike": found, "n_proven": n_proven}
 
 
-def surfaces_of(side, n_neighbors, job):
+def surfaces_of(side, n_neighbors, job, whole):
     """The `Surfaces` of the points of one cloud in a part."""
-    with part_of(job.whole):
-        xyz, tree = side.xyz.astype(job.whole.dtype), tree_of(side.xyz)
+    with part_of(whole):
+        xyz, tree = side.xyz.astype(whole.dtype), tree_of(side.xyz)
         return Surfaces.of(xyz, tree, n_neighbors, job.estimator.random_state, job.n_threads)
 
 

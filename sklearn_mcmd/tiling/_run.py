@@ -202,7 +202,7 @@ def _put_in_cells(verb, catalogs, folder, restart, memory, n_jobs, tile_size):
         )
     told = {"point": point, "tile_size": plan.tile_size, "n_neighbors": k}
     with progress_part(0.0, SCATTERED, "reading"):
-        found = _scatter(verb, paths, n_points, folder.cells, plan.tile_size)
+        found = _scatter(verb, catalogs, paths, folder.cells, plan.tile_size)
         folder.finish_cells({**told, **found})
     sample.warn(found["dtype"], n_points)
     return plan
@@ -245,16 +245,17 @@ class Sample:
             warn(index)
 
 
-def _scatter(verb, paths, n_points, folder, capacity):
-    """Put all points in cells; returns what is told of the whole cloud."""
-    dtype = np.min_scalar_type(n_points)
-    writer, rounding, row = CellWriter(folder, capacity, dtype, verb.center), Rounding(), 0
+def _scatter(verb, catalogs, paths, folder, capacity):
+    """Put all points in cells; returns what is told of the first cloud, and `also` of others."""
+    ends, roundings = np.cumsum([one.n_points for one in catalogs]), [Rounding() for _ in catalogs]
+    n_points, row = int(ends[-1]), 0
+    writer = CellWriter(folder, capacity, np.min_scalar_type(n_points), verb.center)
     beside = verb.beside(folder)
     for path, cloud, chosen in ahead(parts_of(paths, verb.choice)):
         xyz, rows = cloud.xyz[chosen], np.arange(row, row + len(cloud))[chosen]
         if len(xyz):
             writer.add(xyz, rows)
-            rounding.add(xyz)
+            roundings[np.searchsorted(ends, row, "right")].add(xyz)
         for other in beside:
             other.take(cloud, chosen, path)
         row += len(cloud)
@@ -266,4 +267,5 @@ def _scatter(verb, paths, n_points, folder, capacity):
     writer.close()
     for other in beside:
         other.close(folder, paths[0])
-    return rounding.found()
+    found, *others = (rounding.found() for rounding in roundings)
+    return {**found, "also": others}

@@ -282,3 +282,18 @@ def test_exact_points_have_neither_distance_nor_error():
     inner = (before[:, :2] > 5).all(axis=1) & (before[:, :2] < 34).all(axis=1)
     assert_allclose(changes.distance[inner], 0, atol=1e-12)
     assert not changes.significant[inner].any()
+
+
+@pytest.mark.parametrize("noise", [0.0005, 0.002, 0.004])
+def test_errors_hold_what_rounding_does_to_a_level_floor(noise):
+    """Files of centimeters: a floor stands at a height of its own between two levels."""
+    ratios = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        height, moved = rng.uniform(0, 0.01), 0.0012 * (seed % 2)
+        xyz = rng.uniform(0, 4, (2, 2_000, 3)) * [1, 1, 0]
+        xyz[:, :, 2] = height + rng.normal(0, noise, (2, 2_000)) + [[0], [moved]]
+        changes = compared(*np.round(xyz, 2), correction="none")
+        error = np.nanmedian(changes.distance_error)
+        ratios.append((np.nanmedian(changes.distance) - moved) / error)
+    assert np.abs(ratios).max() < 2

@@ -66,6 +66,18 @@ def test_distances_of_cells_are_those_of_memory(files, tmp_path, tile_size):
     assert report.change["distance"] == pytest.approx(median, abs=1e-6)
 
 
+def test_each_cloud_has_the_step_of_its_own_coordinates(tmp_path):
+    rng, paths = np.random.default_rng(0), []
+    for digits in (3, 4):
+        floor = rng.uniform(0, 10, (4_000, 3)) * [1, 1, 0] + rng.normal(0, 5e-4, (4_000, 3))
+        write_points(tmp_path / f"{digits}.las", np.round(floor, digits))
+        paths.append(tmp_path / f"{digits}.las")
+    report = process_files(paths[0], tmp_path / "out.las", CHANGE, second=paths[1], tile_size=2_500)
+    assert report.n_proven == 4_000
+    written = read_points(tmp_path / "out.las").attributes
+    assert_allclose(written["distance"], in_memory(paths).distance, rtol=1e-6, atol=1e-9)
+
+
 @pytest.mark.parametrize("correction", ["none", "sidak"])
 def test_other_corrections_are_those_of_memory(files, tmp_path, correction):
     estimator = but(CHANGE, correction=correction)
