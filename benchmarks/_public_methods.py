@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import _peer_jobs
 import _region_methods as regions
 import numpy as np
-from _ablation_clouds import spacing_of
+from _real_clouds import spacing_of
 from _real_methods import neighbor_distances
 
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator

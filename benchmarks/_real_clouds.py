@@ -57,6 +57,12 @@ class RealCloud(NamedTuple):
     from_origin: bool = False
 
 
+def spacing_of(X):
+    """Side of the square that a point has for itself."""
+    distances, _ = cKDTree(X).query(X[::17], k=20)
+    return float(np.sqrt(np.median(np.pi * distances[:, -1] ** 2 / 20)))
+
+
 def load_clouds(data, names=None, limit=None, seed=0):
     """Yield each cloud of a folder with ``*/*.npz``, or those named, cropped to `limit` points.
 

@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from _ablation_clouds import spacing_of
+from _real_clouds import spacing_of
 from _region_clouds import loaders, scores
 from _region_methods import (
     LEAST,

@@ -13,14 +13,19 @@ def texts(rows, digits):
     ]
 
 
-def print_table(title, head, rows, digits=1):
-    """Print a table; the first column is text."""
+def table_lines(head, rows, digits=1):
+    """The lines of a table; the first column is text."""
     rows = texts([head, *rows], digits)
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-    print(f"\n{title}" if title else "")
     for first, *cells in rows:
         aligned = (cell.rjust(width) for cell, width in zip(cells, widths[1:], strict=True))
-        print("  ".join([first.ljust(widths[0]), *aligned]), flush=True)
+        yield "  ".join([first.ljust(widths[0]), *aligned])
+
+
+def print_table(title, head, rows, digits=1):
+    print(f"\n{title}" if title else "")
+    for line in table_lines(head, rows, digits):
+        print(line, flush=True)
 
 
 def write_csv(path, rows):

@@ -21,7 +21,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from _ablation_clouds import spacing_of as wide_spacing
+from _real_clouds import spacing_of as wide_spacing
 from _tables import print_table, texts, write_csv
 from scipy.spatial import cKDTree
 from simulators import make_roof, roof_edges

@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from _ablation_clouds import spacing_of
-from _real_clouds import load_clouds
+from _real_clouds import load_clouds, spacing_of
 from _tables import print_table
 from scipy.spatial import cKDTree
 

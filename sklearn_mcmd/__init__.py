@@ -22,7 +22,6 @@ _ROOMS = {
     "edges": ["SharpFeatureDetector"],
     "io": [],
     "metrics": [],
-    "model_selection": [],
     "normals": ["RobustNormalEstimator"],
     "outliers": ["MCMDOutlierDetector"],
     "plotting": [],

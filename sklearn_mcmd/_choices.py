@@ -9,7 +9,7 @@ every word, and that docstrings, help and pages name it.
 from typing import Any, Literal, get_args
 
 ChangeCorrection = Literal["fdr", "sidak", "none"]
-Correction = Literal["sidak", "bonferroni", "b-method", "none"]
+Correction = Literal["sidak", "bonferroni", "none"]
 Criterion = Literal["crease", "eigenvalue", "surface_variation", "removed_fraction"]
 EliminationRule = Literal["single", "all"]
 Mode = Literal["drop", "mark"]

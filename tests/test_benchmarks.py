@@ -47,7 +47,6 @@ SMOKE = [
     ("bench_normals", "clouds {data}/ball/cloud.npz --n-neighbors 20", "least squares"),
     ("bench_normals", "streets --size 1500 --seeds 1", "true planes"),
     ("bench_normals", "halves --data {data}", "auto, error"),
-    ("bench_outliers", "--sizes 1500 --shares 0.1 --seeds 1", "mean kNN distance"),
     ("bench_real", "--data {data} --clouds ball large --methods default radius", "worst"),
     ("bench_segmentation", "roofs --sizes 300 --creases 30 --noises 0.1 --seeds 1", "barrel"),
     ("bench_segmentation", "peers --methods --output {data}/none.json", "CGAL growing, 20"),
@@ -56,11 +55,6 @@ SMOKE = [
 ]
 SLOW = [
     ("bench_planes", "--simulated 2", "a clean wall seen from aside"),
-    (
-        "ablation",
-        "growing --size 1500 --seeds 1 --factors 0.8 --only join_curved --data {data}/none",
-        "join_curved                   off",
-    ),
     ("bench_planes", "--data {data} --limit 6000", "real planes agree, tilt"),
     (
         "bench_segmentation",

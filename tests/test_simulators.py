@@ -28,7 +28,7 @@ SEEDS = [  # and sums of these, in which rows weigh from 1 to 2
 
 @pytest.mark.parametrize(("name", "parameters", "sums"), SEEDS)
 def test_a_seed_keeps_its_cloud(name, parameters, sums):
-    """Golden results, ablations and published figures rest on these."""
+    """Golden results and published figures rest on these."""
     make = getattr(datasets, name, None) or getattr(simulators, name)
     scan = make(4000, random_state=0, **parameters)
     weights = 1 + np.arange(4000) / 4000

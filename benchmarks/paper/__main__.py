@@ -1,4 +1,4 @@
-"""Print the first paper's Tables 1, 4 and 6 beside ours, with Monte-Carlo errors.
+"""Print the first paper's Tables 1 and 4 beside ours, with Monte-Carlo errors.
 
 python -m benchmarks.paper list
 python -m benchmarks.paper table1 --runs 1000 --seed 0

@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.paper._clouds import contaminated_planes
 from benchmarks.paper._methods import METHODS
 from benchmarks.paper._printed import ANGLES, OUTLIERS, STATISTICS
-from benchmarks.paper._report import Report, Table, paired_rows
+from benchmarks.paper._report import Report, paired_rows
 from benchmarks.paper._runs import Steps, affordable, bias_angles, bootstrap_error, stream
 
 N_POINTS = 50
@@ -39,8 +39,7 @@ def table1(runs=1000, *, seed=0):
             angles[law, method.name] = of_method
             rows += _table_1_rows(method, law, of_method)
         header = ("method", "", "runs", *STATISTICS, "mean off by")
-        caption = f"{law} outliers, bias angle in degrees"
-        tables.append(Table(caption, header, rows, n_labels=2))
+        tables.append((f"{law} outliers, bias angle in degrees", header, rows))
     notes = [
         "± is the Monte-Carlo error of our numbers, by the bootstrap; minimum and maximum have "
         "none. The paper's error is as large. 'Mean off by' is the difference of the means over "

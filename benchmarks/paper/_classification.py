@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.paper._clouds import contaminated_planes
 from benchmarks.paper._methods import METHODS
 from benchmarks.paper._printed import CLASSIFICATION, RATES, SHARES
-from benchmarks.paper._report import Report, Table, paired_rows
+from benchmarks.paper._report import Report, paired_rows
 from benchmarks.paper._runs import Steps, affordable, flag_counts, stream
 
 N_POINTS = 100
@@ -63,7 +63,7 @@ def table4(runs=1000, *, seed=0):
             results[percentage, method.name] = shares
             rows += _table_4_rows(method, percentage, shares)
         header = ("method", "", "runs", *RATES)
-        tables.append(Table(f"{percentage} % of outliers, rates in %", header, rows, n_labels=2))
+        tables.append((f"{percentage} % of outliers, rates in %", header, rows))
     notes = [
         "± is the Monte-Carlo error of our numbers. The paper's error is as large, and it prints "
         "TPR to FNR to a tenth.",

@@ -1,19 +1,16 @@
-"""Numbers that the first paper prints in Tables 1, 4 and 6.
+"""Numbers that the first paper prints in Tables 1 and 4.
 
 They are shown beside the reproduced numbers, with their misprints.
 """
 
 
-def rows_of(text, n_keys=1):
-    """The numbers of each line, by the words before them."""
+def rows_of(text):
+    """The numbers of each line, by its first two words."""
     by_words = {}
     for line in text.strip().splitlines():
-        *keys, last = line.split()[:n_keys]
-        row = by_words
-        for key in keys:
-            row = row.setdefault(key, {})
-        numbers = (float(word) if "." in word else int(word) for word in line.split()[n_keys:])
-        row[int(last) if last.isdigit() else last] = tuple(numbers)
+        name, key, *numbers = line.split()
+        row = by_words.setdefault(name, {})
+        row[int(key) if key.isdigit() else key] = tuple(map(float, numbers))
     return by_words
 
 
@@ -21,8 +18,7 @@ OUTLIERS = ("clustered", "uniform")
 STATISTICS = ("mean", "min", "max", "median", "StD", "QR")
 
 # Table 1, bias angles in degrees: method, distribution of the outliers, STATISTICS.
-ANGLES = rows_of(
-    """
+ANGLES = rows_of("""
 PCA      clustered  34.483  3.807  52.690  34.255   3.973   4.758
 PCA      uniform    27.593  0.442  89.819  25.339  16.231  19.237
 RANSAC   clustered   1.188  0.000   6.367   0.832   1.167   1.618
@@ -39,15 +35,12 @@ MCMD_Z   clustered   0.389  0.007   1.896   0.328   0.268   0.295
 MCMD_Z   uniform     0.427  0.016   1.905   0.366   0.286   0.353
 MCMD_MD  clustered   0.514  0.005   2.119   0.450   0.319   0.402
 MCMD_MD  uniform     0.522  0.012   2.244   0.452   0.335   0.420
-""",
-    n_keys=2,
-)
+""")
 
 # Table 4, percent, 100 points: method, percentage of outliers, RATES.
 SHARES = (5, 20, 40)
 RATES = ("TPR", "TNR", "FPR", "FNR", "accuracy")
-CLASSIFICATION = rows_of(
-    """
+CLASSIFICATION = rows_of("""
 RANSAC   5   100.0   33.0  67.0   0.0   36.35
 RANSAC   20  100.0   33.8  66.2   0.0   47.06
 RANSAC   40  100.0   35.7  64.3   0.0   61.44
@@ -66,28 +59,4 @@ MCMD_Z   40  100.0  100.0   0.0   0.0  100.00
 MCMD_MD  5   100.0   97.8   2.1   0.0   97.94
 MCMD_MD  20  100.0   97.8   2.3   0.0   98.20
 MCMD_MD  40  100.0   98.3   1.7   0.0   98.97
-""",
-    n_keys=2,
-)
-
-# Table 6, by scene: method, TS, PS, OS, US, and recall, precision and F-score in percent.
-SEGMENTATION = {
-    "traffic furniture": rows_of("""
-PCA      22   5  7  6   45.45   41.67   43.48
-RANSAC   20  12  4  3   80.00   75.00   77.42
-RPCA     20  19  0  1   95.00  100.00   97.44
-uLSIF    18  11  2  5   68.75   84.62   75.86
-qSp      13   6  0  8   42.86  100.00   60.00
-MCMD_Z   21  21  0  0  100.00  100.00  100.00
-MCMD_MD  21  21  0  0  100.00  100.00  100.00
-"""),
-    "bus stop": rows_of("""
-PCA      50  12  27  5   70.59  30.77  42.86
-RANSAC   42  20  16  2   90.91  55.56  68.97
-RPCA     43  26  13  0  100.00  66.67  80.00
-uLSIF    46  21  13  1   95.45  61.76  75.00
-qSp      44  20  15  2   90.91  57.14  70.18
-MCMD_Z   37  29   5  0  100.00  85.29  92.06
-MCMD_MD  40  29   4  0  100.00  87.88  93.55
-"""),
-}
+""")

@@ -1,28 +1,8 @@
 """The result of an experiment: tables of text, arrays and notes."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
-
-@dataclass(frozen=True)
-class Table:
-    """Aligned text: the first `n_labels` columns to the left, numbers to the right."""
-
-    caption: str
-    header: tuple
-    rows: list
-    n_labels: int = 1
-
-    def __str__(self):
-        lines = [self.header, *self.rows]
-        widths = [max(len(line[i]) for line in lines) for i in range(len(self.header))]
-
-        def aligned(line):
-            cells = zip(line, widths, range(len(widths)), strict=True)
-            return "  ".join(
-                cell.ljust(w) if i < self.n_labels else cell.rjust(w) for cell, w, i in cells
-            ).rstrip()
-
-        return "\n".join([self.caption, *(f"  {aligned(line)}" for line in lines)])
+from benchmarks._tables import table_lines
 
 
 def paired_rows(name, ours, paper=None):
@@ -32,30 +12,19 @@ def paired_rows(name, ours, paper=None):
     return [(name, "paper", *paper), ("", "ours", *ours)]
 
 
-@dataclass(frozen=True)
-class Report:
-    """A reproduced table or figure of the paper.
+class Report(NamedTuple):
+    """A reproduced table of the paper, as text.
 
-    Attributes
-    ----------
-    name : str
-        "table1" and so on.
-    title : str
-    tables : list of Table
-        The paper's and the reproduced numbers, side by side.
-    notes : list of str
-        What the numbers are, and readings of the rows; docs/reproduction.rst says which cannot
-        be reproduced, and why.
-    results : dict
-        The reproduced numbers as arrays; the function `name` documents the keys.
+    The notes say what the numbers are, and readings of the rows; docs/reproduction.rst says which
+    cannot be reproduced, and why.
     """
 
-    name: str
+    name: str  # "table1" and so on
     title: str
-    tables: list
+    tables: list  # of captions, heads and rows: the paper's and the reproduced numbers
     notes: list
-    results: dict
+    results: dict  # the reproduced numbers as arrays; the function `name` documents the keys
 
     def __str__(self):
-        notes = "\n".join(f"- {note}" for note in self.notes)
-        return "\n\n".join([self.title, *map(str, self.tables), notes])
+        tables = ["\n".join([title, *table_lines(*cells)]) for title, *cells in self.tables]
+        return "\n\n".join([self.title, *tables, "\n".join(f"- {note}" for note in self.notes)])

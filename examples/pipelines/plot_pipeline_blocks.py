@@ -3,8 +3,8 @@ Which number of neighbors suits a whole pipeline?
 =================================================
 
 Normals and regions are one object, and `GridSearchCV` asks how many neighbors suit it best. A part
-of the street is labelled by hand, in six blocks. Each block is a fold: the pipeline segments it,
-and the labels score it. The regions of a block need no other block, and nothing learns from labels,
+of the street is labelled by hand, in six strips. Each strip is a fold: the pipeline segments it,
+and the labels score it. The regions of a strip need no other strip, and nothing learns from labels,
 so nothing leaks. Denoising drops rows, which steps of a scikit-learn Pipeline may not, so it comes
 before the Pipeline.
 
@@ -24,7 +24,6 @@ from sklearn.pipeline import make_pipeline
 from sklearn_mcmd import MCMDOutlierDetector, RegionGrowing, RobustNormalEstimator
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.metrics import segmentation_scores
-from sklearn_mcmd.model_selection import spatial_blocks
 from sklearn_mcmd.plotting import SegmentationDisplay
 
 parser = argparse.ArgumentParser()
@@ -34,7 +33,7 @@ n_points = parser.parse_args().points
 street = make_street(n_points, noise=0.008, random_state=0)
 kept = MCMDOutlierDetector(random_state=0).fit_predict(street.data) == 1
 X, y = street.data[kept], street.surface[kept]
-blocks = spatial_blocks(X, 6)
+strips = X[:, 0].argsort().argsort() * 6 // len(X)  # along the street
 
 # %%
 # The pipeline, and the search, which reads the labels of each fit. Points of no surface are -1 and
@@ -54,7 +53,7 @@ search = GridSearchCV(
     pipeline,
     {"robustnormalestimator__n_neighbors": neighbors},
     scoring=score_segments,
-    cv=[(rows, rows) for rows in (np.flatnonzero(blocks == block) for block in range(6))],
+    cv=[(rows, rows) for rows in (np.flatnonzero(strips == strip) for strip in range(6))],
     refit=False,
 ).fit(X, y)
 results = search.cv_results_
@@ -66,11 +65,11 @@ for k, f, rand in zip(
     print(f"{k:<12}{f:>8.3f}{rand:>8.3f}")
 
 # %%
-# The blocks and the labels; below, the whole street with too few neighbors and with the best
+# The strips and the labels; below, the whole street with too few neighbors and with the best
 # number.
 figure, axes = plt.subplots(2, 2, figsize=(12, 9), layout="constrained")
-SegmentationDisplay.from_predictions(X, blocks, ax=axes[0, 0])
-axes[0, 0].set_title("six blocks", fontsize=12)
+SegmentationDisplay.from_predictions(X, strips, ax=axes[0, 0])
+axes[0, 0].set_title("six strips", fontsize=12)
 SegmentationDisplay.from_predictions(X[y >= 0], y[y >= 0], ax=axes[0, 1])
 axes[0, 1].set_title("the labels", fontsize=12)
 for ax, k in zip(axes[1], (neighbors[0], best), strict=True):

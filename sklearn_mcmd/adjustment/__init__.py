@@ -3,8 +3,7 @@
 from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._comparison import Difference, PlaneComparison, compare_planes
 from sklearn_mcmd.adjustment._fuzzy import FuzzyPlaneDetector
-from sklearn_mcmd.adjustment._planning import PlanePlan, plan_plane
-from sklearn_mcmd.adjustment._power import coupled_level, noncentrality
+from sklearn_mcmd.adjustment._power import noncentrality
 from sklearn_mcmd.adjustment._precision import PlanePrecision
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
 from sklearn_mcmd.adjustment._report import text_report
@@ -25,18 +24,15 @@ __all__ = [
     "PlaneComparison",
     "PlaneFlatness",
     "PlaneForm",
-    "PlanePlan",
     "PlanePrecision",
     "PlaneReliability",
     "ScanWeights",
     "VarianceComponent",
     "compare_planes",
-    "coupled_level",
     "critical_value",
     "flatness",
     "local_level",
     "noncentrality",
-    "plan_plane",
     "scan_weights",
     "text_report",
     "variance_components",

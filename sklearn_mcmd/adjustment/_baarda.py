@@ -41,8 +41,7 @@ class BaardaPlaneDetector(PlaneDetector):
         millimeters, which is warned of. "auto" estimates it from the points that pass, and tests by
         tau, because an estimate is not known; see Notes.
     alpha : float in (0, 1), default=0.05
-        Level of the test of the whole cloud, or of each point with ``correction="none"``
-        or "b-method".
+        Level of the test of the whole cloud, or of each point with ``correction="none"``.
     surface : {"vertical", "orthogonal"}, default="vertical"
         "vertical" takes residuals along the last axis, "orthogonal" along the normal (total
         least squares). Take "orthogonal" for walls: of a plane tilted by 80 degrees with equal
@@ -64,10 +63,8 @@ class BaardaPlaneDetector(PlaneDetector):
         "tau" compares with the scale estimated from all residuals (Pope), "t" with the scale
         estimated without the tested point. The last two decide alike. Alone they fail where more
         than some 5 % of the points are outliers, because outliers enlarge the scale.
-    correction : {"sidak", "bonferroni", "b-method", "none"}, default="sidak"
-        Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself. With
-        "b-method" the level of the global test follows from it (`global_test_level_`), for networks
-        of tens of observations: of thousands it rejects most clean planes.
+    correction : {"sidak", "bonferroni", "none"}, default="sidak"
+        Local level: ``1 - (1 - alpha)^(1/n)`` (Eq. 1), ``alpha / n`` or alpha itself.
     elimination : {"single", "all"}, default="single"
         "single" removes the worst point of each round, "all" every rejected point. "all"
         reproduces the paper's tables. It removes many good points with the outliers; they come
@@ -111,9 +108,6 @@ class BaardaPlaneDetector(PlaneDetector):
         points before the first test. Near 0: sigma0 is too small or outliers are left; near 1:
         sigma0 is too large. nan with ``sigma0="auto"``: an estimate from the same points would
         be tested against itself.
-    global_test_level_ : float
-        Level of the global test: alpha, or with ``correction="b-method"`` that of
-        `coupled_level`, with which it finds what the test of one point finds.
     dof_, rank_ : int
         Degrees of freedom f and number of estimable parameters u.
     n_iter_ : int
@@ -127,7 +121,6 @@ class BaardaPlaneDetector(PlaneDetector):
     --------
     FuzzyPlaneDetector : One adjustment and a limit between the two groups, no iteration.
     sklearn_mcmd.adjustment.compare_planes : Has the plane moved since?
-    sklearn_mcmd.adjustment.plan_plane : Which errors will be found, before the measurement.
     sklearn.linear_model.RANSACRegressor : For more outliers, as Open3D's ``segment_plane``.
     sklearn.covariance.EllipticEnvelope : Outliers of a cloud without a dependent column.
 

@@ -30,7 +30,7 @@ from sklearn_mcmd.adjustment._least_squares import (
     adjust_plane,
     rounding_of,
 )
-from sklearn_mcmd.adjustment._power import POWER, coupled_level
+from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import PlanePrecision, pointed_up, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import NORMAL_QUARTILE, m_estimate
@@ -341,9 +341,6 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         self.variance_factor_initial_ = initial.variance_factor
         self.global_test_pvalue_initial_ = self._global_test(initial)
         self.global_test_pvalue_ = self._global_test(plane)
-        self.global_test_level_ = self.alpha
-        if self.correction == "b-method" and self.alpha < POWER:
-            self.global_test_level_ = coupled_level(self.alpha, max(plane.dof, 1))
         if plane.surface == "orthogonal" and normal_pvalue(plane) > self.alpha:
             warn_caller(
                 f"{AS_THICK_AS_WIDE}, which determines no normal: normal_ points anywhere across "

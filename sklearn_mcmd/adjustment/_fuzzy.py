@@ -60,7 +60,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         A place to whose side the normal points; see `BaardaPlaneDetector`.
     test : {"w", "tau", "t"}, default="w"
         Statistic of the residuals; see `BaardaPlaneDetector`.
-    correction : {"none", "sidak", "bonferroni", "b-method"}, default="none"
+    correction : {"none", "sidak", "bonferroni"}, default="none"
         "none" is the paper: alpha is the level of the critical value, where a residual begins to be
         abnormal. Then about one of 300 good points is flagged, so half of the clean planes of 200
         points have one. With the others a residual is half abnormal at the critical value of the
@@ -94,7 +94,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         As of `BaardaPlaneDetector`, of the one plane; redundancy numbers sum to `dof_`.
     critical_value_ : float
         ``N_{1 - alpha/2}``, or that of tau or t.
-    coef_, intercept_, normal_, distance_, sigma0_, global_test_level_, dof_, rank_, form_
+    coef_, intercept_, normal_, distance_, sigma0_, dof_, rank_, form_
         As of `BaardaPlaneDetector`.
     support_ : ndarray of bool of shape (n_samples,)
         Points of positive weight: all of them make the plane.

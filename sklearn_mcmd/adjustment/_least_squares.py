@@ -26,8 +26,11 @@ class Rounding(NamedTuple):
     steps: NDArray[np.float64]  # to which the file rounded each before, 0 if it did not
 
     def error_of_float64(self, direction):
-        """The largest in a residual of this direction."""
-        return residual_rounding(self.errors, direction)
+        """The largest in a residual of this direction, which is only rounding if it is no longer.
+
+        On a steep vertical surface the rounding of the regressors enters the residuals.
+        """
+        return max(float(np.abs(direction) @ self.errors), np.finfo(float).tiny)
 
     def least_deviation(self, direction, steps=12**-0.5):
         """Of a residual of this direction: that of values rounded to a step, if it is more."""
@@ -244,15 +247,6 @@ def rounding_errors(X):
         extent = high - low
     steps = np.spacing(np.maximum(np.abs(low), np.abs(high)))
     return (d + 3) / 2 * steps + (d + 1) * np.finfo(float).eps * extent
-
-
-def residual_rounding(errors, direction):
-    """Length below which a residual is only rounding, from `rounding_errors` of its coordinates.
-
-    The direction is `PlaneAdjustment.direction`: on a steep vertical surface the rounding of the
-    regressors enters the residuals.
-    """
-    return max(float(np.abs(direction) @ errors), np.finfo(float).tiny)
 
 
 def _moments(X, origin, basis, weights):

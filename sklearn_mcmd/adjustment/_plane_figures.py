@@ -13,14 +13,6 @@ from sklearn_mcmd.adjustment._tests import pvalue
 
 LEAST_ERROR = 1e-9  # the least standard error that is printed
 NO_DIRECTION = 60.0  # standard error in degrees from which on a plane falls to no side
-OUTCOMES = {
-    "found": "of the outliers",
-    "correct": "all outliers and no other point go",
-    "missed": "outliers stay, no good point goes",
-    "wrongly_excluded": "good points go in place of outliers (type III)",
-    "over_excluded": "good points go with all outliers",
-    "false_alarm": "a point goes though there is no outlier",
-}
 
 
 class Row(NamedTuple):
@@ -94,22 +86,6 @@ def _usual_reliability(detector, X):
     if detector._level_of_one() >= POWER or detector._fitted.is_rounding:
         return None
     return detector.reliability(X)
-
-
-def plan_rows(plan, unit):
-    """What data snooping will find: words by names."""
-    unit = f" {unit}" if unit else ""
-    value, error = plan.bias
-    bias = f"{value:.4g}{unit} (given)" if error == 0 else str(_row("", value, unit, error=error))
-    rows = {
-        "outliers": str(plan.n_outliers),
-        "detectable bias": f"{plan.minimal_bias:.4g}{unit} of one outlier, by formula (MDB)",
-        "bias": bias if np.isfinite(value) else "none up to 1000 deviations is found so often",
-    }
-    for name, words in OUTCOMES.items():
-        value, error = getattr(plan, name)
-        rows[name.replace("_", " ")] = f"{value:.4f} ± {error:.4f}  {words}"
-    return rows
 
 
 def _words(rows):
@@ -294,7 +270,7 @@ def _global_test(detector):
     if detector.sigma0 == "auto":
         return "none: sigma0 is estimated from these points, so it fits them at any noise"
     before, after = detector.global_test_pvalue_initial_, detector.global_test_pvalue_
-    level = detector.global_test_level_
+    level = detector.alpha
     verdict = f"; rejected at the level {level:.3g}" if after < level else ""
     return f"p = {before:.2g} with all points, {after:.2g} without outliers{verdict}"
 

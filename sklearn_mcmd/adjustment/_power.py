@@ -1,12 +1,11 @@
-"""Power of tests: noncentralities and coupled levels."""
+"""Power of tests: noncentralities."""
 
 from numbers import Real
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import chdtrc, chdtri, chndtrinc, chndtrix, fdtri, ncfdtr, stdtrit
+from scipy.special import chdtri, chndtrinc, fdtri, ncfdtr, stdtrit
 
-from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd._sklearn import Interval, checked
 
 AS_KNOWN = 1e9  # degrees of freedom of a scale from which on F is chi-squared, to nine digits
@@ -48,8 +47,8 @@ def noncentrality(
     17.07 32.10
     """
     if power <= level:
-        raise ParameterError(
-            f"$power={power!r} is not above the level {level:.3g} of the test, which it has "
+        raise ValueError(
+            f"power={power!r} is not above the level {level:.3g} of the test, which it has "
             "without any bias: ask for more power, such as 0.8."
         )
     if dof_scale > AS_KNOWN:
@@ -60,29 +59,3 @@ def noncentrality(
     while ncfdtr(dof, dof_scale, most, limit) > 1 - power:
         most *= 2
     return float(brentq(lambda nc: ncfdtr(dof, dof_scale, nc, limit) - 1 + power, 0, most))
-
-
-def coupled_level(level: float, dof: float, power: float = POWER) -> float:
-    """Level of the global test that finds what the test of one point finds (B-method, Baarda 1968).
-
-    Both have one noncentrality and one power. The level grows with the degrees of freedom: it is
-    meant for networks of tens of observations, and 0.77 with 10,000.
-
-    Parameters
-    ----------
-    level : float in (0, 1)
-        Level of the test of one point (Baarda's alpha_0).
-    dof : float >= 1
-        Degrees of freedom f of the global test.
-    power : float in (0, 1), default=0.8
-        Larger than the level; otherwise a ValueError is raised.
-
-    Examples
-    --------
-    >>> from sklearn_mcmd.adjustment import coupled_level
-    >>> print(f"{coupled_level(0.001, 1):.3f} {coupled_level(0.001, 50):.3f}")
-    0.001 0.260
-    """
-    if not dof >= 1:
-        raise ValueError(f"dof={dof!r}: a global test needs a degree of freedom or more.")
-    return float(chdtrc(dof, chndtrix(1 - power, dof, noncentrality(level, power))))

@@ -139,12 +139,6 @@ def half_of(n, d):
     return (n + d + 1) // 2
 
 
-def n_trials_of_start(d):
-    """Trials for one subset without outliers to be likely."""
-    limits = StartLimits()
-    return n_trials_needed(1 - limits.support_fraction, limits.success_probability, d)
-
-
 def _stretched(X):
     """Points with regressors stretched until distances from planes are practically vertical.
 
@@ -163,7 +157,8 @@ def _robust_start_plane(X, random_state=None):
     if n <= d + 1:
         return np.ones(n, dtype=bool)
     sample = X if n <= limits.max_points else X[rng.choice(n, limits.max_points, replace=False)]
-    n_trials = min(n_trials_of_start(d), limits.max_trials)
+    needed = n_trials_needed(1 - limits.support_fraction, limits.success_probability, d)
+    n_trials = min(needed, limits.max_trials)
     # Nearest to the median first: this order does not depend on the order of the rows.
     distance = np.linalg.norm(sample - np.median(sample, axis=0), axis=1)
     sample = sample[np.argsort(distance, kind="stable")]

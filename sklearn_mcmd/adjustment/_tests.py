@@ -25,10 +25,8 @@ def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float
         Probability of rejecting any observation in clean data.
     n : int
         Number of tests.
-    correction : {"sidak", "bonferroni", "b-method", "none"}, default="sidak"
-        ``1 - (1 - alpha)^(1/n)`` (Eq. 1), its bound ``alpha / n``, or alpha for each test. In the
-        B-method alpha is Baarda's alpha_0, from which that of the global test follows: see
-        `coupled_level`.
+    correction : {"sidak", "bonferroni", "none"}, default="sidak"
+        ``1 - (1 - alpha)^(1/n)`` (Eq. 1), its bound ``alpha / n``, or alpha for each test.
 
     Examples
     --------
@@ -37,7 +35,7 @@ def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float
     0.0002564 0.0002500
     """
     n = max(n, 1)
-    if correction in ("none", "b-method"):
+    if correction == "none":
         return alpha
     if correction == "bonferroni":
         return alpha / n

@@ -15,6 +15,7 @@ from sklearn_mcmd._errors import ParameterError
 from sklearn_mcmd.adjustment import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._precision import parameter_derivatives
 from sklearn_mcmd.adjustment._tests import local_level
+from sklearn_mcmd.change._distances import on_known_sides
 from sklearn_mcmd.planes._quadrics import tangents_of
 from sklearn_mcmd.segmentation import RegionGrowing
 
@@ -35,7 +36,7 @@ class Bodies(NamedTuple):
     points : ndarray of int of shape (n,)
         Points of the first cloud that both regions cover.
     place, normal : ndarray of shape (n, 3)
-        Their mean, and the normal of the first plane.
+        Their mean, and the normal of the first plane, on the side of ``CloudChange.normals_``.
     offset, offset_error : ndarray of shape (n,)
         How far the second plane is off along the normal, in units of X.
     tilt, tilt_error : ndarray of shape (n,)
@@ -138,13 +139,12 @@ def moved_bodies(
             "are needed to tell their motion. Give $registration as a number."
         )
     center = first.mean(axis=0)
-    observed, normals, places = [], [], []
+    observed, places = [], []
     for _, (rows, others) in pairs:
         one, other = _plane_of(first[rows]), _plane_of(second[others])
         places.append(first[rows].mean(axis=0))
-        normals.append(one.normal_)
         observed.append(_observe(one, other, places[-1], center))
-    values, covariances, moves, dofs = map(np.array, zip(*observed, strict=True))
+    values, covariances, moves, dofs, normals = map(np.array, zip(*observed, strict=True))
     congruency = _Congruency(values, covariances, moves, dofs, np.array(places))
     level = local_level(alpha, len(pairs))
     rng = check_random_state(random_state)
@@ -159,7 +159,7 @@ def moved_bodies(
         after=np.array([names[1] for names, _ in pairs]),
         points=np.array([len(rows_of[0]) for _, rows_of in pairs]),
         place=np.array(places),
-        normal=np.array(normals),
+        normal=normals,
         offset=values[:, 2],
         offset_error=errors,
         tilt=np.degrees(np.linalg.norm(values[:, :2], axis=1)),
@@ -210,11 +210,13 @@ def _plane_of(xyz):
 
 def _observe(first, second, at, center):
     """What two planes tell of the motion between them, in units of their errors."""
-    normal = first.normal_
-    side = 1.0 if second.normal_ @ normal >= 0 else -1.0
-    tangents = tangents_of(normal[None])[0]
-    heights = [(at - one._fitted.plane.center) @ one.normal_ for one in (first, second)]
-    values = np.append(tangents @ (side * second.normal_), heights[0] - side * heights[1])
+    normal = on_known_sides(first.normal_[None])[0]
+    tangents, other = tangents_of(normal[None])[0], second.normal_
+    other = np.copysign(1.0, other @ normal) * other
+    near, far = (
+        (at - one._fitted.plane.center) @ up for one, up in ((first, normal), (second, other))
+    )
+    values = np.append(tangents @ other, near - far)
     roots, parts = [], []
     for one in (first, second):
         scale, dof = one._scale_by("posterior")
@@ -229,7 +231,7 @@ def _observe(first, second, at, center):
     # Degrees of freedom of a sum are Welch's.
     total = sum(squares for squares, _ in parts)
     dof = total**2 / sum(squares**2 / max(dof, 1) for squares, dof in parts) if total else np.inf
-    return values, covariance, moves, dof
+    return values, covariance, moves, dof, normal
 
 
 class _Congruency:

@@ -5,10 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import erfc, ndtri
 
+from sklearn_mcmd._validation import SMALLEST
 from sklearn_mcmd.change._bodies import Bodies, moves_of
-from sklearn_mcmd.change._distances import sampled
+from sklearn_mcmd.change._distances import sampled, tree_of
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._explaining import ExplainLimits
+from sklearn_mcmd.planes._indexed_cloud import distinct_rows
 
 FEWEST = 15  # neighbors, of which a plane and its noise are told
 WIDEST = 4  # times as many neighbors of a denser second cloud, at most
@@ -40,8 +42,8 @@ class Scale(NamedTuple):
         The second gets as many neighbors as make its usual neighborhood about as wide: where a
         surface bends, planes of wider ones lie deeper.
         """
-        usual, other = float(np.median(radii)), float(np.median(others))
-        ratio = (usual / max(other, np.finfo(float).tiny)) ** 2
+        usual, other = (max(float(np.median(some)), SMALLEST) for some in (radii, others))
+        ratio = (usual / other) ** 2
         n_second = n_neighbors
         if abs(ratio - 1) >= ALIKE:
             n_second = int(np.clip(np.rint(n_neighbors * ratio), FEWEST, WIDEST * n_neighbors))
@@ -68,9 +70,11 @@ class Measured(NamedTuple):
 
 
 def radii_in(xyz, tree, n_neighbors, share, n_jobs):
-    """How wide neighborhoods are of a share of the points of a cloud."""
+    """How wide neighborhoods are of a share of the points of a cloud; copies are one point."""
     if not len(xyz):
         return np.empty(0)
+    if len(rows := distinct_rows(xyz)[0]) < len(xyz):
+        xyz, tree = xyz[rows], tree_of(xyz[rows])
     some = xyz[sampled(xyz, share)]
     return tree.query(some, [min(n_neighbors, len(xyz))], workers=n_jobs)[0][:, 0]
 

@@ -12,9 +12,11 @@ from sklearn_mcmd.planes._form import cells_of
 from sklearn_mcmd.planes._indexed_cloud import location_hashes
 from sklearn_mcmd.planes._quadrics import tangents_of
 from sklearn_mcmd.planes._record import Planes
+from sklearn_mcmd.planes._resolution import axis_steps, rounding_in_common
 from sklearn_mcmd.planes._rules import ReweightLimits
 
 STEEP = np.sin(np.radians(10.0))  # of a normal, whose face is steeper than 80 degrees
+PATCH = 20_000  # points that tell to what coordinates are rounded
 STEPS = 20  # in which a mean without outliers has long settled
 
 
@@ -40,6 +42,7 @@ class Surfaces(NamedTuple):
     normals: np.ndarray  # (n, d)
     planes: Planes
     n_neighbors: int
+    steps: np.ndarray  # (d,), to which coordinates were rounded, 0 where they were not
 
     @classmethod
     def of(cls, xyz, tree, n_neighbors, random_state=None, n_jobs=None):
@@ -48,12 +51,14 @@ class Surfaces(NamedTuple):
         estimator = _KeepingPlanes(
             n_neighbors, tangents=False, random_state=random_state, n_jobs=n_jobs
         ).fit(xyz)
+        xyz = xyz.astype(np.float64, copy=False)
         return cls(
-            xyz=xyz.astype(np.float64, copy=False),
+            xyz=xyz,
             tree=tree,
             normals=on_known_sides(estimator.normals_),
             planes=estimator.planes_,
             n_neighbors=min(n_neighbors, len(xyz)),
+            steps=steps_of(xyz, tree),
         )
 
     def nearest(self, places, reach, n_jobs):
@@ -66,8 +71,9 @@ class Surfaces(NamedTuple):
         """Heights along normals at which planes of rows cross the axes through places, and their
         variances.
 
-        A mean of n points has the variance of one over n. Beside its middle a plane rises and
-        falls by its tilt, whose squares are those of both directions together.
+        A mean of n points has the variance of one over n, and all of what rounding does to them
+        alike. Beside its middle a plane rises and falls by its tilt, whose squares are those of
+        both directions together.
         """
         planes = self.planes.take(rows)
         gap = planes.centroids - places
@@ -78,7 +84,14 @@ class Surfaces(NamedTuple):
             tilt = np.radians(planes.normal_error) ** 2 * _dots(aside, aside)
             tilt /= max(places.shape[1] - 1, 1)
             mean = planes.scale**2 / np.maximum(self.n_neighbors * planes.kept, 1)
-            return height, (mean + tilt) / cosine**2
+            return height, (mean + tilt + self._rounded(planes) ** 2) / cosine**2
+
+    def _rounded(self, planes):
+        """Standard deviations of what rounding does to all points of a plane alike."""
+        across = planes.normals**2
+        variances = planes.eigenvalues[:, :1] * across + planes.eigenvalues[:, 1:2] * (1 - across)
+        deviations = np.sqrt(np.maximum(variances, 0.0))
+        return rounding_in_common(deviations, planes.normals, self.steps)
 
 
 class _KeepingPlanes(RobustNormalEstimator):
@@ -92,6 +105,13 @@ class _KeepingPlanes(RobustNormalEstimator):
 def tree_of(xyz):
     """A tree that is built fast; of scans it is as good as a balanced one."""
     return cKDTree(xyz, compact_nodes=False, balanced_tree=False)
+
+
+def steps_of(xyz, tree):
+    """To what each coordinate (d,) is rounded, 0 where it is not, by points near each other."""
+    some = xyz[np.argmin(location_hashes(xyz))]  # whatever the order of rows
+    _, near = tree.query(some, min(PATCH, len(xyz)))
+    return axis_steps(xyz[np.atleast_1d(near)])
 
 
 def sampled(xyz, share):

@@ -266,7 +266,7 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         before, n_jobs, tree = self._before, effective_n_jobs(self.n_jobs), tree_of(after)
         radii, others = (
             radii_in(xyz, of, self.n_neighbors, SAMPLE / len(xyz), n_jobs)
-            for xyz, of in ((before.xyz, before.tree), (after, tree))
+            for xyz, of in ((before.xyz, before.tree), (after.astype(float, copy=False), tree))
         )
         scale = Scale.of(radii, others, self.n_neighbors, self.reach)
         check_overlap(bounds_of(before.xyz), bounds_of(after), scale.reach)
@@ -344,7 +344,7 @@ def warn_of_pair(scale, equal):
     if not 1 / 3 <= scale.width <= 3:
         which, width = ("second", 1 / scale.width) if scale.width < 1 else ("first", scale.width)
         warn_caller(
-            f"The {which} cloud is far sparser: its neighborhoods are {width:.1f} times as wide, "
+            f"The {which} cloud is far sparser: its neighborhoods are {width:.2g} times as wide, "
             "and what is smaller has no distance of its own."
         )
 

@@ -23,13 +23,11 @@ VERBS = {
     "segment": "Divide a cloud into surfaces: road, kerb and footpath, walls, signs, poles.",
     "change": "Say what has moved between two scans of one place, and how surely.",
     "plane": "Test one plane, such as a wall or a floor: mark its outliers and write a report.",
-    "plan": "Say before a measurement which errors of a plane its tests will find.",
     "view": "Make one HTML page that shows point clouds in any browser, offline.",
     "info": "Show what a file holds: points, bounds, spacing, duplicates, attributes.",
     "demo": "Clean a simulated street scan whose truth is known, and show how well that went.",
 }
 TYPED = f"{__name__}.typed"  # where a context keeps what was typed after the verb
-MODULES = {"plan": "_plane"}  # others are as the verb
 
 
 class Verb(TyperCommand):
@@ -40,7 +38,7 @@ class Verb(TyperCommand):
     @cached_property
     def loaded(self):
         """The command that does the work."""
-        module = import_module(f"{__name__}.{MODULES.get(self.name, f'_{self.name}')}")
+        module = import_module(f"{__name__}._{self.name}")
         work = getattr(module, self.name)
         help = f"{self.help}\n\n{getdoc(work)}"
         alone = typer.Typer(add_completion=False)

@@ -23,8 +23,7 @@ MORE = 1.5  # time of tiles over that in memory, about; see docs/tiling.rst
 SECONDS = 5.0  # that a scheduler has for its answer
 BY_TILES = """
 LAS and LAZ that need more than --memory, and folders, get tiles; --dry-run plans. A run that
-ended early goes on, or with --restart begins anew. Of several files a folder OUT gets one each;
-an OUT that ends in .las or .laz gets all.
+ended early goes on, or with --restart begins anew. Of several files a folder OUT gets one each.
 """
 
 

@@ -3,7 +3,7 @@
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from sklearn_mcmd.cli._cloud_verb import BY_TILES, CloudVerb, tiles_row
 from sklearn_mcmd.cli._files import Output
 from sklearn_mcmd.cli._messages import number_and_share
 from sklearn_mcmd.cli._options import command_of, length, made, option, parsed
-from sklearn_mcmd.io._classes import LOW_NOISE, Choice, class_numbers, noise_classes
+from sklearn_mcmd.io._classes import Choice, class_numbers, noise_classes
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._point_cloud import (
     PointFileError,
@@ -33,7 +33,6 @@ def _classes(text):
     return class_numbers([int(part) for part in text.split(",")])
 
 
-HEIGHT = {"metavar": "HEIGHT", "hidden": True, "signed": True}
 CLASSES = {"parser": parsed(_classes, "a list of classes, such as 6,9"), "metavar": "CLASSES"}
 
 
@@ -85,24 +84,6 @@ class Denoise(CloudVerb):
     only_class: tuple | None = option(
         None, "Judge points of these classes alone.", show_default="all", **CLASSES
     )
-    above: float | None = length(
-        None,
-        "Judge only points that are higher than this over the ground (class 2): over the mean of "
-        "the three ground points that are nearest in plan. All are used.",
-        **HEIGHT,
-    )
-    below: float | None = length(
-        None,
-        "Judge only points that are lower than this over the ground; -0.5 is half a unit under it.",
-        **HEIGHT,
-    )
-    low_groups: bool = option(
-        False,
-        "A group of any number of points is an outlier if it lies below the ground (class 2) by "
-        "more sizes of its own than the cutoff. Otherwise large groups are kept.",
-        "--low-groups",
-        hidden=True,
-    )
     sensor: tuple | None = _sensor.position_option(
         "Where the sensor stood. auto: as stated. none: unknown.",
         _sensor.AUTO,
@@ -125,8 +106,6 @@ class Denoise(CloudVerb):
         self.marks = self.writes_all = self.mode == "mark"
         self.results = "marks of outliers" if self.marks else ""
         self.choice = Choice(self.ignore_class or (), self.only_class or ())
-        limits = {"above": self.above, "below": self.below}
-        self.heights = limits | {"low_groups": self.low_groups}
 
     def dry_parameters(self, catalog):
         return {"sensor_origin": "origin" if self.asked.may_be_known(catalog) else None}
@@ -153,23 +132,22 @@ class Denoise(CloudVerb):
 
         if cloud.metadata.get("denoised"):
             warnings.warn(denoised_before(self.source), stacklevel=2)
-        points = judged_points(self.source, cloud, self.choice, **self.heights)
-        used_cloud = cloud if points.used.all() else cloud.subset(points.used)
-        sensed = self._detect(detector, cloud, used_cloud, points.used)
-        classes, score, under = _verdict(cloud, points, detector, self.low_groups)
+        used = used_points(self.source, cloud, self.choice)
+        used_cloud = cloud if used.all() else cloud.subset(used)
+        sensed = self._detect(detector, cloud, used_cloud, used)
+        classes, score = _verdict(cloud, used, detector)
         is_outlier = classes != 0
         _warn_if_without_scale(np.sum(score[is_outlier] > EXACT_PLANE_SCORE), len(cloud))
-        removed = (is_outlier & ~under)[points.used]
+        removed = is_outlier[used]
         together = losses_of(detector, lambda: [(used_cloud.xyz, removed)], len(used_cloud))
         if together:
             warnings.warn(together, stacklevel=2)
         return {
             "used_cloud": used_cloud,
-            "points": points,
+            "used": used,
             "detector": detector,
             "classes": classes,
             "score": score,
-            "n_judged": np.count_nonzero(points.judged),
             "n_used": len(used_cloud),
             "n_outliers": np.count_nonzero(is_outlier),
             "together": together,
@@ -200,14 +178,14 @@ class Denoise(CloudVerb):
 
     def rows(self, outcome):
         rows = {}
-        if outcome.n_judged < outcome.n_points:
-            rows["judged"] = number_and_share(outcome.n_judged, outcome.n_points)
+        if outcome.n_used < outcome.n_points:
+            rows["judged"] = number_and_share(outcome.n_used, outcome.n_points)
         done = "marked" if self.marks else "removed"
         outliers = number_and_share(outcome.n_outliers, outcome.n_points)
         return rows | tiles_row(outcome) | outcome.sensor | {done: outliers}
 
     def tile_options(self):
-        return self.heights | {
+        return {
             "mode": self.mode,
             "ignore_classes": self.choice.ignored,
             "only_classes": self.choice.only,
@@ -224,7 +202,7 @@ class Denoise(CloudVerb):
         from sklearn_mcmd.report._outliers_page import denoise_contents, plane_scales
         from sklearn_mcmd.report._shown import Shown
 
-        detector, is_outlier = outcome.detector, (outcome.classes != 0)[outcome.points.used]
+        detector, is_outlier = outcome.detector, (outcome.classes != 0)[outcome.used]
         results = {
             "outlier": is_outlier.astype(np.uint8),
             "outlier_score": (-detector.scores_).astype(np.float32),
@@ -255,55 +233,26 @@ class Denoise(CloudVerb):
 denoise = command_of(Denoise, more=BY_TILES)
 
 
-class Judged(NamedTuple):
-    """Points of a cloud (n,)."""
-
-    used: np.ndarray  # bool: they are judged, or others are judged by them
-    judged: np.ndarray  # bool: they may be outliers
-    ground: np.ndarray | None  # bool, where heights are asked for
-
-
-def judged_points(source, cloud, choice, above=None, below=None, low_groups=False):
-    """The `Judged` points of a cloud; errors name its source."""
-    from sklearn_mcmd.io._ground import NONE_JUDGED, HeightRange, ground_of, heights_over_ground
-
-    limits = HeightRange.of(above, below, low_groups)
+def used_points(source, cloud, choice):
+    """A mask of the points of a cloud that are judged; errors name its source."""
     with one_clear_line(source, "read"):
-        used, ground = choice.of(cloud), None
+        used = choice.of(cloud)
         if used is None:
             used = np.ones(len(cloud), bool)
-        judged = used
-        if limits is not None:
-            ground = ground_of(cloud)
-            if (above, below) != (None, None):
-                judged = used & limits.judged(heights_over_ground(cloud.xyz, ground))
-        if not judged.any():
-            raise PointFileError(NONE_JUDGED)
-    return Judged(used, judged, ground)
+        if not used.any():
+            raise PointFileError("no points are judged: all are withheld or of other classes")
+    return used
 
 
-def _verdict(cloud, points, detector, low_groups):
-    """The class of each outlier as noise, 0 of others; scores, NaN where none is judged; and which
-    points are in groups below the ground."""
+def _verdict(cloud, used, detector):
+    """The class of each outlier as noise, 0 of others; and scores, NaN where none is judged."""
     from sklearn_mcmd.outliers._lowest_points import LowestPoints
 
-    score, cutoff = np.full(len(cloud), np.nan), -detector.offset_
-    score[points.used] = -detector.scores_
-    under = np.zeros(len(cloud), bool)
-    if low_groups:
-        from sklearn_mcmd.io._ground import Ground
-        from sklearn_mcmd.outliers._groups import depths_of_groups
-
-        ground = Ground(cloud.xyz[points.ground])
-        depths = depths_of_groups(cloud.xyz, ground, points.judged)
-        under = depths > cutoff
-        score = np.maximum(score, depths)
-    flagged = score > cutoff
-    score[~points.judged] = np.nan
+    score = np.full(len(cloud), np.nan)
+    score[used] = -detector.scores_
+    flagged = score > -detector.offset_
     lowest = LowestPoints(len(cloud), detector.n_neighbors or len(cloud))
-    classes = noise_classes(cloud, flagged & points.judged, flagged, points.used, lowest)
-    classes[under] = LOW_NOISE
-    return classes, score, under
+    return noise_classes(cloud, flagged, used, lowest), score
 
 
 def _warn_if_without_scale(n_without, n_points):

@@ -87,14 +87,19 @@ def read(source, target=None, results=None, *, columns=None):
     `columns` is as of `read_points`.
     """
     if target is not None:
-        rehearse(target, PointCloud(np.zeros((1, 3))))
-        check_results(target, results)
+        check_output(target, results)
     with progress_part(0.0, WORK_BEGINS, "reading"):
         cloud = read_points(source, columns=columns)
     if n_left := cloud.n_dropped - cloud.metadata.get(LEFT_OUT, 0):
         words = f"{counted(n_left, 'point')} without coordinates {agreed(n_left, 'are')} left out"
         warnings.warn(f"{source}: {words}", stacklevel=2)
     return cloud
+
+
+def check_output(target, results):
+    """Raise if a file cannot be written, or cannot hold results."""
+    rehearse(target, PointCloud(np.zeros((1, 3))))
+    check_results(target, results)
 
 
 def check_results(target, results):

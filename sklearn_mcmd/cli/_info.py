@@ -14,7 +14,7 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._formats import supported_extensions
 from sklearn_mcmd.io._sensor import place_words, stated_positions
 
-TELLING = {"las_header", "pcd_viewpoint", "sensor_origins"}  # of formats that may tell the sensor
+TELLING = {"pcd_viewpoint", "sensor_origins"}  # of formats that may tell the sensor
 
 
 def info(
@@ -57,7 +57,7 @@ def summarize(source, cloud):
         if values.dtype.kind not in "biuf":
             rows[f"- {name}"] = str(values.dtype)
             continue
-        numbers = values[np.isfinite(values) & ~_without_data(cloud, name)]
+        numbers = values[np.isfinite(values)]
         if numbers.size == 0:
             constant.append(f"{name} nan")
             continue
@@ -98,12 +98,3 @@ def summarize_each(paths, read):
         ranges = bounds_rows(np.min(bounds, axis=0), np.max(bounds, axis=0))
         rows["all"] += "".join(f", {axis} {words}" for axis, words in ranges.items())
     return rows, errors
-
-
-def _without_data(cloud, name):
-    """Where LAS tells, by a value for it, that an extra dimension has no data."""
-    header = cloud.metadata.get("las_header")
-    for extra in header.point_format.extra_dimensions if header is not None else ():
-        if extra.name == name and extra.no_data is not None:
-            return cloud.metadata["las_points"][name] == np.squeeze(extra.no_data)
-    return np.False_

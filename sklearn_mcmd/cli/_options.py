@@ -37,18 +37,17 @@ def parsed(function, form):
     return parse
 
 
-def length(default, help, *words, metavar="LENGTH", signed=False, **settings) -> Any:
+def length(default, help, *words, metavar="LENGTH", **settings) -> Any:
     """The field of a length in units of the file, or with a unit of its own, or of some words."""
-    about = "a number" if signed else "a number above 0"
 
     def number(text):
         try:
             value = float(text)
         except ValueError:
             value = float("nan")
-        if not isfinite(value) or (value <= 0 and not signed):
+        if not isfinite(value) or value <= 0:
             choices = ", ".join(words) + " or " if words else ""
-            raise typer.BadParameter(f"{text} is not {choices}{about}")
+            raise typer.BadParameter(f"{text} is not {choices}a number above 0")
         return value
 
     def parse(context: typer.Context, text):

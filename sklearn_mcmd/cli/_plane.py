@@ -1,11 +1,11 @@
-"""``mcmd plane``, and ``mcmd plan``, which simulates its tests."""
+"""``mcmd plane``."""
 
 import time
 import warnings
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
@@ -15,10 +15,6 @@ from sklearn_mcmd.cli import _files, _messages, _options, _sensor
 from sklearn_mcmd.cli._files import ReportFolder, write_report_of
 from sklearn_mcmd.cli._messages import progress
 from sklearn_mcmd.cli._options import command_of, length, made, option
-from sklearn_mcmd.io import PointCloud, read_points
-from sklearn_mcmd.io._files import replacing
-from sklearn_mcmd.io._las import writing_parts
-from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.io._point_cloud import with_results
 from sklearn_mcmd.io._rehearsal import rehearse
 from sklearn_mcmd.planes._resolution import coordinate_step
@@ -43,8 +39,7 @@ class Plane:
     Points that determine no plane are refused: fewer than four distinct points, or points along a
     line. --report shows the plane, its quality and the residuals.
 
-    The files of a folder, or of an index .vpc, are tested as one plane. A folder OUT gets one file
-    for each; an OUT that ends in .las or .laz gets all.
+    The files of a folder, or of an index .vpc, are tested as one plane, and written as one cloud.
     """
 
     source: _options.InFiles
@@ -52,7 +47,7 @@ class Plane:
         Path | None,
         typer.Argument(
             metavar="OUT",
-            help="Point file to write, or a folder; may be IN. Without it the summary is all.",
+            help="Point file to write; may be IN. Without it the summary is all.",
             show_default=False,
         ),
     ] = None
@@ -77,8 +72,7 @@ class Plane:
     correction: Correction | None = option(
         None,
         "How the level of one point follows from alpha. sidak, bonferroni: so that alpha is the "
-        "level of all together, exactly or at most. none: it is alpha. b-method: so too, and the "
-        "level of the global test follows from it, for networks of tens of observations.",
+        "level of all together, exactly or at most. none: it is alpha.",
         show_default="sidak, for fuzzy none",
     )
     elimination: EliminationRule | None = option(
@@ -171,13 +165,7 @@ class Plane:
         begin = time.perf_counter()
         check_parameters(self.detector())
         with progress("plane", self.quiet):
-            catalog = outputs = None
-            if _files.is_several(self.source):
-                from sklearn_mcmd.tiling._outputs import targets_of
-
-                catalog = _files.catalog_of(self.source, self.columns)
-                outputs = None if self.target is None else targets_of(catalog, self.target)
-            cloud = self._read(catalog)
+            cloud = self._read()
             with _files.working(self.source, "plane"):
                 _files.warn_if_coarse(cloud)
                 scan = self._scan_weights(cloud.xyz)
@@ -188,7 +176,7 @@ class Plane:
             if self.target is not None:
                 from sklearn_mcmd.report._plane_page import plane_contents
 
-                self._write(catalog, outputs, cloud, detector)
+                _files.write(self.target, _results(cloud, detector))
                 contents = partial(plane_contents, cloud, detector, figures, self.unit)
                 write_report_of(self, begin, contents)
         if not self.quiet:
@@ -216,10 +204,10 @@ class Plane:
                 "Find the planes with 'mcmd segment' first, and test each",
                 stacklevel=2,
             )
-        if fitted.global_test_pvalue_ < fitted.global_test_level_:
+        if fitted.global_test_pvalue_ < fitted.alpha:
             warnings.warn(
                 f"the global test rejects this plane (p = {fitted.global_test_pvalue_:.2g}, level "
-                f"{fitted.global_test_level_:.2g}): its points scatter more than --sigma0 "
+                f"{fitted.alpha:.2g}): its points scatter more than --sigma0 "
                 f"{fitted.sigma0:g} says, or their surface is no plane",
                 stacklevel=2,
             )
@@ -240,17 +228,14 @@ class Plane:
             normal=[0, 0, 1] if self.surface == "vertical" else None,
         )
 
-    def _read(self, catalog):
-        """The points to test; of several files that are written one by one, coordinates alone."""
-        if self.target is None:
-            return _files.read_all(self.source, self.columns)
-        if catalog is not None:
-            clouds = (_files.read(path, columns=self.columns) for path in catalog.paths)
-            return PointCloud(np.concatenate([cloud.xyz for cloud in clouds]))
-        cloud = _files.read(self.source, self.target, "results of a test", columns=self.columns)
-        zeros = np.zeros(len(cloud))
-        blank = PlaneResults(zeros > 0, zeros, zeros).output(cloud)
-        rehearse(self.target, blank.cloud, blank.noise)
+    def _read(self):
+        """The points to test; before, what cannot be written is refused."""
+        if self.target is not None:
+            _files.check_output(self.target, "results of a test")
+        cloud = _files.read_all(self.source, self.columns)
+        if self.target is not None:
+            blank = _results(cloud)
+            rehearse(self.target, blank.cloud, blank.noise)
         return cloud
 
     def _further(self, detector, cloud, scan):
@@ -271,15 +256,6 @@ class Plane:
             error = self.registration or 0.0
             further["comparison"] = compare_planes(detector, fitted, registration_error=error)
         return further
-
-    def _write(self, catalog, outputs, cloud, detector):
-        """Write the points with their results."""
-        residuals = detector.residuals(cloud.xyz)
-        results = PlaneResults(detector.labels_ == -1, detector.test_statistic_, residuals)
-        if catalog is None:
-            _files.write(self.target, results.output(cloud))
-        else:
-            _write_each(catalog, outputs, results)
 
     def _print_summary(self, is_outlier, figures, begin):
         rows = {"points": f"{len(is_outlier):,}"}
@@ -310,75 +286,12 @@ def _check_width(detector, xyz):
         )
 
 
-class PlaneResults(NamedTuple):
-    """What a test says of points (n,)."""
-
-    is_outlier: np.ndarray
-    statistic: np.ndarray
-    residuals: np.ndarray  # in units of the file
-
-    def output(self, cloud):
-        """The cloud to write, with the points to mark in it."""
-        columns = {"test_statistic": self.statistic, "residual": self.residuals}
-        columns = {name: values.astype(np.float32) for name, values in columns.items()}
-        return _files.Output(with_results(cloud, columns), self.is_outlier)
-
-    def divided(self, ends):
-        """The results of the points up to each of these ends, and of those behind the last."""
-        parts = zip(*(np.split(values, ends) for values in self), strict=True)
-        return [PlaneResults(*part) for part in parts]
-
-
-def _write_each(catalog, outputs, results):
-    """Write the points of each file with their results, or all into one file."""
-    parts = results.divided(np.cumsum(catalog.counts)[:-1])
-    clouds = map(read_points, catalog.paths)
-    if len(outputs) == len(catalog):
-        outputs[0].parent.mkdir(exist_ok=True)
-        for path, cloud, part in zip(outputs, clouds, parts, strict=True):
-            _files.write(path, part.output(cloud))
-        return
-    header = joined_header(catalog.paths)
-    with replacing(outputs[0]) as temporary, writing_parts(temporary) as put:
-        for cloud, part in zip(clouds, parts, strict=True):
-            one = part.output(joined_cloud(cloud, header))
-            put(one.cloud, one.noise)
-
-
-@dataclass
-class Plan:
-    """Planes with outliers on one side are simulated, and tested as mcmd plane does with a given
-    sigma0. Rates come with their standard errors.
-    """
-
-    points: int = option(100, "Points on the plane.", min=5)
-    sigma0: float = length(1.0, "Standard deviation of a point.")
-    alpha: float = option(0.05, "Level of the test of all points.")
-    outlier_rate: float = option(0.0, "Share of outliers; there is at least one.")
-    power: float = option(0.8, "Share of the outliers that shall be found.")
-    robust_start: bool = option(
-        True, "Start from the plane of the most coplanar half of the points."
-    )
-    repetitions: int = option(10_000, "Simulated planes of each size of bias.", min=100)
-    unit: _options.Unit = ""
-    random_state: _options.RandomState = 0
-    help_all: _options.HelpAll = False
-
-    def run(self):
-        from sklearn_mcmd.adjustment import BaardaPlaneDetector, plan_plane
-        from sklearn_mcmd.adjustment._plane_figures import plan_rows
-
-        begin = time.perf_counter()
-        planned = plan_plane(
-            self.points,
-            made(self, BaardaPlaneDetector),
-            outlier_rate=self.outlier_rate,
-            power=self.power,
-            n_repetitions=self.repetitions,
-            random_state=self.random_state,
-        )
-        rows = plan_rows(planned, self.unit)
-        _messages.print_table(f"{self.points} points", begin, **rows)
-
-
-plan = command_of(Plan)
+def _results(cloud, detector=None):
+    """The `Output` of a cloud with what a test says of its points; zeros without a detector."""
+    columns = dict.fromkeys(("test_statistic", "residual"), np.zeros(len(cloud)))
+    is_outlier = np.zeros(len(cloud), bool)
+    if detector is not None:
+        residuals, is_outlier = detector.residuals(cloud.xyz), detector.labels_ == -1
+        columns = {"test_statistic": detector.test_statistic_, "residual": residuals}
+    columns = {name: values.astype(np.float32) for name, values in columns.items()}
+    return _files.Output(with_results(cloud, columns), is_outlier)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sklearn_mcmd.cli._options import option, parsed
-from sklearn_mcmd.io import PointFileError, read_trajectory, sensor_origins
+from sklearn_mcmd.io import PointCloud, PointFileError, read_trajectory, sensor_origins
 from sklearn_mcmd.io._files import one_clear_line
 from sklearn_mcmd.io._sensor import lights_in, place_words, stated_positions
 
@@ -61,9 +61,10 @@ class Asked(NamedTuple):
 
     def path(self):
         """What `process_files` takes beside an estimator, which may have one position."""
-        if self.trajectory is None:
-            return self.sensor if self.sensor == AUTO else None
-        return read_trajectory(self.trajectory)
+        if self.sensor == AUTO:
+            why = stated_positions(PointCloud(np.empty((0, 3)))).words
+            raise PointFileError(f"{self.source}: no position of the sensor is known: {why}")
+        return None if self.trajectory is None else read_trajectory(self.trajectory)
 
     def of_normals(self, cloud):
         """Positions for all points, (3,) or (n, 3), and a row of the summary on them; or None, {}.
@@ -96,8 +97,7 @@ class Asked(NamedTuple):
         """Positions for the used points, (3,) or (m, 3), or None; in words what tells them; and
         what speaks against those that the file states, which are not given then.
 
-        What the file states is taken with no option if `recognize`, unless it is scan angles, which
-        take long and tell of aircraft. A sensor that moves has no even steps to be asked for.
+        What the file states is taken with no option if `recognize`.
         """
         if isinstance(self.sensor, tuple):
             return np.array(self.sensor), "given", ""
@@ -105,7 +105,7 @@ class Asked(NamedTuple):
             path = read_trajectory(self.trajectory)
             with one_clear_line(self.source, "read"):
                 return sensor_origins(cloud, path)[used], "trajectory", ""
-        if not (self.sensor == AUTO or (self.recognize and "las_header" not in cloud.metadata)):
+        if not (self.sensor == AUTO or self.recognize):
             return None, "", ""
         with one_clear_line(self.source, "read"):
             stated, words, setups = stated_positions(cloud)
@@ -113,10 +113,9 @@ class Asked(NamedTuple):
                 sensor_origins(cloud)  # which says why
         if stated is None:
             return None, "", ""
-        stated, doubt = stated if len(stated) == 1 else stated[used], ""
-        if len(stated) == 1 or setups is not None:
-            setups = setups if setups is None else setups[used]
-            doubt = _doubt(cloud.xyz[used], stated, words, setups)
+        stated = stated if len(stated) == 1 else stated[used]
+        setups = setups if setups is None else setups[used]
+        doubt = _doubt(cloud.xyz[used], stated, words, setups)
         return None if doubt else stated[0] if len(stated) == 1 else stated, words, doubt
 
 

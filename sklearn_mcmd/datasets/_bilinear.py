@@ -58,34 +58,7 @@ class Bilinear:
         return segments_distance(points, self.edges)
 
     def hit(self, origin, ends):
-        # Both components of S(u, v) - origin across the ray vanish; without v that is a
-        # quadratic equation in u.
-        way = ends - origin
-        ray = way / np.linalg.norm(way, axis=1, keepdims=True)
-        across = np.cross(ray, np.eye(3)[np.argmin(np.abs(ray), axis=1)])
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        also_across = np.cross(ray, across)
-        (p1, a1, b1, c1), (p2, a2, b2, c2) = (
-            [
-                np.sum(side * vector, axis=1)
-                for vector in (self.start - origin, self.a, self.b, self.c)
-            ]
-            for side in (across, also_across)
-        )
-        square, linear = a2 * c1 - a1 * c2, p2 * c1 + a2 * b1 - p1 * c2 - a1 * b2
-        constant = p2 * b1 - p1 * b2
-        fraction = np.full(len(ends), np.inf)
-        with np.errstate(all="ignore"):
-            root = np.sqrt(linear**2 - 4 * square * constant)
-            larger = -0.5 * (linear + np.where(linear < 0, -root, root))
-            for u in (larger / square, constant / larger):
-                first = np.abs(b1 + u * c1) >= np.abs(b2 + u * c2)
-                v = np.where(first, -(p1 + u * a1) / (b1 + u * c1), -(p2 + u * a2) / (b2 + u * c2))
-                place = self._surface(u, v) - origin
-                t = np.einsum("ij,ij->i", place, way) / np.einsum("ij,ij->i", way, way)
-                on_part = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1) & (t > 0) & (t <= 1)
-                fraction = np.where(on_part, np.minimum(fraction, t), fraction)
-        return fraction
+        return np.full(len(ends), np.inf)  # roofs are seen from above: no part hides another
 
     def _surface(self, u, v):
         u, v = u[:, None], v[:, None]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.datasets._surfaces import Soft
+from sklearn_mcmd.datasets._surfaces import Foliage
 
 CLEARANCE = 4.0  # outliers keep so many noise standard deviations from every true surface
 _LEAST_ACCEPTANCE = 0.005  # below this share of usable proposals there is no room to draw in
@@ -11,7 +11,7 @@ _ENOUGH = 5000  # proposals that show it
 
 def gaussian(scene, n, is_clear, rng):
     """Points of the surfaces, displaced at random on each axis."""
-    solid = [part for part in scene.parts if not isinstance(part, Soft)]
+    solid = [part for part in scene.parts if not isinstance(part, Foliage)]
     areas = np.array([part.area for part in solid])
 
     def propose(m):

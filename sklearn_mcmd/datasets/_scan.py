@@ -4,11 +4,11 @@ from functools import cache
 from numbers import Integral, Real
 
 import numpy as np
+from sklearn.utils import Bunch, check_random_state
 
 from sklearn_mcmd._sklearn import Interval
-from sklearn_mcmd.datasets._labels import labeled_cloud, outlier_sizes, streams
 from sklearn_mcmd.datasets._outliers import CLEARANCE, SCENE_OUTLIERS
-from sklearn_mcmd.datasets._surfaces import facing_normals, first_hits
+from sklearn_mcmd.datasets._surfaces import first_hits
 
 #: Constraints of the parameters that all makers share.
 SHARED_PARAMETERS = {
@@ -36,9 +36,11 @@ def scan(
 
     Points are a sample of even density, or on scan lines.
     """
-    sizes = outlier_sizes(n_samples, outlier_share, outlier_kinds, SCENE_OUTLIERS)
+    sizes = _outlier_sizes(n_samples, outlier_share, list(outlier_kinds))
     n = n_samples - sum(sizes.values())
-    points_rng, noise_rng, outlier_rng, order_rng = streams(random_state, 4)
+    # One stream a purpose: true points stay whatever noise and outliers are.
+    seed = check_random_state(random_state).randint(np.iinfo(np.int32).max)
+    points_rng, noise_rng, outlier_rng, order_rng = np.random.default_rng(seed).spawn(4)
     nearest = min(part.distance(scene.scanner[None])[0] for part in scene.parts)
 
     def scale_at(ranges):
@@ -61,36 +63,50 @@ def scan(
         area = scene.seen_area
     scale = scale_at(scene.ranges(points))
     kinds = [SCENE_OUTLIERS[name](scene, m, is_clear, outlier_rng) for name, m in sizes.items()]
-    outliers = np.concatenate(kinds)
+    outliers, order = np.concatenate(kinds), order_rng.permutation(n_samples)
+
+    def join(of_points, of_outliers):
+        of_outliers = np.broadcast_to(of_outliers, (len(outliers), *of_points.shape[1:]))
+        return np.concatenate([of_points, of_outliers]).astype(of_points.dtype)[order]
+
+    normals, edge_distance = np.empty_like(points), np.empty(n)
+    for number in np.unique(surface):
+        mine = surface == number
+        normals[mine] = scene.parts[number].normals(points[mine])
+        edge_distance[mine] = scene.parts[number].edge_distance(points[mine])
+    away = np.einsum("ij,ij->i", normals, scene.scanner - points) < 0
+    normals[away] *= -1.0  # a panel is seen from either side
     names = ["regular", *SCENE_OUTLIERS]
-    cloud = labeled_cloud(
-        scene.parts,
-        np.zeros(n, np.int8),  # none of the echoes is an outlier
-        sizes,
-        names,
-        order_rng.permutation(n_samples),
-        both={
-            "data": (points + scale[:, None] * deviations, outliers),
-            "noise_scale": (scale, scale_at(scene.ranges(outliers))),
-            "sensor_origins": (np.tile(scene.scanner, (n, 1)), scene.scanner),
-        },
-        regular={
-            "true_points": (points, np.nan),
-            "normals": (facing_normals(scene.parts, points, surface, scene.scanner), np.nan),
-            "surface": (surface, -1),
-            "edge_distance": (_edge_distances(scene, points, surface), np.nan),
-        },
+    codes = np.repeat([names.index(kind) for kind in sizes], list(sizes.values()))
+    return Bunch(
+        data=join(points + scale[:, None] * deviations, outliers),
+        target=join(np.ones(n, np.int64), -1),
+        true_points=join(points, np.nan),
+        normals=join(normals, np.nan),
+        surface=join(surface, -1),
+        edge_distance=join(edge_distance, np.nan),
+        noise_scale=join(scale, scale_at(scene.ranges(outliers))),
+        sensor_origins=join(np.tile(scene.scanner, (n, 1)), scene.scanner),
+        outlier_kind=join(np.zeros(n, np.int8), codes),
+        outlier_kind_names=names,
+        surface_names=[part.name for part in scene.parts],
+        spacing=float(np.sqrt(area / n)),
     )
-    cloud.spacing = float(np.sqrt(area / n))
-    return cloud
 
 
-def _edge_distances(scene, places, surface):
-    distances = np.empty(len(places))
-    for number, part in enumerate(scene.parts):
-        mine = np.flatnonzero(surface == number)
-        distances[mine] = part.edge_distance(places[mine])
-    return distances
+def _outlier_sizes(n_samples, share, kinds):
+    """How many outliers of each kind: a share of all points, in (nearly) equal parts.
+
+    Raise unless kinds are known, each once, and regular points are left.
+    """
+    if not set(kinds) <= set(SCENE_OUTLIERS) or len(set(kinds)) < len(kinds) or not kinds:
+        raise ValueError(
+            f"outlier_kinds={kinds!r} must name, once each, one or more of {list(SCENE_OUTLIERS)}."
+        )
+    n = round(share * n_samples)
+    if n >= n_samples:
+        raise ValueError(f"outlier_share={share:g} leaves no regular point of {n_samples}.")
+    return {kind: n // len(kinds) + (i < n % len(kinds)) for i, kind in enumerate(kinds)}
 
 
 def scan_lines(scene, n, rng):

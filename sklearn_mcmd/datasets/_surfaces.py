@@ -10,7 +10,7 @@ scene is a list of parts (`benchmarks/simulators` has more of them):
 - ``edge_distance(points)``: distance to the part's sharp edges, inf if it has none;
 - ``hit(origin, ends)``: where segments from one origin, or from one each (n, 3), first meet the
   part, as the fraction of the segment, inf where they miss;
-- ``scatter(origin, ends, rng)``, of `Soft` parts alone: where the segments end by chance;
+- ``scatter(origin, ends, rng)``, of `Foliage` alone: where the segments end by chance;
 - ``outline_length`` and ``sample_outline(n, rng, viewpoint)``: lines of the part behind which
   the background may start, as seen from a viewpoint.
 """
@@ -238,32 +238,14 @@ class Cylinder:
         return np.mod(np.arctan2(second, first), 2 * np.pi) <= self.arc
 
 
-class Soft(ABC):
-    """Parts without a surface, in which rays end by chance."""
-
-    outline_length = 0.0
-
-    @abstractmethod
-    def scatter(self, origin, ends, rng):
-        """Where segments end: as `hit`, but by chance."""
-
-    def normals(self, points):
-        return np.full((len(points), 3), np.nan)
-
-    def edge_distance(self, points):
-        return np.full(len(points), np.nan)
-
-    def hit(self, origin, ends):
-        return np.full(len(ends), np.inf)
-
-
-class Foliage(Soft):
-    """Ball filled with leaves: points without a surface; rays pass through it.
+class Foliage:
+    """Ball filled with leaves: points without surface, normal or edge, where rays end by chance.
 
     Its `area`, which sets its share of the points, is that of the half ball that a scanner sees.
     """
 
     clearing = 0.7  # how far a ray gets among the leaves, on average, in radii
+    outline_length = 0.0
 
     def __init__(self, name, center, radius):
         self.name = name
@@ -280,7 +262,17 @@ class Foliage(Soft):
     def distance(self, points):
         return np.maximum(np.linalg.norm(points - self.center, axis=1) - self.radius, 0.0)
 
+    def normals(self, points):
+        return np.full((len(points), 3), np.nan)
+
+    def edge_distance(self, points):
+        return np.full(len(points), np.nan)
+
+    def hit(self, origin, ends):
+        return np.full(len(ends), np.inf)
+
     def scatter(self, origin, ends, rng):
+        """Where segments end: as `hit`, but by chance."""
         way = ends - origin
         length = np.linalg.norm(way, axis=1)
         toward = np.broadcast_to(self.center - origin, way.shape)
@@ -344,68 +336,39 @@ def segments_distance(points, segments):
     return np.sqrt(nearest)
 
 
-class Reach:
-    """Which of many segments, from one origin or from one each, come near a box.
+def _near(axes, squared, bounds):
+    """Numbers of the segments, of some squared lengths, that pass through the ball around a box.
 
-    Most parts are met by few segments: `near` finds these by a ball about the part's bounds,
-    ten times faster than their hits are computed.
+    `axes` are their starts and steps along x, y and z: no product of matrices, for which threads
+    would start a thousand times. Most parts are met by few: this is ten times faster than hits.
     """
-
-    def __init__(self, origin, ends):
-        self.origin = np.broadcast_to(origin, ends.shape)
-        way = ends - self.origin
-        self.squared = np.einsum("ij,ij->i", way, way)
-        # Columns: no product of matrices, for which threads would start a thousand times.
-        self.axes = [
-            (start.copy(), step.copy()) for start, step in zip(self.origin.T, way.T, strict=True)
-        ]
-
-    def near(self, bounds, more=0.0):
-        """Numbers of the segments that pass through the ball around a box (2, 3), or by `more`."""
-        center = (bounds[0] + bounds[1]) / 2
-        radius = np.linalg.norm(bounds[1] - center) + more
-        along, miss = np.zeros((2, len(self.squared)))
-        for (start, step), middle in zip(self.axes, center, strict=True):
-            along += (middle - start) * step
-        along = np.clip(along / self.squared, 0.0, 1.0)
-        for (start, step), middle in zip(self.axes, center, strict=True):
-            miss += (start + along * step - middle) ** 2
-        return np.flatnonzero(miss <= radius * radius * (1 + 1e-9))
+    center = (bounds[0] + bounds[1]) / 2
+    radius = np.linalg.norm(bounds[1] - center)
+    along, miss = np.zeros((2, len(squared)))
+    for (start, step), middle in zip(axes, center, strict=True):
+        along += (middle - start) * step
+    along = np.clip(along / squared, 0.0, 1.0)
+    for (start, step), middle in zip(axes, center, strict=True):
+        miss += (start + along * step - middle) ** 2
+    return np.flatnonzero(miss <= radius * radius * (1 + 1e-9))
 
 
-def facing_normals(parts, points, number, viewpoints):
-    """Normals toward viewpoints, of points on the parts of these numbers; NaN where none are."""
-    normals = np.empty_like(points)
-    for part in np.unique(number):
-        mine = np.flatnonzero(number == part)
-        normals[mine] = parts[part].normals(points[mine])
-    away = np.einsum("ij,ij->i", normals, viewpoints - points) < 0
-    normals[away] *= -1.0  # a panel is seen from either side
-    return normals
-
-
-def first_hits(parts, origin, ends, rng, bundle=1, apart=0.0):
+def first_hits(parts, origin, ends, rng):
     """Where n segments from one origin, or from one each, end first.
 
-    Of each segment the fraction, inf where it meets nothing, and the number of the part, or -1. So
-    many segments in a row as a `bundle` has start at one place and end no farther `apart` from the
-    end of the first of them, which stands for all where parts are sought that may be met.
+    Of each segment the fraction, inf where it meets nothing, and the number of the part, or -1.
     """
     nearest, met = np.full(len(ends), np.inf), np.full(len(ends), -1)
     origin = np.broadcast_to(origin, ends.shape)
-    reach = Reach(origin[::bundle], ends[::bundle])
+    way = ends - origin
+    squared = np.einsum("ij,ij->i", way, way)
+    axes = [(start.copy(), step.copy()) for start, step in zip(origin.T, way.T, strict=True)]
     for number, part in enumerate(parts):
-        # A lone ball of leaves draws for all segments, so that scans stay what they were.
-        if isinstance(part, Foliage):
-            rows = np.arange(len(ends))
+        if isinstance(part, Foliage):  # draws for all segments, so that scans stay what they were
+            rows, fraction = np.arange(len(ends)), part.scatter(origin, ends, rng)
         else:
-            first = bundle * reach.near(part.bounds, apart)
-            rows = (first[:, None] + np.arange(bundle)).ravel()
-        start, stop = origin[rows], ends[rows]
-        if isinstance(part, Soft):
-            fraction = part.scatter(start, stop, rng)
-        else:
-            fraction = part.hit(start, stop)
+            rows = _near(axes, squared, part.bounds)
+            fraction = part.hit(origin[rows], ends[rows])
         nearer = fraction < nearest[rows]
         nearest[rows[nearer]], met[rows[nearer]] = fraction[nearer], number
     return nearest, met

@@ -53,19 +53,18 @@ def classes_of(cloud):
     return np.asarray(cloud.attributes["classification"])
 
 
-def noise_classes(cloud, marked, flagged, used, lowest):
-    """The class of each outlier: low or high noise; 0 for all other points.
+def noise_classes(cloud, flagged, used, lowest):
+    """The class of each outlier, a mask `flagged`: low or high noise; 0 for all other points.
 
-    Of three masks (n,) of points, `marked` get a class, no other is compared with `flagged`, and
-    the verdict is based on `used`. Low is what lies lower than all ground around it, if there is
-    ground, else than all that was used: the points that are added to `lowest`, `LowestPoints`.
+    Low is what lies lower than all ground around it, if there is ground, else than all that was
+    `used`: the points that are added to `lowest`, `LowestPoints`.
     """
     compared = ground_in(cloud)
     if compared is None or np.count_nonzero(compared & ~flagged) < lowest.n_usual:
         compared = used
     lowest.add(cloud.xyz[compared & ~flagged])
     classes = np.zeros(len(cloud), np.uint8)
-    classes[marked] = classes_of_noise(lowest, cloud.xyz[marked])
+    classes[flagged] = classes_of_noise(lowest, cloud.xyz[flagged])
     return classes
 
 

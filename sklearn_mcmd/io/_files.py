@@ -157,11 +157,10 @@ def write_points(
     Warns
     -----
     UserWarning
-        If an attribute, or the grid of an organized cloud, cannot be kept, or not exactly. E57
-        holds finite intensity of single precision and colors of 8 bits only, PTS intensity and such
-        colors, XYZN normals, and XYZRGB colors. PLY and PCD spell names in ASCII without blanks. In
-        LAS, a value that does not fit the dimension of its name goes to an extra dimension
-        ``<name>_value``.
+        If an attribute cannot be kept, or not exactly. E57 holds finite intensity of single
+        precision and colors of 8 bits only, PTS intensity and such colors, XYZN normals, and XYZRGB
+        colors. PLY and PCD spell names in ASCII without blanks. In LAS, a value that does not fit
+        the dimension of its name goes to an extra dimension ``<name>_value``.
 
     See Also
     --------
@@ -182,8 +181,7 @@ def write_points(
     file are copied from LAS 1.4, but not from LAS 1.3.
 
     *PLY, PCD.* Files are binary. Coordinates are float32 where that is exact, as viewers expect,
-    else float64. Colors of LAS that were made of 8 bits have 8 bits again. In PCD an organized
-    cloud keeps its grid; empty cells have NaN, and 0 where fields are integers.
+    else float64. Colors of LAS that were made of 8 bits have 8 bits again.
 
     *E57.* Coordinates are float64 about their median.
 

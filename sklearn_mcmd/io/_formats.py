@@ -51,7 +51,6 @@ FORMATS = (
         extensions=(".las", ".laz"),
         kept="everything but waveform samples of LAS 1.3; results become extra dimensions",
         write=_las.write_las,
-        sensor="LAS's scan angles",
     ),
     las("COPC", (".copc.laz",), "as LAZ; read only"),
     Format(
@@ -65,7 +64,7 @@ FORMATS = (
     Format(
         name="PCD",
         extensions=(".pcd",),
-        kept="all fields of points, the grid, the viewpoint",
+        kept="all fields of points, rows and columns, the viewpoint",
         read=scans.read_pcd,
         write=scans.write_pcd,
         extra="formats",

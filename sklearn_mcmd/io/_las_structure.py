@@ -11,7 +11,6 @@ from sklearn_mcmd.io._point_cloud import PointFileError
 SMALLEST_HEADER, LAS_14_HEADER, LAS_15_HEADER = 227, 375, 393  # bytes
 VLR_HEADER, EVLR_HEADER = 54, 60  # bytes of the head of a record, and of an extended one
 GRID_FIELD, WAVEFORMS_FIELD = 131, 227  # places in a header
-ANGLE_STEP = 0.006  # degrees, of scan angles from point format 6 on
 
 
 class ScaleLimits(NamedTuple):

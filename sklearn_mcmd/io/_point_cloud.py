@@ -1,7 +1,6 @@
 """The point cloud that readers return and writers take, and the one error of both."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from math import prod
 from typing import TYPE_CHECKING, Any
@@ -285,16 +284,3 @@ def with_cells(cloud, shape):
         cloud.attributes |= zip(CELL, cells, strict=True)
         cloud.metadata[SHAPE] = tuple(shape)
     return cloud
-
-
-def cells_of(cloud):
-    """The cell of each point, row by row; None if the cloud is not organized."""
-    if SHAPE not in cloud.metadata:
-        return None
-    with suppress(KeyError, TypeError, ValueError):  # not there, no integers, or outside
-        told = [cloud.attributes[name] for name in CELL]
-        cells = np.ravel_multi_index(told, cloud.metadata[SHAPE])
-        if len(np.unique(cells)) == len(cloud):
-            return cells
-    warn_caller("the grid is not kept: row_index and column_index tell no cell for each point")
-    return None

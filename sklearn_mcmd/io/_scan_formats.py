@@ -3,7 +3,6 @@
 import io
 import os
 import re
-from math import prod
 
 import numpy as np
 
@@ -12,11 +11,8 @@ from sklearn_mcmd._extras import import_extra
 from sklearn_mcmd.io._arrays import cloud_from_records
 from sklearn_mcmd.io._column_names import without_accents
 from sklearn_mcmd.io._point_cloud import (
-    CELL,
     COLORS,
-    SHAPE,
     PointFileError,
-    cells_of,
     check_room,
     fit_dtype,
     flat_columns,
@@ -112,7 +108,7 @@ def read_pcd(path, columns=None):
 
 
 def write_pcd(path, cloud):
-    """Write binary PCD. An organized cloud has NaN in empty cells."""
+    """Write binary PCD, of an organized cloud with rows and columns as fields."""
     pypcd4 = import_extra("pypcd4", "formats", "PCD")
     columns = _columns(cloud)
     if all(c in columns and columns[c].dtype == np.uint8 for c in COLORS):
@@ -121,19 +117,10 @@ def write_pcd(path, cloud):
         columns["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
     columns = {n: fit_dtype(n, v, PCD_DTYPES, "PCD") for n, v in columns.items()}
     columns = _spelled({**_axes(cloud.xyz), **columns}, r"A-Za-z0-9_.\-", "PCD")
-    cells = cells_of(cloud)
-    if cells is not None:
-        columns = {name: values for name, values in columns.items() if name not in CELL}
-        for name, values in columns.items():  # NaN, or 0 of integers, where there is no point
-            empty = np.nan if values.dtype.kind == "f" else 0
-            columns[name] = np.full(prod(cloud.metadata[SHAPE]), empty, values.dtype)
-            columns[name][cells] = values
     pcd = pypcd4.PointCloud.from_points(
         list(columns.values()), list(columns), [v.dtype for v in columns.values()]
     )
     pcd.metadata.viewpoint = cloud.metadata.get("pcd_viewpoint", pcd.metadata.viewpoint)
-    if cells is not None:
-        pcd.metadata.height, pcd.metadata.width = cloud.metadata[SHAPE]
     pcd.save(str(path), pypcd4.Encoding.BINARY)
 
 

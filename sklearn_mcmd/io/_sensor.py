@@ -1,4 +1,4 @@
-"""Where the sensor stood: what files say of it, for each point; LAS by its scan angles."""
+"""Where the sensor stood: what files say of it, for each point."""
 
 from typing import NamedTuple
 
@@ -7,16 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io._formats import SENSORS
-from sklearn_mcmd.io._las_structure import ANGLE_STEP
 from sklearn_mcmd.io._point_cloud import SETUPS, PointCloud, PointFileError
 from sklearn_mcmd.io._trajectory import Trajectory, positions_at, trajectory_of
-
-# Degrees (rms) by which directions may differ from scan angles. Rounding to whole degrees makes
-# 0.29, and no single angle is wrong by more than half a degree.
-MOST_OFF = 0.5
-LEAST_POINTS = 100  # of a line, for its angles to tell anything
-ROUNDS = 20  # of the adjustment; each changes the height by about relief over height less
-
 
 LIGHTS = "intensity", "reflectance", "reflectivity"  # attributes that say how much came back
 
@@ -62,8 +54,8 @@ def sensor_origins(
     trajectory : Trajectory, or tuple of times (m,) and positions (m, 3), default=None
         Positions between its times are interpolated linearly. Its times may be GPS seconds, the
         same less 1e9 as LAS has them, or seconds of the week, whatever those of points are; a
-        warning says so if they differ. None means that the file itself tells positions, by LAS's
-        scan angles, PCD's VIEWPOINT, E57's poses or PTX's poses.
+        warning says so if they differ. None means that the file itself tells positions, by PCD's
+        VIEWPOINT, E57's poses or PTX's poses.
 
     Returns
     -------
@@ -93,11 +85,6 @@ def sensor_origins(
     too. In PTX each pose needs a grid, and one that moves nothing must not name another place.
 
     *PCD.* VIEWPOINT counts unless it is 0 0 0. That is what programs write who do not know it.
-
-    *LAS.* Each flight line is taken as straight, level and of constant speed, with a scan across
-    it. What the scan angles say of three unknowns, the line, its speed and height, is adjusted by
-    least squares. If the directions to points differ from the angles by more than half a degree
-    (rms), angles tell no position: those rounded to whole degrees differ by 0.29 degrees.
 
     Examples
     --------
@@ -133,8 +120,6 @@ def stated_positions(cloud):
             why = "PCD's VIEWPOINT is 0 0 0, which is also written where it is not known"
             return Stated(None, why)
         return Stated(viewpoint[None, :3], "PCD's VIEWPOINT")
-    if "las_header" in cloud.metadata:
-        return positions_of_lines(cloud)
     return Stated(None, f"only {SENSORS} tell it; give a position or a trajectory")
 
 
@@ -149,66 +134,3 @@ def _of_setups(cloud):
         return Stated(None, "not all of the scans have a pose that says where the scanner stood")
     words = "pose of the scan" if setups is None else "poses of the scans"
     return Stated(positions, words, setups)
-
-
-def positions_of_lines(cloud):
-    """What scan angles, times and flight lines of LAS say of the sensor: `Stated`."""
-    attributes = cloud.attributes
-    angles = attributes.get("scan_angle_rank")
-    if angles is None and "scan_angle" in attributes:
-        angles = ANGLE_STEP * np.asarray(attributes["scan_angle"], float)
-    if angles is None or not {"gps_time", "point_source_id"} <= attributes.keys():
-        return Stated(
-            None, "points have no scan angles with times; give a position or a trajectory"
-        )
-    angles, times = np.asarray(angles, float), np.asarray(attributes["gps_time"], float)
-    if np.ptp(angles) == 0 or np.ptp(times) == 0:
-        return Stated(None, "scan angles or times are all equal; give a position or a trajectory")
-    lines = np.asarray(attributes["point_source_id"])
-    positions, numbers = np.empty((len(cloud), 3)), np.unique(lines)
-    for line in numbers:
-        rows = lines == line
-        flown, why = _adjusted(cloud.xyz[rows], times[rows], angles[rows])
-        if flown is None:
-            return Stated(None, f"of flight line {line}, {why}; give a trajectory")
-        positions[rows] = flown
-    words = "one flight line" if len(numbers) == 1 else f"{len(numbers)} lines"
-    return Stated(positions, f"scan angles of {words}")
-
-
-def _adjusted(xyz, times, angles):
-    """Positions of the sensor on a straight and level line, or None and why.
-
-    The plan of a point is that of the sensor, which moves by time, and a step across that is the
-    height over the point times the tangent of its angle. Height and direction of the step are
-    linear unknowns while the points' heights are corrected for with those of the round before.
-    """
-    if len(xyz) < LEAST_POINTS:
-        return None, f"there are fewer than {LEAST_POINTS} points"
-    # Step 1: the unknowns are a place, a way in the time of the line, and a step across.
-    middle, tangents = xyz.mean(axis=0), np.tan(np.radians(angles))
-    times = (times - times.mean()) / max(np.ptp(times), np.finfo(float).tiny)
-    unknown = np.column_stack([np.ones(len(xyz)), times, tangents])
-    if np.linalg.matrix_rank(unknown) < 3:
-        return None, "scan angles or times are all equal"
-    # Step 2: plan = place + way * time + across * (height - z) * tangent, by rounds for z.
-    local, across, solve = xyz - middle, np.zeros(2), np.linalg.pinv(unknown)
-    for _ in range(ROUNDS):
-        plan = local[:, :2] + (local[:, 2] * tangents)[:, None] * across
-        solved = solve @ plan
-        height = np.linalg.norm(solved[2])
-        if not height > 0:
-            return None, "scan angles say nothing of its height"
-        across = solved[2] / height
-    # Step 3: what is left on the ground is an angle as seen from the height.
-    off = np.linalg.norm(plan - unknown @ solved, axis=1)
-    off = np.degrees(np.sqrt(np.mean(off**2)) / height)
-    if off > MOST_OFF:
-        return None, (
-            f"directions to points differ from scan angles by {off:.2g} degrees (rms; "
-            f"{MOST_OFF:g} are the most)"
-        )
-    if height <= local[:, 2].max():
-        return None, "scan angles put the sensor below the highest of its points"
-    flown = middle[:2] + unknown[:, :2] @ solved[:2]
-    return np.column_stack([flown, np.full(len(xyz), middle[2] + height)]), ""

@@ -22,7 +22,6 @@ from sklearn_mcmd.planes._around import quantile_around
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._principal_planes import are_rows, normal_errors
 from sklearn_mcmd.planes._quadrics import QuadricLimits, noise_quantiles, whole_planes
-from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_slice
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -101,11 +100,8 @@ class ScaleFinder:
         rows = needed == 0
 
         def task(part, around):
-            planes, directions = Planes.empty(len(part), d), np.empty((len(part), d))
-            whole_planes(self.index.points, around, planes, directions)
-            rows[part] = are_rows(planes.eigenvalues)
+            rows[part] = are_rows(whole_planes(self.index.points, around)[0].eigenvalues)
 
-        d = self.index.points.shape[1]
         while rows.any() and k < self.limits.most:
             self._each(rows.copy(), k, task)
             needed[rows] = across_rows(k)
@@ -128,12 +124,9 @@ class ScaleFinder:
         errors, normals = np.full(self.n, 90.0), np.zeros((self.n, self.index.points.shape[1]))
 
         def task(part, around):
-            planes = Planes.empty(len(part), normals.shape[1])
-            _, left, _ = whole_planes(
-                self.index.points, around, planes, np.empty_like(planes.normals)
-            )
-            determined = np.isfinite(left)  # the members determine a quadric
-            noise = np.where(determined, left, 0.0)
+            planes, _, fit = whole_planes(self.index.points, around)
+            determined = np.isfinite(fit.left)  # the members determine a quadric
+            noise = np.where(determined, fit.left, 0.0)
             tilts = normal_errors(noise, planes.eigenvalues, around.sizes)
             errors[part], normals[part] = np.where(determined, tilts, 90.0), planes.normals
 

@@ -23,7 +23,7 @@ from sklearn_mcmd.normals._features import (
 )
 from sklearn_mcmd.normals._rows import doubted, may_be_rows, warn_of_rows
 from sklearn_mcmd.normals._sides import Sides
-from sklearn_mcmd.normals._surface_planes import SurfacePlanes, check_mending
+from sklearn_mcmd.normals._surface_planes import SurfacePlanes
 from sklearn_mcmd.planes._base import BaseLocalPlanes, mends_planes
 from sklearn_mcmd.planes._columns import column_names, joined_columns, plane_offsets
 from sklearn_mcmd.planes._orientation import point_up
@@ -125,12 +125,12 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         the point. From four dimensions on, and with ``n_neighbors=None``, no neighbor is asked, and
         every point has its refitted plane. False is the paper's form.
 
-    neighbor_planes : bool, default=None
+    neighbor_planes : bool, default=True
         Whether a point next to an edge is given the plane of the neighbor that explains it and
         the points nearest to it best. Most of its own neighborhood may lie on the other face, or
         its own plane may run across both. Neighbors have agreed on planes before; there a point
-        refits the plane that it takes, here it does not. None means as `reweight` says, in 2D and
-        3D. It cannot be True without `reweight`, or for more than three features.
+        refits the plane that it takes, here it does not. Nothing is lent without `reweight`, or in
+        more than three dimensions.
 
     tangents : bool, default=True
         Whether the normal is that of a quadric at the point where a surface bends. False leaves it
@@ -262,7 +262,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), StrOptions({"auto"}), None],
         "method": [StrOptions({*choices_of(RuleMethod), *COMPARATORS})],
         "method_params": [dict, None],
-        "neighbor_planes": ["boolean", None],
+        "neighbor_planes": ["boolean"],
         "tangents": ["boolean"],
         "radius": [Interval(Real, 0, None, closed="neither"), None],
         "orientation": [StrOptions({"sensor", "mst"}), "array-like", None],
@@ -282,7 +282,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         success_probability: float = 0.9999,
         cutoff: float | None = None,
         reweight: bool = True,
-        neighbor_planes: bool | None = None,
+        neighbor_planes: bool = True,
         tangents: bool = True,
         radius: float | None = None,
         orientation: 'Literal["sensor", "mst"] | ArrayLike | None' = None,
@@ -346,7 +346,6 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
                 f"radius={self.radius} has no meaning with n_neighbors=None, one neighborhood of "
                 "all points; give a number of neighbors."
             )
-        check_mending(self)
         xyz = self._fit_planes(X, self.radius, self.cutoff)
         origin = self.sensor_origin if sensor_origin is None else sensor_origin
         self._sides = Sides(self.orientation, origin, xyz)
@@ -463,16 +462,13 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         self.plane_scale_ = planes.scale
 
     def _make_index(self, xyz, radius):
-        d, sized = xyz.shape[1], self.n_neighbors == "auto"
-        for asked, name, remedy in (
-            (self.neighbor_planes, "neighbor_planes=True", "leave it at None"),
-            (sized, 'n_neighbors="auto"', "give a number of neighbors, such as 50"),
-        ):
-            if asked and d > 3:
-                features = f"X has {d} features; {remedy}."
-                raise ValueError(f"{name} is for points in 2D and 3D, and {features}")
-        if not sized:
+        if self.n_neighbors != "auto":
             return super()._make_index(xyz, radius)
+        if xyz.shape[1] > 3:
+            raise ValueError(
+                'n_neighbors="auto" is for points in 2D and 3D, and X has '
+                f"{xyz.shape[1]} features; give a number of neighbors, such as 50."
+            )
         with progress_part(0.0, FINDING, "sizes of neighborhoods"):
             return sized_index(xyz, radius, self.n_jobs)
 

@@ -10,7 +10,6 @@ from sklearn_mcmd.normals._adaptive_k import SizeLimits, across_rows
 from sklearn_mcmd.planes._neighborhoods import Neighborhoods
 from sklearn_mcmd.planes._principal_planes import are_rows
 from sklearn_mcmd.planes._quadrics import whole_planes
-from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._chunks import each_slice, slices
 from sklearn_mcmd.runtime._progress import progress_part
 
@@ -75,9 +74,10 @@ def warn_of_rows(index):
 
 def _whole_normals(index, points, k):
     """Normals (m, d) of the planes of the k nearest of places, and whether these are rows."""
-    planes, directions = Planes.empty(*points.shape), np.empty(points.shape)
+    normals, rowlike = np.empty(points.shape), np.empty(len(points), bool)
     for rows in slices(len(points), AT_ONCE):
         nearest = index.cloud.nearest(points[rows], k)[1]
         around = Neighborhoods(nearest, np.full(len(nearest), k))
-        whole_planes(index.points, around, planes.take(rows), directions[rows])
-    return planes.normals, are_rows(planes.eigenvalues)
+        planes, *_ = whole_planes(index.points, around)
+        normals[rows], rowlike[rows] = planes.normals, are_rows(planes.eigenvalues)
+    return normals, rowlike

@@ -17,7 +17,6 @@ import numpy as np
 
 from sklearn_mcmd.normals._adaptive_k import angles
 from sklearn_mcmd.planes._around import most_noise_around, quantile_around, ratio
-from sklearn_mcmd.planes._base import mends_planes
 from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._principal_planes import are_rows
 from sklearn_mcmd.planes._quadrics import (
@@ -134,7 +133,7 @@ class SurfacePlanes:
 
     def __init__(self, estimator, model):
         self.model, self.tangents = model, estimator.tangents
-        self.lends = estimator.neighbor_planes is not False
+        self.lends = estimator.neighbor_planes
 
     def fit(self, X, n_jobs):
         """Planes of the fitted points X (n, d), the rows of X (n,) whose planes they are, and the
@@ -144,10 +143,10 @@ class SurfacePlanes:
         members = Surfaces(planes, np.empty(m, np.int8), np.empty(m), np.empty(m))
         chunk, lenders, errors = self.model.chunk(), np.full(m, -1, dtype=np.int32), np.empty(m)
 
-        def keep_whole(rows, whole, deviation, left, ordinary):
+        def keep_whole(rows, whole, fit):
             planes.put(rows, whole)
-            members.forms[rows] = np.where(ordinary, FLAT, BENT)
-            members.noise[rows], members.left[rows] = deviation, left
+            members.forms[rows] = np.where(fit.ordinary, FLAT, BENT)
+            members.noise[rows], members.left[rows] = fit.deviation, fit.left
 
         def find_rough(rows):
             surfaces = members.take(rows)
@@ -199,7 +198,7 @@ class SurfacePlanes:
 
     def evaluate_neighborhoods(self, points, around, members):
         """Planes of queries (m, d) whose neighborhoods are given, by the members' `Surfaces`."""
-        planes, deviation, left, ordinary = self.model.whole_planes(points, around)
+        planes, (deviation, left, ordinary) = self.model.whole_planes(points, around)
         forms = np.where(ordinary, FLAT, BENT).astype(np.int8)
         self._find_rough(points, around, Surfaces(planes, forms, deviation, left))
         self._bend(points, planes, forms, left, around, members.noise)
@@ -277,8 +276,8 @@ class SurfacePlanes:
         """Give rough neighborhoods whose quadrics leave no more than usual all members back."""
         if len(rows):
             near = around.take(rows)
-            whole, deviation, left, _ = self.model.whole_planes(points[rows], near)
-            smooth = ~_bends_too_much(deviation, left, whole)
+            whole, fit = self.model.whole_planes(points[rows], near)
+            smooth = ~_bends_too_much(fit.deviation, fit.left, whole)
             planes.put(rows[smooth], whole.take(smooth))
             forms[rows[smooth]] = BENT
 
@@ -355,15 +354,6 @@ def lend(planes, rows, members, lenders):
     extents = {name: getattr(borrowers, name) for name in ("kept", "radius", "spacing")}
     lent = lent._replace(**extents)
     planes.put(rows, lent._replace(normal_error=error))
-
-
-def check_mending(estimator):
-    """Raise if an estimator asks for planes of neighbors but does not mend planes."""
-    if estimator.neighbor_planes and not mends_planes(estimator):
-        raise ValueError(
-            "neighbor_planes=True needs robust planes of neighborhoods that are refitted: "
-            'reweight=True, a method "mcmd_z" or "mcmd_md", and a number of neighbors.'
-        )
 
 
 def _moved(planes, places):

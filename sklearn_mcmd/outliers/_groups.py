@@ -1,11 +1,8 @@
-"""Groups of points: what they look like, how far they stand off, how deep below ground they lie."""
+"""Groups of points: what they look like, and how far they stand off."""
 
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from sklearn_mcmd.outliers._surfaces import SurfaceLimits
 from sklearn_mcmd.planes._around import ratio
@@ -13,7 +10,6 @@ from sklearn_mcmd.planes._explaining import ExplainLimits
 from sklearn_mcmd.planes._nearest import NearestPoints
 from sklearn_mcmd.runtime._chunks import slices
 
-AT_ONCE = 100_000  # points whose nearest are asked for at once; it limits the memory
 GROUPS_AT_ONCE = 4096  # whose axes are found at once, in 500 bytes each
 LENGTH = np.sqrt(12)  # of a line, in standard deviations of points that lie evenly on it
 
@@ -186,51 +182,3 @@ def gaps_between_groups(points, group, n_jobs):
 def numbered(groups):
     """Groups as numbers from 0 on: int32."""
     return np.unique(groups, return_inverse=True)[1].astype(np.int32)
-
-
-def depths_of_groups(xyz, ground, candidates):
-    """How deep below ground the group of each candidate lies, in units of the group's size.
-
-    A point is below ground if it is lower than the three ground points nearest in plan by more than
-    these are away in plan. Points below ground are linked to those of their nearest neighbors that
-    are closer than the ground is above them. What is linked is a group. Its depth is that of its
-    highest point. Its size is that of the detector's groups, but no less than the distance in plan
-    to the third nearest ground point.
-
-    `ground` is a `Ground`, and `candidates` a mask of the points. What is not below ground has 0.
-    """
-    away, near = ground.nearest(xyz)
-    depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]
-    rows = np.flatnonzero(candidates & (depth > away))
-    result = np.zeros(len(xyz))
-    result[rows] = group_depths(xyz[rows], depth[rows], away[rows])
-    return result
-
-
-def group_depths(points, depth, away):
-    """The same of all points (n, 3) below ground: by so much, `depth`, and so far from the third
-    nearest ground point in plan, `away`."""
-    result = np.empty(len(points))
-    if len(points):
-        order = np.lexsort(points.T)
-        points, depth, away = points[order], depth[order], away[order]
-        group = connected_components(_links(points, depth), directed=False)[1]
-        result[order] = separation_of_groups(points, group, away, depth)[0]
-    return result
-
-
-def _links(points, depth):
-    """The graph of points and those of their nearest that are closer than the ground is above.
-
-    Points have as many nearest as those of surfaces: of fewer a group may fall apart.
-    """
-    tree, n = cKDTree(points, balanced_tree=False), len(points)
-    near = np.arange(1, min(SurfaceLimits().n_links, n) + 1)
-    links = []
-    for first in range(0, n, AT_ONCE):
-        part = slice(first, first + AT_ONCE)
-        distances, neighbors = tree.query(points[part], near)
-        row, column = np.nonzero(distances < depth[part, None])
-        links.append(np.stack([first + row, neighbors[row, column]]).astype(np.int32))
-    rows, neighbors = np.concatenate(links, axis=1)
-    return coo_array((np.ones(len(rows), bool), (rows, neighbors)), shape=(n, n))

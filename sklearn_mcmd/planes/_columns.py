@@ -7,7 +7,7 @@ import numpy as np
 from sklearn_mcmd._validation import check_extent
 from sklearn_mcmd.planes._principal_planes import surface_variation
 from sklearn_mcmd.planes._record import Planes
-from sklearn_mcmd.runtime._chunks import run, slices
+from sklearn_mcmd.runtime._chunks import slices
 
 TOLERANCE = 1e-3  # of the length of a normal, which a file may have stored with few digits
 CHUNK = 4096  # rows at once, whose columns stay in the processor's cache
@@ -38,13 +38,12 @@ class Columns(NamedTuple):
         )
         return cls._make(values.astype(X.dtype, copy=False) for values in columns)
 
-    def planes(self, rows, n_jobs=None):
+    def planes(self, rows):
         """The planes of some of the points, float64; what columns lack is no number or left out."""
         planes = Planes.empty(len(rows), self.coordinates.shape[1])
         planes = planes.without("eigenvalues", "normal_error")
         planes.kept[:], planes.radius[:], planes.spacing[:] = 1.0, np.nan, np.nan
-
-        def task(part):
+        for part in slices(len(rows), CHUNK):
             chosen = rows[part]
             normals = self.normals[chosen].astype(np.float64)
             # A file may have rounded them.
@@ -52,8 +51,6 @@ class Columns(NamedTuple):
             planes.normals[part] = normals
             planes.centroids[part] = self.coordinates[chosen] + self.offset[chosen, None] * normals
             planes.scale[part] = self.scale[chosen]
-
-        run([(part,) for part in slices(len(rows), CHUNK)], task, n_jobs)
         return planes
 
 
@@ -80,7 +77,7 @@ def plane_offsets(planes, normals, X):
     return offset
 
 
-def split_columns(X, d=None, n_jobs=None):
+def split_columns(X, d=None):
     """Coordinates and planes of points, as `Columns`, from the columns of a transformer.
 
     If `d` is None, the number of dimensions follows from the columns: normals have length
@@ -91,7 +88,7 @@ def split_columns(X, d=None, n_jobs=None):
     # With features behind them, the columns of 3D may look like those of more dimensions.
     possible = sorted(range(2, most + 1), key=lambda n: (n != 3, -n)) if d is None else (d,)
     for dimensions in possible:
-        columns = _cut(X, dimensions, n_jobs)
+        columns = _cut(X, dimensions)
         if columns is not None:
             check_extent(columns.coordinates)
             return columns
@@ -103,25 +100,17 @@ def split_columns(X, d=None, n_jobs=None):
     )
 
 
-def _cut(X, d, n_jobs):
+def _cut(X, d):
     """The columns of d dimensions; None if they are not those of planes."""
     # Coordinates are copied to memory of their own, which makes all later work faster.
     coordinates, eigenvalues = np.empty((len(X), d), X.dtype), np.empty((len(X), d), X.dtype)
     normals, variation = X[:, d : 2 * d], X[:, 2 * d]
     offset, scale = X[:, 3 * d + 1 : 3 * d + 3].T
-    wrong: list[slice] = []
-
-    def task(part):
-        if wrong:
-            return
+    for part in slices(len(X), CHUNK):
         coordinates[part] = X[part, :d]
         values = np.maximum(X[part, 2 * d + 1 : 3 * d + 1], 0, out=eigenvalues[part])
         if not _are_planes(normals[part], variation[part], values):
-            wrong.append(part)
-
-    run([(part,) for part in slices(len(X), CHUNK)], task, n_jobs)
-    if wrong:
-        return None
+            return None
     return Columns(
         coordinates=coordinates,
         normals=normals,

@@ -66,15 +66,6 @@ class RobustPlanes(NamedTuple):
         planes.kept[:] = fit.support.sum(axis=1) / sizes
 
 
-class WholePlanes(NamedTuple):
-    """Planes of all members of m neighborhoods, and what they leave, as of `QuadricFit`."""
-
-    planes: Planes
-    deviation: np.ndarray
-    left: np.ndarray
-    ordinary: np.ndarray
-
-
 class PlaneSettings(NamedTuple):
     """How the plane of a neighborhood is found."""
 
@@ -169,20 +160,20 @@ class LocalPlaneModel:
     def first_planes(self, queries, neighborhoods, keep=None):
         """Planes before anyone is asked, and which are not those of all members: bool (m,).
 
-        ``keep`` gets the fields of the `WholePlanes`, if neighbors agree.
+        ``keep`` gets what `whole_planes` returns, if neighbors agree.
         """
         if not self.settings.agrees:
             planes, _ = self.evaluate_neighborhoods(queries, neighborhoods)
             return planes, np.ones(len(queries), dtype=bool)
-        whole = self.whole_planes(queries, neighborhoods)
+        planes, fit = self.whole_planes(queries, neighborhoods)
         if keep is not None:
-            keep(whole.planes, whole.deviation, whole.left, whole.ordinary)
-        asking = np.flatnonzero(~whole.ordinary)
+            keep(planes, fit)
+        asking = np.flatnonzero(~fit.ordinary)
         if len(asking):
             near = neighborhoods.take(asking)
             robust = self.robust_planes(queries[asking], near, self.rounding)
-            whole.planes.put(asking, robust.planes)
-        return whole.planes, ~whole.ordinary
+            planes.put(asking, robust.planes)
+        return planes, ~fit.ordinary
 
     def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0, measured=True):
         """The same of given neighborhoods, rows of the index's points.
@@ -202,20 +193,21 @@ class LocalPlaneModel:
         return planes, robust.distances
 
     def whole_planes(self, queries, neighborhoods):
-        """The `WholePlanes` of neighborhoods, in 2D or 3D."""
-        members, planes = self.index.points, Planes.empty(*queries.shape)
-        directions = np.empty_like(planes.normals)
-        deviation, left, ordinary = whole_planes(members, neighborhoods, planes, directions)
+        """Planes of all members, and the `QuadricFit`, of neighborhoods in 2D or 3D."""
+        members = self.index.points
+        planes, directions, fit = whole_planes(members, neighborhoods)
         flat_normals(planes.normals, planes.eigenvalues, directions)
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         planes.spacing[:], planes.radius[:] = extents(members, queries, neighborhoods)
         least = self.least_scales(planes.centroids)
-        ordinary |= (deviation <= least) & np.isfinite(left)  # rounding is no noise to test
-        planes.scale[:] = np.maximum(np.where(np.isfinite(deviation), deviation, 0.0), least)
+        finite = np.isfinite(fit.deviation)
+        # Rounding is no noise to test.
+        fit.ordinary[:] |= (fit.deviation <= least) & np.isfinite(fit.left)
+        planes.scale[:] = np.maximum(np.where(finite, fit.deviation, 0.0), least)
         planes.kept[:] = 1.0
         errors = normal_errors(planes.scale, planes.eigenvalues, neighborhoods.sizes)
         planes.normal_error[:] = errors
-        return WholePlanes(planes, deviation, left, ordinary)
+        return planes, fit
 
     def robust_planes(self, queries, neighborhoods, rounding, offers=None):
         """The `RobustPlanes` of neighborhoods: the best of offers, or else of trials."""

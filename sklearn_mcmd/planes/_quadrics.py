@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import chdtri, fdtri, ndtr, ndtri
 
 from sklearn_mcmd.planes._principal_planes import student_factors
+from sklearn_mcmd.planes._record import Planes
 from sklearn_mcmd.runtime._compiling import compiled_function
 
 GEARY = sqrt(2 / pi)  # mean absolute value of a standard normal variable
@@ -139,21 +140,20 @@ def is_smooth(left, scale):
     return (left <= SmoothnessLimits().curved * scale) & np.isfinite(left) & (scale > 0)
 
 
-def whole_planes(points, around, planes, directions):
-    """Fill planes of all members, and find whether quadrics over them leave noise alone.
+def whole_planes(points, around):
+    """Planes of all members, and whether quadrics over them leave noise alone.
 
-    Centroids, eigenvalues and normals of `planes` are filled, and `directions` (m, d) with the axes
-    of the largest eigenvalues. The points (n, d) are in 2D or 3D.
-
-    Returns the `QuadricFit`.
+    The points (n, d) are in 2D or 3D. Of the planes centroids, eigenvalues and normals are filled.
+    Returns also the axes (m, d) of the largest eigenvalues, and the `QuadricFit`.
     """
-    m, k = around.indices.shape
-    limits, (arrays, equations) = NormalSample.of(k, points.shape[1]), work_arrays(4, k)
+    (m, k), d = around.indices.shape, points.shape[1]
+    planes, directions = Planes.empty(m, d), np.empty((m, d))
+    limits, (arrays, equations) = NormalSample.of(k, d), work_arrays(4, k)
     room = arrays[:3], arrays[3], np.ones(k), *equations
     out = QuadricFit(np.empty(m), np.empty(m), np.empty(m, dtype=bool))
     fit = compiled_function("planes._quadrics_numba", "fit_whole_planes")
     fit(points, around, limits, room, planes, directions, out)
-    return out
+    return planes, directions, out
 
 
 def are_folded(points, around, planes, faces):

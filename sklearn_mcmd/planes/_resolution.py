@@ -61,21 +61,21 @@ def least_scales(points, precision, step):
 
 def rounding_in_common(deviations, direction, steps):
     """Standard deviation of what rounding to steps (d,) does to all points of a plane alike, along
-    a direction (d,); the points have these standard deviations (d,) in each coordinate.
+    a direction (..., d); the points have these standard deviations (..., d) in each coordinate.
 
     Points at one height are all rounded by the same, at most half a step, which no mean removes.
     Noise, or a slope, of s steps leaves ``exp(-2 pi^2 s^2)`` of it (B. Widrow, I. Kollar,
     "Quantization noise", 2008, 4.3); half a step of noise leaves a hundredth.
     """
     rounded = steps > 0
-    steps, deviations, direction = steps[rounded], deviations[rounded], direction[rounded]
+    steps, deviations = steps[rounded], deviations[..., rounded]
     variances = (deviations / steps) ** 2
     # Rounding itself is 1/12 of them (Sheppard's correction).
     alike = np.exp(-2 * np.pi**2 * (variances - 1 / 12)) / np.sqrt(12)
     # On two levels, all within p (1 - p): without noise the plane is at their middle, and the mean
     # of the points off by 1/2 - p, at most.
     alike = np.where(variances < 1 / 4, np.sqrt(np.maximum(1 / 4 - variances, 0.0) / 3), alike)
-    return float(np.linalg.norm(steps * alike * direction))
+    return np.linalg.norm(steps * alike * direction[..., rounded], axis=-1)
 
 
 def axis_steps(X):

@@ -6,12 +6,12 @@ from sklearn_mcmd.io._classes import HIGH_NOISE, LOW_NOISE
 from sklearn_mcmd.outliers._detector import judged_cloud
 from sklearn_mcmd.report._contents import Contents, Table, note_if, share
 from sklearn_mcmd.report._maps import fullest_cells, marked_maps
-from sklearn_mcmd.report._shown import Shown, removed_of, step_of
+from sklearn_mcmd.report._shown import Shown, sample_of, step_of
 
 MANY = 0.25  # share of outliers; neighborhoods with a half, which planes withstand, are then common
 CLEAR = 10  # score of a clear error, as the detector's documentation says
 GROSS = 100  # score of a gross one
-WORST = 10  # outliers, or groups of them, whose reasons are given
+WORST = 10  # outliers, or groups of them, that are listed
 KINDS = {  # and what they are
     "isolated": "single points and pairs, far from everything else",
     "in groups": "small groups that stand apart: ghosts, birds, dust",
@@ -20,24 +20,23 @@ KINDS = {  # and what they are
 
 
 def shown_of_tiles(catalog, outputs, run, marked):
-    """What is shown of a run by tiles: a sample of the judged points, and which are outliers."""
-    if marked:
-        names = "outlier_score", "classification"
-        cloud = Shown.of_tiles(catalog, outputs, run, names).cloud
-        cloud = cloud.subset(np.isfinite(cloud.attributes["outlier_score"]))
-        is_outlier = np.isin(cloud.attributes["classification"], (LOW_NOISE, HIGH_NOISE))
-    else:
-        cloud, is_outlier = removed_of(catalog.paths, outputs, step_of(run))
-    if is_outlier is not None:
-        cloud = cloud.with_attributes(outlier=is_outlier.astype(np.uint8))
+    """What is shown of a run by tiles: a sample of the input; if outliers are marked in the output,
+    of its judged points, with these marks."""
+    step = step_of(run)
+    if not marked:
+        return Shown.of_sample(sample_of(catalog.paths, step), catalog, outputs, run)
+    cloud = sample_of(outputs, step, ("outlier_score", "classification"))
+    cloud = cloud.subset(np.isfinite(cloud.attributes["outlier_score"]))
+    is_outlier = np.isin(cloud.attributes["classification"], (LOW_NOISE, HIGH_NOISE))
+    cloud = cloud.with_attributes(outlier=is_outlier.astype(np.uint8))
     return Shown.of_sample(cloud, catalog, outputs, run)
 
 
 def denoise_contents(shown, outcome, n, cutoff, *, marked, detector=None):
     """The contents of a report of `mcmd denoise`.
 
-    What is shown has ``outlier``, and ``outlier_score`` if scores are known; neither if nobody
-    knows which points were removed. `outcome` has the counts of the run, `n` is that of outliers,
+    What is shown has ``outlier`` and ``outlier_score``; neither where tiles have removed outliers.
+    `outcome` has the counts of the run, `n` is that of outliers,
     and the cutoff of scores is None if it is unknown. Outliers are marked, or dropped. The fitted
     detector is there after a run in memory.
     """
@@ -49,16 +48,11 @@ def denoise_contents(shown, outcome, n, cutoff, *, marked, detector=None):
     if n_others:
         results.append(("points neither judged nor used", f"{n_others:,}"))
     if is_outlier is None:
-        words = (
-            "none: the outputs replaced the inputs, or have other coordinates; --mode mark keeps "
-        )
-        results.append(("maps", words + "outliers, and then they have maps"))
+        results.append(("maps", "none: --mode mark keeps outliers, and then they have maps"))
     else:
-        is_outlier = is_outlier > 0
+        is_outlier, score = is_outlier > 0, score.astype(np.float64)
         maps = marked_maps(xyz, is_outlier, near, "outlier")
         tables = fullest_cells(xyz, is_outlier, near, "outliers")
-    if score is not None:
-        score = score.astype(np.float64)
         if cutoff is None:  # the run found it: the largest score below it
             cutoff = float(score[~is_outlier].max(initial=0.0))
         results.append(("cutoff of the score; up to it a point is real", f"{cutoff:.3g}"))
@@ -127,57 +121,27 @@ def kinds_of_outliers(detector):
     return np.select([~is_outlier, *apart], [np.int8(-1), np.int8(0), np.int8(1)], np.int8(2))
 
 
-def reasons_of(detector, rows):
-    """Why each of these rows is an outlier, in words with numbers: a list of str."""
-    cloud, kinds = judged_cloud(detector), kinds_of_outliers(detector)
-    groups = detector.group_index_
-    at = np.searchsorted(cloud.off_surface.rows, cloud.index.places)
-    sizes, far = np.bincount(groups + 1), detector.separation_ > -detector.offset_
-    reasons = []
-    for row in rows:
-        kind, n, score = kinds[row], sizes[groups[row] + 1], -detector.scores_[row]
-        away = (detector.separation_ if kind == 1 else detector.isolation_)[row]
-        who = f"group of {n:,}" if kind == 1 else f"one of {n:,} together"
-        who = who if n > 1 and groups[row] >= 0 else "single point"
-        straight = kind == 1 and cloud.off_surface.straight[at[row]]
-        who = f"straight thing of {n:,} that hangs" if straight else who
-        if kind == 2 or score < away:
-            away, unit = score, "standard deviations off a surface"
-        elif kind == 1 and n > 1:
-            unit = f"of its {'lengths' if straight else 'sizes'} away"
-        else:
-            unit = f"usual spacings from {'anything' if far[row] else 'its neighbors'}"
-        words = f"{who}, {float(f'{away:.2g}'):,g} {unit}"
-        if kind == 2 and groups[row] >= 0:
-            words = "off every surface"
-        elif kind == 0 and cloud.rays is not None and cloud.beside_rays.by_sheet[at[row]]:
-            words = "on a sheet of rays"
-        reasons.append(words)
-    return reasons
-
-
 def _kinds(detector, is_outlier):
     """Rows on how many outliers are of each kind."""
-    kinds = kinds_of_outliers(detector)[is_outlier]
-    counts = np.bincount(1 + kinds, minlength=1 + len(KINDS)).tolist()
-    names = ["in groups far below the ground", *map(": ".join, KINDS.items())]
+    counts = np.bincount(kinds_of_outliers(detector)[is_outlier], minlength=len(KINDS)).tolist()
     return [
-        (name, share(n, len(kinds), noun="outlier"))
-        for name, n in zip(names[1:] + names[:1], counts[1:] + counts[:1], strict=True)
+        (": ".join(kind), share(n, sum(counts), noun="outlier"))
+        for kind, n in zip(KINDS.items(), counts, strict=True)
         if n
     ]
 
 
 def _worst(detector, xyz, is_outlier):
-    """A table of the worst outliers and why they are, of each group its worst."""
+    """A table of the worst outliers and their kinds, of each group its worst."""
     rows = np.flatnonzero(is_outlier & (detector.scores_ < detector.offset_))
     rows = rows[np.argsort(detector.scores_[rows], kind="stable")]
     alone = -1 - np.arange(len(xyz))  # points on surfaces have no group
     groups = np.where(detector.on_surface_, alone, detector.group_index_)[rows]
     rows = rows[np.sort(np.unique(groups, return_index=True)[1])[:WORST]]
+    kinds = np.array([*KINDS])[kinds_of_outliers(detector)]
     cells = [
-        (*(f"{value:.9g}" for value in xyz[row]), f"{-detector.scores_[row]:.3g}", reason)
-        for row, reason in zip(rows, reasons_of(detector, rows), strict=True)
+        (*(f"{value:.9g}" for value in xyz[row]), f"{-detector.scores_[row]:.3g}", kinds[row])
+        for row in rows
     ]
-    header = ("x", "y", "z", "score", "why")
+    header = ("x", "y", "z", "score", "kind")
     return [Table("The worst outliers", cells, header, numbers=range(4))] if cells else []

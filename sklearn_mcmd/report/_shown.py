@@ -9,7 +9,6 @@ from sklearn_mcmd._errors import counted
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.io._las_parts import read_parts
 from sklearn_mcmd.io._units import length_unit
-from sklearn_mcmd.planes._indexed_cloud import location_hashes
 from sklearn_mcmd.report._contents import Note, share
 from sklearn_mcmd.report._facts import (
     CHECKS,
@@ -63,7 +62,7 @@ class Shown(NamedTuple):
 
     @classmethod
     def of_tiles(cls, catalog, outputs, run, names):
-        return cls.of_sample(_sample(outputs, step_of(run), names), catalog, outputs, run)
+        return cls.of_sample(sample_of(outputs, step_of(run), names), catalog, outputs, run)
 
     @classmethod
     def of_sample(cls, cloud, catalog, outputs, run):
@@ -91,38 +90,12 @@ def step_of(run):
     return -(-run.n_points // SAMPLE)
 
 
-def removed_of(inputs, outputs, step):
-    """A sample of inputs, and which of its points are not in the outputs; None if that is unknown.
-
-    Outputs have the order of the inputs, and copies of a point have its score. So a point was
-    removed if its coordinates are not among the next points of the output.
-    """
-    real = {path.resolve() for path in outputs}
-    if any(path.resolve() in real for path in inputs):
-        return _sample(outputs, step, ()), None
-    xyz, removed, first, n_kept, n_out = [], [], 0, 0, 0
-    parts_left, waiting = _parts(outputs), np.empty(0, np.uint64)
-    for part in _parts(inputs):
-        while len(waiting) < len(part) and (after := next(parts_left, None)) is not None:
-            waiting = np.concatenate([waiting, location_hashes(after.xyz)])
-            n_out += len(after)
-        kept = np.isin(location_hashes(part.xyz), waiting[: len(part)])
-        n_part = int(np.count_nonzero(kept))
-        waiting, n_kept = waiting[n_part:], n_kept + n_part
-        rows = slice((-first) % step, None, step)
-        xyz.append(part.xyz[rows])
-        removed.append(~kept[rows])
-        first += len(part)
-    cloud = PointCloud(np.concatenate(xyz))
-    return cloud, np.concatenate(removed) if n_kept == n_out and len(waiting) == 0 else None
-
-
 def _parts(paths):
     for path in paths:
         yield from read_parts(path, PART)
 
 
-def _sample(paths, step, names):
+def sample_of(paths, step, names=()):
     """Every so many-th point of files, with these attributes."""
     columns: dict[str, list] = {name: [] for name in names}
     xyz, first = [], 0

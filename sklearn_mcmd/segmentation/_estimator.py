@@ -38,7 +38,7 @@ from sklearn_mcmd.segmentation._region_table import region_table
 
 
 class GrowthSteps(NamedTuple):
-    """What refines the paper's growth; the ablation switches single steps off."""
+    """What refines the paper's growth; tests switch single steps off."""
 
     mutual: bool = True  # planes explain each other
     find_narrow_faces: bool = True
@@ -294,7 +294,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         points, rows = index.points, index.rows
         step = coordinate_step(xyz)
         floor = least_scales(points, np.finfo(xyz.dtype).eps, step)
-        planes = columns.planes(rows, self.n_jobs).without("kept", "spacing")
+        planes = columns.planes(rows).without("kept", "spacing")
         planes.scale[:] = np.maximum(planes.scale, floor)
         rules = self._rules()
         with progress_part(0.35, 0.5, "links of neighbors"):
@@ -360,7 +360,7 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         X = validate_points(self, X, ensure_min_features=2)
         check_work(self, len(X))
         if self.normals == "precomputed":
-            return split_columns(X, n_jobs=self.n_jobs)
+            return split_columns(X)
         estimator = self.normal_estimator
         if estimator is None:
             estimator = RobustNormalEstimator(random_state=self.random_state, n_jobs=self.n_jobs)

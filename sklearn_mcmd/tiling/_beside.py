@@ -14,9 +14,8 @@ from sklearn.utils.validation import check_array
 
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._validation import is_auto
-from sklearn_mcmd.io import PointCloud, PointFileError, sensor_origins
+from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import one_clear_line
-from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.io._sensor import LIGHTS, lights_in
 from sklearn_mcmd.io._trajectory import (
     positions_of_times,
@@ -39,19 +38,16 @@ COSTS = {
     None: (0.0, ""),
     "positions": (24.0, "holds positions for"),
     "trajectory": (30.0, "keeps the times of"),
-    "angles": (300.0, "adjusts the flight lines of"),
 }
-# Attributes that scan angles need.
-OF_LINES = ("scan_angle", "scan_angle_rank", "gps_time", "point_source_id")
 BEAMS_AT_ONCE = 100_000  # that are followed at once
 
 
 class SensorPath:
     """A sensor with more than one position: what `process_files` gets, and what points add to it.
 
-    `given` is "auto", a `Trajectory` or a tuple of arrays, positions (n, 3), or None, where it has
-    one at most. `kind` is "angles", "trajectory", "positions" or None, and `key` a hash of what was
-    given. `costs` are bytes of each point, and why, as of `plan_run`.
+    `given` is a `Trajectory` or a tuple of arrays, positions (n, 3), or None, where it has one at
+    most. `kind` is "trajectory", "positions" or None, and `key` a hash of what was given. `costs`
+    are bytes of each point, and why, as of `plan_run`.
     """
 
     kind: str | None
@@ -62,13 +58,11 @@ class SensorPath:
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self.kind, self.given, arrays = None, given, list[np.ndarray]()
         if isinstance(given, str):
-            if given != "auto":
-                raise ValueError(
-                    f"sensor_origin={given!r} must be 'auto', a trajectory, or positions of all "
-                    "points of the inputs."
-                )
-            self.kind = "angles"
-        elif isinstance(given, tuple) and len(given) == 2:
+            raise ValueError(
+                f"sensor_origin={given!r} must be a trajectory, or positions of all points of the "
+                "inputs; one position is a parameter of the estimator."
+            )
+        if isinstance(given, tuple) and len(given) == 2:
             self.kind, self.given = "trajectory", trajectory_of(*given)
             arrays += self.given
         elif given is not None:
@@ -99,15 +93,11 @@ class SensorPath:
         rows, self._n = slice(self._n, self._n + len(cloud)), self._n + len(cloud)
         if self.kind == "positions":
             self._sees |= bool((self.given[rows] != cloud.xyz).any())
-        elif self.kind == "trajectory":
+        else:
             with one_clear_line(path, "read"):
                 self._parts.append(times_of(cloud).copy())
             self._low = np.minimum(self._low, cloud.xyz.min(axis=0))
             self._high = np.maximum(self._high, cloud.xyz.max(axis=0))
-        else:
-            names = [name for name in OF_LINES if name in cloud.attributes]
-            known = {name: np.array(cloud.attributes[name]) for name in names}
-            self._parts.append(PointCloud(cloud.xyz, known))
 
     def close(self, folder, path):
         """Write the positions of all points beside their cells; `path` is what errors name."""
@@ -128,10 +118,6 @@ class SensorPath:
         """A function that returns the positions of a slice of all points."""
         if self.kind == "positions":
             return self.given.__getitem__
-        if self.kind == "angles":
-            cloud = joined(self._parts)
-            cloud.metadata["las_header"] = True  # so that its scan angles are used
-            return sensor_origins(cloud).__getitem__
         times = np.concatenate(self._parts)
         times -= time_shift(times, self.given)
         return lambda rows: positions_of_times(times[rows], self.given)

@@ -6,9 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.base import clone
 
+from sklearn_mcmd._validation import check_sizes
 from sklearn_mcmd.change import CloudChange, moved_bodies
 from sklearn_mcmd.change._comparison import (
     FEWEST,
+    NO_SURFACE,
     NOTHING,
     SAMPLE,
     Correction,
@@ -40,10 +42,10 @@ from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.tiling._base import TiledVerb, check_estimator, warm_up
 from sklearn_mcmd.tiling._catalog import Catalog
 from sklearn_mcmd.tiling._cells import Levels
-from sklearn_mcmd.tiling._halo import HOPS, part_within
+from sklearn_mcmd.tiling._halo import HOPS, HaloLimits, part_within
 
 RINGS = 2.0 * HOPS  # usual radii within which rings of neighbors nearly always end
-LEVELS = 2.0**12  # of p-values between a number and its double, to which they are rounded up
+LEVELS = 2.0**12  # half between a number and its double, to which p-values are rounded up
 BODIES = 250_000  # points of each cloud, about, that tell which flat surfaces moved
 LOOKED = 0.05  # share of the time after which both clouds are known, for the progress
 MEDIANS = 1_000_000  # points, about, of which medians are told
@@ -56,6 +58,7 @@ class Pair(NamedTuple):
     scale: Scale
     covariance: Any  # of the registration, as of `Measured.registered`
     center: np.ndarray
+    told: dict  # of the `Whole` of the second
 
 
 class TiledChange(TiledVerb):
@@ -70,6 +73,8 @@ class TiledChange(TiledVerb):
 
     def prepare(self, catalog):
         Catalog([*catalog.paths, *self.also[0].paths])  # refuses several coordinate systems
+        for one in (catalog, *self.also):
+            check_sizes(one.n_points, 3, self.n_neighbors)
         self.registration = registration_of(self.estimator.registration, 3)
         warm_up(self.estimator)
 
@@ -97,7 +102,7 @@ class TiledChange(TiledVerb):
             with progress_part(LOOKED, LOOKED):
                 self.bodies = moved_bodies(*thinned, alpha=self.estimator.alpha, **known)
             covariance, center = self.bodies.registration, thinned[0].mean(axis=0)
-        pair = Pair(counts, self.scale, covariance, center)
+        pair = Pair(counts, self.scale, covariance, center, *run.constants["also"])
         with progress_part(LOOKED, 1.0):
             run.do(self.task, partial(compare_cell, pair=pair), estimator=self.estimator)
         self.alike = alike_of(np.concatenate(list(run.found("alike"))))
@@ -175,25 +180,27 @@ def compare_cell(cell, job, pair):
         part = part_within(cells, cell, margin)
         is_first = part.rows < n_first
         first, second = part.taken(is_first), part.taken(~is_first)
-        # A neighborhood of the first cloud is complete, and the second may have a hole.
+        # A neighborhood of the first cloud is complete, unless strays are far from all of it; the
+        # second may have a hole.
         has_most = len(first.rows) > job.estimator.n_neighbors or len(first.rows) == n_first
-        if has_most or not first.own.any():
+        is_wide = len(part.rows) > HaloLimits().most * np.count_nonzero(part.own)
+        if has_most or is_wide or not first.own.any():
             break
         margin = 2 * margin or float(np.ptp(part.xyz, axis=0).max()) or 1.0
     values = np.full((len(part.rows), 4), np.nan, np.float32)
-    found, n_proven = np.empty((0, 3)), int(np.count_nonzero(first.own))
-    values[is_first, 3] = NOTHING
-    if first.own.any() and len(second.rows) >= FEWEST:
+    found, n_own = np.empty((0, 3)), int(np.count_nonzero(first.own))
+    n_proven = n_own * has_most
+    values[is_first, 3] = NOTHING if len(second.rows) < FEWEST else NO_SURFACE
+    if n_own and min(len(first.rows), len(second.rows)) >= FEWEST:
         sizes = job.estimator.n_neighbors, scale.n_neighbors
-        before, after = (
-            surfaces_of(side, k, job) for side, k in zip((first, second), sizes, strict=True)
-        )
+        before = surfaces_of(first, sizes[0], job, job.whole)
+        after = surfaces_of(second, sizes[1], job, job.whole._replace(**pair.told))
         told = measure(before, after, scale, job.n_threads)
         registered = told.registered(pair.covariance, first.xyz, pair.center)
         columns = told.distance, told.variance, registered, told.reason
         values[is_first] = np.column_stack(columns)
         limits = AlikeLimits()
-        share = max(limits.pairs / n_first, 4 * limits.least / n_proven)
+        share = max(limits.pairs / n_first, 4 * limits.least / n_own)
         chosen = first.own & sampled(first.xyz, share)
         found = alike_pairs(before, told.distance, told.variance, chosen)
         if len(cells) > 1:
@@ -201,10 +208,10 @@ def compare_cell(cell, job, pair):
     return {"results": values[part.own], "alike": found, "n_proven": n_proven}
 
 
-def surfaces_of(side, n_neighbors, job):
+def surfaces_of(side, n_neighbors, job, whole):
     """The `Surfaces` of the points of one cloud in a part."""
-    with part_of(job.whole):
-        xyz, tree = side.xyz.astype(job.whole.dtype), tree_of(side.xyz)
+    with part_of(whole):
+        xyz, tree = side.xyz.astype(whole.dtype), tree_of(side.xyz)
         return Surfaces.of(xyz, tree, n_neighbors, job.estimator.random_state, job.n_threads)
 
 

@@ -1,26 +1,20 @@
-"""Outliers of clouds larger than memory, and heights over the ground, which has cells of its own,
-divided in plan."""
+"""Outliers of clouds larger than memory."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from sklearn.base import clone
 
 from sklearn_mcmd._choices import Mode, choices_of
-from sklearn_mcmd._errors import ParameterError, warn_caller
+from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._validation import check_sensor_origin, is_auto
-from sklearn_mcmd.io import PointFileError
-from sklearn_mcmd.io._classes import LOW_NOISE, Choice, classes_of_noise, ground_in
-from sklearn_mcmd.io._files import one_clear_line
-from sklearn_mcmd.io._ground import NONE_JUDGED, Ground, GroundLimits, HeightRange, check_ground
+from sklearn_mcmd.io._classes import Choice, classes_of_noise, ground_in
 from sklearn_mcmd.io._las import is_denoised, read_header
 from sklearn_mcmd.io._point_cloud import denoised_before, with_results, without_outliers
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.outliers import MCMDOutlierDetector
 from sklearn_mcmd.outliers._calibration import calibrated_cutoff, check_rate, roughness_of
 from sklearn_mcmd.outliers._detector import EXACT_PLANE_SCORE, judged_cloud, share_to_flag
-from sklearn_mcmd.outliers._groups import group_depths
 from sklearn_mcmd.outliers._intensity import telling_of
 from sklearn_mcmd.outliers._lowest_points import LowestPoints
 from sklearn_mcmd.outliers._model import n_by_rays, warn_of_doubt
@@ -38,14 +32,8 @@ from sklearn_mcmd.tiling._beside import (
     stored_origins,
 )
 from sklearn_mcmd.tiling._catalog import parts_of
-from sklearn_mcmd.tiling._cells import Cells, CellWriter
 from sklearn_mcmd.tiling._halo import HOPS, HOPS_MORE, WIDTH
-from sklearn_mcmd.tiling._memory import PROCESS
 
-SOURCES = {"angles": "scan angles", "trajectory": "trajectory", "positions": "given", None: "given"}
-GROUND = "ground"  # the folder of the cells of the ground
-CAPACITY = 250_000  # points of such a cell, at most
-BELOW_POINT = 750  # bytes of a point below the ground, whose groups are found
 RINGS = HOPS + HOPS_MORE
 AGAIN = "again"  # the task that finds scores without the rays that the first has followed
 
@@ -61,9 +49,6 @@ class TiledOutliers(TiledVerb):
         mode="drop",
         ignore_classes=(),
         only_classes=(),
-        above=None,
-        below=None,
-        low_groups=False,
         sensor_origin=None,
         intensity=False,
     ):
@@ -73,19 +58,15 @@ class TiledOutliers(TiledVerb):
         estimator._check_choices(None, True if intensity else None)
         super().__init__(estimator, choice=Choice(ignore_classes, only_classes))
         self.mode, self.intensity = mode, intensity
-        self.limits = HeightRange.of(above, below, low_groups)
         self.sensor = sensor_path(estimator, sensor_origin)
-        if self.limits is not None:
-            self.names = "scores", "depths"
 
     def prepare(self, catalog):
         for path in catalog.paths:
             if is_denoised(read_header(path)):
                 warn_caller(denoised_before(path))
         self.detector, self.seen_as = recognized(self.estimator, catalog, self.choice)
-        if self.sensor.moves:  # any position will do; those of angles are doubted
-            origin = "auto" if self.sensor.kind == "angles" else "origin"
-            self.detector = clone(self.detector).set_params(sensor_origin=origin)
+        if self.sensor.moves:  # any position will do
+            self.detector = clone(self.detector).set_params(sensor_origin="origin")
         elif self.detector.sensor_origin is not None:
             known = "origin" if self.seen_as else self.detector.sensor_origin
             self.center = check_sensor_origin(known, np.full((1, 3), np.nan))[0]
@@ -99,9 +80,7 @@ class TiledOutliers(TiledVerb):
         self.cutoff = -fitted.offset_ if given is None else float(given)
 
     def beside(self, folder):
-        light = [LightWriter(folder)] if self.intensity else []
-        ground = [] if self.limits is None else [GroundWriter(folder)]
-        return super().beside(folder) + light + ground
+        return super().beside(folder) + ([LightWriter(folder)] if self.intensity else [])
 
     def measure_fit(self, xyz):
         given = {}
@@ -112,24 +91,12 @@ class TiledOutliers(TiledVerb):
         clone(self.scoring).set_params(sensor_origin=None).fit(xyz, **given)
 
     def find(self, run):
-        self.n_used = self.n_judged = run.cells.n_points
-        begin = 0.0 if self.limits is None else 0.1
-        if self.limits is not None:
-            with progress_part(0.0, begin, "heights"):
-                self._find_heights(run)
-        with progress_part(begin, 1.0, "outliers"):
+        self.n_used = run.cells.n_points
+        with progress_part(0.0, 1.0, "outliers"):
             self._find_scores(run)
         self._find_cutoff(run)
         if self.mode == "mark":
             self.lowest = self._lowest(run)
-
-    def _find_heights(self, run):
-        run.do("heights", partial(find_heights, limits=self.limits))
-        self.n_judged = sum(report["n_judged"] for report in run.reports("heights"))
-        if not self.n_judged:
-            raise PointFileError(f"{run.catalog.paths[0]}: {NONE_JUDGED}")
-        if self.limits.low_groups:
-            judge_groups(run)
 
     def _find_scores(self, run):
         moves, origin = self.sensor.moves, self.detector.sensor_origin
@@ -176,20 +143,18 @@ class TiledOutliers(TiledVerb):
             self.cutoff = -float(negative)
 
     def make(self, cloud, values, xyz):
-        scores, depths = _judged(values)
+        scores = values[:, 0]
         is_outlier = scores > self.cutoff
         if self.mode == "drop":
             return without_outliers(cloud, ~is_outlier), None
         classes = np.zeros(len(cloud), np.uint8)
         classes[is_outlier] = classes_of_noise(self.lowest, xyz[is_outlier])
-        classes[depths > self.cutoff] = LOW_NOISE
         return with_results(cloud, {"outlier_score": scores.astype(np.float32)}), classes
 
     def measure(self, values):
         """Outliers, and those of them that have no scale, see `EXACT_PLANE_SCORE`."""
-        scores, _ = _judged(values)
         limits = self.cutoff, max(self.cutoff, EXACT_PLANE_SCORE)
-        return np.array([np.count_nonzero(scores > limit) for limit in limits])
+        return np.array([np.count_nonzero(values > limit) for limit in limits])
 
     def report(self, run, total):
         n_outliers, n_exact = map(int, total)
@@ -198,7 +163,6 @@ class TiledOutliers(TiledVerb):
             "n_outliers": n_outliers,
             "n_exact": n_exact,
             "removed_fraction": n_outliers / run.catalog.n_points,
-            "n_judged": self.n_judged,
             "n_used": self.n_used,
             "sensor": self._sensor_rows(run),
         }
@@ -207,7 +171,7 @@ class TiledOutliers(TiledVerb):
         """The rows of a report on the sensor."""
         if self.detector.sensor_origin is None:
             return {}
-        words = self.seen_as or SOURCES[self.sensor.kind]
+        words = self.seen_as or ("trajectory" if self.sensor.kind == "trajectory" else "given")
         positions = stored_origins(run.cells.folder) if self.sensor.moves else self.center
         where = place_words(positions, words) if self.by_rays else ""
         n = sum(n_by_rays(raised, self.cutoff) for raised in run.found("raised"))
@@ -218,27 +182,19 @@ class TiledOutliers(TiledVerb):
         results, k, first = self.results(run), self.n_neighbors, 0
         lowest = LowestPoints(run.catalog.n_points, k)
         for _, cloud, _ in parts_of(run.catalog.paths):
-            scores = _judged(results.take(first, len(cloud)))[0]
+            scores = results.take(first, len(cloud))[:, 0]
             first += len(cloud)
             lowest.add(cloud.xyz[ground_in(cloud) & ~(scores > self.cutoff)])
         if lowest.n_points < k:
             lowest = LowestPoints(self.n_used, k)
             for cell, values in enumerate(self.results(run).of_cells()):
-                lowest.add(run.cells.points(cell)[_judged(values)[0] <= self.cutoff])
+                lowest.add(run.cells.points(cell)[values[:, 0] <= self.cutoff])
         return lowest
 
     def _removed(self, run):
-        """Points, and which are outliers, but for groups below the ground, tile by tile."""
+        """Points, and which are outliers, tile by tile."""
         for cell, values in enumerate(self.results(run).of_cells()):
-            scores, depths = _judged(values)
-            yield run.cells.points(cell), (scores > self.cutoff) & ~(depths > self.cutoff)
-
-
-def _judged(values):
-    """Scores, NaN of points that are not judged, and the depths of groups below the ground."""
-    scores, *depths = values.T
-    depths = depths[0] if depths else np.zeros(len(values))
-    return np.maximum(scores, depths), depths
+            yield run.cells.points(cell), values[:, 0] > self.cutoff
 
 
 def keep_light(job, cell, part, fitted, cloud):
@@ -258,83 +214,4 @@ def keep_scores(job, cell, part, fitted, cloud):
         found["sheets"] = [int(judged.counts[own & kind].sum()) for kind in kinds]
     found["raised"] = judged.raised.scores[own[judged.raised.rows]]
     found["roughness"] = roughness_of(fitted._model)
-    return found
-
-
-class GroundWriter:
-    """Scatters the points of the ground to cells in plan, with their heights as numbers."""
-
-    def __init__(self, folder):
-        (folder / GROUND).mkdir()
-        self._cells = CellWriter(folder / GROUND, CAPACITY, dtype=np.float64)
-
-    def take(self, cloud, chosen, path):
-        """Take the ground of a part of the cloud."""
-        xyz = cloud.xyz[ground_in(cloud)]
-        if len(xyz):
-            self._cells.add(flat(xyz), xyz[:, 2])
-
-    def close(self, folder, path):
-        """Write what the cells are; an error that names the path, if there is too little ground."""
-        with one_clear_line(path, "read"):
-            check_ground(self._cells.n_points)
-        self._cells.close()
-
-
-def flat(xyz):
-    """Points in plan, which have 0 as their z."""
-    return xyz * [1.0, 1.0, 0.0]
-
-
-def find_heights(cell, job, limits):
-    """Depths below the ground of a cell's points, 0, and NaN of those that are not judged; and of
-    those that may belong to groups below it: their numbers, and coordinates, how deep, and the
-    distance in plan of the third nearest ground point."""
-    xyz = job.cells.points(cell)
-    away, near = _nearest_ground(Cells(job.points / GROUND), xyz)
-    judged = limits.judged(xyz[:, 2] - near.mean(axis=1))
-    found: dict = {"n_judged": int(np.count_nonzero(judged))}
-    found["depths"] = np.where(judged, 0.0, np.nan)[:, None]
-    if limits.low_groups:
-        depth, away = near.min(axis=1) - xyz[:, 2], away[:, -1]
-        rows = np.flatnonzero(judged & (depth > away))
-        found["below"] = np.column_stack([rows, xyz[rows], depth[rows], away[rows]])
-    return found
-
-
-def judge_groups(run):
-    """Write how deep the groups of points below the ground lie; all are in memory at once."""
-    n_below = sum(len(below) for below in run.found("below"))
-    if (needed := PROCESS + BELOW_POINT * n_below) > run.memory:
-        raise ParameterError(
-            f"{n_below:,} points lie below the ground, whose groups take about "
-            f"{needed / 1e6:.0f}MB, more than $memory={run.memory / 1e6:.0f}MB; give more memory, "
-            "check the ground (class 2), or leave groups below it out (low_groups)"
-        )
-    parts = list(run.found("below"))
-    below, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
-    depths = np.split(group_depths(below[:, 1:4], below[:, 4], below[:, 5]), ends[:-1])
-    for cell, (part, own) in enumerate(zip(parts, depths, strict=True)):
-        found = run.results.read(cell, "depths")
-        found[part[:, 0].astype(int), 0] = own
-        run.results.keep(cell, "depths", {"depths": found})
-
-
-def _nearest_ground(cells, xyz):
-    """What `Ground.nearest` returns, of all points of the ground."""
-    plan, n_nearest = flat(xyz), GroundLimits().n_nearest
-    found = np.full((2, len(xyz), n_nearest), np.inf)
-    far = cells.away(plan.min(axis=0), plan.max(axis=0))
-    for cell in np.argsort(far, kind="stable"):
-        if far[cell] > found[0, :, -1].max():
-            break
-        low, high = cells.extent(cell)
-        gaps = np.linalg.norm(np.maximum(np.maximum(low - plan, plan - high), 0.0), axis=1)
-        asked = np.flatnonzero(gaps <= found[0, :, -1])
-        ground = cells.points(cell)
-        ground[:, 2] = cells.rows(cell)  # heights
-        both = np.array(Ground(ground).nearest(xyz[asked]))
-        both = np.concatenate([found[:, asked], both], axis=2)
-        nearest = np.lexsort(both[::-1])[:, :n_nearest]  # of equally distant ones the lowest
-        found[:, asked] = np.take_along_axis(both, nearest[None], axis=2)
     return found

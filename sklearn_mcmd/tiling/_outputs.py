@@ -14,7 +14,6 @@ from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._files import check_writable, one_clear_line, replacing, sync_names
 from sklearn_mcmd.io._formats import TILED, format_of, listed, supported_extensions
 from sklearn_mcmd.io._las import writing_parts
-from sklearn_mcmd.io._las_joined import joined_cloud, joined_header
 from sklearn_mcmd.runtime._chunks import ahead
 from sklearn_mcmd.runtime._progress import report_share
 from sklearn_mcmd.tiling._catalog import check_unchanged, parts_of, stamp_of
@@ -23,20 +22,15 @@ from sklearn_mcmd.tiling._folder import TilingError, key_of, read_json, write_js
 LAS_OR_LAZ = listed(TILED, "or")
 
 
-def targets_of(catalog, target, others=()):
-    """The output of each input; one for all where the target is a file or the catalog has one.
-
-    Raises if these, or other files, cannot be written.
-    """
-    named_as_file = target.suffix.lower() in TILED and not target.is_dir()
-    as_folder = catalog.is_many and not named_as_file
-    targets = _names_in(target, catalog) if as_folder else [target]
-    if not as_folder and len(catalog) > 1:
-        if os.path.realpath(target) in map(os.path.realpath, catalog.paths):
-            raise PointFileError(f"{target}: is one of the inputs; name another file")
-        joined_header(catalog.paths)
-    new = os.path.realpath(target) if as_folder and not target.exists() else None
+def targets_of(catalog, target, others=(), also=()):
+    """The output of each input; raises if these, or other files, cannot be written, or are of
+    catalogs that are read beside."""
+    targets = _names_in(target, catalog) if catalog.is_many else [target]
+    new = os.path.realpath(target) if catalog.is_many and not target.exists() else None
+    kept = {os.path.realpath(path) for one in also for path in one.paths}
     for path in [*targets, *others]:
+        if os.path.realpath(path) in kept:
+            raise PointFileError(f"{path}: is of the second cloud, whose points the output lacks")
         folder = target.parent if os.path.realpath(path.parent) == new else path.parent
         check_writable(path, folder)
         if not os.access(folder, os.W_OK):
@@ -53,37 +47,26 @@ def _names_in(folder, catalog):
     """The outputs in a folder, which have the names of the inputs."""
     if folder.suffix.lower() in supported_extensions() and not folder.exists():
         raise PointFileError(
-            f"{folder}: several files become a folder, or one {LAS_OR_LAZ}; {folder.suffix} is no "
-            "name for either"
+            f"{folder}: several files become a folder, and {folder.suffix} is no name for it"
         )
     if folder.exists() and not folder.is_dir():
-        raise PointFileError(
-            f"{folder}: several outputs need a folder; to join them in one file, name a "
-            f"{LAS_OR_LAZ}"
-        )
+        raise PointFileError(f"{folder}: several outputs need a folder")
     names = [path.name.replace(".copc.", ".") for path in catalog.paths]
     for path, name in zip(catalog.paths, names, strict=True):
         if names.count(name) > 1:
-            raise PointFileError(
-                f"{path}: several files have this name, and so would the outputs; to join them "
-                f"in one file, name a {LAS_OR_LAZ}"
-            )
+            raise PointFileError(f"{path}: several files have this name, and so would the outputs")
     return [folder / name for name in names]
 
 
 def write_outputs(run, verb):
     """Write each output in the order of its inputs; returns the sum of what the verb measures."""
     catalog, results, first, total = run.catalog, verb.results(run), 0, 0.0
-    joined = len(run.outputs) < len(catalog)
-    header = joined_header(catalog.paths) if joined else None
-    stamps = dict(zip(catalog.paths, catalog.stamps, strict=True))
-    for i, (place, target) in enumerate(run.outputs):
-        n_written, paths = 0, catalog.paths if joined else [catalog.paths[i]]
-        for path in paths:
-            check_unchanged(path, stamps[path])
+    inputs = zip(catalog.paths, catalog.stamps, strict=True)
+    for (path, stamp), (place, target) in zip(inputs, run.outputs, strict=True):
+        n_written = 0
+        check_unchanged(path, stamp)
         with replacing(place) as temporary, writing_parts(temporary) as write:
-            parts = ahead(_made(verb, results, paths, first, header))
-            for n, measured, made, marked in parts:
+            for n, measured, made, marked in ahead(_made(verb, results, path, first)):
                 write(made, marked)
                 first, total = first + n, total + measured
                 n_written += len(made)
@@ -93,16 +76,12 @@ def write_outputs(run, verb):
     return total
 
 
-def _made(verb, results, paths, first, header):
-    """Of each part of files, from the row `first` on: points, what is measured, what to write."""
-    for path, cloud, chosen in parts_of(paths, verb.choice):
-        n, xyz = len(cloud), cloud.xyz
-        values = results.take(first, n, len(xyz[chosen]))
-        first += n
-        if header is not None:
-            with one_clear_line(path, "read"):
-                cloud = joined_cloud(cloud, header)
-        yield n, verb.measure(values), *verb.make(cloud, values, xyz)
+def _made(verb, results, path, first):
+    """Of each part of a file, from the row `first` on: points, what is measured, what to write."""
+    for _, cloud, chosen in parts_of([path], verb.choice):
+        values = results.take(first, len(cloud), len(cloud.xyz[chosen]))
+        first += len(cloud)
+        yield len(cloud), verb.measure(values), *verb.make(cloud, values, cloud.xyz)
 
 
 def move_outputs(verb, run, folder, report):
@@ -115,7 +94,7 @@ def move_outputs(verb, run, folder, report):
     # Files without points, which no run can read again, come last.
     moves.sort(key=lambda move: -move[2][0])
     stored = {
-        "key": key_of(verb, [*catalog.paths, *(target for _, target in run.outputs)]),
+        "key": _key_of_moves(verb, catalog, [target for _, target in run.outputs]),
         "paths": list(map(os.path.realpath, catalog.paths)),
         "stamps": [list(stamp) for stamp in catalog.stamps],
         "moves": moves,
@@ -135,7 +114,7 @@ def resume_moves(verb, catalog, targets, folder):
                 "files as they are (restart)"
             )
         return None
-    if stored["key"] == key_of(verb, [*catalog.paths, *targets]) and _fits(stored):
+    if stored["key"] == _key_of_moves(verb, catalog, targets) and _fits(stored):
         _move(stored["moves"])
         return stored["report"]
     replaced = (move for move in stored["moves"] if move[1] in stored["paths"])
@@ -146,6 +125,11 @@ def resume_moves(verb, catalog, targets, folder):
         )
     folder.moves.unlink(missing_ok=True)
     return None
+
+
+def _key_of_moves(verb, catalog, targets):
+    """Inputs may be replaced, and what is read beside them is as it was."""
+    return key_of(verb, [*catalog.paths, *targets], [one.stamps for one in verb.also])
 
 
 def _fits(stored):

@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterable
 from inspect import signature
 from reprlib import repr as shorter
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,10 +46,7 @@ def process_files(
     mode: Mode = "drop",
     ignore_classes: Iterable[int] = (),
     only_classes: Iterable[int] = (),
-    above: float | None = None,
-    below: float | None = None,
-    low_groups: bool = False,
-    sensor_origin: 'Literal["auto"] | Trajectory | ArrayLike | None' = None,
+    sensor_origin: "Trajectory | ArrayLike | None" = None,
     intensity: bool = False,
     colors: bool | None = None,
     regions: str | os.PathLike[str] | None = None,
@@ -75,8 +72,6 @@ def process_files(
         A LAS or LAZ file for one file; a folder where `source` is several files, or a folder.
         Outputs have the names of their inputs, all attributes, and the order of the points. They
         may replace the inputs.
-        A name that ends in ``.las`` or ``.laz`` joins several inputs in one file: with the richest
-        point format, the finest scales and the attributes of all, in the order of the inputs.
     estimator : estimator
         What is done, with an int as `random_state` and no None as `n_neighbors`:
 
@@ -104,21 +99,12 @@ def process_files(
         score is NaN. They are kept as they are. So are points that are marked withheld, always.
     only_classes : iterable of int, default=()
         If there are any, points of all other classes are left out in the same way.
-    above, below : float, default=None
-        Judge only points that are higher, or lower, than this over the ground (class 2): over the
-        mean of the three ground points that are nearest in plan. All are used to judge others.
-        The score of those that are not judged is NaN, and they are kept.
-    low_groups : bool, default=False
-        Whether a group of any number of points is an outlier, of low noise, if it lies below the
-        ground by more sizes of its own than the cutoff. Points below the ground are in memory
-        together, see :doc:`/tiling`.
-    sensor_origin : "auto", Trajectory, or array-like of shape (n, 3), default=None
+    sensor_origin : Trajectory, or array-like of shape (n, 3), default=None
         Of outliers, and of normals with ``orientation="sensor"``: where the sensor was when it
         measured each point, if it had more than one position; an estimator's own parameter has
-        one. "auto" adjusts flight lines to LAS's scan angles, a trajectory is read at the times of
-        the points, see :func:`~sklearn_mcmd.io.sensor_origins`; positions are in the order of the
-        inputs. One process has 24 bytes of each point for positions, 30 for a trajectory, and 300
-        for "auto".
+        one. A trajectory is read at the times of the points, see
+        :func:`~sklearn_mcmd.io.sensor_origins`; positions are in the order of the inputs. One
+        process has 24 bytes of each point for positions, and 30 for a trajectory.
     intensity : bool, default=False
         Of outliers: whether the intensity of the points is evidence, see :ref:`intensity`; or their
         reflectance or reflectivity, if that is the same everywhere.
@@ -151,8 +137,8 @@ def process_files(
         same run may go on. Temporary files are then kept, and the message names them.
     ValueError
         If inputs make tiles fail, the estimator makes the whole cloud one neighborhood, an option
-        has no meaning for it, a class is no whole number from 0 to 255, a height is not finite, or
-        the memory is too little.
+        has no meaning for it, a class is no whole number from 0 to 255, or the memory is too
+        little.
 
     Warns
     -----
@@ -186,9 +172,6 @@ def process_files(
         "mode": mode,
         "ignore_classes": _classes("ignore_classes", ignore_classes),
         "only_classes": _classes("only_classes", only_classes),
-        "above": above,
-        "below": below,
-        "low_groups": low_groups,
         "colors": colors,
         "regions": regions,
         "sensor_origin": sensor_origin,

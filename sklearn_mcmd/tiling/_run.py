@@ -69,11 +69,8 @@ class RunReport(NamedTuple):
         Points of the largest regions.
     n_edges : int
         Points of edges.
-    n_judged : int
-        Points that were judged for outliers.
     n_used : int
-        Points that were judged or used to judge others: not withheld, and of
-        the classes asked for.
+        Points that were judged for outliers: not withheld, and of the classes asked for.
     together : str
         Where hundreds of outliers lie together, in words; "" if nowhere.
     n_upright : int
@@ -100,7 +97,6 @@ class RunReport(NamedTuple):
     n_inside: int = 0
     largest: Sequence[int] = ()
     n_edges: int = 0
-    n_judged: int = 0
     n_used: int = 0
     together: str = ""
     n_upright: int = 0
@@ -114,7 +110,7 @@ def run_by_tiles(verb, source, target, memory, n_jobs, tile_size, restart):
     check_tile_size(tile_size)
     memory = usual_memory() if memory is None else parse_memory(memory)
     catalog = source if isinstance(source, Catalog) else Catalog(source)
-    targets = targets_of(catalog, Path(target), verb.others)
+    targets = targets_of(catalog, Path(target), verb.others, verb.also)
     catalogs = [catalog, *verb.also]
     folder = WorkFolder(target, [path for one in catalogs for path in one.paths])
     try:
@@ -206,7 +202,7 @@ def _put_in_cells(verb, catalogs, folder, restart, memory, n_jobs, tile_size):
         )
     told = {"point": point, "tile_size": plan.tile_size, "n_neighbors": k}
     with progress_part(0.0, SCATTERED, "reading"):
-        found = _scatter(verb, paths, n_points, folder.cells, plan.tile_size)
+        found = _scatter(verb, catalogs, paths, folder.cells, plan.tile_size)
         folder.finish_cells({**told, **found})
     sample.warn(found["dtype"], n_points)
     return plan
@@ -249,16 +245,17 @@ class Sample:
             warn(index)
 
 
-def _scatter(verb, paths, n_points, folder, capacity):
-    """Put all points in cells; returns what is told of the whole cloud."""
-    dtype = np.min_scalar_type(n_points)
-    writer, rounding, row = CellWriter(folder, capacity, dtype, verb.center), Rounding(), 0
+def _scatter(verb, catalogs, paths, folder, capacity):
+    """Put all points in cells; returns what is told of the first cloud, and `also` of others."""
+    ends, roundings = np.cumsum([one.n_points for one in catalogs]), [Rounding() for _ in catalogs]
+    n_points, row = int(ends[-1]), 0
+    writer = CellWriter(folder, capacity, np.min_scalar_type(n_points), verb.center)
     beside = verb.beside(folder)
     for path, cloud, chosen in ahead(parts_of(paths, verb.choice)):
         xyz, rows = cloud.xyz[chosen], np.arange(row, row + len(cloud))[chosen]
         if len(xyz):
             writer.add(xyz, rows)
-            rounding.add(xyz)
+            roundings[np.searchsorted(ends, row, "right")].add(xyz)
         for other in beside:
             other.take(cloud, chosen, path)
         row += len(cloud)
@@ -270,4 +267,5 @@ def _scatter(verb, paths, n_points, folder, capacity):
     writer.close()
     for other in beside:
         other.close(folder, paths[0])
-    return rounding.found()
+    found, *others = (rounding.found() for rounding in roundings)
+    return {**found, "also": others}

@@ -43,26 +43,11 @@ class Grid(NamedTuple):
         spacing, reach = np.min(gaps or [(extent, extent)], axis=0).tolist()
         least = extent / MOST_STEPS
         step = _decimal_step(clouds, low, max(FINEST * spacing, least), extent)
-        is_decimal = step is not None
-        if not is_decimal:
+        error = 0.0  # numbers near the same decimal differ by rounding
+        if step is None:
             step = max(min(extent / 65535, COARSEST * spacing), FINEST * spacing, least)
-        grid = cls(low=low, step=step, error=step / 2, spacing=spacing, reach=reach)
-        if is_decimal:
-            grid = grid._replace(error=max(map(grid.merging_error, clouds)))
-        return grid
-
-    def merging_error(self, xyz):
-        """How far coordinates are off if the grid makes one of several of them, else 0.
-
-        Float64 numbers near the same decimal are not several: they differ by rounding.
-        """
-        decimals = np.round(xyz, -round(np.log10(self.step)))
-        if (np.abs(xyz - decimals) <= 4 * np.spacing(np.abs(xyz))).all():
-            return 0.0
-        steps = self.encode(xyz)
-        if all(len(np.unique(xyz[:, i])) == len(np.unique(steps[:, i])) for i in range(3)):
-            return 0.0
-        return float(np.abs(self.decode(steps) - xyz).max())
+            error = step / 2
+        return cls(low=low, step=step, error=error, spacing=spacing, reach=reach)
 
     def encode(self, xyz):
         """Steps (n, 3) of points."""

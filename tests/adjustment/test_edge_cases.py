@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
+from sklearn import config_context
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
 
 from adjustment_clouds import plane_with_outliers, tilted_plane
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector
@@ -106,6 +109,18 @@ def test_weight_zero_equals_absence(detector):
     # A start draws other subsets of other row numbers, so only the verdicts can agree there.
     assert_array_equal(labels[p > 0], detector.labels_)
     assert_allclose(decision, detector.decision_function(X), rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [BaardaPlaneDetector, FuzzyPlaneDetector])
+def test_a_pipeline_hands_requested_weights_to_the_detector(kind):
+    X, weights = plane_with_outliers(200, 8, 12.0), np.where(np.arange(200) < 4, 0.01, 1.0)
+    expected = kind().fit(X, weights=weights).labels_
+    assert (expected != kind().fit(X).labels_).any()
+    with config_context(enable_metadata_routing=True):
+        test = kind().set_fit_request(weights=True)
+        pipeline = make_pipeline(FunctionTransformer(), test)
+        assert_array_equal(pipeline.fit(X, weights=weights)[-1].labels_, expected)
+        assert_array_equal(pipeline.fit_predict(X, weights=weights), expected)
 
 
 @pytest.mark.filterwarnings("ignore:The points that pass are as thick as they are wide")

@@ -82,9 +82,10 @@ def test_without_a_normal_residual_all_points_are_outliers():
     assert (detector.labels_ == -1).all()
 
 
-def test_a_new_point_far_outside_has_the_deviation_of_an_added_one():
+@pytest.mark.parametrize("test", ["w", "tau", "t"])
+def test_a_new_point_far_outside_has_the_deviation_of_an_added_one(test):
     X = plane_with_outliers(100, 5, 12.0)
-    detector = FuzzyPlaneDetector().fit(X)
+    detector = FuzzyPlaneDetector(test=test).fit(X)
     far = np.array([[500.0, 500.0, 0.0]])
     far[0, 2] = far[0, :2] @ detector.coef_ + detector.intercept_ + 5
     # Five sigma off, but the plane is known to some ten there.

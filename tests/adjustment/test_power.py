@@ -1,9 +1,9 @@
-"""Noncentralities and coupled levels against SciPy's distributions and simulations."""
+"""Noncentralities against SciPy's distributions and simulations."""
 
 import pytest
 from scipy import stats
 
-from sklearn_mcmd.adjustment import coupled_level, noncentrality
+from sklearn_mcmd.adjustment import noncentrality
 
 
 @pytest.mark.parametrize("dof", [1e9, 1e20, 1e58])
@@ -32,14 +32,6 @@ def test_so_has_a_test_with_an_estimated_scale(dof, dof_scale):
     assert stats.ncf.sf(limit, dof, dof_scale, nc) == pytest.approx(0.8, abs=1e-4)
 
 
-def test_global_and_local_test_of_coupled_levels_find_the_same_bias():
-    level = coupled_level(0.001, 50, 0.9)
-    assert noncentrality(level, 0.9, 50) == pytest.approx(noncentrality(0.001, 0.9))
-    assert coupled_level(0.001, 1) == pytest.approx(0.001)
-
-
 def test_a_power_below_the_level_is_refused():
     with pytest.raises(ValueError, match=r"power=0.01 is not above the level 0.05"):
         noncentrality(0.05, 0.01)
-    with pytest.raises(ValueError, match="dof=0"):
-        coupled_level(0.001, 0)

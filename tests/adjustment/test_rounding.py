@@ -7,11 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, FuzzyPlaneDetector, compare_planes
-from sklearn_mcmd.adjustment._least_squares import (
-    adjust_plane,
-    residual_rounding,
-    rounding_errors,
-)
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, rounding_of
 from sklearn_mcmd.adjustment._report import text_report
 from sklearn_mcmd.planes._resolution import rounding_in_common
 
@@ -32,7 +28,7 @@ def test_no_residual_of_an_exact_plane_exceeds_the_bound(offset, surface, stretc
     for seed in range(5):
         X = exact_plane(offset, d, seed=seed, stretch=stretch)
         plane = adjust_plane(X, surface=surface)
-        bound = residual_rounding(rounding_errors(X), plane.direction)
+        bound = rounding_of(X, surface).error_of_float64(plane.direction)
         assert np.abs(plane.evaluate(X)[0]).max() <= bound
 
 
@@ -46,7 +42,8 @@ def test_the_bound_is_within_thirty_times_of_what_coordinates_are_rounded_by(off
     a, b = (Fraction(value) for value in slopes.uniform(-2, 2, 2))
     off = [Fraction(z) - a * Fraction(x) - b * Fraction(y) - 7 for x, y, z in X.tolist()]
     largest = float(max(map(abs, off)))
-    assert largest < residual_rounding(rounding_errors(X), plane.direction) < 30 * largest
+    bound = rounding_of(X, "vertical").error_of_float64(plane.direction)
+    assert largest < bound < 30 * largest
 
 
 @pytest.mark.parametrize("offset", OFFSETS)

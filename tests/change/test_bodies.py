@@ -48,6 +48,19 @@ def test_the_registration_of_stable_walls_is_in_the_errors_of_distances():
     assert list(walls_of(changes.bodies, before, walls)[changes.bodies.moved]) == [3]
 
 
+def test_offsets_have_the_sign_of_distances():
+    """Walls lean by .3 degrees, by which their normals point down."""
+    rng = np.random.default_rng(0)
+    lean = np.array([[1, 0, 0], [0, 1, 0], [0.005, 0.005, 1]])
+    before, walls = hall(rng)
+    before, after = before @ lean, hall(rng, [1, 4, 7], by=0.02)[0] @ lean
+    bodies = moved_bodies(before, after, random_state=0)
+    changes = CloudChange(random_state=0).fit(before).compare(after)
+    for k, wall in enumerate(walls_of(bodies, before, walls)):
+        told = np.nanmedian(changes.distance[walls == wall])
+        assert bodies.offset[k] == pytest.approx(told, abs=1e-3)
+
+
 def test_clouds_without_flat_surfaces_are_refused():
     ball = np.random.default_rng(0).normal(size=(2, 300, 3))
     ball /= np.linalg.norm(ball, axis=2, keepdims=True)

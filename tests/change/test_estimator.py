@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
 from sklearn_mcmd import CloudChange
-from sklearn_mcmd.change._comparison import REASONS
+from sklearn_mcmd.change._comparison import REASONS, Scale
 
 NOISE = 0.003
 
@@ -198,6 +198,17 @@ def test_a_pipe_that_did_not_move_has_not_moved_whatever_the_density(n):
     assert changes.significant.mean() < 0.1
 
 
+def test_copies_are_one_point_and_single_precision_is_taken():
+    """Counted as neighbors, copies widened the second neighborhoods: .6 of a pipe had moved."""
+    rng = np.random.default_rng(16)
+    before, after = wall(rng, 2_000), wall(rng, 2_000)
+    expected = compared(before, after)
+    twice = compared(before, np.vstack([after, after]))
+    assert_allclose(twice.distance, expected.distance, rtol=1e-6, atol=1e-12)
+    single = compared(before.astype(np.float32), after[:1_999].astype(np.float32))
+    assert_allclose(single.distance, compared(before, after[:1_999]).distance, atol=1e-6)
+
+
 def test_noise_alike_nearby_is_that_of_the_cloud_and_not_of_core_points():
     rng = np.random.default_rng(14)
     before, after = wall(rng, common=waves), wall(rng, common=waves)
@@ -236,6 +247,7 @@ def test_clouds_that_cannot_be_meant_are_refused_or_warned_of():
     assert (equal.distance[equal.reason == 0] == 0).all()
     with pytest.warns(UserWarning, match="second cloud is far sparser"):
         fitted.compare(after[::40])
+    assert Scale.of([0.0], [0.0], 50).width == 1  # each cloud is copies of one point
     with pytest.warns(UserWarning, match="% of the core points have nothing"):
         fitted.compare(after + np.array([7.5, 0, 0]))
 
@@ -270,3 +282,18 @@ def test_exact_points_have_neither_distance_nor_error():
     inner = (before[:, :2] > 5).all(axis=1) & (before[:, :2] < 34).all(axis=1)
     assert_allclose(changes.distance[inner], 0, atol=1e-12)
     assert not changes.significant[inner].any()
+
+
+@pytest.mark.parametrize("noise", [0.0005, 0.002, 0.004])
+def test_errors_hold_what_rounding_does_to_a_level_floor(noise):
+    """Files of centimeters: a floor stands at a height of its own between two levels."""
+    ratios = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        height, moved = rng.uniform(0, 0.01), 0.0012 * (seed % 2)
+        xyz = rng.uniform(0, 4, (2, 2_000, 3)) * [1, 1, 0]
+        xyz[:, :, 2] = height + rng.normal(0, noise, (2, 2_000)) + [[0], [moved]]
+        changes = compared(*np.round(xyz, 2), correction="none")
+        error = np.nanmedian(changes.distance_error)
+        ratios.append((np.nanmedian(changes.distance) - moved) / error)
+    assert np.abs(ratios).max() < 2

@@ -38,9 +38,7 @@ def test_mark_keeps_all_points_and_gives_outliers_class_7_or_18_in_laz(room, roo
     out = read_points(tmp_path / "out.laz")
     outlier = expected_outliers(room.xyz)
     used = np.ones(len(outlier), bool)
-    classes = noise_classes(
-        read_points(room_file), outlier, outlier, used, LowestPoints(len(used), 50)
-    )
+    classes = noise_classes(read_points(room_file), outlier, used, LowestPoints(len(used), 50))
     assert set(classes) == {0, 18}  # the room has no outliers under its floor
     np.testing.assert_array_equal(out.attributes["classification"], classes)
     np.testing.assert_array_equal(out.attributes["intensity"], np.arange(len(outlier)))

@@ -36,27 +36,6 @@ def test_info_shows_ranges_of_attributes_and_gathers_the_constant(room, tmp_path
     assert "ones 1" in rows["constant"]
 
 
-def test_info_does_not_count_the_value_that_means_no_data(tmp_path):
-    laspy = pytest.importorskip("laspy")
-    header = laspy.LasHeader(version="1.4", point_format=6)
-    none = {"no_data": np.array([-9999.0])}
-    scaled = {"scales": np.array([0.01]), "offsets": np.array([5.0]), **none}
-    header.add_extra_dim(laspy.ExtraBytesParams("depth", "f4", **none))
-    header.add_extra_dim(laspy.ExtraBytesParams("pair", "2f4", no_data=np.array([-1.0, -2.0])))
-    header.add_extra_dim(laspy.ExtraBytesParams("empty", "i2", **none))
-    header.add_extra_dim(laspy.ExtraBytesParams("scaled", "i2", **scaled))
-    las = laspy.LasData(header)
-    las.xyz = np.random.default_rng(0).random((4, 3))
-    las.depth, las.pair = [-9999, 1, 2, 3], [[-1, -2], [-2, -1], [3, 3], [4, 4]]
-    las.points.array["empty"], las.points.array["scaled"] = -9999, [-9999, 100, 200, 300]
-    las.write(tmp_path / "a.las")
-    rows = rows_of(tmp_path / "a.las")
-    assert rows["depth"] == "float32, 1 to 3, some without a value"
-    assert rows["pair"] == "float32 x 2, -2 to 4, some without a value"
-    assert rows["scaled"] == "float64, 6 to 8, some without a value"
-    assert "empty nan" in rows["constant"]
-
-
 @pytest.mark.parametrize(
     ("text", "shown"),
     [

@@ -45,7 +45,7 @@ def test_the_help_of_denoise_fits_two_screens(columns, monkeypatch):
     assert len(run("denoise", "--help").stdout.splitlines()) <= 48
 
 
-@pytest.mark.parametrize("verb", [*ESTIMATORS, "plan"])
+@pytest.mark.parametrize("verb", ESTIMATORS)
 def test_help_all_shows_the_options_that_help_leaves_out(verb):
     few, every = (run(verb, name).stdout for name in ("--help", "--help-all"))
     assert "--random-state" not in few
@@ -73,7 +73,6 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("denoise", "--max-outlier-rate", ["1", "-0.1", "nan", "half"]),
         ("denoise", "--strictness", ["none"]),
         ("denoise", "--contamination", ["0", "0.51", "nan", "5%"]),
-        ("denoise", "--above", ["nan", "high"]),
         ("denoise", "--ignore-class", ["a", "3,256"]),
         ("denoise", "--sensor", ["1,2", "1,2,x", "0,0,nan", "", "origin"]),
         ("denoise", "--n-jobs", ["0", "one"]),
@@ -85,12 +84,11 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("plane", "--sigma0", ["0", "-1", "nan", "5mm"]),
         ("plane", "--alpha", ["0", "1"]),
         ("plane", "--tolerance", ["0", "-1", "nan"]),
-        ("plan", "--power", ["1"]),
         ("info", "--columns", ["x=a,y=b,z", "a=x", "x=1,x=2,y=3"]),
     ],
 )
 def test_values_out_of_range_are_wrong_usage_before_a_file_is_read(verb, option, values, tmp_path):
-    files = {"plan": [], "info": ["in.xyz"]}.get(verb, ["in.xyz", tmp_path / "out.xyz"])
+    files = ["in.xyz"] if verb == "info" else ["in.xyz", tmp_path / "out.xyz"]
     for value in values:
         error = usage_error(run(verb, *files, f"{option}={value}"))
         assert option in error
@@ -111,30 +109,26 @@ def test_cutoff_rate_and_contamination_exclude_each_other(left_out):
 
 
 LENGTHS = {
-    "denoise": ("--noise-scale", "--above", "--below"),
+    "denoise": ("--noise-scale",),
     "normals": ("--radius",),
     "segment": ("--max-distance", "--max-gap"),
     "plane": ("--sigma0", "--tolerance"),
-    "plan": ("--sigma0",),
 }
 
 
 @pytest.mark.parametrize(("verb", "option"), [(v, o) for v in LENGTHS for o in LENGTHS[v]])
 def test_a_length_may_have_a_unit_where_that_of_the_file_is_given(verb, option):
-    files = [] if verb == "plan" else ["in.las", "out.las"]
     name = option[2:].replace("-", "_")
 
     def value(*options):
-        return COMMANDS[verb].make_context(verb, [*files, *options]).params[name]
+        return COMMANDS[verb].make_context(verb, ["in.las", "out.las", *options]).params[name]
 
     assert value(option, "40mm", "--unit", "m") == pytest.approx(0.04, rel=1e-15)
     assert value("--unit", "mm", option, "1 in") == pytest.approx(25.4, rel=1e-15)
     assert value(option, "4e-2") == value(option, "4e-2", "--unit", "chain") == 0.04
     for text, unit in (("40mm", ()), ("40mm", ("--unit", "chain")), ("40MM", ("--unit", "m"))):
         words = f"'{option}': {text} is no number. With a unit, it needs --unit, the unit of the"
-        assert words in usage_error(run(verb, *files, option, text, *unit))
-    below = value(option, "-50cm", "--unit", "m") if option == "--below" else -0.5
-    assert below == -0.5
+        assert words in usage_error(run(verb, "in.las", "out.las", option, text, *unit))
 
 
 def test_tiles_refuse_too_many_neighbors_before_any_work(tmp_path, small_machine):

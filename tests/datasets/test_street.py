@@ -8,7 +8,7 @@ from scipy.stats import kstest
 
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.datasets._street import _street
-from sklearn_mcmd.datasets._surfaces import Soft
+from sklearn_mcmd.datasets._surfaces import Foliage
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def test_points_without_noise_lie_on_the_surface_that_they_are_labelled_with(str
     for number, part in enumerate(scene.parts):
         mine = street.surface == number
         assert_allclose(part.distance(street.true_points[mine]), 0, atol=1e-9)
-        lacks = isinstance(part, Soft)
+        lacks = isinstance(part, Foliage)
         edges = np.nan if lacks else part.edge_distance(street.true_points[mine])
         assert_array_equal(street.edge_distance[mine], edges)
 

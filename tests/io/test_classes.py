@@ -43,7 +43,7 @@ def test_low_noise_lies_lower_than_the_ground_or_all_around(
     if ground_class == 2:  # that is not used counts as well
         used &= attributes["classification"] != 2
     lowest = LowestPoints(len(xyz), 50)
-    classes = noise_classes(PointCloud(xyz, attributes), is_outlier, is_outlier, used, lowest)
+    classes = noise_classes(PointCloud(xyz, attributes), is_outlier, used, lowest)
     assert_array_equal(
         classes[-len(outliers) :], [7] * expected + [18] * (len(outliers) - expected)
     )

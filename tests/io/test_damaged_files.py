@@ -51,6 +51,7 @@ BAD_TEXTS = {
     "grid.asc": ("ncols 2\nnrows 1\ncellsize 5\n3 4\n", "is an ESRI ASCII grid: convert it by"),
     "twice.csv": ("x,y,z,a,a\n1,2,3,4,5\n", "two columns are named 'a'"),
     "flat.csv": ("x,y,t\n1,2,3\n", "no z among the columns x, y, t: say which they are"),
+    "title.csv": ("measured\n1,2,3\n", "header has 1 columns, line 2 has 3"),
     "header.csv": ("x,y,z\n", "no points"),
     "nan.xyz": ("nan 1 2\n", r"no points with finite coordinates \(1 dropped\)"),
     "text.ply": ("hello\n", "damaged or is of another format"),

@@ -249,16 +249,16 @@ def test_no_e57_asks_the_network(tmp_path, plain, server):
     assert asked == []
     assert len(told) == len(PLACES) * len(ENCODINGS)
     for words in told.values():
-        assert re.match("refused .*(names another place|declares a type of document)", words), told
+        assert re.match("refused .*names another place", words), told
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_usual_scans_and_images_are_read_in_all_encodings(tmp_path, plain, encoding):
-    image = '<vectorChild type="Structure"><guid type="String">schemaLocation</guid></vectorChild>'
+    image = '<vectorChild type="Structure"><guid type="String">image</guid></vectorChild>'
     changes = [
         ('encoding="UTF-8"', f'encoding="{ENCODINGS[encoding]}"'),
         ("</images2D>", image * 2000 + "</images2D>"),
-        (ROOT, f'<!-- <!DOCTYPE a> -->{ROOT} xmlns:demo="http://demo.org/schemaLocation"'),
+        (ROOT, f'<!-- a comment -->{ROOT} xmlns:demo="http://demo.org/demo"'),
     ]
     with_xml(plain, tmp_path / "a.e57", *changes, encoding=encoding)
     assert len(read_points(tmp_path / "a.e57")) == 40

@@ -144,48 +144,18 @@ def organized(tmp_path):
     pcd = pypcd4.PointCloud.from_points(arrays, ("x", "y", "z", "label"), dtypes)
     pcd.metadata.height, pcd.metadata.width = 4, 5
     pcd.save(tmp_path / "a.pcd")
-    return tmp_path / "a.pcd", xyz
+    return tmp_path / "a.pcd"
 
 
-def test_an_organized_pcd_keeps_its_grid_whatever_is_removed(tmp_path):
-    path, xyz = organized(tmp_path)
-    cloud = read_points(path)
+@pytest.mark.parametrize("extension", [".las", ".ply", ".pcd", ".e57"])
+def test_all_formats_hold_rows_and_columns(tmp_path, extension):
+    cloud = read_points(organized(tmp_path))
     row, column = cloud.attributes["row_index"], cloud.attributes["column_index"]
-    assert_array_equal(5 * row + column, cloud.attributes["label"])
-    kept = cloud.subset(np.arange(18)[::-1][1:])  # in another order, and without the last
-    write_points(tmp_path / "b.pcd", kept)
-    pcd = pypcd4.PointCloud.from_path(tmp_path / "b.pcd")
-    assert (pcd.metadata.height, pcd.metadata.width, pcd.fields[3:]) == (4, 5, ("label",))
-    xyz[19] = np.nan
-    assert_array_equal(pcd.numpy(("x", "y", "z")), xyz)
-    labels = read_points(tmp_path / "b.pcd").attributes["label"]
-    assert_array_equal(labels, np.delete(np.arange(19), [3, 11]))
-
-
-@pytest.mark.parametrize("extension", [".las", ".ply", ".e57"])
-def test_other_formats_hold_rows_and_columns(tmp_path, extension):
-    cloud = read_points(organized(tmp_path)[0])
-    del cloud.attributes["label"]
+    assert_array_equal(5 * row + column, cloud.attributes.pop("label"))
     write_points(tmp_path / f"b{extension}", cloud)
     back = read_points(tmp_path / f"b{extension}").attributes
     for name in ("row_index", "column_index"):
         assert_array_equal(back[name], cloud.attributes[name])
-
-
-@pytest.mark.parametrize(
-    "row_index",
-    [None, np.zeros(18, int), np.full(18, 4), np.zeros(18)],
-    ids=["gone", "one cell", "outside", "no integers"],
-)
-def test_a_grid_that_is_lost_is_told(tmp_path, row_index):
-    cloud = read_points(organized(tmp_path)[0])
-    del cloud.attributes["row_index"]
-    if row_index is not None:
-        cloud.attributes["row_index"] = row_index
-    with pytest.warns(UserWarning, match="the grid is not kept") as told:
-        write_points(tmp_path / "b.pcd", cloud)
-    assert [warning.filename for warning in told] == [__file__]
-    assert len(read_points(tmp_path / "b.pcd")) == 18
 
 
 def test_a_row_of_points_and_a_file_with_own_rows_are_not_organized(tmp_path):

@@ -7,10 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from e57_files import write_scans
-from flights import flight, of
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, sensor_origins, write_points
-from sklearn_mcmd.io._point_cloud import joined
-from sklearn_mcmd.io._sensor import positions_of_lines
 
 POINTS = np.array([[1.0, 0, 0], [2, 0, 3]])
 TURNED = np.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
@@ -70,7 +67,7 @@ def test_a_viewpoint_that_is_not_finite_is_not_known(tmp_path, numbers):
 
 
 def test_other_files_tell_no_position():
-    with pytest.raises(PointFileError, match=r"only LAS's scan angles, .* tell it; give a"):
+    with pytest.raises(PointFileError, match=r"only PCD's VIEWPOINT, .* tell it; give a"):
         sensor_origins(PointCloud(POINTS))
 
 
@@ -78,54 +75,3 @@ def test_a_trajectory_that_is_no_pair_is_refused():
     cloud = PointCloud(POINTS, {"gps_time": np.zeros(len(POINTS))})
     with pytest.raises(PointFileError, match=r"a trajectory is as read_trajectory gives it, got"):
         sensor_origins(cloud, "tr.csv")
-
-
-# ---- flight lines ------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("step", "most"), [(1.0, 0.5), (0.006, 0.01)])
-@pytest.mark.parametrize("heading", [0.7, -2.0])
-def test_the_flight_is_found_from_rounded_angles(step, most, heading):
-    xyz, sensor, attributes = flight(heading=heading, step=step, start=2e8)
-    positions, words, _ = positions_of_lines(of(xyz, attributes))
-    assert words == "scan angles of one flight line"
-    off = np.linalg.norm(positions - sensor, axis=1)
-    # Half a degree of 800 m, which a mean of thousands of points makes much smaller.
-    assert off.max() < np.radians(most) * 800
-
-
-def test_each_flight_line_has_its_own_flight():
-    lines = [flight(heading=0.1, seed=1), flight(heading=3.2, height=600, seed=2)]
-    clouds = [of(xyz, attributes, line) for line, (xyz, _, attributes) in enumerate(lines)]
-    positions, words, _ = positions_of_lines(joined(clouds))
-    assert words == "scan angles of 2 lines"
-    for part, (_, sensor, _) in zip(np.split(positions, 2), lines, strict=True):
-        assert_allclose(part, sensor, atol=7)
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [
-        ({"scan_angle_rank": np.zeros(4_000)}, "all equal"),
-        ({"gps_time": np.zeros(4_000)}, "all equal"),
-        ({"scan_angle_rank": np.random.default_rng(0).integers(-20, 20, 4_000)}, "differ from"),
-        ({"scan_angle_rank": None}, "no scan angles"),
-        (slice(60), "fewer than 100 points"),
-    ],
-)
-def test_angles_that_tell_no_flight_are_refused_with_the_reason(change, why):
-    xyz, _, attributes = flight()
-    if isinstance(change, dict):
-        attributes = {
-            name: values for name, values in (attributes | change).items() if values is not None
-        }
-        change = slice(None)
-    positions, words, _ = positions_of_lines(of(xyz, attributes).subset(change))
-    assert positions is None
-    assert why in words
-
-
-def test_a_real_flight_is_found_where_its_operator_flew(shared_data):
-    path = shared_data / "ahn3_amsterdam_2397" / "ahn_2397_9705.laz"
-    positions = positions_of_lines(read_points(path)).positions
-    assert ((positions[:, 2] > 600) & (positions[:, 2] < 1_000)).all()

@@ -36,17 +36,6 @@ def test_normals_equal_algorithm_4_taken_literally(n, method, cutoff):
         assert_allclose(estimator.surface_variation_[i], eigenvalues[0] / eigenvalues.sum())
 
 
-def test_pca_is_principal_components_of_each_neighborhood(street):
-    X = street.data
-    estimator = RobustNormalEstimator(20, method="pca").fit(X)
-    for i in range(0, 100, 10):
-        nearest = np.argsort(np.linalg.norm(X - X[i], axis=1))[:20]
-        _, eigenvalues, axes = plane(X[nearest])
-        assert bias_angle(estimator.normals_[i], axes[:, 0]) < 1e-6
-        assert_allclose(estimator.eigenvalues_[i], eigenvalues, rtol=1e-9)
-    assert_array_equal(estimator.removed_fraction_, 0)
-
-
 @pytest.mark.filterwarnings("ignore:the n_neighbors=50 nearest")  # steps make rows
 def test_float32_at_national_grid_coordinates_warns(street):
     moved = (street.data + GRID).astype(np.float32)

@@ -54,8 +54,8 @@ class Cases:
 
 def whole(points, around):
     """Planes of all members, and what quadrics leave of them."""
-    planes = Planes.empty(len(around.sizes), points.shape[1])
-    return planes, whole_planes(points, around, planes, np.empty_like(planes.normals))[1]
+    planes, _, fit = whole_planes(points, around)
+    return planes, fit.left
 
 
 def crease(flat):

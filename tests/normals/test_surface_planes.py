@@ -10,7 +10,7 @@ from sklearn_mcmd import RobustNormalEstimator
 from sklearn_mcmd.metrics import bias_angle
 from sklearn_mcmd.planes._consistent_set import draw_trials
 from sklearn_mcmd.planes._quadrics import is_smooth, whole_planes
-from sklearn_mcmd.planes._record import Neighborhoods, Planes
+from sklearn_mcmd.planes._record import Neighborhoods
 
 
 def angles(X, normals, **parameters):
@@ -71,9 +71,8 @@ def whole(neighborhoods, sizes):
     """Planes of all members, and deviation, left and ordinary of `whole_planes`."""
     m, k, d = neighborhoods.shape
     around = Neighborhoods(np.arange(m * k, dtype=np.int32).reshape(m, k), sizes)
-    planes = Planes.empty(m, d)
-    points = neighborhoods.reshape(-1, d)
-    return planes, *whole_planes(points, around, planes, np.empty((m, d)))
+    planes, _, fit = whole_planes(neighborhoods.reshape(-1, d), around)
+    return planes, *fit
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -185,19 +184,13 @@ def test_the_true_normal_is_within_the_error_that_is_told(k, least, share):
 
 
 @pytest.mark.parametrize(
-    ("d", "parameters", "message"),
-    [
-        *((3, parameters, "needs") for parameters in ({"reweight": False}, {"method": "pca"})),
-        (3, {"n_neighbors": None}, "needs"),
-        (4, {"n_neighbors": 20}, ".* X has 4 features"),
-    ],
+    ("d", "parameters"),
+    [(3, {"reweight": False}), (3, {"method": "pca"}), (3, {"n_neighbors": None}), (4, {})],
 )
-def test_planes_of_neighbors_are_not_promised_where_there_are_none(d, parameters, message):
+def test_planes_are_lent_only_where_they_are_mended(d, parameters):
     X = np.random.default_rng(0).uniform(size=(200, d))
-    with pytest.raises(ValueError, match=f"neighbor_planes=True {message}"):
-        RobustNormalEstimator(neighbor_planes=True, random_state=0, **parameters).fit(X)
-    estimator = RobustNormalEstimator(random_state=0, **parameters).fit(X)
-    assert_array_equal(estimator.plane_index_, np.arange(200))
+    estimator = RobustNormalEstimator(**{"n_neighbors": 20, "random_state": 0} | parameters)
+    assert_array_equal(estimator.fit(X).plane_index_, np.arange(200))
 
 
 def rows_of_points(apart, seed=0):

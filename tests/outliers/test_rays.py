@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from outliers.test_ray_evidence import FORM, sheet_at_an_edge
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.datasets import make_street
-from sklearn_mcmd.report._outliers_page import reasons_of
+from sklearn_mcmd.outliers._detector import judged_cloud
 from sklearn_mcmd.sensors._rays import one_far_position
 
 HEIGHT = 2.0  # of the sensor above the ground of the simulated room
@@ -55,13 +55,18 @@ def street():
     return make_street(12_000, sampling="scan_lines", tree=True, random_state=0, **errors)
 
 
-def test_sheets_are_told_as_the_reason(street):
+def on_sheets(fitted, rows):
+    """Which of some rows are isolated by a sheet of rays."""
+    judged = judged_cloud(fitted)
+    return np.isin(judged.index.places[rows], judged.off_surface.rows[judged.beside_rays.by_sheet])
+
+
+def test_mixed_pixels_are_on_sheets_and_a_single_point_is_not(street):
     fitted = detector(sensor_origin=street.sensor_origins[0]).fit(street.data)
     mixed = np.flatnonzero((street.target == -1) & (fitted.scores_ < -3))[::10]
-    assert np.mean([reason == "on a sheet of rays" for reason in reasons_of(fitted, mixed)]) > 0.9
+    assert on_sheets(fitted, mixed).mean() > 0.9
     turn = np.vstack([room(), [[3.0, 1.0, 0.5]]])
-    (reason,) = reasons_of(detector(sensor_origin="origin").fit(turn), [len(turn) - 1])
-    assert reason.startswith("single point")
+    assert not on_sheets(detector(sensor_origin="origin").fit(turn), [len(turn) - 1]).any()
 
 
 def test_a_position_on_the_ground_is_doubted_and_that_of_the_scanner_is_not(street):
@@ -86,7 +91,7 @@ def test_a_position_on_the_ground_is_doubted_and_that_of_the_scanner_is_not(stre
 def test_points_on_sheets_are_outliers_by_rays_alone_at_any_cutoff(cutoff):
     X, sensor = sheet_at_an_edge(np.random.default_rng(0))
     fitted = MCMDOutlierDetector(**FORM, cutoff=cutoff).fit(X, sensor_origin=sensor)
-    assert fitted.n_by_rays_ == reasons_of(fitted, np.arange(60)).count("on a sheet of rays") > 40
+    assert fitted.n_by_rays_ == np.count_nonzero(on_sheets(fitted, np.arange(60))) > 40
     assert MCMDOutlierDetector(**FORM, cutoff=cutoff).fit(X).n_by_rays_ == 0
 
 

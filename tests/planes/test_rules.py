@@ -43,6 +43,7 @@ def test_every_rule_is_its_literal_form(method, n, d):
     assert method in reference.RULES, "tests/reference.py lacks the literal form of this rule"
     X, (planes, distances) = fitted(method, n, d)
     trials = draw_trials(N_TRIALS, K, 0)
+    assert (planes.kept == 1).all() == (method == "pca")
     for row in np.linspace(0, n - 1, 12).astype(int):
         distance, normal, values = reference.saliency(
             X, X[row], K, trials, K // 2, method, METHODS[method].default_cutoff(d)

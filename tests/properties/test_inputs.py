@@ -7,7 +7,6 @@ from sklearn.base import clone
 from public import ESTIMATORS, cloud_for, expected_results, fitted, results
 from sklearn_mcmd.adjustment import compare_planes, flatness, text_report
 from sklearn_mcmd.metrics import bias_angle, outlier_scores, segmentation_scores
-from sklearn_mcmd.model_selection import spatial_blocks
 
 
 def strided(X):
@@ -110,7 +109,6 @@ def test_functions_take_any_container(form, tmp_path):
     assert compare_planes(detector, same).verdict == "same"
     assert flatness(detector, given, 0.01) == flatness(same, X, 0.01)
     assert text_report(detector, given) == text_report(same, X)
-    np.testing.assert_array_equal(spatial_blocks(given, 5), spatial_blocks(X, 5))
     normals = X / np.linalg.norm(X, axis=1, keepdims=True)
     angles = bias_angle(FORMS[form](normals, tmp_path), X)
     np.testing.assert_allclose(angles, 0, atol=1e-6)

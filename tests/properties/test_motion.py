@@ -27,7 +27,6 @@ from public import (
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, compare_planes, flatness
 from sklearn_mcmd.baselines._methods import COMPARATORS
 from sklearn_mcmd.metrics import bias_angle
-from sklearn_mcmd.model_selection import SpatialBlockSplit, spatial_blocks
 
 CONDITION = 1_000
 EPS = np.finfo(float).eps
@@ -160,20 +159,3 @@ def test_neighborhoods_follow_their_points(method, parts):
     np.testing.assert_allclose(after.scores, fit.scores, rtol=tolerance, atol=10 * tolerance)
     tilt = bias_angle(after.normals, fit.normals @ motion.rotation.T)
     assert tilt.max() < 1e-6 + np.degrees(tolerance)
-
-
-@settings(max_examples=5)
-@given(
-    shift=st.tuples(*[st.integers(-(2**20), 2**20)] * 3),
-    exponent=st.integers(-10, 10),
-    seed=st.integers(0, 2**32 - 1),
-)
-def test_blocks_follow_their_points(shift, exponent, seed):
-    X = np.round(np.random.default_rng(8).uniform(0, 1, (300, 3)) * 2**20) / 2**20
-    order = np.random.default_rng(seed).permutation(300)
-    Y = 2.0**exponent * (X + shift)[order]  # to the bit
-    np.testing.assert_array_equal(spatial_blocks(Y, 7), spatial_blocks(X, 7)[order])
-    splitter = SpatialBlockSplit(3, n_neighbors=10, random_state=0)
-    for (train, test), (theirs, tested) in zip(splitter.split(Y), splitter.split(X), strict=True):
-        np.testing.assert_array_equal(np.sort(order[train]), theirs)
-        np.testing.assert_array_equal(np.sort(order[test]), tested)

@@ -10,7 +10,7 @@ from commands import done
 from pages import read_page
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.report import _shown
-from sklearn_mcmd.report._shown import _sample, removed_of
+from sklearn_mcmd.report._shown import sample_of
 from tiled import street
 
 N = 4_400
@@ -32,11 +32,10 @@ def counts(page):
     return re.findall(r"([\d,]+) outliers", text)
 
 
-@pytest.mark.parametrize("mode", ["drop", "mark"])
-def test_outliers_of_tiles_are_those_of_memory(mode, tmp_path, monkeypatch):
+def test_outliers_of_tiles_are_those_of_memory(tmp_path):
     write_points(tmp_path / "a.laz", street(N))
     a, b = tmp_path / "r1", tmp_path / "r2"
-    options = ("--mode", mode, "--report")
+    options = ("--mode", "mark", "--report")
     done("denoise", tmp_path / "a.laz", tmp_path / "b.laz", *options, a)
     (tmp_path / "in").mkdir()
     shutil.copy(tmp_path / "a.laz", tmp_path / "in" / "a.laz")
@@ -53,39 +52,15 @@ def test_a_sample_is_every_so_many_th_point_across_files_and_parts(folder, monke
     paths = sorted(folder.iterdir())
     whole = np.vstack([read_points(path).xyz for path in paths])
     for step in (1, 7, 5000):
-        sample = _sample(paths, step, ())
+        sample = sample_of(paths, step)
         assert (sample.xyz == whole[::step]).all()
 
 
-def test_what_was_removed_is_found_from_both_files(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(_shown, "PART", 1000)
-    paths, outputs, gone = sorted(folder.iterdir()), [], []
-    (tmp_path / "out").mkdir()
-    for path in paths:
-        cloud = read_points(path)
-        removed = np.round(cloud.xyz[:, 0] * 1e3).astype(int) % 10 == 0  # copies share their fate
-        gone.append(removed)
-        outputs.append(tmp_path / "out" / path.name)
-        write_points(outputs[-1], cloud.subset(~removed))
-    _, removed = removed_of(paths, outputs, 1)
-    assert (removed == np.concatenate(gone)).all()
-    _, removed = removed_of(paths, outputs, 3)
-    assert (removed == np.concatenate(gone)[::3]).all()
-
-
-def test_outputs_of_other_points_are_not_compared(folder, tmp_path):
-    paths = sorted(folder.iterdir())
-    cloud = read_points(paths[0])
-    cloud.xyz[:] += 5
-    write_points(tmp_path / "o.npz", cloud)
-    write_points(tmp_path / "o.laz", read_points(tmp_path / "o.npz"))
-    assert removed_of(paths, [tmp_path / "o.laz"], 1)[1] is None
-    assert removed_of(paths, paths, 1)[1] is None
-
-
-def test_a_run_in_place_has_a_report_without_maps(folder, tmp_path):
+def test_a_run_that_removes_has_a_report_without_maps(folder, tmp_path):
     done("denoise", folder, folder, "--report", tmp_path / "r", *TILES)
-    assert "replaced the inputs" in (tmp_path / "r" / "index.html").read_text()
+    page = (tmp_path / "r" / "index.html").read_text()
+    assert "--mode mark keeps outliers" in page
+    assert "data:image/webp" not in page
 
 
 def test_normals_of_tiles_state_the_sample(folder, tmp_path, monkeypatch):

@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from sklearn.metrics import adjusted_rand_score
 
-from benchmarks._ablation_changes import changed
-from growth import fitted_without
+from growth import changed, fitted_without
 from sklearn_mcmd.segmentation._estimator import GrowthSteps
 from sklearn_mcmd.segmentation._graph import GrowthLimits
 

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from sklearn_mcmd import CloudChange, RobustNormalEstimator
 from sklearn_mcmd.io import PointCloud, PointFileError, read_points, write_points
-from sklearn_mcmd.tiling import process_files
+from sklearn_mcmd.tiling import _change, process_files
+from sklearn_mcmd.tiling._halo import part_within
 from tiled import but, goes_on, run_is_killed
 
 N = 9_000
@@ -65,6 +66,18 @@ def test_distances_of_cells_are_those_of_memory(files, tmp_path, tile_size):
     assert report.change["distance"] == pytest.approx(median, abs=1e-6)
 
 
+def test_each_cloud_has_the_step_of_its_own_coordinates(tmp_path):
+    rng, paths = np.random.default_rng(0), []
+    for digits in (3, 4):
+        floor = rng.uniform(0, 10, (4_000, 3)) * [1, 1, 0] + rng.normal(0, 5e-4, (4_000, 3))
+        write_points(tmp_path / f"{digits}.las", np.round(floor, digits))
+        paths.append(tmp_path / f"{digits}.las")
+    report = process_files(paths[0], tmp_path / "out.las", CHANGE, second=paths[1], tile_size=2_500)
+    assert report.n_proven == 4_000
+    written = read_points(tmp_path / "out.las").attributes
+    assert_allclose(written["distance"], in_memory(paths).distance, rtol=1e-6, atol=1e-9)
+
+
 @pytest.mark.parametrize("correction", ["none", "sidak"])
 def test_other_corrections_are_those_of_memory(files, tmp_path, correction):
     estimator = but(CHANGE, correction=correction)
@@ -94,11 +107,12 @@ def test_a_run_that_was_killed_goes_on_with_the_same_bytes(files, tmp_path):
     assert (tmp_path / "two.las").read_bytes() == target.read_bytes()
 
 
-def test_a_second_cloud_that_changed_is_read_anew(files, tmp_path):
+@pytest.mark.parametrize(("place", "n"), [("_change.measure", 1), ("_outputs._move", 0)])
+def test_a_second_cloud_that_changed_is_read_anew(files, tmp_path, place, n):
     after, target = tmp_path / "after.las", tmp_path / "out.las"
     after.write_bytes(files[1].read_bytes())
     asked = {"second": str(after), "tile_size": 2_500}
-    assert run_is_killed(files[0], target, "_change.measure", 1, CHANGE, **asked)
+    assert run_is_killed(files[0], target, place, n, CHANGE, **asked)
     write_points(after, bay(np.random.default_rng(5)))
     report = process_files(files[0], target, CHANGE, **asked)
     assert report.n_resumed == 0
@@ -132,8 +146,47 @@ def test_what_cannot_be_compared_is_refused(files, tmp_path):
         process_files(files[0], out, CHANGE, second=tmp_path / "far.las")
     with pytest.raises(PointFileError, match=r"gone\.las"):
         process_files(files[0], out, CHANGE, second=tmp_path / "gone.las")
+    write_points(tmp_path / "few.las", read_points(files[1]).xyz[:3])
+    with pytest.raises(ValueError, match=r"n_samples=3 is too few"):
+        process_files(files[0], out, CHANGE, second=tmp_path / "few.las")
     assert not out.exists()
     assert not list(tmp_path.glob("*.tiles"))
+
+
+def test_no_output_replaces_the_second_cloud(files, tmp_path):
+    (tmp_path / "in").mkdir()
+    for source, name in zip(files, ("in/a.las", "a.las"), strict=True):
+        write_points(tmp_path / name, read_points(source))
+    after, content = tmp_path / "a.las", (tmp_path / "a.las").read_bytes()
+    for source, target, second in (
+        (tmp_path / "in", tmp_path, after),  # whose outputs have the names of the inputs
+        (files[0], after, tmp_path),
+    ):
+        with pytest.raises(PointFileError, match=r"a\.las: is of the second cloud"):
+            process_files(source, target, CHANGE, second=second)
+    assert after.read_bytes() == content
+
+
+@pytest.mark.filterwarnings("ignore:.* far sparser|.* of the core points")
+def test_a_stray_point_takes_no_large_part_of_the_second_cloud(tmp_path, monkeypatch):
+    rng, sizes = np.random.default_rng(0), []
+    before, after = (
+        rng.uniform(-half, half, (n, 3)) * [1, 1, 1e-3] for n, half in ((1_500, 1), (9_000, 40))
+    )
+    before[:2, :2] = [[-35, -35], [35, 35]]
+    for name, xyz in (("before.las", before), ("after.las", after)):
+        write_points(tmp_path / name, xyz)
+
+    def counted(*args):
+        sizes.append(len((part := part_within(*args)).rows))
+        return part
+
+    monkeypatch.setattr(_change, "part_within", counted)
+    asked = {"second": tmp_path / "after.las", "tile_size": 250}
+    report = process_files(tmp_path / "before.las", tmp_path / "out.las", CHANGE, **asked)
+    assert max(sizes) < 3_000
+    assert report.n_proven < 1_500
+    assert list(read_points(tmp_path / "out.las").attributes["reason"][:2]) == [2, 2]
 
 
 def test_copies_and_sparse_clouds_are_warned_of(files, tmp_path):

@@ -23,13 +23,12 @@ from tiled import (
 )
 
 SHARE = but(OUTLIERS, contamination=0.05)
-HEIGHTS = {"mode": "mark", "above": -30.0, "below": 40.0, "low_groups": True}
 LIGHT = {"mode": "mark", "intensity": True}
 # The place at which a run is killed, after so many calls, and how many tiles are resumed then.
 FAST = [
     (ESTIMATOR, {}, "_tasks.part_of_cell", 2, 2),
     (TREE, {}, "_verbs.sides_of_cells", 0, 4),
-    (SHARE, HEIGHTS, "_outliers.judge_groups", 0, 0),
+    (SHARE, {"mode": "mark"}, "_outliers.quantile_of", 0, 4),
     (REGIONS, {"regions": "r.csv"}, "_regions.write_regions", 0, 4),
     (EDGES, {}, "_folder.CellResults.keep", 3, 3),
 ]
@@ -38,10 +37,8 @@ SLOW = [
     (ESTIMATOR, {}, "_base.Results.take", 0, 4),
     (ESTIMATOR, {}, "_folder.write_array", 1, 1),
     (TREE, {}, "_folder.CellResults.keep", 6, 4),
-    (SHARE, HEIGHTS, "_outliers.Cells.points", 3, 0),
     (SHARE, LIGHT, "_outliers.keep_light", 2, 0),
     (SHARE, LIGHT, "_outliers.keep_scores", 2, 2),
-    (SHARE, {}, "_outliers.quantile_of", 0, 4),
     (REGIONS, {}, "_regions.join_regions", 0, 4),
     (REGIONS, {}, "_folder.CellResults.keep", 6, 4),
 ]

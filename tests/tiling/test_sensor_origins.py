@@ -6,8 +6,7 @@ from numpy.testing import assert_array_equal
 from sklearn.base import clone
 
 from benchmarks.simulators import make_lidar_turn, make_mobile_scan
-from flights import flight, of
-from sklearn_mcmd.io import PointCloud, Trajectory, read_points, sensor_origins, write_points
+from sklearn_mcmd.io import PointCloud, Trajectory, read_points, sensor_origins
 from sklearn_mcmd.io._sensor import place_words, rows_of_sensor
 from sklearn_mcmd.tiling import _outliers
 from tiled import ESTIMATOR, OUTLIERS, but, values_of, written
@@ -107,28 +106,12 @@ def test_normals_look_at_where_the_sensor_was_for_each_copy_of_a_point(drive, by
     assert_array_equal(values[proven], values_of(fitted)[proven])
 
 
-def test_flight_lines_over_several_files_are_adjusted_together(tmp_path, assert_nearly_memory):
-    xyz, _, given = flight(step=1.0)
-    cloud, paths = of(xyz, given), [tmp_path / "a.las", tmp_path / "b.las"]
-    for path, rows in zip(paths, (slice(0, 1_500), slice(1_500, None)), strict=True):
-        write_points(path, cloud.subset(rows))
-    parts = [read_points(path) for path in paths]
-    names = ("gps_time", "point_source_id", "scan_angle_rank")
-    whole = PointCloud(
-        np.vstack([part.xyz for part in parts]),
-        {name: np.concatenate([part.attributes[name] for part in parts]) for name in names},
-        {"las_header": parts[0].metadata["las_header"]},
-    )
-    fitted = clone(OUTLIERS).fit(whole.xyz, sensor_origin=sensor_origins(whole))
-    assert_nearly_memory(paths, fitted, sensor_origin="auto")
-
-
 def test_a_position_that_was_found_is_not_used_if_it_is_doubted(tmp_path, by_tiles, monkeypatch):
-    xyz, _, given = flight(step=1.0)
-    path = written(tmp_path, of(xyz, given))
+    xyz = make_lidar_turn(4_000, random_state=0).data
+    path = written(tmp_path, np.round(xyz[xyz.any(axis=1)], 3))
     monkeypatch.setattr(_outliers, "doubt_of", lambda *_: "it cannot be")
     with pytest.warns(UserWarning, match="it cannot be. It is not used"):
-        values, _, _, report = by_tiles(path, OUTLIERS, sensor_origin="auto")
+        values, _, _, report = by_tiles(path, but(OUTLIERS, sensor_origin="auto"))
     assert_array_equal(values, values_of(clone(OUTLIERS).fit(read_points(path).xyz)))
     assert report.sensor == {"sensor": "not used", "doubt": "it cannot be"}
 

@@ -76,17 +76,6 @@ def test_coordinates_of_a_decimal_step_are_exact_also_far_from_the_origin():
     assert Grid.of([xyz]).error > 0  # a finer step than needed is not kept
 
 
-@pytest.mark.parametrize("gap", [1e-10, 1e-9])
-def test_a_grid_that_makes_one_of_two_points_tells_its_error(gap):
-    xyz = np.random.default_rng(0).integers(0, 30, (500, 3)).astype(np.float64)
-    assert Grid.of([xyz]).error == 0.0
-    assert Grid.of([xyz + 0.5]).error == 0.0  # no multiples, but whole steps from the corner
-    xyz[7] = xyz[8] + gap
-    grid = Grid.of([xyz])
-    off = np.abs(grid.decode(grid.encode(xyz)) - xyz).max()
-    assert 0 < off <= grid.error
-
-
 def test_each_point_keeps_its_row_and_its_values(monkeypatch):
     monkeypatch.setattr(_encoding, "FIRST_CHUNK", 64)
     monkeypatch.setattr(_encoding, "LARGEST_CHUNK", 256)
