@@ -174,8 +174,8 @@ def write_points(
     format 6 (7 with colors). Colors of 8 bits, and integers up to 255 but uint16, are multiplied by
     257. Their scale is the coarsest of 1, 0.1 ... 1e-6 that holds all coordinates exactly, else the
     finest power of ten that fits. Far points that would make it coarser than the decimal step of
-    most points (0.0001 or more), else than a hundredth of their spacing and a millionth of the
-    extent of their middle half, are refused. Attributes without a standard dimension become extra
+    most points (0.0001 or more), else than a millionth of the extent of their middle half, are
+    refused. Attributes without a standard dimension become extra
     dimensions. LAS 1.0 and 1.1 become 1.2. LAZ with wave packets of several scanner channels
     (formats 9 and 10) is refused, since lazrs would change them. Samples of waveforms inside a
     file are copied from LAS 1.4, but not from LAS 1.3.

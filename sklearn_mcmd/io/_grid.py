@@ -7,11 +7,9 @@ from sklearn_mcmd.io._point_cloud import PointFileError
 LARGEST = 2**31 - 1  # integer of LAS
 DECIMALS = 6  # that are looked for
 PRECISE = 1e-4  # decimal steps from here on may not be lost; finer ones are printed digits
-# Elsewhere the scale is at most so much of the distance to the next point, and of the extent of the
-# middle half of all points.
-OF_SPACING, OF_EXTENT = 1e-2, 1e-6
+OF_EXTENT = 1e-6  # elsewhere the scale is at most so much of the extent of the middle half of all
 MOST = 0.9  # points that must lie on a step
-SAMPLE, AROUND = 1000, 10_000  # points that show the decimals of most, and the spacing
+SAMPLE = 1000  # points that show the decimals of most, and their extent
 SHOWN = 3  # points that an error names
 
 
@@ -19,7 +17,7 @@ def scale_of(xyz, axes=slice(None)):
     """The coarsest of 1, 0.1 ... 1e-6 that holds some axes exactly, else the finest that fits.
 
     Raise if it is coarser than most points ask for: than their decimal step, 0.0001 or more, else
-    than a hundredth of their spacing and a millionth of the extent of their middle half.
+    than a millionth of the extent of their middle half.
     """
     values, asked = xyz[:, axes], None
     sample = np.unique(values[:: len(xyz) // SAMPLE + 1], axis=0)  # copies, as of no returns, once
@@ -34,7 +32,10 @@ def scale_of(xyz, axes=slice(None)):
                 asked = step
             if share == 1 and step >= finest and _on_grid(values, step, usual).all():
                 return step
-        bound = asked if asked is not None and asked >= PRECISE else max(_fine(xyz), asked or 0)
+        some = np.unique(xyz[:: len(xyz) // SAMPLE + 1], axis=0)
+        half = np.ptp(np.quantile(some, [0.25, 0.75], axis=0), axis=0).max() or np.inf
+        precise = asked is not None and asked >= PRECISE
+        bound = asked if precise else max(OF_EXTENT * half, asked or 0)
         if finest > bound:
             _refuse(values, np.median(sample, axis=0), bound)
         # Finer than double precision no step can be told.
@@ -57,19 +58,6 @@ def _on_grid(xyz, step, usual):
     steps_a_unit = np.rint(1 / step)
     rounded = np.rint(xyz * steps_a_unit) / steps_a_unit
     return (np.abs(rounded - xyz) <= 4 * np.spacing(np.maximum(np.abs(xyz), usual))).all(axis=1)
-
-
-def _fine(xyz):
-    """A small part of the spacing and extent of most points, and infinity if they have none."""
-    from scipy.spatial import cKDTree  # takes long to import
-
-    sample = np.unique(xyz[:: len(xyz) // SAMPLE + 1], axis=0)
-    low, middle, high = np.quantile(sample, [0.25, 0.5, 0.75], axis=0)
-    far = np.abs(xyz - middle).max(axis=1)
-    near = np.unique(xyz[np.argpartition(far, min(AROUND, len(xyz) - 1))[:AROUND]], axis=0)
-    spacing = np.median(cKDTree(near - middle).query(near - middle, 2)[0][:, 1])
-    parts = np.array([OF_SPACING * spacing, OF_EXTENT * (high - low).max()])
-    return parts[parts > 0].min(initial=np.inf)
 
 
 def _refuse(xyz, middle, bound):

@@ -57,6 +57,8 @@ def test_what_options_tell_is_used_as_it_is(setups, path):
 def test_errors_name_the_file_of_the_points(cloud, sensor, words, path):
     with pytest.raises(PointFileError, match=rf"a\.e57: {words}"):
         told(cloud, sensor=sensor, trajectory=None if sensor else path)
+    with pytest.raises(PointFileError, match=r"a\.las: no position .* only PCD's VIEWPOINT"):
+        Asked(Path("a.las"), "auto", None).path()  # by tiles
 
 
 @pytest.mark.parametrize("name", ["Intensity", "scalar_Intensity", "reflectance", "column_4"])

@@ -46,7 +46,7 @@ def test_far_points_do_not_coarsen_what_has_room(tmp_path, far):
     assert_allclose(read_points(tmp_path / "a.las").xyz, xyz, rtol=1e-15)
 
 
-def test_printed_digits_without_room_are_rounded_to_a_hundredth_of_the_spacing_or_less(tmp_path):
+def test_printed_digits_without_room_are_rounded_to_the_finest_step_with_room(tmp_path):
     xyz = survey(decimals=6, size=10_000.0, n=10_000)
     write_points(tmp_path / "a.las", xyz)
     assert np.abs(read_points(tmp_path / "a.las").xyz - xyz).max() <= 0.5e-5 * 1.001
