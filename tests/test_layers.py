@@ -42,10 +42,10 @@ ROOMS = {
 ROOMS = {room: set(below.split()) for room, below in ROOMS.items()}
 # Lines of each room, and of what stands beside the package.
 LINES = {
-    **{"adjustment": 3788, "baselines": 1447, "change": 1108, "cli": 2605, "datasets": 1322},
+    **{"adjustment": 3788, "baselines": 1447, "change": 1093, "cli": 2605, "datasets": 1322},
     **{"edges": 1128, "io": 3644, "metrics": 324, "normals": 1945},
     **{"outliers": 2135, "planes": 5572, "plotting": 789, "report": 1224, "runtime": 460},
-    **{"segmentation": 2333, "sensors": 520, "tiling": 3372, "view": 790},
+    **{"segmentation": 2333, "sensors": 520, "tiling": 3373, "view": 790},
     **{"benchmarks": 5549, "docs": 5844, "tests": 25633},
 }
 # Compiled functions are imported by strings.

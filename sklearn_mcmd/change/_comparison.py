@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import erfc, ndtri
 
 from sklearn_mcmd._validation import SMALLEST
@@ -119,31 +120,55 @@ def _is_rough(planes, rows):
     return ~((scale >= 0) & (scale <= SurfaceLimits().flat * planes.radius[rows]))
 
 
-class Verdicts(NamedTuple):
-    """What errors and levels make of what planes tell, as of `Changes`."""
+class Changes(NamedTuple):
+    """What has moved, a row for each core point, as of `CloudChange.compare`.
 
-    distance: np.ndarray
-    distance_error: np.ndarray
-    level_of_detection: np.ndarray
-    pvalue: np.ndarray
-    significant: np.ndarray
-    reason: np.ndarray
+    Attributes
+    ----------
+    distance : ndarray of shape (n_core,)
+        From the first surface to the second along the first one's normal, in units of X; not a
+        number where nothing can be compared.
+    distance_error : ndarray of shape (n_core,)
+        Its standard error.
+    level_of_detection : ndarray of shape (n_core,)
+        Beyond which one distance alone is significant.
+    pvalue : ndarray of shape (n_core,)
+        After the `correction`.
+    significant : ndarray of bool of shape (n_core,)
+        Whether that is below `alpha`.
+    reason : ndarray of uint8 of shape (n_core,)
+        0 compared; 1 nothing within reach; 2 no surface, as in leaves; 3 another surface, whose
+        normal is turned by more than 45 degrees.
+    alike : float
+        By how much noise that is alike nearby multiplies variances, 1 at least; not a number where
+        the first cloud is too small to tell.
+    bodies : Bodies or None
+        With ``registration="auto"`` those of :func:`~sklearn_mcmd.change.moved_bodies`.
+    """
 
-    @classmethod
-    def of(cls, distance, variance, reason, alpha, adjust):
-        """``adjust(pvalues)`` corrects those of the distances alone."""
-        error = np.where(reason == 0, np.sqrt(variance), np.nan)
-        pvalue = adjust(pvalues_of(distance, error))
-        level = -ndtri(alpha / 2) * error
-        return cls(distance, error, level, pvalue, pvalue < alpha, reason)
+    distance: NDArray[np.float64]
+    distance_error: NDArray[np.float64]
+    level_of_detection: NDArray[np.float64]
+    pvalue: NDArray[np.float64]
+    significant: NDArray[np.bool_]
+    reason: NDArray[np.uint8]
+    alike: float = np.nan
+    bodies: Bodies | None = None
 
-    def columns(self):
-        """What is written of each point."""
-        columns = {name: values.astype(np.float32) for name, values in self._asdict().items()}
-        return columns | {
-            "significant": self.significant.astype(np.uint8),
-            "reason": self.reason.astype(np.uint8),
-        }
+
+def judged(distance, variance, reason, alpha, adjust):
+    """The `Changes` that distances and variances tell; ``adjust(pvalues)`` corrects those of the
+    distances alone."""
+    error = np.where(reason == 0, np.sqrt(variance), np.nan)
+    pvalue = adjust(pvalues_of(distance, error))
+    return Changes(distance, error, -ndtri(alpha / 2) * error, pvalue, pvalue < alpha, reason)
+
+
+def columns_of(changes):
+    """What is written of each point."""
+    columns = {name: getattr(changes, name).astype(np.float32) for name in Changes._fields[:4]}
+    others = ("significant", "reason")
+    return columns | {name: getattr(changes, name).astype(np.uint8) for name in others}
 
 
 def pvalues_of(distance, error):

@@ -179,7 +179,7 @@ def _mean_square(squares, quiet):
     mean = np.quantile(squares, quiet) / chdtri(1, 1 - quiet)
     for _ in range(STEPS):
         inside = squares[squares <= limit * mean]
-        if len(inside):
+        if len(inside):  # not a number of exact points
             mean = inside.mean() / usual
     return float(mean)
 

@@ -1,11 +1,11 @@
 """CloudChange: what has moved between two clouds of one place, and how surely."""
 
 from numbers import Integral, Real
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from joblib import effective_n_jobs
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
@@ -14,14 +14,15 @@ from sklearn_mcmd._choices import ChangeCorrection, choices_of
 from sklearn_mcmd._errors import ParameterError, warn_caller
 from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import check_extent, check_sizes, is_auto, validate_points
-from sklearn_mcmd.change._bodies import Bodies, moved_bodies
+from sklearn_mcmd.change._bodies import moved_bodies
 from sklearn_mcmd.change._comparison import (
     FEWEST,
     NOTHING,
     SAMPLE,
+    Changes,
     Correction,
     Scale,
-    Verdicts,
+    judged,
     measure,
     radii_in,
 )
@@ -34,42 +35,6 @@ from sklearn_mcmd.change._distances import (
     tree_of,
 )
 from sklearn_mcmd.normals import RobustNormalEstimator
-
-
-class Changes(NamedTuple):
-    """What has moved, a row for each core point, as of `CloudChange.compare`.
-
-    Attributes
-    ----------
-    distance : ndarray of shape (n_core,)
-        From the first surface to the second along the first one's normal, in units of X; not a
-        number where nothing can be compared.
-    distance_error : ndarray of shape (n_core,)
-        Its standard error.
-    level_of_detection : ndarray of shape (n_core,)
-        Beyond which one distance alone is significant.
-    pvalue : ndarray of shape (n_core,)
-        After the `correction`.
-    significant : ndarray of bool of shape (n_core,)
-        Whether that is below `alpha`.
-    reason : ndarray of uint8 of shape (n_core,)
-        0 compared; 1 nothing within reach; 2 no surface, as in leaves; 3 another surface, whose
-        normal is turned by more than 45 degrees.
-    alike : float
-        By how much noise that is alike nearby multiplies variances, 1 at least; not a number where
-        the first cloud is too small to tell.
-    bodies : Bodies or None
-        With ``registration="auto"`` those of :func:`~sklearn_mcmd.change.moved_bodies`.
-    """
-
-    distance: NDArray[np.float64]
-    distance_error: NDArray[np.float64]
-    level_of_detection: NDArray[np.float64]
-    pvalue: NDArray[np.float64]
-    significant: NDArray[np.bool_]
-    reason: NDArray[np.uint8]
-    alike: float
-    bodies: Bodies | None
 
 
 class CloudChange(DocLinkMixin, BaseEstimator):
@@ -133,12 +98,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
 
     Notes
     -----
-    The variance of a distance is that of both planes at the core point: of their means, and of
-    their tilts beside their middles. Noise that is alike nearby, as in a scanner's rows, is in
-    neither. It is found where distances of places that share no points differ by more than that,
-    and multiplies all variances by `alike`. What moves as a body differs by nothing, so a movement
-    is not taken for noise. What is alike over more than eight radii of a neighborhood, and the
-    registration, look like a movement: give `registration`.
+    The variance of a distance is that of both planes at the core point, `alike` times, as noise
+    that is alike nearby is in no residual, and that of the registration: see :doc:`/change`.
 
     Distances follow M3C2 [1]_, whose level of detection takes noise for independent and whose
     cylinders take what is in them. ``correction="fdr"`` is that of [2]_.
@@ -292,10 +253,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
             covariance = bodies.registration
         variance = measured.variance * np.nan_to_num(alike, nan=1.0)
         variance += measured.registered(covariance, places, center)
-        verdicts = Verdicts.of(
-            measured.distance, variance, measured.reason, self.alpha, self._adjust
-        )
-        return Changes(**verdicts._asdict(), alike=alike, bodies=bodies)
+        told = judged(measured.distance, variance, measured.reason, self.alpha, self._adjust)
+        return told._replace(alike=alike, bodies=bodies)
 
     def _adjust(self, pvalues):
         """P-values after the correction, by all that are told."""

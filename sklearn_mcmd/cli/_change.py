@@ -89,11 +89,11 @@ class Change(CloudVerb):
         return {"changes": changes, "change": Summary.of(changes).stored()}
 
     def written(self, cloud, outcome=None):
-        from sklearn_mcmd.change._comparison import Verdicts
+        from sklearn_mcmd.change._comparison import Changes, columns_of
 
-        n = len(Verdicts._fields)
-        changes = np.zeros((n, len(cloud))) if outcome is None else outcome.changes[:n]
-        return _files.Output(with_results(cloud, Verdicts(*changes).columns()))
+        blank = Changes(*np.zeros((6, len(cloud))))
+        changes = blank if outcome is None else outcome.changes
+        return _files.Output(with_results(cloud, columns_of(changes)))
 
     def rows(self, outcome):
         from sklearn_mcmd.change._comparison import REASONS, Summary

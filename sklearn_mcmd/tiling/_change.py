@@ -16,7 +16,8 @@ from sklearn_mcmd.change._comparison import (
     Correction,
     Scale,
     Summary,
-    Verdicts,
+    columns_of,
+    judged,
     measure,
     radii_in,
 )
@@ -114,34 +115,34 @@ class TiledChange(TiledVerb):
         levels.add(np.empty(0), np.empty(0, np.int64))
         told = [np.empty((2, 0))]
         for values in self.results(run).of_cells():
-            verdicts = self._verdicts(values[np.isfinite(values[:, 3])], rounded_up)
-            compared = verdicts.reason == 0
-            levels.add(*np.unique(verdicts.pvalue[compared], return_counts=True))
-            both = np.stack([verdicts.distance, verdicts.level_of_detection])
+            changes = self._changes(values[np.isfinite(values[:, 3])], rounded_up)
+            compared = changes.reason == 0
+            levels.add(*np.unique(changes.pvalue[compared], return_counts=True))
+            both = np.stack([changes.distance, changes.level_of_detection])
             told.append(both[:, compared][:, ::step])
         values, counts = levels.merged()
         self.correction = Correction.of(values, counts, self.estimator.correction)
         if (both := np.concatenate(told, axis=1)).size:
             self.medians = tuple(np.median(both, axis=1).tolist())
 
-    def _verdicts(self, values, adjust=None):
-        """The `Verdicts` of results: distance, variance, that of the registration, and reason."""
+    def _changes(self, values, adjust=None):
+        """The `Changes` of results: distance, variance, that of the registration, and reason."""
         distance, variance, registered, reason = values.T.astype(np.float64)
         variance = variance * np.nan_to_num(self.alike, nan=1.0) + registered
         if adjust is None:
             adjust = self._adjust
-        return Verdicts.of(distance, variance, reason.astype(int), self.estimator.alpha, adjust)
+        return judged(distance, variance, reason.astype(int), self.estimator.alpha, adjust)
 
     def _adjust(self, pvalues):
         return self.correction.adjust(rounded_up(pvalues))
 
     def make(self, cloud, values, xyz):
-        return with_results(cloud, self._verdicts(values).columns()), None
+        return with_results(cloud, columns_of(self._changes(values))), None
 
     def measure(self, values):
-        verdicts = self._verdicts(values)
-        counts = np.bincount(verdicts.reason, minlength=4)
-        return np.append(counts, np.count_nonzero(verdicts.significant))
+        changes = self._changes(values)
+        counts = np.bincount(changes.reason, minlength=4)
+        return np.append(counts, np.count_nonzero(changes.significant))
 
     def report(self, run, total):
         reasons = total[:4].astype(int).tolist()
