@@ -279,17 +279,20 @@ def judged(X, k, trials, h, noise=None, sensor=None):
         return np.array([usable[i] and counts[part[i]] >= least for i in range(n)])
 
     # Planes that contain the rays are no surfaces.
-    scatter, sheet = np.zeros(n), np.zeros(n, bool)
+    scatter, ending, sheet = np.zeros(n), *np.zeros((2, n), bool)
     if sensor is not None:
         rays = LiteralRays(points, np.broadcast_to(sensor, X.shape)[first])
         scatter = rays.of_planes(planes, sd, near)
         flat = np.array([scale[i] <= 0.15 * radius[i] for i in range(n)])
         faces = flat & (scatter <= 3)
-        tells = large_parts(usable, min(k, n / 5), faces & (scatter <= 1), 12.5)
-        voters = faces & tells if tells.any() else faces
-        sheet = rays.sheets(planes, sd, near, flat & ~faces, voters) & (not rays.far_away())
-    explains = large_parts(usable & ~sheet, min(k, n / 5))
+        tells = large_parts(usable, min(k, n / 5), faces & (scatter <= 1.25), 12.5)
+        voters = faces, faces & tells if tells.any() else faces
+        ending, sheet = (
+            rays.sheets(planes, sd, near, flat & ~faces, some) & (not rays.far_away())
+            for some in voters
+        )
     sheet = large_parts(usable & sheet, 0.5 * min(k, n / 5))
+    explains = large_parts(usable & ~sheet & ~ending, min(k, n / 5))
     distance, owner = np.full(n, np.inf), np.arange(n)
     for i in range(n):
         for j in [i] if explains[i] else near[i]:
