@@ -227,6 +227,16 @@ def test_a_twig_stands_off_by_the_spacing_of_the_crown_it_hangs_in(order, pitch,
     assert (separation[0] > 3) == stands_off
 
 
+@pytest.mark.parametrize(("pitch", "stands_off"), [(0.5, False), (4.0, True)])
+def test_a_lamp_that_hangs_beside_a_mast_is_beside_something_real(pitch, stands_off):
+    """The mast is a small group, kept if its points are near each other."""
+    mast = np.arange(1.0, 61)[:, None] * [0, 0, pitch] + np.array([5, 5, 0])
+    mast += np.array([0.3, 0.3, 0]) * np.sin([[11.0], [7], [5]] * np.arange(60)).T
+    lamp = [6.5, 5, 30] + 0.5 * np.random.default_rng(0).normal(size=(12, 3))
+    judged = company(with_rest(mast[mast[:, 2] < 31], lamp), 400, least=90)
+    assert ((judged.separation[-12:] > 3) == stands_off).all()
+
+
 def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
     fitted = company(with_rest(), 400)
     assert_array_equal(fitted.isolation, 0)
