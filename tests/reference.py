@@ -279,17 +279,20 @@ def judged(X, k, trials, h, noise=None, sensor=None):
         return np.array([usable[i] and counts[part[i]] >= least for i in range(n)])
 
     # Planes that contain the rays are no surfaces.
-    scatter, sheet = np.zeros(n), np.zeros(n, bool)
+    scatter, ending, sheet = np.zeros(n), *np.zeros((2, n), bool)
     if sensor is not None:
         rays = LiteralRays(points, np.broadcast_to(sensor, X.shape)[first])
         scatter = rays.of_planes(planes, sd, near)
         flat = np.array([scale[i] <= 0.15 * radius[i] for i in range(n)])
         faces = flat & (scatter <= 3)
-        tells = large_parts(usable, min(k, n / 5), faces & (scatter <= 1), 12.5)
-        voters = faces & tells if tells.any() else faces
-        sheet = rays.sheets(planes, sd, near, flat & ~faces, voters) & (not rays.far_away())
-    explains = large_parts(usable & ~sheet, min(k, n / 5))
+        tells = large_parts(usable, min(k, n / 5), faces & (scatter <= 1.25), 12.5)
+        voters = faces, faces & tells if tells.any() else faces
+        ending, sheet = (
+            rays.sheets(planes, sd, near, flat & ~faces, some) & (not rays.far_away())
+            for some in voters
+        )
     sheet = large_parts(usable & sheet, 0.5 * min(k, n / 5))
+    explains = large_parts(usable & ~sheet & ~ending, min(k, n / 5))
     distance, owner = np.full(n, np.inf), np.arange(n)
     for i in range(n):
         for j in [i] if explains[i] else near[i]:
@@ -384,11 +387,13 @@ def judged(X, k, trials, h, noise=None, sensor=None):
     group, members, small = small_groups(links)
     real = explained + [i for i in off_surface if group[i] not in small]
     things = [i for i in real if i not in explained]
+    sizes = {}
     for label, inside in members.items():
         size = np.mean([usual[i] for i in inside])
         if len(inside) > 1:
             length = np.sqrt(12) if straight(points[inside]) else 1
             size = max(size, length * np.sqrt(plane(points[inside])[1][-1]))
+        sizes[label] = size
         if label in small:
             # From a thing by the spacing that it has there, if that is more.
             apart = [gaps[i, j] / size for i in inside for j in explained]
@@ -403,6 +408,22 @@ def judged(X, k, trials, h, noise=None, sensor=None):
             if gaps[np.ix_(inside, explained)].min() / size > 3:
                 strange = [i for i in real if i not in inside]
                 separation[inside] = gaps[np.ix_(inside, strange)].min() / size
+
+    # What hangs beside a small flat group that is kept is beside something real, too.
+    def lost(label):
+        inside = members[label]
+        apart = [max(separation[i], 0 if i in in_row else isolation[i]) for i in inside]
+        is_flat = thin(plane(points[inside])[1], len(inside), 0, X.shape[1])
+        return max(apart) > 3 or not is_flat
+
+    changed = True
+    while changed:
+        left = [label for label in small if lost(label)]
+        kept = explained + [i for i in off_surface if group[i] not in left]
+        nearer = {one: gaps[np.ix_(members[one], kept)].min() / sizes[one] for one in left if kept}
+        changed = [one for one in nearer if nearer[one] <= 3 < separation[members[one][0]]]
+        for one in changed:
+            separation[members[one]] = nearer[one]
 
     for i in in_row:  # it keeps company with its row
         isolation[i] = min(isolation[i], separation[i])

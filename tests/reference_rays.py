@@ -29,6 +29,7 @@ class LiteralRays:
         ]
         self.usual_angle = np.median(np.array(self.mean_angle)[seen])
         self.step = np.minimum(self.mean_angle, 2 * self.usual_angle) * self.range
+        self.step[self.range < 0.1 * np.median(self.range[seen])] = 0  # at the sensor
 
     def of_planes(self, planes, sd, near):
         """How much ranges scatter beside a plane, in steps."""

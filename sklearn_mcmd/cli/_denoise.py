@@ -157,6 +157,7 @@ class Denoise(CloudVerb):
     def _detect(self, detector, cloud, used_cloud, used):
         """Let the detector judge the used points; rows on the sensor."""
         from sklearn_mcmd.outliers._detector import judged_cloud
+        from sklearn_mcmd.sensors._recognition import surround_origin
 
         light = _sensor.intensity_of(self.source, cloud)[used] if self.intensity else None
         origins, where, refused = self.asked.of_rays(cloud, used)
@@ -166,7 +167,9 @@ class Denoise(CloudVerb):
         detector.fit(in_own_precision(used_cloud.xyz), sensor_origin=origins, intensity=light)
         judged = judged_cloud(detector)
         where = "" if judged.rays is None else where  # it is not used
-        return rows_of_sensor(where, refused or judged.ray_doubt, detector.n_by_rays_)
+        surrounded = origins is None and self.asked.recognize and surround_origin(used_cloud.xyz)
+        doubt, n_by_rays = refused or judged.ray_doubt, detector.n_by_rays_
+        return rows_of_sensor(where, doubt, n_by_rays, surrounded)
 
     def written(self, cloud, outcome=None):
         n = len(cloud)

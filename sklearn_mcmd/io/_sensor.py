@@ -34,12 +34,17 @@ def lights_in(attributes):
     return {name: arrays[name] for name in LIGHTS if name in arrays and np.ndim(arrays[name]) == 1}
 
 
-def rows_of_sensor(where, doubt, n_by_rays):
+def rows_of_sensor(where, doubt, n_by_rays, surrounded=False):
     """What to tell of a sensor in a table: where it was, "" if that is not known or not used, what
-    speaks against it, and the outliers that coordinates alone would keep."""
-    rows = {"sensor": where, "by rays": f"{counted(n_by_rays, 'outlier', 'are')} so by rays alone"}
-    rows = rows if where else {"sensor": "not used"} if doubt else {}
-    return rows | ({"doubt": doubt} if doubt else {})
+    speaks against it, and the outliers that coordinates alone would keep. Or how to tell where it
+    was, of a cloud that shows no position, though the origin is `surrounded` by it."""
+    if where:
+        by_rays = f"{counted(n_by_rays, 'outlier', 'are')} so by rays alone"
+        return {"sensor": where, "by rays": by_rays} | ({"doubt": doubt} if doubt else {})
+    if doubt:
+        return {"sensor": "not used", "doubt": doubt}
+    unseen = "no position is seen; if it was at the origin, which points surround: --sensor 0,0,0"
+    return {"sensor": unseen} if surrounded else {}
 
 
 def sensor_origins(

@@ -48,8 +48,9 @@ class RayEvidence(NamedTuple):
         rays = Rays.of(points, origins, RayLimits(), n_jobs)
         approximate = one_far_position(points, origins)
         left, alone, scatter = np.empty((3, n))
-        grazed, faces, free, ends = np.empty((4, n), bool)
-        going_on = np.zeros(n, np.int8)
+        grazed, faces = np.empty((2, n), bool)
+        # By all that face, and by those of them that tell.
+        telling, ends, going_on = *np.empty((2, 2, n), bool), np.zeros((2, n), np.int8)
 
         def look(rows):
             left[rows], alone[rows] = rays.look(rows, measuring.planes.take(rows))
@@ -63,31 +64,30 @@ class RayEvidence(NamedTuple):
 
         def go_on(part):
             rows = part.start + np.flatnonzero(grazed[part])
-            going_on[rows] = rays.going_on(rows, measuring.planes, faces, limits.angle)
+            going_on[:, rows] = rays.going_on(rows, measuring.planes, telling, limits.angle)
 
         def end(part):
             """Which planes may be of sheets: grazed, they end beside surfaces that face elsewhere.
             Grazed ground contains the rays as well, but it goes on: beams beside it end on it."""
-            of_sheet = grazed[part].copy()
-            rows = np.flatnonzero(of_sheet)
+            ends[:, part] = usable[part] & grazed[part]
+            rows = part.start + np.flatnonzero(ends[0, part])
             if len(rows):
-                near = index.query_own(part.start + rows).indices
-                of_sheet[rows] = going_on[near].sum(axis=1) <= 0
-            free[part], ends[part] = usable[part] & ~of_sheet, usable[part] & of_sheet
+                ends[:, rows] = going_on[:, index.query_own(rows).indices].sum(axis=2) <= 0
 
         for work in (look, face):
             each_slice(n, index.chunk, work, n_jobs)
+        telling[:] = faces
         if grazed.any():
             # Planes of a short sheet seem to face, and would speak for each other. But nowhere does
             # it hang together with what follows its tilt, unless over planes blended of both.
-            sheet_limits = RayLimits()
-            follows = faces & (scatter <= sheet_limits.follows)
-            telling = find_surfaces(index, planes, usable, least, follows, sheet_limits.bend)
-            faces &= telling | ~telling.any()
+            follow = faces & (scatter <= RayLimits().alone)
+            hanging = find_surfaces(index, planes, usable, least, follow, RayLimits().bend)
+            telling[1] &= hanging | ~hanging.any()
         for work in (go_on, end):
             each_slice(n, index.chunk, work, n_jobs)
-        on_sheet = find_surfaces(index, planes, ends, least * RayLimits().sheet)
-        return cls(rays, approximate, scatter, on_sheet, n_jobs), free
+        # What ends only by those that tell may be leaves or a sign, unless it forms a sheet.
+        on_sheet = find_surfaces(index, planes, ends[1], least * RayLimits().sheet)
+        return cls(rays, approximate, scatter, on_sheet, n_jobs), usable & ~(on_sheet | ends[0])
 
     def doubt(self, on_surface, counts):
         """As `doubt_of`, by surfaces, bool (n,), and `counts` (n,) of measurements."""

@@ -51,8 +51,10 @@ def judge_off_surface(unexplained, least, n_jobs):
         separation[rows], straight[rows] = separation_of_groups(
             unexplained.points[rows], groups[rows], usual[rows], small.gaps[are_small], beside
         )
+        in_row |= straight[small.rows]
+        small.hang(groups, usual, among_unexplained, isolation, separation, in_row)
         # What is in a row keeps company with it, however far apart it is.
-        in_row = small.rows[in_row | straight[small.rows]]
+        in_row = small.rows[in_row]
         isolation[in_row] = np.minimum(isolation[in_row], separation[in_row])
         if unexplained.has_surface:
             # Step 4: large groups that hang far from all else stand off, too.
@@ -120,6 +122,28 @@ class SmallGroups(NamedTuple):
         """Distances of chosen points from what is real, on surfaces and beside them."""
         gaps = things.beside(self.points[chosen], 1, self.n_jobs)[0]
         return np.minimum(gaps, self.gaps[chosen])
+
+    def hang(self, groups, usual, spacing, isolation, separation, in_row):
+        """Lessen the separation of what hangs beside small flat groups that are kept, and so on:
+        these are pieces, rows and plates, while errors fill space.
+
+        All arrays but the last, bool (s,), are of all points off the surfaces.
+        """
+        of_point, limit = groups[self.rows], ExplainLimits().explained
+        order, part = np.lexsort(self.points.T[::-1]), numbered(of_point)
+        small = self.are_small(of_point)
+        strange = small & ~Shapes.of(self.points[order], part[order]).flat[part]
+        while True:
+            apart = np.where(in_row, 0.0, isolation[self.rows])
+            apart = np.maximum(apart, separation[self.rows])
+            left = small & (strange | (-gaps_of_groups(part, -apart)[part] > limit))
+            rows = self.rows[left]
+            gaps = self.gaps_to_real(left, self.things(left, spacing))
+            nearer = separation_of_groups(self.points[left], groups[rows], usual[rows], gaps)[0]
+            hang = (nearer <= limit) & (separation[rows] > limit)
+            if not hang.any():
+                return
+            separation[rows[hang]] = nearer[hang]
 
     def places(self, near):
         """Places among these points of rows of all that are off the surfaces; s of the others."""

@@ -29,13 +29,15 @@ class RayLimits(NamedTuple):
     # Beams are around a group within this many of the cloud's usual steps, and a step counts as
     # that many at most.
     usual: float = 2.0
-    alone: float = 1.25  # most points of a surface have a beam's point within this many steps
-    # A surface tells what goes on if as many of its points as a least surface has scatter by no
-    # more steps.
-    follows: float = 1.0
+    # Most points of a surface have a beam's point within this many steps. A surface tells what goes
+    # on if as many of its points as the least one has scatter by no more,
+    alone: float = 1.25
     bend: float = 0.5  # and if their normals agree within this share of the usual angle
     sheet: float = 0.5  # least size of a sheet of rays, of the least size of a surface
     mistaken: float = 0.1  # where sheets hold more of all that is flat, the sensor was elsewhere
+    # What is nearer than this share of the usual range may be the sensor itself or what carries it,
+    # and is elsewhere as seen from beside the one position: it is judged as if it had no ray.
+    own: float = 0.1
 
 
 class Witnesses(NamedTuple):
@@ -48,7 +50,7 @@ class Witnesses(NamedTuple):
     rows: np.ndarray  # int32 (m, k), of the points that the beams met
     asked: np.ndarray  # bool (m, k), which of them are asked
     farther: np.ndarray  # (m, k)
-    step: np.ndarray  # (m,), 0 of points where the sensor is
+    step: np.ndarray  # (m,), 0 of points at the sensor
 
 
 class Emptiness(NamedTuple):
@@ -123,6 +125,7 @@ class Rays:
     near: np.ndarray  # int32 (n_beams, k + 1), the beams next to each, itself first
     angles: np.ndarray  # (n_beams,), the mean angle to these
     usual_angle: float  # its median, over the points
+    usual_range: float  # the same of ranges
     limits: RayLimits
     n_jobs: int | None
     beam_of: np.ndarray  # int32 (n,)
@@ -142,7 +145,8 @@ class Rays:
         each_slice(n, CHUNK, look, n_jobs)
         # Of several echoes of a beam the farthest comes first, and so stands for it.
         seen = ranges > 0
-        unit = None if (origins == origins[0]).all() else np.median(ranges[seen])
+        usual_range = float(np.median(ranges[seen]))
+        unit = None if (origins == origins[0]).all() else usual_range
         order = np.argsort(-ranges, kind="stable").astype(np.int32)
         cloud = IndexedCloud(beams_of(directions, origins, unit)[order])
         beam_of, n_beams = np.empty(n, np.int32), len(cloud.points)
@@ -164,6 +168,7 @@ class Rays:
             near=near,
             angles=angles,
             usual_angle=float(np.median(angles[beam_of[seen]])),
+            usual_range=usual_range,
             limits=limits,
             n_jobs=n_jobs,
             beam_of=beam_of,
@@ -179,7 +184,7 @@ class Rays:
         return min(self.limits.n_beams, len(self.cloud.points) - 1)
 
     def steps(self, rows):
-        """The steps at some of the points, 0 of those where the sensor is."""
+        """The steps at some of the points, 0 of those at the sensor."""
         return self._steps(self.angles[self.beam_of[rows]], self.ranges[rows])
 
     def _beams(self, rows):
@@ -237,7 +242,8 @@ class Rays:
         return alone, self._witnesses(near, ranges, steps, angles)
 
     def _steps(self, mean_angles, ranges):
-        return np.minimum(mean_angles, self.limits.usual * self.usual_angle) * ranges
+        steps = np.minimum(mean_angles, self.limits.usual * self.usual_angle) * ranges
+        return np.where(ranges < self.limits.own * self.usual_range, 0.0, steps)
 
     def _witnesses(self, beams, ranges, step, angles=0.0):
         """What these beams tell, all of which are asked. Where the angles to the next ones are
@@ -280,9 +286,9 @@ class Rays:
         apart = np.median(alone[near], axis=1) * (ExplainLimits().explained / self.limits.alone)
         return np.minimum(np.median(left[near], axis=1), apart)
 
-    def going_on(self, rows, planes, on_surface, max_angle):
-        """Of the planes of surfaces where beams next to some of the points end, how many more go on
-        through the point, and explain it, than face elsewhere."""
+    def going_on(self, rows, planes, telling, max_angle):
+        """Of the planes where beams next to some of the points end, how many more go on through the
+        point, and explain it, than face elsewhere; of those that are `telling`, bool (..., n)."""
         ends = self.met[self._beams(rows)]
         normals = planes.normals[ends]
         away = self.points[rows][:, None] - planes.centroids[ends]
@@ -290,7 +296,7 @@ class Rays:
         explains = heights <= ExplainLimits().explained * planes.scale[ends]
         cosines = np.abs(np.einsum("mkd,md->mk", normals, planes.normals[rows]))
         told = np.where(cosines < np.cos(np.radians(max_angle)), -1, explains)
-        return np.where(on_surface[ends], told, 0).sum(axis=1)
+        return np.where(telling[..., ends], told, 0).sum(axis=-1)
 
 
 def one_far_position(points, origins):

@@ -26,8 +26,7 @@ class ViewLimits(NamedTuple):
     even: float = 0.5  # gaps are less uneven than this share of what they are in space
     # Directions nearer than this share of the usual gap are one beam, with several echoes.
     # Positions beside the origin are this share of the usual range away. A sensor stood there, and
-    # not at the origin, if gaps are more even from there by more than twice this share; points
-    # nearer than twice this share are left out, since they are elsewhere as seen from there.
+    # not at the origin, if gaps are more even from there by more than twice this share.
     aside: float = 0.05
 
 
@@ -52,8 +51,14 @@ def view_from_origin(parts):
     aside = ViewLimits().aside * here.usual_range * np.vstack([np.eye(3), -np.eye(3)])
     if any(view is None or view.uneven_beside_others() < least for view in _views(parts, aside)):
         return ""
-    one_side = np.linalg.norm(here.directions.mean(axis=0)) > 0.5
-    return "a view from the origin" if one_side else "a turn about the origin"
+    return "a turn about the origin" if _on_all_sides(here.directions) else "a view from the origin"
+
+
+def surround_origin(points):
+    """Whether points (n, 3) lie on all sides of the origin, as those of a turn or in a room do,
+    also where they were thinned, which leaves no even steps."""
+    near = len(points) > 0 and not one_far_position(points, np.zeros((1, 3)))
+    return near and _on_all_sides(_polar(points)[1])
 
 
 def views_from_setups(points, positions, setups=None):
@@ -122,7 +127,7 @@ class _Sample:
         points = np.unique(self.points, axis=0)
         if len(points):
             ranges = _polar(points - self.position)[0]
-            points = points[ranges >= 2 * ViewLimits().aside * np.median(ranges)]
+            points = points[ranges >= RayLimits().own * np.median(ranges)]
         asked = self._apart(points) < self.width / np.sqrt(2)
         if len(points) <= _n_around() or not asked.any():
             return None
@@ -160,6 +165,10 @@ def _views(parts, positions):
     if not bounds or one_far_position(np.array(bounds), np.zeros((1, 3))):
         return [None] * len(samples)
     return [sample.view() for sample in samples]
+
+
+def _on_all_sides(directions):
+    return bool(np.linalg.norm(directions.mean(axis=0)) <= 0.5)
 
 
 def _polar(points):

@@ -133,6 +133,20 @@ def test_a_turn_is_recognized_unless_that_is_refused(turn, tmp_path, small_machi
     assert clouds["told"] == clouds["seen"] != clouds["not"]
 
 
+def test_a_thinned_turn_says_how_to_tell_where_the_sensor_was(turn, tmp_path):
+    """With one point in each cell of 2 m it has no even steps. Beside it nothing is said."""
+    thinned = turn[1][np.unique(np.floor(turn[1] / 2), axis=0, return_index=True)[1]]
+    for moved, options, said in (
+        (0, (), True),
+        (0, ("--sensor", "none"), False),
+        (0, ("--sensor", "0,0,0"), False),
+        ([15, 0, 0], (), False),
+    ):
+        np.save(tmp_path / "thinned.npy", thinned + np.array(moved))
+        result = done("denoise", tmp_path / "thinned.npy", tmp_path / "out.npy", *options)
+        assert ("no position is seen" in " ".join(result.stdout.split())) == said
+
+
 def test_a_place_that_a_file_states_in_vain_is_told_and_one_that_is_typed_is_used(turn, tmp_path):
     pytest.importorskip("pypcd4")
     path, page = tmp_path / "in.pcd", tmp_path / "report" / "index.html"

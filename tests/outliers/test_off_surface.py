@@ -227,6 +227,20 @@ def test_a_twig_stands_off_by_the_spacing_of_the_crown_it_hangs_in(order, pitch,
     assert (separation[0] > 3) == stands_off
 
 
+def test_what_hangs_beside_a_small_flat_group_that_is_kept_is_beside_something_real():
+    """A lamp above a mast that stands on the ground, or above a clump as near to it."""
+    mast = np.arange(1.0, 13)[:, None] * [0, 0, 0.5] + np.array([5, 5, 0])
+    clump = np.random.default_rng(0).normal(size=(40, 3))
+    clump = 0.8 * clump / np.linalg.norm(clump, axis=1)[:, None] + np.array([5, 5, 3.2])
+    lamp = 0.2 * np.stack(np.meshgrid(*[range(3)] * 3), -1).reshape(-1, 3)
+    for host, stands_off in ((mast, False), (clump, True)):
+        above = lamp + np.array([5, 5, host[:, 2].max() + 3.5])
+        judged = company(with_rest(host, above), 400, least=90)
+        assert len(np.unique(judged.groups)) == 2
+        assert (judged.separation[400:-27] < 3).all()
+        assert ((judged.separation[-27:] > 3) == stands_off).all()
+
+
 def test_a_new_point_is_measured_where_all_points_are_on_surfaces():
     fitted = company(with_rest(), 400)
     assert_array_equal(fitted.isolation, 0)

@@ -137,6 +137,19 @@ def test_points_at_the_sensor_go_by_coordinates(snowed):
     assert flagged[: len(X)][snow].mean() > 0.95
 
 
+def test_what_carries_the_sensor_is_judged_as_if_it_had_no_ray():
+    """The roof of a car under it, which its beams graze; nearer than a tenth of the usual range."""
+    X = room()
+    ranges = np.linalg.norm(X, axis=1)
+    on_roof = 0.3 / np.maximum(-X[:, 2] / ranges, 1e-9)
+    own = on_roof < 0.09 * np.median(ranges)
+    on_roof += np.random.default_rng(1).normal(0, 0.03, len(X))
+    X[own] *= (on_roof / ranges)[own, None]
+    plain, told = (detector(sensor_origin=where).fit(X) for where in (None, "origin"))
+    assert own.sum() > 500
+    assert_array_equal(told.scores_[own], plain.scores_[own])
+
+
 @pytest.mark.filterwarnings("ignore:as seen from the sensor")  # which is in the plane
 def test_a_point_so_near_to_the_sensor_that_squares_vanish_is_where_the_sensor_is():
     rng = np.random.default_rng(0)
