@@ -36,7 +36,7 @@ def in_memory(files, estimator=CHANGE):
     return estimator.fit(before).compare(after)
 
 
-@pytest.mark.parametrize("tile_size", [None, 1_300])
+@pytest.mark.parametrize("tile_size", [None, 2_000])
 def test_distances_of_cells_are_those_of_memory(files, tmp_path, tile_size):
     report = process_files(
         files[0], tmp_path / "out.las", CHANGE, second=files[1], tile_size=tile_size
@@ -77,7 +77,7 @@ def test_other_corrections_are_those_of_memory(files, tmp_path, correction):
 def test_walls_that_moved_are_named_by_thinned_clouds(files, tmp_path):
     estimator = but(CHANGE, registration="auto")
     report = process_files(
-        files[0], tmp_path / "out.las", estimator, second=files[1], tile_size=1_300
+        files[0], tmp_path / "out.las", estimator, second=files[1], tile_size=2_000
     )
     expected = in_memory(files, estimator).bodies
     assert_allclose(report.change["bodies"]["offset"], expected.offset, atol=1e-5)
@@ -85,7 +85,7 @@ def test_walls_that_moved_are_named_by_thinned_clouds(files, tmp_path):
 
 
 def test_a_run_that_was_killed_goes_on_with_the_same_bytes(files, tmp_path):
-    asked = {"second": str(files[1]), "tile_size": 1_300}
+    asked = {"second": str(files[1]), "tile_size": 2_000}
     target = tmp_path / "out.las"
     assert run_is_killed(files[0], target, "_change.measure", 1, CHANGE, **asked)
     report = goes_on(files[0], target, CHANGE, **asked)
@@ -97,7 +97,7 @@ def test_a_run_that_was_killed_goes_on_with_the_same_bytes(files, tmp_path):
 def test_a_second_cloud_that_changed_is_read_anew(files, tmp_path):
     after, target = tmp_path / "after.las", tmp_path / "out.las"
     after.write_bytes(files[1].read_bytes())
-    asked = {"second": str(after), "tile_size": 1_300}
+    asked = {"second": str(after), "tile_size": 2_000}
     assert run_is_killed(files[0], target, "_outputs._move", 0, CHANGE, **asked)
     write_points(after, bay(np.random.default_rng(5)))
     report = process_files(files[0], target, CHANGE, **asked)
@@ -112,7 +112,7 @@ def test_a_hole_of_the_second_cloud_has_no_distance_and_folders_are_one_cloud(fi
     for i, part in enumerate(np.array_split(after[~hole], 2)):
         write_points(tmp_path / "in" / f"{i}.laz", part)
     out = tmp_path / "out.las"
-    process_files(files[0], out, CHANGE, second=tmp_path / "in", tile_size=1_200)
+    process_files(files[0], out, CHANGE, second=tmp_path / "in", tile_size=2_000)
     before, reason = read_points(out).xyz, read_points(out).attributes["reason"]
     inside = (before[:, 0] > 362_003.6) & (before[:, 1] > 5_157_000.6) & (before[:, 2] < 100.2)
     assert inside.any()
@@ -160,5 +160,5 @@ def test_copies_and_sparse_clouds_are_warned_of(files, tmp_path):
         process_files(files[0], tmp_path / "a.las", CHANGE, second=tmp_path / "sparse.las")
     with pytest.warns(UserWarning, match="Both clouds are equal"):
         process_files(
-            files[0], tmp_path / "a.las", CHANGE, second=files[0], tile_size=1_300, restart=True
+            files[0], tmp_path / "a.las", CHANGE, second=files[0], tile_size=2_000, restart=True
         )
