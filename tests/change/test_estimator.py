@@ -11,7 +11,7 @@ from sklearn_mcmd.change._comparison import REASONS, Scale
 NOISE = 0.003
 
 
-def wall(rng, n=6_000, common=None, moved=None, size=(8.0, 5.0)):
+def wall(rng, n=4_000, common=None, moved=None, size=(8.0, 5.0)):
     """A bowed wall along x: its points."""
     x, z = (rng.uniform(0, length, n) for length in size)
     y = 0.02 * np.sin(x) + rng.normal(0, NOISE, n)
@@ -53,10 +53,10 @@ def test_as_many_points_as_alpha_says_are_called_moved_where_nothing_moved(commo
 def test_distances_and_errors_are_those_of_a_movement():
     """At twice the level of detection 97.5 % are found, at once the half: by the normal law."""
     rng = np.random.default_rng(0)
-    before = wall(rng)
-    level = np.nanmedian(compared(before, wall(rng)).level_of_detection)
+    before = wall(rng, 6_000)
+    level = np.nanmedian(compared(before, wall(rng, 6_000)).level_of_detection)
     for times, share in ((1, 0.5), (2, 0.975)):
-        after = wall(rng, moved=lambda x, z, d=times * level: np.where(x > 4, d, 0.0))
+        after = wall(rng, 6_000, moved=lambda x, z, d=times * level: np.where(x > 4, d, 0.0))
         changes = compared(before, after, correction="none")
         moved, stayed = before[:, 0] > 4.5, before[:, 0] < 3.5
         assert np.nanmedian(changes.distance[moved]) == pytest.approx(times * level, rel=0.15)
