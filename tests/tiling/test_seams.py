@@ -83,6 +83,7 @@ def test_seams_of_a_street_are_small(estimator, by_tiles, tmp_path):
         (OUTLIERS, {"contamination": 0.07}),
         (OUTLIERS, {"false_positive_rate": 0.02}),
         (OUTLIERS, {"strictness": None, "false_positive_rate": 0.02}),
+        (OUTLIERS, {"cutoff": 5.0}),
         (EDGES, {"outlier_detector": "passthrough"}),
         (EDGES, {"outlier_detector": MCMDOutlierDetector(16, contamination=0.1)}),
         (EDGES, {"criterion": "removed_fraction"}),
