@@ -15,7 +15,7 @@ from tiled import ESTIMATOR, OUTLIERS, REGIONS, VERBS, but, names_in, street, tw
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_output_is_the_same_for_any_threads_and_processes(small_file, tmp_path, verb):
     outputs = []
-    for n_workers, n_threads in (1, 1), (1, 2), (2, 1):
+    for n_workers, n_threads in (1, 1), (2, 2):
         plan = _run.plan_run(2_000, 8e9, n_workers, 600, 5_000)
         plan = plan._replace(n_threads=n_threads)
         with pytest.MonkeyPatch.context() as patch:
@@ -23,7 +23,7 @@ def test_the_output_is_the_same_for_any_threads_and_processes(small_file, tmp_pa
             report = process_files(small_file, tmp_path / "out.laz", VERBS[verb])
         assert (report.n_workers, report.n_tiles) == (n_workers, 4)
         outputs.append((tmp_path / "out.laz").read_bytes())
-    assert outputs[0] == outputs[1] == outputs[2]
+    assert outputs[0] == outputs[1]
     assert names_in(tmp_path) == ["out.laz", "small.las"]
 
 
