@@ -49,8 +49,7 @@ FLAGS = [
     *("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
 ]
 OF_ESTIMATORS = {
-    *("baselines", "edges", "normals", "outliers", "planes", "segmentation"),
-    *("test_degenerate", "test_determinism", "test_motion", "test_row_order"),
+    *("baselines", "edges", "normals", "outliers", "planes", "properties", "segmentation"),
     "test_common",  # its read-only arrays would be compiled for, which takes 24 s
 }
 
