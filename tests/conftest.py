@@ -50,7 +50,6 @@ FLAGS = [
 ]
 OF_ESTIMATORS = {
     *("baselines", "edges", "normals", "outliers", "planes", "properties", "segmentation"),
-    "tiling",
     "test_common",  # its read-only arrays would be compiled for, which takes 24 s
 }
 
@@ -106,6 +105,14 @@ def _compiled(request, tmp_path_factory):
     end = time.monotonic() + 300
     while not all(half.exists() for half in done) and time.monotonic() < end:
         time.sleep(0.1)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _unsynced():
+    """No power fails meanwhile, and to wait for the disk takes 3 ms for each file."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda descriptor: None)
+        yield
 
 
 @pytest.fixture(scope="module", autouse=True)

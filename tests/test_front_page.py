@@ -4,7 +4,6 @@ import importlib
 import re
 import sys
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
@@ -30,16 +29,7 @@ def test_the_frame_shows_the_page_that_each_build_makes(live_page):
     assert '"live_page",' in (DOCS / "conf.py").read_text("utf-8")
 
 
-def test_there_is_one_button_and_three_pictures_each_beside_three_lines():
-    assert FRONT.count("button-ref::") == 1
-    pairs = FRONT.partition("front-pairs")[2].partition("Look around in it")[0]
-    assert pairs.count(".. image::") == 3
-    blocks = re.findall(r"code-block:: python\n\n((?: {10}.+\n)+)", pairs)
-    assert [block.count("\n") for block in blocks] == [3, 3, 3]
-
-
-def test_the_logo_is_a_drawing_and_the_preview_is_there():
-    assert ElementTree.parse(DOCS / "_static" / "logo.svg").getroot().tag.endswith("svg")
+def test_its_preview_is_there():
     (preview,) = re.findall(r"og:image: \S+/(_static/\S+)", FRONT)
     assert (DOCS / preview).is_file()
 

@@ -30,38 +30,44 @@ def score_roof(load):
     return score
 
 
-def test_a_roof_that_is_right_by_other_numbers_is_right(score_roof):
-    best = {"ARI": 1, "mean IoU": 1, "precision": 1, "recall": 1}
-    plane = np.repeat([4, 1, 2], [5, 9, 6])
-    scores = score_roof(plane, np.repeat([0, 2, 1], [5, 9, 6]))
-    assert scores == pytest.approx({**best, "faces off by": 0, "over": 0, "under": 0})
-
-
-def test_a_face_in_two_halves_is_over_segmented(score_roof):
-    scores = score_roof(np.repeat([1, 2], [10, 10]), np.repeat([0, 1, 2], [10, 6, 4]))
-    assert scores.pop("ARI") < 1
+NAMES = ["mean IoU", "precision", "recall", "faces off by", "over", "under"]
+ROOFS = {  # faces, segments, the ARI's bounds, and the other scores
+    "right by other numbers": (
+        [[4, 1, 2], [5, 9, 6]],
+        [[0, 2, 1], [5, 9, 6]],
+        (0.99, 1.01),
+        [1, 1, 1, 0, 0, 0],
+    ),
     # The half of six is matched: 6 of 10; the other finds none.
-    expected = {"mean IoU": 0.8, "precision": 2 / 3, "recall": 1, "faces off by": 1}
-    assert scores == pytest.approx({**expected, "over": 0.5, "under": 0})
+    "a face in two halves": (
+        [[1, 2], [10, 10]],
+        [[0, 1, 2], [10, 6, 4]],
+        (0.01, 0.99),
+        [0.8, 2 / 3, 1, 1, 0.5, 0],
+    ),
+    "two faces in one": ([[1, 2], [10, 30]], [[0], [40]], (-0.01, 0.01), [0.75, 1, 0.5, 1, 0, 1]),
+    # Points of no segment are a label more for ARI alone.
+    "points of none": (
+        [[1, 2, -1], [10, 10, 5]],
+        [[0, 1, -1, 3], [10, 8, 2, 5]],
+        (0.01, 0.99),
+        [0.9, 1, 1, 0, 0, 0],
+    ),
+}
 
 
-def test_two_faces_in_one_segment_are_under_segmented(score_roof):
-    scores = score_roof(np.repeat([1, 2], [10, 30]), np.zeros(40, int))
-    expected = {"ARI": 0, "mean IoU": 0.75, "precision": 1, "recall": 0.5, "faces off by": 1}
-    assert scores == pytest.approx({**expected, "over": 0, "under": 1})
+@pytest.mark.parametrize("kind", ROOFS)
+def test_roofs_whose_faces_are_known_have_known_scores(score_roof, kind):
+    plane, labels, (least, most), expected = ROOFS[kind]
+    scores = score_roof(np.repeat(*plane), np.repeat(*labels))
+    assert least < scores.pop("ARI") < most
+    assert scores == pytest.approx(dict(zip(NAMES, expected, strict=True)))
 
 
-def test_points_of_no_segment_are_a_label_more_for_ari_alone(score_roof):
-    scores = score_roof(np.repeat([1, 2, -1], [10, 10, 5]), np.repeat([0, 1, -1, 3], [10, 8, 2, 5]))
-    assert 0 < scores.pop("ARI") < 1
-    expected = {"mean IoU": 0.9, "precision": 1, "recall": 1, "faces off by": 0}
-    assert scores == pytest.approx({**expected, "over": 0, "under": 0})
+def test_roofs_of_one_face_have_no_ari_and_nothing_found_is_zero(score_roof):
+    assert np.isnan(score_roof([1, 1, 1, 1], [0, 0, 0, 1])["ARI"])
     nothing = score_roof(np.repeat([1, 2], 10), np.full(20, -1))
     assert (nothing["precision"], nothing["recall"], nothing["mean IoU"]) == (0, 0, 0)
-
-
-def test_a_roof_of_one_face_has_no_ari(score_roof):
-    assert np.isnan(score_roof([1, 1, 1, 1], [0, 0, 0, 1])["ARI"])
 
 
 def test_normals_that_are_off_by_known_angles_have_known_scores(load):

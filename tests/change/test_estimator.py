@@ -11,7 +11,7 @@ from sklearn_mcmd.change._comparison import REASONS, Scale
 NOISE = 0.003
 
 
-def wall(rng, n=6_000, common=None, moved=None, size=(8.0, 5.0)):
+def wall(rng, n=4_000, common=None, moved=None, size=(8.0, 5.0)):
     """A bowed wall along x: its points."""
     x, z = (rng.uniform(0, length, n) for length in size)
     y = 0.02 * np.sin(x) + rng.normal(0, NOISE, n)
@@ -43,7 +43,7 @@ def compared(before, after, **parameters):
 def test_as_many_points_as_alpha_says_are_called_moved_where_nothing_moved(common):
     """Of noise that is alike nearby M3C2's level of detection calls a quarter of them moved."""
     shares = []
-    for seed in range(3):
+    for seed in range(2):
         rng = np.random.default_rng(seed)
         changes = compared(wall(rng, common=common), wall(rng, common=common), correction="none")
         shares.append(changes.significant[changes.reason == 0].mean())
@@ -53,10 +53,10 @@ def test_as_many_points_as_alpha_says_are_called_moved_where_nothing_moved(commo
 def test_distances_and_errors_are_those_of_a_movement():
     """At twice the level of detection 97.5 % are found, at once the half: by the normal law."""
     rng = np.random.default_rng(0)
-    before = wall(rng)
-    level = np.nanmedian(compared(before, wall(rng)).level_of_detection)
+    before = wall(rng, 6_000)
+    level = np.nanmedian(compared(before, wall(rng, 6_000)).level_of_detection)
     for times, share in ((1, 0.5), (2, 0.975)):
-        after = wall(rng, moved=lambda x, z, d=times * level: np.where(x > 4, d, 0.0))
+        after = wall(rng, 6_000, moved=lambda x, z, d=times * level: np.where(x > 4, d, 0.0))
         changes = compared(before, after, correction="none")
         moved, stayed = before[:, 0] > 4.5, before[:, 0] < 3.5
         assert np.nanmedian(changes.distance[moved]) == pytest.approx(times * level, rel=0.15)
@@ -185,7 +185,7 @@ def test_walls_have_one_side_whatever_noise_says():
         assert (CloudChange(random_state=0).fit(leaning).normals_[:, 1] > 0).all()
 
 
-@pytest.mark.parametrize("n", [4_000, 2_000, 16_000])
+@pytest.mark.parametrize("n", [2_000, 16_000])
 def test_a_pipe_that_did_not_move_has_not_moved_whatever_the_density(n):
     """Planes of wider neighborhoods lie deeper: with 50 neighbors in both .51 are moved."""
 

@@ -31,8 +31,8 @@ def small_machine(monkeypatch):
 
 @pytest.fixture
 def source(tmp_path):
-    """A street of 6,000 points in a file, whose ground has class 2, and some others class 3."""
-    cloud = shining_street(6_000)
+    """A street of 3,000 points in a file, whose ground has class 2, and some others class 3."""
+    cloud = shining_street(3_000)
     height = cloud.xyz[:, 2] - 100
     classes = np.where(height < 0.1, 2, np.where(height > 3, 3, 1))
     write_points(tmp_path / "street.laz", cloud.with_attributes(classification=classes))

@@ -11,6 +11,7 @@ from sklearn.base import clone
 from public import ESTIMATORS, NOISE, fitted, results
 from sklearn_mcmd import (
     BaardaPlaneDetector,
+    CloudChange,
     MCMDOutlierDetector,
     RegionGrowing,
     RobustNormalEstimator,
@@ -86,13 +87,14 @@ REFUSED = {
     "three points": (PLATE[:3], "n_samples=3 is too few|too few to test"),
     "one column": (PLATE[:, :1], "minimum of 2"),
 }
-# None that takes a second for each cloud.
+# None that takes a second for each cloud, or has the fit of another.
 SOME = {
     name: estimator
     for name, estimator in ESTIMATORS.items()
     if getattr(estimator, "method", "") != "ransac"
-    and getattr(estimator, "strictness", "") != "isolated"
+    and getattr(estimator, "strictness", "") not in ("isolated", "surfaces")
     and getattr(estimator, "criterion", "") != "surface_variation"
+    and not isinstance(estimator, CloudChange)
 }
 CLEAR = "lie on one line|lie at one place|distinct point|is for points in 2D and 3D"
 # May be infinite, or not a number where it is documented so.

@@ -49,7 +49,7 @@ FORMS = {
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize("name", {type(e): name for name, e in ESTIMATORS.items()}.values())
 @pytest.mark.filterwarnings("ignore:X does not have valid feature names:UserWarning")
 def test_the_container_changes_nothing(name, form, tmp_path):
     X = cloud_for(name)
@@ -61,15 +61,14 @@ def test_the_container_changes_nothing(name, form, tmp_path):
     np.testing.assert_array_equal(np.asarray(given, dtype=float), X)  # not changed
 
 
-@pytest.mark.parametrize(("kind", "size"), [(np.int64, "small"), (np.uint8, "compiled")])
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_integers_of_numpy_are_parameters_as_those_of_python(name, kind, size):
+def test_integers_of_numpy_are_parameters_as_those_of_python(name):
     """As grids of `np.arange` have them; a small type must not overflow."""
-    X, numbered = cloud_for(name, size), clone(ESTIMATORS[name])
+    X, numbered = cloud_for(name, "compiled"), clone(ESTIMATORS[name])
     for parameter, value in numbered.get_params(deep=False).items():
         if type(value) is int:
-            numbered.set_params(**{parameter: kind(value)})
-    found, expected = results(fitted(numbered, X), X), expected_results(name, size)
+            numbered.set_params(**{parameter: np.uint8(value)})
+    found, expected = results(fitted(numbered, X), X), expected_results(name, "compiled")
     for attribute, value in found.items():
         np.testing.assert_array_equal(value, expected[attribute], err_msg=attribute)
 
@@ -97,7 +96,7 @@ def test_whole_numbers_have_the_results_of_floats(name):
         np.testing.assert_array_equal(value, expected[attribute], err_msg=attribute)
 
 
-@pytest.mark.parametrize("form", ["strided", "read-only", "list", "pandas", "polars"])
+@pytest.mark.parametrize("form", ["strided", "list", "polars"])
 @pytest.mark.filterwarnings("ignore:X does not have valid feature names:UserWarning")
 def test_functions_take_any_container(form, tmp_path):
     name = next(n for n, e in ESTIMATORS.items() if hasattr(e, "sigma0"))

@@ -64,7 +64,7 @@ def check(name, size, motion):
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
-@settings(max_examples=4)
+@settings(max_examples=2)
 @given(parts=motions)
 @example(parts=((0.0, 0.0, 0.0), UTM, 1.0, 0))
 @example(parts=((0.0, 0.0, 0.0), GEOCENTRIC, 1.0, 1))
@@ -146,7 +146,7 @@ def test_comparisons_and_flatness_follow_the_planes(parts):
     np.testing.assert_allclose(lengths[0], motion.scale * np.array(lengths[1]), rtol=rtol)
 
 
-@settings(max_examples=4)
+@settings(max_examples=3)
 @given(parts=motions)
 @pytest.mark.parametrize("method", ["pca", "ransac", "msac", "robpca"])
 def test_neighborhoods_follow_their_points(method, parts):

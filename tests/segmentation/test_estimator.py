@@ -164,13 +164,6 @@ def test_a_pipeline_and_a_nested_estimator_give_the_same(street):
     assert_array_equal(nested.normal_estimator_.normals_.shape, X.shape)
 
 
-def test_float32_columns_are_taken(street):
-    _, columns = street
-    labels = RegionGrowing(normals="precomputed").fit_predict(columns)
-    single = RegionGrowing(normals="precomputed").fit_predict(columns.astype(np.float32))
-    assert adjusted_rand_score(labels, single) > 0.999
-
-
 # ---- Bad input -------------------------------------------------------------------------------
 
 

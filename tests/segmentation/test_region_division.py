@@ -53,7 +53,7 @@ def test_vaults_stay_whole(n, noise):
     assert RegionGrowing(random_state=0).fit(barrel(n, noise)).n_regions_ == 1
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("noise", [0.1, 1.0])
 def test_drains_saddles_and_waving_walls_stay_whole(noise):
     """Planes of 2 degrees fall to a drain and meet by 2.8; the wall turns by 6 degrees and back."""
     rng = np.random.default_rng(0)

@@ -6,13 +6,13 @@ import pytest
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.tiling import TilingError, _run, _tasks, process_files
 from sklearn_mcmd.tiling._halo import Part
-from tiled import ESTIMATOR, street
+from tiled import PCA, street
 
 
 @pytest.fixture
 def small_file(tmp_path):
-    """5,000 points."""
-    write_points(tmp_path / "small.las", street(5_000))
+    """2,000 points."""
+    write_points(tmp_path / "small.las", street(2_000))
     return tmp_path / "small.las"
 
 
@@ -66,6 +66,6 @@ def ended(small_file, tmp_path, failing):
     """The output of a run that ended, of whose four tiles three are done."""
     failing.add(1)
     with pytest.warns(match="tile 1 failed"), pytest.raises(TilingError):
-        process_files(small_file, tmp_path / "out.las", ESTIMATOR, tile_size=2_000)
+        process_files(small_file, tmp_path / "out.las", PCA, tile_size=800)
     failing.clear()
     return tmp_path / "out.las"

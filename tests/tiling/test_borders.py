@@ -13,18 +13,13 @@ from sklearn_mcmd.io import read_points
 from tiled import REGIONS, TREE, fit_in_memory, street, values_of, written
 
 
-def sphere():
-    X = np.random.default_rng(0).normal(size=(5_000, 3))
-    return X / np.linalg.norm(X, axis=1)[:, None] * [1.0, 1.0, 0.8]
-
-
 def two_spheres():
-    return np.vstack([sphere()[:2_500], sphere()[2_500:] + np.array([0, 9, 3])])
+    X = np.random.default_rng(0).normal(size=(5_000, 3))
+    X *= [1.0, 1.0, 0.8] / np.linalg.norm(X, axis=1)[:, None]
+    return np.vstack([X[:2_500], X[2_500:] + np.array([0, 9, 3])])
 
 
-@pytest.mark.parametrize(
-    "make", [lambda: street(5_000), sphere, two_spheres, lambda: make_box(5_000).data]
-)
+@pytest.mark.parametrize("make", [lambda: street(5_000), two_spheres])
 def test_sides_and_what_flips_with_them_are_those_of_the_tree_of_memory(make, by_tiles, tmp_path):
     path = written(tmp_path, make())
     expected = values_of(fit_in_memory(read_points(path).xyz, TREE))
@@ -61,9 +56,9 @@ def test_regions_of_cells_and_their_table_are_nearly_those_of_memory(by_tiles, t
 
 
 def test_a_region_runs_through_many_cells_and_small_parts_of_it_count(by_tiles, tmp_path):
-    X = np.random.default_rng(0).uniform(0, 1, (3_000, 3)) * [60, 1, 0.004]
+    X = np.random.default_rng(0).uniform(0, 1, (1_500, 3)) * [30, 1, 0.004]
     values, _, _, report = by_tiles(written(tmp_path, X), REGIONS, tile_size=100)
-    assert report.n_tiles >= 30
+    assert report.n_tiles >= 15
     assert report.n_regions == 1
     assert (values >= 0).mean() > 0.98
 

@@ -13,7 +13,7 @@ import pytest
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.tiling import TilingError, _base, process_files
 from sklearn_mcmd.tiling._memory import plan_run, usual_memory
-from tiled import ESTIMATOR, VERBS, goes_on, names_in, street
+from tiled import ESTIMATOR, REGIONS, goes_on, names_in, street
 
 dask, distributed = (pytest.importorskip(name) for name in ("dask", "distributed"))
 
@@ -46,18 +46,15 @@ def client():
 # These workers are threads of one process, which leave their filters of warnings in any order: what
 # a tile ignores would be an error now and then.
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("verb", ["edges", "regions"])
-def test_tiles_on_dask_give_the_output_of_this_process(client, small_file, tmp_path, verb):
+def test_tiles_on_dask_give_the_output_of_this_process_in_the_memory_of_workers(
+    client, small_file, tmp_path
+):
     a, b = tmp_path / "a.las", tmp_path / "b.las"
-    process_files(small_file, a, VERBS[verb], tile_size=2_000)
+    process_files(small_file, a, REGIONS, tile_size=800)
     with joblib.parallel_config(backend="dask"):
-        report = process_files(small_file, b, VERBS[verb], tile_size=2_000)
-    assert report.n_workers == 2
-    assert a.read_bytes() == b.read_bytes()
-
-
-def test_the_memory_is_that_of_the_workers(client):
-    with joblib.parallel_config(backend="dask"):
+        report = process_files(small_file, b, REGIONS, tile_size=800)
+        assert report.n_workers == 2
+        assert a.read_bytes() == b.read_bytes()
         assert usual_memory() == pytest.approx(1.5e9)
         assert plan_run(10**9, 8e9, None, None, 2_000).n_workers == 2
         assert plan_run(10**9, 8e9, 1, None, 2_000).n_workers == 1
@@ -181,7 +178,7 @@ def test_a_tile_that_kills_its_process_ends_the_run_with_one_line(
     target = tmp_path / "out.las"
     monkeypatch.setattr(_base, "fit_cell", die)
     with pytest.raises(TilingError, match=r"(?s)terminated.*SIGKILL.*; what was done is kept in"):
-        process_files(small_file, target, ESTIMATOR, tile_size=2_000, n_jobs=2)
+        process_files(small_file, target, ESTIMATOR, tile_size=800, n_jobs=2)
     assert not target.exists()
     monkeypatch.undo()
-    goes_on(small_file, target, tile_size=2_000)
+    goes_on(small_file, target, tile_size=800)

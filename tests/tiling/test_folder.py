@@ -13,9 +13,9 @@ import pytest
 from sklearn_mcmd.io import PointFileError, write_points
 from sklearn_mcmd.tiling import TilingError, _tasks, process_files
 from sklearn_mcmd.tiling._folder import WorkFolder
-from tiled import ESTIMATOR, but, goes_on, names_in, street
+from tiled import PCA, but, goes_on, names_in, street
 
-SIZE = {"tile_size": 2_000}
+SIZE = {"tile_size": 800}
 
 
 def everything_in(folder):
@@ -29,7 +29,7 @@ def everything_in(folder):
 def assert_refused_with_all_as_it_was(tmp_path, source, error, match, target="out.las"):
     before = everything_in(tmp_path)
     with pytest.raises(error, match=match):
-        process_files(source, tmp_path / target, ESTIMATOR)
+        process_files(source, tmp_path / target, PCA)
     assert everything_in(tmp_path) == before
 
 
@@ -73,8 +73,8 @@ def test_too_small_a_disk_is_said_but_a_run_that_goes_on_needs_no_room(
 ):
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(9, 8, 1000))
     with pytest.raises(PointFileError, match="are free"):
-        process_files(small_file, tmp_path / "other.las", ESTIMATOR)
-    assert process_files(small_file, ended, ESTIMATOR, **SIZE).n_resumed == 3
+        process_files(small_file, tmp_path / "other.las", PCA)
+    assert process_files(small_file, ended, PCA, **SIZE).n_resumed == 3
     assert names_in(tmp_path) == ["out.las", "small.las"]
 
 
@@ -121,11 +121,11 @@ def test_a_second_run_is_refused_while_the_first_works(small_file, tmp_path, mon
 
     def second(*args):
         with pytest.raises(TilingError, match="lock: another run works on this output"):
-            process_files(small_file, target, ESTIMATOR, tile_size=4_000)
+            process_files(small_file, target, PCA, tile_size=1_600)
         compute(*args)
 
     monkeypatch.setattr(_tasks, "compute_cells", second)
-    process_files(small_file, target, ESTIMATOR, tile_size=3_000)
+    process_files(small_file, target, PCA, tile_size=1_200)
     assert names_in(tmp_path) == ["out.las", "small.las"]
 
 
@@ -148,7 +148,7 @@ def test_what_workers_of_a_killed_command_still_write_does_not_matter(
 
     monkeypatch.setattr(_tasks, "compute_cells", leave)
     with pytest.raises(TilingError, match="killed; what was done is kept"):
-        process_files(small_file, target, but(ESTIMATOR, n_neighbors=k), **SIZE)
+        process_files(small_file, target, but(PCA, n_neighbors=k), **SIZE)
     folder = tasks[0].keywords["job"].results.folder
     monkeypatch.undo()
     monkeypatch.setattr(_tasks, "part_of_cell", find)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from sklearn_mcmd.io import write_points
-from sklearn_mcmd.tiling import Catalog, TilingError, process_files
+from sklearn_mcmd.tiling import Catalog, TilingError, _catalog, process_files
 from sklearn_mcmd.tiling._verbs import TiledNormals
 from tiled import (
     EDGES,
-    ESTIMATOR,
     OUTLIERS,
+    PCA,
     REGIONS,
     TREE,
     but,
@@ -26,16 +26,16 @@ SHARE = but(OUTLIERS, contamination=0.05)
 LIGHT = {"mode": "mark", "intensity": True}
 # The place at which a run is killed, after so many calls, and how many tiles are resumed then.
 FAST = [
-    (ESTIMATOR, {}, "_tasks.part_of_cell", 2, 2),
+    (PCA, {}, "_tasks.part_of_cell", 2, 2),
     (TREE, {}, "_verbs.sides_of_cells", 0, 4),
     (SHARE, {"mode": "mark"}, "_outliers.quantile_of", 0, 4),
     (REGIONS, {"regions": "r.csv"}, "_regions.write_regions", 0, 4),
     (EDGES, {}, "_folder.CellResults.keep", 3, 3),
 ]
 SLOW = [
-    (ESTIMATOR, {}, "_run.WorkFolder.finish_cells", 0, 0),
-    (ESTIMATOR, {}, "_base.Results.take", 0, 4),
-    (ESTIMATOR, {}, "_folder.write_array", 1, 1),
+    (PCA, {}, "_run.WorkFolder.finish_cells", 0, 0),
+    (PCA, {}, "_base.Results.take", 0, 4),
+    (PCA, {}, "_folder.write_array", 1, 1),
     (TREE, {}, "_folder.CellResults.keep", 6, 4),
     (SHARE, LIGHT, "_outliers.keep_light", 2, 0),
     (SHARE, LIGHT, "_outliers.keep_scores", 2, 2),
@@ -49,10 +49,10 @@ SLOW = [
     [*FAST, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)],
 )
 def test_a_run_that_was_killed_goes_on(estimator, options, place, n_calls, n_resumed, tmp_path):
-    source, target, cloud = tmp_path / "a.las", tmp_path / "b.las", street(5_000)
+    source, target, cloud = tmp_path / "a.las", tmp_path / "b.las", street(2_000)
     ground = np.where(cloud.xyz[:, 2] < np.median(cloud.xyz[:, 2]), 2, 1)
     write_points(source, cloud.with_attributes(classification=ground))
-    before, options = source.read_bytes(), {**options, "tile_size": 1_500, "n_jobs": 1}
+    before, options = source.read_bytes(), {**options, "tile_size": 600, "n_jobs": 1}
     if "regions" in options:
         options["regions"] = str(tmp_path / options["regions"])
     assert run_is_killed(source, target, place, n_calls, estimator, **options)
@@ -69,11 +69,11 @@ def test_a_tile_that_fails_has_its_line_and_does_not_end_the_others(small_file, 
         pytest.warns(UserWarning, match=rf"tile 1 failed \({told}") as caught,
         pytest.raises(TilingError, match=r"1 of 4 tiles failed; .*out\.las\.tiles, and"),
     ):
-        process_files(small_file, target, ESTIMATOR, tile_size=2_000)
+        process_files(small_file, target, PCA, tile_size=800)
     assert [warning.filename for warning in caught] == [__file__]
     assert names_in(tmp_path) == ["out.las.tiles", "small.las"]
     failing.clear()
-    report = goes_on(small_file, target, tile_size=2_000)
+    report = goes_on(small_file, target, tile_size=800)
     assert (report.n_resumed, report.n_tiles) == (3, 4)
 
 
@@ -91,10 +91,11 @@ def change_a_byte(path, at, more=b"", replace=False):
 
 
 @pytest.mark.parametrize("change", ["parameters", "time", "replaced", "rewritten", "restart"])
-def test_other_parameters_or_inputs_begin_anew(small_file, ended, change):
-    stamps, estimator = Catalog(small_file).stamps, ESTIMATOR
+def test_other_parameters_or_inputs_begin_anew(small_file, ended, change, monkeypatch):
+    monkeypatch.setattr(_catalog, "END", 2**10)
+    stamps, estimator = Catalog(small_file).stamps, PCA
     if change == "parameters":
-        estimator = but(ESTIMATOR, n_neighbors=20)
+        estimator = but(PCA, n_neighbors=20)
     elif change == "time":
         os.utime(small_file, (1, 1))
     elif change == "replaced":  # what only its inode tells
@@ -103,7 +104,7 @@ def test_other_parameters_or_inputs_begin_anew(small_file, ended, change):
         change_a_byte(small_file, -1)
     assert (Catalog(small_file).stamps == stamps) is (change not in ("time", "rewritten"))
     restart = change == "restart"
-    assert goes_on(small_file, ended, estimator, tile_size=2_000, restart=restart).n_resumed == 0
+    assert goes_on(small_file, ended, estimator, tile_size=800, restart=restart).n_resumed == 0
 
 
 @pytest.mark.parametrize("change", ["size", "content", "vanishes"])
@@ -122,10 +123,10 @@ def test_an_input_that_changes_during_the_run_is_noticed(small_file, tmp_path, m
     told = gone if change == "vanishes" else "has changed since it was read$"
     monkeypatch.setattr(TiledNormals, "find", find)
     with pytest.raises(ValueError, match=rf"small\.las: {told}"):
-        process_files(small_file, target, ESTIMATOR, tile_size=2_000)
+        process_files(small_file, target, PCA, tile_size=800)
     assert not target.exists()
     assert (tmp_path / "out.las.tiles").exists() == (change == "vanishes")
     monkeypatch.undo()
     before.replace(small_file)
-    report = goes_on(small_file, target, tile_size=2_000)
+    report = goes_on(small_file, target, tile_size=800)
     assert report.n_resumed == (report.n_tiles if change == "vanishes" else 0)

@@ -66,6 +66,6 @@ def test_what_a_point_takes_is_measured_by_fits(n):
 
 
 def test_memory_of_large_neighborhoods_is_measured_with_points_that_are_no_copies(tmp_path):
-    path = written(tmp_path, street(2_000))
-    report = process_files(path, tmp_path / "b.las", but(ESTIMATOR, n_neighbors=1_900))
-    assert report.n_points == 2_000
+    path = written(tmp_path, street(600))
+    report = process_files(path, tmp_path / "b.las", but(ESTIMATOR, n_neighbors=560))
+    assert report.n_points == 600

@@ -10,11 +10,11 @@ import pytest
 
 from sklearn_mcmd.io import write_points
 from sklearn_mcmd.tiling import TilingError, _outputs, _run, process_files
-from tiled import ESTIMATOR, OUTLIERS, but, goes_on, is_killed, names_in, street
+from tiled import OUTLIERS, but, goes_on, is_killed, names_in, street
 
 DETECTOR = but(OUTLIERS, contamination=0.05)
 NAMES = ["a.las", "b.las"]
-SIZE = {"tile_size": 1_500}
+SIZE = {"tile_size": 900}
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def folder(tmp_path):
 def drive(folder):
     folder.mkdir()
     for seed, name in enumerate(NAMES):
-        write_points(folder / name, street(1_200, seed))
+        write_points(folder / name, street(700, seed))
     return folder
 
 
@@ -154,6 +154,6 @@ def test_an_output_may_be_a_link_to_another_disk(folder, tmp_path, monkeypatch):
         rename(old, new)
 
     monkeypatch.setattr(os, "replace", rename_on_one_disk)
-    goes_on(folder / "a.las", target, ESTIMATOR, **SIZE)
+    goes_on(folder / "a.las", target, **SIZE)
     assert target.is_symlink()
     assert names_in(tmp_path / "disk") == ["out.las"]

@@ -15,32 +15,32 @@ from tiled import ESTIMATOR, OUTLIERS, REGIONS, VERBS, but, names_in, street, tw
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_output_is_the_same_for_any_threads_and_processes(small_file, tmp_path, verb):
     outputs = []
-    for n_workers, n_threads in (1, 1), (1, 2), (2, 1):
-        plan = _run.plan_run(5_000, 8e9, n_workers, 1_500, 5_000)
+    for n_workers, n_threads in (1, 1), (2, 2):
+        plan = _run.plan_run(2_000, 8e9, n_workers, 600, 5_000)
         plan = plan._replace(n_threads=n_threads)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(_run, "plan_run", lambda *args, plan=plan, **known: plan)
             report = process_files(small_file, tmp_path / "out.laz", VERBS[verb])
         assert (report.n_workers, report.n_tiles) == (n_workers, 4)
         outputs.append((tmp_path / "out.laz").read_bytes())
-    assert outputs[0] == outputs[1] == outputs[2]
+    assert outputs[0] == outputs[1]
     assert names_in(tmp_path) == ["out.laz", "small.las"]
 
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_folder_is_one_cloud_and_keeps_its_attributes(verb, tmp_path):
     """As one file of the same points."""
-    cloud, estimator = street(5_000), VERBS[verb]
+    cloud, estimator = street(2_000), VERBS[verb]
     folder, parts = two_files(tmp_path, cloud)
     gray = dict.fromkeys(("red", "green", "blue"), np.full(len(parts[1]), 7, np.uint16))
     write_points(folder / "b.las", parts[1].with_attributes(**gray))  # another point format
-    process_files(folder, tmp_path / "out", estimator, tile_size=3_000)
+    process_files(folder, tmp_path / "out", estimator, tile_size=1_200)
     assert names_in(tmp_path / "out") == ["a.laz", "b.las"]
     found = [read_points(tmp_path / "out" / name) for name in ("a.laz", "b.las")]
     assert_array_equal(found[1].attributes["red"], 7)
     order = np.concatenate([part.attributes["intensity"] for part in parts])
     write_points(tmp_path / "all.las", cloud.subset(order))
-    process_files(tmp_path / "all.las", tmp_path / "all.las", estimator, tile_size=3_000)
+    process_files(tmp_path / "all.las", tmp_path / "all.las", estimator, tile_size=1_200)
     expected = read_points(tmp_path / "all.las")
     for name in ("xyz", *(expected.attributes.keys() - gray.keys())):
         values = [(cloud.attributes | {"xyz": cloud.xyz})[name] for cloud in (expected, *found)]
@@ -60,12 +60,12 @@ def test_a_file_of_nothing_but_outliers_is_warned_of(tmp_path):
 
 
 def test_an_output_may_replace_its_input_whatever_bounds_are_in_the_header(small_file, tmp_path):
-    process_files(small_file, tmp_path / "expected.las", ESTIMATOR, tile_size=2_000)
+    process_files(small_file, tmp_path / "expected.las", ESTIMATOR, tile_size=800)
     with open(small_file, "rb+") as file:
         file.seek(179)
         file.write(np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0]).tobytes())
     for _ in range(2):  # the second finds columns of these names
-        process_files(small_file, small_file, ESTIMATOR, tile_size=2_000)
+        process_files(small_file, small_file, ESTIMATOR, tile_size=800)
         assert small_file.read_bytes() == (tmp_path / "expected.las").read_bytes()
 
 
