@@ -1,7 +1,7 @@
 """Distances between surfaces along normals, their errors, and noise that is alike nearby."""
 
 import itertools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -38,7 +38,7 @@ class Surfaces(NamedTuple):
     """The planes of a cloud's points."""
 
     xyz: np.ndarray  # float64 (n, d)
-    tree: cKDTree
+    tree: Any  # cKDTree, None where it is kept
     normals: np.ndarray  # (n, d)
     planes: Planes
     n_neighbors: int

@@ -183,8 +183,9 @@ class CloudChange(DocLinkMixin, BaseEstimator):
         check_sizes(len(xyz), xyz.shape[1], self.n_neighbors)
         check_extent(xyz)
         registration_of(self.registration, xyz.shape[1])
-        self._before = self._surfaces_of(xyz, tree_of(xyz), self.n_neighbors)
-        self.normals_ = self._before.normals
+        before = self._surfaces_of(xyz, tree_of(xyz), self.n_neighbors)
+        self._before = before._replace(tree=None)  # which is no number that a file may hold
+        self.normals_ = before.normals
         return self
 
     def compare(self, X: "ArrayLike", core: "ArrayLike | None" = None) -> Changes:
@@ -224,7 +225,8 @@ class CloudChange(DocLinkMixin, BaseEstimator):
                 raise ValueError(
                     f"core has {places.shape[1]} columns, the clouds {self.n_features_in_}."
                 )
-        before, n_jobs, tree = self._before, effective_n_jobs(self.n_jobs), tree_of(after)
+        n_jobs, tree = effective_n_jobs(self.n_jobs), tree_of(after)
+        before = self._before._replace(tree=tree_of(self._before.xyz))
         radii, others = (
             radii_in(xyz, of, self.n_neighbors, SAMPLE / len(xyz), n_jobs)
             for xyz, of in ((before.xyz, before.tree), (after.astype(float, copy=False), tree))
