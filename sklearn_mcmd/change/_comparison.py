@@ -74,10 +74,12 @@ def radii_in(xyz, tree, n_neighbors, share, n_jobs):
     """How wide neighborhoods are of a share of the points of a cloud; copies are one point."""
     if not len(xyz):
         return np.empty(0)
-    if len(rows := distinct_rows(xyz)[0]) < len(xyz):
-        xyz, tree = xyz[rows], tree_of(xyz[rows])
     some = xyz[sampled(xyz, share)]
-    return tree.query(some, [min(n_neighbors, len(xyz))], workers=n_jobs)[0][:, 0]
+    near = tree.query(some, [1, 2, min(n_neighbors, len(xyz))], workers=n_jobs)[0]
+    if (near[:, 1] == 0).any():
+        xyz = xyz[distinct_rows(xyz)[0]]
+        near = tree_of(xyz).query(some, [min(n_neighbors, len(xyz))], workers=n_jobs)[0]
+    return near[:, -1]
 
 
 def measure(before, second, scale, n_jobs, places=None):

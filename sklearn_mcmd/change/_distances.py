@@ -88,6 +88,8 @@ class Surfaces(NamedTuple):
 
     def _rounded(self, planes):
         """Standard deviations of what rounding does to all points of a plane alike."""
+        if not self.steps.any():
+            return 0.0
         across = planes.normals**2
         variances = planes.eigenvalues[:, :1] * across + planes.eigenvalues[:, 1:2] * (1 - across)
         deviations = np.sqrt(np.maximum(variances, 0.0))
