@@ -38,6 +38,7 @@ from sklearn_mcmd.planes._columns import Columns, split_columns
 from sklearn_mcmd.planes._indexed_cloud import IndexedCloud
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._rules import MAD_TO_SD
+from sklearn_mcmd.planes._whole import whole_cloud
 from sklearn_mcmd.runtime._progress import progress_part
 
 # What steps within warn of, whose n_neighbors nobody gave.
@@ -296,7 +297,8 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
                     planes = of_members.planes(index.rows).without("radius", "spacing")
                     del of_members, members  # index and planes have what is needed
                     on_surface = getattr(detector, "on_surface_", kept)[kept]
-                    on_surface |= not on_surface.any()  # blobs are asked everywhere
+                    if (whole := whole_cloud()) is None or whole.n_points == len(xyz):
+                        on_surface |= not on_surface.any()  # blobs are asked everywhere
                     on_surface = on_surface[index.rows].astype(float)
                     self._creases, distances = find_creases(
                         index, planes, self.min_angle, on_surface, self.n_jobs

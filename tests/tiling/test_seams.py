@@ -99,6 +99,14 @@ def test_what_is_decided_of_all_cells_is_nearly_what_memory_decides(
     assert_seams_are_small(estimator, path, by_tiles, 1_500, small=True)
 
 
+def test_a_cell_without_surfaces_has_no_edges_if_the_cloud_has_surfaces(by_tiles, tmp_path):
+    """In memory only clouds without any are asked everywhere."""
+    blob = np.array([20, 0, 0]) + np.random.default_rng(0).uniform(0, 2, (4_000, 3))
+    X = np.vstack([make_street(4_000, random_state=0).data, blob])
+    estimator = SharpFeatureDetector(random_state=0)
+    assert_seams_are_small(estimator, written(tmp_path, np.round(X, 3)), by_tiles, 3_000)
+
+
 def test_intensity_is_evidence_as_in_memory(by_tiles, tmp_path):
     path = written(tmp_path, shining_street(6_000))
     cloud = read_points(path)
