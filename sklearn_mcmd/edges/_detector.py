@@ -13,13 +13,7 @@ from sklearn.utils.validation import check_is_fitted, check_random_state
 
 from sklearn_mcmd._choices import Criterion, choices_of
 from sklearn_mcmd._errors import ParameterError
-from sklearn_mcmd._sklearn import (
-    DocLinkMixin,
-    HasMethods,
-    Interval,
-    StrOptions,
-    fit_context,
-)
+from sklearn_mcmd._sklearn import DocLinkMixin, HasMethods, Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import (
     SAID,
     FittedScoresMixin,
@@ -297,8 +291,8 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
                     planes = of_members.planes(index.rows).without("radius", "spacing")
                     del of_members, members  # index and planes have what is needed
                     on_surface = getattr(detector, "on_surface_", kept)[kept]
-                    if (whole := whole_cloud()) is None or whole.n_points == len(xyz):
-                        on_surface |= not on_surface.any()  # blobs are asked everywhere
+                    is_part = (whole := whole_cloud()) is not None and whole.n_points > len(xyz)
+                    on_surface |= not (is_part or on_surface.any())  # blobs are asked everywhere
                     on_surface = on_surface[index.rows].astype(float)
                     self._creases, distances = find_creases(
                         index, planes, self.min_angle, on_surface, self.n_jobs
