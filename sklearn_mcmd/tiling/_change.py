@@ -12,6 +12,7 @@ from sklearn_mcmd.change._comparison import (
     FEWEST,
     NO_SURFACE,
     NOTHING,
+    REASONS,
     SAMPLE,
     Correction,
     Scale,
@@ -110,18 +111,21 @@ class TiledChange(TiledVerb):
         self._correct(run, counts[0])
 
     def _correct(self, run, n):
-        """Find what the correction does, and medians."""
+        """Find what the correction does, how many points moved or are not compared, and medians."""
         levels, step, self.medians = Levels(), n // MEDIANS + 1, (np.nan, np.nan)
+        self.reasons = np.zeros(len(REASONS), np.int64)
         levels.add(np.empty(0), np.empty(0, np.int64))
         told = [np.empty((2, 0))]
         for values in self.results(run).of_cells():
             changes = self._changes(values[np.isfinite(values[:, 3])], rounded_up)
             compared = changes.reason == 0
+            self.reasons += np.bincount(changes.reason, minlength=len(REASONS))
             levels.add(*np.unique(changes.pvalue[compared], return_counts=True))
             both = np.stack([changes.distance, changes.level_of_detection])
             told.append(both[:, compared][:, ::step])
         values, counts = levels.merged()
         self.correction = Correction.of(values, counts, self.estimator.correction)
+        self.n_moved = int(counts[self.correction.adjusted < self.estimator.alpha].sum())
         if (both := np.concatenate(told, axis=1)).size:
             self.medians = tuple(np.median(both, axis=1).tolist())
 
@@ -139,15 +143,10 @@ class TiledChange(TiledVerb):
     def make(self, cloud, values, xyz):
         return with_results(cloud, columns_of(self._changes(values))), None
 
-    def measure(self, values):
-        changes = self._changes(values)
-        counts = np.bincount(changes.reason, minlength=4)
-        return np.append(counts, np.count_nonzero(changes.significant))
-
     def report(self, run, total):
-        reasons = total[:4].astype(int).tolist()
+        reasons = self.reasons.tolist()
         warn_of_nothing(reasons[NOTHING] / max(1, sum(reasons)), self.scale.reach)
-        summary = Summary(reasons, int(total[4]), *self.medians, self.alike, self.bodies)
+        summary = Summary(reasons, self.n_moved, *self.medians, self.alike, self.bodies)
         return {"removed_fraction": 0.0, "change": summary.stored()}
 
 
