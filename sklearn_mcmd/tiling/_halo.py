@@ -40,9 +40,11 @@ class Part(NamedTuple):
     own: np.ndarray  # bool (n,), whether a point is of the cell
     homes: np.ndarray  # int (n,), the cell of each,
     at: np.ndarray  # and its number there
-    # (n,): how far its neighbors may be, in places as of `Cells`, and all of them are in the part.
-    reach: np.ndarray = np.empty(0)
-    ranges: np.ndarray | None = None  # (n,) from the center of the cells, if they have one
+    # In places as of `Cells`: how far each is within the box of the cell, negative beyond; and how
+    # far its neighbors may be so that all of them are in the part.
+    depth: np.ndarray | None = None
+    reach: np.ndarray | None = None
+    ranges: np.ndarray | None = None  # from the center of the cells, if they have one
 
     @classmethod
     def of(cls, *columns):
@@ -52,36 +54,53 @@ class Part(NamedTuple):
 
     def joined(self, xyz, rows, homes, at):
         """The part with some of more points, neighbors of none of the rings."""
-        n = len(rows)
-        more = xyz, rows, np.zeros(n, bool), homes, at, np.full(n, np.inf)
-        return Part.of(*map(np.concatenate, zip(self[:6], more, strict=True)))
+        far = np.full(len(rows), np.inf)
+        more = xyz, rows, np.zeros(len(rows), bool), homes, at, -far, far
+        joined = Part.of(*map(np.concatenate, zip(self[: len(more)], more, strict=True)))
+        return joined._replace(ranges=self.ranges)
 
     def taken(self, chosen):
         """Some of the points."""
         return Part._make(None if values is None else values[chosen] for values in self)
 
-    def proven(self, cloud, n_neighbors, hops, n_jobs):
-        """Which of the own points have the results of the whole cloud: the neighbors of these are
-        in the part, and so are theirs, hop by hop. And how many hops away each of the points is.
-        `cloud` is their `IndexedCloud`.
+    def rings(self, cloud, n_neighbors, hops, n_jobs, through=True):
+        """How many hops of neighbors away from the own ones each point of their `IndexedCloud` is,
+        of the farthest one more than there are: int8. And which are doubtful, since they may have
+        neighbors that are not in the part, and the share of these among those asked. Rings do not
+        go on from them if not `through`.
         """
-        n, k = len(cloud.points), min(n_neighbors, len(cloud.points))
-        doubtful, reach = np.zeros(n, bool), self.reach[cloud.rows]
-        ranges = None if self.ranges is None else self.ranges[cloud.rows]
-        away = np.full(n, hops, np.int8)
+        n, k, n_asked = len(cloud.points), min(n_neighbors, len(cloud.points)), 0
+        away, doubtful = np.full(n, hops + 1, np.int8), np.zeros(n, bool)
         away[cloud.places[self.own]] = 0
+        depth, reach = self.depth[cloud.rows], self.reach[cloud.rows]
+        ranges = None if self.ranges is None else self.ranges[cloud.rows]
+        # Of points deep in the box all neighbors are own ones.
+        asked = np.flatnonzero((away == 0) & (depth <= farthest(cloud.points, k, ranges)))
         for hop in range(hops):
-            asked, near_them = np.flatnonzero(away == hop), np.zeros(n, bool)
+            near_them = np.zeros(n, bool)
 
             def measure(some, asked=asked, near_them=near_them):
                 rows = asked[some]
                 near = cloud.neighbors(rows, k, k)
                 radius = np.linalg.norm(cloud.points[near[:, -1]] - cloud.points[rows], axis=1)
-                doubtful[rows] = seen_from(radius, ranges, rows) >= reach[rows]
-                near_them[near] = True
+                known = seen_from(radius, ranges, rows) < reach[rows]
+                doubtful[rows] = ~known
+                near_them[near if through else near[known]] = True
 
             each_slice(len(asked), part_size(k), measure, n_jobs)
-            away[near_them & (away > hop)] = hop + 1
+            n_asked += len(asked)
+            asked = np.flatnonzero(near_them & (away > hop + 1))
+            away[asked] = hop + 1
+        return away, doubtful, np.count_nonzero(doubtful) / max(1, n_asked)
+
+    def proven(self, cloud, n_neighbors, hops, n_jobs):
+        """Which of the own points have the results of the whole cloud: the neighbors of these are
+        in the part, and so are theirs, hop by hop. And how many hops away each of the points is.
+        """
+        away, doubtful, _ = self.rings(cloud, n_neighbors, hops, n_jobs)
+        n, k = len(cloud.points), min(n_neighbors, len(cloud.points))
+        # The table is asked below, and by a fit later.
+        each_slice(n, part_size(k), lambda rows: cloud.neighbors(rows, 1, k), n_jobs)
         new = doubtful.copy()
         for _ in range(hops - 1):
             new = cloud.table.asking(new) & ~doubtful
@@ -89,7 +108,7 @@ class Part(NamedTuple):
         return ~doubtful[cloud.places[self.own]], away[cloud.places]
 
 
-def part_of_cell(cells, cell, n_neighbors, hops, width):
+def part_of_cell(cells, cell, n_neighbors, hops, width, n_jobs=1):
     """The `Part` of a cell, and the `IndexedCloud` of its points: as many rings of `n_neighbors` as
     there are hops, and all points nearer than the `width`. This is in units of how far the last of
     a point's neighbors usually is, in places as of `Cells`."""
@@ -103,18 +122,15 @@ def part_of_cell(cells, cell, n_neighbors, hops, width):
         part = part_within(cells, cell, margin)
         cloud, has_all = IndexedCloud.of(part.xyz), len(part.rows) == cells.n_points
         if len(cloud.points) > n_neighbors or has_all:  # distinct ones: copies have no plane
-            rings = Rings(cells, cell, part, cloud, margin)
-            rings.grow(n_neighbors, hops)
-            rings.widen(width * usual)
+            away, _, incomplete = part.rings(cloud, n_neighbors, hops, n_jobs, through=False)
             is_wide = has_all or margin >= length or len(part.rows) > limits.most * n
-            if is_wide or rings.incomplete <= limits.incomplete:
+            if is_wide or incomplete <= limits.incomplete:
                 break
         margin *= 2
-    if rings.inside.mean() > limits.trimmed:
-        reach = rings.border[cloud.places]
-        return part._replace(reach=reach, ranges=cells.ranges(part.xyz)), cloud
-    part = part._replace(reach=rings.reach[cloud.places], ranges=cells.ranges(part.xyz))
-    part = part.taken(rings.inside[cloud.places])
+    inside = (away <= hops)[cloud.places] | (part.depth > -width * usual)
+    if inside.mean() > limits.trimmed:
+        return part, cloud
+    part = part.taken(inside)
     return part, IndexedCloud.of(part.xyz)
 
 
@@ -124,11 +140,12 @@ def part_within(cells, cell, margin=None):
     n = len(rows)
     own: tuple = xyz, rows, np.ones(n, bool), np.full(n, cell, np.int32), np.arange(n)
     if margin is None or len(cells) == 1:
-        return Part(*own)._replace(reach=np.full(n, np.inf))
+        return Part(*own)
     xyz, rows, *others = cells.within(cell, margin)
     halo = xyz, rows, np.zeros(len(xyz), bool), *others
     part = Part.of(*map(np.concatenate, zip(own, halo, strict=True)))
-    return part._replace(reach=cells.depth(cell, part.xyz) + margin)
+    depth = cells.depth(cell, part.xyz)
+    return part._replace(depth=depth, reach=depth + margin, ranges=cells.ranges(part.xyz))
 
 
 def usual_distance(cells, xyz, n_neighbors):
@@ -140,54 +157,15 @@ def usual_distance(cells, xyz, n_neighbors):
     return float(np.quantile(np.linalg.norm(last - begin, axis=1), 0.95))
 
 
-class Rings:
-    """The rings of neighbors around the own points of a cell, in a part that has all points within
-    a margin around its box."""
-
-    def __init__(self, cells, cell, part, cloud, margin):
-        self.cloud, self.inside = cloud, np.zeros(len(cloud.points), bool)
-        self.inside[cloud.places[part.own]] = True  # and so are the rings
-        # How far each place is from the box, and from where the margin ends.
-        self.depth = cells.depth(cell, cloud.points)
-        self.border = self.depth + margin
-        self.ranges, self.reach = cells.ranges(cloud.points), self.depth.copy()
-        self.incomplete = 0.0
-
-    def grow(self, n_neighbors, hops):
-        """Add ring by ring."""
-        k, n_asked, n_incomplete = min(n_neighbors, len(self.cloud.points)), 0, 0
-        ring = np.flatnonzero(self.inside & (self.depth <= self._farthest(k)))
-        for _ in range(hops):
-            if not len(ring):  # the points of no other cell are neighbors
-                break
-            near = self.cloud.neighbors(ring, k, k)
-            ends = self.cloud.points[near[:, -1]] - self.cloud.points[ring]
-            radius = seen_from(np.linalg.norm(ends, axis=1), self.ranges, ring)
-            self.reach[ring] = self.border[ring]
-            known = radius < self.border[ring]  # of others, neighbors may be missing anyway
-            n_asked += len(ring)
-            n_incomplete += int(np.count_nonzero(~known))
-            new = np.zeros(len(self.inside), bool)
-            new[near[known]] = True
-            ring = np.flatnonzero(new & ~self.inside)
-            self.inside[ring] = True
-        self.reach[ring] = np.inf  # whose neighbors matter to no own point
-        self.incomplete = n_incomplete / max(1, n_asked)
-
-    def _farthest(self, k):
-        """How far the k-th neighbor of each place is at most: no farther than the end of a box
-        around k places in succession, of which it is one."""
-        points = self.cloud.points
-        starts = np.arange(max(1, len(points) // k)) * k
-        of = np.minimum(np.arange(len(points)) // k, len(starts) - 1)
-        low, high = (f.reduceat(points, starts)[of] for f in (np.minimum, np.maximum))
-        ends = np.linalg.norm(np.maximum(points - low, high - points), axis=1)
-        return seen_from(ends, self.ranges, slice(None))
-
-    def widen(self, width):
-        """Add all places nearer to the box than the width."""
-        near = (self.depth > -width) & ~self.inside
-        self.inside[near], self.reach[near] = True, np.inf
+def farthest(points, k, ranges):
+    """How far the k-th neighbor of each of some points in spatial order is at most, as of
+    `seen_from`: no farther than the end of a box around k points in succession, of which it is
+    one."""
+    starts = np.arange(max(1, len(points) // k)) * k
+    of = np.minimum(np.arange(len(points)) // k, len(starts) - 1)
+    low, high = (f.reduceat(points, starts)[of] for f in (np.minimum, np.maximum))
+    ends = np.linalg.norm(np.maximum(points - low, high - points), axis=1)
+    return seen_from(ends, ranges, slice(None))
 
 
 def seen_from(radius, ranges, rows):

@@ -16,6 +16,7 @@ from sklearn_mcmd._validation import check_sizes, check_work
 from sklearn_mcmd.io import PointFileError
 from sklearn_mcmd.io._las_parts import no_returns_of
 from sklearn_mcmd.planes._base import warn_if_few
+from sklearn_mcmd.planes._indexed_cloud import distinct_rows
 from sklearn_mcmd.planes._neighborhoods import NeighborIndex
 from sklearn_mcmd.planes._resolution import coarse_warning
 from sklearn_mcmd.runtime._chunks import ahead
@@ -223,7 +224,7 @@ class Sample:
             raise PointFileError(
                 f"{catalog.paths[0]}: no points are judged: all are withheld or of other classes"
             )
-        self._distinct = np.unique(self.xyz, axis=0)
+        self._distinct = self.xyz[distinct_rows(self.xyz)[0]]
 
     def bytes_of_point(self):
         """As of `plan_run`."""

@@ -55,7 +55,8 @@ class Job:
 
 def fit_cell(cell, job):
     """Fit the estimator to a cell and its halo; returns what is kept of its own points."""
-    part, cloud = part_of_cell(job.cells, cell, job.n_neighbors, job.hops, job.width)
+    asked = job.n_neighbors, job.hops, job.width, job.n_threads
+    part, cloud = part_of_cell(job.cells, cell, *asked)
     part, given = with_beside(job, cell, part)
     cloud = IndexedCloud.of(part.xyz)  # which all stages share; other points may have joined
     whole, n_proven = job.whole, len(part.rows)
