@@ -1,10 +1,9 @@
 """What do tiles cost? ``mcmd`` on one street, in memory and with little memory, and what differs.
 
 A street with 1 % of outliers is written to a LAZ file, in millimeters far from the origin; or a
-road of many streets with seeds of their own, one after the other, as large as you like. Each verb
-runs in memory and by tiles, alone on the machine. Seconds are of the clock and of processors. The
-memory is the peak of all processes together, as proportional set sizes (Linux), the disk that of
-temporary files.
+road of streets one after the other, as large as you like. Each verb runs in memory and by tiles,
+alone on the machine. Seconds are of the clock and of processors. The memory is the peak of all
+processes together, as proportional set sizes (Linux), the disk that of temporary files.
 
     python benchmarks/bench_tiling.py
     python benchmarks/bench_tiling.py --points 100_000_000 --street 100_000 --memory 6GB \\
@@ -25,6 +24,7 @@ import numpy as np
 
 ORIGIN = [362_000, 5_157_000, 100]  # meters
 LENGTH = 5.0  # of a street, in meters
+STREETS = 10  # with seeds of their own, which a longer road repeats
 SAMPLED = 0.5  # seconds between two looks at memory and disk
 COMMANDS = {
     "normals": ["normals"],
@@ -64,19 +64,21 @@ def main(arguments=None):
 
 
 def write_road(path, n, n_street):
-    """In a process of its own, whose memory is then free: that of one street."""
+    """In a process of its own, whose memory is then free: that of some streets."""
     code = (
         "import sys, laspy, numpy as np\n"
         "from sklearn_mcmd.datasets import make_street\n"
         "path, n, n_street = sys.argv[1], *map(int, sys.argv[2:])\n"
         "header = laspy.LasHeader(point_format=6, version='1.4')\n"
         f"header.scales, header.offsets = [0.001] * 3, {ORIGIN}\n"
+        f"seeds, share = range(min({STREETS}, -(-n // n_street))), 0.01\n"
+        "made = (make_street(n_street, outlier_share=share, random_state=i) for i in seeds)\n"
+        "streets = [street.data for street in made]\n"
         "with laspy.open(path, 'w', header=header) as writer:\n"
         "    for i, first in enumerate(range(0, n, n_street)):\n"
-        "        size = min(n_street, n - first)\n"
-        "        xyz = make_street(size, outlier_share=0.01, random_state=i).data\n"
-        f"        xyz += np.array({ORIGIN}) + [i * {LENGTH}, 0, 0]\n"
-        "        points = laspy.ScaleAwarePointRecord.zeros(size, header=header)\n"
+        "        xyz = streets[i % len(streets)][: n - first]\n"
+        f"        xyz = xyz + np.array({ORIGIN}) + [i * {LENGTH}, 0, 0]\n"
+        "        points = laspy.ScaleAwarePointRecord.zeros(len(xyz), header=header)\n"
         "        points.x, points.y, points.z = xyz.T\n"
         "        writer.write_points(points)\n"
     )
