@@ -53,11 +53,10 @@ class Part(NamedTuple):
         return cls(*(values[order] for values in columns))
 
     def joined(self, xyz, rows, homes, at):
-        """The part with some of more points, neighbors of none of the rings."""
+        """The part, of cells without a center, with more points, neighbors of none of its rings."""
         far = np.full(len(rows), np.inf)
         more = xyz, rows, np.zeros(len(rows), bool), homes, at, -far, far
-        joined = Part.of(*map(np.concatenate, zip(self[: len(more)], more, strict=True)))
-        return joined._replace(ranges=self.ranges)
+        return Part.of(*map(np.concatenate, zip(self[: len(more)], more, strict=True)))
 
     def taken(self, chosen):
         """Some of the points."""
@@ -75,7 +74,8 @@ class Part(NamedTuple):
         depth, reach = self.depth[cloud.rows], self.reach[cloud.rows]
         ranges = None if self.ranges is None else self.ranges[cloud.rows]
         # Of points deep in the box all neighbors are own ones.
-        asked = np.flatnonzero((away == 0) & (depth <= farthest(cloud.points, k, ranges)))
+        asked = near_border(cloud.points, depth, k, ranges)
+        asked = asked[away[asked] == 0]
         for hop in range(hops):
             near_them = np.zeros(n, bool)
 
@@ -157,15 +157,18 @@ def usual_distance(cells, xyz, n_neighbors):
     return float(np.quantile(np.linalg.norm(last - begin, axis=1), 0.95))
 
 
-def farthest(points, k, ranges):
-    """How far the k-th neighbor of each of some points in spatial order is at most, as of
-    `seen_from`: no farther than the end of a box around k points in succession, of which it is
-    one."""
+def near_border(points, depth, k, ranges):
+    """Rows of points in spatial order that may have neighbors beyond the box in which they are: a
+    point's k-th neighbor is no farther than the end of a box around k points in succession, of
+    which it is one."""
     starts = np.arange(max(1, len(points) // k)) * k
     of = np.minimum(np.arange(len(points)) // k, len(starts) - 1)
-    low, high = (f.reduceat(points, starts)[of] for f in (np.minimum, np.maximum))
+    low, high = (f.reduceat(points, starts) for f in (np.minimum, np.maximum))
+    across = np.linalg.norm(high - low, axis=1)[of]
+    rows = np.flatnonzero(depth <= seen_from(across, ranges, slice(None)))  # few: no others can be
+    low, high, points = low[of[rows]], high[of[rows]], points[rows]
     ends = np.linalg.norm(np.maximum(points - low, high - points), axis=1)
-    return seen_from(ends, ranges, slice(None))
+    return rows[depth[rows] <= seen_from(ends, ranges, rows)]
 
 
 def seen_from(radius, ranges, rows):
