@@ -109,7 +109,8 @@ class Change(CloudVerb):
             level = f"{told.level_of_detection:.3g}{unit}"
             rows["level of detection"] = f"{level} of one point alone, median"
             rows["distance"] = f"{told.distance:.3g}{unit}, median"
-            rows["noise alike nearby"] = f"errors {np.sqrt(told.alike):.3g} times as large"
+            times = f"errors {np.sqrt(told.alike):.3g} times as large"
+            rows["noise alike nearby"] = times if told.alike > 1 else "none"
             if np.isnan(told.alike):
                 rows["noise alike nearby"] = "not looked for: the first scan is too small"
         bodies = {} if told.bodies is None else _body_rows(told.bodies, unit)

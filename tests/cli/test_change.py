@@ -63,6 +63,14 @@ def test_the_columns_are_those_of_the_estimator(files, tmp_path, options, parame
         assert "3 in both" in result.stdout
 
 
+def test_copies_of_one_file_have_no_distance_and_no_noise_in_common(tmp_path):
+    floor = np.random.default_rng(0).uniform(0, [9, 9, 0.01], (4_000, 3))
+    write_points(tmp_path / "floor.laz", PointCloud(floor))
+    result = done("change", *[tmp_path / "floor.laz"] * 2, tmp_path / "out.laz")
+    assert "distance            0, median" in result.stdout
+    assert "noise alike nearby  none" in result.stdout
+
+
 def test_a_report_has_maps_distances_and_bodies(files, tmp_path):
     folder = tmp_path / "report"
     done("change", *files, tmp_path / "out.ply", "--registration", "auto", "--report", folder)
