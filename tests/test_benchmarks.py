@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 from sklearn_mcmd.datasets import make_street
 from sklearn_mcmd.io import PointCloud, write_points
@@ -91,20 +90,6 @@ def test_the_panel_shows_the_worst_change_first(load, data, tmp_path, monkeypatc
     assert stored.read_text().splitlines()[-1].endswith(percent)
 
 
-def test_a_wireframe_tells_distances_from_creases_and_nothing_near_eaves(load, tmp_path):
-    x, y = np.meshgrid(np.arange(-10.0, 11), np.arange(21.0))
-    roof = np.column_stack([x.ravel(), y.ravel(), -np.abs(x.ravel())])
-    lines = np.array([[0, 0, 0, 0, 20, 0], [10, 0, -10, 10, 20, -10.0]])
-    known = {"segments": lines, "segment_faces": [2, 1], "segment_building": [0, 0]}
-    np.savez(tmp_path / "roofs.npz", xyz=roof, building=np.zeros(len(roof)), **known)
-    ((X, distance, spacing),) = load("bench_edges").wireframes(tmp_path / "roofs.npz", True)
-    away = np.sqrt(2) * np.abs(roof[:, 0])  # along the slope
-    near_eave = np.sqrt(2) * (10 - roof[:, 0]) <= 2 * spacing
-    assert 0 < near_eave.sum() < 100
-    assert_array_equal(X, roof)
-    np.testing.assert_allclose(distance, np.where(near_eave, np.nan, away), atol=1e-12)
-
-
 def test_each_script_runs_here_or_is_named_by_figures(load):
     named = "".join(row[2] for row in load("figures").RESULTS)
     scripts = {path.stem for path in BENCHMARKS.glob("[!_]*.py")}
@@ -131,17 +116,6 @@ def test_the_stored_tables_are_those_of_the_stored_results(name, load):
     for table, rows in tables(json.loads((STORED / f"{name}.json").read_text())).items():
         with open(STORED / f"{prefix}{table}.csv", newline="") as file:
             assert list(csv.reader(file)) == rows
-
-
-def test_a_street_is_scored_by_its_road_its_facade_and_its_classes(load):
-    clouds = load("_region_clouds")
-    road, facade, lamp, unknown = clouds.ROAD, clouds.FACADE, 1114, 1001
-    classes = np.repeat([road, facade, lamp, unknown], [50, 30, 10, 10])
-    labels = np.repeat([0, 1, 2, 3, 4, 5, 6, 7, -1, 0], [40, 10, 10, 8, 5, 3, 2, 2, 10, 10])
-    known = {"road": 40 / 50, "facade": 28 / 30, "of_class": 1}
-    assert clouds.street_scores(classes, labels) == pytest.approx(known)
-    merged = {"road": 1, "facade": 1, "of_class": 50 / 90}
-    assert clouds.street_scores(classes, 0 * labels) == pytest.approx(merged)
 
 
 def planes_by_loops(surface, labels):
@@ -192,11 +166,3 @@ def test_planes_are_found_over_and_under_segmented_as_sets_of_points_say(load):
         assert scores == pytest.approx(planes_by_loops(surface, labels), abs=1e-4)
         seen.append(list(scores.values()))
     assert (np.ptp(seen, axis=0) > 0.3).all()  # each share takes small and large values
-
-
-def test_a_table_is_scored_by_the_overlap_of_its_largest_region(load):
-    agreement, surface = load("_region_clouds").agreement, np.repeat([1, -1], [80, 20])
-    labels = np.repeat([0, 1, 1, -1], [60, 20, 10, 10])
-    assert agreement(surface, labels) == pytest.approx(60 / 80)
-    assert agreement(surface, np.repeat([0, -1], [90, 10])) == pytest.approx(80 / 90)
-    assert agreement(surface, np.full(100, -1)) == 0

@@ -83,13 +83,5 @@ def test_the_check_lists_ages_and_fails_where_a_commit_is_not_in_the_history(his
     assert capsys.readouterr().out.splitlines()[-1].endswith("0123abc      no such commit")
 
 
-def test_the_check_says_that_a_shallow_clone_cannot_tell(history, tmp_path_factory, capsys):
-    clone = tmp_path_factory.mktemp("clone") / "shallow"
-    git(history, "clone", "--quiet", "--depth", "1", history.as_uri(), clone)
-    (clone / "page.rst").write_text("Measured at ``0123abc`` (all).\n\n")
-    assert main(["--check"], clone, PAGE) == 0
-    assert "not checked: this clone has not all commits" in capsys.readouterr().out
-
-
 def test_what_has_to_pass_has_the_check():
     assert "python benchmarks/figures.py --check" in (ROOT / ".ci" / "run").read_text()
