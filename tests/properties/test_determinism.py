@@ -21,6 +21,8 @@ CHUNKS = {
     "ORDER_FROM": 100,
 }
 
+# Modules whose chunks are of neighbors: ten times as many are those of some 20 points.
+OF_NEIGHBORS = ("_local_planes", "_crease_distance", "_assign_points", "_narrow_faces")
 RANSAC = repr(PlaneOutlierDetector(random_state=0))  # which is not compiled
 SLOW = pytest.mark.slow
 
@@ -37,7 +39,8 @@ def small_chunks(monkeypatch, name, size):
     patched = set()
     for module in [m for name, m in sys.modules.items() if name.startswith("sklearn_mcmd.")]:
         for constant in CHUNKS.keys() & vars(module).keys():
-            monkeypatch.setattr(module, constant, CHUNKS[constant])
+            times = 10 if module.__name__.endswith(OF_NEIGHBORS) else 1
+            monkeypatch.setattr(module, constant, times * CHUNKS[constant])
             patched.add(constant)
     assert patched == CHUNKS.keys()
 
