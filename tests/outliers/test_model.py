@@ -64,7 +64,7 @@ def oracle_cloud(kind):
     return street
 
 
-FORM = {"n_neighbors": 30, "max_outlier_rate": 0.2}
+FORM = {"n_neighbors": 30, "max_outlier_rate": 0.1}
 
 
 @pytest.fixture(
