@@ -1,8 +1,9 @@
 """scikit-learn's own checks, on the fewest configurations that take every branch."""
 
 import pytest
-from sklearn.utils.estimator_checks import parametrize_with_checks
+from sklearn.utils.estimator_checks import check_param_validation, parametrize_with_checks
 
+from public import ESTIMATORS
 from sklearn_mcmd import (
     MCMDOutlierDetector,
     RegionGrowing,
@@ -64,3 +65,9 @@ def compiles(estimator, check):
 )
 def test_estimators_follow_the_conventions(estimator, check):
     check(estimator)
+
+
+@pytest.mark.parametrize("kind", dict.fromkeys(map(type, ESTIMATORS.values())))
+def test_parameters_out_of_range_are_refused_by_name(kind):
+    """By the ranges that are declared; `cli/test_options.py` has the limits themselves."""
+    check_param_validation(kind.__name__, kind())

@@ -178,10 +178,8 @@ def test_a_spanning_tree_orients_closed_surfaces_outward(shift):
         ({"sensor_origin": [0, 0, 9]}, "orientation is not"),
         ({"orientation": [0, 0, 0]}, "must not be zero"),
         ({"orientation": [0, 1]}, r"orientation must have shape \(3,\)"),
-        ({"orientation": "up"}, "'orientation' parameter"),
         ({"orientation": "sensor", "sensor_origin": [0, 0, np.nan]}, "sensor_origin contains NaN"),
         ({"orientation": "sensor", "sensor_origin": [0, 0]}, r"sensor_origin must be .* shape"),
-        ({"radius": 0}, "'radius' parameter"),
         ({"radius": 1.0, "n_neighbors": None}, "radius=1.0 has no meaning with n_neighbors=None"),
     ],
 )

@@ -174,16 +174,8 @@ def test_more_neighbors_than_points_means_all_points_with_a_warning():
             ZEROS,
             r"false_positive_rate=0\.01 and contamination=0\.1 exclude",
         ),
-        *(
-            ({name: value}, ZEROS, f"'{name}' parameter")
-            for name, value in [
-                *(("n_neighbors", 0), ("n_neighbors", 9.5), ("method", "pca"), ("cutoff", -1)),
-                *(("support_fraction", 0.0), ("max_outlier_rate", 1.0), ("reweight", "mm")),
-                *(("success_probability", 1.0), ("strictness", "all"), ("noise_scale", 0.0)),
-                *(("noise_scale", "local"), ("contamination", 0.0), ("contamination", 0.6)),
-                ("false_positive_rate", 0.5),
-            ]
-        ),
+        ({"support_fraction": 0.0}, ZEROS, "'support_fraction' parameter"),
+        ({"success_probability": 1.0}, ZEROS, "'success_probability' parameter"),
     ],
 )
 def test_bad_input_is_named(parameters, X, message):

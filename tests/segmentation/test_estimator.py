@@ -175,25 +175,6 @@ def test_columns_that_are_not_the_transformers_are_refused(street):
             RegionGrowing(normals="precomputed").fit(wrong)
 
 
-@pytest.mark.parametrize(
-    ("params", "message"),
-    [
-        ({"max_angle": 0}, "max_angle"),
-        ({"max_angle": 91}, "max_angle"),
-        ({"max_distance": -1.0}, "max_distance"),
-        ({"max_gap": 0.0}, "max_gap"),
-        ({"refine": 0.5}, "refine"),
-        ({"min_region_size": 0}, "min_region_size"),
-        ({"n_neighbors": 1}, "n_neighbors"),
-        ({"normals": "given"}, "normals"),
-        ({"normal_estimator": "pca"}, "normal_estimator"),
-    ],
-)
-def test_parameters_out_of_range_are_refused_by_name(params, message):
-    with pytest.raises(ValueError, match=message):
-        RegionGrowing(**params).fit(np.eye(5))
-
-
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_a_handful_of_precomputed_points_gets_an_answer(street, n):
     labels = RegionGrowing(normals="precomputed", min_region_size=1).fit_predict(street[1][:n])
