@@ -47,6 +47,7 @@ SMOKE = [
     ("bench_normals", "streets --size 1500 --seeds 1", "true planes"),
     ("bench_normals", "halves --data {data}", "auto, error"),
     ("bench_real", "--data {data} --clouds ball large --methods default radius", "worst"),
+    ("bench_real", "--panel --data {data} --output {data}", "worse by"),
     ("bench_segmentation", "roofs --sizes 300 --creases 30 --noises 0.1 --seeds 1", "barrel"),
     ("bench_segmentation", "peers --methods --output {data}/none.json", "CGAL growing, 20"),
     ("figures", "", "docs/view.rst"),
@@ -70,24 +71,6 @@ SLOW = [
 def test_a_script_runs_and_prints_its_table(script, arguments, shown, load, data, capsys):
     load(script).main(arguments.format(data=data).split())
     assert shown in capsys.readouterr().out
-
-
-def test_the_panel_shows_the_worst_change_first(load, data, tmp_path, monkeypatch, capsys):
-    script, stored = load("bench_real"), tmp_path / "panel.csv"
-    monkeypatch.setattr(load("_panel"), "STORED", stored)
-    arguments = ["--panel", "--data", str(data), "--output", str(tmp_path)]
-    script.main(arguments)
-    lines = stored.read_text().splitlines()
-    assert capsys.readouterr().out.split()[-1] == "nan"  # nothing to compare with
-    cloud, told, side, kind, points, percent = lines[-1].split(",")
-    assert (side, kind) == ("lost", "among errors")
-    lines[-1] = ",".join([cloud, told, side, kind, points, "-7"])
-    stored.write_text("\n".join(lines))
-    script.main(arguments)
-    worst = capsys.readouterr().out.split("worse by\n")[1].splitlines()[0].split()
-    changed = [f"{float(number):.2f}" for number in (percent, -7, float(percent) + 7)]
-    assert worst == [cloud, told, side, *kind.split(), f"{int(points):,}", *changed]
-    assert stored.read_text().splitlines()[-1].endswith(percent)
 
 
 def test_each_script_runs_here_or_is_named_by_figures(load):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 ROOT = Path(__file__).resolve().parents[1]
 if not (ROOT / "benchmarks").is_dir():
@@ -85,32 +84,6 @@ def test_flakes_are_counted_as_found_and_as_wrongly_flagged(load):
     scores = load("_public_measures").snow_scores(frame, flagged)
     assert scores == pytest.approx({"precision": 75, "recall": 75, "F1": 75, "others lost": 6.25})
     assert load("_public_measures").snow_scores(frame, snow & False)["F1"] == 0
-
-
-def test_shapes_are_those_of_each_list_with_their_judged_rows(load, tmp_path):
-    rng = np.random.default_rng(0)
-    for name, list_name in (("a", "testset_no_noise"), ("a_noisy", "testset_high_noise")):
-        (tmp_path / f"{list_name}.txt").write_text(f"{name}\n")
-        np.savetxt(tmp_path / f"{name}.xyz", rng.random((9, 3)))
-        np.savetxt(tmp_path / f"{name}.normals", 2 * np.eye(3)[np.arange(9) % 3])
-        np.savetxt(tmp_path / f"{name}.pidx", [7, 2], fmt="%d")
-    clean, noisy = load("_public_data").shapes(tmp_path)
-    assert (clean.kind, noisy.kind) == ("no noise", "1.2 %")
-    assert_array_equal(clean.rows, [7, 2])
-    assert_array_equal(clean.normals[:3], np.eye(3))
-
-
-def test_frames_have_the_sensor_at_the_origin_and_flakes_by_the_low_bits(load, tmp_path):
-    points = np.random.default_rng(0).random((6, 4)).astype("<f4")
-    label = np.array([110, 111, 110, 40, 0, 110], dtype="<u4") + (7 << 16)
-    for folder in ("velodyne", "labels"):
-        (tmp_path / "sequences" / "11" / folder).mkdir(parents=True)
-    points.tofile(tmp_path / "sequences/11/velodyne/000001.bin")
-    label.tofile(tmp_path / "sequences/11/labels/000001.label")
-    (frame,) = load("_public_data").frames(tmp_path)
-    assert_array_equal(frame.X, points[:, :3])
-    assert_array_equal(frame.intensity, points[:, 3])
-    assert_array_equal(np.flatnonzero(frame.snow), [0, 2, 5])
 
 
 def roofs(folder):
