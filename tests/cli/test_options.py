@@ -92,6 +92,7 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("change", "--reach", ["0"]),
         ("change", "--alpha", ["0", "1"]),
         ("plane", "--sigma0", ["0", "-1", "nan", "5mm"]),
+        ("plane", "--toward", ["2,-10", "up"]),
         ("plane", "--alpha", ["0", "1"]),
         ("plane", "--tolerance", ["0", "-1", "nan"]),
         ("info", "--columns", ["x=a,y=b,z", "a=x", "x=1,x=2,y=3"]),
