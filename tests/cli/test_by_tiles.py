@@ -105,7 +105,7 @@ def test_a_dry_run_shows_the_plan_reads_no_positions_and_writes_nothing(
 @pytest.mark.parametrize(
     ("verb", "options"),
     [
-        ("normals", ("--features", "all", "--n-neighbors", "auto")),
+        ("normals", ("--n-neighbors", "auto")),
         ("denoise", ("--sensor", "0,0,0", "--n-neighbors", 60)),
         ("segment", ("--n-neighbors", 60, "--regions", "table.csv")),
     ],

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from sklearn import config_context
-from sklearn.pipeline import make_pipeline
 
 from reference import plane, saliency
 from scenes import sphere
@@ -148,15 +146,6 @@ def test_one_neighborhood_looks_to_where_the_sensor_was(corridor):
     fitted = RobustNormalEstimator(None, **MOVED).fit(X, sensor_origin=origins)
     assert_array_equal(np.sign(fitted.normals_[:, 2]), np.sign(origins[:, 2]))
     assert_array_equal(fitted.transform(X)[:, 3:6], fitted.normals_)
-
-
-def test_positions_pass_through_a_pipeline_as_metadata(corridor):
-    X, origins = corridor
-    with config_context(enable_metadata_routing=True):
-        estimator = RobustNormalEstimator(20, **MOVED).set_fit_request(sensor_origin=True)
-        columns = make_pipeline(estimator).fit_transform(X, sensor_origin=origins)
-    expected = RobustNormalEstimator(20, **MOVED).fit_transform(X, sensor_origin=origins)
-    assert_array_equal(columns, expected)
 
 
 @pytest.mark.parametrize("shift", [0.0, 1e6])

@@ -151,14 +151,6 @@ def test_single_precision_queries_are_measured_with_their_own_rounding():
     assert (detector.predict(X.astype(np.float32)) == 1).all()
 
 
-def test_more_neighbors_than_points_means_all_points_with_a_warning():
-    X, _ = wall_with_car(40)
-    with pytest.warns(UserWarning, match="distinct points, 42 of n_samples=42"):
-        detector = MCMDOutlierDetector(50, random_state=0).fit(X)
-    assert detector.n_neighbors_ == 42
-    assert detector.n_support_ == 21
-
-
 @pytest.mark.parametrize(
     ("parameters", "X", "message"),
     [
