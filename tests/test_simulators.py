@@ -8,7 +8,6 @@ from benchmarks import simulators
 from benchmarks.simulators._scans import YARD
 from sklearn_mcmd import datasets
 from sklearn_mcmd.datasets._surfaces import Foliage
-from sklearn_mcmd.io import PointCloud, sensor_origins
 
 LINES = {"sampling": "scan_lines", "tree": True}
 FIFTH = {"outlier_share": 0.2}
@@ -61,13 +60,6 @@ def test_a_turn_has_points_where_beams_first_meet_the_yard_and_outliers_before()
     silent = ~scan.data.any(axis=1)
     assert 100 < silent.sum() < 350
     assert not silent[regular].any()
-
-
-def test_times_and_trajectory_say_where_the_sensor_was():
-    scan = simulators.make_mobile_scan(5_000, random_state=0)
-    positions = sensor_origins(PointCloud(scan.data, {"gps_time": scan.gps_time}), scan.trajectory)
-    assert np.abs(positions - scan.sensor_origins).max() < 1e-9
-    assert np.ptp(positions[:, 0]) > 19
 
 
 def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth():
