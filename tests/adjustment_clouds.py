@@ -28,6 +28,14 @@ def tilted_plane(tilt, noise, n=2000, size=(8, 3)):
     return X + rng.normal(0, noise, (n, 3))
 
 
+def slope(n=40, noise=0.01, seed=0):
+    """A plane that rises by .3 along x and falls by .2 along y."""
+    rng = np.random.default_rng(seed)
+    X = np.column_stack([rng.uniform(0, 5, (n, 2)), rng.normal(0, noise, n)])
+    X[:, 2] += X[:, :2] @ [0.3, -0.2]
+    return X
+
+
 def plane_with_outliers(n=400, k=40, size=10.0, seed=0, sigma=1.0):
     rng = np.random.default_rng(seed)
     X = np.column_stack([rng.uniform(0, 10, (n, 2)), np.zeros(n)])

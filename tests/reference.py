@@ -27,16 +27,11 @@ def plane(points):
     return mean, eigenvalues, eigenvectors
 
 
-def rank(points):
-    centered = points - points.mean(axis=0)
-    singular = np.linalg.svd(centered, compute_uv=False)
-    return int(np.sum(singular > 1e-6 * singular[0])) if singular[0] > 0 else 0
-
-
-def normal_through(points):
-    """Normal of the plane of a minimal subset, by the decomposition that loses least."""
-    _, _, axes = np.linalg.svd(points - points.mean(axis=0))
-    return axes[-1]
+def rank_and_normal(points):
+    """Rank of a minimal subset, and the normal of its plane by the decomposition that loses
+    least."""
+    _, singular, axes = np.linalg.svd(points - points.mean(axis=0))
+    return int(np.sum(singular > 1e-6 * singular[0])) if singular[0] > 0 else 0, axes[-1]
 
 
 def consistent_set(points, trials, h):
@@ -48,10 +43,9 @@ def consistent_set(points, trials, h):
     for row in trials:
         row = [p for p in row if p < k]
         m = d
-        while rank(points[row[:m]]) < d - 1 and m < k:
+        while (found := rank_and_normal(subset := points[row[:m]]))[0] < d - 1 and m < k:
             m = min(m + max(1, m // 2), k)
-        subset = points[row[:m]]
-        normal = normal_through(subset)
+        normal = found[1]
         distances = np.abs((points - subset.mean(axis=0)) @ normal)
         # Equal to rounding is equal: the earlier member first.
         order = np.argsort(np.round(distances / radius * 2**29), kind="stable")

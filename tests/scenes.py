@@ -49,6 +49,13 @@ def sphere(n, noise=0.0, seed=0):
     return N + rng.normal(0, noise, (n, 3)), N
 
 
+def ball(n, center, radius, rng):
+    """Points spread evenly in a ball."""
+    directions = rng.normal(size=(n, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.asarray(center) + radius * np.cbrt(rng.random((n, 1))) * directions
+
+
 def cylinder(n, noise):
     """A pipe of radius 1 and length 6: points and normals."""
     rng = np.random.default_rng(0)

@@ -1,12 +1,10 @@
 """scikit-learn's own checks, on the fewest configurations that take every branch."""
 
-import numpy as np
 import pytest
-from sklearn.utils.estimator_checks import parametrize_with_checks
+from sklearn.utils.estimator_checks import check_param_validation, parametrize_with_checks
 
+from public import ESTIMATORS
 from sklearn_mcmd import (
-    BaardaPlaneDetector,
-    FuzzyPlaneDetector,
     MCMDOutlierDetector,
     RegionGrowing,
     RobustNormalEstimator,
@@ -19,11 +17,7 @@ FEW = {"n_neighbors": 20, "max_outlier_rate": 0.2}
 NORMALS = RobustNormalEstimator(**FEW, random_state=0)
 
 
-# Checks of ten features ask for more trials than are made.
-@pytest.mark.filterwarnings(
-    "ignore:max_outlier_rate=.* in 10D asks for", "ignore:strictness=.* in 10D finds few"
-)
-@parametrize_with_checks(
+CHECKS = parametrize_with_checks(
     [
         MCMDOutlierDetector(),
         MCMDOutlierDetector(
@@ -50,32 +44,30 @@ NORMALS = RobustNormalEstimator(**FEW, random_state=0)
             outlier_detector="passthrough",
             normal_estimator=RobustNormalEstimator(**FEW, features=["removed_fraction"]),
         ),
-    ],
+    ]
+)
+
+
+def compiles(estimator, check):
+    """Whether curvatures or creases are compiled anew: of arrays that are read only."""
+    dear = getattr(estimator, "features", None) == "all" or hasattr(estimator, "min_angle")
+    return dear and "readonly_memmap=True" in str(check)
+
+
+# Checks of ten features ask for more trials than are made.
+@pytest.mark.filterwarnings(
+    "ignore:max_outlier_rate=.* in 10D asks for", "ignore:strictness=.* in 10D finds few"
+)
+@pytest.mark.parametrize(
+    CHECKS.args[0],
+    [pytest.param(*case, marks=[pytest.mark.slow] * compiles(*case)) for case in CHECKS.args[1]],
+    ids=CHECKS.kwargs["ids"],
 )
 def test_estimators_follow_the_conventions(estimator, check):
     check(estimator)
 
 
-@pytest.mark.parametrize(
-    "detector",
-    [
-        MCMDOutlierDetector(20, random_state=0),
-        MCMDOutlierDetector(20, strictness="surfaces", contamination=0.1, random_state=0),
-        PlaneOutlierDetector(20, random_state=0),
-        PlaneOutlierDetector(20, method="qsp", contamination=0.1, random_state=0),
-        SharpFeatureDetector(20, random_state=0),
-        BaardaPlaneDetector(sigma0="auto"),
-        FuzzyPlaneDetector(sigma0="auto"),
-    ],
-)
-def test_labels_of_the_fitted_cloud_are_those_that_fit_predict_returns(detector):
-    rng = np.random.default_rng(0)
-    X = rng.uniform(size=(400, 3)) * [4, 4, 0]
-    X[:, 2] = 2 * np.maximum(X[:, 0] - 3, 0) + rng.normal(0, 0.01, 400)
-    X[:20, 2] += rng.uniform(1, 3, 20)
-    assert not hasattr(detector, "labels_")
-    labels = detector.fit_predict(X)
-    assert set(labels) == {-1, 1}
-    np.testing.assert_array_equal(detector.labels_, labels)
-    assert detector.labels_.dtype == labels.dtype
-    np.testing.assert_array_equal(detector.predict(X), labels)
+@pytest.mark.parametrize("kind", dict.fromkeys(map(type, ESTIMATORS.values())))
+def test_parameters_out_of_range_are_refused_by_name(kind):
+    """By the ranges that are declared; `cli/test_options.py` has the limits themselves."""
+    check_param_validation(kind.__name__, kind())

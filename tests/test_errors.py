@@ -73,6 +73,7 @@ def test_neighborhoods_of_all_points_of_a_small_cloud_are_taken_with_a_warning(n
     whole = MCMDOutlierDetector(200, random_state=0).fit(X)
     with pytest.warns(UserWarning, match="neighborhoods of all of them are used"):
         bounded = MCMDOutlierDetector(n_neighbors, random_state=0).fit(X)
+    assert (bounded.n_neighbors_, bounded.n_support_) == (200, 100)
     np.testing.assert_array_equal(bounded.scores_, whole.scores_)
 
 

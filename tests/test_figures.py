@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.figures import RESULTS, main, measurements
+from benchmarks.figures import RESULTS, measurements
 
 ROOT = Path(__file__).resolve().parents[1]
 GIT = ["git", "-C", str(ROOT)]
@@ -51,44 +51,6 @@ def test_every_picture_has_a_command_and_every_page_of_evidence_its_commits():
             assert measurements(path, ROOT), path
     folders = {part for _, parts, *_ in RESULTS for part in parts.split()}
     assert all((ROOT / "sklearn_mcmd" / part).is_dir() for part in folders)
-
-
-@pytest.fixture
-def history(tmp_path):
-    """A repository whose page was measured two commits ago, and a commit that nobody has."""
-    (tmp_path / "sklearn_mcmd" / "planes").mkdir(parents=True)
-    git(tmp_path, "init", "--quiet")
-    for i in range(3):
-        (tmp_path / "sklearn_mcmd" / "planes" / "rule.py").write_text(str(i))
-        git(tmp_path, "add", ".")
-        author = ["-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false"]
-        git(tmp_path, *author, "commit", "--quiet", "-m", str(i))
-    measured = git(tmp_path, "rev-list", "--max-parents=0", "HEAD")[:7]
-    (tmp_path / "page.rst").write_text(f"Measured at ``{measured}`` (all).\n\n")
-    return tmp_path
-
-
-def git(folder, *arguments):
-    return subprocess.run(["git", "-C", folder, *arguments], check=True, **TEXT).stdout
-
-
-PAGE = [("page.rst", "planes", "bench.py")]
-
-
-def test_the_check_lists_ages_and_fails_where_a_commit_is_not_in_the_history(history, capsys):
-    assert main(["--check"], history, PAGE) == 0  # age is no failure
-    assert capsys.readouterr().out.splitlines()[-1].endswith("2 in planes")
-    (history / "page.rst").write_text("Measured at ``0123abc`` (all).\n\n")
-    assert main(["--check"], history, PAGE) == 1
-    assert capsys.readouterr().out.splitlines()[-1].endswith("0123abc      no such commit")
-
-
-def test_the_check_says_that_a_shallow_clone_cannot_tell(history, tmp_path_factory, capsys):
-    clone = tmp_path_factory.mktemp("clone") / "shallow"
-    git(history, "clone", "--quiet", "--depth", "1", history.as_uri(), clone)
-    (clone / "page.rst").write_text("Measured at ``0123abc`` (all).\n\n")
-    assert main(["--check"], clone, PAGE) == 0
-    assert "not checked: this clone has not all commits" in capsys.readouterr().out
 
 
 def test_what_has_to_pass_has_the_check():

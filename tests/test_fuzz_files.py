@@ -37,17 +37,3 @@ def test_broken_files_are_read_or_have_one_clear_line(reader, tmp_path):
         if (fault := fuzzer.fault_of(read_and_count, documented, path)) is not None:
             raise fault
     assert 0 < n_read < n or (reader == "store" and n_read == n)  # which suppresses its errors
-
-
-def test_what_is_no_clear_line_is_a_fault():
-    def fails(error):
-        def read(path):
-            raise error
-
-        return fuzzer.fault_of(read, ValueError, None)
-
-    short = ValueError("not enough memory")
-    short.__cause__ = MemoryError()
-    assert fails(ValueError("one line")) is None
-    for error in (ValueError(""), ValueError("two\nlines"), short, KeyError("x"), SystemExit()):
-        assert fails(error) is error

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 ROOT = Path(__file__).resolve().parents[1]
 if not (ROOT / "benchmarks").is_dir():
@@ -64,12 +63,6 @@ def test_roofs_whose_faces_are_known_have_known_scores(score_roof, kind):
     assert scores == pytest.approx(dict(zip(NAMES, expected, strict=True)))
 
 
-def test_roofs_of_one_face_have_no_ari_and_nothing_found_is_zero(score_roof):
-    assert np.isnan(score_roof([1, 1, 1, 1], [0, 0, 0, 1])["ARI"])
-    nothing = score_roof(np.repeat([1, 2], 10), np.full(20, -1))
-    assert (nothing["precision"], nothing["recall"], nothing["mean IoU"]) == (0, 0, 0)
-
-
 def test_normals_that_are_off_by_known_angles_have_known_scores(load):
     off = np.radians([0.0, 6, 20, 40])
     normals = np.column_stack([np.sin(off), np.zeros(4), np.cos(off)])
@@ -91,59 +84,6 @@ def test_flakes_are_counted_as_found_and_as_wrongly_flagged(load):
     scores = load("_public_measures").snow_scores(frame, flagged)
     assert scores == pytest.approx({"precision": 75, "recall": 75, "F1": 75, "others lost": 6.25})
     assert load("_public_measures").snow_scores(frame, snow & False)["F1"] == 0
-
-
-def test_roofs_are_read_from_arrays_and_from_texts_alike(load, tmp_path):
-    X = np.random.default_rng(0).random((30, 3)).round(6)
-    building, plane = np.repeat([3, 8], 15), np.tile([1, 2, -1], 10)
-    for name in ("arrays", "texts"):
-        (tmp_path / name).mkdir()
-    np.savez(tmp_path / "arrays" / "roofs.npz", xyz=X, building=building, plane=plane)
-    for i, number in enumerate((3, 8)):
-        table = np.column_stack([X, np.zeros(30), plane])[building == number]
-        np.savetxt(tmp_path / "texts" / f"scene_00{i}.txt", table, header="x y z pred gt")
-    read = load("_public_data").roofs
-    for one, other in zip(read(tmp_path / "arrays"), read(tmp_path / "texts"), strict=True):
-        assert_array_equal(one.X, other.X)
-        assert_array_equal(one.plane, other.plane)
-
-
-def test_shapes_are_those_of_each_list_with_their_judged_rows(load, tmp_path):
-    rng = np.random.default_rng(0)
-    for name, list_name in (("a", "testset_no_noise"), ("a_noisy", "testset_high_noise")):
-        (tmp_path / f"{list_name}.txt").write_text(f"{name}\n")
-        np.savetxt(tmp_path / f"{name}.xyz", rng.random((9, 3)))
-        np.savetxt(tmp_path / f"{name}.normals", 2 * np.eye(3)[np.arange(9) % 3])
-        np.savetxt(tmp_path / f"{name}.pidx", [7, 2], fmt="%d")
-    clean, noisy = load("_public_data").shapes(tmp_path)
-    assert (clean.kind, noisy.kind) == ("no noise", "1.2 %")
-    assert_array_equal(clean.rows, [7, 2])
-    assert_array_equal(clean.normals[:3], np.eye(3))
-
-
-def test_a_shape_alone_gets_the_noise_of_the_benchmark(load, tmp_path):
-    X = np.random.default_rng(0).random((20_000, 3))
-    sure = np.arange(len(X)) > 4
-    np.savez(tmp_path / "cube.npz", xyz=X, normals=np.tile([0, 0, 2.0], (len(X), 1)), known=sure)
-    shares = []
-    for shape in load("_public_data").shapes(tmp_path):
-        shares.append(100 * np.std(shape.X - X) / np.sqrt(3))  # the box is 1 by 1 by 1
-        assert len(np.unique(shape.rows)) == 5000
-        assert shape.rows.min() > 4
-    assert shares == pytest.approx([0, 0.12, 0.6, 1.2], rel=0.02)
-
-
-def test_frames_have_the_sensor_at_the_origin_and_flakes_by_the_low_bits(load, tmp_path):
-    points = np.random.default_rng(0).random((6, 4)).astype("<f4")
-    label = np.array([110, 111, 110, 40, 0, 110], dtype="<u4") + (7 << 16)
-    for folder in ("velodyne", "labels"):
-        (tmp_path / "sequences" / "11" / folder).mkdir(parents=True)
-    points.tofile(tmp_path / "sequences/11/velodyne/000001.bin")
-    label.tofile(tmp_path / "sequences/11/labels/000001.label")
-    (frame,) = load("_public_data").frames(tmp_path)
-    assert_array_equal(frame.X, points[:, :3])
-    assert_array_equal(frame.intensity, points[:, 3])
-    assert_array_equal(np.flatnonzero(frame.snow), [0, 2, 5])
 
 
 def roofs(folder):
@@ -168,23 +108,6 @@ def test_the_command_prints_ours_peers_what_is_left_out_and_what_is_printed(
     assert rows["sklearn_mcmd"]["faces off by"] == "0.000"
     assert rows["Open3D patches"]["ARI"] == "not installed"
     assert rows["printed: network, trees"]["ARI"] == "0.875"
-
-
-def test_an_empty_folder_is_refused(load, tmp_path):
-    with pytest.raises(FileNotFoundError, match="holds none of the files"):
-        load("bench_public").main(["wads", str(tmp_path)])
-
-
-def test_snow_filters_keep_what_is_as_dense_as_beams_and_take_what_is_alone(load):
-    """A wall at 30 m with a beam each .2 degrees, and a flake at 5 m."""
-    methods, data = load("_public_methods"), load("_public_data")
-    angle = np.radians(np.arange(-10, 10, 0.2))
-    rays = np.stack(np.meshgrid(angle, angle), axis=-1).reshape(-1, 2)
-    wall = 30 * np.column_stack([np.ones(len(rays)), np.tan(rays)])
-    X, snow = np.vstack([wall, [[5, 0, 0]]]), np.arange(len(wall) + 1) == len(wall)
-    frame = data.Frame("all", X, np.where(snow, 0.0, 9.0), snow)
-    for name in ("DROR", "DSOR", "LIOR-like", "10 over range"):
-        assert_array_equal(methods.SNOW[name].run(frame), snow, err_msg=name)
 
 
 @pytest.mark.parametrize("name", ["roofs_ntnu", "pcpnet", "wads"])

@@ -5,24 +5,30 @@ import pytest
 from numpy.testing import assert_allclose
 
 from benchmarks import simulators
-from benchmarks.simulators._furniture import _bus_stop, _traffic_furniture
 from benchmarks.simulators._scans import YARD
 from sklearn_mcmd import datasets
-from sklearn_mcmd.datasets._surfaces import Cylinder, Foliage, Patch
-from sklearn_mcmd.io import PointCloud, sensor_origins
+from sklearn_mcmd.datasets._surfaces import Foliage
 
 LINES = {"sampling": "scan_lines", "tree": True}
 FIFTH = {"outlier_share": 0.2}
-SUMMED = ("data", "normals", "noise_scale", "outlier_kind", "surface")
+SUMMED = ("data", "normals", "noise_scale", "outlier_kind", "surface", "edge_distance")
 SEEDS = [  # and sums of these, in which rows weigh from 1 to 2
-    ("make_street", {}, (37499.993046, 5498.326097, 29.9975, 1521.2185, 13828.8275)),
-    ("make_street", LINES, (34038.893838, 5209.8262094, 29.9975, 1521.2185, 16001.03375)),
+    ("make_street", {}, (37499.993046, 5498.326097, 29.9975, 1521.2185, 13828.8275, 4560.9097509)),
+    (
+        "make_street",
+        LINES,
+        (34038.893838, 5209.8262094, 29.9975, 1521.2185, 16001.03375, 5129.9962104),
+    ),
     (
         "make_traffic_furniture",
         FIFTH,
-        (52320.318932, 5017.9445144, 29.9975, 3003.517, 14828.7725),
+        (52320.318932, 5017.9445144, 29.9975, 3003.517, 14828.7725, 4923.3090735),
     ),
-    ("make_bus_stop", FIFTH, (52068.627634, 4862.7222317, 29.9975, 3003.517, 27187.28225)),
+    (
+        "make_bus_stop",
+        FIFTH,
+        (52068.627634, 4862.7222317, 29.9975, 3003.517, 27187.28225, 3917.8009173),
+    ),
 ]
 
 
@@ -56,13 +62,6 @@ def test_a_turn_has_points_where_beams_first_meet_the_yard_and_outliers_before()
     assert not silent[regular].any()
 
 
-def test_times_and_trajectory_say_where_the_sensor_was():
-    scan = simulators.make_mobile_scan(5_000, random_state=0)
-    positions = sensor_origins(PointCloud(scan.data, {"gps_time": scan.gps_time}), scan.trajectory)
-    assert np.abs(positions - scan.sensor_origins).max() < 1e-9
-    assert np.ptp(positions[:, 0]) > 19
-
-
 def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth():
     step, down = 0.01, np.radians(8)  # not the default
     scan = simulators.make_depth_frame(20_000, step=step, random_state=0)
@@ -70,43 +69,3 @@ def test_depths_are_levels_whose_steps_grow_with_the_square_of_depth():
     level = 1 / (step * depth)
     assert_allclose(level, np.round(level), atol=1e-9)
     assert len(np.unique(np.round(level))) > 20
-
-
-@pytest.mark.parametrize(
-    ("name", "n_surfaces", "n_round", "least"),
-    [("make_traffic_furniture", 21, 11, 20), ("make_bus_stop", 31, 10, 40)],
-)
-def test_roadside_scenes_have_the_surfaces_of_the_papers(name, n_surfaces, n_round, least):
-    cloud = getattr(simulators, name)(random_state=0)
-    names, counts = np.unique(cloud.surface[cloud.surface >= 0], return_counts=True)
-    assert (len(names), counts.min() >= least) == (n_surfaces, True)
-    parts = {"make_bus_stop": _bus_stop, "make_traffic_furniture": _traffic_furniture}[name]().parts
-    round_parts = [part.name for part in parts if isinstance(part, Cylinder)]
-    assert len(set(round_parts) - {"road"}) == n_round
-
-
-@pytest.mark.parametrize("scene_of", [_traffic_furniture, _bus_stop])
-def test_wherever_two_surfaces_meet_both_have_an_edge(scene_of):
-    parts = [p for p in scene_of().parts if not isinstance(p, Foliage)]
-    rng, met = np.random.default_rng(0), 0
-    for part in parts:
-        points = part.sample(2_000, rng)
-        for foot in getattr(part, "circles", ()):
-            # Inside a pole's foot no point is ever seen.
-            if isinstance(part, Patch):
-                away = np.linalg.norm(points[:, :2] - foot.center[:2], axis=1) > foot.radius
-                points = points[away]
-        for other in parts:
-            if other is part:
-                continue
-            near = points[other.distance(points) < 0.01]
-            if len(near) and not _hidden(part, other):
-                met += 1
-                assert part.edge_distance(near).max() < 0.025, (part.name, other.name)
-    assert met > 20
-
-
-def _hidden(part, other):
-    """Contacts out of the scanner's sight: under an umbrella, in the foliage."""
-    names = {part.name, other.name}
-    return any("panel" in n for n in names) and any(n.endswith("_pole") for n in names)

@@ -18,7 +18,7 @@ from sklearn_mcmd.adjustment import FuzzyPlaneDetector, _effects
 )
 def test_labels_and_limits_are_those_of_the_matrix_form(surface, weighting, test, width):
     flagged = 0
-    for seed in range(40):
+    for seed in range(16):
         X, p = random_case(seed)
         options = {"width": width, "weighting": weighting, "surface": surface, "test": test}
         expected = reference.fuzzy(X, p, alpha=0.15, **options)
@@ -37,7 +37,7 @@ def test_labels_and_limits_are_those_of_the_matrix_form(surface, weighting, test
                 detector.defuzzification_limit_, 1 - expected["complement"], rtol=1e-6, atol=1e-8
             )
             flagged += (expected["labels"] == -1).sum()
-    assert flagged > 100
+    assert flagged > 30
 
 
 def test_many_regressors_go_without_a_hull_and_agree():

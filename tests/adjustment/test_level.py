@@ -66,8 +66,7 @@ def test_the_global_test_of_a_given_sigma0_is_the_tail_of_chi_squared():
     assert BaardaPlaneDetector(sigma0=0.4).fit(X).global_test_pvalue_ > 1 - 1e-9
 
 
-@pytest.mark.parametrize("sigma0", [0.004, "auto"])
-@pytest.mark.parametrize("n", [10, 50])
+@pytest.mark.parametrize(("n", "sigma0"), [(10, "auto"), (50, 0.004)])
 def test_one_clean_plane_in_twenty_has_a_point_that_a_corrected_fuzzy_test_flags(n, sigma0):
     detector = FuzzyPlaneDetector(sigma0=sigma0, correction="sidak")
     count = sum((detector.fit(X).labels_ == -1).any() for X in planes(n, N_PLANES))

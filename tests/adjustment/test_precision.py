@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
+from adjustment_clouds import slope
 from sklearn_mcmd.adjustment import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._precision import precision_of, quantile
@@ -12,16 +13,9 @@ from sklearn_mcmd.adjustment._precision import precision_of, quantile
 OFFSET = np.array([362_000.0, 5_157_000.0, 100.0])
 
 
-def cloud(n=40, noise=0.01, seed=0, normal=(-0.3, 0.2, 1.0)):
-    rng = np.random.default_rng(seed)
-    X = np.column_stack([rng.uniform(0, 5, (n, 2)), rng.normal(0, noise, n)])
-    X[:, 2] -= X[:, :2] @ np.array(normal[:2]) / normal[2]
-    return X
-
-
 @pytest.mark.parametrize("sigma0", [0.01, "auto"])
 def test_covariances_are_those_of_dense_algebra_also_far_from_the_origin(sigma0):
-    X, move = cloud(), np.eye(4)
+    X, move = slope(), np.eye(4)
     detector = BaardaPlaneDetector(1e-9, sigma0=sigma0)
     near, far = (detector.fit(X + offset).precision() for offset in (0, OFFSET))
     A = np.column_stack([X[:, :2], np.ones(40)])
@@ -108,7 +102,7 @@ def test_ellipses_of_95_percent_hold_95_percent_of_the_normals_of_ten_points(sur
 @pytest.mark.parametrize("width", [1.5, 3.0])
 def test_errors_of_a_strip_as_narrow_as_a_few_deviations_hold(width):
     rng, tilts, heights = np.random.default_rng(0), [], []
-    for _ in range(600):
+    for _ in range(250):
         X = rng.uniform(-1, 1, (200, 3)) * [100, width * np.sqrt(3), 0]
         X += rng.normal(size=X.shape)
         detector = BaardaPlaneDetector(1e-9, sigma0=1.0, surface="orthogonal", correction="none")
@@ -120,14 +114,14 @@ def test_errors_of_a_strip_as_narrow_as_a_few_deviations_hold(width):
         tilts.append(abs(error @ precision.ellipse_axes[:, 0]) / np.radians(precision.ellipse[0]))
         height = abs((rim[0] - detector._fitted.plane.center) @ normal)
         heights.append(height / detector.band(rim, variance="prior")[0][0])
-    assert 0.92 < np.mean(np.array(tilts) < 1.96) < 0.98  # 0.95 is known to 0.009
-    assert 0.92 < np.mean(np.array(heights) < 1) < 0.98
+    assert 0.91 < np.mean(np.array(tilts) < 1.96) < 0.99  # 0.95 is known to 0.014
+    assert 0.91 < np.mean(np.array(heights) < 1) < 0.99
 
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_statsmodels_has_the_same_covariance_and_bands(weighted):
     linear_model = pytest.importorskip("statsmodels.regression.linear_model")
-    X = cloud()
+    X = slope()
     weights = np.random.default_rng(1).uniform(0.5, 2, len(X)) if weighted else np.ones(len(X))
     detector = BaardaPlaneDetector(1e-9, sigma0=0.01).fit(X, weights=weights)
     model = linear_model.WLS(X[:, 2], np.column_stack([X[:, :2], np.ones(len(X))]), weights=weights)
@@ -135,7 +129,7 @@ def test_statsmodels_has_the_same_covariance_and_bands(weighted):
     np.testing.assert_allclose(
         detector.precision("independent").slopes_covariance, fitted.cov_params(), rtol=1e-9
     )
-    places = cloud(5, seed=3)
+    places = slope(5, seed=3)
     told = fitted.get_prediction(np.column_stack([places[:, :2], np.ones(5)]))
     of_plane, of_point = detector.band(places, 0.9, "independent")
     for ours, obs in ((of_plane, False), (of_point, True)):
@@ -144,14 +138,14 @@ def test_statsmodels_has_the_same_covariance_and_bands(weighted):
 
 
 def test_dip_and_its_errors_do_not_depend_on_the_side_of_the_normal():
-    X, both = cloud(), []
+    X, both = slope(), []
     for height in (100.0, -100.0):
         detector = BaardaPlaneDetector(sigma0=0.01, surface="orthogonal", toward=[0, 0, height])
         told = detector.fit(X).precision()
         assert np.sign(detector.normal_[2]) == np.sign(height)
         both.append([told.tilt, told.tilt_error, told.azimuth, told.azimuth_error, told.cone])
     np.testing.assert_allclose(*both, rtol=1e-9)
-    fall = np.degrees(np.arctan2(-0.3, 0.2)) % 360  # that of the normal of `cloud`
+    fall = np.degrees(np.arctan2(-0.3, 0.2)) % 360  # that of the normal of `slope`
     assert both[0][2] == pytest.approx(fall, abs=3)
 
 
@@ -165,13 +159,13 @@ def test_a_horizontal_plane_falls_nowhere_and_may_tilt_to_its_worst_side():
 
 
 def test_what_cannot_be_is_refused():
-    detector = BaardaPlaneDetector(sigma0="auto").fit(cloud())
+    detector = BaardaPlaneDetector(sigma0="auto").fit(slope())
     with pytest.raises(ValueError, match="variance='prior' needs a known sigma0"):
         detector.precision("prior")
     with pytest.raises(ValueError, match=r"'variance' parameter .* Got 'sure'"):
         detector.precision("sure")
     with pytest.raises(ValueError, match="level=95 is no probability"):
-        detector.band(cloud(), 95)
+        detector.band(slope(), 95)
 
 
 def walls(smooth, length=0.4, n_planes=150, n=400, seed=0):
@@ -190,7 +184,7 @@ def walls(smooth, length=0.4, n_planes=150, n=400, seed=0):
     ("smooth", "independent", "covered"), [(0, (0.93, 0.97), 0.93), (2.5, (0.4, 0.6), 0.85)]
 )
 def test_bands_hold_planes_whose_noise_is_alike_nearby(smooth, independent, covered):
-    places, inside = cloud(40)[:, :2] * [0.8, 0.5], {"independent": [], "posterior": []}
+    places, inside = slope(40)[:, :2] * [0.8, 0.5], {"independent": [], "posterior": []}
     places = np.column_stack([places, np.zeros(40)])
     for detector in walls(smooth):
         gap = np.abs(detector.residuals(places))
@@ -226,7 +220,7 @@ def test_errors_of_noise_that_is_alike_are_told_by_the_form_and_a_points_own_noi
     assert told.alike > 1 == plain.alike
     assert told.alike == pytest.approx(told.scale / plain.scale)
     np.testing.assert_allclose(told.ellipse, told.alike * plain.ellipse)
-    X = cloud(5)
+    X = slope(5)
     of_plane, of_point = detector.band(X)
     own = quantile(0.95, detector.dof_) * plain.scale
     np.testing.assert_allclose(of_point**2 - of_plane**2, own**2)

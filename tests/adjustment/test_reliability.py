@@ -3,18 +3,12 @@
 import numpy as np
 import pytest
 
+from adjustment_clouds import slope
 from reference_adjustment import redundancy_matrix
 from sklearn_mcmd.adjustment import BaardaPlaneDetector, noncentrality
 from sklearn_mcmd.adjustment._least_squares import adjust_plane
 
 SIGMA = 0.01
-
-
-def cloud(n=30, seed=0):
-    rng = np.random.default_rng(seed)
-    X = np.column_stack([rng.uniform(0, 5, (n, 2)), rng.normal(0, SIGMA, n)])
-    X[:, 2] += X[:, :2] @ [0.3, -0.2]
-    return X
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +19,7 @@ def weights():
 @pytest.mark.parametrize("test", ["w", "tau", "t"])
 @pytest.mark.parametrize("n", [8, 30, 200])
 def test_a_bias_of_the_detectable_size_is_detected_with_the_power(n, test):
-    X = cloud(n)
+    X = slope(n)
     detector = BaardaPlaneDetector(test=test, sigma0=SIGMA, correction="none", alpha=0.001).fit(X)
     power = 0.8
     reliability = detector.reliability(X, power)
@@ -48,7 +42,7 @@ def test_a_bias_of_the_detectable_size_is_detected_with_the_power(n, test):
 
 
 def test_biases_and_their_ratio_to_noise_are_the_formulas(weights):
-    X = cloud()
+    X = slope(30)
     detector = BaardaPlaneDetector(sigma0=SIGMA).fit(X, weights=weights)
     told = detector.reliability(X)
     r = np.diag(redundancy_matrix(X, weights))
@@ -62,7 +56,7 @@ def test_biases_and_their_ratio_to_noise_are_the_formulas(weights):
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])
 def test_effects_are_how_far_a_refit_with_the_bias_moves_the_plane_there(surface, weights):
-    X = cloud()
+    X = slope(30)
     detector = BaardaPlaneDetector(sigma0=SIGMA, surface=surface).fit(X, weights=weights)
     told, plane = detector.reliability(X), detector._fitted.plane
     along = np.array([0, 0, 1.0]) if surface == "vertical" else plane.normal
@@ -78,7 +72,7 @@ def test_effects_are_how_far_a_refit_with_the_bias_moves_the_plane_there(surface
 
 def test_the_gross_error_of_a_rejected_point_is_that_of_a_mean_shift():
     linear_model = pytest.importorskip("statsmodels.regression.linear_model")
-    X = cloud()
+    X = slope(30)
     X[4, 2] += 0.1
     detector = BaardaPlaneDetector(sigma0=SIGMA).fit(X)
     assert np.flatnonzero(~detector.support_).tolist() == [4]
@@ -103,7 +97,7 @@ def test_a_point_that_nothing_controls_hides_any_error():
 
 
 def test_what_cannot_be_is_refused():
-    X = cloud()
+    X = slope(30)
     detector = BaardaPlaneDetector(sigma0=SIGMA).fit(X)
     with pytest.raises(ValueError, match="pass the training points"):
         detector.reliability(X[1:])

@@ -5,17 +5,14 @@ import pytest
 from numpy.testing import assert_allclose
 from sklearn.linear_model import HuberRegressor
 
+from adjustment_clouds import plane_with_outliers
 from sklearn_mcmd.adjustment._least_squares import adjust_plane
 from sklearn_mcmd.adjustment._robust import m_estimate
 
 
-@pytest.fixture(name="cloud")
-def contaminated_cloud():
-    rng = np.random.default_rng(0)
-    X = np.column_stack([rng.uniform(0, 10, (300, 2)), np.zeros(300)])
-    X[:, 2] = X[:, :2] @ [0.5, -1] + 2 + rng.normal(scale=0.1, size=300)
-    X[:30, 2] += 2
-    return X
+@pytest.fixture
+def cloud():
+    return plane_with_outliers(300, 30, 20.0, sigma=0.1)
 
 
 @pytest.mark.parametrize("surface", ["vertical", "orthogonal"])

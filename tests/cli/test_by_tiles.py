@@ -105,7 +105,7 @@ def test_a_dry_run_shows_the_plan_reads_no_positions_and_writes_nothing(
 @pytest.mark.parametrize(
     ("verb", "options"),
     [
-        ("normals", ("--features", "all", "--n-neighbors", "auto")),
+        ("normals", ("--n-neighbors", "auto")),
         ("denoise", ("--sensor", "0,0,0", "--n-neighbors", 60)),
         ("segment", ("--n-neighbors", 60, "--regions", "table.csv")),
     ],
@@ -139,7 +139,7 @@ def test_sources_that_cannot_be_divided_are_told(tmp_path, source):
 
 def test_single_precision_that_is_too_coarse_is_refused_unless_allowed(tmp_path, small_machine):
     rng = np.random.default_rng(0)
-    write_points(tmp_path / "coarse.las", rng.integers(0, 60, (6_000, 3)) + 16_000_000.0)
+    write_points(tmp_path / "coarse.las", rng.integers(0, 40, (3_000, 3)) + 16_000_000.0)
     args = ("normals", tmp_path / "coarse.las", tmp_path / "b.las", *TILES)
     assert "single precision" in run(*args).stderr
     done(*args, "--allow-coarse")

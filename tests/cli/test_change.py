@@ -90,14 +90,6 @@ def test_the_second_scan_is_not_overwritten(files):
     assert len(read_points(files[1])) == N
 
 
-def test_clouds_of_two_places_are_refused_and_nothing_is_written(files, tmp_path):
-    far = tmp_path / "far.ply"
-    write_points(far, PointCloud(read_points(files[1]).xyz + 1_000))
-    line = error_line(run("change", files[0], far, tmp_path / "out.ply"))
-    assert "nowhere within a --reach of" in line
-    assert not (tmp_path / "out.ply").exists()
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -70,6 +70,8 @@ def test_the_default_of_every_option_is_the_estimators(verb):
     [
         ("denoise", "--noise-scale", ["local", "-0.01", "0", "nan", "inf"]),
         ("denoise", "--n-neighbors", ["3"]),
+        ("denoise", "--cutoff", ["-1", "0"]),
+        ("denoise", "--false-positive-rate", ["0", "0.5"]),
         ("denoise", "--max-outlier-rate", ["1", "-0.1", "nan", "half"]),
         ("denoise", "--strictness", ["none"]),
         ("denoise", "--contamination", ["0", "0.51", "nan", "5%"]),
@@ -79,16 +81,26 @@ def test_the_default_of_every_option_is_the_estimators(verb):
         ("normals", "--memory", ["lots", "0GB", "-1GB"]),
         ("normals", "--n-neighbors", ["3", "12.5", "many", "nan", "-50"]),
         ("normals", "--features", ["planarity,flatness"]),
+        ("normals", "--radius", ["0"]),
         ("segment", "--max-angle", ["0", "91"]),
+        ("segment", "--max-distance", ["0"]),
+        ("segment", "--max-gap", ["0"]),
+        ("segment", "--min-region-size", ["0"]),
+        ("segment", "--growth-neighbors", ["1"]),
         ("edges", "--threshold", ["0"]),
+        ("edges", "--min-angle", ["0", "90"]),
+        ("change", "--reach", ["0"]),
+        ("change", "--alpha", ["0", "1"]),
         ("plane", "--sigma0", ["0", "-1", "nan", "5mm"]),
+        ("plane", "--toward", ["2,-10", "up"]),
         ("plane", "--alpha", ["0", "1"]),
         ("plane", "--tolerance", ["0", "-1", "nan"]),
         ("info", "--columns", ["x=a,y=b,z", "a=x", "x=1,x=2,y=3"]),
     ],
 )
 def test_values_out_of_range_are_wrong_usage_before_a_file_is_read(verb, option, values, tmp_path):
-    files = ["in.xyz"] if verb == "info" else ["in.xyz", tmp_path / "out.xyz"]
+    files = {"info": ["in.xyz"], "change": ["in.xyz", "later.xyz", tmp_path / "out.xyz"]}
+    files = files.get(verb, ["in.xyz", tmp_path / "out.xyz"])
     for value in values:
         error = usage_error(run(verb, *files, f"{option}={value}"))
         assert option in error

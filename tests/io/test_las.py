@@ -4,8 +4,6 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from las_files import las_of, laspy
@@ -145,23 +143,6 @@ def test_moved_points_are_rounded_to_half_a_step_of_a_grid_that_holds_them(
     assert np.abs(las.xyz[:, 0] - cloud.xyz[:, 0]).max() <= 0.5001 * step + 4e-9
     assert_array_equal(las.Y, before.Y)
     assert_array_equal(las.Z, before.Z)
-
-
-@settings(max_examples=30)
-@given(
-    extent=st.floats(1e-6, 1e9),
-    shift=st.floats(-1e7, 1e7),
-    seed=st.integers(0, 5),
-    n=st.integers(1, 9),
-)
-def test_a_new_las_file_is_precise_to_a_hundred_millionth_of_the_extent(
-    tmp_path, extent, shift, seed, n
-):
-    xyz = np.random.default_rng(seed).random((n, 3)) * extent + shift
-    write_points(tmp_path / "a.las", xyz)
-    largest = np.ptp(xyz, axis=0).max()
-    rounding = 4 * np.spacing(np.abs(xyz).max())
-    assert np.abs(read_points(tmp_path / "a.las").xyz - xyz).max() <= 1e-8 * largest + rounding
 
 
 # ---- records ---------------------------------------------------------------------------

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from sklearn import config_context
-from sklearn.pipeline import make_pipeline
 
 from reference import plane, saliency
 from scenes import sphere
@@ -150,15 +148,6 @@ def test_one_neighborhood_looks_to_where_the_sensor_was(corridor):
     assert_array_equal(fitted.transform(X)[:, 3:6], fitted.normals_)
 
 
-def test_positions_pass_through_a_pipeline_as_metadata(corridor):
-    X, origins = corridor
-    with config_context(enable_metadata_routing=True):
-        estimator = RobustNormalEstimator(20, **MOVED).set_fit_request(sensor_origin=True)
-        columns = make_pipeline(estimator).fit_transform(X, sensor_origin=origins)
-    expected = RobustNormalEstimator(20, **MOVED).fit_transform(X, sensor_origin=origins)
-    assert_array_equal(columns, expected)
-
-
 @pytest.mark.parametrize("shift", [0.0, 1e6])
 def test_a_spanning_tree_orients_closed_surfaces_outward(shift):
     first, directions = sphere(1500)
@@ -178,10 +167,8 @@ def test_a_spanning_tree_orients_closed_surfaces_outward(shift):
         ({"sensor_origin": [0, 0, 9]}, "orientation is not"),
         ({"orientation": [0, 0, 0]}, "must not be zero"),
         ({"orientation": [0, 1]}, r"orientation must have shape \(3,\)"),
-        ({"orientation": "up"}, "'orientation' parameter"),
         ({"orientation": "sensor", "sensor_origin": [0, 0, np.nan]}, "sensor_origin contains NaN"),
         ({"orientation": "sensor", "sensor_origin": [0, 0]}, r"sensor_origin must be .* shape"),
-        ({"radius": 0}, "'radius' parameter"),
         ({"radius": 1.0, "n_neighbors": None}, "radius=1.0 has no meaning with n_neighbors=None"),
     ],
 )

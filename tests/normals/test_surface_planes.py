@@ -119,8 +119,7 @@ def test_lines_and_too_few_members_determine_no_quadric():
     ("n", "k", "share", "height"),
     [(900, 50, 0.4, 0.06), (3000, 50, 0.3, 0.04), (3000, 100, 0.45, 0.04), (3000, 50, 0.4, 0.02)],
 )
-@pytest.mark.parametrize("neighbor_planes", [False, True])
-@pytest.mark.parametrize("levels", ["between", "at"])
+@pytest.mark.parametrize(("neighbor_planes", "levels"), [(False, "at"), (True, "between")])
 def test_scattered_outliers_do_not_pass_for_noise(n, k, share, height, neighbor_planes, levels):
     """Kept whole, neighborhoods with two fifths of these tilt by 8 degrees and more."""
     rng = np.random.default_rng(0)

@@ -9,7 +9,7 @@ from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.outliers._ray_evidence import RayEvidence
 from sklearn_mcmd.planes._consistent_set import draw_trials
 
-FORM = {"n_neighbors": 30, "max_outlier_rate": 0.2, "random_state": 0}
+FORM = {"n_neighbors": 30, "max_outlier_rate": 0.1, "random_state": 0}
 
 
 def beams(n, rng, azimuth=(-0.9, 0.9), elevation=(-0.5, 0.35)):

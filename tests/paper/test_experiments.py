@@ -126,17 +126,6 @@ def test_a_row_is_what_the_estimators_give(name, parameters):
             assert_array_equal(inliers[0], labels == 1)
 
 
-def test_a_clean_twin_differs_in_the_outliers_only():
-    clouds = contaminated_planes(20, 30, 20, stream(0))
-    assert clouds.n_outliers == 6
-    assert_array_equal(clouds.regular.sum(axis=1), 24)
-    same = (clouds.points == clouds.clean).all(axis=2)
-    assert_array_equal(same, clouds.regular)
-    # Outliers are anywhere in a cloud, so that no table of trials favors them.
-    first = np.argmin(clouds.regular, axis=1)
-    assert len(np.unique(first)) > 3
-
-
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_reports_and_tells_its_progress(name):
     heard = []

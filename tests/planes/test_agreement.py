@@ -8,7 +8,7 @@ from reference import agreed_planes, neighborhood
 from sklearn_mcmd import MCMDOutlierDetector, RobustNormalEstimator
 from sklearn_mcmd.planes._consistent_set import draw_trials
 
-FORM = {"max_outlier_rate": 0.2, "random_state": 0}
+FORM = {"max_outlier_rate": 0.1, "random_state": 0}
 
 
 def crease(n, d):

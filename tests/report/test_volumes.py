@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scenes import ball
 from sklearn_mcmd import MCMDOutlierDetector
 from sklearn_mcmd.report._volumes import lost_volumes, words_of
 
@@ -15,10 +16,8 @@ GROUPS = np.repeat(RNG.uniform([0, -3, 0], [6, -0.5, 3], (12, 3)), 40, axis=0)
 GROUPS += RNG.normal(0, 0.03, GROUPS.shape)
 
 
-def ball(n, center, radius=0.5):
-    directions = RNG.normal(size=(n, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return center + radius * np.cbrt(RNG.random((n, 1))) * directions
+def lost_ball(n=1_500, radius=0.5):
+    return ball(n, [3, -1.5, 1.5], radius, RNG)
 
 
 def volumes(kept, removed, n_parts=1):
@@ -39,7 +38,7 @@ def test_copies_of_one_point_have_no_volume():
 
 
 def test_a_lost_ball_before_a_wall_is_told_with_its_place():
-    (volume,) = volumes(WALL, ball(1_500, [3, -1.5, 1.5]))
+    (volume,) = volumes(WALL, lost_ball())
     assert volume.n_lost == volume.n_all >= 1_450
     assert np.abs(volume.low - [2.5, -2, 1]).max() < 0.3
     assert np.abs(volume.high - [3.5, -1, 2]).max() < 0.3
@@ -47,14 +46,14 @@ def test_a_lost_ball_before_a_wall_is_told_with_its_place():
 
 
 def test_a_lost_ball_among_errors_is_told_in_any_order_and_parts():
-    removed = np.vstack([ERRORS, GROUPS, ball(1_500, [3, -1.5, 1.5])])
+    removed = np.vstack([ERRORS, GROUPS, lost_ball()])
     (volume,), (same,) = (volumes(WALL, removed, n_parts) for n_parts in (1, 5))
     assert 1_400 < volume.n_lost < 1_700
     np.testing.assert_equal(tuple(volume), tuple(same))
 
 
 def test_a_crown_of_which_most_but_not_all_is_lost_is_told():
-    crown = ball(3_000, [3, -1.5, 1.5], 1.0)
+    crown = lost_ball(3_000, 1.0)
     (volume,) = volumes(np.vstack([WALL, crown[:1_000]]), np.vstack([crown[1_000:], ERRORS[:200]]))
     assert volume.n_lost > 1_000
     assert volumes(np.vstack([WALL, crown[200:]]), np.vstack([crown[:200], ERRORS])) == []
@@ -63,14 +62,14 @@ def test_a_crown_of_which_most_but_not_all_is_lost_is_told():
 def test_what_is_all_at_one_place_or_far_away_breaks_nothing():
     assert volumes(np.zeros((5, 3)), np.zeros((600, 3))) == []
     far = np.vstack([WALL, [[1e9, 1e9, 1e9]]])
-    assert len(volumes(far, ball(1_500, [3, -1.5, 1.5]))) == 1
+    assert len(volumes(far, lost_ball())) == 1
 
 
 def test_a_thing_of_a_tenth_of_few_points_is_told_and_scattered_errors_are_not():
-    (volume,) = volumes(WALL[:180], ball(20, [3, -1.5, 1.5], 0.2))
+    (volume,) = volumes(WALL[:180], lost_ball(20, 0.2))
     assert volume.n_lost == volume.n_all >= 18
     assert volumes(WALL[:180], ERRORS[:20]) == []
-    assert volumes(WALL[:180], ball(12, [3, -1.5, 1.5], 0.2)) == []
+    assert volumes(WALL[:180], lost_ball(12, 0.2)) == []
 
 
 def test_small_tiles_of_real_surveys_are_told_where_a_tenth_together_is_lost(shared_data):

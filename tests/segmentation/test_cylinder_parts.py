@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import adjusted_rand_score
 
-from growth import grown_without
-from sklearn_mcmd import RobustNormalEstimator
+from growth import columns, grown_without
 
 NOISE = 0.005
 ANGLE = 5.0  # at which a post breaks into strips
@@ -26,10 +25,6 @@ def floor(rng, width=3.0, density=500):
 def with_noise(rng, *parts):
     X, part = np.vstack(parts), np.repeat(np.arange(len(parts)), [len(p) for p in parts])
     return X + rng.normal(0, NOISE, X.shape), part
-
-
-def columns(X):
-    return RobustNormalEstimator(50, random_state=0).fit_transform(X)
 
 
 def floor_and_post(radius=0.1):

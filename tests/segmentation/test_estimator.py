@@ -38,20 +38,6 @@ def test_road_kerb_and_footpath_are_three_regions(seed):
     assert adjusted_rand_score(surface, growing.labels_) > 0.96
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.002])
-def test_curved_surfaces_stay_whole(noise):
-    rng = np.random.default_rng(0)
-    angle, height = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0, 3, 4000)
-    pole = np.column_stack([0.15 * np.cos(angle), 0.15 * np.sin(angle), height])
-    ball = rng.normal(size=(4000, 3))
-    ball *= 0.5 / np.linalg.norm(ball, axis=1, keepdims=True)
-    X = np.vstack([pole, ball + np.array([3.0, 0, 0])])
-    X += noise * rng.normal(size=X.shape)
-    labels = RegionGrowing(random_state=0).fit_predict(X)
-    assert set(labels) == {0, 1}
-    assert adjusted_rand_score(np.repeat([0, 1], 4000), labels) == 1.0
-
-
 @pytest.mark.parametrize("make", [make_bus_stop, make_street, make_traffic_furniture])
 def test_regions_follow_the_density_by_themselves(make):
     scene = make(20_000, outlier_share=0.1, random_state=0)
@@ -70,31 +56,6 @@ def street():
     X, _ = steps(rng, 4000)
     X = np.vstack([X, rng.uniform([0, 0, 0.3], [2, 2, 1], (N_STRAY, 3))])
     return X, RobustNormalEstimator(random_state=0).fit_transform(X)
-
-
-@pytest.mark.parametrize("lent", [False, True])
-def test_labels_do_not_depend_on_row_order(street, lent):
-    """Also where points share a plane that was lent: seeds of one curvature."""
-    rng, (_, columns) = np.random.default_rng(0), street
-    if lent:
-        floor = np.column_stack([rng.uniform(0, 1, (2000, 2)), rng.normal(0, 0.003, 2000)])
-        X = np.vstack([floor, rng.uniform(0, 1, (700, 3)), rng.normal(0.5, 0.05, (500, 3))])
-        columns = RobustNormalEstimator(random_state=0).fit_transform(X)
-        assert len(np.unique(columns[:, 6])) < len(X) - 100
-    order, growing = rng.permutation(len(columns)), RegionGrowing(normals="precomputed")
-    assert_array_equal(growing.fit_predict(columns)[order], growing.fit_predict(columns[order]))
-
-
-@pytest.mark.parametrize("step", [0.25, 0.01])
-def test_labels_do_not_depend_on_row_order_where_distances_tie(step):
-    rng = np.random.default_rng(3)
-    lattice = np.unique(rng.integers(0, 14, (2500, 3)), axis=0) * step
-    floor = np.indices((30, 40, 1)).reshape(3, -1).T * step + [20 * step, 0, 0]
-    X = np.vstack([lattice, floor, np.roll(floor, 1, axis=1)])
-    growing, order = RegionGrowing(random_state=0), rng.permutation(len(X))
-    labels = growing.fit_predict(X)
-    assert labels.max() > 1
-    assert_array_equal(labels[order], growing.fit_predict(X[order]))
 
 
 def test_terraces_four_steps_of_rounding_apart_are_two_regions():
@@ -173,25 +134,6 @@ def test_columns_that_are_not_the_transformers_are_refused(street):
     for wrong in (columns[:, :3], scaled, columns[:, ::-1], columns[:, :11]):
         with pytest.raises(ValueError, match=r'normals="precomputed" but the \d+ columns'):
             RegionGrowing(normals="precomputed").fit(wrong)
-
-
-@pytest.mark.parametrize(
-    ("params", "message"),
-    [
-        ({"max_angle": 0}, "max_angle"),
-        ({"max_angle": 91}, "max_angle"),
-        ({"max_distance": -1.0}, "max_distance"),
-        ({"max_gap": 0.0}, "max_gap"),
-        ({"refine": 0.5}, "refine"),
-        ({"min_region_size": 0}, "min_region_size"),
-        ({"n_neighbors": 1}, "n_neighbors"),
-        ({"normals": "given"}, "normals"),
-        ({"normal_estimator": "pca"}, "normal_estimator"),
-    ],
-)
-def test_parameters_out_of_range_are_refused_by_name(params, message):
-    with pytest.raises(ValueError, match=message):
-        RegionGrowing(**params).fit(np.eye(5))
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])

@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
-from growth import grown_without
-from sklearn_mcmd import RobustNormalEstimator
+from growth import columns, grown_without
 from sklearn_mcmd.metrics import segmentation_scores
 
 NOISE = 0.005
@@ -21,10 +20,6 @@ def kerb(seed=0, height=0.127, density=500):
     z = np.select([part == ROAD, part == KERB], [0.0, height * across], height)
     X = np.column_stack([along, y, z])
     return X + rng.normal(0, NOISE, X.shape), part
-
-
-def columns(X):
-    return RobustNormalEstimator(50, random_state=0).fit_transform(X)
 
 
 def grown(columns, *without, **params):

@@ -160,9 +160,3 @@ def test_errors_of_narrow_regions_are_how_normals_scatter():
     # Usually; those that seem bowed have more.
     stated = np.median([table["normal_error"][0] for table in found])
     assert_allclose(stated, np.sqrt(np.mean(turned**2)), rtol=0.12)  # of 300: 4 %, three times that
-
-
-def test_points_of_a_line_have_no_normal():
-    line = np.outer(np.arange(200.0), [1, 2, 3])
-    regions = RegionGrowing(random_state=0).fit(line).regions_
-    assert (regions["normal_error"] == 90).all()

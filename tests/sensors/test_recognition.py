@@ -72,7 +72,7 @@ def test_returns_from_the_sensor_itself_hide_no_turn(turn, share):
     assert seen(np.vstack([turn, near])) == "a turn about the origin"
 
 
-@pytest.mark.parametrize("name", ["turn_04", "turn_06"])
+@pytest.mark.parametrize("name", ["turn_04", pytest.param("turn_06", marks=pytest.mark.slow)])
 def test_turns_of_a_moving_car_are_recognized(shared_data, name):
     """They were rectified: from beside the origin steps are as even."""
     with np.load(shared_data / "spinning_turns_labelled" / f"{name}.npz") as arrays:

@@ -71,7 +71,7 @@ def share_of_proven_normals_which_are_those_of_memory(by_tiles, path, estimator,
     ("scene", "estimator"),
     [
         *((scene, ESTIMATOR) for scene in SCENES),
-        *((scene, AUTO) for scene in ("street", "airborne", "copies")),
+        ("airborne", AUTO),
         *(("street", but(ESTIMATOR, **params)) for params in PARAMS),
     ],
     ids=str,

@@ -49,10 +49,10 @@ SLOW = [
     [*FAST, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)],
 )
 def test_a_run_that_was_killed_goes_on(estimator, options, place, n_calls, n_resumed, tmp_path):
-    source, target, cloud = tmp_path / "a.las", tmp_path / "b.las", street(2_000)
+    source, target, cloud = tmp_path / "a.las", tmp_path / "b.las", street(1_200)
     ground = np.where(cloud.xyz[:, 2] < np.median(cloud.xyz[:, 2]), 2, 1)
     write_points(source, cloud.with_attributes(classification=ground))
-    before, options = source.read_bytes(), {**options, "tile_size": 600, "n_jobs": 1}
+    before, options = source.read_bytes(), {**options, "tile_size": 400, "n_jobs": 1}
     if "regions" in options:
         options["regions"] = str(tmp_path / options["regions"])
     assert run_is_killed(source, target, place, n_calls, estimator, **options)

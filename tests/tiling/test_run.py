@@ -30,17 +30,17 @@ def test_the_output_is_the_same_for_any_threads_and_processes(small_file, tmp_pa
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_folder_is_one_cloud_and_keeps_its_attributes(verb, tmp_path):
     """As one file of the same points."""
-    cloud, estimator = street(2_000), VERBS[verb]
+    cloud, estimator = street(1_200), VERBS[verb]
     folder, parts = two_files(tmp_path, cloud)
     gray = dict.fromkeys(("red", "green", "blue"), np.full(len(parts[1]), 7, np.uint16))
     write_points(folder / "b.las", parts[1].with_attributes(**gray))  # another point format
-    process_files(folder, tmp_path / "out", estimator, tile_size=1_200)
+    process_files(folder, tmp_path / "out", estimator, tile_size=700)
     assert names_in(tmp_path / "out") == ["a.laz", "b.las"]
     found = [read_points(tmp_path / "out" / name) for name in ("a.laz", "b.las")]
     assert_array_equal(found[1].attributes["red"], 7)
     order = np.concatenate([part.attributes["intensity"] for part in parts])
     write_points(tmp_path / "all.las", cloud.subset(order))
-    process_files(tmp_path / "all.las", tmp_path / "all.las", estimator, tile_size=1_200)
+    process_files(tmp_path / "all.las", tmp_path / "all.las", estimator, tile_size=700)
     expected = read_points(tmp_path / "all.las")
     for name in ("xyz", *(expected.attributes.keys() - gray.keys())):
         values = [(cloud.attributes | {"xyz": cloud.xyz})[name] for cloud in (expected, *found)]
