@@ -10,13 +10,7 @@ from sklearn.utils.validation import check_array, check_is_fitted
 
 from sklearn_mcmd._choices import Correction, Surface, Test, choices_of
 from sklearn_mcmd._errors import ParameterError, warn, warn_caller
-from sklearn_mcmd._sklearn import (
-    DocLinkMixin,
-    Interval,
-    StrOptions,
-    checked,
-    fit_context,
-)
+from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, checked, fit_context
 from sklearn_mcmd._validation import OffsetOutlierMixin, validate_points
 from sklearn_mcmd.adjustment._determinacy import (
     AS_THICK_AS_WIDE,
@@ -291,7 +285,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
                 remedy = f"subtract an offset from $X before its digits are lost, or {remedy}"
             warn(
                 f"$sigma0={self.sigma0!r} is less than what {rounding} to a residual, {least:.2g}, "
-                f"which is taken in its place; {remedy}.",
+                f"which is taken in its place; {remedy}."
             )
         return max(sigma, least), sigma <= least and is_rounding
 
@@ -344,7 +338,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         if plane.surface == "orthogonal" and normal_pvalue(plane) > self.alpha:
             warn_caller(
                 f"{AS_THICK_AS_WIDE}, which determines no normal: normal_ points anywhere across "
-                "them. Add points beside that line, or look for what is thick.",
+                "them. Add points beside that line, or look for what is thick."
             )
 
     def _warn_if_far(self, training):
@@ -368,7 +362,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
             f"The tests reject {np.count_nonzero(rejected)} of {len(rejected)} points, "
             "which leaves too few for a plane, or points on a line; the last estimable plane "
             "was kept. Check "
-            f"$sigma0={self.sigma0!r} against the noise, or the share of outliers.",
+            f"$sigma0={self.sigma0!r} against the noise, or the share of outliers."
         )
 
     def _warn_if_steep(self, training, vertical):
@@ -395,7 +389,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
                 f"The points lie along a plane tilted by {tilt:.0f} degrees, of which "
                 f"$surface='vertical' rejects {100 * rejected:.0f} %. If all columns are "
                 "coordinates of like precision, as in the scan of a wall, use "
-                "$surface='orthogonal'.",
+                "$surface='orthogonal'."
             )
             return True
 

@@ -13,12 +13,7 @@ POWER = 0.8  # Baarda's; the usual one of reliability
 SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="left")]
 
 
-@checked(
-    level=SHARE,
-    power=SHARE,
-    dof=COUNT,
-    dof_scale=[Interval(Real, 1, None, closed="both")],
-)
+@checked(level=SHARE, power=SHARE, dof=COUNT, dof_scale=[Interval(Real, 1, None, closed="both")])
 def noncentrality(
     level: float, power: float = POWER, dof: float = 1, dof_scale: float = np.inf
 ) -> float:

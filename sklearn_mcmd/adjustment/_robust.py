@@ -6,11 +6,7 @@ import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 
 from sklearn_mcmd._errors import warn_caller
-from sklearn_mcmd.adjustment._least_squares import (
-    adjust_plane,
-    rounding_of,
-    weighed,
-)
+from sklearn_mcmd.adjustment._least_squares import adjust_plane, rounding_of, weighed
 
 MAX_ITERATIONS = 200  # adjustments of an M-estimate, after which it warns
 TOLERANCE = 1e-6  # change of a residual, in units of the scale, at which the iteration ends

@@ -13,8 +13,7 @@ UNCONTROLLED = 1e-10
 
 
 @checked(
-    alpha=[Interval(Real, 0, 1, closed="neither")],
-    n=[Interval(Integral, 0, None, closed="left")],
+    alpha=[Interval(Real, 0, 1, closed="neither")], n=[Interval(Integral, 0, None, closed="left")]
 )
 def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float:
     """Level of one of n tests that gives all together the level alpha (Eq. 1).
@@ -43,8 +42,7 @@ def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float
 
 
 @checked(
-    level=[Interval(Real, 0, 1, closed="neither")],
-    dof=[Interval(Integral, 0, None, closed="left")],
+    level=[Interval(Real, 0, 1, closed="neither")], dof=[Interval(Integral, 0, None, closed="left")]
 )
 def critical_value(test: Test, level: float, dof: int) -> float:
     """Two-sided critical value of one test (Table 1).

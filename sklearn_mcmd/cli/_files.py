@@ -14,14 +14,7 @@ from sklearn_mcmd._errors import agreed, counted
 from sklearn_mcmd.cli import TYPED
 from sklearn_mcmd.cli._messages import clear_exits, warned
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.io._formats import (
-    ALL,
-    INDEX,
-    TILED,
-    format_of,
-    no_columns,
-    supported_extensions,
-)
+from sklearn_mcmd.io._formats import ALL, INDEX, TILED, format_of, no_columns, supported_extensions
 from sklearn_mcmd.io._no_returns import LEFT_OUT
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.io._rehearsal import rehearse

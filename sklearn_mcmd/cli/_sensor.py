@@ -32,11 +32,7 @@ def position_option(help, *words, name="--sensor", **settings):
 
 
 def trajectory_option():
-    return option(
-        None,
-        "Where a moving sensor was: CSV with time, x, y, z.",
-        metavar="FILE",
-    )
+    return option(None, "Where a moving sensor was: CSV with time, x, y, z.", metavar="FILE")
 
 
 class Asked(NamedTuple):

@@ -66,9 +66,7 @@ def ghost(scene, n, is_clear, rng):
     sizes = cluster_sizes(n, rng)
     radii = rng.uniform(0.05, 0.10, len(sizes))
     centers = draw_clear(
-        len(sizes),
-        lambda points: is_clear(points, 0.25),
-        lambda m: rng.uniform(low, high, (m, 3)),
+        len(sizes), lambda points: is_clear(points, 0.25), lambda m: rng.uniform(low, high, (m, 3))
     )
     direction = rng.standard_normal((n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

@@ -6,12 +6,7 @@ So what solves equations is called by functions that say ``fastmath=False``.
 
 import numpy as np
 
-from sklearn_mcmd.planes._creases_numba import (
-    RIDGE,
-    center,
-    fit_quadric,
-    half_bic,
-)
+from sklearn_mcmd.planes._creases_numba import RIDGE, center, fit_quadric, half_bic
 from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
 from sklearn_mcmd.planes._quadrics_numba import TINY, localize
 from sklearn_mcmd.runtime._kernels import kernel

@@ -12,13 +12,7 @@ from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import EVLR_HEADER, check_structure
 from sklearn_mcmd.io._laz import compressed_parts, n_compressed
-from sklearn_mcmd.io._point_cloud import (
-    COLORS,
-    PointCloud,
-    PointFileError,
-    fit_dtype,
-    flat_columns,
-)
+from sklearn_mcmd.io._point_cloud import COLORS, PointCloud, PointFileError, fit_dtype, flat_columns
 from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
 
 WRITTEN_AT_ONCE = 2_000_000  # points

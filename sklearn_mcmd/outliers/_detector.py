@@ -383,7 +383,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             warn_caller(
                 f"strictness={self.strictness!r} in {d}D finds few outliers: so many "
                 'dimensions leave no point alone. Give strictness="surfaces", by which distances '
-                "from planes alone tell.",
+                "from planes alone tell."
             )
 
     def _warn_if_plan(self):

@@ -122,7 +122,7 @@ class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
         if needed > most and METHODS[self.method].needs_consistent_set:
             warn(
                 f"$max_outlier_rate={self.max_outlier_rate!r} in {d}D asks for {needed} trials; "
-                f"{most} are made. A lower $max_outlier_rate asks for fewer.",
+                f"{most} are made. A lower $max_outlier_rate asks for fewer."
             )
         return min(needed, most)
 

@@ -331,11 +331,7 @@ class LocalPlaneModel:
         """What the method finds in neighborhoods (B, k, d)."""
         if self.settings.comparator is not None:
             return self.settings.comparator.fit_sizes(
-                neighborhoods,
-                sizes,
-                self.trials,
-                rounding=rounding,
-                least_scale=self.least_scale,
+                neighborhoods, sizes, self.trials, rounding=rounding, least_scale=self.least_scale
             )
         _, k, d = neighborhoods.shape
         rule = METHODS[self.settings.method]

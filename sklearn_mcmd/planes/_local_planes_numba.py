@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._consistent_set_numba import (
-    NO_FIT,
-    ZEROS,
-    WorkArrays,
-    consistent_set,
-)
+from sklearn_mcmd.planes._consistent_set_numba import NO_FIT, ZEROS, WorkArrays, consistent_set
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     kth_smallest,

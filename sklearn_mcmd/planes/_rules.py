@@ -14,11 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from sklearn_mcmd.planes._principal_planes import (
-    RANK_TOLERANCE,
-    fit_planes,
-    orthogonal_distances,
-)
+from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE, fit_planes, orthogonal_distances
 
 WIDEST = 40.0  # cutoff, beyond which float64 has no share of a normal variable left
 MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent for the normal distribution

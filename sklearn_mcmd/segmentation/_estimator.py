@@ -8,12 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin, clone
 
-from sklearn_mcmd._sklearn import (
-    DocLinkMixin,
-    Interval,
-    StrOptions,
-    fit_context,
-)
+from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import SAID, check_work, validate_points
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import Columns, split_columns
@@ -24,12 +19,7 @@ from sklearn_mcmd.planes._resolution import coordinate_step, least_scales
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.segmentation._assign_points import Claims
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
-from sklearn_mcmd.segmentation._graph import (
-    GrowthRules,
-    grow_regions,
-    link_neighbors,
-    seed_order,
-)
+from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._merge_coplanar import RegionPlanes, join_coplanar
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaces
 from sklearn_mcmd.segmentation._region_division import divide_at_creases
