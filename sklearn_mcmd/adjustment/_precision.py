@@ -99,23 +99,18 @@ def pointed_up(plane, scale):
     return plane if plane.normal[axis] > 0 else plane.reversed()
 
 
-def tilt_direction(normal):
-    """Unit vector into which the normal turns if the tilt grows; nan for a horizontal plane."""
-    with np.errstate(invalid="ignore"):
-        uphill = normal[:-1] / np.linalg.norm(normal[:-1])
-    upright = np.sign(normal[-1]) or 1.0
-    return np.append(uphill * abs(normal[-1]), -upright * np.linalg.norm(normal[:-1]))
-
-
 def precision_of(plane, scale, dof, alike=1.0):
     """The `PlanePrecision` of a `PlaneAdjustment`."""
     normal, k = plane.normal, plane.rank - 1
     roots = scale * parameter_derivatives(plane)
     axes, errors, _ = np.linalg.svd(roots[:-1], full_matrices=False)
     sine, azimuth, azimuth_error = float(np.linalg.norm(normal[:-1])), np.nan, np.nan
-    tilt_error = np.linalg.norm(tilt_direction(normal) @ roots[:-1]) if sine else errors[0]
+    upright, tilt_error = np.sign(normal[-1]) or 1.0, errors[0]
+    if sine:  # into the direction that the normal turns to if the tilt grows
+        steeper = np.append(normal[:-1] / sine * abs(normal[-1]), -upright * sine)
+        tilt_error = np.linalg.norm(steeper @ roots[:-1])
     if len(normal) == 3:
-        x, y = (np.sign(normal[2]) or 1.0) * normal[:2]  # of the normal that points up
+        x, y = upright * normal[:2]  # of the normal that points up
         azimuth = np.degrees(np.arctan2(x, y)) % 360
         level = np.array([normal[1], -normal[0], 0.0])
         azimuth_error = np.degrees(np.linalg.norm(level @ roots[:-1]) / sine**2) if sine else np.inf

@@ -89,9 +89,6 @@ class _Zone(NamedTuple):
     constant: float
     largest: float
 
-    def distances(self, places, heights):
-        return heights - places @ self.slopes - self.constant
-
 
 def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> PlaneFlatness:
     """Compare the points of a fitted plane with a tolerance of flatness (ISO 1101).
@@ -195,7 +192,8 @@ def _surface(places, residuals, half, factor, noise):
             form, uncertainty = zone(np.zeros(len(limits))).largest, float(limits.max())
             figures |= {"form": 2 * form, "form_uncertainty": 2 * uncertainty}
     # Many points of a small cell outside for certain are a bump that is smaller than the cell.
-    outside = np.abs(inside.distances(places, residuals)) - noise.of_points > half
+    distances = residuals - places @ inside.slopes - inside.constant
+    outside = np.abs(distances) - noise.of_points > half
     shares = np.bincount(cells.of_point, outside) / np.bincount(cells.of_point)
     kept &= shares.max() < CLUSTER
     # Medians show little of a bow, which goes on to the rims. It is proven where nothing else is
