@@ -24,11 +24,10 @@ from sklearn_mcmd.adjustment._least_squares import (
     adjust_plane,
     rounding_of,
 )
-from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import PlanePrecision, pointed_up, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import NORMAL_QUARTILE, m_estimate
-from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level, statistic
+from sklearn_mcmd.adjustment._tests import POWER, global_test_pvalue, local_level, statistic
 from sklearn_mcmd.planes._form import form_of
 from sklearn_mcmd.planes._resolution import rounding_in_common
 

@@ -11,9 +11,8 @@ from sklearn.utils.validation import check_is_fitted
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.adjustment._base import PlaneDetector, Variance, place_of
-from sklearn_mcmd.adjustment._power import POWER, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile
-from sklearn_mcmd.adjustment._tests import local_level
+from sklearn_mcmd.adjustment._tests import POWER, local_level, noncentrality
 
 CORNERS = 2**0.5  # rims to the farthest point of a square that stands on a corner
 

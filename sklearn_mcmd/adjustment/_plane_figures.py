@@ -6,10 +6,9 @@ import numpy as np
 from scipy.special import chdtri
 
 from sklearn_mcmd._errors import fixed
-from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
-from sklearn_mcmd.adjustment._tests import pvalue
+from sklearn_mcmd.adjustment._tests import POWER, pvalue
 
 LEAST_ERROR = 1e-9  # the least standard error that is printed
 NO_DIRECTION = 60.0  # standard error in degrees from which on a plane falls to no side
@@ -333,7 +332,9 @@ def _residual_rows(detector, X, unit):
 def _worst_table(detector, X, reliability, n_worst):
     """The points of the largest test statistics."""
     residuals, tests = detector.residuals(X), detector.test_statistic_
-    length = f".{_decimals(residuals[detector.labels_ == 1])}f"
+    kept = residuals[detector.labels_ == 1]
+    typical = _rms(kept) if len(kept) else 0.0  # is shown with three digits
+    length = f".{int(np.clip(2 - np.floor(np.log10(typical)), 0, 9)) if typical > 0 else 6}f"
     is_baarda = hasattr(detector, "elimination_step_")
     kind = detector.test_ if is_baarda else detector.test  # the fuzzy test turns t into w
     dof = detector.dof_ + ~detector.support_  # a point outside is tested as if it joined
@@ -361,9 +362,3 @@ def _worst_table(detector, X, reliability, n_worst):
 
 def _rms(values):
     return np.sqrt(np.mean(values**2))
-
-
-def _decimals(residuals):
-    """Number of decimals that shows three digits of a typical residual."""
-    rms = _rms(residuals) if len(residuals) else 0.0
-    return int(np.clip(2 - np.floor(np.log10(rms)), 0, 9)) if rms > 0 else 6

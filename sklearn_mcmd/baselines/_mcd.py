@@ -103,7 +103,9 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
     if small_sample:
         covariances *= _small_sample("raw", n, d, support_fraction)
     # Step 4: members within a quantile of chi-squared are kept, and fitted once more.
-    raw = _squared_distances(local, locations, covariances, ridge)
+    values, axes = np.linalg.eigh(covariances)
+    scales = np.sqrt(np.maximum(values, ridge[:, None]))[:, None]
+    raw = np.square((local - locations[:, None]) @ axes / scales).sum(axis=-1)
     kept = raw <= chdtri(d, 1.0 - limits.kept_quantile)
     # At least the subset itself is kept.
     kept = np.where((kept.sum(axis=1) >= h)[:, None], kept, kept | support)
@@ -219,12 +221,6 @@ def moments(points, members):
     mean = (points * weight).sum(axis=1) / size
     deviations = (points - mean[:, None]) * weight
     return mean, np.swapaxes(deviations, 1, 2) @ deviations, size[..., None]
-
-
-def _squared_distances(local, locations, covariances, ridge):
-    values, axes = np.linalg.eigh(covariances)
-    values = np.maximum(values, ridge[:, None])
-    return np.square((local - locations[:, None]) @ axes / np.sqrt(values)[:, None]).sum(axis=-1)
 
 
 def _consistency(share, d):

@@ -92,11 +92,6 @@ def read(source, target=None, results=None, *, columns=None):
 def check_output(target, results):
     """Raise if a file cannot be written, or cannot hold results."""
     rehearse(target, PointCloud(np.zeros((1, 3))))
-    check_results(target, results)
-
-
-def check_results(target, results):
-    """Raise if the format of a target cannot hold results, if there are any."""
     if results and (one := format_of(target)).results not in (ALL, results):
         raise ValueError(f"{target}: {one.name} has no place for {results}; use another format")
 

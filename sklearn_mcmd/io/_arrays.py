@@ -7,9 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns
+from sklearn_mcmd.io._column_names import (
+    attribute_name,
+    check_first_columns,
+    check_turned,
+    coordinate_columns,
+)
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room, with_cells
-from sklearn_mcmd.io._unnamed import check_first_columns, check_turned
 
 MAGIC = np.lib.format.MAGIC_PREFIX
 FEW_LOOPED = 2**20  # numbers that take no time

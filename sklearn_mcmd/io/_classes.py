@@ -28,7 +28,9 @@ class Choice(NamedTuple):
         if "withheld" in cloud.attributes:
             used &= np.asarray(cloud.attributes["withheld"]) == 0
         if self.ignored or self.only:
-            classes = classes_of(cloud)
+            if "classification" not in cloud.attributes:
+                raise PointFileError("has no classes: points need an attribute 'classification'")
+            classes = np.asarray(cloud.attributes["classification"])
             used &= ~np.isin(classes, self.ignored)
             if self.only:
                 used &= np.isin(classes, self.only)
@@ -44,13 +46,6 @@ def class_numbers(classes):
     if not all(0 <= number <= LARGEST for number in numbers):
         raise ValueError(f"is no list of classes, whole numbers from 0 to {LARGEST}")
     return tuple(sorted(numbers))
-
-
-def classes_of(cloud):
-    """The class of each point."""
-    if "classification" not in cloud.attributes:
-        raise PointFileError("has no classes: points need an attribute 'classification'")
-    return np.asarray(cloud.attributes["classification"])
 
 
 def noise_classes(cloud, flagged, used, lowest):

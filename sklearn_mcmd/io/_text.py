@@ -13,7 +13,14 @@ from typing import Any
 import numpy as np
 
 from sklearn_mcmd._errors import counted, warn_caller
-from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns, no_sentence
+from sklearn_mcmd.io._column_names import (
+    are_names,
+    attribute_name,
+    check_first_columns,
+    coordinate_columns,
+    naming_columns,
+    no_sentence,
+)
 from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
@@ -24,7 +31,6 @@ from sklearn_mcmd.io._point_cloud import (
     flat_columns,
     warn_of_lost,
 )
-from sklearn_mcmd.io._unnamed import check_first_columns, naming_columns
 
 NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # dtypes written
 LAYOUT: dict[str, Any] = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
@@ -307,7 +313,7 @@ class _Table:
 
     def _parsed(self, lines):
         """The table of lines that NumPy can read, else None."""
-        converters = dict.fromkeys(self.gaps, _filled)
+        converters = dict.fromkeys(self.gaps, lambda cell: float(number_of(cell.strip())))
         converters |= dict.fromkeys(self.words, lambda cell: np.nan)
         try:
             with warnings.catch_warnings():
@@ -405,13 +411,6 @@ def _more(fields, delimiter, width):
     """What to say of a row of more columns, which may have decimals in columns of their own."""
     more = len(fields) > width and all(cell.lstrip("+-").isdecimal() for cell in fields)
     return "; if it has decimal commas, write points" * (more and delimiter == ",")
-
-
-def _filled(cell):
-    value = number_of(cell.strip())
-    if value is None:
-        raise ValueError
-    return value
 
 
 def _is_value(cell):

@@ -120,13 +120,10 @@ def _matching_noise(model, wanted):
 
 
 def roughness_of(model):
-    """Median ratio of scale to radius of planes, all over a cloud."""
-    return _roughness(model, _even_rows(model.index))
-
-
-def _even_rows(index):
-    """Rows evenly along the first axis, so that neither the order of rows nor the unit matters."""
-    return np.lexsort(index.points.T[::-1])[:: max(1, len(index.points) // MATCHED)]
+    """Median ratio of scale to radius of planes, all over a cloud: around rows evenly along the
+    first axis, so that neither the order of rows nor the unit matters."""
+    points = model.index.points
+    return _roughness(model, np.lexsort(points.T[::-1])[:: max(1, len(points) // MATCHED)])
 
 
 def _roughness(model, rows):

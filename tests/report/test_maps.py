@@ -7,8 +7,8 @@ from sklearn_mcmd import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._plane_figures import plane_figures
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.report._maps import fullest_cells, marked_maps
+from sklearn_mcmd.report._pages import segment_contents
 from sklearn_mcmd.report._plane_page import plane_contents
-from sklearn_mcmd.report._regions_page import segment_contents
 from sklearn_mcmd.report._shown import Shown
 
 pytest.importorskip("matplotlib")
