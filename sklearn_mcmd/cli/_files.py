@@ -75,8 +75,7 @@ def read_all(source, columns=None):
 
 
 def read(source, target=None, results=None, *, columns=None):
-    """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`.
-    `columns` is as of `read_points`."""
+    """Read a cloud, but first refuse a `target` that cannot be written or hold the `results`."""
     if target is not None:
         check_output(target, results)
     with progress_part(0.0, WORK_BEGINS, "reading"):

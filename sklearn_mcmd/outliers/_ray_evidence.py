@@ -37,12 +37,8 @@ class RayEvidence(NamedTuple):
 
     @classmethod
     def of(cls, origins, measuring, planes, usable, least):
-        """Of points that were measured from `origins` (n, d), and have `MeasuringPlanes`; also
-        which of these are free to be of surfaces, bool (n,).
-
-        `planes` have their own noise, `usable`, bool (n,), are those that may be of a surface or a
-        sheet, and `least` points a surface has at least.
-        """
+        """Of points measured from `origins` (n, d), with `MeasuringPlanes`; and which are free to
+        be of surfaces. `usable` planes may be of one or of a sheet, of `least` points."""
         index, n_jobs, limits = measuring.model.index, measuring.n_jobs, SurfaceLimits()
         points, n = index.points, len(index.points)
         rays = Rays.of(points, origins, RayLimits(), n_jobs)
@@ -118,8 +114,7 @@ class RayEvidence(NamedTuple):
         return np.maximum(isolation, sheet), separation, beside
 
     def _separation(self, off_surface, explained, step):
-        """The separation of points off the surfaces, by the beams around their groups; `step` (m,)
-        is theirs."""
+        """Separation off the surfaces, by beams around groups; `step` (m,) is that of points."""
         separation = off_surface.separation.copy()
         stand_off = np.flatnonzero(separation > 0)
         rows, groups = off_surface.rows[stand_off], off_surface.groups[stand_off]
@@ -160,8 +155,7 @@ class RayEvidence(NamedTuple):
 
 
 def doubt_of(n_on_sheets, n_on_surfaces):
-    """What speaks against the position, in words: that sheets of rays would have a large share of
-    all that is flat."""
+    """What speaks against the position, in words: too much of what is flat would be its rays."""
     share = n_on_sheets / max(1, n_on_sheets + n_on_surfaces)
     if share <= RayLimits().mistaken:
         return ""

@@ -129,8 +129,7 @@ def tangents_of(normals):
 
 
 def is_smooth(left, scale):
-    """Whether neighborhoods keep all members, given the scale of their robust planes: bool (B,).
-    `left` is that of `QuadricFit`."""
+    """Whether neighborhoods keep all members, by what a quadric `left` and the robust scale."""
     return (left <= SmoothnessLimits().curved * scale) & np.isfinite(left) & (scale > 0)
 
 
