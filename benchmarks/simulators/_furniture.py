@@ -6,8 +6,7 @@ Sharp edges are the lines where surfaces meet at an angle, and the free ends of 
 
 import numpy as np
 
-from sklearn_mcmd.datasets._scan import scan
-from sklearn_mcmd.datasets._scene import Scene
+from sklearn_mcmd.datasets._scan import Scene, scan
 from sklearn_mcmd.datasets._street import KERB_Y, PATH_Z, UP, facing, feet, pole, road_and_kerb
 from sklearn_mcmd.datasets._surfaces import Circle, Foliage, Patch
 

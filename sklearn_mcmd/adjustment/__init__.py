@@ -3,7 +3,6 @@
 from sklearn_mcmd.adjustment._baarda import BaardaPlaneDetector
 from sklearn_mcmd.adjustment._comparison import Difference, PlaneComparison, compare_planes
 from sklearn_mcmd.adjustment._fuzzy import FuzzyPlaneDetector
-from sklearn_mcmd.adjustment._power import noncentrality
 from sklearn_mcmd.adjustment._precision import PlanePrecision
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
 from sklearn_mcmd.adjustment._report import text_report
@@ -13,7 +12,7 @@ from sklearn_mcmd.adjustment._scan_weights import (
     scan_weights,
     variance_components,
 )
-from sklearn_mcmd.adjustment._tests import critical_value, local_level
+from sklearn_mcmd.adjustment._tests import critical_value, local_level, noncentrality
 from sklearn_mcmd.adjustment._tolerance import PlaneFlatness, flatness
 from sklearn_mcmd.planes._form import PlaneForm
 

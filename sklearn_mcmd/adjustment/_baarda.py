@@ -216,7 +216,7 @@ class BaardaPlaneDetector(PlaneDetector):
                 warn(
                     "$robust_start=True finds half of the points or more on one line, through "
                     "which any plane goes. All points are the start in their place, as with "
-                    "$robust_start=False.",
+                    "$robust_start=False."
                 )
         is_robust = start is not None or self.test_ != self.test
         if start is None:

@@ -10,13 +10,7 @@ from sklearn.utils.validation import check_array, check_is_fitted
 
 from sklearn_mcmd._choices import Correction, Surface, Test, choices_of
 from sklearn_mcmd._errors import ParameterError, warn, warn_caller
-from sklearn_mcmd._sklearn import (
-    DocLinkMixin,
-    Interval,
-    StrOptions,
-    checked,
-    fit_context,
-)
+from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, checked, fit_context
 from sklearn_mcmd._validation import OffsetOutlierMixin, validate_points
 from sklearn_mcmd.adjustment._determinacy import (
     AS_THICK_AS_WIDE,
@@ -30,11 +24,10 @@ from sklearn_mcmd.adjustment._least_squares import (
     adjust_plane,
     rounding_of,
 )
-from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import PlanePrecision, pointed_up, precision_of, quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability, reliability_of
 from sklearn_mcmd.adjustment._robust import NORMAL_QUARTILE, m_estimate
-from sklearn_mcmd.adjustment._tests import global_test_pvalue, local_level, statistic
+from sklearn_mcmd.adjustment._tests import POWER, global_test_pvalue, local_level, statistic
 from sklearn_mcmd.planes._form import form_of
 from sklearn_mcmd.planes._resolution import rounding_in_common
 
@@ -278,8 +271,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         return m_estimate(X, weights, surface=self.surface, rounding=rounding)
 
     def _noise(self, sigma, plane, training):
-        """sigma, or what rounding makes of a residual from this plane, if larger; and whether that
-        is float64's."""
+        """sigma, or what rounding makes of a residual, if larger; whether that is float64's."""
         least = training.rounding.least_deviation(plane.direction)
         step = training.rounding.step_of(plane.direction)
         is_rounding = least <= training.rounding.error_of_float64(plane.direction)
@@ -291,7 +283,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
                 remedy = f"subtract an offset from $X before its digits are lost, or {remedy}"
             warn(
                 f"$sigma0={self.sigma0!r} is less than what {rounding} to a residual, {least:.2g}, "
-                f"which is taken in its place; {remedy}.",
+                f"which is taken in its place; {remedy}."
             )
         return max(sigma, least), sigma <= least and is_rounding
 
@@ -344,7 +336,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         if plane.surface == "orthogonal" and normal_pvalue(plane) > self.alpha:
             warn_caller(
                 f"{AS_THICK_AS_WIDE}, which determines no normal: normal_ points anywhere across "
-                "them. Add points beside that line, or look for what is thick.",
+                "them. Add points beside that line, or look for what is thick."
             )
 
     def _warn_if_far(self, training):
@@ -368,15 +360,12 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
             f"The tests reject {np.count_nonzero(rejected)} of {len(rejected)} points, "
             "which leaves too few for a plane, or points on a line; the last estimable plane "
             "was kept. Check "
-            f"$sigma0={self.sigma0!r} against the noise, or the share of outliers.",
+            f"$sigma0={self.sigma0!r} against the noise, or the share of outliers."
         )
 
     def _warn_if_steep(self, training, vertical):
-        """Warn if vertical residuals of a wall reject good points, or miss the wall.
-
-        Columns may be other things than coordinates. The points are taken for a wall if they are a
-        thin and steep sheet that fails the test, or is much nearer than the `vertical` plane.
-        """
+        """Warn if vertical residuals of a wall, a thin and steep sheet, reject good points or miss
+        it: if it fails the test, or is much nearer than the `vertical` plane."""
         if self.surface == "orthogonal":
             return
         limits = SteepLimits()
@@ -395,7 +384,7 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
                 f"The points lie along a plane tilted by {tilt:.0f} degrees, of which "
                 f"$surface='vertical' rejects {100 * rejected:.0f} %. If all columns are "
                 "coordinates of like precision, as in the scan of a wall, use "
-                "$surface='orthogonal'.",
+                "$surface='orthogonal'."
             )
             return True
 

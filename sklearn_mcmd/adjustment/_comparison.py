@@ -11,9 +11,8 @@ from sklearn.utils.validation import check_is_fitted
 from sklearn_mcmd._errors import warn_caller
 from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.adjustment._base import PlaneDetector, Variance, place_of
-from sklearn_mcmd.adjustment._power import POWER, noncentrality
 from sklearn_mcmd.adjustment._precision import parameter_derivatives, quantile
-from sklearn_mcmd.adjustment._tests import local_level
+from sklearn_mcmd.adjustment._tests import POWER, local_level, noncentrality
 
 CORNERS = 2**0.5  # rims to the farthest point of a square that stands on a corner
 
@@ -167,8 +166,7 @@ def compare_planes(
 
 
 def _great_circle(first, second):
-    """Angle of two unit normals, and for each the directions into which it may turn: along the
-    great circle of both, then across."""
+    """Angle of two unit normals, and where each may turn: along the great circle, and across."""
     cosine, gap = first @ second, second - first
     along = gap - first * (first @ gap)
     sine = np.linalg.norm(along)
@@ -205,8 +203,7 @@ def _sides(plane):
 
 
 def _difference(value, values, roots, dofs, level, unit=1.0):
-    """A `Difference` of this value, from its parts along all directions in radians or units, and
-    the roots of their covariances."""
+    """A `Difference` of this value, from parts along all directions, and roots of covariances."""
     # Both clouds are independent, so covariances add up. Degrees of freedom of a sum of scales are
     # Welch's: (sum of variances)^2 / sum of (variance^2 / dof).
     covariances = [root @ root.T for root in roots]

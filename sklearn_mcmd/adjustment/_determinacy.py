@@ -10,10 +10,8 @@ AS_THICK_AS_WIDE = "The points that pass are as thick as they are wide, as those
 
 
 def check_distinct(X, n_samples):
-    """Raise if X, the points of positive weight, has no more distinct points than columns.
-
-    A plane in d dimensions goes through any d points: a test needs one more.
-    """
+    """Raise if X, the points of positive weight, has no more distinct points than columns. A plane
+    in d dimensions goes through any d points: a test needs one more."""
     d = X.shape[1]
     n_distinct = len(np.unique(X[:N_FIRST], axis=0))
     if n_distinct <= d < len(X):
@@ -34,12 +32,8 @@ def check_distinct(X, n_samples):
 
 
 def check_rank(plane, d, which="$X"):
-    """Raise if the points of a plane, `which` in words, lie on one line or at one place.
-
-    For points in space these are all planes that are not determined. With more columns, one may
-    depend on others, as a sum depends on its parts. That is no error: residuals and tests are the
-    same as without that column, and slopes are those of minimum norm.
-    """
+    """Raise if the points of a plane, `which` in words, lie on one line or at one place. Columns
+    that depend on others, as sums, are no error: slopes are those of minimum norm."""
     if plane.rank >= min(d, 3):
         return
     place = "at one place" if plane.rank == 1 else "on one line"

@@ -25,11 +25,8 @@ def bounding_points(plane, X, members, alone):
 
 
 def hull_vertices(plane, X, members):
-    """Members at which every affine function of the regressors reaches its largest size.
-
-    Members and result are rows of X, ascending: the vertices of the members' convex hull, or all
-    members where a hull saves no time.
-    """
+    """Rows of X, ascending, at which every affine function of the regressors of members is largest:
+    the vertices of their convex hull, or all members where a hull saves no time."""
     if len(members) <= FEWEST or plane.rank > MAX_DIMENSIONS + 1:
         return members
     U = plane.whiten(X[members])[0]
@@ -57,8 +54,7 @@ def effects_of(plane, X, rows, vertices, weights, alone):
 
 
 def largest_effects(plane, X, vertices, same=None):
-    """``max |a_k' N^-1 a_i|`` over vertices k, for all points i, without those that are the `same`
-    point."""
+    """``max |a_k' N^-1 a_i|`` over vertices k, for points i, but those that are the `same`."""
     effect = np.zeros(len(X))
     if len(vertices) == 0:
         return effect

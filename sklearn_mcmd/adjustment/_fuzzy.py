@@ -272,12 +272,7 @@ class FuzzyPlaneDetector(PlaneDetector):
         if self.correction != "none":
             # So that a residual is half abnormal at the critical value, and not beyond it.
             critical = critical - width * np.sqrt(np.maximum(redundancy, 0.0))
-        return {
-            "statistic": tests,
-            "redundancy": redundancy,
-            "critical": critical,
-            "width": width,
-        }
+        return {"statistic": tests, "redundancy": redundancy, "critical": critical, "width": width}
 
     def _find_effects(self, training, cofactors, abnormal):
         """r~n of every observation (Eqs 13, 17), without the redundancy matrix.

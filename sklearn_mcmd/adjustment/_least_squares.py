@@ -27,9 +27,7 @@ class Rounding(NamedTuple):
 
     def error_of_float64(self, direction):
         """The largest in a residual of this direction, which is only rounding if it is no longer.
-
-        On a steep vertical surface the rounding of the regressors enters the residuals.
-        """
+        On a steep vertical surface the rounding of the regressors enters the residuals."""
         return max(float(np.abs(direction) @ self.errors), np.finfo(float).tiny)
 
     def least_deviation(self, direction, steps=12**-0.5):
@@ -139,12 +137,8 @@ class PlaneAdjustment:
         return np.linalg.svd(self.axes, full_matrices=False)[0]
 
     def evaluate(self, X):
-        """Residuals of points and cofactors of the plane below them.
-
-        Residuals are observed minus adjusted, in units of X. A cofactor is ``a_i' N^-1 a_i``, the
-        variance of the adjusted value over sigma0^2; times the point's weight it is its leverage
-        h_i.
-        """
+        """Residuals of points, observed minus adjusted, and cofactors ``a_i' N^-1 a_i`` of the
+        plane below them, its variance over sigma0^2; times a point's weight, its leverage h_i."""
         n = X.shape[0]
         residuals, cofactors = np.empty(n), np.empty(n)
         for rows in slices(n, CHUNK):

@@ -6,10 +6,9 @@ import numpy as np
 from scipy.special import chdtri
 
 from sklearn_mcmd._errors import fixed
-from sklearn_mcmd.adjustment._power import POWER
 from sklearn_mcmd.adjustment._precision import quantile
 from sklearn_mcmd.adjustment._reliability import PlaneReliability
-from sklearn_mcmd.adjustment._tests import pvalue
+from sklearn_mcmd.adjustment._tests import POWER, pvalue
 
 LEAST_ERROR = 1e-9  # the least standard error that is printed
 NO_DIRECTION = 60.0  # standard error in degrees from which on a plane falls to no side
@@ -52,22 +51,19 @@ class PlaneFigures(NamedTuple):
 def plane_figures(
     detector, X, unit="", *, n_worst=None, comparison=None, flatness=None, by_range=()
 ):
-    """The figures of a fitted detector, its training points, and what was compared with them.
-
-    The unit is only printed. `comparison`, `flatness` and `by_range` are results of
-    `compare_planes`, `flatness` and `variance_components`. Without `n_worst`, the number of points
-    to list, there are neither tables nor reliability.
-    """
+    """The figures of a fitted detector, its training points and what was compared with them; `unit`
+    is only printed. Without `n_worst`, points to list, no tables and no reliability."""
     unit = f" {unit}" if unit else ""
-    reliability = None if n_worst is None else _usual_reliability(detector, X)
-    n_outliers = np.count_nonzero(detector.labels_ == -1)
-    head = {"method": _method(detector), "points": len(X), "outliers": _share(n_outliers, len(X))}
+    # Tests so lax that their level is no smaller than the power have none, nor have exact points.
+    has_reliability = detector._level_of_one() < POWER and not detector._fitted.is_rounding
+    reliability = detector.reliability(X) if n_worst is not None and has_reliability else None
+    outliers = _share(np.count_nonzero(detector.labels_ == -1), len(X))
     parts = {
-        "": _words(head),
+        "": {"method": _method(detector), "points": len(X), "outliers": outliers},
         "Plane": _plane_rows(detector, unit),
         "Standard errors": _error_rows(detector, X, unit),
         "Form": _form_rows(detector, unit),
-        "Tests": _test_rows(detector, unit) + _range_rows(by_range, unit),
+        "Tests": _test_rows(detector, unit) | _range_rows(by_range, unit),
         "Reliability": _reliability_rows(reliability, unit),
         "Flatness": _flatness_rows(flatness, unit),
         "Against the other plane": _comparison_rows(comparison, unit),
@@ -77,15 +73,8 @@ def plane_figures(
     if n_worst is not None:
         worst = _worst_table(detector, X, reliability, n_worst)
         tables[f"{len(worst.rows)} largest test statistics"] = worst
-    return PlaneFigures({title: rows for title, rows in parts.items() if rows}, tables, reliability)
-
-
-def _usual_reliability(detector, X):
-    """The reliability of the usual power, or None where there is none: of tests so lax that their
-    level is no smaller, and of points without noise."""
-    if detector._level_of_one() >= POWER or detector._fitted.is_rounding:
-        return None
-    return detector.reliability(X)
+    words = {title: _words(rows) for title, rows in parts.items() if rows}
+    return PlaneFigures(words, tables, reliability)
 
 
 def _words(rows):
@@ -142,12 +131,11 @@ def _plane_rows(detector, unit):
         rows.append(_row("slopes", detector.coef_, error=errors.max()))
     horizontal = " degrees from the horizontal"
     rows.append(_row("dip", precision.tilt, horizontal, error=precision.tilt_error))
-    if detector._fitted.is_rounding:
-        return rows
     leans = precision.tilt > precision.confidence_factor() * precision.tilt_error
-    if leans and precision.azimuth_error < NO_DIRECTION:
+    is_exact = detector._fitted.is_rounding
+    if leans and not is_exact and precision.azimuth_error < NO_DIRECTION:
         rows.append(_dip_direction(detector, precision))
-    return rows
+    return {row.name: row for row in rows}
 
 
 def _dip_direction(detector, precision):
@@ -165,7 +153,7 @@ def _dip_direction(detector, precision):
 def _error_rows(detector, X, unit):
     """Standard errors a posteriori, and how much they change a priori."""
     if detector._fitted.is_rounding:
-        return []
+        return {}
     variance = "prior" if _is_exact(detector) else "posterior"
     precision = detector.precision(variance)
     center = quantile(0.95, precision.dof) * precision.offset_error
@@ -180,33 +168,29 @@ def _error_rows(detector, X, unit):
         share = f", and {quantile(0.95, precision.dof):.3g} of them hold 95 %"
     exact = "the points have no noise; these are a priori"
     ellipse = " x ".join(f"{error:.2g}" for error in precision.ellipse)
-    return _words(
-        {
-            "errors": f"{times}of independent noise{share}; the middle of the plane lies within ± "
-            f"{center:.2g}{unit} (95 %); not in them: form of the whole plane, registration, "
-            "calibration",
-            "a posteriori": exact if variance == "prior" else posterior,
-            "normal's ellipse": f"{ellipse}, cone {precision.cone:.2g} degrees; 95 %: "
-            f"{precision.confidence_factor():.2f} ellipses",
-            "band of 95 %": f"plane ± {center:.3g} at its center to ± {plane.max():.3g}{unit} at "
-            f"its rim, a point ± {point.max():.3g}{unit}",
-        }
-    )
+    return {
+        "errors": f"{times}of independent noise{share}; the middle of the plane lies within ± "
+        f"{center:.2g}{unit} (95 %); not in them: form of the whole plane, registration, "
+        "calibration",
+        "a posteriori": exact if variance == "prior" else posterior,
+        "normal's ellipse": f"{ellipse}, cone {precision.cone:.2g} degrees; 95 %: "
+        f"{precision.confidence_factor():.2f} ellipses",
+        "band of 95 %": f"plane ± {center:.3g} at its center to ± {plane.max():.3g}{unit} at "
+        f"its rim, a point ± {point.max():.3g}{unit}",
+    }
 
 
 def _form_rows(detector, unit):
     """What the points have in common beside the plane."""
     form = detector.form_
     if np.isnan(form.pvalue):
-        return []
+        return {}
     freedom = f"{form.dof} and {form.noise_dof} degrees of freedom"
-    return _words(
-        {
-            "lack of fit": f"F = {form.statistic:.3g} of {form.n_cells} cells ({freedom}), "
-            f"p = {form.pvalue:.2g}",
-            "bow": f"{form.bow:.3g}{unit} from its lowest to its highest place",
-        }
-    )
+    return {
+        "lack of fit": f"F = {form.statistic:.3g} of {form.n_cells} cells ({freedom}), "
+        f"p = {form.pvalue:.2g}",
+        "bow": f"{form.bow:.3g}{unit} from its lowest to its highest place",
+    }
 
 
 def _test_rows(detector, unit):
@@ -218,35 +202,30 @@ def _test_rows(detector, unit):
         origin = "float64's rounding: no noise to test against"
     elif detector.sigma0_ == fitted.least_scale:
         origin = f"that of coordinates in steps of {fitted.step:.3g}{unit}, at least"
-    return _words(
-        {
-            "test": f"{detector.test_}{replaced}, {correction} correction, "
-            f"alpha = {detector.alpha:g}",
-            "alpha_0": f"{detector._level_of_one():.3g}, the level of one point",
-            "critical value": f"{detector.critical_value_:.4f}",
-            "sigma0": _row("sigma0", f"{detector.sigma0_:.4g}", unit, note=origin),
-            "degrees of freedom": detector.dof_,
-            **_variance_ratio(detector),
-            "global test": _global_test(detector),
-        }
-    )
+    return {
+        "test": f"{detector.test_}{replaced}, {correction} correction, alpha = {detector.alpha:g}",
+        "alpha_0": f"{detector._level_of_one():.3g}, the level of one point",
+        "critical value": f"{detector.critical_value_:.4f}",
+        "sigma0": _row("sigma0", f"{detector.sigma0_:.4g}", unit, note=origin),
+        "degrees of freedom": detector.dof_,
+        **_variance_ratio(detector),
+        "global test": _global_test(detector),
+    }
 
 
 def _range_rows(components, unit):
     """Whether instrument data hold, class by class of the range."""
     if not components:
-        return []
+        return {}
     ratios = ", ".join(f"{one.ratio:.2f}" for one in components)
     low, high = components[0].usual
     held = sum(one.usual[0] <= one.ratio <= one.usual[1] for one in components)
-    return _words(
-        {
-            "by range": f"{ratios} times the deviations that the instrument's errors tell, from "
-            f"{components[0].low:.3g} to {components[-1].high:.3g}{unit}",
-            "instrument": f"{held} of {len(components)} ranges are within {low:.2f} and "
-            f"{high:.2f}, where 95 % are if these errors hold",
-        }
-    )
+    return {
+        "by range": f"{ratios} times the deviations that the instrument's errors tell, from "
+        f"{components[0].low:.3g} to {components[-1].high:.3g}{unit}",
+        "instrument": f"{held} of {len(components)} ranges are within {low:.2f} and "
+        f"{high:.2f}, where 95 % are if these errors hold",
+    }
 
 
 def _variance_ratio(detector):
@@ -278,38 +257,34 @@ def _global_test(detector):
 def _reliability_rows(reliability, unit):
     """Internal and external reliability."""
     if reliability is None:
-        return []
+        return {}
     bias = reliability.minimal_bias[np.isfinite(reliability.minimal_bias)]
     if len(bias) == 0:
-        return _words({"detectable bias": "none: no point is controlled by others"})
+        return {"detectable bias": "none: no point is controlled by others"}
     effect = f"{reliability.effect.max():.2g}{unit} at most"
-    return _words(
-        {
-            "alpha_0, 1 - beta": f"{reliability.level:.3g}, {reliability.power:g}; noncentrality "
-            f"{reliability.noncentrality:.2f}",
-            "detectable bias": f"{bias.min():.4g} to {bias.max():.4g}{unit} (MDB)",
-            "effect of such a bias": f"moves the plane at its place by {effect}",
-        }
-    )
+    return {
+        "alpha_0, 1 - beta": f"{reliability.level:.3g}, {reliability.power:g}; noncentrality "
+        f"{reliability.noncentrality:.2f}",
+        "detectable bias": f"{bias.min():.4g} to {bias.max():.4g}{unit} (MDB)",
+        "effect of such a bias": f"moves the plane at its place by {effect}",
+    }
 
 
 def _comparison_rows(comparison, unit):
     """The verdict on two planes, and both differences with their tests."""
     if comparison is None:
-        return []
+        return {}
     place = _rounded(comparison.place, 100 * comparison.offset.error)[0]
     registration = f"± {comparison.registration_error:g}{unit} are in both errors"
     if not comparison.registration_error:
         registration = "not in the errors; what it is off looks like a movement"
-    return _words(
-        {
-            "against": comparison.verdict,
-            "compared at": f"{place}{unit}",
-            "registration": registration,
-            "tilt between": _difference_row("tilt between", comparison.tilt, " degrees"),
-            "offset": _difference_row("offset", comparison.offset, f"{unit} along the normal"),
-        }
-    )
+    return {
+        "against": comparison.verdict,
+        "compared at": f"{place}{unit}",
+        "registration": registration,
+        "tilt between": _difference_row("tilt between", comparison.tilt, " degrees"),
+        "offset": _difference_row("offset", comparison.offset, f"{unit} along the normal"),
+    }
 
 
 def _difference_row(name, difference, unit):
@@ -321,25 +296,23 @@ def _difference_row(name, difference, unit):
 def _flatness_rows(flat, unit):
     """Points against the tolerance, both zones and the verdict."""
     if flat is None:
-        return []
+        return {}
     cell, bump = (" x ".join(f"{side:.2g}" for side in one) for one in (flat.cell, flat.bump))
     outside = _share(flat.n_outside, flat.n_points, " points")
     decide = ""
     if flat.verdict == "undecided":
         decide = "; form and tolerance differ by less than that"
-    return _words(
-        {
-            "tolerance": f"{flat.tolerance:g}{unit} between two parallel planes",
-            "outside": f"{outside}, {flat.n_significant} of them by more than their uncertainty of "
-            f"{flat.uncertainty:.3g}{unit}",
-            "zone": f"{flat.zone:.4g}{unit} by least squares, {flat.minimum_zone:.4g}{unit} at "
-            "least; without outliers, with noise",
-            "form": f"{flat.form:.3g} ± {flat.form_uncertainty:.2g}{unit} between two parallel "
-            f"planes, by medians of {flat.n_cells} cells of {cell}{unit}; a bump of less than "
-            f"{bump}{unit}, or {flat.bump_height:.2g}{unit} high, may be unseen",
-            "flatness": f"{flat.verdict}, the uncertainty considered{decide}",
-        }
-    )
+    return {
+        "tolerance": f"{flat.tolerance:g}{unit} between two parallel planes",
+        "outside": f"{outside}, {flat.n_significant} of them by more than their uncertainty of "
+        f"{flat.uncertainty:.3g}{unit}",
+        "zone": f"{flat.zone:.4g}{unit} by least squares, {flat.minimum_zone:.4g}{unit} at "
+        "least; without outliers, with noise",
+        "form": f"{flat.form:.3g} ± {flat.form_uncertainty:.2g}{unit} between two parallel "
+        f"planes, by medians of {flat.n_cells} cells of {cell}{unit}; a bump of less than "
+        f"{bump}{unit}, or {flat.bump_height:.2g}{unit} high, may be unseen",
+        "flatness": f"{flat.verdict}, the uncertainty considered{decide}",
+    }
 
 
 def _residual_rows(detector, X, unit):
@@ -349,13 +322,15 @@ def _residual_rows(detector, X, unit):
         f"{_rms(part):.4g}{unit}" if len(part) else "none"
         for part in (residuals, residuals[inliers])
     )
-    return _words({"residuals": f"rms {rms}, without outliers {without}; positive {side}"})
+    return {"residuals": f"rms {rms}, without outliers {without}; positive {side}"}
 
 
 def _worst_table(detector, X, reliability, n_worst):
     """The points of the largest test statistics."""
     residuals, tests = detector.residuals(X), detector.test_statistic_
-    length = f".{_decimals(residuals[detector.labels_ == 1])}f"
+    kept = residuals[detector.labels_ == 1]
+    typical = _rms(kept) if len(kept) else 0.0  # is shown with three digits
+    length = f".{int(np.clip(2 - np.floor(np.log10(typical)), 0, 9)) if typical > 0 else 6}f"
     is_baarda = hasattr(detector, "elimination_step_")
     kind = detector.test_ if is_baarda else detector.test  # the fuzzy test turns t into w
     dof = detector.dof_ + ~detector.support_  # a point outside is tested as if it joined
@@ -383,9 +358,3 @@ def _worst_table(detector, X, reliability, n_worst):
 
 def _rms(values):
     return np.sqrt(np.mean(values**2))
-
-
-def _decimals(residuals):
-    """Number of decimals that shows three digits of a typical residual."""
-    rms = _rms(residuals) if len(residuals) else 0.0
-    return int(np.clip(2 - np.floor(np.log10(rms)), 0, 9)) if rms > 0 else 6

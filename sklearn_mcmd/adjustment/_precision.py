@@ -71,12 +71,8 @@ def quantile(level, dof, k=1):
 
 
 def parameter_derivatives(plane):
-    """Derivatives of unit normal (rows 0 to d - 1) and distance by whitened parameters, whose
-    cofactor matrix is the identity.
-
-    With the rows g of `PlaneAdjustment.design`, parameters t raise the plane by ``g't`` along its
-    residuals. Its direction becomes ``direction - axes t``, and is then scaled to length 1.
-    """
+    """Derivatives of unit normal (rows 0 to d - 1) and distance by whitened parameters t, of
+    cofactor matrix I: these raise the plane by ``g't``, and turn its direction by ``- axes t``."""
     normal, length = plane.normal, np.linalg.norm(plane.direction)
     derivatives = np.zeros((len(normal) + 1, plane.rank))
     across = plane.axes - np.outer(normal, normal @ plane.axes)
@@ -87,24 +83,13 @@ def parameter_derivatives(plane):
 
 
 def pointed_up(plane, scale):
-    """The plane of an orthogonal surface with its normal up; that of a wall to +y, or +x.
-
-    The last coordinate decides that is more than four of its standard errors, of this scale of
-    unit weight: noise has no say.
-    """
+    """The plane of an orthogonal surface with its normal up; that of a wall to +y, or +x. The last
+    coordinate decides that is more than four of its standard errors, of this scale."""
     with np.errstate(over="ignore"):  # of points as thick as they are wide errors are infinite
         errors = np.linalg.norm(scale * parameter_derivatives(plane)[:-1], axis=1)
     clear = np.abs(plane.normal) > CLEAR * errors + ROUNDING
     axis = np.flatnonzero(clear)[-1] if clear.any() else np.abs(plane.normal).argmax()
     return plane if plane.normal[axis] > 0 else plane.reversed()
-
-
-def tilt_direction(normal):
-    """Unit vector into which the normal turns if the tilt grows; nan for a horizontal plane."""
-    with np.errstate(invalid="ignore"):
-        uphill = normal[:-1] / np.linalg.norm(normal[:-1])
-    upright = np.sign(normal[-1]) or 1.0
-    return np.append(uphill * abs(normal[-1]), -upright * np.linalg.norm(normal[:-1]))
 
 
 def precision_of(plane, scale, dof, alike=1.0):
@@ -113,9 +98,12 @@ def precision_of(plane, scale, dof, alike=1.0):
     roots = scale * parameter_derivatives(plane)
     axes, errors, _ = np.linalg.svd(roots[:-1], full_matrices=False)
     sine, azimuth, azimuth_error = float(np.linalg.norm(normal[:-1])), np.nan, np.nan
-    tilt_error = np.linalg.norm(tilt_direction(normal) @ roots[:-1]) if sine else errors[0]
+    upright, tilt_error = np.sign(normal[-1]) or 1.0, errors[0]
+    if sine:  # into the direction that the normal turns to if the tilt grows
+        steeper = np.append(normal[:-1] / sine * abs(normal[-1]), -upright * sine)
+        tilt_error = np.linalg.norm(steeper @ roots[:-1])
     if len(normal) == 3:
-        x, y = (np.sign(normal[2]) or 1.0) * normal[:2]  # of the normal that points up
+        x, y = upright * normal[:2]  # of the normal that points up
         azimuth = np.degrees(np.arctan2(x, y)) % 360
         level = np.array([normal[1], -normal[0], 0.0])
         azimuth_error = np.degrees(np.linalg.norm(level @ roots[:-1]) / sine**2) if sine else np.inf

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sklearn_mcmd.adjustment._least_squares import CHUNK
-from sklearn_mcmd.adjustment._power import noncentrality
-from sklearn_mcmd.adjustment._tests import UNCONTROLLED
+from sklearn_mcmd.adjustment._tests import UNCONTROLLED, noncentrality
 from sklearn_mcmd.runtime._chunks import slices
 
 

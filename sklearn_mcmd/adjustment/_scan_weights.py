@@ -13,7 +13,6 @@ from sklearn_mcmd.adjustment._base import PlaneDetector, check_points, place_of
 from sklearn_mcmd.adjustment._robust import m_estimate
 
 COUNT = [Interval(Integral, 1, None, closed="left")]
-POSITIVE = [Interval(Real, 0, None, closed="neither")]
 NOT_NEGATIVE = [Interval(Real, 0, None, closed="left")]
 USUAL = 0.95  # share of the ratios of a class whose data hold that are within their interval
 
@@ -133,7 +132,7 @@ def scan_weights(
     return ScanWeights(deviations, (sigma0 / deviations) ** 2, sigma0)
 
 
-@checked(n_classes=COUNT, sigma0=[*POSITIVE, None])
+@checked(n_classes=COUNT, sigma0=[Interval(Real, 0, None, closed="neither"), None])
 def variance_components(
     detector: PlaneDetector,
     X: "ArrayLike",

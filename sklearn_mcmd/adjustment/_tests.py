@@ -1,20 +1,36 @@
-"""Test statistics of residuals, their critical values and local levels (Table 1)."""
+"""Test statistics of residuals, critical values, local levels (Table 1) and powers of tests."""
 
 from numbers import Integral, Real
 
 import numpy as np
-from scipy.special import betaln, chdtrc, log_ndtr, logsumexp, ndtr, ndtri, stdtr, stdtrit
+from scipy.optimize import brentq
+from scipy.special import (
+    betaln,
+    chdtrc,
+    chdtri,
+    chndtrinc,
+    fdtri,
+    log_ndtr,
+    logsumexp,
+    ncfdtr,
+    ndtr,
+    ndtri,
+    stdtr,
+    stdtrit,
+)
 
 from sklearn_mcmd._choices import Correction, Test
 from sklearn_mcmd._sklearn import Interval, checked
 
 # An observation with a smaller redundancy number is uncontrolled: its residual is only rounding.
 UNCONTROLLED = 1e-10
+AS_KNOWN = 1e9  # degrees of freedom of a scale from which on F is chi-squared, to nine digits
+POWER = 0.8  # Baarda's; the usual one of reliability
+SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="left")]
 
 
 @checked(
-    alpha=[Interval(Real, 0, 1, closed="neither")],
-    n=[Interval(Integral, 0, None, closed="left")],
+    alpha=[Interval(Real, 0, 1, closed="neither")], n=[Interval(Integral, 0, None, closed="left")]
 )
 def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float:
     """Level of one of n tests that gives all together the level alpha (Eq. 1).
@@ -43,8 +59,7 @@ def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float
 
 
 @checked(
-    level=[Interval(Real, 0, 1, closed="neither")],
-    dof=[Interval(Integral, 0, None, closed="left")],
+    level=[Interval(Real, 0, 1, closed="neither")], dof=[Interval(Integral, 0, None, closed="left")]
 )
 def critical_value(test: Test, level: float, dof: int) -> float:
     """Two-sided critical value of one test (Table 1).
@@ -85,10 +100,8 @@ def critical_value(test: Test, level: float, dof: int) -> float:
 
 
 def residual_limit(test, level, dof, sigma0, scale):
-    """Largest standardized residual that passes the test.
-
-    tau and t rank residuals alike and decide alike, so both compare with ``scale * tau``.
-    """
+    """Largest standardized residual that passes the test. tau and t rank residuals alike and decide
+    alike, so both compare with ``scale * tau``."""
     if test == "w":
         return sigma0 * critical_value("w", level, dof)
     # With f = 1 tau and its limit are both 1, and rounding would decide.
@@ -96,19 +109,14 @@ def residual_limit(test, level, dof, sigma0, scale):
 
 
 def first_of_largest(values):
-    """Position of the largest value; of equal values the first.
-
-    Values are equal if they agree to ten digits. With one degree of freedom, or on a regular
-    grid, exactly equal statistics differ by rounding, which must not decide the order of removal.
-    """
+    """Position of the largest value; of those that agree to ten digits the first, since statistics
+    that are equal, as on a regular grid, differ by rounding, which must decide nothing."""
     return int(np.argmax(values >= values.max() * (1 - 1e-10)))
 
 
 def standardized_residuals(residuals, weights, redundancy):
-    """Residual over the root of its cofactor, ``|v_i| / sqrt(q_i)`` with ``q_i = r_i / p_i``.
-
-    It is zero where the point is uncontrolled (r_i about 0) or has no weight.
-    """
+    """Residual over the root of its cofactor, ``|v_i| / sqrt(q_i)`` with ``q_i = r_i / p_i``. It is
+    zero where the point is uncontrolled (r_i about 0) or has no weight."""
     size = np.abs(residuals)
     if weights is not None:
         size *= np.sqrt(weights)
@@ -121,11 +129,8 @@ def standardized_residuals(residuals, weights, redundancy):
 
 
 def statistic(standardized, test, sigma0, scale, dof):
-    """Baarda's w, Pope's tau or t from `standardized_residuals` (Table 1).
-
-    w divides by sigma0, the known standard deviation of unit weight; tau and t by the estimated
-    one, the root of the variance factor, whose degrees of freedom include the tested points.
-    """
+    """Baarda's w, Pope's tau or t from `standardized_residuals` (Table 1). w divides by sigma0, tau
+    and t by the estimated one, whose degrees of freedom include the tested points."""
     if test == "w":
         return standardized / sigma0
     tau = standardized / scale
@@ -181,13 +186,53 @@ def chance_outside(t, n_outside, n, dof):
 
 
 def global_test_pvalue(sum_of_squares, sigma0, dof):
-    """Probability of a larger v'Pv / sigma0^2 in clean data; nan without redundancy.
-
-    If it is near 0, sigma0 is too small or outliers are left. If it is near 1, sigma0 is too
-    large.
-    """
+    """Probability of a larger v'Pv / sigma0^2 in clean data; nan without redundancy. If it is near
+    0, sigma0 is too small or outliers are left. If it is near 1, sigma0 is too large."""
     if dof < 1:
         return np.nan
     with np.errstate(over="ignore"):
         ratio = np.square(np.sqrt(sum_of_squares) / sigma0)  # the square of sigma0 may underflow
     return float(chdtrc(dof, ratio))
+
+
+@checked(level=SHARE, power=SHARE, dof=COUNT, dof_scale=[Interval(Real, 1, None, closed="both")])
+def noncentrality(
+    level: float, power: float = POWER, dof: float = 1, dof_scale: float = np.inf
+) -> float:
+    """Noncentrality that a test detects with a given power (lambda_0, Baarda 1968).
+
+    Parameters
+    ----------
+    level : float in (0, 1)
+        Level of the test.
+    power : float in (0, 1), default=0.8
+        Probability of detection. A ValueError is raised if it is no larger than the level.
+    dof : float >= 1, default=1
+        Dimension of the test: 1 for one point, f for the global test.
+    dof_scale : float >= 1, default=inf
+        Degrees of freedom of the scale: infinite for a known one, f - 1 for tau and t.
+
+    Returns
+    -------
+    float
+        Of chi-squared, or of F where the scale is estimated.
+
+    Examples
+    --------
+    >>> from sklearn_mcmd.adjustment import noncentrality
+    >>> print(f"{noncentrality(0.001, 0.8):.2f} {noncentrality(0.001, 0.8, dof_scale=10):.2f}")
+    17.07 32.10
+    """
+    if power <= level:
+        raise ValueError(
+            f"power={power!r} is not above the level {level:.3g} of the test, which it has "
+            "without any bias: ask for more power, such as 0.8."
+        )
+    if dof_scale > AS_KNOWN:
+        return float(chndtrinc(chdtri(dof, level), dof, 1 - power))
+    # Two-sided t keeps levels that are too small for 1 - level.
+    limit = stdtrit(dof_scale, level / 2) ** 2 if dof == 1 else fdtri(dof, dof_scale, 1 - level)
+    most = 1.0
+    while ncfdtr(dof, dof_scale, most, limit) > 1 - power:
+        most *= 2
+    return float(brentq(lambda nc: ncfdtr(dof, dof_scale, nc, limit) - 1 + power, 0, most))

@@ -89,9 +89,6 @@ class _Zone(NamedTuple):
     constant: float
     largest: float
 
-    def distances(self, places, heights):
-        return heights - places @ self.slopes - self.constant
-
 
 def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> PlaneFlatness:
     """Compare the points of a fitted plane with a tolerance of flatness (ISO 1101).
@@ -169,9 +166,7 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
 
 def _surface(places, residuals, half, factor, noise):
     """The verdict of medians of ever smaller cells on a zone of twice this half, and its figures.
-
-    The function `factor` tells the quantile of so many cells at once.
-    """
+    The function `factor` tells the quantile of so many cells at once."""
     n = len(places)
     last = max(int(np.log2(n / MEDIAN_POINTS)), min(LEAST_HALVINGS, n // 2))
     last = min(last, MOST_HALVINGS)
@@ -195,7 +190,8 @@ def _surface(places, residuals, half, factor, noise):
             form, uncertainty = zone(np.zeros(len(limits))).largest, float(limits.max())
             figures |= {"form": 2 * form, "form_uncertainty": 2 * uncertainty}
     # Many points of a small cell outside for certain are a bump that is smaller than the cell.
-    outside = np.abs(inside.distances(places, residuals)) - noise.of_points > half
+    distances = residuals - places @ inside.slopes - inside.constant
+    outside = np.abs(distances) - noise.of_points > half
     shares = np.bincount(cells.of_point, outside) / np.bincount(cells.of_point)
     kept &= shares.max() < CLUSTER
     # Medians show little of a bow, which goes on to the rims. It is proven where nothing else is
@@ -234,11 +230,8 @@ def _sides(cells, places, times=1):
 
 
 def minimum_zone(X):
-    """Least distance of two parallel planes that hold all points.
-
-    From the plane of least squares on, linear programs find the plane whose largest distance along
-    the present normal is least, and the normal is turned to it.
-    """
+    """Least distance of two parallel planes that hold all points: from least squares on, linear
+    programs find the least largest distance along the normal, which is turned to it."""
     plane = adjust_plane(X, surface="orthogonal")
     X, normal = X - plane.center, plane.normal
     for _ in range(N_TURNS):
@@ -249,10 +242,8 @@ def minimum_zone(X):
 
 
 def _least_largest(along, across, margins=0.0):
-    """The `_Zone` of the plane of least largest ``|distance| + margin`` along an axis.
-
-    A program begins with a few points, and takes those farthest outside of its zone until none is.
-    """
+    """The `_Zone` of the plane of least largest ``|distance| + margin`` along an axis. A program
+    begins with a few points, and takes those farthest outside of its zone until none is."""
     d, margins = along.shape[1], np.broadcast_to(margins, across.shape)
     height = np.ptp(across) + np.ptp(margins) or 1.0
     unit = np.abs(along).max(axis=0)

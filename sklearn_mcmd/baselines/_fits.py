@@ -94,11 +94,8 @@ class WhitenedModel:
 
 
 class Method(ABC):
-    """A method with its parameters: subclasses are frozen dataclasses of the parameters.
-
-    `_fit` of a subclass judges a group of neighborhoods of equal size. This class does the rest:
-    sizes, the origin, the tables of random positions, the final plane.
-    """
+    """A method: subclasses are frozen dataclasses of its parameters, whose `_fit` judges
+    neighborhoods of equal size. This does the rest: sizes, origin, tables, the last plane."""
 
     has_cutoff: ClassVar[bool] = True  # whether it decides by itself which members are outliers
     _parameter_constraints: ClassVar[dict] = {}
@@ -158,11 +155,8 @@ class Method(ABC):
         rounding: float = 8 * 2.0**-52,
         least_scale: float = 0.0,
     ) -> NeighborhoodFit:
-        """As `fit`, for neighborhoods whose first `sizes` members are in use.
-
-        `rounding` is the relative rounding error of the coordinates, and `least_scale` the error
-        from their step. No scale is smaller than these.
-        """
+        """As `fit`, for neighborhoods whose first `sizes` members are in use. No scale is below
+        `rounding`, the relative one of the coordinates, or `least_scale`, of their step."""
         n_sets, n, d = points.shape
         # Large coordinates would cost digits, and rounding of them is the least scale.
         origin = points[:, 0].copy()
@@ -221,18 +215,13 @@ class Method(ABC):
 
     @abstractmethod
     def _fit(self, points, table, floor):
-        """The verdicts on neighborhoods of one size, as `Verdict`.
-
-        Points (B, n, d) are without the origin; `table` has random positions, and `floor` (B,) is
-        the least scale.
-        """
+        """The verdicts on neighborhoods of one size, as `Verdict`. Points (B, n, d) are without the
+        origin; `table` has random positions, and `floor` (B,) is the least scale."""
 
 
 def flag_share(scores, contamination):
     """Inliers (B, n) and cutoff (B,) if this share of the members, the highest scores, is flagged.
-
-    The number is rounded to the nearest integer. Among equal scores the first are flagged.
-    """
+    The number is rounded to the nearest integer. Among equal scores the first are flagged."""
     n_sets, n = scores.shape
     if contamination is None:
         return np.ones(scores.shape, dtype=bool), np.full(n_sets, np.nan)

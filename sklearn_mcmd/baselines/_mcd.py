@@ -103,7 +103,9 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
     if small_sample:
         covariances *= _small_sample("raw", n, d, support_fraction)
     # Step 4: members within a quantile of chi-squared are kept, and fitted once more.
-    raw = _squared_distances(local, locations, covariances, ridge)
+    values, axes = np.linalg.eigh(covariances)
+    scales = np.sqrt(np.maximum(values, ridge[:, None]))[:, None]
+    raw = np.square((local - locations[:, None]) @ axes / scales).sum(axis=-1)
     kept = raw <= chdtri(d, 1.0 - limits.kept_quantile)
     # At least the subset itself is kept.
     kept = np.where((kept.sum(axis=1) >= h)[:, None], kept, kept | support)
@@ -123,11 +125,8 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
 
 
 def univariate_mcd(values, h):
-    """Location and standard deviation of the h of n values with the least variance (last axis).
-
-    They are consistent for the normal distribution, and exact: the subset is a run of the sorted
-    values.
-    """
+    """Location and standard deviation, for the normal distribution, of the h of n values with the
+    least variance (last axis): exactly, as these are a run of the sorted values."""
     n = values.shape[-1]
     middle = np.median(values, axis=-1, keepdims=True)
     ordered = np.sort(values - middle, axis=-1)
@@ -219,12 +218,6 @@ def moments(points, members):
     mean = (points * weight).sum(axis=1) / size
     deviations = (points - mean[:, None]) * weight
     return mean, np.swapaxes(deviations, 1, 2) @ deviations, size[..., None]
-
-
-def _squared_distances(local, locations, covariances, ridge):
-    values, axes = np.linalg.eigh(covariances)
-    values = np.maximum(values, ridge[:, None])
-    return np.square((local - locations[:, None]) @ axes / np.sqrt(values)[:, None]).sum(axis=-1)
 
 
 def _consistency(share, d):

@@ -32,7 +32,7 @@ class Qsp(Method):
 
     has_cutoff: ClassVar[bool] = False
     _parameter_constraints: ClassVar[dict] = SHARE | {
-        "sample_size": [Interval(Integral, 2, None, closed="left")],
+        "sample_size": [Interval(Integral, 2, None, closed="left")]
     }
     contamination: float | None = None
     sample_size: int = 20

@@ -128,10 +128,8 @@ class Msac(Ransac):
 
 
 def trials_to_stop(n, d, probability):
-    """Trials after which one subset is probably free of outliers, by consensus size 0..n.
-
-    Subsets are drawn without replacement, so their probability is a ratio of binomials.
-    """
+    """Trials after which one subset is probably free of outliers, by consensus size 0..n. Subsets
+    are drawn without replacement, so their probability is a ratio of binomials."""
     # (c choose d) / (n choose d) as a product of d quotients.
     sizes = np.arange(n + 1.0)[:, None] - np.arange(d)
     clean = np.prod(np.maximum(sizes, 0.0) / (n - np.arange(d)), axis=1)
@@ -141,11 +139,8 @@ def trials_to_stop(n, d, probability):
 
 
 def best_planes(points, table, threshold, stops, truncated_loss):
-    """Centers and normals (B, d) of the best trial of each neighborhood; NaN without a plane.
-
-    `stops` is from `trials_to_stop`. With a truncated loss, that of a plane is the sum of
-    min(e^2, t^2) over t^2 (Torr and Zisserman's cost), else the number of members beyond t.
-    """
+    """Centers and normals (B, d) of the best trial of each neighborhood, up to its `stops`; NaN
+    without a plane. A truncated loss sums min(e^2, t^2) / t^2 (MSAC), else members beyond t."""
     n_sets, n, d = points.shape
     best, consensus = np.full(n_sets, np.inf), np.zeros(n_sets, dtype=int)
     centers, normals = np.full((2, n_sets, d), np.nan)
@@ -187,8 +182,7 @@ def least_medians(points, table):
 
 
 def _trial_planes(points, table):
-    """Anchors and unit normals (B, T, d) of minimal subsets, whether they span a plane, and
-    distances (B, T, n) of all members."""
+    """Anchors and unit normals (B, T, d) of subsets, whether these span planes, and distances."""
     normals, offsets, degenerate = planes_through(points[:, table])
     distances = np.abs(normals @ np.swapaxes(points, 1, 2) + offsets[..., None])
     return points[:, table[:, 0]], normals, ~degenerate, distances

@@ -38,11 +38,8 @@ class Scale(NamedTuple):
 
     @classmethod
     def of(cls, radii, others, n_neighbors, reach=None):
-        """By some of the `radii_in` both clouds.
-
-        The second gets as many neighbors as make its usual neighborhood about as wide: where a
-        surface bends, planes of wider ones lie deeper.
-        """
+        """By some of the `radii_in` both clouds. The second gets as many neighbors as make its
+        usual neighborhood about as wide: where a surface bends, planes of wider ones lie deeper."""
         usual, other = (max(float(np.median(some)), SMALLEST) for some in (radii, others))
         ratio = (usual / other) ** 2
         n_second = n_neighbors
@@ -62,8 +59,7 @@ class Measured(NamedTuple):
     others: np.ndarray  # the rows of the second cloud whose planes were asked
 
     def registered(self, covariance, places, center):
-        """Variances of distances by the registration: a variance, or a covariance of a motion
-        about a center."""
+        """Variances of distances by that of the registration, or a covariance about a center."""
         if np.ndim(covariance) == 0:
             return np.full(len(places), float(covariance))
         moves = moves_of(places, self.normals, center)
@@ -83,8 +79,7 @@ def radii_in(xyz, tree, n_neighbors, share, n_jobs):
 
 
 def measure(before, second, scale, n_jobs, places=None):
-    """The `Measured` at places, by default the points of the first cloud, by the planes of both
-    clouds alone."""
+    """The `Measured` at places, by default the first cloud's points, by planes of both alone."""
     if is_own := places is None:
         places, rows, is_near = before.xyz, slice(None), True
     else:
@@ -159,10 +154,12 @@ class Changes(NamedTuple):
 
 
 def judged(distance, variance, reason, alpha, adjust):
-    """The `Changes` that distances and variances tell; ``adjust(pvalues)`` corrects those of the
-    distances alone."""
+    """The `Changes` that distances and variances tell; ``adjust(pvalues)`` corrects for many."""
     error = np.where(reason == 0, np.sqrt(variance), np.nan)
-    pvalue = adjust(pvalues_of(distance, error))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.abs(distance) / error
+    ratio[(distance == 0) & (error == 0)] = 0.0  # of exact points
+    pvalue = adjust(erfc(ratio / np.sqrt(2)))
     return Changes(distance, error, -ndtri(alpha / 2) * error, pvalue, pvalue < alpha, reason)
 
 
@@ -171,14 +168,6 @@ def columns_of(changes):
     columns = {name: getattr(changes, name).astype(np.float32) for name in Changes._fields[:4]}
     others = ("significant", "reason")
     return columns | {name: getattr(changes, name).astype(np.uint8) for name in others}
-
-
-def pvalues_of(distance, error):
-    """Two-sided, of each distance alone; not a number where there is none."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.abs(distance) / error
-    ratio[(distance == 0) & (error == 0)] = 0.0  # of exact points
-    return erfc(ratio / np.sqrt(2))
 
 
 class Correction(NamedTuple):

@@ -35,11 +35,8 @@ def _memory(text):
 
 @dataclass
 class CloudVerb:
-    """A verb that reads a cloud, finds something by an estimator, and writes the cloud with it.
-
-    The fields here are what all of them take. A verb adds its own, with the help of each, and its
-    docstring is its help. It has methods of these names, too.
-    """
+    """A verb that reads a cloud, finds something by an estimator, and writes both. Fields here are
+    of all; a verb adds its own, its help as a docstring, and methods of these names."""
 
     estimator: ClassVar[Callable]  # (): the estimator, with its parameters as options tell them
     # (cloud, estimator): the outcome in memory, by names; numbers have those of `RunReport`
@@ -156,9 +153,7 @@ class CloudVerb:
 
     def _large_catalog(self):
         """The catalog of the source, if what the verb reads is to be divided into tiles, else None.
-
-        Faults of a single file are left to the reading of it, unless a scheduler divides it.
-        """
+        Faults of a single file are left to the reading of it, unless a scheduler divides it."""
         for source in self.inputs:
             if not source.exists():
                 raise FileNotFoundError(ENOENT, "no such file or folder", str(source))

@@ -64,9 +64,7 @@ class Denoise(CloudVerb):
         None, "Noise of the scanner.", show_default="that around each point"
     )
     cutoff: float | None = option(
-        None,
-        "Least score of an outlier; 10 for clear errors.",
-        show_default="3; paper: 2.5, 3.06",
+        None, "Least score of an outlier; 10 for clear errors.", show_default="3; paper: 2.5, 3.06"
     )
     false_positive_rate: float | None = option(
         None,

@@ -70,7 +70,7 @@ class Edges(CloudVerb):
 
     def contents(self, cloud, outcome):
         from sklearn_mcmd.plotting._still import edge_columns
-        from sklearn_mcmd.report._edges_page import edges_contents
+        from sklearn_mcmd.report._pages import edges_contents
         from sklearn_mcmd.report._shown import Shown
 
         detector = outcome.detector
@@ -84,7 +84,7 @@ class Edges(CloudVerb):
 
     def tile_contents(self, catalog, run):
         from sklearn_mcmd.edges._detector import crease_width
-        from sklearn_mcmd.report._edges_page import edges_contents
+        from sklearn_mcmd.report._pages import edges_contents
 
         shown = self.shown(catalog, run, ["edge", "edge_score"])
         limit = crease_width(self.estimator()) if self.criterion == "crease" else None

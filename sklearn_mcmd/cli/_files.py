@@ -14,14 +14,7 @@ from sklearn_mcmd._errors import agreed, counted
 from sklearn_mcmd.cli import TYPED
 from sklearn_mcmd.cli._messages import clear_exits, warned
 from sklearn_mcmd.io import PointCloud, read_points, write_points
-from sklearn_mcmd.io._formats import (
-    ALL,
-    INDEX,
-    TILED,
-    format_of,
-    no_columns,
-    supported_extensions,
-)
+from sklearn_mcmd.io._formats import ALL, INDEX, TILED, format_of, no_columns, supported_extensions
 from sklearn_mcmd.io._no_returns import LEFT_OUT
 from sklearn_mcmd.io._point_cloud import joined
 from sklearn_mcmd.io._rehearsal import rehearse
@@ -82,10 +75,7 @@ def read_all(source, columns=None):
 
 
 def read(source, target=None, results=None, *, columns=None):
-    """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`.
-
-    `columns` is as of `read_points`.
-    """
+    """Read a cloud, but first refuse a `target` that cannot be written or hold the `results`."""
     if target is not None:
         check_output(target, results)
     with progress_part(0.0, WORK_BEGINS, "reading"):
@@ -99,11 +89,6 @@ def read(source, target=None, results=None, *, columns=None):
 def check_output(target, results):
     """Raise if a file cannot be written, or cannot hold results."""
     rehearse(target, PointCloud(np.zeros((1, 3))))
-    check_results(target, results)
-
-
-def check_results(target, results):
-    """Raise if the format of a target cannot hold results, if there are any."""
     if results and (one := format_of(target)).results not in (ALL, results):
         raise ValueError(f"{target}: {one.name} has no place for {results}; use another format")
 
@@ -164,9 +149,7 @@ ReportFolder = Annotated[
 
 def write_report_of(verb, begin, contents):
     """Write a verb's report, if one is asked for. Then all outputs are there: Ctrl-C is too late.
-
-    The work began at `begin`. ``contents()`` makes the `Contents`, and takes time.
-    """
+    The work began at `begin`. ``contents()`` makes the `Contents`, and takes time."""
     if verb.report is not None:
         from sklearn_mcmd.report._contents import Note, Run
         from sklearn_mcmd.report._rendering import write_report

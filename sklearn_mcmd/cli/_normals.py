@@ -157,7 +157,7 @@ class Normals(CloudVerb):
         return rows
 
     def contents(self, cloud, outcome):
-        from sklearn_mcmd.report._normals_page import normals_contents
+        from sklearn_mcmd.report._pages import normals_contents
         from sklearn_mcmd.report._shown import Shown
 
         fitted, results = outcome.estimator, outcome.results
@@ -168,7 +168,7 @@ class Normals(CloudVerb):
         return normals_contents(shown, results, float(fitted.removed_fraction_.mean()))
 
     def tile_contents(self, catalog, run):
-        from sklearn_mcmd.report._normals_page import normals_contents
+        from sklearn_mcmd.report._pages import normals_contents
 
         names = self._columns()
         shown = self.shown(catalog, run, names)

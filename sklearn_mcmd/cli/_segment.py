@@ -106,7 +106,7 @@ class Segment(CloudVerb):
         }
 
     def contents(self, cloud, outcome):
-        from sklearn_mcmd.report._regions_page import segment_contents
+        from sklearn_mcmd.report._pages import segment_contents
         from sklearn_mcmd.report._shown import Shown
 
         growing, planes = outcome.growing, outcome.growing.normal_estimator_
@@ -116,7 +116,7 @@ class Segment(CloudVerb):
         return segment_contents(shown, outcome.largest, outcome.n_regions, outcome.n_inside)
 
     def tile_contents(self, catalog, run):
-        from sklearn_mcmd.report._regions_page import segment_contents
+        from sklearn_mcmd.report._pages import segment_contents
 
         shown = self.shown(catalog, run, ["region"])
         return segment_contents(shown, run.largest, run.n_regions, run.n_inside)

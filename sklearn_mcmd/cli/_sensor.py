@@ -32,11 +32,7 @@ def position_option(help, *words, name="--sensor", **settings):
 
 
 def trajectory_option():
-    return option(
-        None,
-        "Where a moving sensor was: CSV with time, x, y, z.",
-        metavar="FILE",
-    )
+    return option(None, "Where a moving sensor was: CSV with time, x, y, z.", metavar="FILE")
 
 
 class Asked(NamedTuple):
@@ -68,9 +64,7 @@ class Asked(NamedTuple):
 
     def of_normals(self, cloud):
         """Positions for all points, (3,) or (n, 3), and a row of the summary on them; or None, {}.
-
-        A position that is doubted is an error: normals to another side than asked are wrong.
-        """
+        A position that is doubted is an error: normals to another side than asked are wrong."""
         positions, words, doubt = self._positions(cloud, slice(None))
         if doubt:
             remedy = "give --sensor X,Y,Z where it stood, or --orientation up or mst"

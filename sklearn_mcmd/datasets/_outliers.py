@@ -29,12 +29,8 @@ def uniform(scene, n, is_clear, rng):
 
 
 def mixed_pixel(scene, n, is_clear, rng):
-    """Points between an outline and what lies behind it, on one ray of a scanner.
-
-    A beam that is cut by an outline returns a mean of the two ranges. Rays leave the scanner
-    within 3 milliradians (a standard deviation) of visible outlines; those which pass and meet a
-    background at least 15 cm behind give a point in between.
-    """
+    """Points between an outline and what lies behind it, at a mean of both ranges, on rays within 3
+    milliradians (a deviation) of visible outlines, of backgrounds at least 15 cm behind."""
     lengths = np.array([part.outline_length for part in scene.parts])
     reach = 2 * np.linalg.norm(np.diff(scene.bounds, axis=0)) + scene.farthest_range
 
@@ -66,9 +62,7 @@ def ghost(scene, n, is_clear, rng):
     sizes = cluster_sizes(n, rng)
     radii = rng.uniform(0.05, 0.10, len(sizes))
     centers = draw_clear(
-        len(sizes),
-        lambda points: is_clear(points, 0.25),
-        lambda m: rng.uniform(low, high, (m, 3)),
+        len(sizes), lambda points: is_clear(points, 0.25), lambda m: rng.uniform(low, high, (m, 3))
     )
     direction = rng.standard_normal((n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

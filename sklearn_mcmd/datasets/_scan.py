@@ -1,6 +1,6 @@
-"""From a scene to a cloud with the truth of every point."""
+"""A scene, which is parts and the scanner that sees them, and its cloud with all the truth."""
 
-from functools import cache
+from functools import cache, cached_property
 from numbers import Integral, Real
 
 import numpy as np
@@ -19,6 +19,65 @@ SHARED_PARAMETERS = {
 LOWEST = -np.radians(60)  # a scanner is blind below this elevation
 _PILOT = 250  # rays on a side of the grid that measures the share of the view that holds something
 _SURPLUS = 0.02  # share of rays that are lost at random, as those on dark surfaces are
+_N_QUADRATURE = 1 << 16  # points of sums over the visible surface; the error is about 0.3 %
+
+
+class Scene:
+    """Parts that are scanned from one place. `displacement` is that of "gaussian" outliers."""
+
+    def __init__(self, parts, scanner, *, displacement=0.2):
+        self.parts = parts
+        self.displacement = displacement
+        self.scanner = np.asarray(scanner, float)
+        low = np.min([part.bounds[0] for part in parts], axis=0)
+        high = np.max([part.bounds[1] for part in parts], axis=0)
+        self.bounds = np.array([low, high])
+        self.areas = np.array([part.area for part in parts])
+        self.farthest_range = max(
+            np.linalg.norm(np.abs(part.bounds - self.scanner).max(axis=0)) for part in parts
+        )
+
+    def distance(self, points):
+        """Distance of any points (n, 3) to the nearest part of the scene."""
+        return np.min([part.distance(points) for part in self.parts], axis=0)
+
+    def ranges(self, points):
+        """Of points, from the scanner."""
+        return np.linalg.norm(points - self.scanner, axis=1)
+
+    def first_hit(self, ends):
+        """First meeting of the rays scanner -> ends (n, 3) with a part, as a fraction, or inf."""
+        return np.min([part.hit(self.scanner, ends) for part in self.parts], axis=0)
+
+    def visible(self, points, tolerance=1e-6):
+        """Whether the scanner sees the points (n, 3) of surfaces."""
+        return (1.0 - self.first_hit(points)) * self.ranges(points) <= tolerance
+
+    def sample(self, n, rng):
+        """n points that the scanner sees, with the number of their part."""
+        kept, labels, missing = [], [], n
+        acceptance = self.seen_area / self.areas.sum()
+        while missing > 0:
+            m = int(1.05 * missing / acceptance) + 64
+            counts = rng.multinomial(m, self.areas / self.areas.sum())
+            of_parts = [p.sample(c, rng) for p, c in zip(self.parts, counts, strict=True)]
+            points, label = np.concatenate(of_parts), np.repeat(np.arange(len(counts)), counts)
+            rng.random(m)  # as many numbers as ever, so that scenes stay what they were
+            # The points come in the order of the parts, so a plain cut would leave out the last.
+            chosen = rng.permutation(np.flatnonzero(self.visible(points)))[:missing]
+            kept.append(points[chosen])
+            labels.append(label[chosen])
+            missing -= len(chosen)
+        return np.concatenate(kept), np.concatenate(labels)
+
+    @cached_property
+    def seen_area(self):
+        """Area of the seen surface in m^2, summed over points of a fixed seed."""
+        rng = np.random.default_rng(0)
+        counts = np.maximum(_N_QUADRATURE * self.areas / self.areas.sum(), 256).astype(int)
+        points = np.concatenate([p.sample(c, rng) for p, c in zip(self.parts, counts, strict=True)])
+        weights = np.repeat(self.areas / counts, counts)
+        return float(weights[self.visible(points)].sum())
 
 
 def scan(
@@ -32,10 +91,8 @@ def scan(
     noise_growth=1.0,
     on_lines=False,
 ):
-    """Scan a scene: points, noise, outliers and the truth, as `make_street` documents them.
-
-    Points are a sample of even density, or on scan lines.
-    """
+    """Scan a scene: points, noise, outliers and the truth, as `make_street` documents them. Points
+    are a sample of even density, or on scan lines."""
     sizes = _outlier_sizes(n_samples, outlier_share, list(outlier_kinds))
     n = n_samples - sum(sizes.values())
     # One stream a purpose: true points stay whatever noise and outliers are.
@@ -95,10 +152,8 @@ def scan(
 
 
 def _outlier_sizes(n_samples, share, kinds):
-    """How many outliers of each kind: a share of all points, in (nearly) equal parts.
-
-    Raise unless kinds are known, each once, and regular points are left.
-    """
+    """How many outliers of each kind: a share of all points, in (nearly) equal parts. Raise unless
+    kinds are known, each once, and regular points are left."""
     if not set(kinds) <= set(SCENE_OUTLIERS) or len(set(kinds)) < len(kinds) or not kinds:
         raise ValueError(
             f"outlier_kinds={kinds!r} must name, once each, one or more of {list(SCENE_OUTLIERS)}."
@@ -110,12 +165,8 @@ def _outlier_sizes(n_samples, share, kinds):
 
 
 def scan_lines(scene, n, rng):
-    """n points of the scene's surfaces on vertical scan lines at equal angles, and their parts.
-
-    From the scanner rays leave in columns of equal azimuth, at equal steps of azimuth and
-    elevation, and end at the first surface they meet. So the density falls with the square of the
-    range and with the angle of incidence, and what lies behind another surface is in shadow.
-    """
+    """n points of the scene's surfaces on vertical scan lines, and their parts: rays leave the
+    scanner at equal steps of azimuth and elevation, and end at the first surface they meet."""
     step = np.sqrt(angular_area(scene) / ((1 + _SURPLUS) * n + 4))
     while True:
         points, part, _ = _cast(scene, step, rng)

@@ -7,8 +7,7 @@ from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, checked
 from sklearn_mcmd.datasets._bilinear import Bilinear
-from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, scan
-from sklearn_mcmd.datasets._scene import Scene
+from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, Scene, scan
 from sklearn_mcmd.datasets._surfaces import Patch
 
 

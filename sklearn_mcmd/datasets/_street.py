@@ -9,8 +9,7 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from sklearn_mcmd._sklearn import Interval, checked
-from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, scan
-from sklearn_mcmd.datasets._scene import Scene
+from sklearn_mcmd.datasets._scan import SHARED_PARAMETERS, Scene, scan
 from sklearn_mcmd.datasets._surfaces import Circle, Cylinder, Foliage, Patch
 
 # Meters; x runs along the road, y across it, z up.

@@ -240,9 +240,7 @@ class Cylinder:
 
 class Foliage:
     """Ball filled with leaves: points without surface, normal or edge, where rays end by chance.
-
-    Its `area`, which sets its share of the points, is that of the half ball that a scanner sees.
-    """
+    Its `area`, which sets its share of the points, is that of the half ball that a scanner sees."""
 
     clearing = 0.7  # how far a ray gets among the leaves, on average, in radii
     outline_length = 0.0
@@ -337,11 +335,8 @@ def segments_distance(points, segments):
 
 
 def _near(axes, squared, bounds):
-    """Numbers of the segments, of some squared lengths, that pass through the ball around a box.
-
-    `axes` are their starts and steps along x, y and z: no product of matrices, for which threads
-    would start a thousand times. Most parts are met by few: this is ten times faster than hits.
-    """
+    """Numbers of segments, of some squared lengths, through the ball around a box, by the starts
+    and steps along their `axes`: without products of matrices, for which threads would start."""
     center = (bounds[0] + bounds[1]) / 2
     radius = np.linalg.norm(bounds[1] - center)
     along, miss = np.zeros((2, len(squared)))
@@ -354,10 +349,8 @@ def _near(axes, squared, bounds):
 
 
 def first_hits(parts, origin, ends, rng):
-    """Where n segments from one origin, or from one each, end first.
-
-    Of each segment the fraction, inf where it meets nothing, and the number of the part, or -1.
-    """
+    """Where n segments from one origin, or from one each, end first. Of each segment the fraction,
+    inf where it meets nothing, and the number of the part, or -1."""
     nearest, met = np.full(len(ends), np.inf), np.full(len(ends), -1)
     origin = np.broadcast_to(origin, ends.shape)
     way = ends - origin

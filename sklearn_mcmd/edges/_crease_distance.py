@@ -45,8 +45,7 @@ class CreaseLimits(NamedTuple):
     """How creases are found."""
 
     far: float = 10.0  # largest distance of a point from a crease that counts, in spacings
-    # Least share of the neighbors that are on surfaces: among leaves planes meet by chance. Half
-    # costs small parts, whose own faces have too few points to be surfaces.
+    # Least share of the neighbors that are on surfaces: among leaves planes meet by chance.
     on_surfaces: float = 0.25
     evening_steps: int = 3  # passes in which the spacing becomes the mean of those around
     smooth_steps: int = 3  # fits of a smooth surface
@@ -81,11 +80,8 @@ class CreaseArrays(NamedTuple):
 
 
 def find_creases(index, planes, min_angle, on_surface, n_jobs=None):
-    """The `Creases` of the points of an index, and the points' distances.
-
-    Of the planes centroids, normals and scale are known; scale is changed. Those of two faces meet
-    at `min_angle` degrees at least. `on_surface` (n,) is 1.0 of points on surfaces, else 0.0.
-    """
+    """The `Creases` of the points of an index, whose faces meet at `min_angle` degrees at least,
+    and their distances; the scale of the planes is changed. `on_surface` (n,) is 1.0 or 0.0."""
     with progress_part(0.0, BEFORE):
         planes = _measured(index, planes, n_jobs)
     # A median of shares of the radius, so that it depends on no unit.
@@ -115,10 +111,8 @@ class Creases(NamedTuple):
 
 @dataclass(frozen=True)
 class MeetingPlanes:
-    """The planes of a cloud's points, and which of them may meet in creases.
-
-    The scale of a plane is its noise, and the spacing that of the points.
-    """
+    """The planes of a cloud's points, and which of them may meet in creases. The scale of a plane
+    is its noise, and the spacing that of the points."""
 
     index: NeighborIndex
     planes: Planes
@@ -169,7 +163,12 @@ class MeetingPlanes:
             _compiled("count_turned")(near, planes.normals, half_turn, turned)
             rows = np.flatnonzero(turned)
             if len(rows):
-                owners[rows] = give_planes(asked[rows], near.take(rows), planes, usable)
+                nearest = owners[rows]
+                least = FaceLimits().least_noise * planes.spacing[nearest]
+                least = np.maximum(least, np.finfo(float).tiny)
+                some = asked[rows], near.take(rows), planes, usable, least
+                best, *_ = explain(*some, likely=True)
+                owners[rows] = np.where(best < 0, nearest, best)  # what no plane reaches: nearest
             owned = planes.take(owners)
             flat = are_faces(owned, self.usual)
             height = np.abs(np.einsum("md,md->m", asked - owned.centroids, owned.normals))
@@ -294,15 +293,6 @@ def _search(index, queries, n_jobs):
 def are_faces(planes, usual):
     """Whether planes are those of faces: flat, or the flatter half of all, `usual` at most."""
     return are_flat(planes, max(FaceLimits().flat, usual))
-
-
-def give_planes(queries, around, planes, usable):
-    """Of the planes of its neighbors, the one that explains each query best: their rows. `usable`
-    is True for all planes; an array, so that it is made once."""
-    nearest = around.indices[:, 0]
-    least = np.maximum(FaceLimits().least_noise * planes.spacing[nearest], np.finfo(float).tiny)
-    owners = explain(queries, around, planes, usable, least, likely=True)[0]
-    return np.where(owners < 0, nearest, owners)  # what no plane reaches has the nearest one's
 
 
 def _compiled(name):

@@ -6,12 +6,7 @@ So what solves equations is called by functions that say ``fastmath=False``.
 
 import numpy as np
 
-from sklearn_mcmd.planes._creases_numba import (
-    RIDGE,
-    center,
-    fit_quadric,
-    half_bic,
-)
+from sklearn_mcmd.planes._creases_numba import RIDGE, center, fit_quadric, half_bic
 from sklearn_mcmd.planes._moments_numba import FASTMATH, principal_axes, weighted_covariance
 from sklearn_mcmd.planes._quadrics_numba import TINY, localize
 from sklearn_mcmd.runtime._kernels import kernel
@@ -41,10 +36,8 @@ def count_turned(around, normals, cosine, turned):
 
 @kernel(cache=True)
 def meet_faces(points, queries, around, planes, owners, faces, limits, work, distance, evidence):
-    """Fill distance and evidence of queries as `MeetingPlanes._meet` says.
-
-    The faces are those of all points, `owners` the rows of the queries' planes.
-    """
+    """Fill distance and evidence of queries as `MeetingPlanes._meet` says. The faces are those of
+    all points, `owners` the rows of the queries' planes."""
     creases, cosine, explained = limits
     normals = planes.normals
     local, rows, mean, differs = work.local, work.rows, work.mean, work.differs
@@ -142,8 +135,7 @@ def _dot(first, second):
 
 @kernel(fastmath=FASTMATH)
 def _heights(local, query, mean, planes, row, heights):
-    """Fill the heights of members, whose mean is from the query, above a plane, in any dimension;
-    that of the query."""
+    """Fill heights of members, whose mean is from the query, above a plane; the query's own."""
     normal, centroid, level, of_query = planes.normals[row], planes.centroids[row], 0.0, 0.0
     for axis in range(len(normal)):
         gap = query[axis] - centroid[axis]
@@ -195,8 +187,7 @@ def _join(local, near, owners, query, planes, mean, allowed, most, surface, heig
 
 @kernel(fastmath=FASTMATH)
 def _rounded(one, two, up, cosine, radii, spacing, most):
-    """Least sum of squares, by heights, to two faces that an arc joins: the larger height, with
-    `up`, or the lesser one."""
+    """Least sum of squares to two faces that an arc joins: the larger height, `up`, or lesser."""
     least = np.inf
     scale = 1.0 / max(1.0 - cosine * cosine, EPS)
     for r in radii:

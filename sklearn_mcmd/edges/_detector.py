@@ -46,9 +46,7 @@ class EdgeLimits(NamedTuple):
     # Share of the neighbors on which planes rest that meet in creases: a smaller patch reaches
     # across an edge less.
     of_planes: float = 0.75
-    # Chance that no trial of a plane is of one face: by 207 trials, in place of 69, another seed
-    # finds half as many other edges.
-    luck: float = 1e-12
+    luck: float = 1e-12  # chance that no trial of a plane is of one face: 207 trials, not 69
     robust_std: float = 3.0  # robust standard deviations above the median
     paper_std: float = 1.0  # standard deviations above the mean (Eq. 25)
 
@@ -70,7 +68,6 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         own first neighbor. Fewer neighbors tell apart edges that are close to each other, more
         neighbors withstand noise. For "crease" the cleaning and the planes take three quarters
         of them.
-
     criterion : {"crease", "eigenvalue", "surface_variation", "removed_fraction"}, \
             default="crease"
         What makes an edge:
@@ -82,27 +79,22 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         - "surface_variation": the same over the sum of the eigenvalues (Eq. 3), which does not
           depend on the spacing;
         - "removed_fraction": the share of the neighborhood that is not of its plane.
-
     threshold : float or "mean", default=None
         The limit of an edge. A number is the largest distance in spacings for "crease", at most
         10, and the least value of the criterion for the others. None means 2 spacings for
         "crease", and the median plus `n_std` robust standard deviations of the cloud for the
         others. "mean" means the mean plus `n_std` standard deviations (Eq. 25), and is not for
         "crease".
-
     n_std : float, default=None
         Standard deviations above the median or the mean (a in Eq. 25). None means 3 from the
         median and 1, as in the paper, from the mean.
-
     min_angle : float, default=20
         Least angle between two faces of an edge, in degrees. For "crease" only.
-
     outlier_detector : estimator or "passthrough", default=None
         The detector that cleans the cloud first: an estimator with `fit_predict`, +1 for
         inliers. None means :class:`MCMDOutlierDetector`: with three quarters of `n_neighbors` for
         "crease", and ``strictness="surfaces"`` for the other criteria. "passthrough" cleans
         nothing.
-
     normal_estimator : RobustNormalEstimator, default=None
         The estimator of the planes of the cleaned cloud. None means one with three quarters of
         `n_neighbors` for "crease", since a smaller patch reaches across an edge less, with
@@ -110,15 +102,12 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         with three times as many trials, so that another seed changes fewer edges, and
         with ``method="pca"`` for "eigenvalue" and "surface_variation". A robust fit removes one
         of two faces, and its own eigenvalues then do not show the edge.
-
     normals : {"estimate", "precomputed"}, default="estimate"
         "estimate": X are coordinates, and `normal_estimator` fits the planes. "precomputed": X
         are the columns of :meth:`RobustNormalEstimator.transform`, as in a Pipeline behind it.
         No step between them may scale columns.
-
     random_state : int, RandomState instance or None, default=None
         Seed of `outlier_detector` and `normal_estimator` where these have none of their own.
-
     n_jobs : int, default=None
         Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
         -1 means all processors. Results do not depend on it.
@@ -127,24 +116,16 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
     ----------
     labels_ : ndarray of int of shape (n_samples,)
         1 for the fitted points of surfaces, and -1 for those of edges: as `fit_predict` returns.
-
     offset_ : float
         ``decision_function = score_samples - offset_``.
-
     scores_ : ndarray of shape (n_samples,)
         ``score_samples`` of the fitted points.
-
     inlier_mask_ : ndarray of bool of shape (n_samples,)
         Which of the fitted points were left by the cleaning.
-
     outlier_detector_, normal_estimator_ : estimators
         As fitted; absent where none was.
-
-    n_features_in_ : int
-        Number of features seen during `fit`.
-
-    feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Names of features seen during `fit`, when X has names that are all strings.
+    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
+        Number of features seen during `fit`, and their names, if all are strings.
 
     See Also
     --------
@@ -412,8 +393,7 @@ def crease_width(detector):
 
 
 def steps_of(edges, d=3):
-    """The detector that cleans a cloud of d dimensions, None if nothing does, and the normal
-    estimator."""
+    """The detector that cleans a cloud in d dimensions, or None, and the normal estimator."""
     # Both get one seed, drawn once, because a RandomState would give them two.
     seed = check_random_state(edges.random_state).randint(np.iinfo(np.int32).max)
     common = {"random_state": seed, "n_jobs": edges.n_jobs}
@@ -455,8 +435,7 @@ def column_of_criterion(criterion):
 
 
 def values_of(criterion, fitted, dtype):
-    """The values (n,) of a criterion at the points of a fitted `RobustNormalEstimator`, in the
-    precision in which `transform` has them."""
+    """Values (n,) of a criterion at a fitted estimator's points, as `transform` has them."""
     name, names = column_of_criterion(criterion), list(fitted.get_feature_names_out())
     if name not in names:
         raise ValueError(
@@ -474,9 +453,7 @@ def values_of(criterion, fitted, dtype):
 
 def least_of_edge(parts, threshold, n_std):
     """The limit that a threshold means; it depends on neither the parts nor their order.
-
-    ``parts()`` iterates over arrays, the values of a cloud.
-    """
+    ``parts()`` iterates over arrays, the values of a cloud."""
     if isinstance(threshold, Real):
         return float(threshold)
     if threshold == "mean":  # Eq. 25

@@ -7,9 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sklearn_mcmd.io._column_names import attribute_name, coordinate_columns
+from sklearn_mcmd.io._column_names import (
+    attribute_name,
+    check_first_columns,
+    check_turned,
+    coordinate_columns,
+)
 from sklearn_mcmd.io._point_cloud import PointCloud, PointFileError, check_room, with_cells
-from sklearn_mcmd.io._unnamed import check_first_columns, check_turned
 
 MAGIC = np.lib.format.MAGIC_PREFIX
 FEW_LOOPED = 2**20  # numbers that take no time
@@ -141,10 +145,8 @@ def _array_of(archive, member):
 
 
 def _check_array(file, room, what):
-    """Check that the numbers a header tells of can be there; NumPy takes their memory first.
-
-    Of none, each takes a byte all the same: there are loops over columns without rows.
-    """
+    """Check that the numbers a header tells of can be there; NumPy takes their memory first. Of
+    none, each takes a byte all the same: there are loops over columns without rows."""
     file = io.BytesIO(file.read(LONGEST_HEADER))
     is_first = np.lib.format.read_magic(file) == (1, 0)
     readers = np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0

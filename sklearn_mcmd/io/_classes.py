@@ -13,11 +13,8 @@ LARGEST = 255  # class of LAS 1.4
 
 
 class Choice(NamedTuple):
-    """Which points of a file are used, by what the file says of each.
-
-    Points that are marked withheld are never used, nor those of `ignored` classes. If there are any
-    `only`, all other classes are left out.
-    """
+    """Which points of a file are used, by what it says of each: none that are withheld or of
+    `ignored` classes; if there are any `only`, none of all others."""
 
     ignored: tuple[int, ...] = ()
     only: tuple[int, ...] = ()
@@ -28,7 +25,9 @@ class Choice(NamedTuple):
         if "withheld" in cloud.attributes:
             used &= np.asarray(cloud.attributes["withheld"]) == 0
         if self.ignored or self.only:
-            classes = classes_of(cloud)
+            if "classification" not in cloud.attributes:
+                raise PointFileError("has no classes: points need an attribute 'classification'")
+            classes = np.asarray(cloud.attributes["classification"])
             used &= ~np.isin(classes, self.ignored)
             if self.only:
                 used &= np.isin(classes, self.only)
@@ -46,19 +45,9 @@ def class_numbers(classes):
     return tuple(sorted(numbers))
 
 
-def classes_of(cloud):
-    """The class of each point."""
-    if "classification" not in cloud.attributes:
-        raise PointFileError("has no classes: points need an attribute 'classification'")
-    return np.asarray(cloud.attributes["classification"])
-
-
 def noise_classes(cloud, flagged, used, lowest):
-    """The class of each outlier, a mask `flagged`: low or high noise; 0 for all other points.
-
-    Low is what lies lower than all ground around it, if there is ground, else than all that was
-    `used`: the points that are added to `lowest`, `LowestPoints`.
-    """
+    """The class of each outlier, a mask `flagged`: low noise if it is below all ground around it,
+    or without ground all that was `used`, as `lowest` tells, else high; 0 of all others."""
     compared = ground_in(cloud)
     if compared is None or np.count_nonzero(compared & ~flagged) < lowest.n_usual:
         compared = used

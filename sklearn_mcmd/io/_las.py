@@ -12,13 +12,7 @@ from sklearn_mcmd.io._classes import LOW_NOISE
 from sklearn_mcmd.io._grid import LARGEST, offset_of, scale_of
 from sklearn_mcmd.io._las_structure import EVLR_HEADER, check_structure
 from sklearn_mcmd.io._laz import compressed_parts, n_compressed
-from sklearn_mcmd.io._point_cloud import (
-    COLORS,
-    PointCloud,
-    PointFileError,
-    fit_dtype,
-    flat_columns,
-)
+from sklearn_mcmd.io._point_cloud import COLORS, PointCloud, PointFileError, fit_dtype, flat_columns
 from sklearn_mcmd.io._units import GEOGRAPHIC, PROJECTED, system_of
 
 WRITTEN_AT_ONCE = 2_000_000  # points
@@ -65,11 +59,8 @@ def write_las(path, cloud, noise=None):
 
 @contextmanager
 def writing_parts(path):
-    """A function that appends the points of a cloud to a new LAS or LAZ file.
-
-    It takes a cloud, and which of its points to mark as noise, as `write_points` does. All clouds
-    must come from one file, in its order, with the same new attributes.
-    """
+    """A function that appends points of a cloud, of which it marks some as noise, to a new LAS or
+    LAZ file. All must come from one file, in its order, with the same new attributes."""
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
     channels = set[int]()
@@ -115,10 +106,8 @@ def writing_parts(path):
 
 
 def _tell_waveforms(header):
-    """Say in a header where waveforms are now: in an extended record of LAS 1.4.
-
-    LAS 1.3 has their samples behind the points, where laspy reads nothing: 0 is for none.
-    """
+    """Say in a header where waveforms are now: in an extended record of LAS 1.4. LAS 1.3 has their
+    samples behind the points, where laspy reads nothing: 0 is for none."""
     at, waveforms_at = header.start_of_first_evlr, 0
     for record in header.evlrs or []:
         if (record.user_id, record.record_id) == WAVEFORMS:
@@ -232,12 +221,18 @@ def las_of_cloud(laspy, cloud, noise=None):
         header = copy.deepcopy(cloud.metadata["las_header"])
         if header.version.minor < 2:  # laspy does not write older ones, and they hold the same
             header.version = type(header.version)(1, 2)
-        forget_copc(header)
+        for kind in (header.vlrs, header.evlrs or []):
+            for record in [r for r in kind if r.user_id == "copc"]:
+                kind.remove(record)  # an octree no longer describes the points
         records = laspy.ScaleAwarePointRecord(
             cloud.metadata["las_points"].copy(), header.point_format, header.scales, header.offsets
         )
     else:
-        header = _new_header(laspy, cloud)
+        # LAS 1.4 without colors, on a grid that fits the coordinates.
+        header, scale = laspy.LasHeader(version="1.4", point_format=6), scale_of(cloud.xyz)
+        ends = zip(cloud.xyz.min(axis=0), cloud.xyz.max(axis=0), strict=True)
+        header.scales = np.full(3, scale)
+        header.offsets = np.array([offset_of(low, high, scale) for low, high in ends])
         records = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
     if cloud.metadata.get("denoised") and not is_denoised(header):
         header.vlrs.append(laspy.VLR(**DENOISED))
@@ -259,9 +254,7 @@ def las_of_cloud(laspy, cloud, noise=None):
 
 def _with_colors(laspy, las, attributes, from_las):
     """A point format with colors, and colors of 8 bits in the 16 of LAS: 255 becomes 65535.
-
-    Integers up to 255 have 8 bits, unless they are uint16 or LAS had them.
-    """
+    Integers up to 255 have 8 bits, unless they are uint16 or LAS had them."""
     if not set(COLORS) <= attributes.keys():
         return las, attributes
     names = set(las.point_format.dimension_names)
@@ -284,13 +277,6 @@ def import_laspy(compressed):
     if compressed:
         import_extra("lazrs", "las", "LAZ")
     return laspy
-
-
-def forget_copc(header):
-    """Remove the records of a COPC file's octree, which no longer describes the points."""
-    for records in (header.vlrs, header.evlrs or []):
-        for record in [r for r in records if r.user_id == "copc"]:
-            records.remove(record)
 
 
 def _coordinates(records, header):
@@ -318,16 +304,6 @@ def _store_coordinates(las, xyz):
         records["XYZ"[i]] = steps.astype(np.int32)
     header.scales, header.offsets = scales, offsets
     las.points.scales, las.points.offsets = scales, offsets
-
-
-def _new_header(laspy, cloud):
-    """A LAS 1.4 header, without colors, on a grid that fits the coordinates."""
-    header = laspy.LasHeader(version="1.4", point_format=6)
-    low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
-    scale = scale_of(cloud.xyz)
-    header.scales = np.full(3, scale)
-    header.offsets = np.array([offset_of(a, b, scale) for a, b in zip(low, high, strict=True)])
-    return header
 
 
 def _store_attributes(laspy, las, attributes):

@@ -20,11 +20,8 @@ class ScaleLimits(NamedTuple):
 
 
 def check_structure(file):
-    """Refuse impossible counts: laspy would loop over them for hours, or request their memory.
-
-    Return how many points the header counts, and how many records are behind these if they are
-    uncompressed. LAS 1.4 has two counts: of some writers, only that of older versions is not 0.
-    """
+    """Refuse impossible counts, over which laspy would loop for hours. Return how many points the
+    header counts, by either count of LAS 1.4, and how many uncompressed records follow them."""
     size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
     file.seek(0)
     start = file.read(LAS_14_HEADER)
@@ -69,9 +66,7 @@ def check_structure(file):
 
 def check_grid(axis, scale, offset):
     """Refuse a scale that puts all points at one place about the offset, or beyond all bounds.
-
-    Coordinates are integers times scale plus offset, so a negative scale would turn an axis.
-    """
+    Coordinates are integers times scale plus offset, so a negative scale would turn an axis."""
     with np.errstate(invalid="ignore"):
         finest = np.spacing(max(abs(offset), 1.0))
     if not finest / ScaleLimits().same_place <= scale <= 1 / np.finfo(float).eps:

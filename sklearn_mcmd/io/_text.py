@@ -13,7 +13,14 @@ from typing import Any
 import numpy as np
 
 from sklearn_mcmd._errors import counted, warn_caller
-from sklearn_mcmd.io._column_names import are_names, attribute_name, coordinate_columns, no_sentence
+from sklearn_mcmd.io._column_names import (
+    are_names,
+    attribute_name,
+    check_first_columns,
+    coordinate_columns,
+    naming_columns,
+    no_sentence,
+)
 from sklearn_mcmd.io._numerals import MISSING, named_nans, number_of, plain_numbers
 from sklearn_mcmd.io._point_cloud import (
     COLORS,
@@ -24,7 +31,6 @@ from sklearn_mcmd.io._point_cloud import (
     flat_columns,
     warn_of_lost,
 )
-from sklearn_mcmd.io._unnamed import check_first_columns, naming_columns
 
 NUMBERS = {"u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"}  # dtypes written
 LAYOUT: dict[str, Any] = {"encoding": "utf-8", "quotechar": '"'}  # of what NumPy reads
@@ -229,11 +235,8 @@ def _begin(file, columns, extension):
 
 
 def _names_above(head, fields, columns):
-    """Names of columns by a line above the first row, if any, and whether that is a guess.
-
-    Lines with as many fields as the row come first, of these the first that has x, y and z. The
-    last comment is a guess: of as many words, that make no sentence.
-    """
+    """Names of columns by a line above the first row: the first with x, y and z of those with as
+    many fields; or the last comment of as many words, which is a guess, and whether it is."""
     widths = {len(fields), len(fields) - (fields[-1] == "")}
     lines = [names for names in head.headers + head.comments if len(names) in widths]
     for names in lines:
@@ -307,7 +310,7 @@ class _Table:
 
     def _parsed(self, lines):
         """The table of lines that NumPy can read, else None."""
-        converters = dict.fromkeys(self.gaps, _filled)
+        converters = dict.fromkeys(self.gaps, lambda cell: float(number_of(cell.strip())))
         converters |= dict.fromkeys(self.words, lambda cell: np.nan)
         try:
             with warnings.catch_warnings():
@@ -382,10 +385,8 @@ class _Table:
 
 
 def _decimal(cells, line, number, is_loose):
-    """Whether commas are decimal in some cells of a line, None if no number tells.
-
-    Quotes, and rows that are `is_loose`, between blanks, leave thousands open.
-    """
+    """Whether commas are decimal in some cells of a line, None if no number tells. Quotes, and rows
+    that are `is_loose`, between blanks, leave thousands open."""
     is_loose &= all("," not in cell or IN_DOUBT.fullmatch(cell) for cell in cells)
     for cell in cells:
         points, commas = number_of(cell), number_of(cell, comma=True)
@@ -405,13 +406,6 @@ def _more(fields, delimiter, width):
     """What to say of a row of more columns, which may have decimals in columns of their own."""
     more = len(fields) > width and all(cell.lstrip("+-").isdecimal() for cell in fields)
     return "; if it has decimal commas, write points" * (more and delimiter == ",")
-
-
-def _filled(cell):
-    value = number_of(cell.strip())
-    if value is None:
-        raise ValueError
-    return value
 
 
 def _is_value(cell):
@@ -459,10 +453,8 @@ def _decoded(text):
 
 
 def _with_bytes(path, attributes):
-    """The attributes with colors of 8 bits; colors that are no such are left as they are.
-
-    Those of XYZRGB go from 0 to 1. Where one is larger, a program wrote 0 to 255.
-    """
+    """The attributes with colors of 8 bits; colors that are no such are left as they are. Those of
+    XYZRGB go from 0 to 1. Where one is larger, a program wrote 0 to 255."""
     extension = path.suffix.lower()
     if extension not in COLUMNS or not attributes.keys() >= set(COLORS):
         return attributes

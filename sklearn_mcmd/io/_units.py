@@ -29,10 +29,8 @@ class DegreeLimits(NamedTuple):
 
 
 def length_unit(cloud):
-    """``"m"``, ``"ft"`` or ``"US ft"`` if the file says that all axes have it, else None.
-
-    LAS tells by its coordinate system, if that is projected. E57 and PTX are always in meters.
-    """
+    """``"m"``, ``"ft"`` or ``"US ft"`` if the file says that all axes have it, else None. LAS tells
+    by its coordinate system, if that is projected. E57 and PTX are always in meters."""
     if SETUPS in cloud.metadata:
         return "m"
     units, (wkts, keys) = set(), system_of(cloud.metadata.get("las_header"))
@@ -47,11 +45,8 @@ def length_unit(cloud):
 
 @np.errstate(over="ignore", invalid="ignore")
 def degrees_warning(path, xyz, header=None, columns=None):
-    """What to warn of where x and y are degrees and z is not, or None.
-
-    The coordinate system of a LAS header tells, or the names of `columns`, which are as of
-    `read_points`; else the extents of most of the points (n, 3), or of their bounds.
-    """
+    """What to warn of where x and y are degrees and z is not, or None: by the coordinate system of
+    a LAS header, by the names of `columns`, or by the extents of most points (n, 3)."""
     low, high = np.quantile(xyz[:: len(xyz) // SAMPLE + 1], [0.01, 0.99], axis=0)
     wkts, keys = system_of(header)
     named = [str(name) for name in (columns or {}).values() if DEGREES.search(str(name))]

@@ -42,10 +42,7 @@ class SizeLimits(NamedTuple):
 
 
 class ScaleFinder:
-    """Finds the size of the neighborhood of each point of a cloud.
-
-    The index is one of ``SizeLimits().around`` neighbors, in 2D or 3D.
-    """
+    """Finds sizes of neighborhoods, in 2D or 3D, by an index of `SizeLimits.around` points."""
 
     def __init__(self, index, n_jobs):
         self.index, self.n_jobs, self.limits = index, n_jobs, SizeLimits()
@@ -61,9 +58,7 @@ class ScaleFinder:
 
     def _by_noise(self):
         """How many neighbors (n,) it takes for the noise to tilt normals by no more than it may.
-
-        One size is tried after the other, each twice as large as the one before.
-        """
+        One size is tried after the other, each twice as large as the one before."""
         limits, d = self.limits, self.index.points.shape[1]
         k, wanted, fits = min(limits.least, self.n), np.full(self.n, np.inf), None
         while k <= min(limits.most // 2, self.n):
@@ -72,7 +67,10 @@ class ScaleFinder:
             if not todo.any():
                 return wanted
             errors, normals = fits or self._fit(k, np.ones(self.n, bool))
-            error, sizes = wanted_by(self._quiet(errors, todo), k, d, limits)
+            # It falls as the spread of the k points along the surface, k ** (1 / (d - 1)), and as
+            # their mean, k ** (1 / 2).
+            error = self._quiet(errors, todo) / noise_quantiles(limits.quiet, np.array([k]), d)
+            sizes = k * (error / limits.tilt) ** (1 / (1 / 2 + 1 / (d - 1)))
             settled = sizes <= 2 * k  # larger sizes follow from the next, twice as large
             if not settled.all():
                 fits = self._fit(2 * k, self._reached(todo))
@@ -92,10 +90,8 @@ class ScaleFinder:
             wanted[todo] = self._quiet(wanted, todo)
 
     def _across_rows(self):
-        """How many neighbors (n,) it takes for rows to be less than faces; 0 where none are.
-
-        In rows that are D apart, a point's n = 2 D / s nearest are of its own, s apart.
-        """
+        """How many neighbors (n,) it takes for rows to be less than faces; 0 where none are. In
+        rows that are D apart, a point's n = 2 D / s nearest are of its own, s apart."""
         k, needed = self.limits.least // 2, np.zeros(self.n)
         rows = needed == 0
 
@@ -169,17 +165,6 @@ def across_rows(n):
     """So many neighbors that a row of the n nearest is a face's share f of them, at most: of k in a
     disk it has the share ``sqrt(2 n / (pi k))``, which is f where ``k = 2 n / (pi f^2)``."""
     return 2 / (pi * AgreementLimits().face ** 2) * n
-
-
-def wanted_by(quiet, k, d, limits):
-    """The usual error (m,) of planes of k points, and how many points (m,) would have `tilt`.
-
-    `quiet` is the error that this share of those around do not exceed.
-    """
-    error = quiet / noise_quantiles(limits.quiet, np.array([k]), d)
-    # The error falls as the spread of the k points along the surface, k ** (1 / (d - 1)), and as
-    # their mean, k ** (1 / 2).
-    return error, k * (error / limits.tilt) ** (1 / (1 / 2 + 1 / (d - 1)))
 
 
 def are_turned(turns, error):

@@ -18,11 +18,8 @@ class TreeLimits(NamedTuple):
 
 
 class Sides:
-    """The sides of normals that `orientation` and `sensor_origin` of the estimator name.
-
-    Both are checked for the fitted points X (n, d). The sensor's origin is None, (d,), or (n, d) of
-    these points.
-    """
+    """The sides of normals that `orientation` and `sensor_origin` name, checked for the fitted
+    points X (n, d). The sensor's origin is None, (d,), or (n, d) of these."""
 
     def __init__(self, orientation, sensor_origin, X):
         named = orientation if isinstance(orientation, str) else None
@@ -65,10 +62,8 @@ class Sides:
         self.tree_normals = apart * signs[:, None]
 
     def orient(self, index, normals, X, n_jobs):
-        """Flip normals (m, d) of points X (m, d) in place.
-
-        Where the sensor moved, each counts as measured from where the nearest fitted point was.
-        """
+        """Flip normals (m, d) of points X (m, d) in place. Where the sensor moved, each counts as
+        measured from where the nearest fitted point was."""
         if self.sensor_origin is not None:
             origins = self.sensor_origin
             if origins.ndim == 2:

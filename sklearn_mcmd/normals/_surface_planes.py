@@ -232,11 +232,8 @@ class SurfacePlanes:
         return self.model.evaluate_neighborhoods(points, around, precision, measured=False)[0]
 
     def _find_rough(self, points, around, surfaces):
-        """Give neighborhoods that are not smooth their robust planes, in place.
-
-        The `surfaces` have planes of all members, FLAT where these are ordinary, else BENT; their
-        noise is what that plane leaves, and becomes that of the surface, flat or curved.
-        """
+        """Give neighborhoods that are not smooth their robust planes, in place. The `surfaces` have
+        those of all members, FLAT or BENT, whose noise becomes that of the surface."""
         planes, forms, noise, left = surfaces
         asked = np.flatnonzero(forms != FLAT)
         if len(asked):
@@ -252,12 +249,8 @@ class SurfacePlanes:
         noise[:] = np.where(forms == ROUGH, planes.scale, left)
 
     def _bend(self, points, planes, forms, left, around, noise):
-        """Correct the forms of neighborhoods by what is usual around, and give those that bend the
-        tangent planes of their quadrics, in place.
-
-        Where a quadric leaves more, a surface may be folded: a curved one is as curved next to a
-        point as at it.
-        """
+        """Correct the forms of neighborhoods by what is usual around, and give those that bend
+        tangent planes of quadrics, in place. Where these leave more there may be a fold."""
         creased = ~(left <= most_noise_around(noise, around, around.sizes, MendLimits().quiet))
         self._smooth(points, planes, forms, np.flatnonzero(~creased & (forms == ROUGH)), around)
         self._unfold(points, planes, forms, np.flatnonzero(creased & (forms != ROUGH)), around)
@@ -345,10 +338,8 @@ class FittedSurfaces(NamedTuple):
 
 
 def lend(planes, rows, members, lenders):
-    """Replace rows of planes, in place, by those of lenders; extents stay the rows' own.
-
-    A borrowed normal is no better known than the own one was.
-    """
+    """Replace rows of planes, in place, by those of lenders; extents stay the rows' own. A borrowed
+    normal is no better known than the own one was."""
     borrowers, lent = planes.take(rows), members.take(lenders)
     error = np.maximum(borrowers.normal_error, lent.normal_error)
     extents = {name: getattr(borrowers, name) for name in ("kept", "radius", "spacing")}

@@ -59,8 +59,7 @@ def _height_over(planes, row, query):
 
 @kernel(inline="always")
 def _cost_of_plane(planes, row, height, limits, patch, n):
-    """Minus the logarithm of how likely the plane of a row is that of a patch of n points, whose
-    query is at this height above it."""
+    """Minus the logarithm of how likely a row's plane is that of a patch of n points."""
     variance = planes.scale[row] * planes.scale[row]
     _fill_heights(patch.places, n, planes.normals[row], height, patch.heights)
     # The query has a weight of 1, and so have all points of the patch together: the terms that do
@@ -96,10 +95,8 @@ def _fill_heights(places, n, normal, height, heights):
 
 @kernel(inline="always")
 def _weighted(heights, n, variance, explained):
-    """Weighted mean of squared distances in standard deviations, each limited.
-
-    Weights fall from n at the nearest point to 1 at the farthest: their sum is n (n + 1) / 2.
-    """
+    """Weighted mean of squared distances in standard deviations, each limited. Weights fall from n
+    at the nearest point to 1 at the farthest: their sum is n (n + 1) / 2."""
     total, most = 0.0, explained * explained * variance
     for j in range(n):
         total += (n - j) * min(heights[j] * heights[j], most)
@@ -158,8 +155,7 @@ def _may_lean(asked, members, variance, normal):
 
 @kernel(inline="always")
 def _lean_of_planes(points, query, asked, axes, members, near_planes):
-    """Fill the heights, places and leans of planes; whether any of these reaches the query. The
-    others have no place and no lean."""
+    """Fill heights, places and leans of planes that reach the query; whether any does."""
     d, reached = len(query), False
     for j in range(len(asked)):
         height = _height_over(members, asked[j], query)

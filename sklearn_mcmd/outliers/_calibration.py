@@ -103,11 +103,8 @@ def _radius(n_neighbors, d):
 
 
 def _matching_noise(model, wanted):
-    """Noise of a clean plane, in spacings, whose planes are as rough for their size as the cloud's.
-
-    Where noise reaches the size of the neighborhoods these turn from disks into balls, and
-    planes follow the noise: scale and cutoff are then different.
-    """
+    """Noise of a clean plane, in spacings, whose planes are as rough for their size as the cloud's:
+    where it reaches the size of neighborhoods, scale and cutoff are different."""
     k, d = model.index.n_neighbors, model.index.points.shape[1]
     _, least, most = CalibrationLimits()
     noise = wanted * _radius(k, d)
@@ -120,13 +117,10 @@ def _matching_noise(model, wanted):
 
 
 def roughness_of(model):
-    """Median ratio of scale to radius of planes, all over a cloud."""
-    return _roughness(model, _even_rows(model.index))
-
-
-def _even_rows(index):
-    """Rows evenly along the first axis, so that neither the order of rows nor the unit matters."""
-    return np.lexsort(index.points.T[::-1])[:: max(1, len(index.points) // MATCHED)]
+    """Median ratio of scale to radius of planes, all over a cloud: around rows evenly along the
+    first axis, so that neither the order of rows nor the unit matters."""
+    points = model.index.points
+    return _roughness(model, np.lexsort(points.T[::-1])[:: max(1, len(points) // MATCHED)])
 
 
 def _roughness(model, rows):

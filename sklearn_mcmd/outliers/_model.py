@@ -109,8 +109,7 @@ def judge(model, X, settings, sensed=NOTHING_SENSED):
 
 
 def _judge_cloud(model, counts, n_points, settings, sensed):
-    """The same by surfaces and company; `counts` (n,) are the measurements at each point of the
-    index, `n_points` all of them."""
+    """The same by surfaces and company, of `n_points`, `counts` (n,) of them at each place."""
     index, level, n_jobs = model.index, LEVELS[settings.strictness], settings.n_jobs
     if len(index.points) <= index.n_neighbors:
         # The cloud is one neighborhood, and half of few points say too little about noise.
@@ -302,9 +301,7 @@ class OwnPlanesCloud(NamedTuple):
 
 class JudgedCloud(NamedTuple):
     """A cloud whose points are scored by its surfaces and by how far they stand off from all else.
-
-    Arrays (n,) are of the points of its index.
-    """
+    Arrays (n,) are of the points of its index."""
 
     measuring: MeasuringPlanes
     explaining: np.ndarray  # bool (n,): whose planes are of surfaces, and explain others
@@ -345,10 +342,8 @@ class JudgedCloud(NamedTuple):
         )
 
     def score(self, queries):
-        """Scores of queries (m, d), each as if it alone were added to the cloud.
-
-        A query that is a point of the cloud has the score of that point.
-        """
+        """Scores of queries (m, d), each as if it alone were added to the cloud. A query that is a
+        point of the cloud has the score of that point."""
         index, precision = self.index, np.finfo(queries.dtype).eps
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         scores = np.empty(len(queries))

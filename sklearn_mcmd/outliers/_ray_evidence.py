@@ -37,12 +37,8 @@ class RayEvidence(NamedTuple):
 
     @classmethod
     def of(cls, origins, measuring, planes, usable, least):
-        """Of points that were measured from `origins` (n, d), and have `MeasuringPlanes`; also
-        which of these are free to be of surfaces, bool (n,).
-
-        `planes` have their own noise, `usable`, bool (n,), are those that may be of a surface or a
-        sheet, and `least` points a surface has at least.
-        """
+        """Of points measured from `origins` (n, d), with `MeasuringPlanes`; and which are free to
+        be of surfaces. `usable` planes may be of one or of a sheet, of `least` points."""
         index, n_jobs, limits = measuring.model.index, measuring.n_jobs, SurfaceLimits()
         points, n = index.points, len(index.points)
         rays = Rays.of(points, origins, RayLimits(), n_jobs)
@@ -95,10 +91,7 @@ class RayEvidence(NamedTuple):
 
     def judge(self, off_surface, explained, measuring, darkness):
         """Isolation and separation of all m points that no surface explains, and the `BesideRays`.
-
-        `explained` is bool (n,), `measuring` are the `MeasuringPlanes`. `darkness`, a number or
-        (m,), is a factor on how isolated points are, which does not touch sheets of rays.
-        """
+        `darkness`, a number or (m,), is a factor on isolation that spares sheets of rays."""
         unexplained, isolation = off_surface.unexplained, off_surface.isolation
         rows, points, index = unexplained.rows, unexplained.points, measuring.model.index
         step, empty = self.rays.steps(rows), self.rays.next_to(rows, explained)
@@ -121,8 +114,7 @@ class RayEvidence(NamedTuple):
         return np.maximum(isolation, sheet), separation, beside
 
     def _separation(self, off_surface, explained, step):
-        """The separation of points off the surfaces, by the beams around their groups; `step` (m,)
-        is theirs."""
+        """Separation off the surfaces, by beams around groups; `step` (m,) is that of points."""
         separation = off_surface.separation.copy()
         stand_off = np.flatnonzero(separation > 0)
         rows, groups = off_surface.rows[stand_off], off_surface.groups[stand_off]
@@ -134,11 +126,8 @@ class RayEvidence(NamedTuple):
         return separation
 
     def judge_new(self, queries, around, company, beside, darkness, explained, measuring):
-        """The same of new points (m, d) and their neighborhoods, each for itself.
-
-        `company` is the `NewCompany` by coordinates, and `beside` what `judge` returned: rays have
-        judged the groups of the cloud.
-        """
+        """The same of new points (m, d), each for itself, by the `company` of coordinates and what
+        `judge` returned, `beside`: rays have judged the groups of the cloud."""
         witnesses, strange = self.rays.new_witnesses(queries, around.indices[:, 0])
         empty, of_group = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
         apart = in_steps(company.isolation, company.spacing, witnesses.step)
@@ -166,8 +155,7 @@ class RayEvidence(NamedTuple):
 
 
 def doubt_of(n_on_sheets, n_on_surfaces):
-    """What speaks against the position, in words: that sheets of rays would have a large share of
-    all that is flat."""
+    """What speaks against the position, in words: too much of what is flat would be its rays."""
     share = n_on_sheets / max(1, n_on_sheets + n_on_surfaces)
     if share <= RayLimits().mistaken:
         return ""

@@ -76,9 +76,7 @@ def judge_off_surface(unexplained, least, n_jobs):
 
 class SmallGroups(NamedTuple):
     """The s points of all groups off the surfaces that have fewer than `least` measurements.
-
-    Methods take the groups of these points, numbers from 0 on, int32 (s,).
-    """
+    Methods take the groups of these points, numbers from 0 on, int32 (s,)."""
 
     unexplained: Unexplained  # all points off the surfaces
     rows: np.ndarray  # int32 (s,), of the points among these
@@ -125,10 +123,7 @@ class SmallGroups(NamedTuple):
 
     def hang(self, groups, usual, spacing, isolation, separation, in_row):
         """Lessen the separation of what hangs beside small flat groups that are kept, and so on:
-        these are pieces, rows and plates, while errors fill space.
-
-        All arrays but the last, bool (s,), are of all points off the surfaces.
-        """
+        pieces, rows and plates, while errors fill space. Arrays but the last are of all of them."""
         of_point, limit = groups[self.rows], ExplainLimits().explained
         order, part = np.lexsort(self.points.T[::-1]), numbered(of_point)
         small = self.are_small(of_point)
@@ -154,9 +149,7 @@ class SmallGroups(NamedTuple):
 
     def divided_by_rows(self, groups):
         """The groups once points that lie in a row are a group of their own; and which these are.
-
-        They are straight with their nearest others, and among the nearest of each other.
-        """
+        They are straight with their nearest others, and among the nearest of each other."""
         s, n_near = len(self.rows), self.unexplained.limits.n_near
         in_row, asked, links = np.zeros(s, bool), np.flatnonzero(self.are_small(groups)), []
         if self.unexplained.search.n <= n_near or len(asked) == 0:
@@ -230,11 +223,8 @@ class SmallGroups(NamedTuple):
 
 
 def _separate_large(unexplained, usual, gaps, groups, is_real, least, separation, n_jobs):
-    """Fill the separation of large groups that stand off from all that `is_real`, bool (m,).
-
-    A group of n times as many measurements as the least thing must stand off n times as far. What
-    is large by copies alone is real.
-    """
+    """Fill the separation of large groups that stand off from all that `is_real`, bool (m,): n
+    times as far if of n times the least thing's measurements. What is large by copies is real."""
     weight, sizes = least / np.bincount(groups, unexplained.counts), np.bincount(groups)
     # Step 1: one point of each group, and the least size that it may have, tell which may stand
     # off. The sums of sizes come in another order than below, and differ by rounding.

@@ -26,8 +26,7 @@ class Columns(NamedTuple):
 
     @classmethod
     def of(cls, fitted, X):
-        """Those that a `RobustNormalEstimator` fitted to X has found, in the dtype of X, without
-        the copies that `transform` makes."""
+        """Those of a fitted `RobustNormalEstimator` at X, in its dtype, without copies."""
         columns = cls(
             coordinates=X,
             normals=fitted.normals_,

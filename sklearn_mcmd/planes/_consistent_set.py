@@ -68,11 +68,8 @@ def draw_trials(n_trials, n_neighbors, random_state=None, *, length=None):
 
 
 def n_support_points(support_fraction, sizes, n_features):
-    """Points in the consistent set, h = ceil(support_fraction * k) (section 4).
-
-    At least n_features + 1, since fewer points fit some plane exactly; at most all points of
-    the neighborhood.
-    """
+    """Points in the consistent set, h = ceil(support_fraction * k) (section 4). At least n_features
+    + 1, since fewer points fit some plane exactly; at most all points of the neighborhood."""
     # In floating point 0.8 * 50 is 40.000000000000004, whose ceiling would be 41.
     wanted = np.ceil(np.round(support_fraction * np.asarray(sizes), 9)).astype(np.int64)
     return np.minimum(np.maximum(wanted, n_features + 1), sizes)
@@ -148,10 +145,8 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
 
 
 def _trial_planes(local, trials, sizes):
-    """Planes through the minimal subsets, completed where they span none (steps 1 and 2).
-
-    Returns normals (B, T, d), offsets (B, T) and whether not even all points span a plane.
-    """
+    """Planes through the minimal subsets, completed where they span none (steps 1 and 2). Returns
+    normals (B, T, d), offsets (B, T) and whether not even all points span a plane."""
     n_sets, k, d = local.shape
     rows = np.arange(n_sets)[:, None, None]
     order = np.broadcast_to(trials, (n_sets, *trials.shape))
@@ -223,11 +218,8 @@ def _nearest_members(local, normals, offsets, n_support, sizes):
 
 
 def _least_eigenvalues(local, support, n_support):
-    """Least eigenvalue of the covariance of each subset (step 3), in squared radii.
-
-    It is infinite where the subset itself spans no plane: points of one line have the least
-    eigenvalue zero, and no normal.
-    """
+    """Least eigenvalue of the covariance of each subset (step 3), in squared radii; infinite where
+    the subset spans no plane, as points of one line have 0 and no normal."""
     d = local.shape[-1]
     upper = np.triu_indices(d)
     products = local[..., upper[0]] * local[..., upper[1]]

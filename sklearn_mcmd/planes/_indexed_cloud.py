@@ -83,12 +83,8 @@ class IndexedCloud:
         return cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
 
     def neighbors(self, rows, k, n_kept):
-        """The k nearest points of some of the points, itself first: int32 (m, k).
-
-        Equally distant ones come in the order of their coordinates. `n_kept` neighbors of each are
-        searched and kept for the next time. With 0, only what was kept before is taken from there,
-        and `rows` must be a slice.
-        """
+        """The k nearest points of some, itself first: int32 (m, k), ties by coordinates. `n_kept`
+        are searched and kept for the next time; with 0 only those kept, and `rows` a slice."""
         with _lock:  # threads that begin together begin one table
             if n_kept and (self.table is None or self.table.k < k):
                 self.table = NeighborTable(self.search_own, len(self.points), max(k, n_kept))
@@ -99,9 +95,7 @@ class IndexedCloud:
 
     def nearest(self, queries, k):
         """Distances (m, k) of the k nearest points of any queries, and their rows: int32 (m, k).
-
-        Equally distant ones come in the order of `neighbors`.
-        """
+        Equally distant ones come in the order of `neighbors`."""
         if self.search is None or not len(queries):
             distances, near = query_tree(self.tree, queries, k)
             return distances, near.astype(np.int32)
@@ -129,9 +123,7 @@ def _key(X):
 
 def distinct_rows(X):
     """Rows of X without copies, the first row of each location; and which of these each row has.
-
-    The second is None where there are no copies. Only rows whose hash occurs twice are sorted.
-    """
+    The second is None where there are no copies. Only rows whose hash occurs twice are sorted."""
     suspects = _rows_of_equal_hash(X)
     order = suspects[np.lexsort(X[suspects].T)]  # stable: of equal rows the first of X comes first
     sorted_rows = X[order]

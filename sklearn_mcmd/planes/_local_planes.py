@@ -82,10 +82,8 @@ class PlaneSettings(NamedTuple):
 
 
 class LocalPlaneModel:
-    """A fitted cloud that answers with the plane of any query's neighborhood.
-
-    `index` is a `NeighborIndex`, and `trials` a table of int (T, k).
-    """
+    """A fitted cloud that answers with the plane of any query's neighborhood. `index` is a
+    `NeighborIndex`, and `trials` a table of int (T, k)."""
 
     def __init__(self, index, trials, settings):
         self.index, self.trials, self.settings = index, trials, settings
@@ -137,8 +135,7 @@ class LocalPlaneModel:
         return planes, distance
 
     def agree(self, n_jobs=None, **how):
-        """Let the index's points find planes together, if this is how planes are found, as
-        `agreed_offers` says."""
+        """Let the index's points find planes together, if they do, as `agreed_offers` says."""
         if self.settings.agrees:
             self.offers = agreed_offers(self, n_jobs, **how)
 
@@ -159,9 +156,7 @@ class LocalPlaneModel:
 
     def first_planes(self, queries, neighborhoods, keep=None):
         """Planes before anyone is asked, and which are not those of all members: bool (m,).
-
-        ``keep`` gets what `whole_planes` returns, if neighbors agree.
-        """
+        ``keep`` gets what `whole_planes` returns, if neighbors agree."""
         if not self.settings.agrees:
             planes, _ = self.evaluate_neighborhoods(queries, neighborhoods)
             return planes, np.ones(len(queries), dtype=bool)
@@ -176,11 +171,8 @@ class LocalPlaneModel:
         return planes, ~fit.ordinary
 
     def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0, measured=True):
-        """The same of given neighborhoods, rows of the index's points.
-
-        `precision` is the relative rounding error of the queries, where that is greater. The
-        planes are `measured` unless the extents of their neighborhoods are known.
-        """
+        """The same of given neighborhoods, rows of the points. Queries may be rounded more, by
+        `precision`; planes are `measured` unless their extents are known."""
         rounding = max(self.rounding, _rounding(precision))
         offers = None if self.offers is None else self.offers.planes
         robust = self.robust_planes(queries, neighborhoods, rounding, offers)
@@ -331,11 +323,7 @@ class LocalPlaneModel:
         """What the method finds in neighborhoods (B, k, d)."""
         if self.settings.comparator is not None:
             return self.settings.comparator.fit_sizes(
-                neighborhoods,
-                sizes,
-                self.trials,
-                rounding=rounding,
-                least_scale=self.least_scale,
+                neighborhoods, sizes, self.trials, rounding=rounding, least_scale=self.least_scale
             )
         _, k, d = neighborhoods.shape
         rule = METHODS[self.settings.method]

@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from sklearn_mcmd.planes._consistent_set_numba import (
-    NO_FIT,
-    ZEROS,
-    WorkArrays,
-    consistent_set,
-)
+from sklearn_mcmd.planes._consistent_set_numba import NO_FIT, ZEROS, WorkArrays, consistent_set
 from sklearn_mcmd.planes._moments_numba import (
     FASTMATH,
     kth_smallest,
@@ -30,20 +25,14 @@ FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 
 
 def fit_neighborhoods(points, around, queries, trials, method, rule, out):
-    """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
-
-    What is filled, `out`, are `RobustPlanes`.
-    """
+    """Apply a rule to each neighborhood (Algorithm 4) to fill `out`, the `RobustPlanes`."""
     arrays = WorkArrays.of(len(trials.positions), around.indices.shape[1])
     robust, within = FORMS[method]
     _fit_neighborhoods(points, around, queries, trials, rule, robust, within, arrays, out)
 
 
 def ask_neighbors(points, around, queries, offers, method, rule, out):
-    """Apply a rule to each neighborhood, from the best of the planes that its members offer.
-
-    Else as `fit_neighborhoods`.
-    """
+    """As `fit_neighborhoods`, from the best of the planes that members offer."""
     arrays = WorkArrays.of(1, around.indices.shape[1])
     _, within = FORMS[method]
     _ask_neighbors(points, around, queries, offers, rule, within, arrays, out)
@@ -150,10 +139,8 @@ def _limited(local, size, normal, height, scale):
 
 @kernel
 def _robust_square(distances, size, wanted, most, least):
-    """The square of the robust scale of distances, `least` at least, and the sum there.
-
-    Newton's method falls from `most` to the root, since the sum is concave in the scale's inverse.
-    """
+    """The square of the robust scale of distances, `least` at least, and the sum there. Newton's
+    method falls from `most` to the root, since the sum is concave in the scale's inverse."""
     reached = 0.0
     for _ in range(size):
         inside, off = _sums_within(distances, size, most)
@@ -179,11 +166,8 @@ def _sums_within(distances, size, most):
 
 @kernel
 def _judge(size, fit, first, rule, within, floor, arrays):
-    """Apply a rule from a first plane: distance of the query, scale, and members that are kept.
-
-    `first` is the scale to begin with, 0 if that is not known. The plane fitted last comes too, and
-    before it whether it is fitted to the members that are kept.
-    """
+    """Apply a rule from a first plane and scale, 0 if that is not known: distance of the query,
+    scale, members that are kept, whether the last plane is fitted to these, and that plane."""
     if within is None:
         return _mcmd_z(size, fit, first, rule, floor, arrays)
     return _mcmd_md(size, fit, first, rule, floor, arrays)
@@ -210,11 +194,8 @@ def _store(origin, radius, size, rule, arrays, fitted, fit, out, i):
 
 @kernel
 def _localize(points, row, size, query, rule, arrays, by_median):
-    """Shift a neighborhood to its first point and scale its median radius, or its extent, to one.
-
-    Fills the coordinates of members and query, and takes all members. Returns the radius and the
-    least scale, in radii.
-    """
+    """Shift a neighborhood to its first point, with its query, and scale its median radius, or its
+    extent, to one; take all members. Returns the radius and the least scale, in radii."""
     local, work, keys = arrays.local, arrays.numbers, arrays.keys
     extent = magnitude = 0.0
     radius, first, at_query = 1.0, vector(points[row[0]]), vector(query)

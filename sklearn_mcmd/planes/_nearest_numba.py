@@ -45,10 +45,8 @@ class Near(NamedTuple):
 
 
 def build_tree(points, leaf):
-    """Halve the points along the longest side of their box until `leaf` of them are left.
-
-    They are put in the order of the leaves. Returns this order and what `Tree` holds.
-    """
+    """Halve the points along the longest side of their box until `leaf` of them are left. They are
+    put in the order of the leaves. Returns this order and what `Tree` holds."""
     n = len(points)
     order = np.arange(n)
     # The left child has a multiple of `leaf`, so all leaves are full but the last.
@@ -61,12 +59,8 @@ def build_tree(points, leaf):
 
 
 def search_rows(asking, tree, begin, end, first_leaf, sizes, indices):
-    """Fill `indices` (end - begin, k) with the neighbors, rows of `tree`, of some points.
-
-    These are the rows from `begin` to `end` of `asking`, which may be the same tree or another.
-    `first_leaf` is the place in ``asking.leaves`` of the leaf that holds the first of these rows;
-    `sizes` are the largest numbers of points in a leaf and of candidates.
-    """
+    """Fill `indices` (end - begin, k) with neighbors, rows of `tree`, of rows of `asking`, the
+    first in leaf `first_leaf`. `sizes` are the most points of a leaf, and candidates."""
     size, capacity = sizes
     near = Near.of(max(capacity, 2 * indices.shape[1] + 32 + size), size)
     _search(asking, tree, begin, end, first_leaf, near, indices)
@@ -162,10 +156,8 @@ def _search(asking, tree, begin, end, first_leaf, near, indices):
 
 @kernel
 def _search_one(tree, x, y, z, k, bound, near, neighbors):
-    """Neighbors of one location from the nearest boxes on; the square of the k-th distance.
-
-    The square is at most `bound`. Of many candidates all but the k nearest go.
-    """
+    """Neighbors of one location from the nearest boxes on; the square of the k-th distance. The
+    square is at most `bound`. Of many candidates all but the k nearest go."""
     # With a plain 0, `_screen` and `_sort` are compiled twice.
     points, stack, n, n_waiting = tree.points, near.stack, np.int64(0), 1
     many = 2 * k + 32  # that are worth sorting; half or twice as many cost the same
@@ -272,12 +264,8 @@ def _screen(near, n, bound):
 
 @kernel
 def _sort(points, near, n, bound, k, neighbors):
-    """Fill `neighbors` with the k nearest of n rows; return the square of the k-th distance.
-
-    By counting in bins of squared distance, of which a surface has about equal numbers in each;
-    then by insertion, as far as the bin of the last that is wanted: of keys first, and of the
-    few whose keys are equal.
-    """
+    """Fill `neighbors` with the k nearest of n rows; return the square of the k-th distance. By
+    counting in bins of squared distance, then by insertion, of keys and of equal keys."""
     squares, rows, places, bins = near.squares, near.rows, near.places, near.bins
     keys, scale = near.keys, N_BINS / bound if bound > 0.0 else 0.0
     bins[:] = 0

@@ -30,9 +30,7 @@ class NeighborTable:
 
     def query(self, rows, k, keep=True):
         """Neighbors of some rows, the nearest first: int32 (m, k), where k is at most the table's.
-
-        What must be searched is kept for the next time with `keep`, or if rows are no slice.
-        """
+        What must be searched is kept for the next time with `keep`, or if rows are no slice."""
         searched = isinstance(rows, slice) and not keep
         if isinstance(rows, slice):
             rows = np.arange(*rows.indices(self.n))
@@ -97,8 +95,7 @@ class Packed(NamedTuple):
         return cls(groups, starts, far[:n].copy(), codes)
 
     def near_groups(self, groups, marked):
-        """The rows of blocks with neighbors in some of all `groups`, or far ones that are `marked`,
-        both bool."""
+        """Rows of blocks with neighbors in some of all `groups`, or far ones that are `marked`."""
         n_far = np.append(0, np.cumsum(marked[self.far]))[self.starts]
         asking = groups[self.groups].any(axis=1) | (n_far[1:] > n_far[:-1])
         return np.flatnonzero(np.repeat(asking, self.groups.shape[1] + 1)[: len(self.codes)])

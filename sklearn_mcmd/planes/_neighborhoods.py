@@ -74,11 +74,8 @@ class NeighborIndex:
         each_slice(len(self.points), size, task, n_jobs)
 
     def query_own(self, rows, k=None, keep=True):
-        """The neighborhoods of some of the `points`, each its own first member.
-
-        They have k members, at most the number of points, or `n_neighbors`. Neighbors are kept for
-        the next time with `keep`. Ties are as of `IndexedCloud.neighbors`.
-        """
+        """The neighborhoods of some of the `points`, each its own first member, of k members, or
+        `n_neighbors`; kept for the next time with `keep`. Ties: `IndexedCloud.neighbors`."""
         if k is None and self.sizes is not None:
             indices, sizes = self._query_sized(rows, keep)
         else:
@@ -110,9 +107,7 @@ class NeighborIndex:
 
     def query(self, queries):
         """Find the neighborhoods of queries (m, d), as rows of `points`, nearest members first.
-
-        Equally distant members come in the order of `query_own`.
-        """
+        Equally distant members come in the order of `query_own`."""
         if self.n_neighbors is None:
             n = len(self.points)
             indices = np.broadcast_to(np.arange(n, dtype=np.int32), (len(queries), n))

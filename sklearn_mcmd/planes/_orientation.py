@@ -27,21 +27,15 @@ def point_up(normals):
 
 
 def orient_toward(normals, directions):
-    """Flip normals (n, d) in place to the side of directions, (d,) or (n, d).
-
-    Normals at right angles to their direction keep their sign.
-    """
+    """Flip normals (n, d) in place to the side of directions, (d,) or (n, d); 0 keeps signs."""
     against = np.einsum("ij,ij->i", normals, np.broadcast_to(directions, normals.shape)) < 0
     normals[against] = -normals[against]
     return normals
 
 
 def spanning_forest(normals, points, first, second):
-    """The edges of the minimum spanning forest among those between rows `first` and `second`.
-
-    An edge costs less the more parallel its normals are. Of equal costs the coordinates decide, so
-    that the forest of all edges is that of the forests of parts of them, in any order of points.
-    """
+    """Edges of the minimum spanning forest of those between rows `first` and `second`, cheap if
+    normals are parallel. Coordinates decide ties: forests of parts make that of all."""
     n = len(points)
     by_place = np.lexsort(points.T).astype(np.int32)
     place = np.empty(n, np.int64)
@@ -68,10 +62,8 @@ def spanning_forest(normals, points, first, second):
 
 
 def signs_along(normals, points, first, second):
-    """The sign of each normal, so that those at the ends of the edges of a forest agree.
-
-    That of the highest point of each connected part is 1.
-    """
+    """The sign of each normal, so that those at the ends of the edges of a forest agree. That of
+    the highest point of each connected part is 1."""
     n = len(points)
     tree = coo_array((np.ones(len(first)), (first, second)), shape=(n, n))
     n_parts, part = connected_components(tree, directed=False)

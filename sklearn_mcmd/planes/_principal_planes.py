@@ -19,8 +19,7 @@ class RowLimits(NamedTuple):
 
 
 def are_rows(eigenvalues):
-    """Whether members are rows along a surface, by the eigenvalues (m, d) of their planes, which
-    ascend: bool (m,). None is in 2D."""
+    """Whether members are rows along a surface, by eigenvalues (m, d) of planes: not in 2D."""
     return eigenvalues[:, 1] < RowLimits().width ** 2 * eigenvalues[:, -1]
 
 
@@ -61,10 +60,8 @@ def orthogonal_distances(points, centroids, normals):
 
 
 def surface_variation(eigenvalues):
-    """Share of the least eigenvalue in the sum, "curvature" in the papers (Eq. 3).
-
-    It is 0 for a perfect plane and 1/d for an isotropic cluster, and 0 where all points coincide.
-    """
+    """Share of the least eigenvalue in the sum, "curvature" in the papers (Eq. 3). It is 0 for a
+    perfect plane and 1/d for an isotropic cluster, and 0 where all points coincide."""
     total = eigenvalues.sum(axis=-1)
     return np.divide(eigenvalues[..., 0], total, out=np.zeros_like(total), where=total > 0)
 
@@ -109,12 +106,8 @@ def tilt_variances(in_plane, gap, variance):
 
 
 def student_factors(freedom, d):
-    """Factors on errors of normals for the uncertainty of the scale: (n,).
-
-    They are the roots of the ratios of the 0.95 quantiles of F(d - 1, f) and F(d - 1, infinity),
-    where f are the degrees of freedom (n,) of the scale. For planes in 3D, where f = m - 3, this is
-    1.09 for 20 points and 1.02 for 100.
-    """
+    """Factors (n,) on errors of normals for a scale of f degrees of freedom (n,): roots of 0.95
+    quantiles of F(d - 1, f) over F(d - 1, infinity). In 3D 1.09 for 20 points."""
     row = np.maximum(freedom, 1).astype(np.intp)
     counts = np.flatnonzero(np.bincount(row))
     ratios = np.ones(row.max(initial=0) + 1)

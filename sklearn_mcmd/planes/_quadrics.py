@@ -54,9 +54,7 @@ class FoldLimits(NamedTuple):
     # asked where the quadric already leaves more than is usual around.
     evidence: float = 0.6
     best: float = 0.75  # share of the members whose squares count, as others may be outliers
-    # Members farther from the robust plane than this number of its standard deviations are what the
-    # second plane is fitted to first.
-    off: float = 1.5
+    off: float = 1.5  # standard deviations off the robust plane, of what the second begins with
 
 
 class NormalSample(NamedTuple):
@@ -107,10 +105,8 @@ def n_terms(d):
 
 
 def noise_quantiles(share, sizes, d):
-    """What quadrics leave of neighborhoods of noise of one, at most, in a share of cases: (m,).
-
-    The least of many deviations is small by chance. Divided by this, it is the noise.
-    """
+    """What quadrics leave of neighborhoods of noise of one, at most, in a share of cases: (m,). The
+    least of many deviations is small by chance. Divided by this, it is the noise."""
     quantiles = np.ones(int(np.max(sizes, initial=0)) + 1)
     counts = np.flatnonzero(np.bincount(sizes))
     freedom = counts - n_terms(d)
@@ -133,19 +129,13 @@ def tangents_of(normals):
 
 
 def is_smooth(left, scale):
-    """Whether neighborhoods keep all members, given the scale of their robust planes: bool (B,).
-
-    `left` is that of `QuadricFit`.
-    """
+    """Whether neighborhoods keep all members, by what a quadric `left` and the robust scale."""
     return (left <= SmoothnessLimits().curved * scale) & np.isfinite(left) & (scale > 0)
 
 
 def whole_planes(points, around):
-    """Planes of all members, and whether quadrics over them leave noise alone.
-
-    The points (n, d) are in 2D or 3D. Of the planes centroids, eigenvalues and normals are filled.
-    Returns also the axes (m, d) of the largest eigenvalues, and the `QuadricFit`.
-    """
+    """Planes of all members in 2D or 3D (centroids, eigenvalues and normals), the axes (m, d) of
+    the largest eigenvalues, and the `QuadricFit`: whether quadrics leave noise alone."""
     (m, k), d = around.indices.shape, points.shape[1]
     planes, directions = Planes.empty(m, d), np.empty((m, d))
     limits, (arrays, equations) = NormalSample.of(k, d), work_arrays(4, k)
@@ -157,11 +147,8 @@ def whole_planes(points, around):
 
 
 def are_folded(points, around, planes, faces):
-    """Whether two planes leave less of neighborhoods than a quadric does: bool (m,).
-
-    `planes` are those of all members, and `faces` the robust planes, each of the majority of the
-    members. The points (n, d) are in 2D or 3D.
-    """
+    """Whether two planes leave less of neighborhoods in 2D or 3D than a quadric does, bool (m,), by
+    the `planes` of all members and the `faces`, robust ones of the majority."""
     folded = np.empty(len(around.sizes), dtype=bool)
     k = around.indices.shape[1]
     arrays, equations = work_arrays(9, k)
@@ -196,10 +183,8 @@ def quadric_normals(points, queries, around, planes, left):
 
 
 def work_arrays(rows, k):
-    """Rows of one array for numbers of k members; and arrays for the equations of a quadric.
-
-    Python makes the arrays, since Numba takes long to compile what makes them.
-    """
+    """Rows of one array for numbers of k members; and arrays for the equations of a quadric. Python
+    makes the arrays, since Numba takes long to compile what makes them."""
     terms = n_terms(3)
     equations = np.empty((terms + 2, terms))
     return np.zeros((rows, k)), (equations[:terms], equations[terms], equations[terms + 1])

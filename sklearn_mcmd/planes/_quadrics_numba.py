@@ -33,11 +33,8 @@ def localize(points, members, size, origin, local):
 
 @kernel(fastmath=FASTMATH)
 def quadric_moments(local, size, d, mean, axes, extent, moments, right, heights, weight=None):
-    """Normal equations of the quadric (lower triangle) and the sum of squared heights.
-
-    The terms are 1, u, v, uu, uv and vv. The sums are numbers and not arrays, because compilers
-    vectorize these. Without `weight` each member counts one.
-    """
+    """Normal equations (lower triangle) of the quadric in 1, u, v, uu, uv and vv, and the sum of
+    squared heights. Sums are numbers, which compilers vectorize. Without `weight` each counts 1."""
     x, y, z = local[0], local[1], local[2]
     mx, my, mz = mean
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes
@@ -92,10 +89,8 @@ def quadric_moments(local, size, d, mean, axes, extent, moments, right, heights,
 
 @kernel
 def decompose(moments, right, forward, total, least_pivot):
-    """Squares left, and whether the members determine the quadric; overwrites the moments.
-
-    They become Cholesky's factor L, and ``forward`` solves L x = right.
-    """
+    """Squares left, and whether the members determine the quadric; overwrites the moments. They
+    become Cholesky's factor L, and ``forward`` solves L x = right."""
     for i in range(TERMS):
         diagonal = moments[i, i]
         for j in range(i):
@@ -317,9 +312,7 @@ def least_squares(heights, size, n_best, work, keys):
 @kernel(cache=True)
 def fit_jets(points, around, queries, tangents, planes, floor, limits, room, jets):
     """Fill `Jets` that are undetermined with quadrics of the members that belong to surfaces.
-
-    `floor` (m,) is the least standard deviation of the noise, in units of the points.
-    """
+    `floor` (m,) is the least standard deviation of the noise, in units of the points."""
     indices, sizes = around.indices, around.sizes
     local, chosen, deviations, heights, used, lower, right, solution = room
     for i in range(len(indices)):

@@ -14,11 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from sklearn_mcmd.planes._principal_planes import (
-    RANK_TOLERANCE,
-    fit_planes,
-    orthogonal_distances,
-)
+from sklearn_mcmd.planes._principal_planes import RANK_TOLERANCE, fit_planes, orthogonal_distances
 
 WIDEST = 40.0  # cutoff, beyond which float64 has no share of a normal variable left
 MAD_TO_SD = 1.4826  # section 4.2: makes the MAD consistent for the normal distribution
@@ -28,9 +24,7 @@ class ReweightLimits(NamedTuple):
     """How planes are refitted; the paper does not do this."""
 
     cutoff: float = 2.5  # robust standard deviations within which members are kept for the refit
-    # Times that a plane is refitted. Outliers raise the median of the first scale: 40 % of them
-    # make it half as large again, and the first cut removes too little.
-    steps: int = 2
+    steps: int = 2  # times that a plane is refitted: outliers make the first scale too large
     # See `small_sample_inflation`: a compromise, by simulation, between planes without outliers and
     # with 10 %, for 20 to 100 neighbors in 2D to 4D, of neighborhoods of an odd number of points,
     odd_excess: float = 4.7
@@ -157,11 +151,8 @@ def cut_inflation(cutoff):
 
 
 def small_sample_inflation(d, n_inliers, n_members):
-    """Factor on the errors of planes of few points, from simulation.
-
-    The consistent set is the best of many, so the first scale is too small and too few are kept.
-    With an odd number of members the median is the set's own largest distance.
-    """
+    """Factor on the errors of planes of few points, from simulation: the set is the best of many,
+    so the first scale is too small. Of odd numbers the median is the set's largest distance."""
     limits = ReweightLimits()
     excess = np.where(n_members % 2 == 1, limits.odd_excess, limits.even_excess)
     return 1.0 + excess * d**2 / np.maximum(n_inliers - d, 1.0) ** 1.5
@@ -191,11 +182,8 @@ def _reweighted_planes(local, valid, support, floor):
 
 
 def _variance_along(distances, members):
-    """Mean square of the members' distances to their plane.
-
-    The least eigenvalue would not do: it has the rounding error of the largest one. Its root is
-    useless as a scale below 1e-8 of the neighborhood's radius.
-    """
+    """Mean square of the members' distances to their plane. The least eigenvalue has the rounding
+    error of the largest one, and is no scale below 1e-8 of the radius."""
     return np.square(distances * members).sum(axis=1) / np.maximum(members.sum(axis=1), 1)
 
 

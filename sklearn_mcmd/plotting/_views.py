@@ -11,12 +11,8 @@ NEAREST = 0.25  # no point is enlarged as if it were nearer than this share of t
 
 
 def look(points, view):
-    """Places of points (n, 3) on the picture plane, and how near they are, in units of the cloud.
-
-    The view is a name, or azimuth and elevation.
-
-    In perspective a length in the middle of the cloud is true, nearer ones are enlarged.
-    """
+    """Places of points (n, 3) on the picture plane of a view, a name or azimuth and elevation, and
+    how near they are. In perspective, lengths in the middle of the cloud are true."""
     right, up, toward = camera(view)
     places, nearness = np.column_stack([points @ right, points @ up]), points @ toward
     if isinstance(view, str) and view == "perspective":
@@ -40,10 +36,8 @@ def camera(view):
 
 
 def thinned(labels, most):
-    """Rows of at most `most` points, in order, that keep rare classes visible.
-
-    Half of the draws are of points, half of classes, which have equal chances.
-    """
+    """Rows of at most `most` points, in order, that keep rare classes visible. Half of the draws
+    are of points, half of classes, which have equal chances."""
     if len(labels) <= most:
         return np.arange(len(labels))
     _, classes, sizes = np.unique(labels, return_inverse=True, return_counts=True)

@@ -37,10 +37,7 @@ class LostVolume(NamedTuple):
 
 
 def losses_of(detector, parts, n_points):
-    """In words, where outliers lie together that nobody asked for; "" if nowhere.
-
-    Parts and points are as of `lost_volumes`.
-    """
+    """In words, where outliers lie together that nobody asked for, by `lost_volumes`; or ""."""
     if detector.strictness is not None and LEVELS[detector.strictness].off_surfaces:
         return ""  # things that are no surfaces are to go
     return words_of(lost_volumes(parts, n_points))
@@ -48,10 +45,7 @@ def losses_of(detector, parts, n_points):
 
 def lost_volumes(parts, n_points):
     """The volumes that lost hundreds of points, or a large share of few, the largest first.
-
-    ``parts()`` iterates over the parts of a cloud of n points: points (m, 3), and which are
-    removed. The order of points and parts does not matter.
-    """
+    ``parts()`` gives parts of a cloud of n points, (m, 3), and which are removed, in any order."""
     step, limits = np.uint64(-(-n_points // SAMPLE)), VolumeLimits()
     many, n_removed = min(limits.many, limits.few * n_points), 0
     samples: tuple[list, list] = ([], [])

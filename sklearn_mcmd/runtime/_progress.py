@@ -57,11 +57,8 @@ class Span:
 
 @contextmanager
 def listen_to_progress(listener):
-    """Call ``listener(progress)``, from any thread, while the work within proceeds.
-
-    Its stage is `COMPILING` when compilation begins, and None when it ends and the work goes on. A
-    listener of None is not called.
-    """
+    """Call ``listener(progress)``, if it is not None, from any thread while the work within
+    proceeds. Its stage is `COMPILING` while Numba does, and then None."""
     _listeners.append(listener)
     try:
         with heard_by(listener):
@@ -139,9 +136,7 @@ def _is_own(event):
 
 def _print_or_log(line):
     """Log a line, or print it where somebody waits at a terminal or a notebook.
-
-    ``logging.getLogger("sklearn_mcmd").setLevel("WARNING")`` silences both.
-    """
+    ``logging.getLogger("sklearn_mcmd").setLevel("WARNING")`` silences both."""
     logger = logging.getLogger("sklearn_mcmd")
     if logger.isEnabledFor(logging.INFO):
         logger.info(line)

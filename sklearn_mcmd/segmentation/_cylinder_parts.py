@@ -33,9 +33,7 @@ class FitLimits(NamedTuple):
 class CylinderLimits(NamedTuple):
     """When cylinders are fitted."""
 
-    # A cylinder is fitted again, and pairs are tried again, when a region has grown by this factor.
-    # All fits together then take only about as long as the last one or two.
-    growth: float = 2.0
+    growth: float = 2.0  # of a region, by which it is fitted and pairs are tried again: saves time
     least_size: int = 10  # twice the parameters of a cylinder: with fewer points any one fits
 
 
@@ -292,8 +290,7 @@ class CylinderParts:
         return set(grown)
 
     def _claims_of(self, labels, parts, edges):
-        """Rows without region among `edges`, name -> rows in order, and the part that each lies on
-        best."""
+        """Rows without region of `edges`, name -> rows, and the part each lies on best."""
         claims = [(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0))]
         free = distinct_numbers(np.concatenate(list(edges.values())))
         free = free[labels[free] < 0]

@@ -8,12 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClusterMixin, clone
 
-from sklearn_mcmd._sklearn import (
-    DocLinkMixin,
-    Interval,
-    StrOptions,
-    fit_context,
-)
+from sklearn_mcmd._sklearn import DocLinkMixin, Interval, StrOptions, fit_context
 from sklearn_mcmd._validation import SAID, check_work, validate_points
 from sklearn_mcmd.normals._estimator import RobustNormalEstimator
 from sklearn_mcmd.planes._columns import Columns, split_columns
@@ -24,12 +19,7 @@ from sklearn_mcmd.planes._resolution import coordinate_step, least_scales
 from sklearn_mcmd.runtime._progress import progress_part
 from sklearn_mcmd.segmentation._assign_points import Claims
 from sklearn_mcmd.segmentation._cylinder_parts import CylinderParts
-from sklearn_mcmd.segmentation._graph import (
-    GrowthRules,
-    grow_regions,
-    link_neighbors,
-    seed_order,
-)
+from sklearn_mcmd.segmentation._graph import GrowthRules, grow_regions, link_neighbors, seed_order
 from sklearn_mcmd.segmentation._merge_coplanar import RegionPlanes, join_coplanar
 from sklearn_mcmd.segmentation._narrow_faces import NarrowFaces
 from sklearn_mcmd.segmentation._region_division import divide_at_creases
@@ -71,41 +61,32 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     ----------
     n_neighbors : int, default=30
         Size of a neighborhood (k), the point itself included. Fewer than 12 tear bent surfaces.
-
     max_angle : float, default=15
         Largest angle between the normals of neighbors in a region, in degrees, in (0, 90].
-
     max_distance : float, default=None
         Largest distance of a neighbor from the plane of a point, in units of X. None means the
         median of the distances of the neighbors that `max_gap` leaves, the point among them, and
         two robust standard deviations.
-
     max_gap : float, default=None
         Largest distance of a neighbor, in units of X. None means the median of the
         neighborhood's distances: the nearer half of the neighbors.
-
     min_region_size : int, default=10
         Regions of fewer points are dissolved.
-
     refine : bool, default=True
         Whether growth is refined; False is the paper's growth alone. Planes must then explain each
         other, what is left over grows again as narrow faces such as kerbs, regions are divided at
         creases that single neighborhoods do not show, parts of one plane or cylinder are joined,
         and points and fragments of no region go to the nearest plane that explains them.
         :ref:`refined_growth` has the six steps. Creases and cylinders are for three dimensions.
-
     normals : {"estimate", "precomputed"}, default="estimate"
         "estimate": X are coordinates, and `normal_estimator` finds normals and curvature.
         "precomputed": X are the columns of :meth:`RobustNormalEstimator.transform`, as in a
         Pipeline behind it.
-
     normal_estimator : RobustNormalEstimator, default=None
         The estimator of the normals. It is cloned. None means ``RobustNormalEstimator()`` with
         the `random_state` and `n_jobs` given here. Not used with ``normals="precomputed"``.
-
     random_state : int, RandomState instance or None, default=None
         Seed of the default `normal_estimator`; growing itself draws nothing.
-
     n_jobs : int, default=None
         Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
         -1 means all processors. Results do not depend on it.
@@ -114,23 +95,17 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     ----------
     labels_ : ndarray of int of shape (n_samples,)
         Region of each point, from 0 for the largest on; -1 for points of none.
-
     n_regions_ : int
         Number of regions.
-
     region_sizes_ : ndarray of int of shape (`n_regions_`,)
         Points in each region.
-
     region_centroids_ : ndarray of shape (`n_regions_`, n_dimensions)
         Mean of each region's points.
-
     region_normals_ : ndarray of shape (`n_regions_`, n_dimensions)
         Unit normal of the plane fitted to each region, the last coordinate positive.
-
     region_errors_ : ndarray of shape (`n_regions_`,)
         Root mean square distance of a region's points to its plane, in units of X: the noise
         where the region is flat, more where it is curved.
-
     regions_ : ndarray of shape (`n_regions_`,) or None
         In three dimensions a structured array of `kind` ("plane", "cylinder" or "curved"),
         `points`, `area` and `outline` (WKT) of the convex hull in the plane of best fit,
@@ -141,15 +116,10 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         cylinders `axis_point`, `axis` and `radius`, else not a number. A plane's distances are
         its noise or what a flat region shows; a cylinder leaves the neighborhoods' noise, and 1.5
         times less than a plane.
-
     normal_estimator_ : RobustNormalEstimator
         The fitted estimator of normals; absent with ``normals="precomputed"``.
-
-    n_features_in_ : int
-        Number of features seen during `fit`.
-
-    feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Names of features seen during `fit`, when X has names that are all strings.
+    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
+        Number of features seen during `fit`, and their names, if all are strings.
 
     See Also
     --------
@@ -312,11 +282,8 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         return Segments(index, labels, planes, copies, step)
 
     def _refined(self, labels, index, planes, floor, copies):
-        """The regions from those that have grown; the largest is 0, -1 is none.
-
-        Labels are changed. The planes are of ``index.points``; what tells of their faces may be
-        changed. `floor` is as by `least_scales`, and `copies` as of `Segments`.
-        """
+        """The regions from those that have grown, in place of labels: 0 is the largest, -1 none.
+        `floor` is as by `least_scales`, and `copies` as of `Segments`. The planes may change."""
         rules, steps, in_space = self._rules(), self._steps(), index.points.shape[1] == 3
         if steps.find_narrow_faces:
             with progress_part(0.0, 0.45, "narrow faces"):
@@ -377,8 +344,7 @@ def renumbered(labels, copies, min_size=1):
 
 
 def numbers_by_size(sizes, min_size=1):
-    """Numbers of regions in order of size, of equal ones the first; -1 of those below `min_size`,
-    and the last, which is that of no region."""
+    """Numbers of regions by size, of equal ones the first; -1 below `min_size`, and the last."""
     order = np.argsort(-sizes, kind="stable")
     order = order[sizes[order] >= max(min_size, 1)]
     number = np.full(len(sizes) + 1, -1, np.int32)

@@ -18,11 +18,8 @@ CHUNK = 4096  # points at once; it limits the memory
 
 
 class RayLimits(NamedTuple):
-    """What rays tell.
-
-    Ranges differ by as many steps as standard deviations that a surface does not explain,
-    `ExplainLimits.explained`: those to a surface scatter by less about its tilt.
-    """
+    """What rays tell. Ranges differ by as many steps as standard deviations that a surface does not
+    explain, `ExplainLimits.explained`: those to a surface scatter by less about its tilt."""
 
     n_beams: int = 8  # beams next to a ray, by their direction
     searched: float = 8.0  # beams among which those of other groups are sought, in `n_beams`
@@ -41,11 +38,8 @@ class RayLimits(NamedTuple):
 
 
 class Witnesses(NamedTuple):
-    """The k beams next to the rays of m points.
-
-    A beam is `farther`, 1, where it passes the point and goes on, -1 where it ends before, and
-    between the two where it ends nearby. Around groups 1 of beams without an echo, too.
-    """
+    """The k beams next to the rays of m points: `farther`, 1, where one passes the point, -1 where
+    it ends before, between them where it ends nearby; around groups 1 without an echo."""
 
     rows: np.ndarray  # int32 (m, k), of the points that the beams met
     asked: np.ndarray  # bool (m, k), which of them are asked
@@ -96,19 +90,14 @@ class Emptiness(NamedTuple):
         return Emptiness(*sums)
 
     def pooled(self, groups, points):
-        """The beams of all points of a group, for each of these; `groups` counts from 0 on.
-
-        Sums are taken in the order of coordinates, so they do not depend on that of the points.
-        """
+        """The beams of all points of a group, for each of these; `groups` counts from 0 on. Sums
+        are taken in the order of coordinates, so they do not depend on that of the points."""
         order = np.lexsort(points.T[::-1])
         return Emptiness(*(np.bincount(groups[order], part[order])[groups] for part in self))
 
     def together(self):
-        """Evidence from 0 to 1 that a group is nothing real, from the beams around all of it.
-
-        Here beams that end before it speak for the group: behind what they met, it may go on.
-        Only if nearly all of them end on surfaces, nothing there can be seen, and it is an error.
-        """
+        """Evidence from 0 to 1 that a group is nothing real. Beams that end before it speak for it,
+        as it may go on behind; if nearly all of them end on surfaces, it is an error."""
         empty = ratio(self.passing - self.ending, self.asked)
         evidence = np.maximum(empty, 2 * ratio(self.hidden, self.asked) - 1)
         return np.clip(evidence, 0.0, 1.0)
@@ -134,8 +123,7 @@ class Rays:
 
     @classmethod
     def of(cls, points, origins, limits, n_jobs):
-        """Those from `origins` (n, d). Of points in one direction, the farthest tells where the
-        beam ends."""
+        """Those from `origins` (n, d); of one direction, the farthest point ends the beam."""
         n = len(points)
         ranges, directions = np.empty(n), np.empty(points.shape)
 
@@ -300,12 +288,8 @@ class Rays:
 
 
 def one_far_position(points, origins):
-    """Whether one position, farther from the points than they are apart, stands for all of them.
-
-    Rays are then nearly parallel, and nothing in the cloud tells whether the position is exact. An
-    aircraft, for which one position is given, moves while it measures: facades that it saw from
-    the side would contain the rays.
-    """
+    """Whether one position, farther from the points than they are apart, stands for all: rays are
+    nearly parallel, and nothing tells whether it is exact. An aircraft moves."""
     if not (origins == origins[0]).all():
         return False
     low, high = points.min(axis=0), points.max(axis=0)

@@ -113,13 +113,14 @@ def plan_attributes(clouds, only=None):
     constants: list[dict] = [{} for _ in columns]
     for name in dict.fromkeys(name for table in columns for name in table):
         arrays = [table.get(name) for table in columns]
-        value = _only_value(arrays)
-        if value is None:
-            sources.append(_single(name, arrays))
-        else:
+        given = [values for values in arrays if values is not None]
+        first = given[0].ravel()[0]
+        if all((values == first).all() for values in given):
             for kept, values in zip(constants, arrays, strict=True):
                 if values is not None:
-                    kept[name] = value
+                    kept[name] = first.item()
+        else:
+            sources.append(_single(name, arrays))
     if only is not None:
         wanted = set(only)
         sources = [source for source in sources if is_wanted(source.info, wanted)]
@@ -136,10 +137,8 @@ def free_name(name, taken):
 
 
 def code_normals(vectors):
-    """Directions on the octahedron, unfolded to a square of 4095 x 4095; 0 for none.
-
-    The angle to the true direction is at most 0.06 degrees.
-    """
+    """Directions on the octahedron, unfolded to a square of 4095 x 4095; 0 for none. The angle to
+    the true direction is at most 0.06 degrees."""
     vectors = np.asarray(vectors, dtype=np.float64)
     size = np.abs(vectors).sum(axis=1)
     has_length = np.isfinite(size) & (size > 0)
@@ -174,15 +173,6 @@ def _join(columns, names, name, code):
         else None
         for table in columns
     ]
-
-
-def _only_value(arrays):
-    """The value that all points of all clouds share, or None."""
-    columns = [values for values in arrays if values is not None]
-    first = columns[0].ravel()[0]
-    if all((values == first).all() for values in columns):
-        return first.item()
-    return None
 
 
 def _single(name, arrays):

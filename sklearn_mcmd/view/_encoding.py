@@ -7,7 +7,6 @@ of neighbors, byte by byte.
 """
 
 import zlib
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -58,10 +57,8 @@ class Grid(NamedTuple):
 
 
 def typical_spacing(xyz):
-    """Median distances to the nearest other place and to the fourth; 0 if there is one place.
-
-    In a grid both are equal, among points at random the fourth is twice as far.
-    """
+    """Median distances to the nearest other place and to the fourth; 0 if there is one place. In a
+    grid both are equal, among points at random the fourth is twice as far."""
     every = max(1, len(xyz) // SPACING_SAMPLE)
     tree = cKDTree(xyz, balanced_tree=False)
     distance, _ = tree.query(xyz[::every], k=range(2, 6))
@@ -80,9 +77,11 @@ def shuffled(n_points, most):
 
 def pack_points(steps, rows, columns, blocks):
     """Pack the points of a cloud, in random order: add blocks of text, and return chunks."""
-    bounds = _chunk_bounds(len(rows))
-    chunks = []
-    for start, stop in pairwise(bounds):
+    chunks: list[dict] = []
+    stop, size = 0, FIRST_CHUNK
+    while stop < len(rows):
+        start, stop = stop, min(stop + size, len(rows))
+        size = min(2 * size, LARGEST_CHUNK)
         order = start + np.argsort(rows[start:stop])
         described = []
         for values in (
@@ -98,11 +97,8 @@ def pack_points(steps, rows, columns, blocks):
 
 
 def pack_column(values):
-    """Bytes of unsigned whole numbers: how many each has, whether they are differences, and all.
-
-    Differences are signed, wrap around, and are written as 0, -1, 1, -2 ... The lowest bytes of
-    all numbers come first, then the next ones.
-    """
+    """Bytes of unsigned whole numbers, the lowest of all first: how many each has, whether they are
+    differences, which wrap around and are written as 0, -1, 1, -2 ..., and all."""
     width = max(1, (int(values.max()).bit_length() + 7) // 8)
     plain = _planes(values, width)
     steps = _planes(_differences(values, width), width)
@@ -134,15 +130,6 @@ def _planes(values, width):
     """Bytes (width, n), the lowest first."""
     little = np.ascontiguousarray(values.astype("<u4"))
     return np.ascontiguousarray(little.view(np.uint8).reshape(-1, 4)[:, :width].T)
-
-
-def _chunk_bounds(n_points):
-    """0, the end of the first chunk, of the second ... Chunks double up to a limit."""
-    bounds, size = [0], FIRST_CHUNK
-    while bounds[-1] < n_points:
-        bounds.append(min(bounds[-1] + size, n_points))
-        size = min(2 * size, LARGEST_CHUNK)
-    return bounds
 
 
 def _decimal_step(clouds, low, finest, extent):

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import reference_adjustment as reference
 from adjustment_clouds import plane_with_outliers, random_case
-from sklearn_mcmd.adjustment import BaardaPlaneDetector, _downdate
+from sklearn_mcmd.adjustment import BaardaPlaneDetector, _elimination
 
 
 @pytest.mark.filterwarnings("ignore:The tests reject")
@@ -18,7 +18,7 @@ def test_every_round_removes_what_a_full_adjustment_removes(
     surface, test, elimination, monkeypatch
 ):
     # So few candidates that the bound on all other points is put to work.
-    monkeypatch.setattr(_downdate, "MIN_CANDIDATES", 4)
+    monkeypatch.setattr(_elimination, "MIN_CANDIDATES", 4)
     for seed in range(30):
         X, p = random_case(seed)
         detector = BaardaPlaneDetector(test=test, elimination=elimination, surface=surface)

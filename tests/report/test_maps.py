@@ -5,7 +5,7 @@ import pytest
 
 from sklearn_mcmd.io import PointCloud
 from sklearn_mcmd.report._maps import fullest_cells, marked_maps
-from sklearn_mcmd.report._regions_page import segment_contents
+from sklearn_mcmd.report._pages import segment_contents
 from sklearn_mcmd.report._shown import Shown
 
 pytest.importorskip("matplotlib")
