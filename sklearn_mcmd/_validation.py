@@ -184,8 +184,11 @@ def check_sizes(n, d, n_neighbors):
 
 
 def check_work(estimator, n):
-    """Warn of neighborhoods that take long; raise if they are of all points, unless these are few.
-    `_work` of an estimator is the name of their size, and the power by which steps grow with it."""
+    """Warn of neighborhoods that take long; raise if they would be of all points, which are fewer.
+
+    An estimator's `_work` is the name of their size, and the power by which the steps for one of n
+    points grow with it. Clouds of which all neighborhoods of all take `MOST_STEPS` may have any.
+    """
     n_neighbors, (name, power) = estimator.n_neighbors, estimator._work
     if not isinstance(n_neighbors, Integral) or n_neighbors <= MOST_STEPS ** (1 / (1 + power)):
         return

@@ -364,8 +364,11 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         )
 
     def _warn_if_steep(self, training, vertical):
-        """Warn if vertical residuals of a wall, a thin and steep sheet, reject good points or miss
-        it: if it fails the test, or is much nearer than the `vertical` plane."""
+        """Warn if vertical residuals of a wall reject good points, or miss the wall.
+
+        Columns may be other things than coordinates. The points are taken for a wall if they are a
+        thin and steep sheet that fails the test, or is much nearer than the `vertical` plane.
+        """
         if self.surface == "orthogonal":
             return
         limits = SteepLimits()

@@ -25,8 +25,11 @@ def bounding_points(plane, X, members, alone):
 
 
 def hull_vertices(plane, X, members):
-    """Rows of X, ascending, at which every affine function of the regressors of members is largest:
-    the vertices of their convex hull, or all members where a hull saves no time."""
+    """Members at which every affine function of the regressors reaches its largest size.
+
+    Members and result are rows of X, ascending: the vertices of the members' convex hull, or all
+    members where a hull saves no time.
+    """
     if len(members) <= FEWEST or plane.rank > MAX_DIMENSIONS + 1:
         return members
     U = plane.whiten(X[members])[0]

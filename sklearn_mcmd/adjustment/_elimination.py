@@ -18,8 +18,11 @@ CANDIDATE_SHARE = 256
 
 
 class Elimination(NamedTuple):
-    """How far data snooping is. It ran out of points if without the rejected ones, marked in
-    `step`, too few would be left, or points of a line; the plane before is kept."""
+    """How far data snooping is.
+
+    It ran out of points if removing the rejected ones would have left too few for a plane with
+    redundancy, or points on a line. They are marked in `step`; the plane before is kept.
+    """
 
     step: NDArray[np.intp]  # round in which a point was removed, 0 for those never removed
     support: NDArray[np.bool_]  # points the last plane was adjusted to

@@ -8,8 +8,11 @@ import numpy as np
 
 
 def abnormal_residual_membership(statistic, redundancy, critical, width):
-    """m_M: how abnormal a residual is, 1/2 at ``critical + width sqrt(r)`` (Eq. 11). The paper
-    prints the width as alpha; it is a distance on the axis of the statistic W_i, no probability."""
+    """m_M: how abnormal a residual is, 1/2 at ``critical + width sqrt(r)`` (Eq. 11).
+
+    The statistic is W_i, the redundancy r_ii, the critical value ``N_{1 - alpha/2}``. The paper
+    prints the width as alpha. It is a distance on the axis of the statistic, not a probability.
+    """
     with np.errstate(divide="ignore"):
         return 1 / (1 + 1 / _squared_excess(statistic, redundancy, critical, width))
 

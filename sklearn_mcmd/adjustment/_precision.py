@@ -83,8 +83,11 @@ def parameter_derivatives(plane):
 
 
 def pointed_up(plane, scale):
-    """The plane of an orthogonal surface with its normal up; that of a wall to +y, or +x. The last
-    coordinate decides that is more than four of its standard errors, of this scale."""
+    """The plane of an orthogonal surface with its normal up; that of a wall to +y, or +x.
+
+    The last coordinate decides that is more than four of its standard errors, of this scale of
+    unit weight: noise has no say.
+    """
     with np.errstate(over="ignore"):  # of points as thick as they are wide errors are infinite
         errors = np.linalg.norm(scale * parameter_derivatives(plane)[:-1], axis=1)
     clear = np.abs(plane.normal) > CLEAR * errors + ROUNDING

@@ -140,8 +140,11 @@ def half_of(n, d):
 
 
 def _stretched(X):
-    """Points with regressors stretched until distances from planes are vertical: else the most
-    coplanar half might lie on a steep plane. Whitened, as a constant column is coplanar."""
+    """Points with regressors stretched until distances from planes are practically vertical.
+
+    Otherwise the most coplanar half might lie on a steep plane. Regressors are whitened first,
+    because with a constant or collinear column every half would be perfectly coplanar.
+    """
     U, residuals = adjust_plane(X).whiten(X)
     typical = np.median(np.abs(residuals - np.median(residuals))) or np.ptp(residuals) or 1.0
     return np.column_stack([U * (1000 * typical * np.sqrt(len(X))), residuals])

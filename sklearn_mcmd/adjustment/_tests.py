@@ -109,8 +109,11 @@ def residual_limit(test, level, dof, sigma0, scale):
 
 
 def first_of_largest(values):
-    """Position of the largest value; of those that agree to ten digits the first, since statistics
-    that are equal, as on a regular grid, differ by rounding, which must decide nothing."""
+    """Position of the largest value; of equal values the first.
+
+    Values are equal if they agree to ten digits. With one degree of freedom, or on a regular
+    grid, exactly equal statistics differ by rounding, which must not decide the order of removal.
+    """
     return int(np.argmax(values >= values.max() * (1 - 1e-10)))
 
 
@@ -129,8 +132,11 @@ def standardized_residuals(residuals, weights, redundancy):
 
 
 def statistic(standardized, test, sigma0, scale, dof):
-    """Baarda's w, Pope's tau or t from `standardized_residuals` (Table 1). w divides by sigma0, tau
-    and t by the estimated one, whose degrees of freedom include the tested points."""
+    """Baarda's w, Pope's tau or t from `standardized_residuals` (Table 1).
+
+    w divides by sigma0, the known standard deviation of unit weight; tau and t by the estimated
+    one, the root of the variance factor, whose degrees of freedom include the tested points.
+    """
     if test == "w":
         return standardized / sigma0
     tau = standardized / scale

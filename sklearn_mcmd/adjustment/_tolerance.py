@@ -230,8 +230,11 @@ def _sides(cells, places, times=1):
 
 
 def minimum_zone(X):
-    """Least distance of two parallel planes that hold all points: from least squares on, linear
-    programs find the least largest distance along the normal, which is turned to it."""
+    """Least distance of two parallel planes that hold all points.
+
+    From the plane of least squares on, linear programs find the plane whose largest distance along
+    the present normal is least, and the normal is turned to it.
+    """
     plane = adjust_plane(X, surface="orthogonal")
     X, normal = X - plane.center, plane.normal
     for _ in range(N_TURNS):

@@ -94,8 +94,11 @@ class WhitenedModel:
 
 
 class Method(ABC):
-    """A method: subclasses are frozen dataclasses of its parameters, whose `_fit` judges
-    neighborhoods of equal size. This does the rest: sizes, origin, tables, the last plane."""
+    """A method with its parameters: subclasses are frozen dataclasses of the parameters.
+
+    `_fit` of a subclass judges a group of neighborhoods of equal size. This class does the rest:
+    sizes, the origin, the tables of random positions, the final plane.
+    """
 
     has_cutoff: ClassVar[bool] = True  # whether it decides by itself which members are outliers
     _parameter_constraints: ClassVar[dict] = {}
@@ -155,8 +158,11 @@ class Method(ABC):
         rounding: float = 8 * 2.0**-52,
         least_scale: float = 0.0,
     ) -> NeighborhoodFit:
-        """As `fit`, for neighborhoods whose first `sizes` members are in use. No scale is below
-        `rounding`, the relative one of the coordinates, or `least_scale`, of their step."""
+        """As `fit`, for neighborhoods whose first `sizes` members are in use.
+
+        `rounding` is the relative rounding error of the coordinates, and `least_scale` the error
+        from their step. No scale is smaller than these.
+        """
         n_sets, n, d = points.shape
         # Large coordinates would cost digits, and rounding of them is the least scale.
         origin = points[:, 0].copy()

@@ -125,8 +125,11 @@ def fit_mcd(points, table, support_fraction, floor, *, small_sample=True, consis
 
 
 def univariate_mcd(values, h):
-    """Location and standard deviation, for the normal distribution, of the h of n values with the
-    least variance (last axis): exactly, as these are a run of the sorted values."""
+    """Location and standard deviation of the h of n values with the least variance (last axis).
+
+    They are consistent for the normal distribution, and exact: the subset is a run of the sorted
+    values.
+    """
     n = values.shape[-1]
     middle = np.median(values, axis=-1, keepdims=True)
     ordered = np.sort(values - middle, axis=-1)

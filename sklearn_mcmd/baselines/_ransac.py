@@ -139,8 +139,11 @@ def trials_to_stop(n, d, probability):
 
 
 def best_planes(points, table, threshold, stops, truncated_loss):
-    """Centers and normals (B, d) of the best trial of each neighborhood, up to its `stops`; NaN
-    without a plane. A truncated loss sums min(e^2, t^2) / t^2 (MSAC), else members beyond t."""
+    """Centers and normals (B, d) of the best trial of each neighborhood; NaN without a plane.
+
+    `stops` is from `trials_to_stop`. With a truncated loss, that of a plane is the sum of
+    min(e^2, t^2) over t^2 (Torr and Zisserman's cost), else the number of members beyond t.
+    """
     n_sets, n, d = points.shape
     best, consensus = np.full(n_sets, np.inf), np.zeros(n_sets, dtype=int)
     centers, normals = np.full((2, n_sets, d), np.nan)

@@ -228,8 +228,11 @@ def _orthogonal_distances(points, centers, loadings):
 
 
 def stahel_donoho(points, pairs, h, floor):
-    """Outlyingness (B, n): the largest distance from the univariate MCD over directions through the
-    pairs (T, 2) of members (Eq. 4). Where h of these coincide, all others are infinitely out."""
+    """Outlyingness (B, n): the largest distance from the univariate MCD over directions (Eq. 4).
+
+    The directions go through the pairs (T, 2) of members. If h members coincide on a direction, it
+    has no scale, and all other members are infinitely outlying. This finds exact planes.
+    """
     n_sets, n, _ = points.shape
     worst = np.zeros((n_sets, n))
     at_once = max(1, CHUNK_ENTRIES // max(n_sets * n, 1))

@@ -35,8 +35,11 @@ def _memory(text):
 
 @dataclass
 class CloudVerb:
-    """A verb that reads a cloud, finds something by an estimator, and writes both. Fields here are
-    of all; a verb adds its own, its help as a docstring, and methods of these names."""
+    """A verb that reads a cloud, finds something by an estimator, and writes the cloud with it.
+
+    The fields here are what all of them take. A verb adds its own, with the help of each, and its
+    docstring is its help. It has methods of these names, too.
+    """
 
     estimator: ClassVar[Callable]  # (): the estimator, with its parameters as options tell them
     # (cloud, estimator): the outcome in memory, by names; numbers have those of `RunReport`

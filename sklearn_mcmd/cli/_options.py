@@ -161,8 +161,11 @@ HelpAll = Annotated[
 
 
 def command_of(kind, *, without=(), more=""):
-    """The function that Typer takes, by a record: its fields are options, inherited ones last, its
-    docstring and `more` the help, `run` the work. Of a tuple of `one_of`, one has a value."""
+    """The function that Typer takes: its options are the fields of a record, some left out.
+
+    Files come first, and what the record inherits comes last. Its docstring and `more` are the
+    help, and its `run` does the work. Of each tuple in its `one_of`, one option may have a value.
+    """
     shared = {one.name for base in kind.__mro__[1:-1] for one in fields(base)}
     taken = [one for one in fields(kind) if one.name not in without]
     order = {name: number for number, name in enumerate(FILES)}

@@ -335,8 +335,11 @@ def segments_distance(points, segments):
 
 
 def _near(axes, squared, bounds):
-    """Numbers of segments, of some squared lengths, through the ball around a box, by the starts
-    and steps along their `axes`: without products of matrices, for which threads would start."""
+    """Numbers of the segments, of some squared lengths, that pass through the ball around a box.
+
+    `axes` are their starts and steps along x, y and z: no product of matrices, for which threads
+    would start a thousand times. Most parts are met by few: this is ten times faster than hits.
+    """
     center = (bounds[0] + bounds[1]) / 2
     radius = np.linalg.norm(bounds[1] - center)
     along, miss = np.zeros((2, len(squared)))

@@ -80,8 +80,11 @@ class CreaseArrays(NamedTuple):
 
 
 def find_creases(index, planes, min_angle, on_surface, n_jobs=None):
-    """The `Creases` of the points of an index, whose faces meet at `min_angle` degrees at least,
-    and their distances; the scale of the planes is changed. `on_surface` (n,) is 1.0 or 0.0."""
+    """The `Creases` of the points of an index, and the points' distances.
+
+    Of the planes centroids, normals and scale are known; scale is changed. Those of two faces meet
+    at `min_angle` degrees at least. `on_surface` (n,) is 1.0 of points on surfaces, else 0.0.
+    """
     with progress_part(0.0, BEFORE):
         planes = _measured(index, planes, n_jobs)
     # A median of shares of the radius, so that it depends on no unit.

@@ -13,8 +13,11 @@ LARGEST = 255  # class of LAS 1.4
 
 
 class Choice(NamedTuple):
-    """Which points of a file are used, by what it says of each: none that are withheld or of
-    `ignored` classes; if there are any `only`, none of all others."""
+    """Which points of a file are used, by what the file says of each.
+
+    Points that are marked withheld are never used, nor those of `ignored` classes. If there are any
+    `only`, all other classes are left out.
+    """
 
     ignored: tuple[int, ...] = ()
     only: tuple[int, ...] = ()
@@ -46,8 +49,11 @@ def class_numbers(classes):
 
 
 def noise_classes(cloud, flagged, used, lowest):
-    """The class of each outlier, a mask `flagged`: low noise if it is below all ground around it,
-    or without ground all that was `used`, as `lowest` tells, else high; 0 of all others."""
+    """The class of each outlier, a mask `flagged`: low or high noise; 0 for all other points.
+
+    Low is what lies lower than all ground around it, if there is ground, else than all that was
+    `used`: the points that are added to `lowest`, `LowestPoints`.
+    """
     compared = ground_in(cloud)
     if compared is None or np.count_nonzero(compared & ~flagged) < lowest.n_usual:
         compared = used

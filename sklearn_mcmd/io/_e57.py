@@ -186,8 +186,11 @@ def _colors(header, prototype, colors):
 
 
 def _setup(header, position):
-    """Where the scanner of a scan stood, NaN if the scan does not tell: a pose that moves nothing
-    may be that of merged clouds, unless there is a grid of measurements."""
+    """Where the scanner of a scan stood, NaN if the scan does not tell.
+
+    Merged clouds are written as scans as well. A pose that moves nothing may be theirs, unless
+    there is a grid of measurements.
+    """
     has_grid = {"rowIndex", "columnIndex"} <= set(header.point_fields)
     merged = "name" in header.scan_fields and header["name"].value() == MERGED
     if merged or not header.has_pose() or not (position.any() or has_grid):

@@ -14,8 +14,11 @@ SHOWN = 3  # points that an error names
 
 
 def scale_of(xyz, axes=slice(None)):
-    """The coarsest of 1, 0.1 ... 1e-6 that holds some axes exactly, else the finest that fits;
-    raise if most points ask for a finer one: by their decimal step, or extent."""
+    """The coarsest of 1, 0.1 ... 1e-6 that holds some axes exactly, else the finest that fits.
+
+    Raise if it is coarser than most points ask for: than their decimal step, 0.0001 or more, else
+    than a millionth of the extent of their middle half.
+    """
     values, asked = xyz[:, axes], None
     sample = np.unique(values[:: len(xyz) // SAMPLE + 1], axis=0)  # copies, as of no returns, once
     with np.errstate(over="ignore", invalid="ignore"):

@@ -59,8 +59,11 @@ def write_las(path, cloud, noise=None):
 
 @contextmanager
 def writing_parts(path):
-    """A function that appends points of a cloud, of which it marks some as noise, to a new LAS or
-    LAZ file. All must come from one file, in its order, with the same new attributes."""
+    """A function that appends the points of a cloud to a new LAS or LAZ file.
+
+    It takes a cloud, and which of its points to mark as noise, as `write_points` does. All clouds
+    must come from one file, in its order, with the same new attributes.
+    """
     compressed = path.name.lower().endswith(".laz")
     laspy = import_laspy(compressed)
     channels = set[int]()

@@ -20,8 +20,11 @@ class ScaleLimits(NamedTuple):
 
 
 def check_structure(file):
-    """Refuse impossible counts, over which laspy would loop for hours. Return how many points the
-    header counts, by either count of LAS 1.4, and how many uncompressed records follow them."""
+    """Refuse impossible counts: laspy would loop over them for hours, or request their memory.
+
+    Return how many points the header counts, and how many records are behind these if they are
+    uncompressed. LAS 1.4 has two counts: of some writers, only that of older versions is not 0.
+    """
     size = os.fstat(file.fileno()).st_size  # of this file: another may take its name meanwhile
     file.seek(0)
     start = file.read(LAS_14_HEADER)

@@ -11,8 +11,11 @@ FEW = 8
 
 
 class NoReturns:
-    """Counts the rows of zeros of a file, part by part: rays without a return, if there are more
-    than rows with two zeros, which rounding makes more of. A few may be a point."""
+    """Counts the rows of zeros of a file, part by part.
+
+    They are many if there are more than rows of which two coordinates are 0: rounding makes more of
+    these, rays without a return make none. A few may be a point.
+    """
 
     def __init__(self):
         self.n_points = self.n_large = self.n_zeros = self.n_exact = self.n_beside = self.first = 0

@@ -235,8 +235,11 @@ def _begin(file, columns, extension):
 
 
 def _names_above(head, fields, columns):
-    """Names of columns by a line above the first row: the first with x, y and z of those with as
-    many fields; or the last comment of as many words, which is a guess, and whether it is."""
+    """Names of columns by a line above the first row, if any, and whether that is a guess.
+
+    Lines with as many fields as the row come first, of these the first that has x, y and z. The
+    last comment is a guess: of as many words, that make no sentence.
+    """
     widths = {len(fields), len(fields) - (fields[-1] == "")}
     lines = [names for names in head.headers + head.comments if len(names) in widths]
     for names in lines:

@@ -45,8 +45,11 @@ def length_unit(cloud):
 
 @np.errstate(over="ignore", invalid="ignore")
 def degrees_warning(path, xyz, header=None, columns=None):
-    """What to warn of where x and y are degrees and z is not, or None: by the coordinate system of
-    a LAS header, by the names of `columns`, or by the extents of most points (n, 3)."""
+    """What to warn of where x and y are degrees and z is not, or None.
+
+    The coordinate system of a LAS header tells, or the names of `columns`, which are as of
+    `read_points`; else the extents of most of the points (n, 3), or of their bounds.
+    """
     low, high = np.quantile(xyz[:: len(xyz) // SAMPLE + 1], [0.01, 0.99], axis=0)
     wkts, keys = system_of(header)
     named = [str(name) for name in (columns or {}).values() if DEGREES.search(str(name))]

@@ -18,8 +18,11 @@ class TreeLimits(NamedTuple):
 
 
 class Sides:
-    """The sides of normals that `orientation` and `sensor_origin` name, checked for the fitted
-    points X (n, d). The sensor's origin is None, (d,), or (n, d) of these."""
+    """The sides of normals that `orientation` and `sensor_origin` of the estimator name.
+
+    Both are checked for the fitted points X (n, d). The sensor's origin is None, (d,), or (n, d) of
+    these points.
+    """
 
     def __init__(self, orientation, sensor_origin, X):
         named = orientation if isinstance(orientation, str) else None

@@ -232,8 +232,11 @@ class SurfacePlanes:
         return self.model.evaluate_neighborhoods(points, around, precision, measured=False)[0]
 
     def _find_rough(self, points, around, surfaces):
-        """Give neighborhoods that are not smooth their robust planes, in place. The `surfaces` have
-        those of all members, FLAT or BENT, whose noise becomes that of the surface."""
+        """Give neighborhoods that are not smooth their robust planes, in place.
+
+        The `surfaces` have planes of all members, FLAT where these are ordinary, else BENT; their
+        noise is what that plane leaves, and becomes that of the surface, flat or curved.
+        """
         planes, forms, noise, left = surfaces
         asked = np.flatnonzero(forms != FLAT)
         if len(asked):

@@ -103,8 +103,11 @@ def _radius(n_neighbors, d):
 
 
 def _matching_noise(model, wanted):
-    """Noise of a clean plane, in spacings, whose planes are as rough for their size as the cloud's:
-    where it reaches the size of neighborhoods, scale and cutoff are different."""
+    """Noise of a clean plane, in spacings, whose planes are as rough for their size as the cloud's.
+
+    Where noise reaches the size of the neighborhoods these turn from disks into balls, and
+    planes follow the noise: scale and cutoff are then different.
+    """
     k, d = model.index.n_neighbors, model.index.points.shape[1]
     _, least, most = CalibrationLimits()
     noise = wanted * _radius(k, d)

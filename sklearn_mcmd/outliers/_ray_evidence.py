@@ -91,7 +91,10 @@ class RayEvidence(NamedTuple):
 
     def judge(self, off_surface, explained, measuring, darkness):
         """Isolation and separation of all m points that no surface explains, and the `BesideRays`.
-        `darkness`, a number or (m,), is a factor on isolation that spares sheets of rays."""
+
+        `explained` is bool (n,), `measuring` are the `MeasuringPlanes`. `darkness`, a number or
+        (m,), is a factor on how isolated points are, which does not touch sheets of rays.
+        """
         unexplained, isolation = off_surface.unexplained, off_surface.isolation
         rows, points, index = unexplained.rows, unexplained.points, measuring.model.index
         step, empty = self.rays.steps(rows), self.rays.next_to(rows, explained)
@@ -126,8 +129,11 @@ class RayEvidence(NamedTuple):
         return separation
 
     def judge_new(self, queries, around, company, beside, darkness, explained, measuring):
-        """The same of new points (m, d), each for itself, by the `company` of coordinates and what
-        `judge` returned, `beside`: rays have judged the groups of the cloud."""
+        """The same of new points (m, d) and their neighborhoods, each for itself.
+
+        `company` is the `NewCompany` by coordinates, and `beside` what `judge` returned: rays have
+        judged the groups of the cloud.
+        """
         witnesses, strange = self.rays.new_witnesses(queries, around.indices[:, 0])
         empty, of_group = Emptiness.of(witnesses, explained), Emptiness.of(strange, explained)
         apart = in_steps(company.isolation, company.spacing, witnesses.step)

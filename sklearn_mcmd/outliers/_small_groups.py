@@ -123,7 +123,10 @@ class SmallGroups(NamedTuple):
 
     def hang(self, groups, usual, spacing, isolation, separation, in_row):
         """Lessen the separation of what hangs beside small flat groups that are kept, and so on:
-        pieces, rows and plates, while errors fill space. Arrays but the last are of all of them."""
+        these are pieces, rows and plates, while errors fill space.
+
+        All arrays but the last, bool (s,), are of all points off the surfaces.
+        """
         of_point, limit = groups[self.rows], ExplainLimits().explained
         order, part = np.lexsort(self.points.T[::-1]), numbered(of_point)
         small = self.are_small(of_point)
@@ -223,8 +226,11 @@ class SmallGroups(NamedTuple):
 
 
 def _separate_large(unexplained, usual, gaps, groups, is_real, least, separation, n_jobs):
-    """Fill the separation of large groups that stand off from all that `is_real`, bool (m,): n
-    times as far if of n times the least thing's measurements. What is large by copies is real."""
+    """Fill the separation of large groups that stand off from all that `is_real`, bool (m,).
+
+    A group of n times as many measurements as the least thing must stand off n times as far. What
+    is large by copies alone is real.
+    """
     weight, sizes = least / np.bincount(groups, unexplained.counts), np.bincount(groups)
     # Step 1: one point of each group, and the least size that it may have, tell which may stand
     # off. The sums of sizes come in another order than below, and differ by rounding.

@@ -65,8 +65,11 @@ class MeasuringPlanes(NamedTuple):
         return distances
 
     def nearest(self, queries, neighbors_of, usable, precision=0.0):
-        """The nearest of the usable planes among the neighbors that ``neighbors_of(rows)`` gives of
-        queries: its row, and how many standard deviations away; -1 and inf if none reaches."""
+        """The nearest of the usable planes among each query's neighbors: its row, and the distance.
+
+        The row is -1 where none reaches the query, and the distance inf; it is in standard
+        deviations. ``neighbors_of(rows)`` gives the `Neighborhoods` of a slice of queries.
+        """
         m, floor = len(queries), self.rounding(queries, precision)
         owners, distances = np.full(m, -1, np.int32), np.full(m, np.inf)
 

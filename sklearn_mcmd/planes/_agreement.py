@@ -44,8 +44,11 @@ class Offers(NamedTuple):
 
 
 def agreed_offers(model, n_jobs, keep=None, hops=FAR):
-    """The `Offers` of all points of an index before they ask for the last time, of those within so
-    many `hops`. ``keep`` gets rows of a slice, planes of all members and their `QuadricFit`."""
+    """The `Offers` of all points of a model's index before they ask for the last time.
+
+    Those that ask are at most so many `hops` away, as of `NeighborIndex.each_asked`. ``keep``, if
+    it is given, gets the rows of a slice, planes of all members, and their `QuadricFit`.
+    """
     index, n = model.index, len(model.index.points)
     planes, asks = Planes.empty(*index.points.shape).without(*UNUSED), np.empty(n, dtype=bool)
 

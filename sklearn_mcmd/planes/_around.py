@@ -33,8 +33,11 @@ def quantile_of(parts, q):
 
 
 def _at_ranks(parts, ranks):
-    """Values at ranks, float64 (n,), among all of the arrays that ``parts()`` iterates over, in
-    order; NaN if one is. Only bins of these ranks are in memory."""
+    """Values at ranks among all of the arrays, float64 (n,), that ``parts()`` iterates over, in
+    ascending order. NaN if one is.
+
+    They are counted in bins, so that only those of the bins of these ranks are in memory.
+    """
     keys, counts = np.empty(0, np.int64), np.empty(0, np.int64)
     for values in parts():
         if np.isnan(values).any():
@@ -96,6 +99,9 @@ def most_noise_around(noise, around, sizes, quiet, bend=0.0):
 
 
 def are_flat(planes, most):
-    """Whether the noise of planes is at most this share of their neighborhoods' radius, as of
-    surfaces and not of foliage, which is as noisy as what is around. A filled ball has 0.45."""
+    """Whether the noise of planes is at most this share of the radius of their neighborhoods.
+
+    So are planes of surfaces, and not those through foliage, which are as noisy as those around. A
+    filled ball has 0.45.
+    """
     return (planes.scale > 0) & (planes.scale <= most * planes.radius)

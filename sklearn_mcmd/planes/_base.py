@@ -154,8 +154,11 @@ class BasePlaneOutliers(FittedScoresMixin, BaseLocalPlanes):
 
 
 def mends_planes(estimator):
-    """Whether planes of 2D and 3D are more than Algorithm 4 of each neighborhood alone: neighbors
-    agree on them, but for the papers' forms and rules that are not compiled."""
+    """Whether planes of 2D and 3D are more than Algorithm 4 of each neighborhood finds by itself.
+
+    Neighbors agree on them, and `RobustNormalEstimator` looks for bends and edges. Not so for the
+    papers' forms, and for rules without a compiled form, which neighbors need to agree.
+    """
     rule = METHODS.get(estimator.method)
     robust = rule is not None and rule.needs_consistent_set and rule.compiled
     alone = estimator.n_neighbors is None or getattr(estimator, "strictness", "") is None

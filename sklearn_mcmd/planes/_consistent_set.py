@@ -218,8 +218,11 @@ def _nearest_members(local, normals, offsets, n_support, sizes):
 
 
 def _least_eigenvalues(local, support, n_support):
-    """Least eigenvalue of the covariance of each subset (step 3), in squared radii; infinite where
-    the subset spans no plane, as points of one line have 0 and no normal."""
+    """Least eigenvalue of the covariance of each subset (step 3), in squared radii.
+
+    It is infinite where the subset itself spans no plane: points of one line have the least
+    eigenvalue zero, and no normal.
+    """
     d = local.shape[-1]
     upper = np.triu_indices(d)
     products = local[..., upper[0]] * local[..., upper[1]]

@@ -367,8 +367,11 @@ def _select_members(local, size, trials, lanes, t, keys, key_numbers, member):
 
 @kernel
 def _least_eigenvalue(local, size, member, trials):
-    """Least eigenvalue of the covariance of the members (step 3): their variance along the axis, at
-    least that, and infinite where they span no plane. The fit comes too."""
+    """Least eigenvalue of the covariance of the members (step 3).
+
+    It is the variance of the members along the axis, which can only be too large, and infinite
+    where they span no plane: see the NumPy form. The fit, mean, eigenvalues and axes, comes too.
+    """
     mean, covariance = weighted_covariance(local, size, member)
     values, axes = principal_axes(covariance, trials.d)
     least = np.inf

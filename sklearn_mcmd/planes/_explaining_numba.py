@@ -34,8 +34,11 @@ def explain_queries(queries, candidates, planes, usable, least, likely, tie, own
 
 @kernel(cache=True)
 def link_rows(points, around, planes, limits, usable, farthest, start, links):
-    """Fill the links, int32 (m, width), of points from row `start` on, `around` them. `farthest`
-    (n,) are distances of last neighbors, if both must be near; without `usable` all are."""
+    """Fill the links, int32 (m, width), of the points from row `start` on, which `around` has.
+
+    `farthest` (n,) has the distances of the last neighbors, if both must be near. If `usable` is
+    empty, all points are.
+    """
     centroids, normals, scale = planes.centroids, planes.normals, planes.scale
     d, all_are = points.shape[1], len(usable) == 0
     for row in range(len(links)):

@@ -171,8 +171,11 @@ class LocalPlaneModel:
         return planes, ~fit.ordinary
 
     def evaluate_neighborhoods(self, queries, neighborhoods, precision=0.0, measured=True):
-        """The same of given neighborhoods, rows of the points. Queries may be rounded more, by
-        `precision`; planes are `measured` unless their extents are known."""
+        """The same of given neighborhoods, rows of the index's points.
+
+        `precision` is the relative rounding error of the queries, where that is greater. The
+        planes are `measured` unless the extents of their neighborhoods are known.
+        """
         rounding = max(self.rounding, _rounding(precision))
         offers = None if self.offers is None else self.offers.planes
         robust = self.robust_planes(queries, neighborhoods, rounding, offers)

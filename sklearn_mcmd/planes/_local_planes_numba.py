@@ -166,8 +166,11 @@ def _sums_within(distances, size, most):
 
 @kernel
 def _judge(size, fit, first, rule, within, floor, arrays):
-    """Apply a rule from a first plane and scale, 0 if that is not known: distance of the query,
-    scale, members that are kept, whether the last plane is fitted to these, and that plane."""
+    """Apply a rule from a first plane: distance of the query, scale, and members that are kept.
+
+    `first` is the scale to begin with, 0 if that is not known. The plane fitted last comes too, and
+    before it whether it is fitted to the members that are kept.
+    """
     if within is None:
         return _mcmd_z(size, fit, first, rule, floor, arrays)
     return _mcmd_md(size, fit, first, rule, floor, arrays)
@@ -194,8 +197,11 @@ def _store(origin, radius, size, rule, arrays, fitted, fit, out, i):
 
 @kernel
 def _localize(points, row, size, query, rule, arrays, by_median):
-    """Shift a neighborhood to its first point, with its query, and scale its median radius, or its
-    extent, to one; take all members. Returns the radius and the least scale, in radii."""
+    """Shift a neighborhood to its first point and scale its median radius, or its extent, to one.
+
+    Fills the coordinates of members and query, and takes all members. Returns the radius and the
+    least scale, in radii.
+    """
     local, work, keys = arrays.local, arrays.numbers, arrays.keys
     extent = magnitude = 0.0
     radius, first, at_query = 1.0, vector(points[row[0]]), vector(query)

@@ -190,8 +190,11 @@ def _rotation(p, q, off):
 
 @kernel
 def kth_smallest(keys, size, rank):
-    """The rank-th smallest (from 1) of the first `size` integers: keys up to a guess are counted
-    until the rank-th is next to it. Ends of the bracket are keys: it ends, also with ties."""
+    """The rank-th smallest (from 1) of the first `size` integers, by counting.
+
+    Each pass counts the keys up to a guess, until the rank-th is next to it. The ends of the
+    bracket are keys, so the loop always ends, also with ties.
+    """
     low = high = keys[0]
     for j in range(size):
         low = min(low, keys[j])

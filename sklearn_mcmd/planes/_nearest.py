@@ -53,8 +53,11 @@ class SelfSearch:
         self.points, self.ends = self.tree.points, self.tree.last[self.tree.leaves]
 
     def query(self, rows, k, among=None):
-        """Neighbors of a slice of the points, nearest first: rows of `points`, int32 (m, k), each
-        its own first one, or of those of `among`, another search, of k points or more."""
+        """Neighbors of a slice of the points, the nearest first: int32 (m, k).
+
+        They are rows of `points`, each its own first neighbor, or of those of `among`, another
+        search, of k points or more.
+        """
         begin, end, _ = rows.indices(len(self.points))
         search = compiled_function("planes._nearest_numba", "search_rows")
         indices = np.empty((max(end - begin, 0), k), dtype=np.int32)
@@ -72,8 +75,11 @@ class SelfSearch:
 
 
 class NearestPoints:
-    """Fixed points (m, d), a copy of its own, that answer which of them, or of those `among`, bool
-    (m,), are nearest to others: of equally near ones in the order of coordinates."""
+    """Fixed points (m, d) that answer which of them are nearest to others.
+
+    Equally distant ones come in the order of their coordinates. If `among`, bool (m,), is given,
+    only these are meant. A search has its own copy of the points, and no other is kept.
+    """
 
     def __init__(self, points, among=None):
         self._all, self._among = points, among
@@ -106,8 +112,11 @@ class NearestPoints:
         self.__dict__.pop("tree", None)
 
     def query(self, queries, k, n_jobs=None):
-        """The k nearest points to each query (m, d): distances (m, k), ascending, and rows of
-        `points`; inf, and their number, where there are no more. Rows are int32 if they fit."""
+        """The k nearest points to each query (m, d), float64.
+
+        Returns distances (m, k), ascending, inf where there are no more points; and rows of
+        `points` (m, k), int32 if they fit, their number where there are no more.
+        """
         row = np.int32 if self.n < 2**31 else np.intp
         distances, indices = np.empty((len(queries), k)), np.empty((len(queries), k), row)
 
@@ -137,8 +146,11 @@ class NearestPoints:
 
 
 def query_tree(tree, queries, k, width=0):
-    """The k nearest of a tree's points as of `NearestPoints.query`, in the order of the compiled
-    search: one more is asked for, whether it is as near as the last, then twice as many."""
+    """The k nearest of a tree's points in the order of the compiled search: distances (m, k), inf
+    where there are no more points; and rows of the points (m, k), their number there.
+
+    At first one more is asked for, to see whether it is as near as the last; then twice as many.
+    """
     width = max(min(max(width, k + 1), tree.n), 1)
     distances, near = tree.query(queries, k=np.arange(1, width + 1))
     alike = distances[:, 1:] <= ALIKE * distances[:, :-1]

@@ -74,8 +74,11 @@ class NeighborIndex:
         each_slice(len(self.points), size, task, n_jobs)
 
     def query_own(self, rows, k=None, keep=True):
-        """The neighborhoods of some of the `points`, each its own first member, of k members, or
-        `n_neighbors`; kept for the next time with `keep`. Ties: `IndexedCloud.neighbors`."""
+        """The neighborhoods of some of the `points`, each its own first member.
+
+        They have k members, at most the number of points, or `n_neighbors`. Neighbors are kept for
+        the next time with `keep`. Ties are as of `IndexedCloud.neighbors`.
+        """
         if k is None and self.sizes is not None:
             indices, sizes = self._query_sized(rows, keep)
         else:

@@ -34,8 +34,11 @@ def orient_toward(normals, directions):
 
 
 def spanning_forest(normals, points, first, second):
-    """Edges of the minimum spanning forest of those between rows `first` and `second`, cheap if
-    normals are parallel. Coordinates decide ties: forests of parts make that of all."""
+    """The edges of the minimum spanning forest among those between rows `first` and `second`.
+
+    An edge costs less the more parallel its normals are. Of equal costs the coordinates decide, so
+    that the forest of all edges is that of the forests of parts of them, in any order of points.
+    """
     n = len(points)
     by_place = np.lexsort(points.T).astype(np.int32)
     place = np.empty(n, np.int64)

@@ -134,8 +134,11 @@ def is_smooth(left, scale):
 
 
 def whole_planes(points, around):
-    """Planes of all members in 2D or 3D (centroids, eigenvalues and normals), the axes (m, d) of
-    the largest eigenvalues, and the `QuadricFit`: whether quadrics leave noise alone."""
+    """Planes of all members, and whether quadrics over them leave noise alone.
+
+    The points (n, d) are in 2D or 3D. Of the planes centroids, eigenvalues and normals are filled.
+    Returns also the axes (m, d) of the largest eigenvalues, and the `QuadricFit`.
+    """
     (m, k), d = around.indices.shape, points.shape[1]
     planes, directions = Planes.empty(m, d), np.empty((m, d))
     limits, (arrays, equations) = NormalSample.of(k, d), work_arrays(4, k)
@@ -147,8 +150,11 @@ def whole_planes(points, around):
 
 
 def are_folded(points, around, planes, faces):
-    """Whether two planes leave less of neighborhoods in 2D or 3D than a quadric does, bool (m,), by
-    the `planes` of all members and the `faces`, robust ones of the majority."""
+    """Whether two planes leave less of neighborhoods than a quadric does: bool (m,).
+
+    `planes` are those of all members, and `faces` the robust planes, each of the majority of the
+    members. The points (n, d) are in 2D or 3D.
+    """
     folded = np.empty(len(around.sizes), dtype=bool)
     k = around.indices.shape[1]
     arrays, equations = work_arrays(9, k)

@@ -33,8 +33,11 @@ def localize(points, members, size, origin, local):
 
 @kernel(fastmath=FASTMATH)
 def quadric_moments(local, size, d, mean, axes, extent, moments, right, heights, weight=None):
-    """Normal equations (lower triangle) of the quadric in 1, u, v, uu, uv and vv, and the sum of
-    squared heights. Sums are numbers, which compilers vectorize. Without `weight` each counts 1."""
+    """Normal equations of the quadric (lower triangle) and the sum of squared heights.
+
+    The terms are 1, u, v, uu, uv and vv. The sums are numbers and not arrays, because compilers
+    vectorize these. Without `weight` each member counts one.
+    """
     x, y, z = local[0], local[1], local[2]
     mx, my, mz = mean
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes

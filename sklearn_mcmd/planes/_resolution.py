@@ -48,8 +48,11 @@ class CoarseCoordinatesWarning(UserWarning):
 
 
 def least_scales(points, precision, step):
-    """Least standard deviation of planes at points (n, d) by rounding: `precision` is the relative
-    one, eps of their dtype, and `step` that to which they were rounded before."""
+    """Least standard deviation of a plane at each of the points (n, d): what rounding amounts to.
+
+    `precision` is the relative rounding error of the coordinates, eps of their dtype, and `step`
+    the one to which they were rounded before.
+    """
     largest, limits = reduce(np.maximum, np.abs(points).T), RoundingLimits()
     return np.maximum(limits.errors * float(precision) * largest, limits.least_steps * step)
 
@@ -162,8 +165,11 @@ def in_own_precision(X):
 
 
 def is_single(levels):
-    """Whether float32 rounded coordinates, from what `levels_of` gives: steps of whole meters and
-    of rasters are longer than its own. The axis on which it is finest decides."""
+    """Whether float32 rounded coordinates that it holds exactly, from what `levels_of` gives.
+
+    Float32 holds whole meters, too, and rasters, whose own steps are longer than its steps. Of
+    the axes on which its steps matter and values differ, the one decides on which it is finest.
+    """
     axes, limits = [], RoundingLimits()
     for values, counts in levels:
         usual = values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)]

@@ -151,8 +151,11 @@ def cut_inflation(cutoff):
 
 
 def small_sample_inflation(d, n_inliers, n_members):
-    """Factor on the errors of planes of few points, from simulation: the set is the best of many,
-    so the first scale is too small. Of odd numbers the median is the set's largest distance."""
+    """Factor on the errors of planes of few points, from simulation.
+
+    The consistent set is the best of many, so the first scale is too small and too few are kept.
+    With an odd number of members the median is the set's own largest distance.
+    """
     limits = ReweightLimits()
     excess = np.where(n_members % 2 == 1, limits.odd_excess, limits.even_excess)
     return 1.0 + excess * d**2 / np.maximum(n_inliers - d, 1.0) ** 1.5
@@ -182,8 +185,11 @@ def _reweighted_planes(local, valid, support, floor):
 
 
 def _variance_along(distances, members):
-    """Mean square of the members' distances to their plane. The least eigenvalue has the rounding
-    error of the largest one, and is no scale below 1e-8 of the radius."""
+    """Mean square of the members' distances to their plane.
+
+    The least eigenvalue would not do: it has the rounding error of the largest one. Its root is
+    useless as a scale below 1e-8 of the neighborhood's radius.
+    """
     return np.square(distances * members).sum(axis=1) / np.maximum(members.sum(axis=1), 1)
 
 

@@ -19,8 +19,11 @@ PIECES = 0.2  # share of points in small regions, of a cloud that falls to piece
 
 
 def edges_contents(shown, criterion, n, limit, more_rows):
-    """The contents of a report of `mcmd edges`, with ``edge`` and ``edge_score``, n points of
-    edges, the `limit` of scores (None: the least of an edge) and `more_rows` of results."""
+    """The contents of a report of `mcmd edges`, of whose points `n` are of edges.
+
+    What is shown has ``edge`` and ``edge_score``. The limit is of scores; None is the least value
+    of an edge. `more_rows` follow in the table of results.
+    """
     n_all, xyz, near = shown.n_all, shown.xyz, shown.near
     is_edge = shown.cloud.attributes["edge"] > 0
     if limit is None:
@@ -61,8 +64,11 @@ def _notes_on_edges(n, n_all):
 
 
 def normals_contents(shown, names, removed):
-    """The contents of a report of `mcmd normals`, with the columns that were written, and
-    ``normal_error`` if known. `removed` is the mean share of a neighborhood that was removed."""
+    """The contents of a report of `mcmd normals`.
+
+    What is shown has the columns that were written, by their names, and ``normal_error``, if it is
+    known. `removed` is the mean share of a neighborhood that was removed.
+    """
     columns, n_all, xyz, near = shown.cloud.attributes, shown.n_all, shown.xyz, shown.near
     normals = np.column_stack([columns[f"normal_{axis}"] for axis in "xyz"]).astype(np.float64)
     errors, results, tables = columns.get("normal_error"), [], []
@@ -115,8 +121,11 @@ def _notes_on_normals(errors, removed):
 
 
 def segment_contents(shown, sizes, n_regions, inside):
-    """The contents of a report of `mcmd segment`, with ``region``. `sizes` are of all regions, or
-    of the largest; all numbers are of the whole, of which points `inside` are in regions."""
+    """The contents of a report of `mcmd segment`.
+
+    What is shown has ``region``. `sizes` are of all regions, or of the largest; they, `n_regions`,
+    and the points `inside` of them are of the whole.
+    """
     sizes, n_all = np.asarray(sizes, dtype=np.int64), shown.n_all
     xyz, labels = shown.xyz[shown.near], shown.cloud.attributes["region"][shown.near]
     what = "Regions as colors, points of none dark gray"

@@ -45,7 +45,10 @@ def losses_of(detector, parts, n_points):
 
 def lost_volumes(parts, n_points):
     """The volumes that lost hundreds of points, or a large share of few, the largest first.
-    ``parts()`` gives parts of a cloud of n points, (m, 3), and which are removed, in any order."""
+
+    ``parts()`` iterates over the parts of a cloud of n points: points (m, 3), and which are
+    removed. The order of points and parts does not matter.
+    """
     step, limits = np.uint64(-(-n_points // SAMPLE)), VolumeLimits()
     many, n_removed = min(limits.many, limits.few * n_points), 0
     samples: tuple[list, list] = ([], [])

@@ -57,8 +57,11 @@ class Span:
 
 @contextmanager
 def listen_to_progress(listener):
-    """Call ``listener(progress)``, if it is not None, from any thread while the work within
-    proceeds. Its stage is `COMPILING` while Numba does, and then None."""
+    """Call ``listener(progress)``, from any thread, while the work within proceeds.
+
+    Its stage is `COMPILING` when compilation begins, and None when it ends and the work goes on. A
+    listener of None is not called.
+    """
     _listeners.append(listener)
     try:
         with heard_by(listener):

@@ -282,8 +282,11 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         return Segments(index, labels, planes, copies, step)
 
     def _refined(self, labels, index, planes, floor, copies):
-        """The regions from those that have grown, in place of labels: 0 is the largest, -1 none.
-        `floor` is as by `least_scales`, and `copies` as of `Segments`. The planes may change."""
+        """The regions from those that have grown; the largest is 0, -1 is none.
+
+        Labels are changed. The planes are of ``index.points``; what tells of their faces may be
+        changed. `floor` is as by `least_scales`, and `copies` as of `Segments`.
+        """
         rules, steps, in_space = self._rules(), self._steps(), index.points.shape[1] == 3
         if steps.find_narrow_faces:
             with progress_part(0.0, 0.45, "narrow faces"):

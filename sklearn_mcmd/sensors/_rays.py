@@ -38,8 +38,11 @@ class RayLimits(NamedTuple):
 
 
 class Witnesses(NamedTuple):
-    """The k beams next to the rays of m points: `farther`, 1, where one passes the point, -1 where
-    it ends before, between them where it ends nearby; around groups 1 without an echo."""
+    """The k beams next to the rays of m points.
+
+    A beam is `farther`, 1, where it passes the point and goes on, -1 where it ends before, and
+    between the two where it ends nearby. Around groups 1 of beams without an echo, too.
+    """
 
     rows: np.ndarray  # int32 (m, k), of the points that the beams met
     asked: np.ndarray  # bool (m, k), which of them are asked
@@ -96,8 +99,11 @@ class Emptiness(NamedTuple):
         return Emptiness(*(np.bincount(groups[order], part[order])[groups] for part in self))
 
     def together(self):
-        """Evidence from 0 to 1 that a group is nothing real. Beams that end before it speak for it,
-        as it may go on behind; if nearly all of them end on surfaces, it is an error."""
+        """Evidence from 0 to 1 that a group is nothing real, from the beams around all of it.
+
+        Here beams that end before it speak for the group: behind what they met, it may go on.
+        Only if nearly all of them end on surfaces, nothing there can be seen, and it is an error.
+        """
         empty = ratio(self.passing - self.ending, self.asked)
         evidence = np.maximum(empty, 2 * ratio(self.hidden, self.asked) - 1)
         return np.clip(evidence, 0.0, 1.0)

@@ -17,8 +17,11 @@ N_WINDOWS = 64  # of directions in which they are asked; their number only takes
 
 
 class ViewLimits(NamedTuple):
-    """What a view from where the sensor stood is: there gaps are uneven by .03 to .44 of what they
-    are in space, but for streets of `make_street`, .53 and .68. See docs/sensor.rst."""
+    """What a view from where the sensor stood is.
+
+    There gaps are uneven by .03 to .44 of what they are in space, with a fifth of outliers as
+    well, but for streets of `make_street`: .53 and .68. See docs/sensor.rst.
+    """
 
     even: float = 0.5  # gaps are less uneven than this share of what they are in space
     # Directions nearer than this share of the usual gap are one beam, with several echoes.
@@ -34,8 +37,11 @@ def origin_if_seen(points):
 
 
 def view_from_origin(parts):
-    """In words, what a cloud is that was taken from the origin; "" if nothing says so. ``parts()``
-    gives its points, arrays (m, 3) of float64, in any order and division."""
+    """In words, what a cloud is that was taken from the origin; "" if nothing says so.
+
+    ``parts()`` gives the points, as an iterable of arrays (m, 3) of float64. The answer does not
+    depend on the order of points, or on how they are divided.
+    """
     # Step 1: from the origin steps are even.
     (here,) = _views(parts, np.zeros((1, 3)))
     if here is None or not here.is_even():

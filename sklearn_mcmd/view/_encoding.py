@@ -97,8 +97,11 @@ def pack_points(steps, rows, columns, blocks):
 
 
 def pack_column(values):
-    """Bytes of unsigned whole numbers, the lowest of all first: how many each has, whether they are
-    differences, which wrap around and are written as 0, -1, 1, -2 ..., and all."""
+    """Bytes of unsigned whole numbers: how many each has, whether they are differences, and all.
+
+    Differences are signed, wrap around, and are written as 0, -1, 1, -2 ... The lowest bytes of
+    all numbers come first, then the next ones.
+    """
     width = max(1, (int(values.max()).bit_length() + 7) // 8)
     plain = _planes(values, width)
     steps = _planes(_differences(values, width), width)
