@@ -271,7 +271,8 @@ class PlaneDetector(DocLinkMixin, OffsetOutlierMixin, BaseEstimator):
         return m_estimate(X, weights, surface=self.surface, rounding=rounding)
 
     def _noise(self, sigma, plane, training):
-        """sigma, or what rounding makes of a residual, if larger; whether that is float64's."""
+        """sigma, or what rounding makes of a residual from this plane, if larger; and whether that
+        is float64's."""
         least = training.rounding.least_deviation(plane.direction)
         step = training.rounding.step_of(plane.direction)
         is_rounding = least <= training.rounding.error_of_float64(plane.direction)

@@ -166,7 +166,8 @@ def compare_planes(
 
 
 def _great_circle(first, second):
-    """Angle of two unit normals, and where each may turn: along the great circle, and across."""
+    """Angle of two unit normals, and for each the directions into which it may turn: along the
+    great circle of both, then across."""
     cosine, gap = first @ second, second - first
     along = gap - first * (first @ gap)
     sine = np.linalg.norm(along)
@@ -203,7 +204,8 @@ def _sides(plane):
 
 
 def _difference(value, values, roots, dofs, level, unit=1.0):
-    """A `Difference` of this value, from parts along all directions, and roots of covariances."""
+    """A `Difference` of this value, from its parts along all directions in radians or units, and
+    the roots of their covariances."""
     # Both clouds are independent, so covariances add up. Degrees of freedom of a sum of scales are
     # Welch's: (sum of variances)^2 / sum of (variance^2 / dof).
     covariances = [root @ root.T for root in roots]

@@ -32,8 +32,12 @@ def check_distinct(X, n_samples):
 
 
 def check_rank(plane, d, which="$X"):
-    """Raise if the points of a plane, `which` in words, lie on one line or at one place. Columns
-    that depend on others, as sums, are no error: slopes are those of minimum norm."""
+    """Raise if the points of a plane, `which` in words, lie on one line or at one place.
+
+    For points in space these are all planes that are not determined. With more columns, one may
+    depend on others, as a sum depends on its parts. That is no error: residuals and tests are the
+    same as without that column, and slopes are those of minimum norm.
+    """
     if plane.rank >= min(d, 3):
         return
     place = "at one place" if plane.rank == 1 else "on one line"

@@ -57,7 +57,8 @@ def effects_of(plane, X, rows, vertices, weights, alone):
 
 
 def largest_effects(plane, X, vertices, same=None):
-    """``max |a_k' N^-1 a_i|`` over vertices k, for points i, but those that are the `same`."""
+    """``max |a_k' N^-1 a_i|`` over vertices k, for all points i, without those that are the `same`
+    point."""
     effect = np.zeros(len(X))
     if len(vertices) == 0:
         return effect

@@ -137,8 +137,12 @@ class PlaneAdjustment:
         return np.linalg.svd(self.axes, full_matrices=False)[0]
 
     def evaluate(self, X):
-        """Residuals of points, observed minus adjusted, and cofactors ``a_i' N^-1 a_i`` of the
-        plane below them, its variance over sigma0^2; times a point's weight, its leverage h_i."""
+        """Residuals of points and cofactors of the plane below them.
+
+        Residuals are observed minus adjusted, in units of X. A cofactor is ``a_i' N^-1 a_i``, the
+        variance of the adjusted value over sigma0^2; times the point's weight it is its leverage
+        h_i.
+        """
         n = X.shape[0]
         residuals, cofactors = np.empty(n), np.empty(n)
         for rows in slices(n, CHUNK):

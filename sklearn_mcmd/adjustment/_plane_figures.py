@@ -51,8 +51,12 @@ class PlaneFigures(NamedTuple):
 def plane_figures(
     detector, X, unit="", *, n_worst=None, comparison=None, flatness=None, by_range=()
 ):
-    """The figures of a fitted detector, its training points and what was compared with them; `unit`
-    is only printed. Without `n_worst`, points to list, no tables and no reliability."""
+    """The figures of a fitted detector, its training points, and what was compared with them.
+
+    The unit is only printed. `comparison`, `flatness` and `by_range` are results of
+    `compare_planes`, `flatness` and `variance_components`. Without `n_worst`, the number of points
+    to list, there are neither tables nor reliability.
+    """
     unit = f" {unit}" if unit else ""
     # Tests so lax that their level is no smaller than the power have none, nor have exact points.
     has_reliability = detector._level_of_one() < POWER and not detector._fitted.is_rounding

@@ -71,8 +71,12 @@ def quantile(level, dof, k=1):
 
 
 def parameter_derivatives(plane):
-    """Derivatives of unit normal (rows 0 to d - 1) and distance by whitened parameters t, of
-    cofactor matrix I: these raise the plane by ``g't``, and turn its direction by ``- axes t``."""
+    """Derivatives of unit normal (rows 0 to d - 1) and distance by whitened parameters, whose
+    cofactor matrix is the identity.
+
+    With the rows g of `PlaneAdjustment.design`, parameters t raise the plane by ``g't`` along its
+    residuals. Its direction becomes ``direction - axes t``, and is then scaled to length 1.
+    """
     normal, length = plane.normal, np.linalg.norm(plane.direction)
     derivatives = np.zeros((len(normal) + 1, plane.rank))
     across = plane.axes - np.outer(normal, normal @ plane.axes)

@@ -20,8 +20,12 @@ class HuberLimits(NamedTuple):
 
 
 def m_estimate(X, weights=None, *, sigma0=None, surface="vertical", rounding=None):
-    """Plane by Huber's M-estimation (Eqs 3-7; see docs/papers.rst), W, and the scale: `sigma0`,
-    else the `robust_scale` of residuals, or the `Rounding` of the points, if larger."""
+    """Plane by Huber's M-estimation: repeat the adjustment with P W until it converges (Eqs 3-7).
+
+    Without `sigma0` the scale is the `robust_scale` of the residuals, or that of the `Rounding` of
+    the points, if larger. Returns the plane, W and the scale. Readings of Eqs 5 and 8 are in
+    docs/papers.rst.
+    """
     plane, scale = adjust_plane(X, weights, surface=surface), sigma0 or 0.0
     if rounding is None:
         rounding = rounding_of(X if weights is None else X[weights > 0], surface)

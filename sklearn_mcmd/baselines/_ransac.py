@@ -185,7 +185,8 @@ def least_medians(points, table):
 
 
 def _trial_planes(points, table):
-    """Anchors and unit normals (B, T, d) of subsets, whether these span planes, and distances."""
+    """Anchors and unit normals (B, T, d) of minimal subsets, whether they span a plane, and
+    distances (B, T, n) of all members."""
     normals, offsets, degenerate = planes_through(points[:, table])
     distances = np.abs(normals @ np.swapaxes(points, 1, 2) + offsets[..., None])
     return points[:, table[:, 0]], normals, ~degenerate, distances

@@ -133,8 +133,12 @@ def ratio_weights(moments, training_kernels, regularization):
 
 
 def leave_one_out_score(test_kernels, training_kernels, regularization, moments):
-    """Mean loss (B,), ``w(test)^2 / 2 - w(training)``, at the i-th test and training point left out
-    of w, for i up to `most_left_out` (Kanamori, Hido, Sugiyama, 2009, section 2.4)."""
+    """Mean loss (B,) of leaving out one test and one training point at a time, in closed form.
+
+    The i-th of both are left out together, for i up to the smaller number or `most_left_out`. The
+    weights are found without them, and the loss ``w(test)^2 / 2 - w(training)`` is taken at them
+    (Kanamori, Hido and Sugiyama, 2009, section 2.4).
+    """
     n, m = test_kernels.shape[2], training_kernels.shape[2]
     both = min(n, m, RatioLimits().most_left_out)
     test, training = test_kernels[..., :both], training_kernels[..., :both]

@@ -59,7 +59,8 @@ class Measured(NamedTuple):
     others: np.ndarray  # the rows of the second cloud whose planes were asked
 
     def registered(self, covariance, places, center):
-        """Variances of distances by that of the registration, or a covariance about a center."""
+        """Variances of distances by the registration: a variance, or a covariance of a motion
+        about a center."""
         if np.ndim(covariance) == 0:
             return np.full(len(places), float(covariance))
         moves = moves_of(places, self.normals, center)
@@ -79,7 +80,8 @@ def radii_in(xyz, tree, n_neighbors, share, n_jobs):
 
 
 def measure(before, second, scale, n_jobs, places=None):
-    """The `Measured` at places, by default the first cloud's points, by planes of both alone."""
+    """The `Measured` at places, by default the points of the first cloud, by the planes of both
+    clouds alone."""
     if is_own := places is None:
         places, rows, is_near = before.xyz, slice(None), True
     else:
@@ -154,7 +156,8 @@ class Changes(NamedTuple):
 
 
 def judged(distance, variance, reason, alpha, adjust):
-    """The `Changes` that distances and variances tell; ``adjust(pvalues)`` corrects for many."""
+    """The `Changes` that distances and variances tell; ``adjust(pvalues)`` corrects those of the
+    distances alone."""
     error = np.where(reason == 0, np.sqrt(variance), np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.abs(distance) / error

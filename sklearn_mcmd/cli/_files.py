@@ -75,7 +75,8 @@ def read_all(source, columns=None):
 
 
 def read(source, target=None, results=None, *, columns=None):
-    """Read a cloud, but first refuse a `target` that cannot be written or hold the `results`."""
+    """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`.
+    `columns` is as of `read_points`."""
     if target is not None:
         check_output(target, results)
     with progress_part(0.0, WORK_BEGINS, "reading"):

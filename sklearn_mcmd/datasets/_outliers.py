@@ -29,8 +29,12 @@ def uniform(scene, n, is_clear, rng):
 
 
 def mixed_pixel(scene, n, is_clear, rng):
-    """Points between an outline and what lies behind it, at a mean of both ranges, on rays within 3
-    milliradians (a deviation) of visible outlines, of backgrounds at least 15 cm behind."""
+    """Points between an outline and what lies behind it, on one ray of a scanner.
+
+    A beam that is cut by an outline returns a mean of the two ranges. Rays leave the scanner
+    within 3 milliradians (a standard deviation) of visible outlines; those which pass and meet a
+    background at least 15 cm behind give a point in between.
+    """
     lengths = np.array([part.outline_length for part in scene.parts])
     reach = 2 * np.linalg.norm(np.diff(scene.bounds, axis=0)) + scene.farthest_range
 

@@ -23,7 +23,8 @@ _N_QUADRATURE = 1 << 16  # points of sums over the visible surface; the error is
 
 
 class Scene:
-    """Parts that are scanned from one place. `displacement` is that of "gaussian" outliers."""
+    """Parts that are scanned from one place. `displacement` is the standard deviation of "gaussian"
+    outliers on each axis."""
 
     def __init__(self, parts, scanner, *, displacement=0.2):
         self.parts = parts
@@ -165,8 +166,12 @@ def _outlier_sizes(n_samples, share, kinds):
 
 
 def scan_lines(scene, n, rng):
-    """n points of the scene's surfaces on vertical scan lines, and their parts: rays leave the
-    scanner at equal steps of azimuth and elevation, and end at the first surface they meet."""
+    """n points of the scene's surfaces on vertical scan lines at equal angles, and their parts.
+
+    From the scanner rays leave in columns of equal azimuth, at equal steps of azimuth and
+    elevation, and end at the first surface they meet. So the density falls with the square of the
+    range and with the angle of incidence, and what lies behind another surface is in shadow.
+    """
     step = np.sqrt(angular_area(scene) / ((1 + _SURPLUS) * n + 4))
     while True:
         points, part, _ = _cast(scene, step, rng)

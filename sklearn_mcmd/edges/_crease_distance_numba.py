@@ -135,7 +135,8 @@ def _dot(first, second):
 
 @kernel(fastmath=FASTMATH)
 def _heights(local, query, mean, planes, row, heights):
-    """Fill heights of members, whose mean is from the query, above a plane; the query's own."""
+    """Fill the heights of members, whose mean is from the query, above a plane, in any dimension;
+    that of the query."""
     normal, centroid, level, of_query = planes.normals[row], planes.centroids[row], 0.0, 0.0
     for axis in range(len(normal)):
         gap = query[axis] - centroid[axis]
@@ -187,7 +188,8 @@ def _join(local, near, owners, query, planes, mean, allowed, most, surface, heig
 
 @kernel(fastmath=FASTMATH)
 def _rounded(one, two, up, cosine, radii, spacing, most):
-    """Least sum of squares to two faces that an arc joins: the larger height, `up`, or lesser."""
+    """Least sum of squares, by heights, to two faces that an arc joins: the larger height, with
+    `up`, or the lesser one."""
     least = np.inf
     scale = 1.0 / max(1.0 - cosine * cosine, EPS)
     for r in radii:

@@ -393,7 +393,8 @@ def crease_width(detector):
 
 
 def steps_of(edges, d=3):
-    """The detector that cleans a cloud in d dimensions, or None, and the normal estimator."""
+    """The detector that cleans a cloud of d dimensions, None if nothing does, and the normal
+    estimator."""
     # Both get one seed, drawn once, because a RandomState would give them two.
     seed = check_random_state(edges.random_state).randint(np.iinfo(np.int32).max)
     common = {"random_state": seed, "n_jobs": edges.n_jobs}
@@ -435,7 +436,8 @@ def column_of_criterion(criterion):
 
 
 def values_of(criterion, fitted, dtype):
-    """Values (n,) of a criterion at a fitted estimator's points, as `transform` has them."""
+    """The values (n,) of a criterion at the points of a fitted `RobustNormalEstimator`, in the
+    precision in which `transform` has them."""
     name, names = column_of_criterion(criterion), list(fitted.get_feature_names_out())
     if name not in names:
         raise ValueError(

@@ -42,7 +42,8 @@ class SizeLimits(NamedTuple):
 
 
 class ScaleFinder:
-    """Finds sizes of neighborhoods, in 2D or 3D, by an index of `SizeLimits.around` points."""
+    """Finds the size of the neighborhood of each point of a cloud. The index is one of
+    ``SizeLimits().around`` neighbors, in 2D or 3D."""
 
     def __init__(self, index, n_jobs):
         self.index, self.n_jobs, self.limits = index, n_jobs, SizeLimits()

@@ -121,7 +121,8 @@ def _curvatures_of_each(model, planes, queries, around):
 
 
 def _curvatures_of_one(model, planes, queries):
-    """Curvatures where queries share one neighborhood, so one quadric; normals differ in sign."""
+    """Curvatures where all queries share one neighborhood, and so one quadric. Their normals may
+    differ in sign."""
     one, m = planes.take(slice(0, 1)), len(queries)
     tangents = tangents_of(one.normals)
     around = model.index.query(one.centroids)

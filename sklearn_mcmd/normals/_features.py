@@ -85,8 +85,12 @@ SPATIAL = ("linearity", "planarity", *OF_CURVATURES)
 
 
 def check_features(names, d=3):
-    """Names of features in d dimensions, as a tuple: of None, a name, a sequence, or "all" that
-    exist there. A ValueError if one is unknown, given twice, or of 3D alone."""
+    """Check the names of features in d dimensions: a tuple of str.
+
+    `names` is None, one name, a sequence of names, or "all" for all features that exist in d
+    dimensions. A name that is unknown, given twice, or of a feature that only 3D has raises a
+    ValueError.
+    """
     if names is None:
         return ()
     if isinstance(names, str):
@@ -124,7 +128,8 @@ def with_flipped(names):
 
 
 def flip_columns(columns, names):
-    """Columns (m, n) of normals, the first three, and named features, for the other side."""
+    """Columns (m, n) of normals, and of features by their names, for normals of the other side.
+    Normals are the first three."""
     new = columns.copy()
     new[:, :3] = -columns[:, :3]
     for i, name in enumerate(names):
@@ -143,7 +148,8 @@ def needs_curvatures(names):
 
 
 def evaluate_features(names, planes, points, curvatures=None):
-    """Columns (m, n_columns) of features of points (m, d), by planes and `curvatures` or None."""
+    """Columns (m, n_columns) of the features of points (m, d) and their planes. `curvatures` is
+    None where no feature needs them."""
     columns = [np.empty((len(points), 0))]
     for name in names:
         if name in OF_CURVATURES:

@@ -252,8 +252,12 @@ class SurfacePlanes:
         noise[:] = np.where(forms == ROUGH, planes.scale, left)
 
     def _bend(self, points, planes, forms, left, around, noise):
-        """Correct the forms of neighborhoods by what is usual around, and give those that bend
-        tangent planes of quadrics, in place. Where these leave more there may be a fold."""
+        """Correct the forms of neighborhoods by what is usual around, and give those that bend the
+        tangent planes of their quadrics, in place.
+
+        Where a quadric leaves more, a surface may be folded: a curved one is as curved next to a
+        point as at it.
+        """
         creased = ~(left <= most_noise_around(noise, around, around.sizes, MendLimits().quiet))
         self._smooth(points, planes, forms, np.flatnonzero(~creased & (forms == ROUGH)), around)
         self._unfold(points, planes, forms, np.flatnonzero(creased & (forms != ROUGH)), around)

@@ -59,7 +59,8 @@ def _height_over(planes, row, query):
 
 @kernel(inline="always")
 def _cost_of_plane(planes, row, height, limits, patch, n):
-    """Minus the logarithm of how likely a row's plane is that of a patch of n points."""
+    """Minus the logarithm of how likely the plane of a row is that of a patch of n points, whose
+    query is at this height above it."""
     variance = planes.scale[row] * planes.scale[row]
     _fill_heights(patch.places, n, planes.normals[row], height, patch.heights)
     # The query has a weight of 1, and so have all points of the patch together: the terms that do
@@ -155,7 +156,8 @@ def _may_lean(asked, members, variance, normal):
 
 @kernel(inline="always")
 def _lean_of_planes(points, query, asked, axes, members, near_planes):
-    """Fill heights, places and leans of planes that reach the query; whether any does."""
+    """Fill the heights, places and leans of planes; whether any of these reaches the query. The
+    others have no place and no lean."""
     d, reached = len(query), False
     for j in range(len(asked)):
         height = _height_over(members, asked[j], query)

@@ -372,7 +372,8 @@ class MCMDOutlierDetector(BasePlaneOutliers):
             )
 
     def _origins(self, xyz, sensor_origin):
-        """Where the sensor was for each point; the one position, if any; whether it is doubted."""
+        """Where the sensor was for each point of the index; the one position, if there is one; and
+        whether it is doubted."""
         doubted = is_auto(sensor_origin) or is_auto(self.sensor_origin)
         if sensor_origin is None:
             sensor_origin = self.sensor_origin

@@ -109,7 +109,8 @@ def judge(model, X, settings, sensed=NOTHING_SENSED):
 
 
 def _judge_cloud(model, counts, n_points, settings, sensed):
-    """The same by surfaces and company, of `n_points`, `counts` (n,) of them at each place."""
+    """The same by surfaces and company; `counts` (n,) are the measurements at each point of the
+    index, `n_points` all of them."""
     index, level, n_jobs = model.index, LEVELS[settings.strictness], settings.n_jobs
     if len(index.points) <= index.n_neighbors:
         # The cloud is one neighborhood, and half of few points say too little about noise.

@@ -129,8 +129,12 @@ class NewCompany(NamedTuple):
 
 
 class OffSurface(NamedTuple):
-    """The m points that no surface explains, whose company is judged. Things lie in pieces where a
-    scanner's lines are far apart, flat ones, or rows of a wire's points. Ghosts fill space."""
+    """The m points that no surface explains, as `MCMDOutlierDetector` judges their company.
+
+    Scanners measure the skins of things, and where their lines are far apart, a thing lies in
+    pieces, which are flat; of a wire or a pole there is no more than a row of points. Ghosts fill
+    space.
+    """
 
     unexplained: Unexplained
     usual: np.ndarray  # (m,), the usual spacing around each point

@@ -37,8 +37,12 @@ class RayEvidence(NamedTuple):
 
     @classmethod
     def of(cls, origins, measuring, planes, usable, least):
-        """Of points measured from `origins` (n, d), with `MeasuringPlanes`; and which are free to
-        be of surfaces. `usable` planes may be of one or of a sheet, of `least` points."""
+        """Of points that were measured from `origins` (n, d), and have `MeasuringPlanes`; also
+        which of these are free to be of surfaces, bool (n,).
+
+        `planes` have their own noise, `usable`, bool (n,), are those that may be of a surface or a
+        sheet, and `least` points a surface has at least.
+        """
         index, n_jobs, limits = measuring.model.index, measuring.n_jobs, SurfaceLimits()
         points, n = index.points, len(index.points)
         rays = Rays.of(points, origins, RayLimits(), n_jobs)
@@ -117,7 +121,8 @@ class RayEvidence(NamedTuple):
         return np.maximum(isolation, sheet), separation, beside
 
     def _separation(self, off_surface, explained, step):
-        """Separation off the surfaces, by beams around groups; `step` (m,) is that of points."""
+        """The separation of points off the surfaces, by the beams around their groups; `step` (m,)
+        is theirs."""
         separation = off_surface.separation.copy()
         stand_off = np.flatnonzero(separation > 0)
         rows, groups = off_surface.rows[stand_off], off_surface.groups[stand_off]
@@ -161,7 +166,8 @@ class RayEvidence(NamedTuple):
 
 
 def doubt_of(n_on_sheets, n_on_surfaces):
-    """What speaks against the position, in words: too much of what is flat would be its rays."""
+    """What speaks against the position, in words: that sheets of rays would have a large share of
+    all that is flat."""
     share = n_on_sheets / max(1, n_on_sheets + n_on_surfaces)
     if share <= RayLimits().mistaken:
         return ""

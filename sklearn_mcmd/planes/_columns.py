@@ -26,7 +26,8 @@ class Columns(NamedTuple):
 
     @classmethod
     def of(cls, fitted, X):
-        """Those of a fitted `RobustNormalEstimator` at X, in its dtype, without copies."""
+        """Those that a `RobustNormalEstimator` fitted to X has found, in the dtype of X, without
+        the copies that `transform` makes."""
         columns = cls(
             coordinates=X,
             normals=fitted.normals_,

@@ -68,8 +68,12 @@ def connected_planes(index, k, planes, limits, usable):
 
 
 def connected(links):
-    """Connected parts of a graph of links, int32 (n, width), in both directions, -1 for none: that
-    of each point, from 0 on by their first points, and sizes. Order does not matter."""
+    """Connected parts of a graph; a link in one direction is one in both.
+
+    Links, int32 (n, width), are neighbors, or -1 in their places. Returns the part of each point,
+    int32 (n,), from 0 on in the order of their first points, and the sizes of the parts. Which
+    points are one part does not depend on the order of points or links.
+    """
     roots = np.arange(len(links), dtype=np.int32)
     _compiled("join")(links, 0, roots)
     return _parts(roots)

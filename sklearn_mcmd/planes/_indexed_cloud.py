@@ -83,8 +83,12 @@ class IndexedCloud:
         return cKDTree(self.points, leafsize=LEAF, balanced_tree=False)
 
     def neighbors(self, rows, k, n_kept):
-        """The k nearest points of some, itself first: int32 (m, k), ties by coordinates. `n_kept`
-        are searched and kept for the next time; with 0 only those kept, and `rows` a slice."""
+        """The k nearest points of some of the points, itself first: int32 (m, k).
+
+        Equally distant ones come in the order of their coordinates. `n_kept` neighbors of each are
+        searched and kept for the next time. With 0, only what was kept before is taken from there,
+        and `rows` must be a slice.
+        """
         with _lock:  # threads that begin together begin one table
             if n_kept and (self.table is None or self.table.k < k):
                 self.table = NeighborTable(self.search_own, len(self.points), max(k, n_kept))

@@ -135,7 +135,8 @@ class LocalPlaneModel:
         return planes, distance
 
     def agree(self, n_jobs=None, **how):
-        """Let the index's points find planes together, if they do, as `agreed_offers` says."""
+        """Let the index's points find planes together, if this is how planes are found, as
+        `agreed_offers` says."""
         if self.settings.agrees:
             self.offers = agreed_offers(self, n_jobs, **how)
 

@@ -25,14 +25,16 @@ FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 
 
 def fit_neighborhoods(points, around, queries, trials, method, rule, out):
-    """Apply a rule to each neighborhood (Algorithm 4) to fill `out`, the `RobustPlanes`."""
+    """Apply a rule to each neighborhood (Algorithm 4), one row at a time. What is filled, `out`,
+    are `RobustPlanes`."""
     arrays = WorkArrays.of(len(trials.positions), around.indices.shape[1])
     robust, within = FORMS[method]
     _fit_neighborhoods(points, around, queries, trials, rule, robust, within, arrays, out)
 
 
 def ask_neighbors(points, around, queries, offers, method, rule, out):
-    """As `fit_neighborhoods`, from the best of the planes that members offer."""
+    """Apply a rule to each neighborhood, from the best of the planes that its members offer. Else
+    as `fit_neighborhoods`."""
     arrays = WorkArrays.of(1, around.indices.shape[1])
     _, within = FORMS[method]
     _ask_neighbors(points, around, queries, offers, rule, within, arrays, out)

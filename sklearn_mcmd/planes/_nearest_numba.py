@@ -59,8 +59,12 @@ def build_tree(points, leaf):
 
 
 def search_rows(asking, tree, begin, end, first_leaf, sizes, indices):
-    """Fill `indices` (end - begin, k) with neighbors, rows of `tree`, of rows of `asking`, the
-    first in leaf `first_leaf`. `sizes` are the most points of a leaf, and candidates."""
+    """Fill `indices` (end - begin, k) with the neighbors, rows of `tree`, of some points.
+
+    These are the rows from `begin` to `end` of `asking`, which may be the same tree or another.
+    `first_leaf` is the place in ``asking.leaves`` of the leaf that holds the first of these rows;
+    `sizes` are the largest numbers of points in a leaf and of candidates.
+    """
     size, capacity = sizes
     near = Near.of(max(capacity, 2 * indices.shape[1] + 32 + size), size)
     _search(asking, tree, begin, end, first_leaf, near, indices)
@@ -264,8 +268,12 @@ def _screen(near, n, bound):
 
 @kernel
 def _sort(points, near, n, bound, k, neighbors):
-    """Fill `neighbors` with the k nearest of n rows; return the square of the k-th distance. By
-    counting in bins of squared distance, then by insertion, of keys and of equal keys."""
+    """Fill `neighbors` with the k nearest of n rows; return the square of the k-th distance.
+
+    By counting in bins of squared distance, of which a surface has about equal numbers in each;
+    then by insertion, as far as the bin of the last that is wanted: of keys first, and of the
+    few whose keys are equal.
+    """
     squares, rows, places, bins = near.squares, near.rows, near.places, near.bins
     keys, scale = near.keys, N_BINS / bound if bound > 0.0 else 0.0
     bins[:] = 0

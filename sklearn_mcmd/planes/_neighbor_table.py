@@ -95,7 +95,8 @@ class Packed(NamedTuple):
         return cls(groups, starts, far[:n].copy(), codes)
 
     def near_groups(self, groups, marked):
-        """Rows of blocks with neighbors in some of all `groups`, or far ones that are `marked`."""
+        """The rows of blocks with neighbors in some of all `groups`, or far ones that are `marked`,
+        both bool."""
         n_far = np.append(0, np.cumsum(marked[self.far]))[self.starts]
         asking = groups[self.groups].any(axis=1) | (n_far[1:] > n_far[:-1])
         return np.flatnonzero(np.repeat(asking, self.groups.shape[1] + 1)[: len(self.codes)])

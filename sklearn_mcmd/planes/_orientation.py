@@ -27,7 +27,8 @@ def point_up(normals):
 
 
 def orient_toward(normals, directions):
-    """Flip normals (n, d) in place to the side of directions, (d,) or (n, d); 0 keeps signs."""
+    """Flip normals (n, d) in place to the side of directions, (d,) or (n, d). Normals at right
+    angles to their direction keep their sign."""
     against = np.einsum("ij,ij->i", normals, np.broadcast_to(directions, normals.shape)) < 0
     normals[against] = -normals[against]
     return normals

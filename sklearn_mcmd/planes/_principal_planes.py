@@ -19,7 +19,8 @@ class RowLimits(NamedTuple):
 
 
 def are_rows(eigenvalues):
-    """Whether members are rows along a surface, by eigenvalues (m, d) of planes: not in 2D."""
+    """Whether members are rows along a surface, by the eigenvalues (m, d) of their planes, which
+    ascend: bool (m,). None is in 2D."""
     return eigenvalues[:, 1] < RowLimits().width ** 2 * eigenvalues[:, -1]
 
 
@@ -106,8 +107,12 @@ def tilt_variances(in_plane, gap, variance):
 
 
 def student_factors(freedom, d):
-    """Factors (n,) on errors of normals for a scale of f degrees of freedom (n,): roots of 0.95
-    quantiles of F(d - 1, f) over F(d - 1, infinity). In 3D 1.09 for 20 points."""
+    """Factors on errors of normals for the uncertainty of the scale: (n,).
+
+    They are the roots of the ratios of the 0.95 quantiles of F(d - 1, f) and F(d - 1, infinity),
+    where f are the degrees of freedom (n,) of the scale. For planes in 3D, where f = m - 3, this is
+    1.09 for 20 points and 1.02 for 100.
+    """
     row = np.maximum(freedom, 1).astype(np.intp)
     counts = np.flatnonzero(np.bincount(row))
     ratios = np.ones(row.max(initial=0) + 1)

@@ -129,7 +129,8 @@ def tangents_of(normals):
 
 
 def is_smooth(left, scale):
-    """Whether neighborhoods keep all members, by what a quadric `left` and the robust scale."""
+    """Whether neighborhoods keep all members, given the scale of their robust planes: bool (B,).
+    `left` is that of `QuadricFit`."""
     return (left <= SmoothnessLimits().curved * scale) & np.isfinite(left) & (scale > 0)
 
 

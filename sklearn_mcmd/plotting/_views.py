@@ -11,8 +11,12 @@ NEAREST = 0.25  # no point is enlarged as if it were nearer than this share of t
 
 
 def look(points, view):
-    """Places of points (n, 3) on the picture plane of a view, a name or azimuth and elevation, and
-    how near they are. In perspective, lengths in the middle of the cloud are true."""
+    """Places of points (n, 3) on the picture plane, and how near they are, in units of the cloud.
+
+    The view is a name, or azimuth and elevation.
+
+    In perspective a length in the middle of the cloud is true, nearer ones are enlarged.
+    """
     right, up, toward = camera(view)
     places, nearness = np.column_stack([points @ right, points @ up]), points @ toward
     if isinstance(view, str) and view == "perspective":

@@ -33,8 +33,13 @@ def shown_of_tiles(catalog, outputs, run, marked):
 
 
 def denoise_contents(shown, outcome, n, cutoff, *, marked, detector=None):
-    """The contents of a report of `mcmd denoise`, with ``outlier`` and ``outlier_score`` unless
-    tiles removed outliers; `n` are these, and an unknown cutoff is None."""
+    """The contents of a report of `mcmd denoise`.
+
+    What is shown has ``outlier`` and ``outlier_score``; neither where tiles have removed outliers.
+    `outcome` has the counts of the run, `n` is that of outliers,
+    and the cutoff of scores is None if it is unknown. Outliers are marked, or dropped. The fitted
+    detector is there after a run in memory.
+    """
     n_all, n_others = outcome.n_used, outcome.n_points - outcome.n_used
     columns, xyz, near = shown.cloud.attributes, shown.xyz, shown.near
     is_outlier, score = columns.get("outlier"), columns.get("outlier_score")
@@ -95,7 +100,8 @@ def _notes(detector, n, n_all):
 
 
 def plane_scales(detector):
-    """Deviations of a fitted detector's planes; None where each point is judged by its own."""
+    """Standard deviations of the planes of a fitted detector; None where each point is judged by
+    its own plane alone."""
     if detector.isolation_ is None:
         return None
     return judged_cloud(detector).measuring.planes.scale

@@ -43,7 +43,11 @@ class Claims:
 
     def assign_unlabeled(self, labels, content=()):
         """Give points without a region, -1, to that of the neighbor whose plane is nearest: labels,
-        changed, in rounds, so that no order counts. Those of `content` claim none."""
+        changed.
+
+        Points claimed in one round may claim others in the next: the outcome depends on no order.
+        Regions whose labels are `content` have all their points, and claim none.
+        """
         usable = (labels >= 0) & ~np.isin(labels, content)
         unlabeled = asked = np.flatnonzero(labels < 0)
         fresh = np.zeros(len(labels), dtype=bool)

@@ -290,7 +290,8 @@ class CylinderParts:
         return set(grown)
 
     def _claims_of(self, labels, parts, edges):
-        """Rows without region of `edges`, name -> rows, and the part each lies on best."""
+        """Rows without region among `edges`, name -> rows in order, and the part that each lies on
+        best."""
         claims = [(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0))]
         free = distinct_numbers(np.concatenate(list(edges.values())))
         free = free[labels[free] < 0]

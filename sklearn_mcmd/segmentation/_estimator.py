@@ -347,7 +347,8 @@ def renumbered(labels, copies, min_size=1):
 
 
 def numbers_by_size(sizes, min_size=1):
-    """Numbers of regions by size, of equal ones the first; -1 below `min_size`, and the last."""
+    """Numbers of regions in order of size, of equal ones the first; -1 of those below `min_size`,
+    and the last, which is that of no region."""
     order = np.argsort(-sizes, kind="stable")
     order = order[sizes[order] >= max(min_size, 1)]
     number = np.full(len(sizes) + 1, -1, np.int32)

@@ -38,8 +38,12 @@ class GrowthRules(NamedTuple):
 
 
 def link_neighbors(index, planes, floor, rules, n_jobs=None):
-    """Links (n, width), int32: the neighbors that may join each point's region (section 5.2.3), or
-    -1; and how far the farthest looked at is. `floor` (n,) is what rounding adds."""
+    """Link each point to the neighbors that may join its region (section 5.2.3).
+
+    `floor` (n,) is what rounding adds to the distance from a plane. Returns links (n, width) of
+    int32, neighbors that may be added from each point, or -1 in their places; and the distance of
+    the farthest neighbor looked at.
+    """
     # Step 1: how far neighbors are, and how far from a plane they may lie (rule A of the paper).
     k, growth, n = n_linked(index, rules), GrowthLimits(), len(index.points)
     radius, limit = np.empty(n), np.full(n, float(rules.max_distance or 0.0))
@@ -75,8 +79,12 @@ def link_neighbors(index, planes, floor, rules, n_jobs=None):
 
 
 def grow_regions(links, seeds):
-    """Regions (section 5.2.3): labels, int32, from 0 on in the order of seeds, which are rows. A
-    point has that of the first seed from which links lead to it, in any order, or -1."""
+    """Regions of points that can be reached from a seed along links (section 5.2.3).
+
+    Each point has the region of the first seed from which links lead to it: the order in which
+    links are followed does not matter. Seeds are rows, that of least curvature first. Labels,
+    int32, count from 0 in their order; what no seed reaches has -1.
+    """
     labels = np.full(len(links), -1, np.int32)
     waiting = np.empty_like(labels)
     compiled_function("segmentation._regions_numba", "grow")(links, seeds, waiting, labels)

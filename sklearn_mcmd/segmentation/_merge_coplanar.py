@@ -126,7 +126,8 @@ def pooled(moments, noise, part):
 
 
 def _pairs_in_a_plane(moments, noise, n_jobs=None):
-    """Pairs (smaller, larger) of regions to join, nearest planes first, and allowed gaps."""
+    """Pairs (smaller, larger) of regions that may be joined, the nearest planes first, and the gap
+    that each region allows."""
     # Step 1: flat regions, which the noise explains. Regions that are not flat are in no pair; a
     # cloud of noise has very many of them.
     sizes, centroids, covariances, eigenvalues, axes = RegionPlanes.of(moments)
@@ -192,7 +193,8 @@ def _near_pairs(centers, reach, beside, rows):
 
 
 def _near(parts, pairs, most, n_jobs=None):
-    """Whether gaps between pairs of regions, with points in `parts`, are small for the first."""
+    """Whether the gap between the regions of each pair is small enough for the first region.
+    `parts` has arrays of the points of each region."""
     near = np.zeros(len(pairs), dtype=bool)
 
     def search(large):

@@ -52,8 +52,12 @@ class NarrowFaces:
     n_jobs: int | None
 
     def grow(self, labels):
-        """Find faces in what growth left over and in small regions, which come last and take in
-        points around that lie on them best, with planes of their own: labels, changed."""
+        """Find faces, which come last, and let them take in points around that lie on them best:
+        labels, changed.
+
+        Faces are larger than a neighborhood, as are the regions that count as surfaces; the smaller
+        ones are part of what growth left over. The points of faces get planes of their own.
+        """
         cutoff = ExplainLimits().explained
         sizes = region_sizes(labels, n_regions_of(labels))
         surface = np.append(sizes > self.k, False)  # the last is -1

@@ -141,8 +141,12 @@ def _are_wide(points, labels, n, size):
 
 
 class Strips:
-    """The points of two patches near to their border, what they vote, and on which side they are. A
-    strip reaches as far as the smaller patch: both weigh alike. Above `blunt` is no crease."""
+    """The points of two patches near to their border, what they vote, and on which side they are.
+
+    A strip reaches on both sides as far as the smaller patch, so that both weigh alike. Normals
+    (n_patches, 3) are those of patches' planes, and `noise` is in units. A crease whose cosine is
+    above `blunt` is none.
+    """
 
     def __init__(self, points, noise, unit, cells, patch, normals, blunt):
         self.points, self.noise, self.unit = points, noise, unit

@@ -47,7 +47,8 @@ class Groups(NamedTuple):
         return np.repeat(values[self.regions], self.counts)
 
     def sums(self, values, n_regions, extent, bits):
-        """Sums (n_regions,) of values, below 2 ** bits in each region and 2 ** extent in all."""
+        """Sums (n_regions,) of the rows' values: less than 2 ** bits of each region, and all of
+        them below 2 ** extent, both (n_regions,)."""
         sums = np.zeros(n_regions)
         for level in range(2 if len(self.rows) else 0):
             # Beside this number, doubles have the step of the grid.

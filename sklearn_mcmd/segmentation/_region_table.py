@@ -27,7 +27,8 @@ FIELDS = [
 
 
 def region_table(points, labels, around, region_planes, step=0.0):
-    """The `regions_` in 3D, by the planes `around` points and the `RegionPlanes`."""
+    """The `regions_` of a `RegionGrowing` in 3D, by the planes `around` points and the
+    `RegionPlanes`; coordinates were rounded to a step."""
     n, values = len(region_planes.sizes), region_planes.eigenvalues
     distinct = region_sizes(labels, n)  # copies tell nothing more
     table, noise = flat_table(region_planes, distinct, step)
@@ -101,7 +102,8 @@ def flat_table(region_planes, distinct, step):
 
 
 def are_flat(region_planes, usual, reach):
-    """Which regions are planes, by `RegionPlanes`, and medians of scales and of radii."""
+    """Which regions are planes, by `RegionPlanes`, and medians of scales and radii of their points'
+    planes."""
     values = region_planes.eigenvalues
     flat = values[:, 0] <= RANK_TOLERANCE * values[:, 2]  # what eigenvalues round is no bend
     flat |= np.sqrt(values[:, 0]) <= JoinLimits().most_noise * usual

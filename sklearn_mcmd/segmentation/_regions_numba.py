@@ -33,7 +33,8 @@ NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
 
 @kernel(cache=True)
 def grow(links, seeds, waiting, labels):
-    """Fill labels of regions, -1 at first, as `grow_regions`; `waiting` (n,) is for lists S_c."""
+    """Fill the labels of regions, -1 at first, as of `grow_regions`. `waiting` (n,) has room for
+    the current seed list, S_c."""
     region = 0
     for seed in seeds:
         if labels[seed] >= 0:
@@ -103,7 +104,8 @@ def _moved(a, s, u, t, v):
 
 @kernel
 def _circle(points, u, v, ridge, equations):
-    """The algebraic circle of points along the axis: x^2 + y^2 is linear in its numbers."""
+    """The algebraic circle of the points seen along the axis. x^2 + y^2 is linear in the center's
+    coordinates and a constant."""
     lower, right, _, new = equations
     lower[:], right[:] = 0.0, 0.0
     new[2] = 1.0
@@ -156,7 +158,8 @@ def _solve(equations, n, ridge):
 
 @kernel(cache=True)
 def gather(order, starts, near, labels, group, begins):
-    """Fill groups, -1 at first, and where each begins, as of `gathered`; how many there are."""
+    """Fill the group of each node, -1 at first, and the node at which each begins, as of
+    `gathered`; how many groups there are."""
     n = 0
     for i in order:
         if group[i] >= 0:
@@ -216,7 +219,8 @@ def join_cells(sums, edges, left, turn, root):
 
 @kernel(allocates=True)
 def _push(heap, a, b, sums, left, turn):
-    """Let two patches wait if the BIC charges a plane no less than one plane loses."""
+    """Let two patches wait for each other if the BIC's charge for a plane is not less than what is
+    lost if one plane explains both."""
     apart, n = left[a] + left[b], sums.sizes[a] + sums.sizes[b]
     _, pooled = _pooled(a, b, sums)
     factor = max(1.0, apart / max(n - 2 * N_PLANE, 1.0))

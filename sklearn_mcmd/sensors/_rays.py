@@ -129,7 +129,8 @@ class Rays:
 
     @classmethod
     def of(cls, points, origins, limits, n_jobs):
-        """Those from `origins` (n, d); of one direction, the farthest point ends the beam."""
+        """Those from `origins` (n, d). Of points in one direction, the farthest tells where the
+        beam ends."""
         n = len(points)
         ranges, directions = np.empty(n), np.empty(points.shape)
 
@@ -294,8 +295,12 @@ class Rays:
 
 
 def one_far_position(points, origins):
-    """Whether one position, farther from the points than they are apart, stands for all: rays are
-    nearly parallel, and nothing tells whether it is exact. An aircraft moves."""
+    """Whether one position, farther from the points than they are apart, stands for all of them.
+
+    Rays are then nearly parallel, and nothing in the cloud tells whether the position is exact. An
+    aircraft, for which one position is given, moves while it measures: facades that it saw from
+    the side would contain the rays.
+    """
     if not (origins == origins[0]).all():
         return False
     low, high = points.min(axis=0), points.max(axis=0)

@@ -62,8 +62,12 @@ def surround_origin(points):
 
 
 def views_from_setups(points, positions, setups=None):
-    """Whether points (n, 3) look as if measured from the `positions` that a file states: for each
-    of the `setups` (n,) True, False, or "far" or "few" if that cannot be asked."""
+    """Whether points look as if measured from where a file states: for each setup True or False,
+    or why it cannot be asked, "far" or "few".
+
+    Points (n, 3) have `positions` (1, 3) or (n, 3); `setups` (n,) number those that are several.
+    The file's word stands where steps are even: no position aside is asked.
+    """
     groups: list[slice | np.ndarray] = [slice(None)]
     if setups is not None:
         groups = [np.flatnonzero(setups == setup) for setup in np.unique(setups)]
