@@ -2,8 +2,10 @@
 
 
 def main():
-    """Run the command line; without its libraries, say in one line how to get them. Always raises
-    SystemExit, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
+    """Run the command line; without its libraries, say in one line how to get them.
+
+    Always raises SystemExit, with the exit code: 0 done, 1 failed, 2 wrong usage, 130 interrupted.
+    """
     try:  # imports above this line would run before Ctrl-C is handled
         _run()
     except KeyboardInterrupt:

@@ -18,8 +18,10 @@ class _Message(Template):
 
 
 class _Worded(Exception):
-    """A message with ``$name`` for a parameter, or ``$name=`` before its value. ``$name`` of the
-    `fields` shows the value itself, which may be worded differently: a row."""
+    """A message with ``$name`` for a parameter, or ``$name=`` before its value.
+
+    ``$name`` of the `fields` shows the value itself, which may be worded differently: a row.
+    """
 
     def __init__(self, message, **fields):
         super().__init__(message)

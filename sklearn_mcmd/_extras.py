@@ -7,8 +7,10 @@ NEWEST = 3, 14  # the Python up to which all extras have wheels, though none wit
 
 
 def import_extra(module, extra, purpose):
-    """Import an optional library of an extra, or say in an ImportError how to install it. The error
-    begins with the purpose: what needs the library."""
+    """Import an optional library of an extra, or say in an ImportError how to install it.
+
+    The error begins with the purpose: what needs the library.
+    """
     try:
         return importlib.import_module(module)
     except ImportError as err:

@@ -31,8 +31,10 @@ __all__ = [
 
 
 def checked(**constraints):
-    """Decorate a function whose arguments are checked, in the way of `validate_params`. Type hints
-    tell which of them are words or flags, the name `random_state` what a seed is."""
+    """Decorate a function whose arguments are checked, in the way of `validate_params`.
+
+    Type hints tell which of them are words or flags, the name `random_state` what a seed is.
+    """
 
     def decorate(function):
         told = {"random_state": ["random_state"]}
@@ -54,8 +56,10 @@ def check_parameters(estimator):
 
 
 class DocLinkMixin:
-    """Lets the HTML form of an estimator link to its page of the API, by the name it has there. Put
-    it to the left of `BaseEstimator`. A test holds that the site is that of pyproject.toml."""
+    """Lets the HTML form of an estimator link to its page of the API, by the name it has there.
+
+    Put it to the left of `BaseEstimator`. A test holds that the site is that of pyproject.toml.
+    """
 
     _doc_link_module = "sklearn_mcmd"
     _doc_link_template = "https://sklearn-mcmd.github.io/sklearn-mcmd/generated/{page}.html"

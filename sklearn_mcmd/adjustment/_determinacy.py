@@ -10,8 +10,10 @@ AS_THICK_AS_WIDE = "The points that pass are as thick as they are wide, as those
 
 
 def check_distinct(X, n_samples):
-    """Raise if X, the points of positive weight, has no more distinct points than columns. A plane
-    in d dimensions goes through any d points: a test needs one more."""
+    """Raise if X, the points of positive weight, has no more distinct points than columns.
+
+    A plane in d dimensions goes through any d points: a test needs one more.
+    """
     d = X.shape[1]
     n_distinct = len(np.unique(X[:N_FIRST], axis=0))
     if n_distinct <= d < len(X):

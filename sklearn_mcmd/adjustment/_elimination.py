@@ -97,8 +97,10 @@ class DowndatedPlane:
         return self.sum_of_squares / self.dof if self.dof else 0.0
 
     def largest(self):
-        """Which candidate has the largest standardized residual; of equal ones the first. None if a
-        point that is no candidate may have a larger one."""
+        """Which candidate has the largest standardized residual; of equal ones the first.
+
+        None if a point that is no candidate may have a larger one.
+        """
         change = self.change
         if change is not None and self.standardized.max() <= self._bound_elsewhere(change):
             return None
@@ -233,8 +235,11 @@ def _turned(plane, lost):
 
 
 def eliminate(X, weights, surface, limit, start):
-    """Remove every rejected point, and adjust again (section 1.1). ``limit(n_retained, dof,
-    variance_factor, direction)`` is the largest standardized residual that passes."""
+    """Remove every rejected point, and adjust again (section 1.1).
+
+    ``limit(n_retained, dof, variance_factor, direction)`` is the largest standardized residual
+    that passes.
+    """
     now, before = start, start.support
     while True:
         plane = adjust_plane(X, weighed(now.support, weights), surface=surface)

@@ -27,7 +27,9 @@ class Rounding(NamedTuple):
 
     def error_of_float64(self, direction):
         """The largest in a residual of this direction, which is only rounding if it is no longer.
-        On a steep vertical surface the rounding of the regressors enters the residuals."""
+
+        On a steep vertical surface the rounding of the regressors enters the residuals.
+        """
         return max(float(np.abs(direction) @ self.errors), np.finfo(float).tiny)
 
     def least_deviation(self, direction, steps=12**-0.5):

@@ -100,8 +100,10 @@ def critical_value(test: Test, level: float, dof: int) -> float:
 
 
 def residual_limit(test, level, dof, sigma0, scale):
-    """Largest standardized residual that passes the test. tau and t rank residuals alike and decide
-    alike, so both compare with ``scale * tau``."""
+    """Largest standardized residual that passes the test.
+
+    tau and t rank residuals alike and decide alike, so both compare with ``scale * tau``.
+    """
     if test == "w":
         return sigma0 * critical_value("w", level, dof)
     # With f = 1 tau and its limit are both 1, and rounding would decide.
@@ -118,8 +120,10 @@ def first_of_largest(values):
 
 
 def standardized_residuals(residuals, weights, redundancy):
-    """Residual over the root of its cofactor, ``|v_i| / sqrt(q_i)`` with ``q_i = r_i / p_i``. It is
-    zero where the point is uncontrolled (r_i about 0) or has no weight."""
+    """Residual over the root of its cofactor, ``|v_i| / sqrt(q_i)`` with ``q_i = r_i / p_i``.
+
+    It is zero where the point is uncontrolled (r_i about 0) or has no weight.
+    """
     size = np.abs(residuals)
     if weights is not None:
         size *= np.sqrt(weights)
@@ -192,8 +196,11 @@ def chance_outside(t, n_outside, n, dof):
 
 
 def global_test_pvalue(sum_of_squares, sigma0, dof):
-    """Probability of a larger v'Pv / sigma0^2 in clean data; nan without redundancy. If it is near
-    0, sigma0 is too small or outliers are left. If it is near 1, sigma0 is too large."""
+    """Probability of a larger v'Pv / sigma0^2 in clean data; nan without redundancy.
+
+    If it is near 0, sigma0 is too small or outliers are left. If it is near 1, sigma0 is too
+    large.
+    """
     if dof < 1:
         return np.nan
     with np.errstate(over="ignore"):

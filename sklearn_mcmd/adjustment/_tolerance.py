@@ -166,7 +166,9 @@ def flatness(detector: PlaneDetector, X: "ArrayLike", tolerance: float) -> Plane
 
 def _surface(places, residuals, half, factor, noise):
     """The verdict of medians of ever smaller cells on a zone of twice this half, and its figures.
-    The function `factor` tells the quantile of so many cells at once."""
+
+    The function `factor` tells the quantile of so many cells at once.
+    """
     n = len(places)
     last = max(int(np.log2(n / MEDIAN_POINTS)), min(LEAST_HALVINGS, n // 2))
     last = min(last, MOST_HALVINGS)
@@ -245,8 +247,10 @@ def minimum_zone(X):
 
 
 def _least_largest(along, across, margins=0.0):
-    """The `_Zone` of the plane of least largest ``|distance| + margin`` along an axis. A program
-    begins with a few points, and takes those farthest outside of its zone until none is."""
+    """The `_Zone` of the plane of least largest ``|distance| + margin`` along an axis.
+
+    A program begins with a few points, and takes those farthest outside of its zone until none is.
+    """
     d, margins = along.shape[1], np.broadcast_to(margins, across.shape)
     height = np.ptp(across) + np.ptp(margins) or 1.0
     unit = np.abs(along).max(axis=0)

@@ -221,13 +221,18 @@ class Method(ABC):
 
     @abstractmethod
     def _fit(self, points, table, floor):
-        """The verdicts on neighborhoods of one size, as `Verdict`. Points (B, n, d) are without the
-        origin; `table` has random positions, and `floor` (B,) is the least scale."""
+        """The verdicts on neighborhoods of one size, as `Verdict`.
+
+        Points (B, n, d) are without the origin; `table` has random positions, and `floor` (B,) is
+        the least scale.
+        """
 
 
 def flag_share(scores, contamination):
     """Inliers (B, n) and cutoff (B,) if this share of the members, the highest scores, is flagged.
-    The number is rounded to the nearest integer. Among equal scores the first are flagged."""
+
+    The number is rounded to the nearest integer. Among equal scores the first are flagged.
+    """
     n_sets, n = scores.shape
     if contamination is None:
         return np.ones(scores.shape, dtype=bool), np.full(n_sets, np.nan)

@@ -128,8 +128,10 @@ class Msac(Ransac):
 
 
 def trials_to_stop(n, d, probability):
-    """Trials after which one subset is probably free of outliers, by consensus size 0..n. Subsets
-    are drawn without replacement, so their probability is a ratio of binomials."""
+    """Trials after which one subset is probably free of outliers, by consensus size 0..n.
+
+    Subsets are drawn without replacement, so their probability is a ratio of binomials.
+    """
     # (c choose d) / (n choose d) as a product of d quotients.
     sizes = np.arange(n + 1.0)[:, None] - np.arange(d)
     clean = np.prod(np.maximum(sizes, 0.0) / (n - np.arange(d)), axis=1)

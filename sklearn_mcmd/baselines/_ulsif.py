@@ -124,8 +124,10 @@ def second_moments(kernels):
 
 
 def ratio_weights(moments, training_kernels, regularization):
-    """Weights (B, b) of the ratio, ``max(0, (H + lambda I)^-1 h)``. H are the second moments of the
-    test kernels, h is the mean of the training kernels (B, b, m)."""
+    """Weights (B, b) of the ratio, ``max(0, (H + lambda I)^-1 h)``.
+
+    H are the second moments of the test kernels, h is the mean of the training kernels (B, b, m).
+    """
     matrix = moments + regularization * np.eye(moments.shape[1])
     return np.maximum(
         np.linalg.solve(matrix, training_kernels.mean(axis=2)[..., None])[..., 0], 0.0

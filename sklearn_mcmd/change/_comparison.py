@@ -38,8 +38,11 @@ class Scale(NamedTuple):
 
     @classmethod
     def of(cls, radii, others, n_neighbors, reach=None):
-        """By some of the `radii_in` both clouds. The second gets as many neighbors as make its
-        usual neighborhood about as wide: where a surface bends, planes of wider ones lie deeper."""
+        """By some of the `radii_in` both clouds.
+
+        The second gets as many neighbors as make its usual neighborhood about as wide: where a
+        surface bends, planes of wider ones lie deeper.
+        """
         usual, other = (max(float(np.median(some)), SMALLEST) for some in (radii, others))
         ratio = (usual / other) ** 2
         n_second = n_neighbors

@@ -156,7 +156,9 @@ class CloudVerb:
 
     def _large_catalog(self):
         """The catalog of the source, if what the verb reads is to be divided into tiles, else None.
-        Faults of a single file are left to the reading of it, unless a scheduler divides it."""
+
+        Faults of a single file are left to the reading of it, unless a scheduler divides it.
+        """
         for source in self.inputs:
             if not source.exists():
                 raise FileNotFoundError(ENOENT, "no such file or folder", str(source))

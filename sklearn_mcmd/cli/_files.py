@@ -76,7 +76,9 @@ def read_all(source, columns=None):
 
 def read(source, target=None, results=None, *, columns=None):
     """Read a cloud; first refuse a `target` that cannot be written or cannot hold `results`.
-    `columns` is as of `read_points`."""
+
+    `columns` is as of `read_points`.
+    """
     if target is not None:
         check_output(target, results)
     with progress_part(0.0, WORK_BEGINS, "reading"):
@@ -150,7 +152,9 @@ ReportFolder = Annotated[
 
 def write_report_of(verb, begin, contents):
     """Write a verb's report, if one is asked for. Then all outputs are there: Ctrl-C is too late.
-    The work began at `begin`. ``contents()`` makes the `Contents`, and takes time."""
+
+    The work began at `begin`. ``contents()`` makes the `Contents`, and takes time.
+    """
     if verb.report is not None:
         from sklearn_mcmd.report._contents import Note, Run
         from sklearn_mcmd.report._rendering import write_report

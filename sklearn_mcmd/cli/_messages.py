@@ -21,8 +21,10 @@ PATIENCE, AGAIN = 5.0, 60.0
 
 @contextmanager
 def clear_exits(*, allow_coarse=False):
-    """Turn each error that a user can meet into one line on stderr and an exit code. Coordinates
-    that float32 rounds too coarsely are an error unless `allow_coarse`."""
+    """Turn each error that a user can meet into one line on stderr and an exit code.
+
+    Coordinates that float32 rounds too coarsely are an error unless `allow_coarse`.
+    """
     try:
         with _plain_warnings(allow_coarse), raise_interrupts():
             yield

@@ -64,7 +64,9 @@ class Asked(NamedTuple):
 
     def of_normals(self, cloud):
         """Positions for all points, (3,) or (n, 3), and a row of the summary on them; or None, {}.
-        A position that is doubted is an error: normals to another side than asked are wrong."""
+
+        A position that is doubted is an error: normals to another side than asked are wrong.
+        """
         positions, words, doubt = self._positions(cloud, slice(None))
         if doubt:
             remedy = "give --sensor X,Y,Z where it stood, or --orientation up or mst"

@@ -23,8 +23,10 @@ _N_QUADRATURE = 1 << 16  # points of sums over the visible surface; the error is
 
 
 class Scene:
-    """Parts that are scanned from one place. `displacement` is the standard deviation of "gaussian"
-    outliers on each axis."""
+    """Parts that are scanned from one place.
+
+    `displacement` is the standard deviation of "gaussian" outliers on each axis.
+    """
 
     def __init__(self, parts, scanner, *, displacement=0.2):
         self.parts = parts
@@ -92,8 +94,10 @@ def scan(
     noise_growth=1.0,
     on_lines=False,
 ):
-    """Scan a scene: points, noise, outliers and the truth, as `make_street` documents them. Points
-    are a sample of even density, or on scan lines."""
+    """Scan a scene: points, noise, outliers and the truth, as `make_street` documents them.
+
+    Points are a sample of even density, or on scan lines.
+    """
     sizes = _outlier_sizes(n_samples, outlier_share, list(outlier_kinds))
     n = n_samples - sum(sizes.values())
     # One stream a purpose: true points stay whatever noise and outliers are.
@@ -153,8 +157,10 @@ def scan(
 
 
 def _outlier_sizes(n_samples, share, kinds):
-    """How many outliers of each kind: a share of all points, in (nearly) equal parts. Raise unless
-    kinds are known, each once, and regular points are left."""
+    """How many outliers of each kind: a share of all points, in (nearly) equal parts.
+
+    Raise unless kinds are known, each once, and regular points are left.
+    """
     if not set(kinds) <= set(SCENE_OUTLIERS) or len(set(kinds)) < len(kinds) or not kinds:
         raise ValueError(
             f"outlier_kinds={kinds!r} must name, once each, one or more of {list(SCENE_OUTLIERS)}."

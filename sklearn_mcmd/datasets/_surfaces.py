@@ -240,7 +240,9 @@ class Cylinder:
 
 class Foliage:
     """Ball filled with leaves: points without surface, normal or edge, where rays end by chance.
-    Its `area`, which sets its share of the points, is that of the half ball that a scanner sees."""
+
+    Its `area`, which sets its share of the points, is that of the half ball that a scanner sees.
+    """
 
     clearing = 0.7  # how far a ray gets among the leaves, on average, in radii
     outline_length = 0.0
@@ -352,8 +354,10 @@ def _near(axes, squared, bounds):
 
 
 def first_hits(parts, origin, ends, rng):
-    """Where n segments from one origin, or from one each, end first. Of each segment the fraction,
-    inf where it meets nothing, and the number of the part, or -1."""
+    """Where n segments from one origin, or from one each, end first.
+
+    Of each segment the fraction, inf where it meets nothing, and the number of the part, or -1.
+    """
     nearest, met = np.full(len(ends), np.inf), np.full(len(ends), -1)
     origin = np.broadcast_to(origin, ends.shape)
     way = ends - origin

@@ -45,7 +45,8 @@ class CreaseLimits(NamedTuple):
     """How creases are found."""
 
     far: float = 10.0  # largest distance of a point from a crease that counts, in spacings
-    # Least share of the neighbors that are on surfaces: among leaves planes meet by chance.
+    # Least share of the neighbors that are on surfaces: among leaves planes meet by chance. Half
+    # costs small parts, whose own faces have too few points to be surfaces.
     on_surfaces: float = 0.25
     evening_steps: int = 3  # passes in which the spacing becomes the mean of those around
     smooth_steps: int = 3  # fits of a smooth surface
@@ -114,8 +115,10 @@ class Creases(NamedTuple):
 
 @dataclass(frozen=True)
 class MeetingPlanes:
-    """The planes of a cloud's points, and which of them may meet in creases. The scale of a plane
-    is its noise, and the spacing that of the points."""
+    """The planes of a cloud's points, and which of them may meet in creases.
+
+    The scale of a plane is its noise, and the spacing that of the points.
+    """
 
     index: NeighborIndex
     planes: Planes

@@ -36,8 +36,10 @@ def count_turned(around, normals, cosine, turned):
 
 @kernel(cache=True)
 def meet_faces(points, queries, around, planes, owners, faces, limits, work, distance, evidence):
-    """Fill distance and evidence of queries as `MeetingPlanes._meet` says. The faces are those of
-    all points, `owners` the rows of the queries' planes."""
+    """Fill distance and evidence of queries as `MeetingPlanes._meet` says.
+
+    The faces are those of all points, `owners` the rows of the queries' planes.
+    """
     creases, cosine, explained = limits
     normals = planes.normals
     local, rows, mean, differs = work.local, work.rows, work.mean, work.differs

@@ -46,7 +46,9 @@ class EdgeLimits(NamedTuple):
     # Share of the neighbors on which planes rest that meet in creases: a smaller patch reaches
     # across an edge less.
     of_planes: float = 0.75
-    luck: float = 1e-12  # chance that no trial of a plane is of one face: 207 trials, not 69
+    # Chance that no trial of a plane is of one face: by 207 trials, in place of 69, another seed
+    # finds half as many other edges.
+    luck: float = 1e-12
     robust_std: float = 3.0  # robust standard deviations above the median
     paper_std: float = 1.0  # standard deviations above the mean (Eq. 25)
 
@@ -455,7 +457,9 @@ def values_of(criterion, fitted, dtype):
 
 def least_of_edge(parts, threshold, n_std):
     """The limit that a threshold means; it depends on neither the parts nor their order.
-    ``parts()`` iterates over arrays, the values of a cloud."""
+
+    ``parts()`` iterates over arrays, the values of a cloud.
+    """
     if isinstance(threshold, Real):
         return float(threshold)
     if threshold == "mean":  # Eq. 25

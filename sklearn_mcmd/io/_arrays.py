@@ -145,8 +145,10 @@ def _array_of(archive, member):
 
 
 def _check_array(file, room, what):
-    """Check that the numbers a header tells of can be there; NumPy takes their memory first. Of
-    none, each takes a byte all the same: there are loops over columns without rows."""
+    """Check that the numbers a header tells of can be there; NumPy takes their memory first.
+
+    Of none, each takes a byte all the same: there are loops over columns without rows.
+    """
     file = io.BytesIO(file.read(LONGEST_HEADER))
     is_first = np.lib.format.read_magic(file) == (1, 0)
     readers = np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0

@@ -63,8 +63,10 @@ def attribute_name(name):
 
 
 def are_names(fields, told=()):
-    """Whether a comment names columns: at least two of its fields are known names, or `told`. A
-    letter alone may be a word of a sentence: one does not count without another."""
+    """Whether a comment names columns: at least two of its fields are known names, or `told`.
+
+    A letter alone may be a word of a sentence: one does not count without another.
+    """
     plain = [_plain(field) for field in fields]
     by_axis = [{plain[i] for i in _of_axis(plain, axis)} for axis in "xyz"]
     n_letters = sum(max(map(len, names), default=0) == 1 for names in by_axis)

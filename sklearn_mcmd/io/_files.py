@@ -266,8 +266,10 @@ def _mask(noise, n_points):
 
 @contextmanager
 def replacing(path):
-    """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds. It is
-    then on the disk, with its name."""
+    """A temporary name beside ``path``; its file replaces ``path`` when the block succeeds.
+
+    It is then on the disk, with its name.
+    """
     target = check_writable(path)  # a link stays a link: the file behind it is replaced
     temporary = target.with_name(f".mcmd-{os.urandom(8).hex()}{target.suffix.lower()}")
     try:

@@ -109,8 +109,10 @@ def writing_parts(path):
 
 
 def _tell_waveforms(header):
-    """Say in a header where waveforms are now: in an extended record of LAS 1.4. LAS 1.3 has their
-    samples behind the points, where laspy reads nothing: 0 is for none."""
+    """Say in a header where waveforms are now: in an extended record of LAS 1.4.
+
+    LAS 1.3 has their samples behind the points, where laspy reads nothing: 0 is for none.
+    """
     at, waveforms_at = header.start_of_first_evlr, 0
     for record in header.evlrs or []:
         if (record.user_id, record.record_id) == WAVEFORMS:
@@ -257,7 +259,9 @@ def las_of_cloud(laspy, cloud, noise=None):
 
 def _with_colors(laspy, las, attributes, from_las):
     """A point format with colors, and colors of 8 bits in the 16 of LAS: 255 becomes 65535.
-    Integers up to 255 have 8 bits, unless they are uint16 or LAS had them."""
+
+    Integers up to 255 have 8 bits, unless they are uint16 or LAS had them.
+    """
     if not set(COLORS) <= attributes.keys():
         return las, attributes
     names = set(las.point_format.dimension_names)

@@ -69,7 +69,9 @@ def check_structure(file):
 
 def check_grid(axis, scale, offset):
     """Refuse a scale that puts all points at one place about the offset, or beyond all bounds.
-    Coordinates are integers times scale plus offset, so a negative scale would turn an axis."""
+
+    Coordinates are integers times scale plus offset, so a negative scale would turn an axis.
+    """
     with np.errstate(invalid="ignore"):
         finest = np.spacing(max(abs(offset), 1.0))
     if not finest / ScaleLimits().same_place <= scale <= 1 / np.finfo(float).eps:

@@ -56,8 +56,10 @@ def compressed_parts(file, header, n_points):
 
 
 def n_compressed(file, header):
-    """How many points are there, at most as many as the header counts. Layers tell. Of others, the
-    last chunk is tried if the points by return are not as many."""
+    """How many points are there, at most as many as the header counts.
+
+    Layers tell. Of others, the last chunk is tried if the points by return are not as many.
+    """
     lazrs, record, layout, chunks = _opened(file, header)
     (n_last, n_bytes), n_points = chunks[-1], sum(n for n, _ in chunks)
     file.seek(sum(n for _, n in chunks[:-1]), os.SEEK_CUR)

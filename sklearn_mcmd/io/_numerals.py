@@ -18,8 +18,10 @@ WINDOWS = re.compile(  # older and newer libraries of C
 
 
 def number_of(cell, comma=False):
-    """The number of a cell, NaN where it is missing, and None of words. `comma` says that decimals
-    follow a comma, and points separate thousands."""
+    """The number of a cell, NaN where it is missing, and None of words.
+
+    `comma` says that decimals follow a comma, and points separate thousands.
+    """
     if comma:
         cell = cell.translate(SWAPPED)
     if "," in cell and THOUSANDS.fullmatch(cell):

@@ -200,8 +200,10 @@ def joined(clouds, called="clouds"):
 
 
 def joined_scans(scans, setups, n_points):
-    """One cloud of scans, by their numbers, of the points that a file holds, valid or not. `setups`
-    tells where the scanner of each stood. Colors of 8 bits get 16 if others have them."""
+    """One cloud of scans, by their numbers, of the points that a file holds, valid or not.
+
+    `setups` tells where the scanner of each stood. Colors of 8 bits get 16 if others have them.
+    """
     if not scans:
         return PointCloud(np.empty((0, 3)), n_dropped=n_points)
     if len(scans) == 1:

@@ -388,8 +388,10 @@ class _Table:
 
 
 def _decimal(cells, line, number, is_loose):
-    """Whether commas are decimal in some cells of a line, None if no number tells. Quotes, and rows
-    that are `is_loose`, between blanks, leave thousands open."""
+    """Whether commas are decimal in some cells of a line, None if no number tells.
+
+    Quotes, and rows that are `is_loose`, between blanks, leave thousands open.
+    """
     is_loose &= all("," not in cell or IN_DOUBT.fullmatch(cell) for cell in cells)
     for cell in cells:
         points, commas = number_of(cell), number_of(cell, comma=True)
@@ -456,8 +458,10 @@ def _decoded(text):
 
 
 def _with_bytes(path, attributes):
-    """The attributes with colors of 8 bits; colors that are no such are left as they are. Those of
-    XYZRGB go from 0 to 1. Where one is larger, a program wrote 0 to 255."""
+    """The attributes with colors of 8 bits; colors that are no such are left as they are.
+
+    Those of XYZRGB go from 0 to 1. Where one is larger, a program wrote 0 to 255.
+    """
     extension = path.suffix.lower()
     if extension not in COLUMNS or not attributes.keys() >= set(COLORS):
         return attributes

@@ -136,8 +136,11 @@ def positions_of_times(times, trajectory):
 
 
 def _shift(times, begin, end):
-    """Seconds by which points' times are ahead of the trajectory's, and why in words. GPS times are
-    counted from the beginning of the week, from 1980, or as in LAS from 1e9 seconds after that."""
+    """Seconds by which points' times are ahead of the trajectory's, and why in words.
+
+    GPS times are counted from the beginning of the week, from 1980, or as in LAS from 1e9 seconds
+    after that.
+    """
 
     def within(shift):
         return np.count_nonzero((times - shift >= begin) & (times - shift <= end))

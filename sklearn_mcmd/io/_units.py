@@ -29,8 +29,10 @@ class DegreeLimits(NamedTuple):
 
 
 def length_unit(cloud):
-    """``"m"``, ``"ft"`` or ``"US ft"`` if the file says that all axes have it, else None. LAS tells
-    by its coordinate system, if that is projected. E57 and PTX are always in meters."""
+    """``"m"``, ``"ft"`` or ``"US ft"`` if the file says that all axes have it, else None.
+
+    LAS tells by its coordinate system, if that is projected. E57 and PTX are always in meters.
+    """
     if SETUPS in cloud.metadata:
         return "m"
     units, (wkts, keys) = set(), system_of(cloud.metadata.get("las_header"))

@@ -42,8 +42,10 @@ class SizeLimits(NamedTuple):
 
 
 class ScaleFinder:
-    """Finds the size of the neighborhood of each point of a cloud. The index is one of
-    ``SizeLimits().around`` neighbors, in 2D or 3D."""
+    """Finds the size of the neighborhood of each point of a cloud.
+
+    The index is one of ``SizeLimits().around`` neighbors, in 2D or 3D.
+    """
 
     def __init__(self, index, n_jobs):
         self.index, self.n_jobs, self.limits = index, n_jobs, SizeLimits()
@@ -59,7 +61,9 @@ class ScaleFinder:
 
     def _by_noise(self):
         """How many neighbors (n,) it takes for the noise to tilt normals by no more than it may.
-        One size is tried after the other, each twice as large as the one before."""
+
+        One size is tried after the other, each twice as large as the one before.
+        """
         limits, d = self.limits, self.index.points.shape[1]
         k, wanted, fits = min(limits.least, self.n), np.full(self.n, np.inf), None
         while k <= min(limits.most // 2, self.n):
@@ -91,8 +95,10 @@ class ScaleFinder:
             wanted[todo] = self._quiet(wanted, todo)
 
     def _across_rows(self):
-        """How many neighbors (n,) it takes for rows to be less than faces; 0 where none are. In
-        rows that are D apart, a point's n = 2 D / s nearest are of its own, s apart."""
+        """How many neighbors (n,) it takes for rows to be less than faces; 0 where none are.
+
+        In rows that are D apart, a point's n = 2 D / s nearest are of its own, s apart.
+        """
         k, needed = self.limits.least // 2, np.zeros(self.n)
         rows = needed == 0
 

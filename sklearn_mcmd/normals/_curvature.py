@@ -75,8 +75,10 @@ class Jets(NamedTuple):
 
 
 def curvatures_of_fitted(model, planes, X, n_jobs=None):
-    """The `Curvatures` at the points X (n, 3) that a model was fitted to. `planes` has the plane of
-    each row of X; the signs of the curvatures follow from their normals."""
+    """The `Curvatures` at the points X (n, 3) that a model was fitted to.
+
+    `planes` has the plane of each row of X; the signs of the curvatures follow from their normals.
+    """
     index = model.index
     if index.n_neighbors is None:
         return curvatures_of_new(model, planes, X, n_jobs)
@@ -121,8 +123,10 @@ def _curvatures_of_each(model, planes, queries, around):
 
 
 def _curvatures_of_one(model, planes, queries):
-    """Curvatures where all queries share one neighborhood, and so one quadric. Their normals may
-    differ in sign."""
+    """Curvatures where all queries share one neighborhood, and so one quadric.
+
+    Their normals may differ in sign.
+    """
     one, m = planes.take(slice(0, 1)), len(queries)
     tangents = tangents_of(one.normals)
     around = model.index.query(one.centroids)

@@ -129,7 +129,9 @@ def with_flipped(names):
 
 def flip_columns(columns, names):
     """Columns (m, n) of normals, and of features by their names, for normals of the other side.
-    Normals are the first three."""
+
+    Normals are the first three.
+    """
     new = columns.copy()
     new[:, :3] = -columns[:, :3]
     for i, name in enumerate(names):
@@ -148,8 +150,10 @@ def needs_curvatures(names):
 
 
 def evaluate_features(names, planes, points, curvatures=None):
-    """Columns (m, n_columns) of the features of points (m, d) and their planes. `curvatures` is
-    None where no feature needs them."""
+    """Columns (m, n_columns) of the features of points (m, d) and their planes.
+
+    `curvatures` is None where no feature needs them.
+    """
     columns = [np.empty((len(points), 0))]
     for name in names:
         if name in OF_CURVATURES:

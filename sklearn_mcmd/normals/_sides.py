@@ -65,8 +65,10 @@ class Sides:
         self.tree_normals = apart * signs[:, None]
 
     def orient(self, index, normals, X, n_jobs):
-        """Flip normals (m, d) of points X (m, d) in place. Where the sensor moved, each counts as
-        measured from where the nearest fitted point was."""
+        """Flip normals (m, d) of points X (m, d) in place.
+
+        Where the sensor moved, each counts as measured from where the nearest fitted point was.
+        """
         if self.sensor_origin is not None:
             origins = self.sensor_origin
             if origins.ndim == 2:

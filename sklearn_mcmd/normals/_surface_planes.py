@@ -345,8 +345,10 @@ class FittedSurfaces(NamedTuple):
 
 
 def lend(planes, rows, members, lenders):
-    """Replace rows of planes, in place, by those of lenders; extents stay the rows' own. A borrowed
-    normal is no better known than the own one was."""
+    """Replace rows of planes, in place, by those of lenders; extents stay the rows' own.
+
+    A borrowed normal is no better known than the own one was.
+    """
     borrowers, lent = planes.take(rows), members.take(lenders)
     error = np.maximum(borrowers.normal_error, lent.normal_error)
     extents = {name: getattr(borrowers, name) for name in ("kept", "radius", "spacing")}

@@ -96,8 +96,10 @@ def _fill_heights(places, n, normal, height, heights):
 
 @kernel(inline="always")
 def _weighted(heights, n, variance, explained):
-    """Weighted mean of squared distances in standard deviations, each limited. Weights fall from n
-    at the nearest point to 1 at the farthest: their sum is n (n + 1) / 2."""
+    """Weighted mean of squared distances in standard deviations, each limited.
+
+    Weights fall from n at the nearest point to 1 at the farthest: their sum is n (n + 1) / 2.
+    """
     total, most = 0.0, explained * explained * variance
     for j in range(n):
         total += (n - j) * min(heights[j] * heights[j], most)

@@ -302,7 +302,9 @@ class OwnPlanesCloud(NamedTuple):
 
 class JudgedCloud(NamedTuple):
     """A cloud whose points are scored by its surfaces and by how far they stand off from all else.
-    Arrays (n,) are of the points of its index."""
+
+    Arrays (n,) are of the points of its index.
+    """
 
     measuring: MeasuringPlanes
     explaining: np.ndarray  # bool (n,): whose planes are of surfaces, and explain others
@@ -343,8 +345,10 @@ class JudgedCloud(NamedTuple):
         )
 
     def score(self, queries):
-        """Scores of queries (m, d), each as if it alone were added to the cloud. A query that is a
-        point of the cloud has the score of that point."""
+        """Scores of queries (m, d), each as if it alone were added to the cloud.
+
+        A query that is a point of the cloud has the score of that point.
+        """
         index, precision = self.index, np.finfo(queries.dtype).eps
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         scores = np.empty(len(queries))

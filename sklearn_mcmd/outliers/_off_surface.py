@@ -20,10 +20,13 @@ class OffSurfaceLimits(NamedTuple):
     # sparse quarter of them would be the very points that are judged.
     half: float = 0.5
     reach: float = 2.5  # two points are of one group if they are within this many usual spacings
-    # Weight of the spacing of off-surface points against that of all, in their geometric mean.
+    # Weight of the spacing among off-surface points against that among all points, in their
+    # geometric mean.
     rest_weight: float = 2 / 3
     thing: float = 2.0  # a thing has as many points as this many neighborhoods
-    crowded: int = 5  # dimensions from which on company is everywhere, and planes alone tell
+    # Dimensions from which on company is everywhere. Of gross errors beside a plane, 10 % of 1,000
+    # points, company tells 88 % and more in 4D, 22 % in 5D and 4 % in 6D; planes alone tell all.
+    crowded: int = 5
 
 
 class Unexplained(NamedTuple):

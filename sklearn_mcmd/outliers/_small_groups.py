@@ -76,7 +76,9 @@ def judge_off_surface(unexplained, least, n_jobs):
 
 class SmallGroups(NamedTuple):
     """The s points of all groups off the surfaces that have fewer than `least` measurements.
-    Methods take the groups of these points, numbers from 0 on, int32 (s,)."""
+
+    Methods take the groups of these points, numbers from 0 on, int32 (s,).
+    """
 
     unexplained: Unexplained  # all points off the surfaces
     rows: np.ndarray  # int32 (s,), of the points among these
@@ -152,7 +154,9 @@ class SmallGroups(NamedTuple):
 
     def divided_by_rows(self, groups):
         """The groups once points that lie in a row are a group of their own; and which these are.
-        They are straight with their nearest others, and among the nearest of each other."""
+
+        They are straight with their nearest others, and among the nearest of each other.
+        """
         s, n_near = len(self.rows), self.unexplained.limits.n_near
         in_row, asked, links = np.zeros(s, bool), np.flatnonzero(self.are_small(groups)), []
         if self.unexplained.search.n <= n_near or len(asked) == 0:

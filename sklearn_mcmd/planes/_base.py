@@ -31,8 +31,10 @@ LONGEST_TRIAL = 4096  # positions that a trial of one neighborhood of all points
 
 
 class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
-    """Parameters and fitting of all estimators that fit a plane to each neighborhood. Subclasses
-    store the parameters named in `_parameter_constraints` and call `_fit_planes`."""
+    """Parameters and fitting of all estimators that fit a plane to each neighborhood.
+
+    Subclasses store the parameters named in `_parameter_constraints` and call `_fit_planes`.
+    """
 
     _parameter_constraints: ClassVar[dict] = {
         "n_neighbors": [Interval(Integral, 2, None, closed="left"), None],
@@ -50,8 +52,10 @@ class BaseLocalPlanes(DocLinkMixin, BaseEstimator):
     _small_faces: ClassVar = False  # as of `PlaneSettings`
 
     def _fit_planes(self, X, radius=None, cutoff=None):
-        """Validate X, find the parameters that depend on it, and fit its local planes. Members of a
-        neighborhood beyond the cutoff are left out of its plane; None is the rule's."""
+        """Validate X, find the parameters that depend on it, and fit its local planes.
+
+        Members of a neighborhood beyond the cutoff are left out of its plane; None is the rule's.
+        """
         self._comparator()  # before what takes long
         X, index = self._index_cloud(X, radius)
         d = X.shape[1]
@@ -134,8 +138,11 @@ def warn_if_few(estimator, index, n):
 
 
 class BasePlaneOutliers(FittedScoresMixin, BaseLocalPlanes):
-    """Outliers by a score and an offset: subclasses have `fit` and `_score`. `_score` returns how
-    abnormal points are: larger is more abnormal. `fit` sets ``scores_`` and ``offset_``."""
+    """Outliers by a score and an offset: subclasses have `fit` and `_score`.
+
+    `_score` returns how abnormal points are: larger is more abnormal. `fit` sets ``scores_`` and
+    ``offset_``.
+    """
 
     def score_samples(self, X: "ArrayLike") -> NDArray[np.float64]:
         """Opposite of the abnormality of each point in its neighborhood.
@@ -167,7 +174,9 @@ def mends_planes(estimator):
 
 def model_of(estimator, index, shape, precision, step, cutoff=None, comparator=None):
     """The planes of an index of points of this shape, by the parameters of an estimator.
-    `precision` and `step` are as of `PlaneSettings`. The estimator gets `n_trials_`."""
+
+    `precision` and `step` are as of `PlaneSettings`. The estimator gets `n_trials_`.
+    """
     n, d = shape
     k, comparator = index.n_neighbors or n, comparator or estimator._comparator()
     settings = PlaneSettings(estimator.method, precision, step)

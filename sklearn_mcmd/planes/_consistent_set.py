@@ -68,8 +68,11 @@ def draw_trials(n_trials, n_neighbors, random_state=None, *, length=None):
 
 
 def n_support_points(support_fraction, sizes, n_features):
-    """Points in the consistent set, h = ceil(support_fraction * k) (section 4). At least n_features
-    + 1, since fewer points fit some plane exactly; at most all points of the neighborhood."""
+    """Points in the consistent set, h = ceil(support_fraction * k) (section 4).
+
+    At least n_features + 1, since fewer points fit some plane exactly; at most all points of
+    the neighborhood.
+    """
     # In floating point 0.8 * 50 is 40.000000000000004, whose ceiling would be 41.
     wanted = np.ceil(np.round(support_fraction * np.asarray(sizes), 9)).astype(np.int64)
     return np.minimum(np.maximum(wanted, n_features + 1), sizes)
@@ -145,8 +148,10 @@ def maximum_consistent_sets(neighborhoods, trials, n_support, sizes=None):
 
 
 def _trial_planes(local, trials, sizes):
-    """Planes through the minimal subsets, completed where they span none (steps 1 and 2). Returns
-    normals (B, T, d), offsets (B, T) and whether not even all points span a plane."""
+    """Planes through the minimal subsets, completed where they span none (steps 1 and 2).
+
+    Returns normals (B, T, d), offsets (B, T) and whether not even all points span a plane.
+    """
     n_sets, k, d = local.shape
     rows = np.arange(n_sets)[:, None, None]
     order = np.broadcast_to(trials, (n_sets, *trials.shape))

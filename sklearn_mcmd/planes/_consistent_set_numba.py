@@ -50,7 +50,9 @@ LEAST_MINORS = np.float32(1e-4)  # squared ratio of width to length below which 
 
 class WorkArrays(NamedTuple):
     """Arrays that one thread needs for neighborhoods of k members; all neighborhoods share them.
-    Python makes them, some as two types, since Numba takes long to compile what does."""
+
+    Python makes them, some as two types, since Numba takes long to compile what does.
+    """
 
     local: np.ndarray  # float64 (3, k), coordinates
     rotated: np.ndarray  # float64 (3, k), coordinates in other axes
@@ -171,7 +173,9 @@ def _first_members(size, n_support, member):
 @kernel
 def _trial_planes(local, size, trials, lanes, rotated, member):
     """Planes of all trials (steps 1 and 2) into lanes; an infinite offset where there is none.
-    Returns the first trial that has a plane, -1 if none has."""
+
+    Returns the first trial that has a plane, -1 if none has.
+    """
     n_trials = trials.positions.shape[0]
     for t in range(n_trials):
         row = trials.positions[t]
@@ -310,7 +314,9 @@ def _screen(local32, size, n_support, lanes, work, bits, levels, rounding, uprig
 @kernel(fastmath=FASTMATH)
 def _lower_bounds(moments, n_support, upright, bound):
     """Fill lower bounds of least eigenvalues from moments of members that are surely of the set.
-    Leaving members out can only lower the least eigenvalue of the scatter matrix."""
+
+    Leaving members out can only lower the least eigenvalue of the scatter matrix.
+    """
     wanted = np.float32(n_support)
     s, sx, sy, sz = moments[0], moments[1], moments[2], moments[3]
     sxx, sxy, sxz, syy = moments[4], moments[5], moments[6], moments[7]
@@ -409,7 +415,9 @@ def _lane_levels(bits, base, n_rows, levels):
 @kernel(fastmath=FASTMATH)
 def _lane_limits(levels, n_pairs, wanted, limits):
     """The largest level, of each lane, that no more than `wanted` rows are below, by bisection.
-    Rows are counted in pairs, because each sum waits for the one before."""
+
+    Rows are counted in pairs, because each sum waits for the one before.
+    """
     zero, one = spread(I0), spread(I1)
     for t in range(0, len(limits), 2 * LINE):
         limit = zero

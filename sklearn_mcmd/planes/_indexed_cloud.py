@@ -99,7 +99,9 @@ class IndexedCloud:
 
     def nearest(self, queries, k):
         """Distances (m, k) of the k nearest points of any queries, and their rows: int32 (m, k).
-        Equally distant ones come in the order of `neighbors`."""
+
+        Equally distant ones come in the order of `neighbors`.
+        """
         if self.search is None or not len(queries):
             distances, near = query_tree(self.tree, queries, k)
             return distances, near.astype(np.int32)
@@ -127,7 +129,9 @@ def _key(X):
 
 def distinct_rows(X):
     """Rows of X without copies, the first row of each location; and which of these each row has.
-    The second is None where there are no copies. Only rows whose hash occurs twice are sorted."""
+
+    The second is None where there are no copies. Only rows whose hash occurs twice are sorted.
+    """
     suspects = _rows_of_equal_hash(X)
     order = suspects[np.lexsort(X[suspects].T)]  # stable: of equal rows the first of X comes first
     sorted_rows = X[order]

@@ -82,8 +82,10 @@ class PlaneSettings(NamedTuple):
 
 
 class LocalPlaneModel:
-    """A fitted cloud that answers with the plane of any query's neighborhood. `index` is a
-    `NeighborIndex`, and `trials` a table of int (T, k)."""
+    """A fitted cloud that answers with the plane of any query's neighborhood.
+
+    `index` is a `NeighborIndex`, and `trials` a table of int (T, k).
+    """
 
     def __init__(self, index, trials, settings):
         self.index, self.trials, self.settings = index, trials, settings
@@ -157,7 +159,9 @@ class LocalPlaneModel:
 
     def first_planes(self, queries, neighborhoods, keep=None):
         """Planes before anyone is asked, and which are not those of all members: bool (m,).
-        ``keep`` gets what `whole_planes` returns, if neighbors agree."""
+
+        ``keep`` gets what `whole_planes` returns, if neighbors agree.
+        """
         if not self.settings.agrees:
             planes, _ = self.evaluate_neighborhoods(queries, neighborhoods)
             return planes, np.ones(len(queries), dtype=bool)

@@ -25,16 +25,20 @@ FORMS = {"pca": (False, None), "mcmd_z": (True, None), "mcmd_md": (True, True)}
 
 
 def fit_neighborhoods(points, around, queries, trials, method, rule, out):
-    """Apply a rule to each neighborhood (Algorithm 4), one row at a time. What is filled, `out`,
-    are `RobustPlanes`."""
+    """Apply a rule to each neighborhood (Algorithm 4), one row at a time.
+
+    What is filled, `out`, are `RobustPlanes`.
+    """
     arrays = WorkArrays.of(len(trials.positions), around.indices.shape[1])
     robust, within = FORMS[method]
     _fit_neighborhoods(points, around, queries, trials, rule, robust, within, arrays, out)
 
 
 def ask_neighbors(points, around, queries, offers, method, rule, out):
-    """Apply a rule to each neighborhood, from the best of the planes that its members offer. Else
-    as `fit_neighborhoods`."""
+    """Apply a rule to each neighborhood, from the best of the planes that its members offer.
+
+    Else as `fit_neighborhoods`.
+    """
     arrays = WorkArrays.of(1, around.indices.shape[1])
     _, within = FORMS[method]
     _ask_neighbors(points, around, queries, offers, rule, within, arrays, out)
@@ -141,8 +145,10 @@ def _limited(local, size, normal, height, scale):
 
 @kernel
 def _robust_square(distances, size, wanted, most, least):
-    """The square of the robust scale of distances, `least` at least, and the sum there. Newton's
-    method falls from `most` to the root, since the sum is concave in the scale's inverse."""
+    """The square of the robust scale of distances, `least` at least, and the sum there.
+
+    Newton's method falls from `most` to the root, since the sum is concave in the scale's inverse.
+    """
     reached = 0.0
     for _ in range(size):
         inside, off = _sums_within(distances, size, most)

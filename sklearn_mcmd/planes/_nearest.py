@@ -128,7 +128,9 @@ class NearestPoints:
 
     def visit(self, queries, k, work, n_jobs=None):
         """Call ``work(rows, distances, indices)`` with what `query` would return, chunk by chunk.
-        `rows` are those of the queries, a slice or an array."""
+
+        `rows` are those of the queries, a slice or an array.
+        """
         chunk = max(1, min(CHUNK, AT_ONCE // k))
         if queries.shape[1] != 3 or len(queries) < COMPILE_FROM or self.n < k:
 

@@ -45,8 +45,10 @@ class Near(NamedTuple):
 
 
 def build_tree(points, leaf):
-    """Halve the points along the longest side of their box until `leaf` of them are left. They are
-    put in the order of the leaves. Returns this order and what `Tree` holds."""
+    """Halve the points along the longest side of their box until `leaf` of them are left.
+
+    They are put in the order of the leaves. Returns this order and what `Tree` holds.
+    """
     n = len(points)
     order = np.arange(n)
     # The left child has a multiple of `leaf`, so all leaves are full but the last.
@@ -160,8 +162,10 @@ def _search(asking, tree, begin, end, first_leaf, near, indices):
 
 @kernel
 def _search_one(tree, x, y, z, k, bound, near, neighbors):
-    """Neighbors of one location from the nearest boxes on; the square of the k-th distance. The
-    square is at most `bound`. Of many candidates all but the k nearest go."""
+    """Neighbors of one location from the nearest boxes on; the square of the k-th distance.
+
+    The square is at most `bound`. Of many candidates all but the k nearest go.
+    """
     # With a plain 0, `_screen` and `_sort` are compiled twice.
     points, stack, n, n_waiting = tree.points, near.stack, np.int64(0), 1
     many = 2 * k + 32  # that are worth sorting; half or twice as many cost the same

@@ -30,7 +30,9 @@ class NeighborTable:
 
     def query(self, rows, k, keep=True):
         """Neighbors of some rows, the nearest first: int32 (m, k), where k is at most the table's.
-        What must be searched is kept for the next time with `keep`, or if rows are no slice."""
+
+        What must be searched is kept for the next time with `keep`, or if rows are no slice.
+        """
         searched = isinstance(rows, slice) and not keep
         if isinstance(rows, slice):
             rows = np.arange(*rows.indices(self.n))

@@ -110,7 +110,9 @@ class NeighborIndex:
 
     def query(self, queries):
         """Find the neighborhoods of queries (m, d), as rows of `points`, nearest members first.
-        Equally distant members come in the order of `query_own`."""
+
+        Equally distant members come in the order of `query_own`.
+        """
         if self.n_neighbors is None:
             n = len(self.points)
             indices = np.broadcast_to(np.arange(n, dtype=np.int32), (len(queries), n))

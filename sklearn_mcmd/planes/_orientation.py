@@ -27,8 +27,10 @@ def point_up(normals):
 
 
 def orient_toward(normals, directions):
-    """Flip normals (n, d) in place to the side of directions, (d,) or (n, d). Normals at right
-    angles to their direction keep their sign."""
+    """Flip normals (n, d) in place to the side of directions, (d,) or (n, d).
+
+    Normals at right angles to their direction keep their sign.
+    """
     against = np.einsum("ij,ij->i", normals, np.broadcast_to(directions, normals.shape)) < 0
     normals[against] = -normals[against]
     return normals
@@ -66,8 +68,10 @@ def spanning_forest(normals, points, first, second):
 
 
 def signs_along(normals, points, first, second):
-    """The sign of each normal, so that those at the ends of the edges of a forest agree. That of
-    the highest point of each connected part is 1."""
+    """The sign of each normal, so that those at the ends of the edges of a forest agree.
+
+    That of the highest point of each connected part is 1.
+    """
     n = len(points)
     tree = coo_array((np.ones(len(first)), (first, second)), shape=(n, n))
     n_parts, part = connected_components(tree, directed=False)

@@ -61,8 +61,10 @@ def orthogonal_distances(points, centroids, normals):
 
 
 def surface_variation(eigenvalues):
-    """Share of the least eigenvalue in the sum, "curvature" in the papers (Eq. 3). It is 0 for a
-    perfect plane and 1/d for an isotropic cluster, and 0 where all points coincide."""
+    """Share of the least eigenvalue in the sum, "curvature" in the papers (Eq. 3).
+
+    It is 0 for a perfect plane and 1/d for an isotropic cluster, and 0 where all points coincide.
+    """
     total = eigenvalues.sum(axis=-1)
     return np.divide(eigenvalues[..., 0], total, out=np.zeros_like(total), where=total > 0)
 

@@ -54,7 +54,9 @@ class FoldLimits(NamedTuple):
     # asked where the quadric already leaves more than is usual around.
     evidence: float = 0.6
     best: float = 0.75  # share of the members whose squares count, as others may be outliers
-    off: float = 1.5  # standard deviations off the robust plane, of what the second begins with
+    # Members farther from the robust plane than this number of its standard deviations are what the
+    # second plane is fitted to first.
+    off: float = 1.5
 
 
 class NormalSample(NamedTuple):
@@ -105,8 +107,10 @@ def n_terms(d):
 
 
 def noise_quantiles(share, sizes, d):
-    """What quadrics leave of neighborhoods of noise of one, at most, in a share of cases: (m,). The
-    least of many deviations is small by chance. Divided by this, it is the noise."""
+    """What quadrics leave of neighborhoods of noise of one, at most, in a share of cases: (m,).
+
+    The least of many deviations is small by chance. Divided by this, it is the noise.
+    """
     quantiles = np.ones(int(np.max(sizes, initial=0)) + 1)
     counts = np.flatnonzero(np.bincount(sizes))
     freedom = counts - n_terms(d)
@@ -130,7 +134,9 @@ def tangents_of(normals):
 
 def is_smooth(left, scale):
     """Whether neighborhoods keep all members, given the scale of their robust planes: bool (B,).
-    `left` is that of `QuadricFit`."""
+
+    `left` is that of `QuadricFit`.
+    """
     return (left <= SmoothnessLimits().curved * scale) & np.isfinite(left) & (scale > 0)
 
 
@@ -190,8 +196,10 @@ def quadric_normals(points, queries, around, planes, left):
 
 
 def work_arrays(rows, k):
-    """Rows of one array for numbers of k members; and arrays for the equations of a quadric. Python
-    makes the arrays, since Numba takes long to compile what makes them."""
+    """Rows of one array for numbers of k members; and arrays for the equations of a quadric.
+
+    Python makes the arrays, since Numba takes long to compile what makes them.
+    """
     terms = n_terms(3)
     equations = np.empty((terms + 2, terms))
     return np.zeros((rows, k)), (equations[:terms], equations[terms], equations[terms + 1])

@@ -92,8 +92,10 @@ def quadric_moments(local, size, d, mean, axes, extent, moments, right, heights,
 
 @kernel
 def decompose(moments, right, forward, total, least_pivot):
-    """Squares left, and whether the members determine the quadric; overwrites the moments. They
-    become Cholesky's factor L, and ``forward`` solves L x = right."""
+    """Squares left, and whether the members determine the quadric; overwrites the moments.
+
+    They become Cholesky's factor L, and ``forward`` solves L x = right.
+    """
     for i in range(TERMS):
         diagonal = moments[i, i]
         for j in range(i):
@@ -315,7 +317,9 @@ def least_squares(heights, size, n_best, work, keys):
 @kernel(cache=True)
 def fit_jets(points, around, queries, tangents, planes, floor, limits, room, jets):
     """Fill `Jets` that are undetermined with quadrics of the members that belong to surfaces.
-    `floor` (m,) is the least standard deviation of the noise, in units of the points."""
+
+    `floor` (m,) is the least standard deviation of the noise, in units of the points.
+    """
     indices, sizes = around.indices, around.sizes
     local, chosen, deviations, heights, used, lower, right, solution = room
     for i in range(len(indices)):

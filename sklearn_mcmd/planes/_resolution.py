@@ -11,7 +11,9 @@ from sklearn_mcmd.planes._whole import whole_cloud
 class RoundingLimits(NamedTuple):
     """What rounding does to planes, and how a lattice of rounded coordinates is recognized."""
 
-    least_steps: float = 0.5  # least scale of a plane, in steps to which coordinates were rounded
+    # The least scale of a plane, in steps to which coordinates were rounded: at the usual cutoffs
+    # a distance of one step is then no outlier.
+    least_steps: float = 0.5
     errors: float = 8.0  # the same in rounding errors of the coordinates' type
     tolerance: float = 0.02  # part of a step by which a gap may differ from whole steps
     # Gaps of more steps are not used: the error of the step, times 100, is no longer small.

@@ -33,8 +33,10 @@ View = str | tuple[float, float]
 
 
 class CloudDisplay(ABC):
-    """What all displays of clouds share: where they come from, how they are drawn, and on what. A
-    subclass takes the cloud, and what was found in it."""
+    """What all displays of clouds share: where they come from, how they are drawn, and on what.
+
+    A subclass takes the cloud, and what was found in it.
+    """
 
     _ax: "Axes"  # of the last plot
 
@@ -43,14 +45,18 @@ class CloudDisplay(ABC):
 
     @classmethod
     def from_estimator(cls, estimator: Any, X: "ArrayLike", **options: Any) -> Self:
-        """Draw what an estimator found in X (n, 3 or more), to which it is fitted. The first three
-        columns are coordinates, and options as in `from_predictions`."""
+        """Draw what an estimator found in X (n, 3 or more), to which it is fitted.
+
+        The first three columns are coordinates, and options as in `from_predictions`.
+        """
         return cls.from_predictions(np.asarray(X)[:, :3], *cls._results_of(estimator, X), **options)
 
     @classmethod
     def from_predictions(cls, X: "ArrayLike", *results: "ArrayLike", **options: Any) -> Self:
-        """Draw what was found in a cloud. The arguments are those of the class, by place or name,
-        and options for :meth:`plot`."""
+        """Draw what was found in a cloud.
+
+        The arguments are those of the class, by place or name, and options for :meth:`plot`.
+        """
         names = signature(cls).parameters.keys() & options.keys()
         return cls(X, *results, **{name: options.pop(name) for name in names}).plot(**options)
 

@@ -40,8 +40,10 @@ def camera(view):
 
 
 def thinned(labels, most):
-    """Rows of at most `most` points, in order, that keep rare classes visible. Half of the draws
-    are of points, half of classes, which have equal chances."""
+    """Rows of at most `most` points, in order, that keep rare classes visible.
+
+    Half of the draws are of points, half of classes, which have equal chances.
+    """
     if len(labels) <= most:
         return np.arange(len(labels))
     _, classes, sizes = np.unique(labels, return_inverse=True, return_counts=True)

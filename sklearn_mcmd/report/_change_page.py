@@ -1,12 +1,14 @@
 """What a report says about what has moved."""
 
+from functools import partial
+
 import numpy as np
 
 from sklearn_mcmd.plotting import plot_cloud
 from sklearn_mcmd.plotting._displays import add_color_bar
 from sklearn_mcmd.plotting._still import color_modules
-from sklearn_mcmd.report._contents import Contents, Table, note_if, share
-from sklearn_mcmd.report._maps import MOST_DRAWN, fullest_cells, maps
+from sklearn_mcmd.report._contents import Contents, Map, Table, note_if, share
+from sklearn_mcmd.report._maps import MOST_DRAWN, VIEWS, fullest_cells
 
 MANY = 0.5  # share of moved points, of clouds that are off as a whole
 STEPS = 20  # bars of the histogram, an even number so that 0 is a border
@@ -50,6 +52,7 @@ def _maps(xyz, distance, drawn, unit):
         return []
     rows = rows[:: len(rows) // MOST_DRAWN + 1]
     most = float(np.quantile(np.abs(distance[rows]), 0.98)) or 1.0
+
     cm, colors = color_modules()
     shade = cm.ScalarMappable(colors.Normalize(-most, most, clip=True), "coolwarm")
     shades = shade.to_rgba(distance[rows])[:, :3]
@@ -58,7 +61,7 @@ def _maps(xyz, distance, drawn, unit):
         plot_cloud(xyz[rows], color=shades, view=view, scale_bar=True, ax=ax)
         add_color_bar(ax, shade, f"distance{unit and f' in{unit}'}")
 
-    return maps("Distance", plot)
+    return [Map(f"Distance, {words}", partial(plot, view)) for view, words in VIEWS.items()]
 
 
 def _histogram(distance, moved, unit):

@@ -20,8 +20,10 @@ LIBRARIES = ("numpy", "scipy", "scikit-learn", "numba", "laspy", "matplotlib")  
 
 
 def make_page(run, contents):
-    """The HTML of a report. The template escapes all text, so that no name in a file becomes
-    markup."""
+    """The HTML of a report.
+
+    The template escapes all text, so that no name in a file becomes markup.
+    """
     jinja = import_extra("jinja2", "plot", "--report")
     templates = jinja.Environment(
         autoescape=True,
@@ -92,8 +94,10 @@ def check_folder(folder):
 
 
 def write_report(folder, run, contents):
-    """Write the page, and the one to look around in beside it; pages that stand there go. The
-    folder is made if it is missing."""
+    """Write the page, and the one to look around in beside it; pages that stand there go.
+
+    The folder is made if it is missing.
+    """
     from sklearn_mcmd.view._page import view
 
     with naming(folder):

@@ -37,8 +37,10 @@ class LostVolume(NamedTuple):
 
 
 def losses_of(detector, parts, n_points):
-    """In words, where outliers lie together that nobody asked for; "" if nowhere. Parts and points
-    are as of `lost_volumes`."""
+    """In words, where outliers lie together that nobody asked for; "" if nowhere.
+
+    Parts and points are as of `lost_volumes`.
+    """
     if detector.strictness is not None and LEVELS[detector.strictness].off_surfaces:
         return ""  # things that are no surfaces are to go
     return words_of(lost_volumes(parts, n_points))

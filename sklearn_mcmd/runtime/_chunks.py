@@ -62,8 +62,10 @@ def spatial_order(X):
 
 
 def run(tasks, work, n_jobs):
-    """Call ``work(*task)`` for each task, in threads if there is more than one. They are not
-    joblib's, which take 10 to 30 ms to begin and to end; but as many as it would take."""
+    """Call ``work(*task)`` for each task, in threads if there is more than one.
+
+    They are not joblib's, which take 10 to 30 ms to begin and to end; but as many as it would take.
+    """
     from joblib.parallel import get_active_backend  # `mcmd info` runs nothing in chunks
 
     backend, n_usual = get_active_backend(require="sharedmem")

@@ -139,7 +139,9 @@ def _is_own(event):
 
 def _print_or_log(line):
     """Log a line, or print it where somebody waits at a terminal or a notebook.
-    ``logging.getLogger("sklearn_mcmd").setLevel("WARNING")`` silences both."""
+
+    ``logging.getLogger("sklearn_mcmd").setLevel("WARNING")`` silences both.
+    """
     logger = logging.getLogger("sklearn_mcmd")
     if logger.isEnabledFor(logging.INFO):
         logger.info(line)

@@ -33,7 +33,9 @@ class FitLimits(NamedTuple):
 class CylinderLimits(NamedTuple):
     """When cylinders are fitted."""
 
-    growth: float = 2.0  # of a region, by which it is fitted and pairs are tried again: saves time
+    # A cylinder is fitted again, and pairs are tried again, when a region has grown by this factor.
+    # All fits together then take only about as long as the last one or two.
+    growth: float = 2.0
     least_size: int = 10  # twice the parameters of a cylinder: with fewer points any one fits
 
 

@@ -194,7 +194,9 @@ def _near_pairs(centers, reach, beside, rows):
 
 def _near(parts, pairs, most, n_jobs=None):
     """Whether the gap between the regions of each pair is small enough for the first region.
-    `parts` has arrays of the points of each region."""
+
+    `parts` has arrays of the points of each region.
+    """
     near = np.zeros(len(pairs), dtype=bool)
 
     def search(large):

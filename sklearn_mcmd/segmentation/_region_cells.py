@@ -105,7 +105,9 @@ def usual_noise(index, planes, rules, n_jobs=None):
 
 def flattest_first(rows, points, scale, noise):
     """Some rows, the flattest first. Their order depends on no rounding error, and on no rows.
-    `scale` and `noise` (n,) are those of planes and what is usual around them."""
+
+    `scale` and `noise` (n,) are those of planes and what is usual around them.
+    """
     flatness = np.rint(np.ldexp(ratio(scale[rows], noise[rows]), HEIGHT_BITS))
     return rows[np.lexsort((*points[rows].T, flatness))]
 

@@ -33,8 +33,10 @@ NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # to be added to a scatter
 
 @kernel(cache=True)
 def grow(links, seeds, waiting, labels):
-    """Fill the labels of regions, -1 at first, as of `grow_regions`. `waiting` (n,) has room for
-    the current seed list, S_c."""
+    """Fill the labels of regions, -1 at first, as of `grow_regions`.
+
+    `waiting` (n,) has room for the current seed list, S_c.
+    """
     region = 0
     for seed in seeds:
         if labels[seed] >= 0:
@@ -57,7 +59,9 @@ def grow(links, seeds, waiting, labels):
 @kernel(cache=True)
 def fit_cylinder(points, starts, limits, equations, model):
     """Fill the model (point, axis, radius) of centered points, and return the sum of squares.
-    `equations` have room for the normal equations, their solution, and one to be added."""
+
+    `equations` have room for the normal equations, their solution, and one to be added.
+    """
     n = len(points)
     best = np.inf
     ridge, solution = limits.ridge * n, equations[2]
@@ -104,8 +108,10 @@ def _moved(a, s, u, t, v):
 
 @kernel
 def _circle(points, u, v, ridge, equations):
-    """The algebraic circle of the points seen along the axis. x^2 + y^2 is linear in the center's
-    coordinates and a constant."""
+    """The algebraic circle of the points seen along the axis.
+
+    x^2 + y^2 is linear in the center's coordinates and a constant.
+    """
     lower, right, _, new = equations
     lower[:], right[:] = 0.0, 0.0
     new[2] = 1.0

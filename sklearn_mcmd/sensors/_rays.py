@@ -18,8 +18,11 @@ CHUNK = 4096  # points at once; it limits the memory
 
 
 class RayLimits(NamedTuple):
-    """What rays tell. Ranges differ by as many steps as standard deviations that a surface does not
-    explain, `ExplainLimits.explained`: those to a surface scatter by less about its tilt."""
+    """What rays tell.
+
+    Ranges differ by as many steps as standard deviations that a surface does not explain,
+    `ExplainLimits.explained`: those to a surface scatter by less about its tilt.
+    """
 
     n_beams: int = 8  # beams next to a ray, by their direction
     searched: float = 8.0  # beams among which those of other groups are sought, in `n_beams`
@@ -93,8 +96,10 @@ class Emptiness(NamedTuple):
         return Emptiness(*sums)
 
     def pooled(self, groups, points):
-        """The beams of all points of a group, for each of these; `groups` counts from 0 on. Sums
-        are taken in the order of coordinates, so they do not depend on that of the points."""
+        """The beams of all points of a group, for each of these; `groups` counts from 0 on.
+
+        Sums are taken in the order of coordinates, so they do not depend on that of the points.
+        """
         order = np.lexsort(points.T[::-1])
         return Emptiness(*(np.bincount(groups[order], part[order])[groups] for part in self))
 

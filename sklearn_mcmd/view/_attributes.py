@@ -137,8 +137,10 @@ def free_name(name, taken):
 
 
 def code_normals(vectors):
-    """Directions on the octahedron, unfolded to a square of 4095 x 4095; 0 for none. The angle to
-    the true direction is at most 0.06 degrees."""
+    """Directions on the octahedron, unfolded to a square of 4095 x 4095; 0 for none.
+
+    The angle to the true direction is at most 0.06 degrees.
+    """
     vectors = np.asarray(vectors, dtype=np.float64)
     size = np.abs(vectors).sum(axis=1)
     has_length = np.isfinite(size) & (size > 0)

@@ -57,8 +57,10 @@ class Grid(NamedTuple):
 
 
 def typical_spacing(xyz):
-    """Median distances to the nearest other place and to the fourth; 0 if there is one place. In a
-    grid both are equal, among points at random the fourth is twice as far."""
+    """Median distances to the nearest other place and to the fourth; 0 if there is one place.
+
+    In a grid both are equal, among points at random the fourth is twice as far.
+    """
     every = max(1, len(xyz) // SPACING_SAMPLE)
     tree = cKDTree(xyz, balanced_tree=False)
     distance, _ = tree.query(xyz[::every], k=range(2, 6))
