@@ -26,19 +26,24 @@ class PlaneOutlierDetector(BasePlaneOutliers):
     n_neighbors : int or None, default=50
         Size of a neighborhood, at least ``n_features + 1``; a point of the fitted cloud is its
         own first neighbor. None means one neighborhood of all points.
+
     method : {"msac", "pca", "qsp", "ransac", "robpca", "ulsif"}, default="ransac"
         How neighborhoods are judged.
+
     method_params : dict, default=None
         Parameters of the method, see :class:`~sklearn_mcmd.baselines.Ransac`,
         :class:`~sklearn_mcmd.baselines.Msac`, :class:`~sklearn_mcmd.baselines.Pca`,
         :class:`~sklearn_mcmd.baselines.Robpca`, :class:`~sklearn_mcmd.baselines.Ulsif` and
         :class:`~sklearn_mcmd.baselines.Qsp`. Give the `contamination` of the last two to this
         class.
+
     contamination : "auto" or float in (0, 0.5], default="auto"
         Share of the fitted points that is flagged. "auto" means the method's own cut-off;
         "ulsif" and "qsp" have none and need a share.
+
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of random positions that all neighborhoods use.
+
     n_jobs : int, default=None
         Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
         -1 means all processors. Results do not depend on it.
@@ -47,13 +52,17 @@ class PlaneOutlierDetector(BasePlaneOutliers):
     ----------
     labels_ : ndarray of int of shape (n_samples,)
         1 for the fitted points that are inliers, and -1 for outliers: as `fit_predict` returns.
+
     offset_ : float
         ``decision_function = score_samples - offset_``: the negative cut-off, or the quantile
         of the fitted points' scores that `contamination` asks for.
+
     scores_ : ndarray of shape (n_samples,)
         ``score_samples`` of the fitted points.
+
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
+
     n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
         Number of features seen during `fit`, and their names, if all are strings.
 

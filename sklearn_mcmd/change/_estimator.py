@@ -52,23 +52,29 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     n_neighbors : int, default=50
         Size of the neighborhoods of the first cloud, as of :class:`RobustNormalEstimator`, 15 at
         least. Those of the second have as many points as make them as wide.
+
     registration : float, array-like of shape (6, 6), "auto" or None, default=None
         How well both clouds are registered: a standard error in units of X; or the covariance of
         three shifts, in units of X, and three turns, in radians, about the mean of the first
         cloud; or "auto", by the motion that most flat surfaces of both clouds have in common (see
         :func:`~sklearn_mcmd.change.moved_bodies`), as far as it is from none. None takes them for
         exact.
+
     alpha : float in (0, 1), default=0.05
         Level of the tests.
+
     correction : {"fdr", "sidak", "none"}, default="fdr"
         What `alpha` is: of the points that are called moved, the share that is not, on average
         (Benjamini and Hochberg); the chance that any point is called moved though none is; or the
         share of unmoved points that is called moved.
+
     reach : float, default=None
         Largest distance from a core point to the second cloud, in units of X. None means ten times
         the usual radius of a neighborhood.
+
     random_state : int, RandomState instance or None, default=None
         Seed of the trials of both clouds.
+
     n_jobs : int, default=None
         Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
         -1 means all processors. Results do not depend on it.
@@ -78,8 +84,12 @@ class CloudChange(DocLinkMixin, BaseEstimator):
     normals_ : ndarray of shape (n_samples, n_features)
         Unit normals of the first cloud, along which distances are positive: up; of what is steeper
         than 80 degrees to +y, or to +x if that goes within 10 degrees along y.
-    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
-        Number of features seen during `fit`, and their names, if all are strings.
+
+    n_features_in_ : int
+        Number of features seen during `fit`.
+
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
+        Names of features seen during `fit`, when X has names that are all strings.
 
     See Also
     --------

@@ -70,6 +70,7 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         own first neighbor. Fewer neighbors tell apart edges that are close to each other, more
         neighbors withstand noise. For "crease" the cleaning and the planes take three quarters
         of them.
+
     criterion : {"crease", "eigenvalue", "surface_variation", "removed_fraction"}, \
             default="crease"
         What makes an edge:
@@ -81,22 +82,27 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         - "surface_variation": the same over the sum of the eigenvalues (Eq. 3), which does not
           depend on the spacing;
         - "removed_fraction": the share of the neighborhood that is not of its plane.
+
     threshold : float or "mean", default=None
         The limit of an edge. A number is the largest distance in spacings for "crease", at most
         10, and the least value of the criterion for the others. None means 2 spacings for
         "crease", and the median plus `n_std` robust standard deviations of the cloud for the
         others. "mean" means the mean plus `n_std` standard deviations (Eq. 25), and is not for
         "crease".
+
     n_std : float, default=None
         Standard deviations above the median or the mean (a in Eq. 25). None means 3 from the
         median and 1, as in the paper, from the mean.
+
     min_angle : float, default=20
         Least angle between two faces of an edge, in degrees. For "crease" only.
+
     outlier_detector : estimator or "passthrough", default=None
         The detector that cleans the cloud first: an estimator with `fit_predict`, +1 for
         inliers. None means :class:`MCMDOutlierDetector`: with three quarters of `n_neighbors` for
         "crease", and ``strictness="surfaces"`` for the other criteria. "passthrough" cleans
         nothing.
+
     normal_estimator : RobustNormalEstimator, default=None
         The estimator of the planes of the cleaned cloud. None means one with three quarters of
         `n_neighbors` for "crease", since a smaller patch reaches across an edge less, with
@@ -104,12 +110,15 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
         with three times as many trials, so that another seed changes fewer edges, and
         with ``method="pca"`` for "eigenvalue" and "surface_variation". A robust fit removes one
         of two faces, and its own eigenvalues then do not show the edge.
+
     normals : {"estimate", "precomputed"}, default="estimate"
         "estimate": X are coordinates, and `normal_estimator` fits the planes. "precomputed": X
         are the columns of :meth:`RobustNormalEstimator.transform`, as in a Pipeline behind it.
         No step between them may scale columns.
+
     random_state : int, RandomState instance or None, default=None
         Seed of `outlier_detector` and `normal_estimator` where these have none of their own.
+
     n_jobs : int, default=None
         Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
         -1 means all processors. Results do not depend on it.
@@ -118,16 +127,24 @@ class SharpFeatureDetector(DocLinkMixin, FittedScoresMixin, BaseEstimator):
     ----------
     labels_ : ndarray of int of shape (n_samples,)
         1 for the fitted points of surfaces, and -1 for those of edges: as `fit_predict` returns.
+
     offset_ : float
         ``decision_function = score_samples - offset_``.
+
     scores_ : ndarray of shape (n_samples,)
         ``score_samples`` of the fitted points.
+
     inlier_mask_ : ndarray of bool of shape (n_samples,)
         Which of the fitted points were left by the cleaning.
+
     outlier_detector_, normal_estimator_ : estimators
         As fitted; absent where none was.
-    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
-        Number of features seen during `fit`, and their names, if all are strings.
+
+    n_features_in_ : int
+        Number of features seen during `fit`.
+
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
+        Names of features seen during `fit`, when X has names that are all strings.
 
     See Also
     --------

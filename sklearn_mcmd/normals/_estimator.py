@@ -49,6 +49,7 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         for the noise around it to tilt its normal by 2.5 degrees, unless the surface bends
         before, and for a row of a scan to be a third at most; see `n_neighbors_`. It is for 2D and
         3D. None means one neighborhood of all points.
+
     orientation : {"sensor", "mst"} or array-like of shape (n_features,), default=None
         Which of the two normals is taken:
 
@@ -57,9 +58,11 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         - "mst": the one that agrees with the neighbors, along a minimum spanning tree from the
           highest point of each connected part, where the normal points up;
         - an array: the one on the side of that direction.
+
     sensor_origin : array-like of shape (n_features,), "origin" or None, default=None
         Where the sensor stood, for ``orientation="sensor"``, in units of X. "origin" is the
         origin of the coordinates. `fit` takes a position for each point. See :ref:`sensor`.
+
     features : "all", str or list of str, default=None
         Further columns of `transform`, in this order, from the cleaned neighborhoods with
         eigenvalues l_0 <= l_1 <= l_2 and their shares e_i of the sum:
@@ -80,51 +83,63 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         - "shape_index", from -1 in a cup to 1 on a cap, 0 on a saddle and on a plane.
 
         "all" takes those that exist for ``n_features``.
+
     radius : float, default=None
         Largest distance of a neighbor, in units of X. A neighborhood then has this radius and
         `n_neighbors` points at most. A point with fewer than ``n_features + 1`` neighbors in it
         uses its nearest ``n_features + 1``.
+
     max_outlier_rate : float in [0, 1), default=0.5
         The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
         sets the number of trials that are drawn before neighbors are asked, not how many points
         are removed. Too small a rate risks planes through outliers.
+
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset has no outlier (P_r). It sets the number of
         trials, together with `max_outlier_rate`.
+
     support_fraction : float in (0, 1], default=0.5
         Share of a neighborhood that forms the consistent set. Where neighbors agree, all others
         may be off the plane that is kept.
+
     cutoff : float, default=None
         Robust distance beyond which a neighbor is removed. None means 2.5 for "mcmd_z" and 3.06
         in 3D for "mcmd_md", see :ref:`the defaults <cutoffs>`.
+
     method : {"mcmd_z", "mcmd_md", "pca", "ransac", "msac", "robpca", "ulsif", "qsp"}, \
             default="mcmd_z"
         How outliers of a neighborhood are found. "mcmd_z" takes robust z-scores (Algorithm 2),
         "mcmd_md" robust Mahalanobis distances (Algorithm 3). "pca" removes none: it is the
         common estimate, which is not robust. The others are the methods that the paper compares
         with.
+
     method_params : dict, default=None
         Parameters of the last five methods, see :class:`~sklearn_mcmd.baselines.Ransac` and
         the other classes there. "ulsif" and "qsp" need a ``"contamination"``. The parameters
         above, from `max_outlier_rate` on, and `reweight` belong to "mcmd_z" and "mcmd_md".
+
     reweight : bool, default=True
         Whether plane and scale are refitted twice before outliers are removed, and neighbors
         :ref:`agree on planes <agreement>`. None is removed if a plane and noise, or one smooth
         curved surface, explain all neighbors; the normal of the latter is that of the surface at
         the point. From four dimensions on, and with ``n_neighbors=None``, no neighbor is asked, and
         every point has its refitted plane. False is the paper's form.
+
     neighbor_planes : bool, default=True
         Whether a point next to an edge is given the plane of the neighbor that explains it and
         the points nearest to it best. Most of its own neighborhood may lie on the other face, or
         its own plane may run across both. Neighbors have agreed on planes before; there a point
         refits the plane that it takes, here it does not. Nothing is lent without `reweight`, or in
         more than three dimensions.
+
     tangents : bool, default=True
         Whether the normal is that of a quadric at the point where a surface bends. False leaves it
         the plane of all members; edges are sought between such planes.
+
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use. It decides little where
         neighbors :ref:`agree on planes <agreement>`.
+
     n_jobs : int, default=None
         Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
         -1 means all processors. Results do not depend on it.
@@ -133,13 +148,17 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
     ----------
     normals_ : ndarray of shape (n_samples, n_features)
         Unit normals of the fitted points.
+
     surface_variation_ : ndarray of shape (n_samples,)
         Least eigenvalue over the sum of all, "curvature" in the paper (Eq. 3): 0 on a plane, at
         most 1 / n_features. Curvatures with a unit are among the `features`.
+
     eigenvalues_ : ndarray of shape (n_samples, n_features)
         Of the covariance of the cleaned neighborhoods, ascending, in squared units of X.
+
     removed_fraction_ : ndarray of shape (n_samples,)
         Share of each neighborhood that was removed as outliers.
+
     normal_error_ : ndarray of shape (n_samples,)
         Standard error of each normal, in degrees: root mean square of its tilt from the noise of
         its plane or, on a surface that bends, quadric; and the doubt which plane around is right,
@@ -148,22 +167,32 @@ class RobustNormalEstimator(TransformerMixin, BaseLocalPlanes):
         is the angle to the plane of four times as many, if that is more. The true normal is within
         1.73 times that with 95 % confidence (in 3D; 1.96 times in 2D). 90 where nothing determines
         the normal.
+
     plane_offset_ : ndarray of shape (n_samples,)
         Signed distance of each point's plane from the point, along its normal, in units of X.
+
     plane_scale_ : ndarray of shape (n_samples,)
         Standard deviation of each plane's neighbors from it, in units of X: noise, and the bend
         of a curved surface within the neighborhood.
+
     features_ : ndarray of shape (n_samples, n_chosen)
         The columns asked for by `features`, one each but three for a direction.
+
     plane_index_ : ndarray of int of shape (n_samples,)
         The row whose plane each point was given: its own, or that of the neighbor that lent it.
+
     n_neighbors_, n_support_ : int or ndarray of int of shape (n_samples,)
         Size of a neighborhood and of a consistent set; an array with ``n_neighbors="auto"``.
+
     n_trials_ : int
         Minimal subsets tried in each neighborhood that has more than noise, before neighbors are
         asked.
-    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
-        Number of features seen during `fit`, and their names, if all are strings.
+
+    n_features_in_ : int
+        Number of features seen during `fit`.
+
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
+        Names of features seen during `fit`, when X has names that are all strings.
 
     See Also
     --------

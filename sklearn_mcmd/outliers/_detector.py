@@ -62,6 +62,7 @@ class MCMDOutlierDetector(BasePlaneOutliers):
         is its own first neighbor. None means one neighborhood of all points (section 5.1 of
         the paper). Take None for data that are one plane. Fewer than 20 say little about the
         noise: at 10, ``strictness="surfaces"`` takes 1 to 4 % of a clean plane.
+
     strictness : {"isolated", "groups", "surfaces"} or None, default="groups"
         What is taken for an outlier:
 
@@ -74,56 +75,68 @@ class MCMDOutlierDetector(BasePlaneOutliers):
 
         Of the first three, each flags all that the one before flags. With ``n_neighbors=None``
         there is one plane, and no such question.
+
     cutoff : float, default=None
         Score beyond which a point is an outlier. It changes no score. None means 3; with
         ``strictness=None`` or ``n_neighbors=None`` 2.5 for "mcmd_z" and 3.06 in 3D for "mcmd_md",
         see :ref:`the defaults <cutoffs>`. 10 asks for gross errors only: ten standard deviations
         off the surfaces, and ten usual spacings from any company.
+
     contamination : float in (0, 0.5] or "auto", default=None
         Share of the fitted points to flag: those of the worst scores. At most one of `cutoff`,
         `false_positive_rate` and `contamination` may be given. "auto", as other detectors have it,
         is None: the cutoff tells.
+
     false_positive_rate : float in (0, 0.5), default=None
         Share of the points on surfaces that noise may flag, at least 1e-4 in 3D and 1e-3
         otherwise. The cutoff is that of a simulated plane with the noise of X. Thin and sparse
         things may lose more. See :ref:`false_positive_rate`.
+
     sensor_origin : array-like of shape (n_features,), "origin", "auto" or None, default=None
         Where the sensor stood, in units of X. "origin" is the origin of the coordinates, where
         a turn of a spinning scanner or a depth image has it. "auto" takes the origin if the cloud
         shows that it was taken from there, see :ref:`recognized`, and else None. `fit` takes a
         position for each point; under "auto" that is not used where it would condemn surfaces, see
         :ref:`stated`. With it rays tell, too, see :ref:`sensor`; None goes by coordinates alone.
+
     noise_scale : float, default=None
         The scanner's standard deviation, in units of X, by which distances to planes are then
         measured. It is the same thing as `sigma0` of `BaardaPlaneDetector`, the geodesists' name
         for it. None measures each plane by the noise of its own neighborhood. That also
         holds where noise grows with the range, and on curved surfaces.
+
     max_outlier_rate : float in [0, 1), default=0.5
         The largest share of outliers that a neighborhood must survive (epsilon in Eq. 13). It
         sets the number of trials that are drawn before neighbors are asked, not how many points
         are removed. Too small a rate risks planes through outliers.
+
     success_probability : float in (0, 1), default=0.9999
         Probability that at least one minimal subset has no outlier (P_r). It sets the number of
         trials, together with `max_outlier_rate`.
+
     support_fraction : float in (0, 1], default=0.5
         Share of a neighborhood that forms the consistent set, ``h = ceil(support_fraction *
         k)``. A value below 0.5 withstands more than half of outliers if these are not
         consistent with a plane themselves. Where neighbors agree, all others may be off the plane
         that is kept.
+
     method : {"mcmd_z", "mcmd_md"}, default="mcmd_z"
         How a plane leaves out its outliers. "mcmd_z" takes the robust z-score of the
         orthogonal distance to the plane (Algorithm 2). "mcmd_md" takes the robust Mahalanobis
         distance (Algorithm 3), which also leaves out points far from the center within the
         plane. With ``strictness=None`` that is the verdict, too.
+
     reweight : bool, default=True
         Whether plane and scale are refitted twice to the neighbors within 2.5 robust standard
         deviations, and neighbors :ref:`agree on planes <agreement>`. It keeps regular points that
         "mcmd_md" would lose, gives more accurate planes, and needs no knowledge of the share of
         outliers. With ``strictness=None``, with ``n_neighbors=None`` and beyond 3D no neighbor is
         asked. False is the paper's form.
+
     random_state : int, RandomState instance or None, default=None
         Seed of the one table of trials that all neighborhoods use. It decides little where
         neighbors :ref:`agree on planes <agreement>`.
+
     n_jobs : int, default=None
         Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
         -1 means all processors. Results do not depend on it.
@@ -132,36 +145,48 @@ class MCMDOutlierDetector(BasePlaneOutliers):
     ----------
     labels_ : ndarray of int of shape (n_samples,)
         1 for the fitted points that are real, and -1 for outliers: as `fit_predict` returns.
+
     offset_ : float
         Negative of the cutoff: ``decision_function = score_samples - offset_``.
+
     scores_ : ndarray of shape (n_samples,)
         ``score_samples`` of the fitted points.
+
     on_surface_ : ndarray of bool of shape (n_samples,)
         Whether a surface explains each fitted point, at 3 standard deviations. The others are
         the rest, which is judged by its company.
+
     isolation_, separation_ : ndarray of shape (n_samples,) or None
         How far each fitted point is from others, in usual spacings, and its group from all that is
         real, in its sizes; with `sensor_origin`, as rays tell. The separation is 0 on surfaces and
         of things. None where each point is judged by one plane alone.
+
     group_index_ : ndarray of int of shape (n_samples,) or None
         Its group, from 0 on in the order of their first points, or -1 on surfaces. A point alone
         is a group. None where `isolation_` is.
+
     plane_index_ : ndarray of int of shape (n_samples,)
         The row whose plane measured each fitted point: the point's own row, or that of the
         neighbor on a surface that lent its plane.
+
     sensor_origin_ : ndarray of shape (n_features,) or None
         The one position of the sensor that was used, given or recognized; None where none was
         known or used, or one for each point.
+
     n_by_rays_ : int
         Fitted points that rays alone flag: coordinates alone would keep them.
+
     n_neighbors_ : int
         Size of a neighborhood: `n_neighbors`, or the number of samples if that is smaller.
+
     n_support_ : int
         Points in a consistent set (h).
+
     n_trials_ : int
         Minimal subsets tried in a neighborhood (I_t), unless it has noise alone and neighbors
         agree, 69 with the defaults in 3D. The number doubles with each dimension; beyond 3D it
         is limited to 300, with a warning.
+
     n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
         Number of features seen during `fit`, and their names, if all are strings.
 

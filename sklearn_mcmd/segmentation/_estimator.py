@@ -61,32 +61,41 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     ----------
     n_neighbors : int, default=30
         Size of a neighborhood (k), the point itself included. Fewer than 12 tear bent surfaces.
+
     max_angle : float, default=15
         Largest angle between the normals of neighbors in a region, in degrees, in (0, 90].
+
     max_distance : float, default=None
         Largest distance of a neighbor from the plane of a point, in units of X. None means the
         median of the distances of the neighbors that `max_gap` leaves, the point among them, and
         two robust standard deviations.
+
     max_gap : float, default=None
         Largest distance of a neighbor, in units of X. None means the median of the
         neighborhood's distances: the nearer half of the neighbors.
+
     min_region_size : int, default=10
         Regions of fewer points are dissolved.
+
     refine : bool, default=True
         Whether growth is refined; False is the paper's growth alone. Planes must then explain each
         other, what is left over grows again as narrow faces such as kerbs, regions are divided at
         creases that single neighborhoods do not show, parts of one plane or cylinder are joined,
         and points and fragments of no region go to the nearest plane that explains them.
         :ref:`refined_growth` has the six steps. Creases and cylinders are for three dimensions.
+
     normals : {"estimate", "precomputed"}, default="estimate"
         "estimate": X are coordinates, and `normal_estimator` finds normals and curvature.
         "precomputed": X are the columns of :meth:`RobustNormalEstimator.transform`, as in a
         Pipeline behind it.
+
     normal_estimator : RobustNormalEstimator, default=None
         The estimator of the normals. It is cloned. None means ``RobustNormalEstimator()`` with
         the `random_state` and `n_jobs` given here. Not used with ``normals="precomputed"``.
+
     random_state : int, RandomState instance or None, default=None
         Seed of the default `normal_estimator`; growing itself draws nothing.
+
     n_jobs : int, default=None
         Number of threads. None means 1 unless in a :obj:`joblib.parallel_config` context, and
         -1 means all processors. Results do not depend on it.
@@ -95,17 +104,23 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
     ----------
     labels_ : ndarray of int of shape (n_samples,)
         Region of each point, from 0 for the largest on; -1 for points of none.
+
     n_regions_ : int
         Number of regions.
+
     region_sizes_ : ndarray of int of shape (`n_regions_`,)
         Points in each region.
+
     region_centroids_ : ndarray of shape (`n_regions_`, n_dimensions)
         Mean of each region's points.
+
     region_normals_ : ndarray of shape (`n_regions_`, n_dimensions)
         Unit normal of the plane fitted to each region, the last coordinate positive.
+
     region_errors_ : ndarray of shape (`n_regions_`,)
         Root mean square distance of a region's points to its plane, in units of X: the noise
         where the region is flat, more where it is curved.
+
     regions_ : ndarray of shape (`n_regions_`,) or None
         In three dimensions a structured array of `kind` ("plane", "cylinder" or "curved"),
         `points`, `area` and `outline` (WKT) of the convex hull in the plane of best fit,
@@ -116,10 +131,15 @@ class RegionGrowing(DocLinkMixin, ClusterMixin, BaseEstimator):
         cylinders `axis_point`, `axis` and `radius`, else not a number. A plane's distances are
         its noise or what a flat region shows; a cylinder leaves the neighborhoods' noise, and 1.5
         times less than a plane.
+
     normal_estimator_ : RobustNormalEstimator
         The fitted estimator of normals; absent with ``normals="precomputed"``.
-    n_features_in_, feature_names_in_ : int and ndarray of str of shape (`n_features_in_`,)
-        Number of features seen during `fit`, and their names, if all are strings.
+
+    n_features_in_ : int
+        Number of features seen during `fit`.
+
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
+        Names of features seen during `fit`, when X has names that are all strings.
 
     See Also
     --------
