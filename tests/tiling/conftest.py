@@ -9,7 +9,8 @@ from sklearn_mcmd.tiling._halo import Part
 from tiled import PCA, street
 
 # Tests in which the memory of a point is measured, as for users; each verb and option is in one.
-MEASURED = "test_memory", "test_refusals", "test_sensor_origins", "test_one_cell_has"
+MEASURED = ("test_memory", "test_refusals", "test_one_cell_has", "test_intensity_with_rays")
+MEASURED += ("test_normals_look_at", "test_a_turn_is_recognized")
 
 
 @pytest.fixture(autouse=True)
