@@ -1,4 +1,4 @@
-"""The draft of a paper in `paper/`: as long as the journal asks, and with each reference it cites."""
+"""The draft of a paper in `paper/`: as long as the journal asks, with each reference it cites."""
 
 import re
 from pathlib import Path
