@@ -19,7 +19,7 @@ def test_every_round_removes_what_a_full_adjustment_removes(
 ):
     # So few candidates that the bound on all other points is put to work.
     monkeypatch.setattr(_elimination, "MIN_CANDIDATES", 4)
-    for seed in range(30):
+    for seed in range(20):
         X, p = random_case(seed)
         detector = BaardaPlaneDetector(test=test, elimination=elimination, surface=surface)
         expected = reference.snoop(

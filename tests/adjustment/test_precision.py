@@ -90,13 +90,13 @@ def test_errors_over_standard_errors_of_simulated_planes_have_variance_one(
 @pytest.mark.parametrize("variance", ["posterior", "prior"])
 def test_ellipses_of_95_percent_hold_95_percent_of_the_normals_of_ten_points(surface, variance):
     inside = []
-    for truth, _, plane in simulated_planes(surface, 10, 1_500, (-0.3, 0.2, 1)):
+    for truth, _, plane in simulated_planes(surface, 10, 700, (-0.3, 0.2, 1)):
         scale, dof = (0.01, np.inf) if variance == "prior" else (plane.variance_factor**0.5, 7)
         precision = precision_of(plane, scale, dof)
         error = np.degrees(precision.ellipse_axes.T @ (plane.normal - truth))
         radius = np.linalg.norm(error / precision.ellipse)
         inside.append(radius <= precision.confidence_factor(0.95))
-    assert 0.935 < np.mean(inside) < 0.965  # 0.95 is known to 0.0056
+    assert 0.925 < np.mean(inside) < 0.975  # 0.95 is known to 0.0082
 
 
 @pytest.mark.parametrize("width", [1.5, 3.0])

@@ -11,6 +11,9 @@ from commands import done, error_line, files_in, run
 from sklearn_mcmd.cli import _demo
 from sklearn_mcmd.io import read_points
 
+# Whoever runs README's first command has run it, too.
+WHOLE = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
@@ -19,6 +22,7 @@ def demo(tmp_path_factory):
     return folder, run("demo", folder)
 
 
+@WHOLE
 def test_demo_prints_the_accuracy_that_its_files_have_and_the_position_finds_most(demo):
     folder, result = demo
     assert result.exit_code == 0, result.output
@@ -37,6 +41,7 @@ def test_demo_prints_the_accuracy_that_its_files_have_and_the_position_finds_mos
     assert shares[0] < 0.8 < 0.9 < shares[1]
 
 
+@WHOLE
 def test_demo_prints_how_far_its_normals_are_from_the_truth(demo):
     folder, result = demo
     attributes = read_points(folder / "normals.laz").attributes
@@ -52,6 +57,7 @@ def test_demo_prints_how_far_its_normals_are_from_the_truth(demo):
     assert high < 10
 
 
+@WHOLE
 def test_the_stored_run_that_pages_quote_has_the_shares_of_this_one(demo):
     figures = pytest.importorskip("benchmarks.demo_figures", reason="a checkout is needed")
     with open(figures.DOCS / "benchmarks" / "demo.csv", newline="") as file:

@@ -10,6 +10,7 @@ from pages import read_page
 from sklearn_mcmd.io import read_points, write_points
 from sklearn_mcmd.report import _shown
 from sklearn_mcmd.report._shown import sample_of
+from sklearn_mcmd.tiling import _run
 from tiled import street
 
 N = 4_400
@@ -17,8 +18,9 @@ TILES = ("--memory", "1GB", "--n-jobs", 1)
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path, monkeypatch):
     """Two streets of which the second repeats a part of the first."""
+    monkeypatch.setattr(_run, "bytes_of_point", lambda *_: 3_000.0)  # to measure it takes longer
     cloud = street(N)
     (tmp_path / "in").mkdir()
     write_points(tmp_path / "in" / "a.laz", cloud)
