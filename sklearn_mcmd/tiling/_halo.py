@@ -42,8 +42,8 @@ class Part(NamedTuple):
     at: np.ndarray  # and its number there
     # In places as of `Cells`: how far each is within the box of the cell, negative beyond; and how
     # far its neighbors may be so that all of them are in the part.
-    depth: np.ndarray | None = None
-    reach: np.ndarray | None = None
+    depth: np.ndarray = np.empty(0)
+    reach: np.ndarray = np.empty(0)
     ranges: np.ndarray | None = None  # from the center of the cells, if they have one
 
     @classmethod
@@ -56,7 +56,7 @@ class Part(NamedTuple):
         """The part, of cells without a center, with more points, neighbors of none of its rings."""
         far = np.full(len(rows), np.inf)
         more = xyz, rows, np.zeros(len(rows), bool), homes, at, -far, far
-        return Part.of(*map(np.concatenate, zip(self[: len(more)], more, strict=True)))
+        return Part.of(*map(np.concatenate, zip(self[:7], more, strict=True)))
 
     def taken(self, chosen):
         """Some of the points."""
@@ -140,7 +140,8 @@ def part_within(cells, cell, margin=None):
     n = len(rows)
     own: tuple = xyz, rows, np.ones(n, bool), np.full(n, cell, np.int32), np.arange(n)
     if margin is None or len(cells) == 1:
-        return Part(*own)
+        far = np.full(n, np.inf)
+        return Part(*own)._replace(depth=far, reach=far)
     xyz, rows, *others = cells.within(cell, margin)
     halo = xyz, rows, np.zeros(len(xyz), bool), *others
     part = Part.of(*map(np.concatenate, zip(own, halo, strict=True)))

@@ -52,7 +52,7 @@ def in_one_line(text):
 
 
 def test_the_table_of_formats_has_a_row_of_each_and_no_other():
-    any_row = r"^   \* - (``\..*)\n     - (.*)\n     - (.*)\n"
+    any_row = r'^   "(``\..*)", "(.*)", "(.*)"\n'
     rows = re.findall(any_row, text_of("docs/command_line.rst"), re.M)
     rows = ["|".join(row).replace("`", "") for row in rows]
     assert rows == [f"{' '.join(f.extensions)}|{f.extra or 'none'}|{f.kept}" for f in FORMATS]
