@@ -48,9 +48,13 @@ class CellWriter:
         axis, cut, child = self.nodes[node]
         if child >= 0:
             left = places[:, axis] < cut
-            for side, chosen in (1, ~left), (0, left):
-                if chosen.any():
-                    self._add(child + side, xyz[chosen], places[chosen], rows[chosen])
+            for side, chosen in (1, np.flatnonzero(~left)), (0, np.flatnonzero(left)):
+                if len(chosen) == len(rows):  # as mostly: a file's neighbors are neighbors in space
+                    self._add(child + side, xyz, places, rows)
+                elif len(chosen):
+                    points = xyz[chosen]
+                    same = points if places is xyz else places[chosen]
+                    self._add(child + side, points, same, rows[chosen])
             return
         append(_points(self.folder, node), xyz)
         append(_rows(self.folder, node), rows, self.dtype)
