@@ -29,9 +29,7 @@ POWER = 0.8  # Baarda's; the usual one of reliability
 SHARE, COUNT = [Interval(Real, 0, 1, closed="neither")], [Interval(Real, 1, None, closed="left")]
 
 
-@checked(
-    alpha=[Interval(Real, 0, 1, closed="neither")], n=[Interval(Integral, 0, None, closed="left")]
-)
+@checked(alpha=SHARE, n=[Interval(Integral, 0, None, closed="left")])
 def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float:
     """Level of one of n tests that gives all together the level alpha (Eq. 1).
 
@@ -58,9 +56,7 @@ def local_level(alpha: float, n: int, correction: Correction = "sidak") -> float
     return float(-np.expm1(np.log1p(-alpha) / n))
 
 
-@checked(
-    level=[Interval(Real, 0, 1, closed="neither")], dof=[Interval(Integral, 0, None, closed="left")]
-)
+@checked(level=SHARE, dof=[Interval(Integral, 0, None, closed="left")])
 def critical_value(test: Test, level: float, dof: int) -> float:
     """Two-sided critical value of one test (Table 1).
 

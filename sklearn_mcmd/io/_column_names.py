@@ -1,5 +1,5 @@
-"""Which columns of a table are x, y and z, by the names that people give them, and tables without
-names whose first three are not, as it seems."""
+"""Which columns of a table are x, y and z, by the names that people give them; where there are no
+names, whether the first three look like coordinates."""
 
 import re
 import unicodedata
@@ -26,7 +26,7 @@ SPEECH = "and at by for from in is of on the to with und aus der die das von mit
 BESIDE = {"m", "mm", "cm", "km", "ft", "feet", "usft", "meter", "meters", "metre", "metres"}
 BESIDE |= {"coord", "coordinate", "point", "pos", "position", "utm"}
 BESIDE |= {"koordinate", "coordonnee", "coordenada", "coordinata"}
-ROWS = 100_000  # that are looked at
+ROWS = 100_000  # of a table without names that are looked at
 REMEDY = ParameterError(
     "say which they are, as in $columns", columns={"x": "easting", "y": "northing", "z": "height"}
 )

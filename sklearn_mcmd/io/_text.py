@@ -320,7 +320,7 @@ class _Table:
                 warnings.simplefilter("ignore")  # of a part without rows
                 options = {"converters": converters, "comments": None, **LAYOUT}
                 table = np.loadtxt(lines, delimiter=self.delimiter, ndmin=2, **options)
-        except ValueError:
+        except (TypeError, ValueError):  # of words, which are no number
             return None
         return table if table.shape[1] == len(self.names) else None
 

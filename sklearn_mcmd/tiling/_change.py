@@ -221,8 +221,9 @@ def count_proven(sides, sizes, told, n_threads):
     own, others, proven = sides[0].own, told.others[sides[0].own], []
     asked = own, np.isin(np.arange(len(sides[1].rows)), others)
     for side, k, some in zip(sides, sizes, asked, strict=True):
-        proven.append(np.zeros(len(some), bool))
-        proven[-1][some], _ = side._replace(own=some).proven(
+        seeds = side.own | some
+        proven.append(np.zeros(len(seeds), bool))
+        proven[-1][seeds], _ = side._replace(own=seeds).proven(
             IndexedCloud.of(side.xyz), k, HOPS, n_threads
         )
     is_alone = told.reason[own] == NOTHING

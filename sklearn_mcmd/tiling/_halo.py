@@ -53,7 +53,7 @@ class Part(NamedTuple):
         return cls(*(values[order] for values in columns))
 
     def joined(self, xyz, rows, homes, at):
-        """The part, of cells without a center, with more points, neighbors of none of its rings."""
+        """The part, of cells without a center, with some of more points, which are in no ring."""
         far = np.full(len(rows), np.inf)
         more = xyz, rows, np.zeros(len(rows), bool), homes, at, -far, far
         return Part.of(*map(np.concatenate, zip(self[:7], more, strict=True)))
@@ -63,10 +63,10 @@ class Part(NamedTuple):
         return Part._make(None if values is None else values[chosen] for values in self)
 
     def rings(self, cloud, n_neighbors, hops, n_jobs, through=True):
-        """How many hops of neighbors away from the own ones each point of their `IndexedCloud` is,
-        of the farthest one more than there are: int8. And which are doubtful, since they may have
-        neighbors that are not in the part, and the share of these among those asked. Rings do not
-        go on from them if not `through`.
+        """How many hops of neighbors away from the own points, all in the box of the cell at least,
+        each point of their `IndexedCloud` is: int8, one more than `hops` beyond the last ring. Also
+        which are doubtful: they may have neighbors outside of the part. And the share of these
+        among the points asked. Rings do not go on from them if not `through`.
         """
         n, k, n_asked = len(cloud.points), min(n_neighbors, len(cloud.points)), 0
         away, doubtful = np.full(n, hops + 1, np.int8), np.zeros(n, bool)
@@ -99,7 +99,9 @@ class Part(NamedTuple):
         """
         away, doubtful, _ = self.rings(cloud, n_neighbors, hops, n_jobs)
         n, k = len(cloud.points), min(n_neighbors, len(cloud.points))
-        # The table is asked below, and by a fit later.
+        if not doubtful.any():
+            return np.ones(np.count_nonzero(self.own), bool), away[cloud.places]
+        # The table is asked below, and by a fit to the part later.
         each_slice(n, part_size(k), lambda rows: cloud.neighbors(rows, 1, k), n_jobs)
         new = doubtful.copy()
         for _ in range(hops - 1):
@@ -166,7 +168,8 @@ def near_border(points, depth, k, ranges):
     of = np.minimum(np.arange(len(points)) // k, len(starts) - 1)
     low, high = (f.reduceat(points, starts) for f in (np.minimum, np.maximum))
     across = np.linalg.norm(high - low, axis=1)[of]
-    rows = np.flatnonzero(depth <= seen_from(across, ranges, slice(None)))  # few: no others can be
+    # The diagonal of the box is a cheap bound, which leaves few.
+    rows = np.flatnonzero(depth <= seen_from(across, ranges, slice(None)))
     low, high, points = low[of[rows]], high[of[rows]], points[rows]
     ends = np.linalg.norm(np.maximum(points - low, high - points), axis=1)
     return rows[depth[rows] <= seen_from(ends, ranges, rows)]

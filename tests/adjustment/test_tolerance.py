@@ -113,7 +113,8 @@ def test_the_zone_may_lie_anywhere_so_a_plateau_as_high_as_the_tolerance_decides
 
 
 @pytest.mark.parametrize(
-    ("height", "verdict"), [(0.5, "kept"), (1.0, "undecided"), (1.1, "exceeded")]
+    ("height", "verdict"),
+    [(0.5, "kept"), (0.95, None), (1.0, "undecided"), (1.1, "exceeded")],
 )
 @pytest.mark.parametrize("twisted", [False, True])
 def test_a_bow_or_a_twist_as_high_as_the_tolerance_decides(height, verdict, twisted):
@@ -124,7 +125,8 @@ def test_a_bow_or_a_twist_as_high_as_the_tolerance_decides(height, verdict, twis
         # Few points are in the very corners: of 2,000, a twist lacks a twentieth of its height.
         X[:, 2] += height * 0.020 * (1.05 * x * y / 2 if twisted else x**2)
         verdicts.append(flatness_of(X, 0.020).verdict)
-    assert verdicts.count(verdict) >= 4
+    assert verdict is None or verdicts.count(verdict) >= 4
+    assert height == 1.1 or "exceeded" not in verdicts
 
 
 def test_a_ghost_is_an_outlier_and_no_form():

@@ -71,7 +71,7 @@ def share_of_proven_normals_which_are_those_of_memory(by_tiles, path, estimator,
     ("scene", "estimator"),
     [
         *((scene, ESTIMATOR) for scene in SCENES),
-        ("airborne", AUTO),
+        *((scene, AUTO) for scene in ("airborne", "copies")),
         *(("street", but(ESTIMATOR, **params)) for params in PARAMS),
     ],
     ids=str,

@@ -11,7 +11,7 @@ from sklearn_mcmd import (
     SharpFeatureDetector,
 )
 from sklearn_mcmd.io import PointCloud, PointFileError
-from sklearn_mcmd.tiling import Catalog, _run, process_files
+from sklearn_mcmd.tiling import Catalog, TilingError, _run, process_files
 from tiled import (
     EDGES,
     ESTIMATOR,
@@ -167,6 +167,17 @@ def test_a_run_whose_inputs_do_not_let_it_end_says_why_and_leaves_nothing(tmp_pa
     ):
         process_files(path, tmp_path / "b.las", but(OUTLIERS, sensor_origin=[0, 0, 0]))
     assert names_in(tmp_path) == ["a.las"]
+
+
+def test_a_run_that_ends_for_another_reason_says_why_and_what_is_kept_in_one_sentence(
+    tmp_path, monkeypatch
+):
+    path = written(tmp_path, street(1_000))
+    monkeypatch.setattr(_run, "write_outputs", lambda *_: (tmp_path / "gone").read_text())
+    with pytest.raises(
+        TilingError, match=r"No such file.*; what was done is kept in .*b\.las\.til"
+    ):
+        process_files(path, tmp_path / "b.las", ESTIMATOR)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
